@@ -58,8 +58,8 @@ EXAMPLES = """\
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
 """
 
-LONG_DELAY_PERCENT, LONG_DELAY_BITS = 50, 4
-"""Of what is not known of a plane, and bits beyond; chosen by hand: more spares little for many bits."""
+LONG_DELAY_PERCENT, LONG_DELAY_BITS = 150, 7
+"""Of a bit for every error, and bits beyond: half of the requests for a tenth more bits of planes."""
 
 
 Value = Callable[[CodecVariant], object]

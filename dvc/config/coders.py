@@ -36,15 +36,14 @@ class CoderConfig(Section):
 class CascadeConfig(CoderConfig):
     """Parities of ranges that the decoder chooses."""
 
-    # Information that the answers to a request are to have, in percent of what is not known of the plane; 0:
-    # as little as costs the fewest bits, in the most requests.
+    # Information that the answers to a request are to have, in percent of a bit for every error that is
+    # expected in the plane, and bits besides. Where that is 0: as little as costs the fewest bits.
     batch_percent: int = 0
-    # Bits of it beyond that share; above 0, orders that are not in use yet help with it.
     batch_bits: int = 0
 
     def _check_values(self) -> None:
-        check_range("batch_percent", self.batch_percent, 0, 100)
-        check_range("batch_bits", self.batch_bits, 0, 1000 if self.batch_percent else 0)
+        check_range("batch_percent", self.batch_percent, 0, 1000)
+        check_range("batch_bits", self.batch_bits, 0, 1000)
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from tests.coders import coder_of
 from tests.reference.plane_exchange import Bits, PlaneSource, exchange, noisy
 
 ALL: dict[str, PlaneCoder] = {name: coder_of(name) for name in CODERS} | {
-    "cascade by share": coder_of("cascade", CascadeConfig(80)),
-    "cascade with new orders": coder_of("cascade", CascadeConfig(50, 4)),
+    "cascade one by one": coder_of("cascade", CascadeConfig(0, 0)),
+    "cascade long delay": coder_of("cascade", CascadeConfig(150, 7)),
 }
 each = pytest.mark.parametrize("coder", ALL.values(), ids=ALL)
 
@@ -123,6 +123,8 @@ def test_answers_that_fit_no_plane_end(coder: PlaneCoder, num_bits: int, seed: i
 
     def answer(request: object) -> Bits:
         nonlocal total
+        positions = request.positions  # type: ignore[attr-defined]
+        assert list(positions) == sorted(set(positions))
         total += request.count  # type: ignore[attr-defined]
         return rng.integers(0, 2, request.count, dtype=np.uint8)  # type: ignore[attr-defined]
 

@@ -3,7 +3,6 @@
 Orders are numbered k, positions in an order j, bits n.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -113,15 +112,18 @@ def _pass_range(beliefs, order, start, end, num_orders):
 
 
 @kernel
-def propagate(beliefs, num_orders, max_sweeps, share):
-    """Pass beliefs through ranges where more than a `share` has changed; return the sweeps done."""
+def propagate(beliefs, num_orders, stop, max_sweeps, share):
+    """Pass beliefs through ranges where more than a `share` has changed; return the sweeps done.
+
+    The range of the last order that starts at `stop` is not looked at.
+    """
     last, pending, expected = beliefs.last, beliefs.pending, beliefs.expected
     num_bits = beliefs.prior.size
     for sweep in range(max_sweeps):
         quiet = True
         for k in range(num_orders):
             start = 0
-            while start < num_bits:
+            while start < (stop if k + 1 == num_orders else num_bits):
                 end = last[k, start]
                 if pending[k, end] > share * expected[k, end] + _SMALL_CHANGE:
                     quiet = False
@@ -231,11 +233,11 @@ def _best_division(beliefs, order, start, end, num_orders):
 
 
 @kernel
-def find_divisions(beliefs, num_orders):
-    """Find out again where to divide all stale ranges."""
+def find_divisions(beliefs, num_orders, stop):
+    """Find out again where to divide all stale ranges, but that of the last order that starts at `stop`."""
     for k in range(num_orders):
         start = 0
-        while start < beliefs.prior.size:
+        while start < (stop if k + 1 == num_orders else beliefs.prior.size):
             end = beliefs.last[k, start]
             if beliefs.stale[k, end]:
                 beliefs.stale[k, end] = 0
@@ -245,12 +247,14 @@ def find_divisions(beliefs, num_orders):
 
 
 @kernel
-def choose_divisions(beliefs, order, max_bias, positions):
-    """Collect the divisions of an order with at most this bias; return how many, and their information."""
+def choose_divisions(beliefs, order, stop, max_bias, positions):
+    """Collect the divisions of an order, up to a position, with at most this bias; return how many, and
+    their information.
+    """
     last, bias = beliefs.last, beliefs.bias
     count, information = 0, 0.0
     start = 0
-    while start < last.shape[1]:
+    while start < stop:
         end = last[order, start]
         if bias[order, end] <= max_bias:
             positions[count] = beliefs.division[order, end]
@@ -261,12 +265,12 @@ def choose_divisions(beliefs, order, max_bias, positions):
 
 
 @kernel
-def least_bias(beliefs, num_orders):
-    """Return the least bias of any division."""
+def least_bias(beliefs, num_orders, stop):
+    """Return the least bias of any division, but not of the last order's range that starts at `stop`."""
     best = _NO_DIVISION
     for k in range(num_orders):
         start = 0
-        while start < beliefs.last.shape[1]:
+        while start < (stop if k + 1 == num_orders else beliefs.prior.size):
             end = beliefs.last[k, start]
             best = min(best, beliefs.bias[k, end])
             start = end + 1
@@ -274,10 +278,10 @@ def least_bias(beliefs, num_orders):
 
 
 @kernel
-def lay_out(orders, order, odds, max_bias, positions):
-    """Divide an order into ranges, each with as many bits as bring 1 - 2 P(odd) down to `max_bias`."""
+def lay_out(orders, order, start, odds, max_bias, positions):
+    """Divide the rest of an order into ranges, each with as many bits as bring 1 - 2 P(odd) to `max_bias`."""
     count, bias = 0, 1.0
-    for j in range(odds.size):
+    for j in range(start, odds.size):
         x = odds[orders[order, j]]
         bias *= abs(1.0 - x) / (1.0 + x)
         if bias < max_bias:
@@ -287,17 +291,6 @@ def lay_out(orders, order, odds, max_bias, positions):
     if count and (positions[count - 1] == odds.size - 1 or bias * bias > max_bias):
         count -= 1
     return count
-
-
-@kernel
-def remaining_entropy(odds):
-    """Add up the entropies of all bits, in bits of information."""
-    total = 0.0
-    for n in range(odds.size):
-        p = min(odds[n], 1.0 / odds[n])
-        p = p / (1.0 + p)
-        total -= p * math.log2(p) + (1.0 - p) * math.log2(1.0 - p)
-    return total
 
 
 @kernel

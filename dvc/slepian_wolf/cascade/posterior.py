@@ -20,10 +20,8 @@ CERTAIN = 0.999
 """2 |p - 1/2| of answers from which on they are not worth asking for."""
 MIN_COUPLED_CHANGE = 0.01
 """Change of an LLR by what neighbours tell, from which on it is used: of 0.1 planes cost 0.3 % more."""
-MIN_BATCH = 3.0
-"""Least information of the answers to one request of several orders, in bits, if they have it."""
 FIRST_ORDERS = 6
-"""Most orders that the first request is about, where one may be about several."""
+"""Most orders that the first request is about."""
 SCALE_STRENGTH = 5.0
 """Errors that must be expected besides those of the plane, lest a few of them change the prior."""
 
@@ -59,6 +57,8 @@ class RangePosterior:
         self._odds_known = False
         self._expected = 0.0
         self._scale = 1.0
+        # Bits of the last order that have been laid out: now, and once all answers have come.
+        self._laid_out = self._laid_after = self.num_bits
         self.num_orders = 0
 
     @property
@@ -100,6 +100,7 @@ class RangePosterior:
         self._odds_known = False
         self._expected = float(_kernels.expected_errors(beliefs.prior)[0])
         self._scale = 1.0
+        self._laid_out = self._laid_after = self.num_bits
         self.num_orders = 0
         beliefs.last[:] = self.num_bits - 1
         beliefs.first[:] = 0
@@ -123,12 +124,13 @@ class RangePosterior:
         if order not in self._decided_prefix:
             decided = self._first_decisions[self._orders[order]]
             self._decided_prefix[order] = np.bitwise_xor.accumulate(decided)
+        self._laid_out = self._laid_after
         errors = bits ^ self._decided_prefix[order][positions]
         _kernels.divide(beliefs, order, positions, errors)
 
     def propagate(self, max_sweeps: int, share: float) -> int:
         """Pass beliefs between bits and ranges until nothing changes any more."""
-        sweeps = _kernels.propagate(self._beliefs, self.num_orders, max_sweeps, share)
+        sweeps = _kernels.propagate(self._beliefs, self.num_orders, self._laid_out, max_sweeps, share)
         self._odds_known = False
         return int(sweeps)
 
@@ -175,78 +177,85 @@ class RangePosterior:
 
     def divisions(self, max_bias: float) -> tuple[int, Positions] | None:
         """Choose what to ask next of an order that is in use."""
-        self._find_divisions()
-        best, chosen = 0.0, None
-        for order in range(self.num_orders):
-            count, information = _kernels.choose_divisions(self._beliefs, order, max_bias, self._positions)
-            if information > best:
-                best, chosen = information, (order, self._positions[:count].copy())
-        return chosen
+        found, _ = self._divisions(max_bias)
+        return found[0] if found else None
 
-    def batch(
-        self, share: float, surplus_bits: float, max_bias: float, new_bias: float
-    ) -> list[tuple[int, Positions]]:
-        """Choose what to ask next at once, of several orders."""
-        # Rounded: the last digit of a library's logarithm must not decide.
-        unknown = round(_kernels.remaining_entropy(self._all_odds()) * 2.0**16) / 2.0**16
-        wanted = max(share * unknown + surplus_bits, MIN_BATCH)
-        found, information = self._informative_divisions(wanted, max_bias)
-        if found and (not surplus_bits or information >= wanted):
-            return found
-        first = self.num_orders
-        for order in range(first, min(len(self._orders), first + (1 if first else FIRST_ORDERS))):
-            question = self._lay_out(order, new_bias)
-            if question is None or (found and information + question[1].size > wanted):
-                break
-            found.append(question)
-            information += question[1].size
-            if information >= wanted:
-                break
+    def _divisions(self, max_bias: float) -> tuple[list[tuple[int, Positions]], float]:
+        """Choose the divisions of the order whose divisions tell the most; and how much."""
+        self._find_divisions()
+        best: float = 0.0
+        chosen: list[tuple[int, Positions]] = []
+        for order in range(self.num_orders):
+            stop = self._laid_out if order + 1 == self.num_orders else self.num_bits
+            count, information = _kernels.choose_divisions(
+                self._beliefs, order, stop, max_bias, self._positions
+            )
+            if information > best:
+                best, chosen = information, [(order, self._positions[:count].copy())]
+        return chosen, best
+
+    def batch(self, wanted: float, max_bias: float, new_bias: float) -> list[tuple[int, Positions]]:
+        """Choose what to ask next at once; nothing where no order in use tells much.
+
+        Where divisions tell less than is wanted, ranges of the next order are added, as many as are missing.
+        """
+        if not self.num_orders:
+            return self._first_orders(wanted, new_bias)
+        found, information = self._divisions(max_bias)
+        missing = round(wanted - information)
+        if found and missing > 0:
+            found += self._only_first(self.new_order(new_bias), missing)
+        return _joined(found)
+
+    def _first_orders(self, wanted: float, new_bias: float) -> list[tuple[int, Positions]]:
+        """Lay out orders until it is enough."""
+        found = self._only_first(self._lay_out(0, new_bias), self.num_bits)
+        missing = round(wanted) - sum(positions.size for _, positions in found)
+        for order in range(1, FIRST_ORDERS):
+            if missing > 0:
+                found += self._only_first(self._lay_out(order, new_bias), missing)
+                missing -= found[-1][1].size
         return found
 
-    def _informative_divisions(
-        self, wanted: float, max_bias: float
-    ) -> tuple[list[tuple[int, Positions]], float]:
-        """Choose the divisions of all orders with the most information until it is enough; and how much."""
-        self._find_divisions()
-        beliefs = self._beliefs
-        found, biases = [np.zeros((2, 0), np.int64)], [np.zeros(0)]
-        for order in range(self.num_orders):
-            count, _ = _kernels.choose_divisions(beliefs, order, max_bias, self._positions)
-            positions = self._positions[:count].copy()
-            found.append(np.stack([np.full(count, order), positions]))
-            biases.append(beliefs.bias[order, beliefs.last[order, positions]])
-        divisions, bias = np.concatenate(found, axis=1), np.concatenate(biases)
-        best = np.argsort(bias, kind="stable")
-        information = np.cumsum(1.0 - bias[best] ** 2)
-        count = min(int(np.searchsorted(information, wanted)) + 1, best.size)
-        orders, positions = divisions[:, best[:count]]
-        chosen = [(int(order), np.sort(positions[orders == order])) for order in np.unique(orders)]
-        return chosen, float(information[count - 1]) if count else 0.0
+    def _only_first(self, question: tuple[int, Positions] | None, count: int) -> list[tuple[int, Positions]]:
+        """Leave the rest of an order for later."""
+        if question is None:
+            return []
+        order, positions = question
+        if count < positions.size:
+            self._laid_after = int(positions[count - 1]) + 1
+        return [(order, positions[:count])]
 
     def best_divisions(self) -> tuple[int, Positions] | None:
         """Choose what to ask where nothing tells much: all that tells at least half as much as the best."""
         self._find_divisions()
-        bias = float(_kernels.least_bias(self._beliefs, self.num_orders))
+        bias = float(_kernels.least_bias(self._beliefs, self.num_orders, self._laid_out))
         return None if bias >= CERTAIN else self.divisions(math.sqrt(0.5 + 0.5 * bias * bias))
 
     def _find_divisions(self) -> None:
-        _kernels.find_divisions(self._beliefs, self.num_orders)
+        _kernels.find_divisions(self._beliefs, self.num_orders, self._laid_out)
 
     def new_order(self, max_bias: float) -> tuple[int, Positions] | None:
-        """Choose what to ask of the next order."""
+        """Choose what to ask of what is left of the last order, or of the next one."""
+        self._laid_after = self.num_bits
+        if self.num_orders and self._laid_out < self.num_bits:
+            rest = self._lay_out(self.num_orders - 1, max_bias, self._laid_out)
+            if rest is not None:
+                return rest
+            self._laid_out = self.num_bits
         return self._lay_out(self.num_orders, max_bias) if self.orders_left else None
 
-    def _lay_out(self, order: int, max_bias: float) -> tuple[int, Positions] | None:
-        count = _kernels.lay_out(self._orders, order, self._all_odds(), max_bias, self._positions)
+    def _lay_out(self, order: int, max_bias: float, start: int = 0) -> tuple[int, Positions] | None:
+        count = _kernels.lay_out(self._orders, order, start, self._all_odds(), max_bias, self._positions)
         positions = self._positions[:count].copy()
-        if order == 0:  # the parity of the plane is not known yet
+        if order == 0 and not start:  # the parity of the plane is not known yet
             positions = np.append(positions, self.num_bits - 1)
         return (order, positions) if positions.size else None
 
     def partition(self, num_ranges: int) -> tuple[int, Positions] | None:
         """Divide the next order, or once all are in use the last one, evenly, which shows any errors."""
         order = min(self.num_orders, len(self._orders) - 1)
+        self._laid_out = self._laid_after = self.num_bits
         if order == self.num_orders:
             ends = np.arange(1, num_ranges + (order == 0)) * self.num_bits // num_ranges - 1
         else:
@@ -269,3 +278,10 @@ class RangePosterior:
         by_key = np.argsort(self._keys, kind="stable")
         pairs = _kernels.pair_odds(by_key, self._keys, self._beliefs.prior, self._all_odds())
         return float(pairs) + self.expected_errors
+
+
+def _joined(question: list[tuple[int, Positions]]) -> list[tuple[int, Positions]]:
+    """Return a question with what it has of each order at one place, in order."""
+    orders = sorted({order for order, _ in question})
+    parts = [np.concatenate([own for order, own in question if order == wanted]) for wanted in orders]
+    return [(order, np.sort(own)) for order, own in zip(orders, parts, strict=True)]

@@ -52,7 +52,7 @@ class PlaneReconciliation:
         coupling: NeighbourCoupling | None = None,
     ) -> None:
         self._llr = bounded_llr(llr_ch)
-        # What the answers to a request are to tell: a share of what is not known, and bits beyond.
+        # What the answers to a request are to tell: bits for every error that is expected, and bits beyond.
         self._batch, self._batch_bits = settings.batch_percent / 100, float(settings.batch_bits)
         self._position = position
         self._coupling = coupling
@@ -100,12 +100,11 @@ class PlaneReconciliation:
         if not question and posterior.num_orders and posterior.rescale():
             self._sweeps += posterior.propagate(SWEEPS, CHANGE)
             question = self._worth_asking(posterior)
-        return question if question or self._batch else _only(posterior.new_order(RANGE_BIAS))
+        return question or _only(posterior.new_order(RANGE_BIAS))
 
     def _worth_asking(self, posterior: RangePosterior) -> Question:
-        if self._batch:
-            return posterior.batch(self._batch, self._batch_bits, WORTH_ASKING, RANGE_BIAS)
-        return _only(posterior.divisions(WORTH_ASKING))
+        wanted = self._batch * posterior.expected_errors + self._batch_bits
+        return posterior.batch(wanted, WORTH_ASKING, RANGE_BIAS)
 
     def _last_question(self, posterior: RangePosterior) -> Question:
         """Choose what to ask where little can be learned, but the plane is not right yet."""

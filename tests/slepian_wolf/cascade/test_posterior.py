@@ -110,19 +110,36 @@ def test_first_ranges_are_as_fair_as_asked() -> None:
     np.testing.assert_array_equal(np.diff(positions[:-1]), expected)
 
 
-def test_bits_beyond_a_share_bring_in_a_new_order() -> None:
-    """Where orders in use tell less than is wanted beyond a share, the next one is asked too, if it fits."""
+def test_what_is_missing_comes_from_the_next_order() -> None:
+    """Where divisions tell less than is wanted, ranges of the next order are added, and later the rest."""
     beliefs, bits, _ = started(400, 3)
-    for order, positions in beliefs.batch(0.5, 4.0, 0.36, 0.2):
-        tell(beliefs, bits, order, *positions)
+    ((order, positions),) = beliefs.batch(0.0, 0.36, 0.2)
+    tell(beliefs, bits, order, *positions)
     beliefs.propagate(10, 0.01)
-    first_new = beliefs.num_orders
-    by_share = [order for order, _ in beliefs.batch(1.0, 0.0, 0.36, 0.2)]
-    beyond = beliefs.batch(1.0, 100.0, 0.36, 0.2)
-    assert by_share
-    assert max(by_share) < first_new
-    assert [order for order, _ in beyond] == sorted({*by_share, first_new})
-    assert all((np.diff(positions) > 0).all() for _, positions in beyond)
+    ((_, divisions),) = beliefs.batch(0.0, 0.36, 0.2)
+    wanted = divisions.size + 3.0
+    (first, same), (second, some) = beliefs.batch(wanted, 0.36, 0.2)
+    assert (first, second) == (0, 1)
+    np.testing.assert_array_equal(same, divisions)
+    assert 3 <= some.size < 8
+    tell(beliefs, bits, first, *same)
+    tell(beliefs, bits, second, *some)
+    beliefs.propagate(10, 0.01)
+    following = beliefs.divisions(1.0)
+    assert following is None or following[0] == 0 or following[1].max() <= some[-1]
+    rest = beliefs.new_order(0.2)
+    assert rest is not None
+    assert rest[0] == 1
+    assert rest[1].min() > some[-1]
+
+
+def test_the_first_request_is_as_large_as_is_wanted() -> None:
+    """It lays out orders one after the other, the last only as far as is needed."""
+    beliefs, _, _ = started(400, 3)
+    ((_, alone),) = beliefs.batch(0.0, 0.36, 0.2)
+    (_, first), (order, second) = beliefs.batch(alone.size + 5.0, 0.36, 0.2)
+    np.testing.assert_array_equal(first, alone)
+    assert (order, second.size) == (1, 5)
 
 
 def test_residual_errors_count_pairs_that_no_parity_shows() -> None:
