@@ -38,8 +38,8 @@ class CascadeConfig(CoderConfig):
 
     # Information that the answers to a request are to have, in percent of a bit for every error that is
     # expected in the plane, and bits besides. Where that is 0: as little as costs the fewest bits.
-    batch_percent: int = 50
-    batch_bits: int = 2
+    batch_percent: int = 0
+    batch_bits: int = 0
 
     def _check_values(self) -> None:
         check_range("batch_percent", self.batch_percent, 0, 1000)
