@@ -26,6 +26,7 @@ class Steps(NamedTuple):
     radius: int  # how many steps to each side
     step: int  # in quarter samples
     smoothness: float  # what being far from the start, or from the neighbours, costs
+    enough: float = 0.0  # mean absolute difference, in levels, that is not searched any further
 
 
 class Pair(NamedTuple):
@@ -146,7 +147,7 @@ def forward_search(pair, blocks, steps, starts, vectors):
     """Full search of every block of frame b in frame a around `starts`, favouring short corrections."""
     planes_a, planes_b = pair
     margin, block, window = blocks
-    radius, step, smoothness = steps
+    radius, step, smoothness, _ = steps
     height, width = planes_a.shape[2], planes_a.shape[3]
     border = (window - block) // 2
     for i in range(vectors.shape[0]):
@@ -229,7 +230,7 @@ def refine_bilateral(pair, instant, blocks, steps, fields, vectors):
     """Choose displacements of a field, or its medians, and steps from them by the bilateral difference."""
     field, medians = fields
     margin, block, window = blocks
-    radius, step, smoothness = steps
+    radius, step, smoothness, _ = steps
     height, width = pair.before.shape[2], pair.before.shape[3]
     border = (window - block) // 2
     candidates = np.zeros((11, 2), np.int64)  # the last one is no motion
@@ -303,11 +304,11 @@ def lower_bound_sad(sums_a, ya, xa, sums_b, row, column, half):
 
 @kernel
 def search_target(searched, reference, blocks, steps, offsets, costs):
-    """Move every block's offset to where the reference matches `target` best, within `radius` steps."""
+    """Move offsets of blocks that do not match well `enough` to where they do best, within `radius` steps."""
     target, target_sums = searched
     planes, sums = reference
     margin, block, window = blocks
-    radius, step, smoothness = steps
+    radius, step, smoothness, enough = steps
     height, width = planes.shape[2], planes.shape[3]
     border = (window - block) // 2
     half = window // 2
@@ -320,6 +321,9 @@ def search_target(searched, reference, blocks, steps, offsets, costs):
             column_r = clamp_position(4 * column + start_h, window, width)
             plane = planes[row_r & 3, column_r & 3]
             best = plane_sad(target, row, column, plane, row_r >> 2, column_r >> 2, window, np.int64(1) << 40)
+            costs[i, j] = best
+            if best <= enough * window * window:
+                continue
             for v in range(-radius, radius + 1):
                 for h in range(-radius, radius + 1):
                     dv, dh = start_v + v * step, start_h + h * step

@@ -39,6 +39,9 @@ BLOCK = 4
 SMOOTHNESS = 1
 """Cost of a correction, per quarter sample, in units of absolute difference."""
 
+ENOUGH = 1.5
+"""Mean absolute difference of a block from its origin, in levels, that is not searched any further."""
+
 
 class Search(NamedTuple):
     """One full search around the present offsets."""
@@ -147,7 +150,7 @@ def _search(
         _kernels.Searched(target.planes[0, 0], target.sums(search.window // 2)[0, 0]),
         _kernels.Searched(reference.planes, reference.sums(search.window // 2)),
         _kernels.Blocks(MARGIN, search.block, search.window),
-        _kernels.Steps(search.radius, search.step, SMOOTHNESS),
+        _kernels.Steps(search.radius, search.step, SMOOTHNESS, ENOUGH),
         moved,
         costs,
     )
