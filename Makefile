@@ -25,14 +25,15 @@ $(INSTALLED): pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,check]'
 	@touch $@
 
-demo: $(INSTALLED)  ## render a moving camera, code it between two processes, show rates, quality and depth
+demo: kernels  ## render a moving camera, code it between two processes, show rates, quality and depth
 	$(BIN)/python -m benchmarks.demo --out out/demo
 
 browser: $(INSTALLED)  ## find a browser for the tests of the report page, or install one (tests do it)
 	$(BIN)/python -m tests.browser
 
 kernels: $(INSTALLED)  ## compile the kernels, or take them from where an earlier clone has kept them
-	$(BIN)/python -m tests.kernels fetch $(JOBS)
+	$(BIN)/python -m tests.kernels fetch
+	$(BIN)/dvc-compile --jobs $(JOBS)
 
 test: browser kernels  ## run the tests; what they compile is kept in the user's cache folder
 	$(BIN)/python -m pytest -m "not slow" -n $(JOBS) --dist worksteal

@@ -41,6 +41,11 @@ def decode() -> int:
     return _start("dvc-decode", "decoder.__main__")
 
 
+def compile_kernels() -> int:
+    """Run ``dvc-compile``."""
+    return _start("dvc-compile", "dvc.compile_kernels")
+
+
 def dibr() -> int:
     """Run ``dvc-dibr``."""
     return _start("dvc-dibr", "dvc.dibr.__main__")

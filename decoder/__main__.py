@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import cli
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from dvc.limits import Limits
 
 PROG = "dvc-decode"
-KERNELS = Path(__file__).with_name("kernels.txt")
 EXAMPLES = """\
   dvc-decode street.dvc street.mkv --jobs 2                     lossless video of the decoded frames
   dvc-decode street.dvc out.y4m --reference street.mkv --json -  PSNR and bits of every frame
@@ -168,8 +166,6 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def _decode(arguments: argparse.Namespace) -> int:
-    from dvc.compile_ahead import compiling_ahead
-
     wanted = 1 if arguments.connect else 2
     if len(arguments.files) != wanted:
         names = "OUTPUT" if arguments.connect else "INPUT and OUTPUT"
@@ -185,8 +181,7 @@ def _decode(arguments: argparse.Namespace) -> int:
     outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
     inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
     cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
-    with nullcontext() if arguments.dask else compiling_ahead(KERNELS, arguments.jobs):
-        return _decode_live(arguments) if arguments.connect else _decode_file(arguments)
+    return _decode_live(arguments) if arguments.connect else _decode_file(arguments)
 
 
 def _decode_file(arguments: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core import caching, codegen
 
 from dvc.memory import resident_bytes
 
@@ -58,8 +59,8 @@ def _check_bounds() -> None:
         return str(Path(path).resolve().relative_to(_ROOT).parent)
 
     arrays.fix_integer_index = unwrapped
-    caching: Any = import_module("numba.core.caching")
-    caching.UserProvidedCacheLocator.get_suitable_cache_subpath = staticmethod(folder)
+    locator: Any = caching.UserProvidedCacheLocator
+    locator.get_suitable_cache_subpath = staticmethod(folder)
 
 
 if _CONFIG.BOUNDSCHECK:
@@ -77,13 +78,66 @@ def inlined_kernel(function: Function) -> Function:
 
 
 def _compiled(function: Function, **options: Any) -> Function:
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-    _time_loading(compiled)
-    cache = getattr(compiled, "_cache", None)
-    if cache is not None and hasattr(cache, "cache_path"):
-        _lock_cache(cache)
-        _stamp_cache(cache, function)
+    compiled: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
+    if compiled is not function:  # the JIT is on
+        _time_loading(compiled)
+        compiled._cache = _Cache(function)
     return cast(Function, compiled)
+
+
+PORTABLE = ("x86-64-v3", "-fma")
+"""What `dvc-compile` compiles for: any x86-64 processor with AVX2, without its fused arithmetic."""
+_NEEDED = {"+avx2", "+bmi", "+bmi2", "+f16c", "+lzcnt", "+movbe"}
+_TOLD: str | None = _CONFIG.CPU_FEATURES
+RUNS_PORTABLE = _NEEDED.issubset((codegen.get_host_cpu_features() if _TOLD is None else _TOLD).split(","))
+"""Whether this processor, as numba is told or finds, runs such code."""
+
+
+class _ReadOnlyLocator(caching.InTreeCacheLocator):
+    """The folder beside a source, where numba finds none to write to."""
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], path: str) -> Any:
+        return cls(function, path)
+
+
+class _CacheImpl(caching.CompileResultCacheImpl):
+    _locator_classes = [*caching.CompileResultCacheImpl._locator_classes, _ReadOnlyLocator]  # noqa: RUF012
+
+
+class _Cache(caching.FunctionCache):
+    """Machine code on disk: first what lies beside the source, then what numba keeps.
+
+    One process at a time reads or writes a folder: numba's index and code are separate files.
+    """
+
+    _impl_class = _CacheImpl
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        kept = self._cache_file
+        kept._source_stamp = _stamps(function)
+        beside = Path(function.__code__.co_filename).with_name("__pycache__")
+        made = caching.IndexDataCacheFile(str(beside), self._impl.filename_base, kept._source_stamp)
+        # Code beside the source does not check bounds.
+        self._files = [kept] if _CONFIG.BOUNDSCHECK or beside == Path(self.cache_path) else [made, kept]
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Return the code for a signature, None where there is none."""
+        context.refresh()
+        types, (triple, *own), code = self._index_key(signature, context.codegen())
+        for file in self._files:
+            for processor in [PORTABLE, own] if RUNS_PORTABLE else [own]:
+                with _file_lock(Path(file._cache_path)):
+                    found = file.load((types, (triple, *processor), code))
+                if found is not None:
+                    return self._impl.rebuild(context, found)
+        return None
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Keep the code for a signature, where there is a folder for it."""
+        with _file_lock(Path(self.cache_path)), contextlib.suppress(OSError):
+            super().save_overload(signature, result)
 
 
 class _LoadingClock(threading.local):
@@ -109,9 +163,7 @@ def loaded_bytes() -> int:
 
 def _time_loading(compiled: Any) -> None:
     """Let the clock run while a kernel, with all that it calls, is loaded or compiled."""
-    compile_now: Callable[[Any], Any] | None = getattr(compiled, "compile", None)
-    if compile_now is None:  # the JIT is off
-        return
+    compile_now: Callable[[Any], Any] = compiled.compile
 
     def timed(signature: Any) -> Any:
         if _CLOCK.running:
@@ -127,24 +179,23 @@ def _time_loading(compiled: Any) -> None:
     compiled.compile = timed
 
 
-def _stamp_cache(cache: Any, function: Callable[..., Any]) -> None:
+def _stamps(function: Callable[..., Any]) -> list[str]:
     """Let machine code serve as long as its source, constants, and kernels that it calls read the same.
 
-    Numba would look at the time of one file alone: an edit of a kernel that is called went unnoticed, and a
-    copy of the tree would be compiled anew.
+    Numba would look at one file alone: an edit of a kernel that is called went unnoticed.
     """
-    file, code = cache._cache_file, function.__code__
+    code = function.__code__
     stamps = {_digest(code.co_filename)}
     for name in code.co_names:
         value: Any = function.__globals__.get(name)
         called: Any = getattr(value, "_cache", None)
-        if hasattr(called, "_cache_file"):
+        if isinstance(called, _Cache):
             stamps.update(called._cache_file._source_stamp)
         elif isinstance(value, bool | int | float | tuple):
             stamps.add(f"{name} = {value!r}")
         elif isinstance(value, np.ndarray):
             stamps.add(f"{name} = {sha1(value.tobytes()).hexdigest()}")
-    file._source_stamp = sorted(stamps)
+    return sorted(stamps)
 
 
 @cached
@@ -153,25 +204,11 @@ def _digest(path: str) -> str:
     return sha1(Path(path).read_bytes()).hexdigest()
 
 
-def _lock_cache(cache: Any) -> None:
-    """Let one process at a time read or write a kernel's cache: numba's index and code are separate files."""
-    for name in ("load_overload", "save_overload"):
-        setattr(cache, name, _locked(getattr(cache, name), Path(cache.cache_path)))
-
-
-def _locked(method: Callable[..., Any], folder: Path) -> Callable[..., Any]:
-    def call(*arguments: Any) -> Any:
-        with _file_lock(folder / ".kernels.lock"):
-            return method(*arguments)
-
-    return call
-
-
 @contextlib.contextmanager
-def _file_lock(path: Path) -> Iterator[None]:
+def _file_lock(folder: Path) -> Iterator[None]:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        file = path.open("a")
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / ".kernels.lock").open("a")
     except OSError:  # nothing can be cached there either
         yield
         return

@@ -4,7 +4,6 @@ import argparse
 import sys
 from contextlib import nullcontext
 from fractions import Fraction
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import cli
@@ -19,17 +18,14 @@ if TYPE_CHECKING:
     from encoder.session import EncoderSession, Progress
 
 SILENCE_S = 1.0  # being late by less is not worth a word
-KERNELS = Path(__file__).with_name("kernels.txt")
 
 
 def _encode(arguments: argparse.Namespace) -> int:
-    from dvc.compile_ahead import compiling_ahead
     from dvc.video import open_video
 
     options.check(arguments)
     outputs = [name for name in (arguments.output, arguments.json) if name not in (None, "-")]
     cli.check_outputs([arguments.input], outputs)
-    ahead = compiling_ahead(KERNELS)
     video = open_video(
         arguments.input,
         size=arguments.size,
@@ -39,7 +35,7 @@ def _encode(arguments: argparse.Namespace) -> int:
         input_format=arguments.input_format,
         timeout_s=arguments.timeout,
     )
-    with ahead, video as reader:
+    with video as reader:
         for notice in reader.info.notices:
             _say(notice)
         total = arguments.frames if reader.info.num_frames is None else reader.info.num_frames

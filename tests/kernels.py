@@ -1,14 +1,13 @@
-"""Compiled kernels, kept from one clone to the next: `python -m tests.kernels {fetch,keep} [JOBS]`.
+"""Compiled kernels, kept from one clone to the next: `python -m tests.kernels {fetch,keep}`.
 
 Machine code holds as long as its sources read the same (see `dvc._jit`), wherever the tree lies. `fetch`
-takes what an earlier clone has kept, and compiles what the programs need besides, in some processes; `keep`
-puts what is there now beside it, in `DVC_KERNELS` or the user's cache folder.
+takes what an earlier clone has kept; `keep` puts what is there now beside it, in `DVC_KERNELS` or the user's
+cache folder.
 """
 
 import fcntl
 import os
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -17,7 +16,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("dvc", "decoder", "encoder", "sequences", "sfm")
-LISTS = ("decoder/kernels.txt", "encoder/kernels.txt")
 MAX_AGE_S = 14 * 24 * 3600.0
 """What was compiled before is not kept: it may be of sources that are no more."""
 
@@ -40,19 +38,11 @@ def kernels(root: Path) -> Iterator[Path]:
             yield path.relative_to(root)
 
 
-def fetch(jobs: int) -> None:
-    """Take what is kept, where nothing was compiled yet; compile what else the programs need."""
+def fetch() -> None:
+    """Take what is kept, where nothing was compiled yet."""
     with kept() as folder:
         if not any(kernels(ROOT)):
             _copy(folder, ROOT)
-    for path in LISTS:
-        command = [sys.executable, "-m", "dvc.compile_ahead", path]
-        parts = [
-            subprocess.Popen([*command, str(part), str(jobs), str(os.getpid())], cwd=ROOT)
-            for part in range(jobs)
-        ]
-        for part in parts:
-            part.wait()
 
 
 def keep() -> None:
@@ -71,7 +61,4 @@ def _copy(source: Path, target: Path) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "keep":
-        keep()
-    else:
-        fetch(int(sys.argv[2]))
+    {"fetch": fetch, "keep": keep}[sys.argv[1]]()

@@ -38,9 +38,8 @@ def main_of(command: str) -> Callable[[list[str]], int]:
     """Return the `main` of a command."""
     package = {"encode": "encoder", "decode": "decoder", "sequences": "sequences", "sfm": "sfm"}
     name = command.removeprefix("dvc-")
-    main: Callable[[list[str]], int] = importlib.import_module(
-        f"{package.get(name, f'dvc.{name}')}.__main__"
-    ).main
+    module = f"{package.get(name, f'dvc.{name}')}.__main__" if name != "compile" else "dvc.compile_kernels"
+    main: Callable[[list[str]], int] = importlib.import_module(module).main
     return main
 
 

@@ -1,12 +1,15 @@
 """Compiled kernels: an edit of any kernel that one calls outdates its code on disk."""
 
+import importlib
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from numba.core import caching
 
 KERNEL = "from dvc._jit import inlined_kernel, kernel\n{}\n\n@{}\ndef {}(x):\n    return {}\n"
 
@@ -65,6 +68,26 @@ def test_a_copy_is_not_compiled_again(tmp_path: Path) -> None:
         )
         told.append(run.stdout.split())
     assert told == [["2", "0"], ["2", "1"], ["3", "0"]]
+
+
+def test_kernels_run_where_no_folder_can_be_written_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A read-only package and a home that is none: code beside the source serves, else it is compiled."""
+
+    def refuse(_self: object) -> None:
+        raise PermissionError
+
+    (tmp_path / "read_only.py").write_text(KERNEL.format("", "kernel", "read_only", "x + 1"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(caching._CacheLocator, "ensure_cache_path", refuse)
+    function: Any = importlib.import_module("read_only").read_only
+    assert function(1) == 2
+    assert list(tmp_path.rglob("*.nb*")) == []
+    monkeypatch.undo()
+    function._cache.save_overload(function.signatures[0], function.overloads[function.signatures[0]])
+    assert function._cache.load_overload(function.signatures[0], function.targetctx) is not None
+    assert [path.parent.name for path in tmp_path.rglob("*.nbi")] == ["__pycache__"]
 
 
 def test_loading_and_compiling_are_told_apart_from_running(tmp_path: Path) -> None:

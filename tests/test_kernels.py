@@ -11,7 +11,6 @@ from tests import kernels
 def test_kernels_are_kept_and_fetched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What was compiled lately comes into a clone that has none; into another nothing comes."""
     monkeypatch.setenv("DVC_KERNELS", str(tmp_path / "kept"))
-    monkeypatch.setattr(kernels, "LISTS", ())
     made, bare, other = (tmp_path / name / "dvc" / "__pycache__" for name in ("made", "bare", "other"))
     for folder in (made, bare, other):
         folder.mkdir(parents=True)
@@ -24,7 +23,7 @@ def test_kernels_are_kept_and_fetched(tmp_path: Path, monkeypatch: pytest.Monkey
     kernels.keep()
     for root in ("bare", "other"):
         monkeypatch.setattr(kernels, "ROOT", tmp_path / root)
-        kernels.fetch(2)
+        kernels.fetch()
     assert {path.name: path.read_text() for path in bare.iterdir()} == {
         "new.nbi": "new.nbi",
         "new.1.nbc": "new.1.nbc",

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.recorder import recording
+
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 USAGE = (ROOT / "docs" / "usage.md").read_text(encoding="utf-8")
@@ -34,25 +36,27 @@ def free_port() -> str:
 
 
 def test_shell_commands_run(tmp_path: Path) -> None:
-    """Those of README and usage work one after the other, on a smaller video; files are as promised."""
+    """Those of README and usage work one after the other, on a smaller video; files are as promised.
+
+    What they call is listed, to be compiled when the package is installed (`tests.recorder`).
+    """
     script = "\n".join(["set -eu", *blocks("sh"), *blocks("sh", USAGE)]).replace(":5000", f":{free_port()}")
     for large, small in SMALLER.items():
         assert large in script
         script = script.replace(large, small)
-    environment = os.environ | {
-        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
-        "XDG_CACHE_HOME": str(tmp_path / "cache"),
-    }
-    done = subprocess.run(
-        ["bash", "-c", script],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=250,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    with recording(tmp_path) as environment:
+        environment["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+        environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")
+        done = subprocess.run(
+            ["bash", "-c", script],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=250,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
     assert (tmp_path / "small.dvc").stat().st_size < (tmp_path / "street.dvc").stat().st_size
     assert (tmp_path / "live.dvc").read_bytes() == (tmp_path / "small.dvc").read_bytes()
     assert (tmp_path / "live.mkv").read_bytes() == (tmp_path / "decoded.mkv").read_bytes()

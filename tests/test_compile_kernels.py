@@ -1,0 +1,97 @@
+"""Kernels compiled beforehand: the list holds what programs call, which then compile nothing."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from dvc import compile_kernels
+from dvc._jit import RUNS_PORTABLE
+from dvc.compile_kernels import KERNELS, Kernel, listed
+from tests.golden_streams import GOLDEN, Golden, source
+from tests.recorder import recording
+
+ROOT = Path(__file__).resolve().parents[1]
+RUN = """
+import importlib, json, sys
+for program, *arguments in json.load(sys.stdin):
+    assert importlib.import_module(f"{program}.__main__").main(arguments) == 0
+"""
+OTHER_MAKE = {
+    "NUMBA_CPU_NAME": "haswell",
+    "NUMBA_CPU_FEATURES": "+avx,+avx2,+bmi,+bmi2,+f16c,+fma,+lzcnt,+movbe,+popcnt,+sse4.2",
+}
+
+
+def run(commands: Sequence[Sequence[object]], environment: dict[str, str]) -> None:
+    """Run programs one after the other, in one process but for those that they start."""
+    lines = json.dumps([[*map(str, command)] for command in commands])
+    subprocess.run([sys.executable, "-c", RUN], input=lines, env=environment, cwd=ROOT, text=True, check=True)
+
+
+def coding(golden: Golden, folder: Path) -> list[list[object]]:
+    """Return how a frozen stream is made, and decoded."""
+    (folder / golden.name).mkdir()
+    made = folder / golden.name / "made.dvc"
+    return [
+        ["encoder", source(golden, folder / golden.name), made, *golden.coding.split(), "--quiet"],
+        *(["decoder", golden.path(form), folder / "video.y4m", "--quiet"] for form in golden.forms[:1]),
+    ]
+
+
+@pytest.mark.parametrize("part", range(2))
+def test_list_holds_what_codecs_call(part: int, tmp_path: Path) -> None:
+    """Every kernel that Python calls is listed with its types; `DVC_REGENERATE=1` adds what is missing.
+
+    So it is for what the commands of the documents call: see `tests/test_readme.py`.
+    """
+    with recording(tmp_path) as environment:
+        run([command for golden in GOLDEN[part::2] for command in coding(golden, tmp_path)], environment)
+
+
+def test_list_is_in_order() -> None:
+    """Lines are kernels, sorted, each once."""
+    lines = KERNELS.read_text(encoding="utf-8").splitlines()
+    assert lines == sorted(set(lines))
+    assert listed()[0] == Kernel(*lines[0].split(" ", 2))
+
+
+def test_nothing_is_compiled_at_run_time(tmp_path: Path) -> None:
+    """After `dvc-compile` programs keep no code of their own, on a processor of another make, too."""
+    assert compile_kernels.main([]) == 0
+    video, stream = tmp_path / "street.mkv", tmp_path / "street.dvc"
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "compiled"), "HOME": str(tmp_path)}
+    rendered = ["sequences", "render", "street", "--size", "176x144", "--frames", "9", "--out", video]
+    coded = ["encoder", video, stream, "--qp", "30", "--quiet"]
+    decoded = ["decoder", stream, tmp_path / "video.y4m", "--quiet"]
+    run([rendered, coded, decoded], environment | (OTHER_MAKE if RUNS_PORTABLE else {}))
+    assert [path.name for path in tmp_path.rglob("*.nbi")] == []
+
+
+@pytest.mark.parametrize(
+    ("environment", "served"),
+    [
+        ({}, True),
+        pytest.param(OTHER_MAKE, True, marks=pytest.mark.skipif(not RUNS_PORTABLE, reason="needs AVX2")),
+        ({"NUMBA_CPU_NAME": "nehalem", "NUMBA_CPU_FEATURES": "+sse4.2"}, False),
+        ({"NUMBA_BOUNDSCHECK": "1"}, False),
+    ],
+    ids=["here", "other-make", "without-avx2", "bounds"],
+)
+def test_code_serves_where_it_runs(environment: dict[str, str], served: bool, tmp_path: Path) -> None:
+    """Elsewhere, and where bounds are checked, a kernel is compiled once, and computes the same."""
+    Kernel("dvc.wynerziv._kernels", "logarithm", "(float64,)").compile()
+    code = "from dvc.wynerziv._kernels import logarithm as f; print(f(1.5), len(f.stats.cache_hits))"
+    command = [sys.executable, "-c", code]
+    told = []
+    for _ in range(2):
+        kept = os.environ | environment | {"NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
+        run = subprocess.run(command, env=kept, cwd=ROOT, capture_output=True, text=True, check=True)
+        told.append(run.stdout.split())
+    assert {value for value, _ in told} == {"0.4054651081081644"}
+    assert [hits for _, hits in told] == [str(int(served)), "1"]
+    assert any(tmp_path.rglob("*.nbi")) is not served
