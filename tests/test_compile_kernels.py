@@ -79,13 +79,17 @@ def test_nothing_is_compiled_at_run_time(tmp_path: Path) -> None:
         pytest.param(OTHER_MAKE, True, marks=pytest.mark.skipif(not RUNS_PORTABLE, reason="needs AVX2")),
         ({"NUMBA_CPU_NAME": "nehalem", "NUMBA_CPU_FEATURES": "+sse4.2"}, False),
         ({"NUMBA_BOUNDSCHECK": "1"}, False),
+        ({"NUMBA": "another version"}, False),
     ],
-    ids=["here", "other-make", "without-avx2", "bounds"],
+    ids=["here", "other-make", "without-avx2", "bounds", "other-numba"],
 )
 def test_code_serves_where_it_runs(environment: dict[str, str], served: bool, tmp_path: Path) -> None:
-    """Elsewhere, and where bounds are checked, a kernel is compiled once, and computes the same."""
+    """Elsewhere, where bounds are checked and by another numba a kernel is compiled once, to the same."""
     Kernel("dvc.wynerziv._kernels", "logarithm", "(float64,)").compile()
-    code = "from dvc.wynerziv._kernels import logarithm as f; print(f(1.5), len(f.stats.cache_hits))"
+    code = (
+        "import numba, os; numba.__version__ = os.environ.get('NUMBA', numba.__version__)\n"
+        "from dvc.wynerziv._kernels import logarithm as f; print(f(1.5), len(f.stats.cache_hits))"
+    )
     command = [sys.executable, "-c", code]
     told = []
     for _ in range(2):
