@@ -156,34 +156,24 @@ def rasterise_triangle(a, b, c, nearest):
 @kernel
 def cubic_weights(s):
     """Six-point cubic convolution of fourth order at fraction s (Keys 1981)."""
-    t = np.float32(s)
-    first, third = t + np.float32(1.0), np.float32(1.0) - t
-    fourth = np.float32(1.0) + third
-    return (
-        _far(first + np.float32(1.0)),
-        _middle(first),
-        _near(t),
-        _near(third),
-        _middle(fourth),
-        _far(fourth + np.float32(1.0)),
-    )
+    t = 1.0 - s
+    outer, inner, near = _far(2.0 + s), _middle(1.0 + s), _near(s)
+    return outer, inner, near, _near(t), _middle(1.0 + t), _far(2.0 + t)
 
 
 @kernel
 def _near(d):
-    return (np.float32(4.0 / 3.0) * d - np.float32(7.0 / 3.0)) * d * d + np.float32(1.0)
+    return np.float32((4.0 / 3.0 * d - 7.0 / 3.0) * d * d + 1.0)
 
 
 @kernel
 def _middle(d):
-    return ((np.float32(-7.0 / 12.0) * d + np.float32(3.0)) * d - np.float32(59.0 / 12.0)) * d + np.float32(
-        2.5
-    )
+    return np.float32(((-7.0 / 12.0 * d + 3.0) * d - 59.0 / 12.0) * d + 2.5)
 
 
 @kernel
 def _far(d):
-    return ((np.float32(1.0 / 12.0) * d - np.float32(2.0 / 3.0)) * d + np.float32(1.75)) * d - np.float32(1.5)
+    return np.float32(((1.0 / 12.0 * d - 2.0 / 3.0) * d + 1.75) * d - 1.5)
 
 
 @kernel

@@ -197,13 +197,14 @@ class RangePosterior:
     def batch(self, wanted: float, max_bias: float, new_bias: float) -> list[tuple[int, Positions]]:
         """Choose what to ask next at once; nothing where no order in use tells much.
 
-        Where divisions tell less than is wanted, ranges of the next order are added, as many as are missing.
+        Where divisions tell less than is wanted, ranges of the next order are added, as many as are missing;
+        it is begun for no fewer than there are orders in use, since beliefs in more of them cost time.
         """
         if not self.num_orders:
             return self._first_orders(wanted, new_bias)
         found, information = self._divisions(max_bias)
         missing = round(wanted - information)
-        if found and missing > 0:
+        if found and missing >= (self.num_orders if self._laid_out == self.num_bits else 1):
             found += self._only_first(self.new_order(new_bias), missing)
         return _joined(found)
 

@@ -53,16 +53,51 @@ def test_forward_search(choose: Choose, planes: list[np.ndarray]) -> None:
 def test_refine_bilateral(choose: Choose, planes: list[np.ndarray], instant: tuple[int, int]) -> None:
     """Candidates and surroundings are judged alike; trajectories that leave the planes never win."""
     rng = np.random.default_rng(1)
-    candidates = rng.integers(-12, 13, (2, 3, 11, 2))
-    candidates[0, 1, 4] = (-700, 0)
-    candidates[1, 2, 0] = (0, 900)
+    field, medians = rng.integers(-12, 13, (2, 2, 3, 2))
+    medians[0, 1], field[1, 2] = (-700, 0), (0, 900)
     vectors = np.empty((2, 3, 2), np.int64)
     settings = (MARGIN, 8, 10, 1, 1, 6, *instant)
     blocks, steps = _kernels.Blocks(*settings[:3]), _kernels.Steps(*settings[3:6])
     pair = _kernels.Pair(planes[0], planes[2])
-    choose(_kernels.refine_bilateral)(pair, instant, blocks, steps, candidates, vectors)
+    choose(_kernels.refine_bilateral)(pair, instant, blocks, steps, (field, medians), vectors)
+    candidates = np.concatenate(
+        [neighbourhoods(medians), field[:, :, None], np.zeros((2, 3, 1, 2), np.int64)], axis=2
+    )
     expected = reference.refine_bilateral(planes[0], planes[2], *settings, candidates)
     np.testing.assert_array_equal(vectors, expected)
+
+
+def neighbourhoods(field: np.ndarray) -> np.ndarray:
+    """Return each vector and its eight neighbours: (rows, columns, 9, 2)."""
+    padded = np.pad(field, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    shifts = [(1, 1), *(place for place in np.ndindex(3, 3) if place != (1, 1))]
+    rows, columns = field.shape[:2]
+    return np.stack([padded[y : y + rows, x : x + columns] for y, x in shifts], axis=2)
+
+
+def test_vector_median(choose: Choose) -> None:
+    """Of nine vectors the one nearest to all others is taken, the first of several."""
+    field = np.random.default_rng(2).integers(-9, 10, (5, 7, 2))
+    median = np.empty_like(field)
+    choose(_kernels.vector_median)(field, median)
+    vectors = neighbourhoods(field)
+    distances = np.abs(vectors[:, :, :, None] - vectors[:, :, None]).sum(axis=(-2, -1))
+    best = distances.argmin(axis=-1)
+    np.testing.assert_array_equal(median, np.take_along_axis(vectors, best[..., None, None], axis=2)[:, :, 0])
+
+
+def test_block_offsets(choose: Choose) -> None:
+    """Blocks move by the median of their pixels, in quarters; the border of the frame repeats."""
+    rng = np.random.default_rng(3)
+    rows, columns = np.indices((10, 14))
+    motion = rng.uniform(-9.0, 9.0, (10, 14, 2))
+    positions = np.stack([columns, rows], axis=-1) + motion
+    offsets = np.empty((3, 4, 2), np.int64)
+    choose(_kernels.block_offsets)(positions, 4, 56.0, offsets)
+    spare = np.pad(np.arange(10), (0, 2), mode="edge"), np.pad(np.arange(14), (0, 2), mode="edge")
+    at = positions[spare[0]][:, spare[1]][..., ::-1] - np.stack(np.meshgrid(*spare, indexing="ij"), axis=-1)
+    cells = at.reshape(3, 4, 4, 4, 2)
+    np.testing.assert_array_equal(offsets, np.floor(4.0 * np.median(cells, axis=(1, 3)) + 0.5))
 
 
 def _sums_of_quarters(choose: Choose, planes: np.ndarray) -> np.ndarray:
@@ -90,6 +125,9 @@ def test_search_target(choose: Choose, planes: list[np.ndarray], smoothness: int
     choose(_kernels.search_target)(*searched, *settings, offsets, costs)
     np.testing.assert_array_equal(offsets, expected)
     np.testing.assert_array_equal(costs, expected_costs)
+    contented = _kernels.Steps(1, 2, smoothness, 256.0)
+    choose(_kernels.search_target)(*searched, settings[0], contented, offsets, costs)
+    np.testing.assert_array_equal(offsets, expected)
 
 
 def test_accumulate_blocks(choose: Choose, planes: list[np.ndarray]) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from decoder.side_information import _kernels
 from decoder.side_information.protocol import Interpolation
@@ -12,7 +13,7 @@ from decoder.side_information.residual_fields import (
     NOISE_PX2,
     PRIOR,
     REACH_PX,
-    correction_field,
+    add_correction,
     track_residuals,
 )
 from decoder.side_information.scene.corrections import corrected
@@ -64,12 +65,29 @@ def test_the_kernel_is_its_twin(compiled: bool, reach: float) -> None:
 def test_what_neighbours_agree_on_is_corrected() -> None:
     """The field is near residuals that agree, and nothing where they contradict each other or are few."""
     points, residuals = points_and_residuals(2, 40)
-    agreed = correction_field(points, residuals, SHAPE)[20, 20]
+    nowhere = np.zeros((*SHAPE, 2))
+    agreed = add_correction(nowhere, points, residuals)[20, 20]
     np.testing.assert_allclose(agreed, [2.0, -1.0], atol=0.3)
     signs = np.where(np.arange(40) % 2, 1.0, -1.0)[:, None]
-    assert np.abs(correction_field(points, residuals * signs, SHAPE)).max() < 0.5
+    assert np.abs(add_correction(nowhere, points, residuals * signs)).max() < 0.5
     for few in (0, 2):
-        assert not correction_field(points[:few], residuals[:few], SHAPE).any()
+        assert not add_correction(nowhere, points[:few], residuals[:few]).any()
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_field_is_bilinear_between_its_nodes(compiled: bool) -> None:
+    """At nodes it is what they are, and beyond the last one it goes on; it is added."""
+    rng = np.random.default_rng(4)
+    nodes, shape = rng.normal(size=(3, 4, 2)), (11, 13)
+    kernel: Any = _kernels.add_between_nodes
+    start = rng.normal(size=(*shape, 2))
+    moved = start.copy()
+    (kernel if compiled else python_twin(kernel))(nodes, 4, moved)
+    rows, columns = np.minimum(np.arange(11) / 4, 2.0), np.minimum(np.arange(13) / 4, 3.0)
+    at = np.stack(np.meshgrid(rows, columns, indexing="ij"))
+    field = np.stack([map_coordinates(nodes[..., axis], at, order=1) for axis in (0, 1)], axis=-1)
+    np.testing.assert_allclose(moved, start + field, atol=1e-12)
 
 
 def test_only_points_that_tell_something_count() -> None:
