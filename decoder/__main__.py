@@ -203,7 +203,8 @@ def _decode_file(arguments: argparse.Namespace) -> int:
             groups = _decoded(config, reader, wanted, arguments, stack)
             form = Form.NO_FEEDBACK if reader.form == Form.NO_FEEDBACK else Form.PUNCTURED
             output = _output(config, arguments, stack, wanted, form)
-            failure = output.consume(groups, arguments.quiet, arguments.salvage)
+            num_frames = len(wanted) if wanted is not None else reader.num_frames or None
+            failure = output.consume(groups, arguments.quiet, arguments.salvage, num_frames)
         if failure is not None:
             raise failure
         if reader.missing is not None:

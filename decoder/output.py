@@ -1,7 +1,7 @@
 """What a decoding run writes: videos, punctured stream, report; all of it or nothing, or what was live."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from fractions import Fraction
 
@@ -35,7 +35,9 @@ class DecodedOutput:
         self._live = live  # so that it cannot be decoded again: what there is of it is kept
         self._path = video
         self._wanted = wanted
-        self._num_frames = 0
+        self._num_frames = self._num_coded = 0
+        self._frame_rate = config.video.frame_rate_num / config.video.frame_rate_den
+        self._rate = ""
         self._report_path = report
         self._report = DecodeReport(config, reference, wanted)
         self._stream = _stream_writer(config, punctured, form, stack, kept=live)
@@ -44,10 +46,16 @@ class DecodedOutput:
         if side_information is not None:
             self._side_information = _video_writer(config, side_information, True, stack, kept=live)
 
-    def consume(self, groups: Iterable[DecodedGroup], quiet: bool, salvage: bool = False) -> DvcError | None:
-        """Write all groups."""
+    def consume(
+        self,
+        groups: Iterable[DecodedGroup],
+        quiet: bool,
+        salvage: bool = False,
+        num_frames: int | None = None,
+    ) -> DvcError | None:
+        """Write all groups; show how far it is, of how many frames if that is known, and the rate so far."""
         failure: DvcError | None = None
-        with cli.progress_bar("decoding", None, quiet) as progress:
+        with cli.progress_bar("decoding", num_frames, quiet) as progress:
             try:
                 for group in groups:
                     self._add(group, progress)
@@ -72,7 +80,7 @@ class DecodedOutput:
             with suppress(DvcError):
                 cli.write_json(self._report_path + to_file, self._report.to_dict(self._stream.num_bytes))
 
-    def _add(self, group: DecodedGroup, progress: Callable[[int], None]) -> None:
+    def _add(self, group: DecodedGroup, progress: cli.Advance) -> None:
         shown = [(frame.index, frame.frame, Frame(frame.side_information)) for frame in group.wyner_ziv]
         if group.key is not None:
             shown.append((group.last.index, group.key, group.key))
@@ -82,9 +90,12 @@ class DecodedOutput:
                 if self._side_information is not None:
                     self._side_information.write(predicted)
                 self._num_frames += 1
-                progress(1)
+                progress(1, self._rate)
         if self._wanted is None:
             self._stream.write_gop(group.record)
+            self._num_coded += len(group.frames)
+            kbps = 8e-3 * self._stream.num_bytes * self._frame_rate / self._num_coded
+            self._rate = f"{kbps:.4g} kbit/s"
         self._report.add(group)
 
     def _finish(self) -> None:

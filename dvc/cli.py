@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Protocol
 
 from dvc.errors import ConfigError, DvcError, PartialOutputError
 
@@ -130,21 +130,34 @@ def command(
     return _main
 
 
+class Advance(Protocol):
+    """Moves a progress bar on by some steps, and shows a note beside it."""
+
+    def __call__(self, steps: int, note: str = "") -> None:
+        """Move it on."""
+
+
 @contextlib.contextmanager
-def progress_bar(label: str, total: int | None, quiet: bool = False) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar on stderr while the block runs, if that is a terminal."""
+def progress_bar(label: str, total: int | None, quiet: bool = False) -> Iterator["Advance"]:
+    """Show a progress bar on stderr, with steps a second, while the block runs, if that is a terminal."""
     if quiet or not sys.stderr.isatty():
-        yield lambda _: None
+        yield lambda steps, note="": None
         return
     from rich.console import Console
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
         Progress,
+        ProgressColumn,
+        Task,
         TextColumn,
         TimeElapsedColumn,
         TimeRemainingColumn,
     )
+
+    class SpeedColumn(ProgressColumn):
+        def render(self, task: Task) -> str:
+            return f"{task.completed / task.elapsed:.3g}/s" if task.elapsed and task.completed else ""
 
     columns = (
         TextColumn(label),
@@ -152,10 +165,12 @@ def progress_bar(label: str, total: int | None, quiet: bool = False) -> Iterator
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
+        SpeedColumn(),
+        TextColumn("{task.fields[note]}"),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(label, total=total)
-        yield lambda steps: bar.advance(task, steps)
+        task = bar.add_task(label, total=total, note="")
+        yield lambda steps, note="": bar.update(task, advance=steps, note=note)
 
 
 def parse_size(text: str) -> tuple[int, int]:
