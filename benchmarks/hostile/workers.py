@@ -31,7 +31,7 @@ class ForkedProcess(decoder.processes.DecodingProcess):
 
     def __init__(self) -> None:
         self.num_running = self.num_pending = 0
-        self.step_s = self._began_s = 0.0
+        self.step_s = self.began_s = 0.0
         self._connection, other = Pipe()
         with other:
             self._process: Any = _Child(other)
