@@ -4,7 +4,6 @@ A stream and a live encoder are decoded alike: a source gives groups in order of
 them, and what they ask for goes to the source. Requests for frames of a stream never come here: the process
 finds the answers in the record of the group.
 
-
 What a decoder predicts decides what it asks for, so a punctured stream can only be decoded where the very
 same predictions are made. Libraries choose their code by the processor when they load: the processes are
 started with an environment that holds them to one baseline, whatever the program that imports this module
@@ -21,8 +20,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from threading import RLock
-from typing import Protocol
+from typing import Any, Protocol
 
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import Answered, Cores, DecodedGroup, GroupTask
@@ -43,18 +43,22 @@ class DecodingProcess:
         self._num_cores = 1
         self.step_s = self.began_s = 0.0
         self._connection, other = Pipe()
-        command = [sys.executable, "-P", "-m", "decoder.worker", str(other.fileno())]
+        with other:
+            self._process = self._start(other)
+
+    def _start(self, connection: "Connection[Any, Any]") -> Any:
+        """Start the process with its end of the pipe; return it as `Popen` does."""
+        command = [sys.executable, "-P", "-m", "decoder.worker", str(connection.fileno())]
         # Whoever starts the process ends it; an interrupt from the terminal is not for it.
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
-            with other:
-                self._process = subprocess.Popen(
-                    command,
-                    env=baseline_environment(),
-                    pass_fds=[other.fileno()],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                )
+            return subprocess.Popen(
+                command,
+                env=baseline_environment(),
+                pass_fds=[connection.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+            )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
