@@ -8,10 +8,11 @@ encoder, which is to be cheap, more than the bits that it asks for.
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from decoder.processes import DecodingProcess
-from decoder.tasks import GroupTask
+from decoder.tasks import DecodedGroup, GroupTask
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback import (
@@ -126,6 +127,8 @@ class LiveGroups:
         self._held = HeldRequests()
         self._holding: set[DecodingProcess] = set()  # whose requests these are
         self._num_asked = 0  # held or sent
+        self._arrived_s: dict[int, float] = {}
+        self._num_messages = 0
         self._damaged = False
         for _ in range(max_open_gops(source.config)):
             self._endpoint.send_next_gop()
@@ -141,6 +144,7 @@ class LiveGroups:
         for event in events:
             match event:
                 case Gop() if not self._damaged:
+                    self._arrived_s[event.number] = time.monotonic()
                     try:
                         yield self._task_of(event)
                     except BitstreamError as err:
@@ -167,6 +171,7 @@ class LiveGroups:
                 self._held.stepped(ready.step_s)
         if self._held_s() == 0.0:
             self._endpoint.send_requests(self._held.take())
+            self._num_messages += 1
             self._source.flush()  # not only when whoever takes the frames comes back
             self._holding.clear()
 
@@ -189,3 +194,10 @@ class LiveGroups:
     def taken(self) -> None:
         """Let the encoder send another group."""
         self._endpoint.send_next_gop()
+
+    def timed(self, groups: Iterable[DecodedGroup]) -> Iterator[DecodedGroup]:
+        """Note of decoded groups how late they are, and how many messages they took."""
+        for group in groups:
+            delay_s = time.monotonic() - self._arrived_s.pop(min(self._arrived_s))
+            num_messages, self._num_messages = self._num_messages, 0
+            yield replace(group, delay_s=delay_s, num_messages=num_messages)

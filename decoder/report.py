@@ -1,7 +1,7 @@
 """What a decoding run reports: bits, quality and time of every frame, and totals; see `docs/results.md`."""
 
 from collections.abc import Iterator
-from statistics import fmean
+from statistics import fmean, median
 from typing import Any
 
 import numpy as np
@@ -43,10 +43,15 @@ class DecodeReport:
         self._wanted = wanted
         self._reference: Iterator[Frame] | None = None if reference is None else iter(reference)
         self._frames: list[dict[str, Any]] = []
+        self._delays_s: list[float] = []  # of frames of a live run
+        self._num_messages = 0
 
     def add(self, group: DecodedGroup) -> None:
         """Enter a decoded group of pictures."""
         costs = gop_bits(group.record)
+        self._num_messages += group.num_messages
+        if group.delay_s is not None:
+            self._delays_s += len(group.frames) * [group.delay_s]
         for frame, record_bits in zip(group.wyner_ziv, costs.wyner_ziv_header, strict=True):
             if not self._is_wanted(frame.index):
                 continue
@@ -119,6 +124,7 @@ class DecodeReport:
             "si_psnr_y_db": _mean(wyner_ziv, "si_psnr_y_db"),
             "refined_si_psnr_y_db": _mean(wyner_ziv, "refined_si_psnr_y_db"),
             "num_requests": sum(frame["num_requests"] for frame in wyner_ziv),
+            **self._live(),
             "num_failed_planes": sum(frame["num_failed_planes"] for frame in wyner_ziv),
             "num_skipped_planes": sum(frame["num_skipped_planes"] for frame in wyner_ziv),
             "plane_bits": _ratios([frame["plane_bits"] for frame in wyner_ziv]),
@@ -127,6 +133,13 @@ class DecodeReport:
             "config": self._config.to_dict(),
             "per_frame": frames,
         }
+
+    def _live(self) -> dict[str, Any]:
+        """Return what there is to tell of a live run only."""
+        if not self._delays_s:
+            return {}
+        delay_s = {"median": round(median(self._delays_s), 6), "worst": round(max(self._delays_s), 6)}
+        return {"num_messages": self._num_messages, "delay_s": delay_s}
 
 
 def _bits(**given: int) -> dict[str, int]:

@@ -146,7 +146,8 @@ def decode_live(
         limits.check_live_frames(task.last_index + 1)
         return task
 
-    yield from GroupsInFlight(LiveGroups(source, _task, stop), jobs).decode()
+    groups = LiveGroups(source, _task, stop)
+    yield from groups.timed(GroupsInFlight(groups, jobs).decode())
     source.flush()
 
 

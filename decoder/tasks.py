@@ -97,6 +97,10 @@ class DecodedGroup:
     wyner_ziv: tuple[DecodedFrame, ...]  # its Wyner-Ziv frames, in display order
     key: Frame | None  # the key frame that ends it, if one does
     record: GopRecord  # the record of the punctured form: what was really needed
+    # Of a live run: time from its arrival until it was handed on, in seconds, and messages with requests that
+    # were sent since the group before was.
+    delay_s: float | None = None
+    num_messages: int = 0
 
     @property
     def frames(self) -> list[Frame]:

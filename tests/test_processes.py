@@ -239,6 +239,9 @@ def test_live_run_gives_the_same_frames_and_bits(buffered: Run, live: Run) -> No
     assert live.bits == buffered.bits
     requests = [[frame.get("num_requests") for frame in run.report["per_frame"]] for run in (live, buffered)]
     assert requests[0] == requests[1]
+    assert 0 < live.report["num_messages"] <= live.report["num_requests"]
+    assert 0.0 < live.report["delay_s"]["median"] <= live.report["delay_s"]["worst"]
+    assert "delay_s" not in buffered.report
 
 
 def test_any_number_of_jobs_gives_the_same_bytes(folder: Path, stream: Path, buffered: Run) -> None:

@@ -239,6 +239,22 @@ def matching_cost(base, other, warp, low, step, limits, outside_cost, cost):
 
 
 @kernel
+def box_mean(cost, mean):
+    """Mean of each hypothesis over 3x3 pixels; those outside are as the nearest inside."""
+    height, width, count = cost.shape
+    rows = np.empty((width, count), np.int16)
+    for y in range(height):
+        above, here, below = cost[max(y - 1, 0)], cost[y], cost[min(y + 1, height - 1)]
+        for x in range(width):
+            for k in range(count):
+                rows[x, k] = above[x, k] + here[x, k] + below[x, k]
+        for x in range(width):
+            left, right = max(x - 1, 0), min(x + 1, width - 1)
+            for k in range(count):
+                mean[y, x, k] = np.uint16(rows[left, k] + rows[x, k] + rows[right, k]) // np.uint16(9)
+
+
+@kernel
 def census(padded, radius, dead_zone, bits):
     """One bit for each neighbour, set where it is clearly darker; `padded` by the radius on all sides."""
     side = 2 * radius + 1

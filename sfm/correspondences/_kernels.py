@@ -4,7 +4,7 @@ They stand in one file because most of them call each other, and numba's cache d
 another file change.
 
 Images are float64 arrays [row, column]; points are (x, y). `coefficients` are those of the cubic B-spline
-that interpolates an image, `sfm.correspondences.refinement.spline_coefficients`.
+that interpolates an image, with `MARGIN` more on all sides: `sfm.correspondences.refinement.spline`.
 """
 
 from typing import NamedTuple
@@ -12,9 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel, kernel
 
 Floats = NDArray[np.float64]
+
+MARGIN = 2  # coefficients around the image that samples within it depend on
+_SIXTH = 1.0 / 6.0
 
 
 class Corners(NamedTuple):
@@ -47,6 +50,7 @@ class KeyPair(NamedTuple):
 
     image: Floats  # the first
     coefficients: Floats  # of the second
+    halves: Floats  # samples of the second half a pixel apart
     fundamental: Floats
     epipole: Floats  # in the first
 
@@ -160,11 +164,9 @@ def best_candidates(first, second, similarity, limits, chosen, errors):
                 continue
             if abs(means_a[i] - means_b[j]) > max_brightness_change:
                 continue
-            if chi_square(histograms_a[i], histograms_b[j]) > max_chi_square:
-                continue
             limit = min(limits[i], errors[i, count - 1]) if found == count else limits[i]
             error = squared_difference(patches_a[i], patches_b[j], limit)
-            if error > limit:
+            if error > limit or chi_square(histograms_a[i], histograms_b[j]) > max_chi_square:
                 continue
             place = min(found, count - 1)
             while place > 0 and errors[i, place - 1] > error:
@@ -179,19 +181,39 @@ def best_candidates(first, second, similarity, limits, chosen, errors):
 # ---- refinement ----
 
 
-@kernel
-def spline_weights(fraction, weights, slopes):
-    """Cubic B-spline at the four samples around a position, and its derivative."""
-    t = fraction
+@inlined_kernel
+def spline_weights(t):
+    """Cubic B-spline at the four samples around a position."""
     s = 1.0 - t
-    weights[0] = s * s * s / 6.0
-    weights[1] = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
-    weights[2] = (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0
-    weights[3] = t * t * t / 6.0
-    slopes[0] = -0.5 * s * s
-    slopes[1] = 0.5 * (3.0 * t * t - 4.0 * t)
-    slopes[2] = -0.5 * (3.0 * s * s - 4.0 * s)
-    slopes[3] = 0.5 * t * t
+    return (
+        _SIXTH * s * s * s,
+        _SIXTH * (4.0 - 6.0 * t * t + 3.0 * t * t * t),
+        _SIXTH * (4.0 - 6.0 * s * s + 3.0 * s * s * s),
+        _SIXTH * t * t * t,
+    )
+
+
+@inlined_kernel
+def spline_slopes(t):
+    """Return its derivative."""
+    s = 1.0 - t
+    return -0.5 * s * s, 0.5 * (3.0 * t * t - 4.0 * t), -0.5 * (3.0 * s * s - 4.0 * s), 0.5 * t * t
+
+
+@inlined_kernel
+def weighted(weights, a, b, c, d):
+    return weights[0] * a + weights[1] * b + weights[2] * c + weights[3] * d
+
+
+@inlined_kernel
+def along_row(weights, coefficients, row, column):
+    """Interpolate between four coefficients of a row, from a column on; unsigned, which spares tests."""
+    return (
+        weights[0] * coefficients[row, column]
+        + weights[1] * coefficients[row, column + np.uint64(1)]
+        + weights[2] * coefficients[row, column + np.uint64(2)]
+        + weights[3] * coefficients[row, column + np.uint64(3)]
+    )
 
 
 @kernel
@@ -200,110 +222,118 @@ def fits(x, y, radius, width, height):
     return radius <= x <= width - 1 - radius and radius <= y <= height - 1 - radius
 
 
-@kernel
-def at_border(index, length):
-    """Reflect an index about the first or last sample."""
-    if index < 0:
-        return -index
-    if index >= length:
-        return 2 * (length - 1) - index
-    return index
+@inlined_kernel
+def sample(coefficients, column, row, across, down):
+    """Interpolate between the sixteen coefficients around a position."""
+    x, y = np.uint64(column - 1 + MARGIN), np.uint64(row - 1 + MARGIN)
+    return weighted(
+        down,
+        along_row(across, coefficients, y, x),
+        along_row(across, coefficients, y + np.uint64(1), x),
+        along_row(across, coefficients, y + np.uint64(2), x),
+        along_row(across, coefficients, y + np.uint64(3), x),
+    )
 
 
 @kernel
 def sample_square(coefficients, x, y, radius, values, dx, dy):
     """Interpolate a square neighbourhood and its gradient; rows first, then columns."""
-    height, width = coefficients.shape
     size = 2 * radius + 1
-    column, row = int(np.floor(x)), int(np.floor(y))
-    across, across_slope = np.empty(4), np.empty(4)
-    down, down_slope = np.empty(4), np.empty(4)
-    spline_weights(x - column, across, across_slope)
-    spline_weights(y - row, down, down_slope)
+    left, top = int(x), int(y)
+    across, across_slope = spline_weights(x - left), spline_slopes(x - left)
+    down, down_slope = spline_weights(y - top), spline_slopes(y - top)
     line, line_slope = np.empty((size + 3, size)), np.empty((size + 3, size))
     for i in range(size + 3):
-        source = coefficients[at_border(row - radius - 1 + i, height)]
+        row = np.uint64(top - radius - 1 + MARGIN + i)
         for j in range(size):
-            value, slope = 0.0, 0.0
-            for k in range(4):
-                c = source[at_border(column - radius - 1 + j + k, width)]
-                value += across[k] * c
-                slope += across_slope[k] * c
-            line[i, j] = value
-            line_slope[i, j] = slope
+            column = np.uint64(left - radius - 1 + MARGIN + j)
+            line[i, j] = along_row(across, coefficients, row, column)
+            line_slope[i, j] = along_row(across_slope, coefficients, row, column)
     for i in range(size):
         for j in range(size):
-            value, slope_x, slope_y = 0.0, 0.0, 0.0
-            for k in range(4):
-                value += down[k] * line[i + k, j]
-                slope_x += down[k] * line_slope[i + k, j]
-                slope_y += down_slope[k] * line[i + k, j]
-            values[i, j] = value
-            dx[i, j] = slope_x
-            dy[i, j] = slope_y
+            values[i, j] = weighted(down, line[i, j], line[i + 1, j], line[i + 2, j], line[i + 3, j])
+            dy[i, j] = weighted(down_slope, line[i, j], line[i + 1, j], line[i + 2, j], line[i + 3, j])
+            dx[i, j] = weighted(
+                down, line_slope[i, j], line_slope[i + 1, j], line_slope[i + 2, j], line_slope[i + 3, j]
+            )
 
 
 @kernel
 def sample_affine(coefficients, x, y, affine, radius, values, dx, dy):
     """Interpolate the neighbourhood that an affine map makes of a square, and its gradient."""
-    height, width = coefficients.shape
-    across, across_slope = np.empty(4), np.empty(4)
-    down, down_slope = np.empty(4), np.empty(4)
+    last_x, last_y = coefficients.shape[1] - 1.0 - 2 * MARGIN, coefficients.shape[0] - 1.0 - 2 * MARGIN
     for i in range(2 * radius + 1):
         for j in range(2 * radius + 1):
             u = x + affine[0, 0] * (j - radius) + affine[0, 1] * (i - radius)
             v = y + affine[1, 0] * (j - radius) + affine[1, 1] * (i - radius)
-            u, v = min(max(u, 0.0), width - 1.0), min(max(v, 0.0), height - 1.0)
+            u, v = min(max(u, 0.0), last_x), min(max(v, 0.0), last_y)
             column, row = int(u), int(v)
-            spline_weights(u - column, across, across_slope)
-            spline_weights(v - row, down, down_slope)
-            value, slope_x, slope_y = 0.0, 0.0, 0.0
-            for k in range(4):
-                source = coefficients[at_border(row - 1 + k, height)]
-                line, line_slope = 0.0, 0.0
-                for m in range(4):
-                    c = source[at_border(column - 1 + m, width)]
-                    line += across[m] * c
-                    line_slope += across_slope[m] * c
-                value += down[k] * line
-                slope_x += down[k] * line_slope
-                slope_y += down_slope[k] * line
-            values[i, j] = value
-            dx[i, j] = slope_x
-            dy[i, j] = slope_y
+            across, down = spline_weights(u - column), spline_weights(v - row)
+            values[i, j] = sample(coefficients, column, row, across, down)
+            dx[i, j] = sample(coefficients, column, row, spline_slopes(u - column), down)
+            dy[i, j] = sample(coefficients, column, row, across, spline_slopes(v - row))
 
 
 @kernel
 def normal_equations(target, values, dx, dy, weights, num_parameters, matrix, vector):
     """Set up the step of least squares in the neighbourhood's parameters, the mean difference being free."""
     size = target.shape[0]
-    radius = size // 2
-    jacobian, mean = np.empty(num_parameters), np.zeros(num_parameters)
-    mean_difference, error = 0.0, 0.0
+    mean, mean_difference, error = np.zeros(num_parameters), 0.0, 0.0
     matrix[:] = 0.0
     vector[:] = 0.0
     for i in range(size):
+        # Sums over a row of products of the gradient, times the column to the power of 0, 1, 2.
+        xx0 = xx1 = xx2 = xy0 = xy1 = xy2 = yy0 = yy1 = yy2 = 0.0
+        x0 = x1 = y0 = y1 = vx0 = vx1 = vy0 = vy1 = 0.0
         for j in range(size):
-            w = weights[i, j]
-            difference = values[i, j] - target[i, j]
-            jacobian[0], jacobian[1] = dx[i, j], dy[i, j]
-            if num_parameters == 6:
-                jacobian[2], jacobian[3] = dx[i, j] * (j - radius), dx[i, j] * (i - radius)
-                jacobian[4], jacobian[5] = dy[i, j] * (j - radius), dy[i, j] * (i - radius)
+            across, w, difference = j - size // 2, weights[i, j], values[i, j] - target[i, j]
+            x, y = w * dx[i, j], w * dy[i, j]
             mean_difference += w * difference
             error += w * difference * difference
-            for a in range(num_parameters):
-                scaled = w * jacobian[a]
-                mean[a] += scaled
-                vector[a] += scaled * difference
-                for b in range(a + 1):
-                    matrix[a, b] += scaled * jacobian[b]
+            xx, xy, yy = x * dx[i, j], x * dy[i, j], y * dy[i, j]
+            x0, x1, y0, y1 = x0 + x, x1 + across * x, y0 + y, y1 + across * y
+            x, y = x * difference, y * difference
+            vx0, vx1, vy0, vy1 = vx0 + x, vx1 + across * x, vy0 + y, vy1 + across * y
+            xx0, xy0, yy0 = xx0 + xx, xy0 + xy, yy0 + yy
+            xx, xy, yy = across * xx, across * xy, across * yy
+            xx1, xy1, yy1 = xx1 + xx, xy1 + xy, yy1 + yy
+            xx2, xy2, yy2 = xx2 + across * xx, xy2 + across * xy, yy2 + across * yy
+        add_row((xx0, xx1, xx2), (xy0, xy1, xy2), (yy0, yy1, yy2), i - size // 2, matrix)
+        for sums, (sx0, sx1, sy0, sy1) in ((mean, (x0, x1, y0, y1)), (vector, (vx0, vx1, vy0, vy1))):
+            sums[0] += sx0
+            sums[1] += sy0
+            if num_parameters == 6:
+                sums[2] += sx1
+                sums[3] += (i - size // 2) * sx0
+                sums[4] += sy1
+                sums[5] += (i - size // 2) * sy0
     for a in range(num_parameters):
         vector[a] -= mean[a] * mean_difference
         for b in range(a + 1):
             matrix[a, b] -= mean[a] * mean[b]
             matrix[b, a] = matrix[a, b]
     return error - mean_difference * mean_difference
+
+
+@inlined_kernel
+def add_row(xx, xy, yy, down, matrix):
+    """Add the sums of a row to the lower half of the matrix; parameters are those of `sample_affine`."""
+    matrix[0, 0] += xx[0]
+    matrix[1, 0] += xy[0]
+    matrix[1, 1] += yy[0]
+    if matrix.shape[0] == 2:
+        return
+    for first, sums in ((0, xx), (1, xy)):  # of derivatives across
+        matrix[2, first] += sums[1]
+        matrix[3, first] += down * sums[0]
+    for first, sums in ((0, xy), (1, yy)):  # and down
+        matrix[4, first] += sums[1]
+        matrix[5, first] += down * sums[0]
+    for second, first, sums in ((2, 2, xx), (4, 2, xy), (4, 4, yy)):
+        matrix[second, first] += sums[2]
+        matrix[second + 1, first] += down * sums[1]
+        matrix[second + 1, first + 1] += down * down * sums[0]
+    matrix[4, 3] += down * xy[1]
 
 
 @kernel
@@ -350,7 +380,7 @@ def minimize_neighbourhood(patch, parameters, descent):
     """Run Levenberg-Marquardt on one neighbourhood from `parameters`, which receive the minimum."""
     target, weights, coefficients = patch
     max_iterations, min_step_px, max_shift_px = descent
-    height, width = coefficients.shape
+    height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN
     size, count = target.shape[0], parameters.size
     radius = size // 2
     values, dx, dy = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
@@ -400,30 +430,52 @@ def refine_points(image, coefficients, first, parameters, weights, descent, erro
 
 
 @kernel
-def neighbourhood_error(target, coefficients, x, y, affine, weights):
-    """Weighted mean squared error, the mean difference being free; infinite outside the image."""
-    height, width = coefficients.shape
-    radius = target.shape[0] // 2
+def is_inside(radius, x, y, affine, height, width):
+    """Tell whether the neighbourhood that an affine map makes of a square lies inside a frame."""
     reach_x = radius * (abs(affine[0, 0]) + abs(affine[0, 1]))
     reach_y = radius * (abs(affine[1, 0]) + abs(affine[1, 1]))
-    if x < reach_x or y < reach_y or x + reach_x > width - 1 or y + reach_y > height - 1:
+    return reach_x <= x <= width - 1 - reach_x and reach_y <= y <= height - 1 - reach_y
+
+
+@kernel
+def neighbourhood_error(target, coefficients, x, y, affine, weights):
+    """Weighted mean squared error, the mean difference being free; infinite outside the image."""
+    height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN
+    radius = target.shape[0] // 2
+    if not is_inside(radius, x, y, affine, height, width):
         return np.inf
-    across, down, slopes = np.empty(4), np.empty(4), np.empty(4)
     mean, error = 0.0, 0.0
     for i in range(target.shape[0]):
         for j in range(target.shape[1]):
             u = max(x + affine[0, 0] * (j - radius) + affine[0, 1] * (i - radius), 0.0)
             v = max(y + affine[1, 0] * (j - radius) + affine[1, 1] * (i - radius), 0.0)
             column, row = int(u), int(v)
-            spline_weights(u - column, across, slopes)
-            spline_weights(v - row, down, slopes)
-            difference = -target[i, j]
-            for k in range(4):
-                source = coefficients[at_border(row - 1 + k, height)]
-                line = 0.0
-                for m in range(4):
-                    line += across[m] * source[at_border(column - 1 + m, width)]
-                difference += down[k] * line
+            across, down = spline_weights(u - column), spline_weights(v - row)
+            difference = sample(coefficients, column, row, across, down) - target[i, j]
+            mean += weights[i, j] * difference
+            error += weights[i, j] * difference * difference
+    return error - mean * mean
+
+
+@kernel
+def rough_error(target, halves, x, y, affine, weights):
+    """Return nearly the same error, by samples half a pixel apart and straight lines between them."""
+    height, width = halves.shape[0] // 2, halves.shape[1] // 2
+    radius = target.shape[0] // 2
+    if not is_inside(radius, x, y, affine, height, width):
+        return np.inf
+    mean, error = 0.0, 0.0
+    for i in range(target.shape[0]):
+        for j in range(target.shape[1]):
+            u = 2.0 * max(x + affine[0, 0] * (j - radius) + affine[0, 1] * (i - radius), 0.0)
+            v = 2.0 * max(y + affine[1, 0] * (j - radius) + affine[1, 1] * (i - radius), 0.0)
+            column, row = int(u), int(v)
+            u, v = u - column, v - row
+            left, top = np.uint64(column), np.uint64(row)
+            right, bottom = left + np.uint64(1), top + np.uint64(1)
+            above = halves[top, left] + u * (halves[top, right] - halves[top, left])
+            below = halves[bottom, left] + u * (halves[bottom, right] - halves[bottom, left])
+            difference = above + v * (below - above) - target[i, j]
             mean += weights[i, j] * difference
             error += weights[i, j] * difference * difference
     return error - mean * mean
@@ -500,13 +552,15 @@ def golden_section(patch, line, low, high, tolerance_px):
 
 
 @kernel
-def search_line(patch, line, half_range_px, step_px, tolerance_px):
+def search_line(patch, halves, line, half_range_px, step_px, tolerance_px):
     """Full search on an epipolar line around its foot, and golden-section search around the best."""
+    foot, direction, affine = line
     half = int(np.ceil(half_range_px / step_px))
     errors = np.empty(2 * half + 1)
     for k in range(2 * half + 1):
         position = (k - half) * step_px
-        errors[k] = error_on_line(patch, line, position)
+        x, y = foot[0] + position * direction[0], foot[1] + position * direction[1]
+        errors[k] = rough_error(patch.target, halves, x, y, affine, patch.weights)
     best = np.argmin(errors)
     if best in (0, 2 * half) or not max(errors[best - 1], errors[best + 1]) < np.inf:
         return 0.0, np.inf
@@ -528,7 +582,7 @@ def weighted_variance(values, weights):
 @kernel
 def follow(pair, x, y, near, weights, search, limit, found):
     """Search the point at whole pixels (x, y) on its epipolar line, starting where `near` says."""
-    image, coefficients, fundamental, epipole = pair
+    image, coefficients, halves, fundamental, epipole = pair
     radius = weights.shape[0] // 2
     foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
     line = Line(foot, direction, affine)
@@ -536,7 +590,7 @@ def follow(pair, x, y, near, weights, search, limit, found):
         return np.inf
     target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
     patch = Patch(target, weights, coefficients)
-    position, error = search_line(patch, line, search[0], search[1], search[2])
+    position, error = search_line(patch, halves, line, search[0], search[1], search[2])
     if error > limit.least + limit.share * weighted_variance(target, weights):
         return np.inf
     found[0], found[1] = foot[0] + position * direction[0], foot[1] + position * direction[1]
@@ -613,7 +667,7 @@ def follow_all(pair, points, weights, search, limit):
 @kernel
 def disagreement(pair, first, second, normals, distance_px, weights, half_range_px, scores):
     """Tell how badly what lies on either side of an edge point moves like it."""
-    image, coefficients, fundamental, epipole = pair
+    image, _, halves, fundamental, epipole = pair
     height, width = image.shape
     radius = weights.shape[0] // 2
     foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
@@ -634,14 +688,8 @@ def disagreement(pair, first, second, normals, distance_px, weights, half_range_
             v = second[p, 1] + affine[1, 0] * dx + affine[1, 1] * dy
             same, other = np.inf, np.inf
             for k in range(-half, half + 1):
-                error = neighbourhood_error(
-                    target,
-                    coefficients,
-                    u + 0.5 * k * direction[0],
-                    v + 0.5 * k * direction[1],
-                    affine,
-                    weights,
-                )
+                moved_u, moved_v = u + 0.5 * k * direction[0], v + 0.5 * k * direction[1]
+                error = rough_error(target, halves, moved_u, moved_v, affine, weights)
                 if abs(k) <= 1:
                     same = min(same, error)
                 else:

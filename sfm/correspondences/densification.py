@@ -1,5 +1,6 @@
 """Matches for corners that were not similar enough at first, where geometry and neighbours expect them."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from sfm.correspondences import outliers
 from sfm.correspondences.epipolar_search import EpipolarSearch, far_from
 from sfm.correspondences.refinement import RefinementSettings, inside, refine
+from sfm.estimation.epipolar import distances_in_second
 from sfm.model import Correspondences
 
 Floats = NDArray[np.float64]
@@ -43,9 +45,7 @@ def densify(
     correspondences: Correspondences,
     settings: DensificationSettings | None = None,
 ) -> Correspondences:
-    """Match the corners that are left, where their neighbours' motion and the epipolar geometry expect them.
-    Match the corners that are left, where their neighbours' motion and the epipolar geometry expect them.
-    """
+    """Match the corners that are left, where their neighbours' motion and epipolar geometry expect them."""
     settings = settings or DensificationSettings()
     if len(correspondences) < settings.num_neighbours or not search.usable:
         return correspondences
@@ -54,6 +54,10 @@ def densify(
     if len(free0) == 0 or len(free1) == 0:
         return correspondences
     i, j = _expected_pairs(free0, free1, correspondences, settings)
+    # The test below lets a point be this far from its line, and refinement moves it at most so far.
+    reach = math.sqrt(2.0) * settings.epipolar_px + settings.refinement.max_shift_px
+    within = distances_in_second(search.fundamental, free0[i], free1[j]) <= reach
+    i, j = i[within], j[within]
     first, start = free0[i], free1[j]
     shapes = search.facing_similarities(first, start)
     second, error, success = refine(search.luma0, search.luma1, first, start, settings.refinement, shapes)

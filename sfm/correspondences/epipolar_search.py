@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.correspondences.refinement import check_pair, inside, spline_coefficients, window
+from sfm.correspondences.refinement import check_pair, half_pixel_samples, inside, spline, window
 from sfm.estimation.epipolar import epipoles
 from sfm.model import Correspondences
 
@@ -58,14 +58,15 @@ class EpipolarSearch:
         self.settings = settings or SearchSettings()
         self.usable = bool(np.isfinite(fundamental).all() and np.abs(fundamental).max() > 0)
         self.epipole = epipoles(fundamental)[0] if self.usable else np.zeros(3)
-        self._image, self._coefficients = luma0.astype(np.float64), spline_coefficients(luma1)
+        self._image, self._coefficients = luma0.astype(np.float64), spline(luma1)
+        self._halves = half_pixel_samples(self._coefficients)
 
     @property
     def pair(self) -> "KeyPair":
         """What the kernels take."""
         from sfm.correspondences._kernels import KeyPair
 
-        return KeyPair(self._image, self._coefficients, self.fundamental, self.epipole)
+        return KeyPair(self._image, self._coefficients, self._halves, self.fundamental, self.epipole)
 
     @property
     def line_search(self) -> Floats:

@@ -56,7 +56,7 @@ def refine(
     found = np.empty(len(room))
     _kernels.refine_points(
         luma0.astype(np.float64),
-        spline_coefficients(luma1),
+        spline(luma1),
         first[room].astype(np.int64),
         parameters,
         window(settings.radius_px),
@@ -86,6 +86,24 @@ def window(radius_px: int) -> Floats:
     weights: Floats = 2.0 * (radius_px + 1) ** 2 - (offset[:, None] ** 2 + offset**2)
     weights /= weights.sum()
     return weights
+
+
+def spline(image: Image | Floats) -> Floats:
+    """Compute these coefficients with more around them, as kernels take them."""
+    from sfm.correspondences._kernels import MARGIN
+
+    return np.pad(spline_coefficients(image), MARGIN, "reflect")
+
+
+def half_pixel_samples(spline: Floats) -> Floats:
+    """Sample such a spline half a pixel apart: (2 H, 2 W)."""
+    for _ in range(2):
+        before, at, after, beyond = (spline[1 + k : len(spline) - 3 + k] for k in range(4))
+        samples = np.empty((2 * len(at), at.shape[1]))
+        samples[::2] = (before + 4.0 * at + after) / 6.0
+        samples[1::2] = (before + 23.0 * (at + after) + beyond) / 48.0
+        spline = np.ascontiguousarray(samples.T)
+    return spline
 
 
 def spline_coefficients(image: Image | Floats) -> Floats:

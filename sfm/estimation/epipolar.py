@@ -67,6 +67,13 @@ def symmetric_distances(fundamental: Floats, first: Floats, second: Floats) -> F
     return distance
 
 
+def distances_in_second(fundamental: Floats, first: Floats, second: Floats) -> Floats:
+    """Measure the distances of second points to the epipolar lines of first points."""
+    product, in_second, _ = _bilinear(fundamental, first, second)
+    distance: Floats = np.abs(product) / np.sqrt(np.maximum(in_second, TINY))
+    return distance
+
+
 def fundamental_from_camera(camera: Floats) -> Floats:
     """Find the fundamental matrix of the cameras ``[I | 0]`` and ``[R | t]``."""
     return unit_norm(skew(camera[:, 3]) @ camera[:, :3])

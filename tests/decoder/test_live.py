@@ -123,6 +123,8 @@ def test_a_long_delay_is_waited_for_once_for_all_groups(
     assert_same(found, offline)
     num_requests = sum(frame.num_requests for group in found for frame in group.wyner_ziv)
     assert taken_s < 2 * delay_s * num_requests
+    assert 0 < sum(group.num_messages for group in found) < num_requests
+    assert all(group.delay_s is not None and 0.0 < group.delay_s < taken_s for group in found)
 
 
 def test_a_slow_link_changes_neither_frames_nor_bits() -> None:

@@ -112,6 +112,17 @@ def test_matching_cost(choose: Choose, rng: np.random.Generator) -> None:
     assert (cost == 77).any()
 
 
+def test_box_mean(choose: Choose, rng: np.random.Generator) -> None:
+    """Costs are averaged over 3x3 pixels and rounded down, the picture being continued by its edge."""
+    cost = rng.integers(0, 200, (5, 7, 3)).astype(np.int16)
+    mean = np.empty_like(cost)
+    choose(kernels.box_mean)(cost, mean)
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(cost, ((1, 1), (1, 1), (0, 0)), mode="edge"), (3, 3), axis=(0, 1)
+    )
+    np.testing.assert_array_equal(mean, around.sum(axis=(-1, -2)) // 9)
+
+
 def test_census_cost(choose: Choose, rng: np.random.Generator) -> None:
     """Levels that differ, up to a limit, and bits that differ at the nearest pixel."""
     levels = rng.uniform(0, 60, (2, *SHAPE)).astype(np.float32)

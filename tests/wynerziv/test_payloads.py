@@ -165,7 +165,7 @@ def test_buffered_payload_answers_by_positions(layout: FrameLayout, seed: int, d
         positions = data.draw(st.sets(st.integers(0, layout.num_bits - 1), min_size=1))
         where = tuple(sorted(positions))
         request = ParityRequest(0, plane, "parity", order, 0, len(where), where)
-        orders, _ = bit_orders(layout.num_bits, 1)
+        orders = bit_orders(layout.num_bits, 1)
         expected = [planes[plane, orders[order, : end + 1]].sum() % 2 for end in where]
         np.testing.assert_array_equal(buffered.answer(request), expected)
         several = tuple(sorted(data.draw(st.sets(st.integers(0, len(planes) - 1), min_size=1))))

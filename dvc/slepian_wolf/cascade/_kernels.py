@@ -24,12 +24,13 @@ class Beliefs(NamedTuple):
     """What is known of a plane, by the ranges into which orders of its bits are divided."""
 
     orders: NDArray[np.uint32]  # (K, N), bit at each position
-    ranks: NDArray[np.uint32]  # (K, N), position of each bit
     last: NDArray[np.int32]  # (K, N), end of the range that holds a position
+    ends: NDArray[np.int32]  # (N, K), the same for each bit
     first: NDArray[np.int32]  # (K, N), start of the range that ends there
     prefix: NDArray[np.uint8]  # (K, N), parity of errors up to the end of a range
     prior: NDArray[np.float64]  # (N,), odds that a bit differs from its first decision
-    messages: NDArray[np.float64]  # (N, K), factors on these odds, one from each order's range
+    odds: NDArray[np.float64]  # (N,), the same by all parities: the product of the prior and all messages
+    messages: NDArray[np.float64]  # (K, N), factors on the odds of the bit at a position
     # (K, N) at ends of ranges: by how much beliefs of its bits have changed since they were passed on, the
     # errors expected in it then, and whether it is to be found out again where to divide it
     pending: NDArray[np.float64]
@@ -50,16 +51,6 @@ class Coupled(NamedTuple):
     llr: NDArray[np.float32]  # (N,), LLRs that priors follow from
     bound: NDArray[np.float32]  # (1,), of their magnitude
     marks: NDArray[np.uint8]  # (N,)
-
-
-@kernel
-def _other_odds(beliefs, bit, order, num_orders):
-    """Return the odds of an error by all but one of the orders."""
-    odds = beliefs.prior[bit]
-    for k in range(num_orders):
-        if k != order:
-            odds *= beliefs.messages[bit, k]
-    return odds
 
 
 @kernel
@@ -85,12 +76,12 @@ def _is_odd(prefix, order, start, end):
 @kernel
 def _pass_range(beliefs, order, start, end, num_orders):
     """Bring the messages of one range up to date; mark what depends on them; return the errors expected."""
-    orders, ranks, last, messages = beliefs.orders, beliefs.ranks, beliefs.last, beliefs.messages
+    orders, messages, total = beliefs.orders, beliefs.messages, beliefs.odds
     odds, soft, others = beliefs.work[0], beliefs.work[1], beliefs.work[2]
     behind = -1.0 if _is_odd(beliefs.prefix, order, start, end) else 1.0
     expected = 0.0
     for j in range(end, start - 1, -1):
-        odds[j] = _other_odds(beliefs, orders[order, j], order, num_orders)
+        odds[j] = total[orders[order, j]] / messages[order, j]
         soft[j] = _soft(odds[j])
         expected += 0.5 - 0.5 * soft[j]
         others[j] = behind
@@ -100,14 +91,14 @@ def _pass_range(beliefs, order, start, end, num_orders):
         bit = orders[order, j]
         product = min(max(before * others[j], -_SURE), _SURE)
         before *= soft[j]
-        old, new = messages[bit, order], (1.0 - product) / (1.0 + product)
-        messages[bit, order] = new
+        old, new = messages[order, j], (1.0 - product) / (1.0 + product)
+        messages[order, j], total[bit] = new, odds[j] * new
         change = _change_of_probability(odds[j] * min(old, new), odds[j] * max(old, new))
         if change < _NEGLIGIBLE_CHANGE:
             continue
         for k in range(num_orders):
             if k != order:
-                beliefs.pending[k, last[k, ranks[k, bit]]] += change
+                beliefs.pending[k, beliefs.ends[bit, k]] += change
     return expected
 
 
@@ -155,12 +146,12 @@ def _note_beliefs(coupled, odds):
 
 
 @kernel
-def couple(beliefs, num_orders, lattice, coupled, odds, scale, least_change):
+def couple(beliefs, num_orders, lattice, coupled, scale, least_change):
     """Let prior odds follow from what is believed of neighbours, and mark what depends on them.
 
     Return how many change, and by how much the errors to be expected by the prior alone do.
     """
-    prior, last, ranks = beliefs.prior, beliefs.last, beliefs.ranks
+    prior, odds, ends = beliefs.prior, beliefs.odds, beliefs.ends
     columns = coupled.deviation.shape[1]
     count, more = 0, 0.0
     _note_beliefs(coupled, odds)
@@ -180,15 +171,8 @@ def couple(beliefs, num_orders, lattice, coupled, odds, scale, least_change):
         odds[n] = changed
         count += 1
         for k in range(num_orders):
-            beliefs.pending[k, last[k, ranks[k, n]]] += change
+            beliefs.pending[k, ends[n, k]] += change
     return count, more
-
-
-@kernel
-def odds_of_errors(beliefs, num_orders, odds):
-    """Write the odds that each bit differs from its first decision, by all orders."""
-    for n in range(odds.size):
-        odds[n] = _other_odds(beliefs, n, num_orders, num_orders)
 
 
 @kernel
@@ -204,19 +188,19 @@ def divide(beliefs, order, positions, parities):
             first[order, cut] = start
             first[order, end] = cut + 1
             for j in range(start, cut + 1):
-                last[order, j] = cut
+                last[order, j] = beliefs.ends[beliefs.orders[order, j], order] = cut
         pending[order, cut] = pending[order, end] = 1.0
         expected[order, cut] = expected[order, end] = 0.0
         beliefs.stale[order, cut] = beliefs.stale[order, end] = 1
 
 
 @kernel
-def _best_division(beliefs, order, start, end, num_orders):
+def _best_division(beliefs, order, start, end):
     """Return after which position the parity is nearest to a fair coin, and 2 |p - 1/2| there."""
     soft, behind = beliefs.work[0], beliefs.work[1]
     product = 1.0
     for j in range(end, start - 1, -1):
-        soft[j] = _soft(_other_odds(beliefs, beliefs.orders[order, j], order, num_orders))
+        soft[j] = _soft(beliefs.odds[beliefs.orders[order, j]])
         behind[j] = product
         product *= soft[j]
     sign = -1.0 if _is_odd(beliefs.prefix, order, start, end) else 1.0
@@ -241,7 +225,7 @@ def find_divisions(beliefs, num_orders, stop):
             end = beliefs.last[k, start]
             if beliefs.stale[k, end]:
                 beliefs.stale[k, end] = 0
-                at, bias = _best_division(beliefs, k, start, end, num_orders)
+                at, bias = _best_division(beliefs, k, start, end)
                 beliefs.division[k, end], beliefs.bias[k, end] = at, bias
             start = end + 1
 
@@ -294,9 +278,9 @@ def lay_out(orders, order, start, odds, max_bias, positions):
 
 
 @kernel
-def num_unsatisfied(beliefs, odds, num_orders):
+def num_unsatisfied(beliefs, num_orders):
     """Count the ranges whose parity is not that of the decisions."""
-    orders, last = beliefs.orders, beliefs.last
+    orders, last, odds = beliefs.orders, beliefs.last, beliefs.odds
     count = 0
     for k in range(num_orders):
         parity, start = np.uint8(0), 0
@@ -312,12 +296,10 @@ def num_unsatisfied(beliefs, odds, num_orders):
 @kernel
 def range_keys(beliefs, num_orders, keys):
     """Give each bit a number (uint64) that depends on the ranges in which it lies."""
-    orders, last = beliefs.orders, beliefs.last
     keys[:] = np.uint64(0)
-    for k in range(num_orders):
-        for j in range(keys.size):
-            bit = orders[k, j]
-            mixed = (keys[bit] + np.uint64(last[k, j] + 1)) * np.uint64(_HASH)
+    for bit in range(keys.size):
+        for k in range(num_orders):
+            mixed = (keys[bit] + np.uint64(beliefs.ends[bit, k] + 1)) * np.uint64(_HASH)
             keys[bit] = (mixed ^ (mixed >> np.uint64(32))) * np.uint64(_MIX)
 
 

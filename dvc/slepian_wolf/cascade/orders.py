@@ -13,22 +13,20 @@ NUM_ORDERS = 8
 
 
 @lru_cache(maxsize=16)
-def bit_orders(num_bits: int, seed: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+def bit_orders(num_bits: int, seed: int) -> NDArray[np.uint32]:
     """Return the orders of the bits of a plane."""
     first_seed = (seed + 1) << 8  # apart from those of the turbo codes' interleavers
     permutations = [random_permutation(first_seed + number, num_bits) for number in range(NUM_ORDERS)]
     orders = np.stack(permutations).astype(np.uint32)  # unsigned, which spares a test of every index
-    ranks = np.argsort(orders, axis=1, kind="stable").astype(np.uint32)
-    orders.flags.writeable = ranks.flags.writeable = False
-    return orders, ranks
+    orders.flags.writeable = False
+    return orders
 
 
 def prefix_parities(
     words: NDArray[np.uint64], order: int, seed: int, released: NDArray[np.uint64] | None = None
 ) -> NDArray[np.uint64]:
     """Add up the bits of up to 64 planes at once, modulo 2, one machine word per bit position."""
-    orders, _ = bit_orders(words.size, seed)
     if released is None:
         released = np.empty(words.size, np.uint64)
-    _kernels.prefix_parities(words, orders[order], released)
+    _kernels.prefix_parities(words, bit_orders(words.size, seed)[order], released)
     return released

@@ -30,16 +30,17 @@ class RangePosterior:
     """Beliefs of errors, by the prior and by what was answered so far."""
 
     def __init__(self, num_bits: int, seed: int) -> None:
-        self._orders, self._ranks = bit_orders(num_bits, seed)
+        self._orders = bit_orders(num_bits, seed)
         shape = self._orders.shape
         self._beliefs = _kernels.Beliefs(
             self._orders,
-            self._ranks,
             last=np.empty(shape, np.int32),
+            ends=np.empty(shape[::-1], np.int32),
             first=np.empty(shape, np.int32),
             prefix=np.empty(shape, np.uint8),
             prior=np.zeros(num_bits),
-            messages=np.empty(shape[::-1]),
+            odds=np.zeros(num_bits),
+            messages=np.empty(shape),
             pending=np.empty(shape),
             expected=np.empty(shape),
             stale=np.empty(shape, np.uint8),
@@ -53,8 +54,6 @@ class RangePosterior:
         self._decided_prefix: dict[int, Bits] = {}  # parities of the first decisions in an order
         self._coupling: NeighbourCoupling | None = None
         self._coupled: _kernels.Coupled | None = None
-        self._odds = np.zeros(num_bits)
-        self._odds_known = False
         self._expected = 0.0
         self._scale = 1.0
         # Bits of the last order that have been laid out: now, and once all answers have come.
@@ -64,7 +63,12 @@ class RangePosterior:
     @property
     def num_bits(self) -> int:
         """Length N of the plane."""
-        return self._odds.size
+        return self._beliefs.odds.size
+
+    @property
+    def odds(self) -> NDArray[np.float64]:
+        """Odds that each bit differs from its first decision, by all that is known."""
+        return self._beliefs.odds
 
     @property
     def orders_left(self) -> int:
@@ -74,13 +78,13 @@ class RangePosterior:
     @property
     def decisions(self) -> Bits:
         """Most likely value of each bit by itself."""
-        bits: Bits = self._first_decisions ^ (self._all_odds() > 1.0)
+        bits: Bits = self._first_decisions ^ (self.odds > 1.0)
         return bits
 
     @property
     def expected_errors(self) -> float:
         """Number of wrong decisions to be expected by the beliefs."""
-        return float(_kernels.expected_errors(self._all_odds())[1])
+        return float(_kernels.expected_errors(self.odds)[1])
 
     def start(self, llr_ch: NDArray[np.float32], coupling: NeighbourCoupling | None = None) -> None:
         """Begin a new plane."""
@@ -96,13 +100,12 @@ class RangePosterior:
                 marks=np.empty(self.num_bits, np.uint8),
             )
         beliefs = self._beliefs
-        beliefs.prior[:] = self._prior_odds(llr_ch)
-        self._odds_known = False
+        beliefs.prior[:] = beliefs.odds[:] = self._prior_odds(llr_ch)
         self._expected = float(_kernels.expected_errors(beliefs.prior)[0])
         self._scale = 1.0
         self._laid_out = self._laid_after = self.num_bits
         self.num_orders = 0
-        beliefs.last[:] = self.num_bits - 1
+        beliefs.last[:] = beliefs.ends[:] = self.num_bits - 1
         beliefs.first[:] = 0
         beliefs.prefix[:] = 0
         beliefs.messages[:] = 1.0
@@ -130,26 +133,17 @@ class RangePosterior:
 
     def propagate(self, max_sweeps: int, share: float) -> int:
         """Pass beliefs between bits and ranges until nothing changes any more."""
-        sweeps = _kernels.propagate(self._beliefs, self.num_orders, self._laid_out, max_sweeps, share)
-        self._odds_known = False
-        return int(sweeps)
-
-    def _all_odds(self) -> NDArray[np.float64]:
-        """Odds of an error in each bit by all beliefs."""
-        if not self._odds_known:
-            _kernels.odds_of_errors(self._beliefs, self.num_orders, self._odds)
-            self._odds_known = True
-        return self._odds
+        return int(_kernels.propagate(self._beliefs, self.num_orders, self._laid_out, max_sweeps, share))
 
     def rescale(self) -> bool:
         """Let the prior expect as many errors as the beliefs do, all of its odds by the same factor."""
-        found = float(_kernels.expected_errors(self._all_odds())[0])
+        found = float(_kernels.expected_errors(self.odds)[0])
         scale = (found + SCALE_STRENGTH) / (self._expected + SCALE_STRENGTH)
         change = scale / self._scale
         if 1.0 / MAX_SCALE_CHANGE < change < MAX_SCALE_CHANGE:
             return False
-        prior = self._beliefs.prior
-        prior *= change
+        self._beliefs.prior[:] *= change
+        self._beliefs.odds[:] *= change
         self._scale = scale
         self._touch_all()
         return True
@@ -158,16 +152,15 @@ class RangePosterior:
         """Let the prior of each bit follow from what is believed of its neighbours."""
         if self._coupling is None or self._coupled is None:
             return False
-        count, more = _kernels.couple(
-            self._beliefs, self.num_orders, self._coupling.lattice, self._coupled, self._all_odds(),
-            self._scale, MIN_COUPLED_CHANGE,
-        )  # fmt: skip
+        how = self._coupling.lattice, self._coupled, self._scale, MIN_COUPLED_CHANGE
+        count, more = _kernels.couple(self._beliefs, self.num_orders, *how)
         self._expected += more
         return bool(count)
 
     def restart(self) -> None:
         """Forget all beliefs but the prior and the parities."""
         self._beliefs.messages[:] = 1.0
+        self._beliefs.odds[:] = self._beliefs.prior
         self._touch_all()
 
     def _touch_all(self) -> None:
@@ -247,7 +240,7 @@ class RangePosterior:
         return self._lay_out(self.num_orders, max_bias) if self.orders_left else None
 
     def _lay_out(self, order: int, max_bias: float, start: int = 0) -> tuple[int, Positions] | None:
-        count = _kernels.lay_out(self._orders, order, start, self._all_odds(), max_bias, self._positions)
+        count = _kernels.lay_out(self._orders, order, start, self.odds, max_bias, self._positions)
         positions = self._positions[:count].copy()
         if order == 0 and not start:  # the parity of the plane is not known yet
             positions = np.append(positions, self.num_bits - 1)
@@ -269,7 +262,7 @@ class RangePosterior:
 
     def is_satisfied(self) -> bool:
         """Say whether the decisions agree with all parities."""
-        return not _kernels.num_unsatisfied(self._beliefs, self._all_odds(), self.num_orders)
+        return not _kernels.num_unsatisfied(self._beliefs, self.num_orders)
 
     def residual_errors(self) -> float:
         """Return the odds against decisions that agree with all parities."""
@@ -277,7 +270,7 @@ class RangePosterior:
             return self.expected_errors
         _kernels.range_keys(self._beliefs, self.num_orders, self._keys)
         by_key = np.argsort(self._keys, kind="stable")
-        pairs = _kernels.pair_odds(by_key, self._keys, self._beliefs.prior, self._all_odds())
+        pairs = _kernels.pair_odds(by_key, self._keys, self._beliefs.prior, self.odds)
         return float(pairs) + self.expected_errors
 
 

@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 from dvc._jit import python_twin
 from sfm.correspondences import _kernels
 from sfm.correspondences.features import detect_corners
-from sfm.correspondences.refinement import RefinementSettings, refine, spline_coefficients, window
+from sfm.correspondences.refinement import (
+    RefinementSettings,
+    half_pixel_samples,
+    refine,
+    spline,
+    spline_coefficients,
+    window,
+)
 from tests.reference import sfm_neighbourhoods as reference
 from tests.sfm.textures import Floats, picture, shifted, texture
 
@@ -108,6 +115,15 @@ def test_splines_interpolate(shape: tuple[int, int]) -> None:
     np.testing.assert_allclose(again, image, atol=1e-9)
 
 
+def test_samples_half_a_pixel_apart() -> None:
+    """They are the values of the spline, at the edges too."""
+    image = np.random.default_rng(3).uniform(0, 255, (6, 9))
+    samples, coefficients = half_pixel_samples(spline(image)), spline_coefficients(image)
+    assert samples.shape == (12, 18)
+    expected = [[reference.interpolated(coefficients, x / 2, y / 2) for x in range(17)] for y in range(11)]
+    np.testing.assert_allclose(samples[:11, :17], expected, atol=1e-9)
+
+
 def test_weights_of_the_window() -> None:
     """Weights are symmetric, positive, largest in the middle, and sum to one."""
     weights = window(3)
@@ -120,7 +136,7 @@ def test_weights_of_the_window() -> None:
 
 # ---- kernels ----
 
-COEFFICIENTS = spline_coefficients(STILL)
+COEFFICIENTS, SPLINE = spline_coefficients(STILL), spline(STILL)
 
 
 def run(kernel: object, compiled: bool) -> object:
@@ -134,7 +150,7 @@ def run(kernel: object, compiled: bool) -> object:
 def test_samples_and_gradients(compiled: bool, place: tuple[float, float]) -> None:
     """Values are those of the spline, gradients those of its differences; both samplers agree."""
     values, dx, dy = (np.empty((5, 5)) for _ in range(3))
-    run(_kernels.sample_square, compiled)(COEFFICIENTS, *place, 2, values, dx, dy)  # type: ignore[operator]
+    run(_kernels.sample_square, compiled)(SPLINE, *place, 2, values, dx, dy)  # type: ignore[operator]
     expected = reference.neighbourhood(COEFFICIENTS, *place, np.eye(2), 2)
     np.testing.assert_allclose(values.ravel(), expected, atol=1e-9)
     step = 1e-5
@@ -148,7 +164,7 @@ def test_samples_and_gradients(compiled: bool, place: tuple[float, float]) -> No
         np.testing.assert_allclose(gradient.ravel(), (ends[0] - ends[1]) / (2 * step), atol=1e-4)
     if min(place) > 3 and place[0] < 90:
         affine = np.array([[0.9, 0.2], [-0.1, 1.1]])
-        run(_kernels.sample_affine, compiled)(COEFFICIENTS, *place, affine, 2, values, dx, dy)  # type: ignore[operator]
+        run(_kernels.sample_affine, compiled)(SPLINE, *place, affine, 2, values, dx, dy)  # type: ignore[operator]
         expected = reference.neighbourhood(COEFFICIENTS, *place, affine, 2)
         np.testing.assert_allclose(values.ravel(), expected, atol=1e-9)
 
@@ -184,7 +200,7 @@ def test_minimum_is_one() -> None:
     x, y = INNER[0].astype(int)
     target = STILL[y - 3 : y + 4, x - 3 : x + 4].astype(np.float64)
     parameters = INNER[0].copy()
-    patch = _kernels.Patch(target, window(3), moved)
+    patch = _kernels.Patch(target, window(3), np.pad(moved, _kernels.MARGIN, "reflect"))
     error = _kernels.minimize_neighbourhood(patch, parameters, _kernels.Descent(20, 1e-4, 2.0))
 
     def error_at(place: Floats) -> float:
