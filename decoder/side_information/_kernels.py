@@ -383,19 +383,57 @@ def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, tot
 
 
 @kernel
+def error_moments(hypotheses, bands, decoded, usual, moments):
+    """Add up products of errors of hypotheses (N, B, rows, columns) in decoded bands, as shares of `usual`.
+
+    Moments (N (N + 1) / 2, rows, columns) are those of each hypothesis with those before it, and itself.
+    """
+    moments[:] = 0.0
+    for k in range(bands.size):
+        pair = 0
+        for a in range(hypotheses.shape[0]):
+            for b in range(a + 1):
+                for i in range(decoded.shape[1]):
+                    for j in range(decoded.shape[2]):
+                        first = hypotheses[a, bands[k], i, j] - decoded[k, i, j]
+                        second = hypotheses[b, bands[k], i, j] - decoded[k, i, j]
+                        moments[pair, i, j] += first * second / usual[k]
+                pair += 1
+
+
+@kernel
+def weighted_mean(hypotheses, weights, mean, spread):
+    """Write the mean of hypotheses by weights (N, rows, columns), and their weighted standard deviation."""
+    mean[:] = 0.0
+    spread[:] = 0.0
+    for band in range(mean.shape[0]):
+        for i in range(mean.shape[1]):
+            for n in range(weights.shape[0]):
+                for j in range(mean.shape[2]):
+                    mean[band, i, j] += weights[n, i, j] * hypotheses[n, band, i, j]
+            for n in range(weights.shape[0]):
+                for j in range(mean.shape[2]):
+                    difference = hypotheses[n, band, i, j] - mean[band, i, j]
+                    spread[band, i, j] += weights[n, i, j] * (difference * difference)
+            for j in range(mean.shape[2]):
+                spread[band, i, j] = np.sqrt(spread[band, i, j])
+
+
+@kernel
 def fusion_weights(moments, ridge, floor, weights):
     """Write non-negative weights (N, rows, columns), of sum 1, of the mean of least expected square."""
-    count = moments.shape[0]
+    count = weights.shape[0]
     matrix = np.empty((count, count))
     vector = np.empty(count)
-    for i in range(moments.shape[2]):
-        for j in range(moments.shape[3]):
-            trace = 0.0
+    for i in range(moments.shape[1]):
+        for j in range(moments.shape[2]):
+            trace, pair = 0.0, 0
             for a in range(count):
                 vector[a] = 1.0
-                trace += moments[a, a, i, j]
-                for b in range(count):
-                    matrix[a, b] = moments[a, b, i, j]
+                for b in range(a + 1):
+                    matrix[a, b] = matrix[b, a] = moments[pair, i, j]
+                    pair += 1
+                trace += matrix[a, a]
             for a in range(count):
                 matrix[a, a] += ridge * trace / count + floor
             for a in range(count):

@@ -51,22 +51,17 @@ DISAGREEMENT_WEIGHT = 0.25
 def fuse(hypotheses: Floats, decoded: Mapping[int, Floats]) -> tuple[Floats, Floats]:
     """Fuse predictions of a frame."""
     count, _, rows, columns = hypotheses.shape
-    moments = np.zeros((count, count, rows, columns))
-    for band, coefficients in decoded.items():
-        errors = hypotheses[:, band] - coefficients
-        usual = float(np.mean(np.abs(errors).min(axis=0))) ** 2 + ROUNDING
-        moments += errors[:, None] * errors[None] / usual
-    side = FUSION_BLOCKS
-    local = uniform_filter(moments / len(decoded), (1, 1, side, side), mode="nearest")
+    bands, known = np.array(list(decoded)), np.stack(list(decoded.values()))
+    least = np.abs(hypotheses[:, bands] - known).min(axis=0)
+    usual = np.array([float(np.mean(band)) ** 2 + ROUNDING for band in least])
+    moments = np.empty((count * (count + 1) // 2, rows, columns))
+    _kernels.error_moments(hypotheses, bands, known, usual, moments)
+    local = uniform_filter(moments / len(decoded), (1, FUSION_BLOCKS, FUSION_BLOCKS), mode="nearest")
     weights = np.empty((count, rows, columns))
     _kernels.fusion_weights(local, RIDGE, MIN_MOMENT, weights)
-    fused = np.zeros(hypotheses.shape[1:])
-    for hypothesis, weight in zip(hypotheses, weights, strict=True):
-        fused += weight * hypothesis
-    variance = np.zeros_like(fused)
-    for hypothesis, weight in zip(hypotheses, weights, strict=True):
-        variance += weight * (hypothesis - fused) ** 2
-    return fused, np.sqrt(variance)
+    fused, spread = np.empty(hypotheses.shape[1:]), np.empty(hypotheses.shape[1:])
+    _kernels.weighted_mean(hypotheses, weights, fused, spread)
+    return fused, spread
 
 
 def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_position: float) -> Prediction:

@@ -30,14 +30,34 @@ def test_weights_solve_the_system_of_second_moments(count: int) -> None:
     kernels: list[Any] = [_kernels.fusion_weights, python_twin(_kernels.fusion_weights)]
     for kernel in kernels:
         weights = np.empty((count, 2, 3))
-        kernel(moments, 0.3, 0.02, weights)
+        kernel(moments[np.tril_indices(count)], 0.3, 0.02, weights)
         np.testing.assert_allclose(weights, expected, rtol=1e-10)
+
+
+def test_moments_and_means_are_those_of_whole_arrays() -> None:
+    """Compiled and as Python, products of errors and weighted means are those of NumPy."""
+    rng = np.random.default_rng(3)
+    hypotheses, known = rng.normal(0.0, 9.0, (3, 5, 2, 4)), rng.normal(0.0, 9.0, (2, 2, 4))
+    bands, usual, weights = np.array([0, 3]), np.array([2.0, 5.0]), rng.dirichlet(np.ones(3), (2, 4))
+    errors = (hypotheses[:, bands] - known) / np.sqrt(usual)[:, None, None]
+    products = np.einsum("akij,bkij->abij", errors, errors)[np.tril_indices(3)]
+    means = np.einsum("ijn,nkij->kij", weights, hypotheses)
+    squares = np.einsum("ijn,nkij->kij", weights, (hypotheses - means) ** 2)
+    for choose in (lambda kernel: kernel, python_twin):
+        moments, mean, spread = np.empty((6, 2, 4)), np.empty(means.shape), np.empty(means.shape)
+        choose(_kernels.error_moments)(hypotheses, bands, known, usual, moments)
+        choose(_kernels.weighted_mean)(
+            hypotheses, np.ascontiguousarray(weights.transpose(2, 0, 1)), mean, spread
+        )
+        np.testing.assert_allclose(moments, products)
+        np.testing.assert_allclose(mean, means)
+        np.testing.assert_allclose(spread, np.sqrt(squares))
 
 
 def test_weights_exist_where_no_hypothesis_errs() -> None:
     """Without errors all hypotheses weigh the same."""
     weights = np.empty((4, 1, 1))
-    _kernels.fusion_weights(np.zeros((4, 4, 1, 1)), 0.3, 0.02, weights)
+    _kernels.fusion_weights(np.zeros((10, 1, 1)), 0.3, 0.02, weights)
     np.testing.assert_allclose(weights, 0.25)
 
 
