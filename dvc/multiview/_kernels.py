@@ -201,6 +201,12 @@ def sample_image(padded, positions, samples):
             samples[i, j] = min(max(total, np.float32(0.0)), np.float32(255.0))
 
 
+STEPS = np.int32(32)
+"""Parts of a pixel to which positions are rounded."""
+LANE, LANE_MASK = np.uint64(21), (1 << 21) - 1
+"""Bits for each of three numbers in a word; they hold 2047 times the square of the parts."""
+
+
 @kernel
 def warp_hypotheses(warp, x, y, low, step, us, vs):
     """Positions of a point in the other view, one for each hypothesis; far away if behind."""
@@ -216,26 +222,51 @@ def warp_hypotheses(warp, x, y, low, step, us, vs):
 
 
 @kernel
+def places_of(us, vs, width, height, places, fractions):
+    """Round positions to parts of a pixel: that at the upper left (-1 outside), and the rest."""
+    for k in range(us.size):
+        inside = (us[k] >= 0.0) & (us[k] <= width - 1.0) & (vs[k] >= 0.0) & (vs[k] <= height - 1.0)
+        u, v = us[k] if inside else 0.0, vs[k] if inside else 0.0
+        u, v = np.int32(u * STEPS + 0.5), np.int32(v * STEPS + 0.5)
+        column, row = min(u // STEPS, np.int32(width - 2)), min(v // STEPS, np.int32(height - 2))
+        places[k] = row * np.int32(width) + column if inside else np.int32(-1)
+        fractions[0, k], fractions[1, k] = u - STEPS * column, v - STEPS * row
+
+
+@kernel
 def matching_cost(base, other, warp, low, step, limits, outside_cost, cost):
-    """Truncated difference of levels and gradients of a base view and another, per pixel and hypothesis."""
-    height, width = base.shape[1:]
+    """Truncated difference of the features of a base view and another, per pixel and hypothesis.
+
+    Features are three numbers in one word: that of the other view is interpolated in all three at once.
+    """
+    height, width = base.shape
     us, vs = np.empty(cost.shape[2]), np.empty(cost.shape[2])
+    places, fractions = np.empty(us.size, np.int32), np.empty((2, us.size), np.int32)
+    samples, line, mask = other.ravel(), np.uint64(width), np.uint64(LANE_MASK)
+    most = limits * (2 * STEPS * STEPS)
     for y in range(height):
         for x in range(width):
             warp_hypotheses(warp, x, y, low, step, us, vs)
-            for k in range(cost.shape[2]):
-                u, v = us[k], vs[k]
-                if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
+            places_of(us, vs, width, height, places, fractions)
+            own = base[y, x] * np.uint64(STEPS * STEPS)
+            one, two, three = (
+                np.int64(own & mask),
+                np.int64((own >> LANE) & mask),
+                np.int64(own >> (LANE + LANE)),
+            )
+            for k in range(us.size):
+                if places[k] < 0:
                     cost[y, x, k] = outside_cost
                     continue
-                u0, v0 = min(int(u), width - 2), min(int(v), height - 2)
-                fu, fv = np.float32(u - u0), np.float32(v - v0)
-                total = np.float32(0.0)
-                for m in range(3):
-                    upper = other[m, v0, u0] + fu * (other[m, v0, u0 + 1] - other[m, v0, u0])
-                    lower = other[m, v0 + 1, u0] + fu * (other[m, v0 + 1, u0 + 1] - other[m, v0 + 1, u0])
-                    total += min(abs(upper + fv * (lower - upper) - base[m, y, x]), limits[m])
-                cost[y, x, k] = np.int16(total)
+                at, right, down = np.uint64(places[k]), np.uint64(fractions[0, k]), np.uint64(fractions[1, k])
+                left, up = np.uint64(STEPS) - right, np.uint64(STEPS) - down
+                upper = left * samples[at] + right * samples[at + np.uint64(1)]
+                lower = left * samples[at + line] + right * samples[at + line + np.uint64(1)]
+                there = up * upper + down * lower
+                total = min(abs(np.int64(there & mask) - one), most[0])
+                total += min(abs(np.int64((there >> LANE) & mask) - two), most[1])
+                total += min(abs(np.int64(there >> (LANE + LANE)) - three), most[2])
+                cost[y, x, k] = total // (2 * STEPS * STEPS)
 
 
 @kernel

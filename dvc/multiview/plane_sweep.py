@@ -122,8 +122,8 @@ def sweep(
 def _gradient_costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypotheses) -> Costs:
     lowest, step, count = hypotheses
     cost = np.empty((*base.shape, count), np.int16)
-    features = luma_features(base), luma_features(other)
-    _kernels.matching_cost(*features, warp, lowest, step, _limits(), OUTSIDE_COST, cost)
+    features = packed_features(base), packed_features(other)
+    _kernels.matching_cost(*features, warp, lowest, step, _limits().astype(np.int64), OUTSIDE_COST, cost)
     return cost
 
 
@@ -143,6 +143,17 @@ def luma_features(luma: Luma) -> NDArray[np.float32]:
     vertical = padded[2:, 1:-1] - padded[:-2, 1:-1]
     weight = np.float32(0.5 * GRADIENT_WEIGHT)
     return np.stack([padded[1:-1, 1:-1], weight * horizontal, weight * vertical])
+
+
+def packed_features(luma: Luma) -> NDArray[np.uint64]:
+    """Return the same in half luma levels, above the least there can be, in one word (H, W)."""
+    level, horizontal, vertical = (
+        np.round(2.0 * feature).astype(np.int64) for feature in luma_features(luma)
+    )
+    least = round(-255 * GRADIENT_WEIGHT)
+    parts = level, horizontal - least, vertical - least
+    words = [part.astype(np.uint64) << np.uint64(k * _kernels.LANE) for k, part in enumerate(parts)]
+    return words[0] | words[1] | words[2]
 
 
 def _limits() -> NDArray[np.float32]:
