@@ -153,7 +153,8 @@ def packed_features(luma: Luma) -> NDArray[np.uint64]:
     least = round(-255 * GRADIENT_WEIGHT)
     parts = level, horizontal - least, vertical - least
     words = [part.astype(np.uint64) << np.uint64(k * _kernels.LANE) for k, part in enumerate(parts)]
-    return words[0] | words[1] | words[2]
+    packed: NDArray[np.uint64] = words[0] | words[1] | words[2]
+    return packed
 
 
 def _limits() -> NDArray[np.float32]:
