@@ -40,6 +40,7 @@ def reconstruct(
     backend: str = "native",
     seed: int = 0,
     settings: SfmSettings | None = None,
+    tracked: Correspondences | None = None,
 ) -> Reconstruction:
     """Reconstruct a static scene from two key frames.
 
@@ -53,6 +54,8 @@ def reconstruct(
         Of everything random.
     settings : SfmSettings, optional
         Parameters; the defaults if None.
+    tracked : Correspondences, optional
+        Points that were followed from one frame to the other, beside those that are found in the two alone.
 
     Returns
     -------
@@ -70,11 +73,19 @@ def reconstruct(
         )
     if backend not in SFM_BACKENDS:
         raise ValueError(f"`backend` must be one of {', '.join(SFM_BACKENDS)}, got {backend!r}")
-    return _reconstruct(first, second, backend, np.random.default_rng(seed), settings or SfmSettings())
+    tracked = tracked or Correspondences.empty()
+    return _reconstruct(
+        first, second, tracked, backend, np.random.default_rng(seed), settings or SfmSettings()
+    )
 
 
 def _reconstruct(
-    first: Image, second: Image, backend: str, rng: np.random.Generator, settings: SfmSettings
+    first: Image,
+    second: Image,
+    tracked: Correspondences,
+    backend: str,
+    rng: np.random.Generator,
+    settings: SfmSettings,
 ) -> Reconstruction:
     """Go through the steps of figure 5.2."""
     frame = PixelFrame(first.shape[1], first.shape[0])
@@ -83,6 +94,7 @@ def _reconstruct(
 
     corners = detect_corners(first, how.features), detect_corners(second, how.features)
     matches = match_corners(first, second, *corners, how.matching)  # tests of MSE and unicity
+    matches = Correspondences.concatenate([tracked, matches])
     stages["matching"] = matches
 
     if backend == "colmap":

@@ -13,7 +13,7 @@ from sfm.estimation.epipolar import (
     symmetric_distances,
     unit_norm,
 )
-from sfm.model import Reconstruction
+from sfm.model import Correspondences, Reconstruction
 from sfm.pipeline import coverage, reconstruct
 from sfm.settings import SfmSettings, TrustSettings
 from tests.clips import moving_texture
@@ -108,6 +108,19 @@ def test_odd_pictures_give_a_reason(name: str, pair: tuple[np.ndarray, np.ndarra
     assert found.motion in {"general", "rotation", "none", "unknown"}
 
 
+def test_tracked_points_count_among_matches() -> None:
+    """They are tested as others are: those that obey the epipolar constraint stay, wrong ones go."""
+    rng, known = np.random.default_rng(3), reconstruct(FIRST, SECOND, seed=1)
+    right = known.stages["bundle adjustment"][np.arange(40)]
+    wrong = replace(right, first=rng.uniform(20, 120, (40, 2)), second=rng.uniform(20, 120, (40, 2)))
+    tracked = Correspondences.concatenate([right, wrong])
+    found = reconstruct(FIRST, SECOND, seed=1, tracked=tracked)
+    assert len(found.stages["matching"]) == len(known.stages["matching"]) + 80
+    kept = {tuple(point) for point in found.stages["weak calibration"].first}
+    assert np.mean([tuple(point) in kept for point in right.first]) > 0.9
+    assert np.mean([tuple(point) in kept for point in wrong.first]) < 0.2
+
+
 def test_doubt_is_said() -> None:
     """A model that exists but falls short of what is asked of it comes with the reason."""
     asks_much = replace(SfmSettings(), trust=TrustSettings(min_num_points=10**6))
@@ -115,6 +128,7 @@ def test_doubt_is_said() -> None:
     assert found.model is not None
     assert not found.success
     assert "correspondences" in found.reason
+    assert TrustSettings().min_num_points == 100  # see there
 
 
 def test_coverage_counts_cells() -> None:

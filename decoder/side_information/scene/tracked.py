@@ -36,6 +36,7 @@ from dvc.config import CodecConfig
 from dvc.multiview.depth_maps import DepthMap, KnownDepth
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased
+from sfm.model import Correspondences
 
 Floats = NDArray[np.float64]
 
@@ -118,7 +119,8 @@ class TrackedSceneInterpolation:
 
         keys = ends[0].frame.luma, ends[1].frame.luma
         how = self._geometry_config
-        reconstruction = reconstruct(*keys, backend=how.backend, seed=self._seed)
+        tracked = _end_to_end(points) if isinstance(points, PointTracks) else None
+        reconstruction = reconstruct(*keys, backend=how.backend, seed=self._seed, tracked=tracked)
         geometry = estimate_geometry(reconstruction, keys, points, ends[0].index, how.path_regularity)
         group = _Group(ends, geometry, {}, {})
         self._groups[ends[0].index, ends[1].index] = group
@@ -208,6 +210,13 @@ class TrackedSceneInterpolation:
         interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma, (depths[0], depths[1]))
         self._pair = _Pair(before, after, rebased, interpolator)
         return self._pair
+
+
+def _end_to_end(tracks: PointTracks) -> Correspondences:
+    """Return the points that are seen in the first and in the last frame, one at each pixel of the first."""
+    ends = Correspondences(tracks.positions[:, 0], tracks.positions[:, -1], np.zeros(len(tracks)))
+    ends = ends[ends.finite]
+    return ends[np.unique(np.rint(ends.first), axis=0, return_index=True)[1]]
 
 
 def _known_depth(group: _Group, index: int, distance: int) -> KnownDepth:
