@@ -164,7 +164,7 @@ def _camera_pair(
         near = outliers.reprojection(points.second, adjusted.second, settings.outliers.max_reprojection_px)
         good = near & adjusted.in_front
         kept[chosen[~good]] = False
-        if good.all() or np.count_nonzero(kept) < settings.trust.min_num_points:
+        if good.all() or np.count_nonzero(kept) < settings.trust.num_points_needed(frame):
             break
     return CameraPair(camera, fundamental, kept)
 
@@ -196,9 +196,9 @@ def _well_triangulated(
 
 def _doubt(model: Model, calibration: WeakCalibration, trust: TrustSettings) -> str:
     """Say why a model cannot be trusted; nothing if it can."""
-    count = len(model.correspondences)
-    if count < trust.min_num_points:
-        return f"only {count} correspondences, {trust.min_num_points} are needed"
+    count, needed = len(model.correspondences), trust.num_points_needed(model.pixel_frame)
+    if count < needed:
+        return f"only {count} correspondences, {needed} are needed"
     covered = coverage(model.correspondences.first, model.pixel_frame)
     if covered < trust.min_coverage:
         return f"correspondences cover only {100 * covered:.0f} % of the frame"

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from dvc.multiview.cameras import PixelFrame
 from sfm.cameras.bundle_adjustment import BundleAdjustmentSettings
 from sfm.cameras.self_calibration import SelfCalibrationSettings
 from sfm.correspondences.densification import DensificationSettings
@@ -49,11 +50,16 @@ class CameraSettings:
 class TrustSettings:
     """What a model must have to be trusted."""
 
-    min_num_points: int = (
-        100  # correspondences; groups of "stone" with 74 were predicted worse, with 117 better
-    )
+    # correspondences, in pictures of CIF size and larger ones; smaller ones need down to half as many. Groups
+    # of the clip "stone" with 74 were predicted worse than without a model, with 117 better.
+    min_num_points: int = 100
     min_coverage: float = 0.25  # share of the cells of an 8x8 grid that must hold a correspondence
     min_inlier_share: float = 0.4  # of the matched corners, that must agree with the epipolar geometry
+
+    def num_points_needed(self, frame: PixelFrame) -> int:
+        """Return how many correspondences a frame must have."""
+        share = frame.width_px * frame.height_px / (352 * 288)
+        return round(self.min_num_points * min(max(share, 0.5), 1.0))
 
 
 @dataclass(frozen=True)

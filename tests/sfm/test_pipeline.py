@@ -128,7 +128,10 @@ def test_doubt_is_said() -> None:
     assert found.model is not None
     assert not found.success
     assert "correspondences" in found.reason
-    assert TrustSettings().min_num_points == 100  # see there
+    needed = [
+        TrustSettings().num_points_needed(PixelFrame(*size)) for size in ((88, 72), (352, 288), (704, 576))
+    ]
+    assert needed == [50, 100, 100]
 
 
 def test_coverage_counts_cells() -> None:
