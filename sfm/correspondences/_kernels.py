@@ -202,6 +202,7 @@ def spline_slopes(t):
 
 @inlined_kernel
 def weighted(weights, a, b, c, d):
+    """Return a weighted sum of four numbers."""
     return weights[0] * a + weights[1] * b + weights[2] * c + weights[3] * d
 
 
