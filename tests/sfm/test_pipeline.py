@@ -121,6 +121,17 @@ def test_tracked_points_count_among_matches() -> None:
     assert np.mean([tuple(point) in kept for point in wrong.first]) < 0.2
 
 
+@pytest.mark.parametrize("reach_px", [1e3, 1e6, 1e12])
+def test_wild_tracked_points_do_no_harm(reach_px: float) -> None:
+    """Points far outside the frames are outliers like others."""
+    first, second = np.random.default_rng(0).uniform(-reach_px, reach_px, (2, 60, 2))
+    found = reconstruct(FIRST, SECOND, seed=1, tracked=Correspondences(first, second, np.zeros(60)))
+    assert found.success
+    assert found.model is not None
+    points = found.model.correspondences
+    assert (np.concatenate([points.first, points.second]) < [FRAME.width_px, FRAME.height_px]).all()
+
+
 def test_doubt_is_said() -> None:
     """A model that exists but falls short of what is asked of it comes with the reason."""
     asks_much = replace(SfmSettings(), trust=TrustSettings(min_num_points=10**6))
