@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import cv2
@@ -66,12 +65,10 @@ def test_processes_encode_decode_and_render(views: Path) -> None:
 def test_help_is_quick() -> None:
     """No numeric library is loaded to print help."""
     for arguments in (["--help"], *([name, "--help"] for name in ("encode", "decode", "render", "info"))):
-        started = time.monotonic()
         command = [sys.executable, "-X", "importtime", "-m", "dvc.dibr", *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         assert "examples:" in done.stdout
         assert not {"numpy", "cv2", "numba"} & {line.split()[-1] for line in done.stderr.splitlines()}
-        assert time.monotonic() - started < 5.0
 
 
 @pytest.mark.parametrize("method", ["l", "s", "quadtree", "blocks"])
