@@ -3,6 +3,7 @@
 import argparse
 import sys
 from contextlib import nullcontext
+from dataclasses import asdict
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from encoder.pacing import PacedFrames
     from encoder.segments import InputFrames, Segment
     from encoder.session import EncoderSession, Progress
+    from encoder.spool import FrameSpool
 
 SILENCE_S = 1.0  # being late by less is not worth a word
 
@@ -55,13 +57,14 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
     segments: list[Segment] = []
     decoder: dict[str, object] = {}
     frames = PacedFrames(reader, reader.info.frame_rate)
-    source = InputFrames(frames)
     _load_libraries()
     baseline_bytes = resident_bytes()
     session = options.session(arguments, reader.info)
+    spool = options.spool(frames, arguments, live, session.config.gop.length)
+    source = InputFrames(spool or frames)
     try:
         if arguments.serve is not None:
-            decoder = _serve(session, source, arguments, progress)
+            decoder = _serve(session, source, arguments, progress, spool)
         else:
             with source.stopping_at_signals() if live or arguments.segment else nullcontext():
                 if arguments.segment is None:
@@ -69,6 +72,8 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
                 else:
                     _write_segments(source, reader.info, arguments, progress, segments)
     finally:
+        if spool is not None and not spool.close():
+            reader.leave_open()
         pace = (_pace(reader, frames) if live else {}) | decoder
     if arguments.json is not None and (segments or not arguments.segment):
         memory = {"memory": memory_report(baseline_bytes)}
@@ -131,21 +136,35 @@ def _write_segments(
 
 
 def _serve(
-    session: "EncoderSession", source: "InputFrames", arguments: argparse.Namespace, progress: "Progress"
+    session: "EncoderSession",
+    source: "InputFrames",
+    arguments: argparse.Namespace,
+    progress: "Progress",
+    spool: "FrameSpool | None",
 ) -> dict[str, object]:
     """Answer a decoder, also after an interrupt, which ends the frames; return how late it was."""
     from dvc.feedback import KEEP_ALIVE, listen, parse_address
     from encoder.live import await_decoder, serve
     from encoder.pacing import DecoderPace
+    from encoder.spool import LeftOut
 
     video = session.config.video
-    pace = DecoderPace(Fraction(video.frame_rate_num, video.frame_rate_den), _say)
+    left_out = spool.left_out if spool is not None else LeftOut()
+    pace = DecoderPace(Fraction(video.frame_rate_num, video.frame_rate_den), _say, left_out)
     with listen(*parse_address(arguments.serve)) as listener:
         _say(f"waiting for a decoder on {listener.name}")
         connection, endpoint = await_decoder(listener, session.config, arguments.timeout, _say)
     with connection, connection.kept_alive(KEEP_ALIVE), source.stopping_at_signals():
         serve(session, source, connection, progress, pace, endpoint)
-    return {"decoder_behind_s": round(pace.behind_s, 3), "most_frames_open": pace.most_frames_open}
+    if left_out.frames:
+        _say(
+            f"left out {left_out.frames} frames in {left_out.gaps} gap(s): the decoder takes fewer than come"
+        )
+    return {
+        "decoder_behind_s": round(pace.behind_s, 3),
+        "most_frames_open": pace.most_frames_open,
+        "left_out": asdict(left_out),
+    }
 
 
 def _report(session: "EncoderSession", segments: "list[Segment]") -> dict[str, object]:

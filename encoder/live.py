@@ -59,7 +59,7 @@ def _give_up(connection: Connection, endpoint: EncoderEndpoint, reason: object) 
 
 def serve(
     session: EncoderSession,
-    frames: Iterable[Frame],
+    frames: Iterable[Frame | None],
     connection: Connection,
     progress: Progress,
     pace: DecoderPace | None = None,
@@ -86,7 +86,7 @@ class _LiveEncoder:
     def __init__(
         self,
         session: EncoderSession,
-        frames: Iterable[Frame],
+        frames: Iterable[Frame | None],
         connection: Connection,
         endpoint: EncoderEndpoint,
         progress: Progress,

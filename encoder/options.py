@@ -42,8 +42,9 @@ from dvc.config import (
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from dvc.video import VideoInfo
+    from dvc.video import Frame, VideoInfo
     from encoder.session import EncoderSession
+    from encoder.spool import FrameSpool
 
 PROG = "dvc-encode"
 EXAMPLES = """\
@@ -56,6 +57,7 @@ EXAMPLES = """\
   dvc-encode rtsp://camera/main day-%04d.dvc --segment 60    a file a minute; Ctrl-C finishes the last
   ffmpeg -i in.ts -pix_fmt yuv420p -f yuv4mpegpipe - | dvc-encode - out.dvc --input-format y4m
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
+  dvc-encode /dev/video0 --serve :5000 --leave-out    what the decoder cannot take is left out
 """
 
 LONG_DELAY_PERCENT, LONG_DELAY_BITS = 150, 7
@@ -190,10 +192,23 @@ def parser() -> argparse.ArgumentParser:
         " such as day-%%04d.dvc, numbers go on after those that exist; the one in the making has .part after"
         " its name, and what is finished of it is on the disk",
     )
+    live = top.add_argument_group("live")
     cli.add_live(
-        top.add_argument_group("live"),
-        "--serve",
-        "answer one decoder over TCP instead of writing a file (port 0: any free one)",
+        live, "--serve", "answer one decoder over TCP instead of writing a file (port 0: any free one)"
+    )
+    cli.add_integer(
+        live,
+        "--spool",
+        (1, 10**6),
+        "frames of a camera, a pipe or an address that wait in memory for a decoder that is slower",
+        default=64,
+        metavar="FRAMES",
+    )
+    live.add_argument(
+        "--leave-out",
+        action="store_true",
+        help="when the spool is full, leave frames out, by whole groups, and count them; default: the source"
+        " waits",
     )
     top.add_argument(
         "--json", metavar="FILE", help="write counts, bits and processor times (-: standard output)"
@@ -353,6 +368,23 @@ def check(arguments: argparse.Namespace) -> None:
         from encoder.segments import segment_names
 
         segment_names(arguments.output)
+
+
+def spool(
+    frames: "Iterable[Frame]", arguments: argparse.Namespace, live: bool, group_length: int
+) -> "FrameSpool | None":
+    """Set up what holds the frames of a live source for a decoder that is slower; a file waits by itself."""
+    from encoder.spool import FrameSpool
+
+    if arguments.serve is None or not live:
+        if arguments.leave_out:
+            raise ConfigError("--leave-out is for --serve and a camera, a pipe or an address; all else waits")
+        return None
+    if not arguments.leave_out:
+        return FrameSpool(frames, arguments.spool)
+    if arguments.spool < group_length:
+        raise ConfigError(f"with --leave-out the spool must hold a group: --spool {group_length} or more")
+    return FrameSpool(frames, arguments.spool, group_length)
 
 
 def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession":

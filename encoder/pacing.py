@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 
 from dvc.video import Frame
+from encoder.spool import LeftOut
 
 
 def lateness_s(late_s: float, busy_s: float, waited_s: float, interval_s: float) -> float:
@@ -49,12 +50,16 @@ class DecoderPace:
     GROWTH = 4.0
 
     def __init__(
-        self, frame_rate: Fraction, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+        self,
+        frame_rate: Fraction,
+        say: Callable[[str], None],
+        left_out: LeftOut | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.behind_s = 0.0
         self.most_frames_open = 0
         self._interval_s = float(1 / frame_rate)
-        self._say, self._clock = say, clock
+        self._say, self._clock, self._left_out = say, clock, left_out or LeftOut()
         self._start_s: float | None = None
         self._num_sent = self._num_done = 0
         self._told_s = 1.0 / self.GROWTH
@@ -74,11 +79,12 @@ class DecoderPace:
         """Notice that the decoder takes no more for now; say it where it is late."""
         if self._start_s is None:
             return
-        behind_s = self._clock() - self._start_s - self._num_sent * self._interval_s
+        left_out = self._left_out.frames
+        behind_s = self._clock() - self._start_s - (self._num_sent + left_out) * self._interval_s
         self.behind_s = max(self.behind_s, behind_s)
         if behind_s >= self.GROWTH * self._told_s:
             self._told_s = behind_s
             self._say(
                 f"the decoder is {behind_s:.1f} s behind the video: it has {self._num_sent - self._num_done}"
-                f" frames up to number {self._num_sent - 1}, others wait at the source; none is dropped"
+                f" frames up to number {self._num_sent - 1}, others wait; {left_out or 'none'} left out"
             )

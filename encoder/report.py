@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from itertools import islice
 from typing import Any
 
 from dvc._jit import loaded_bytes, loading_time_s
@@ -105,15 +106,14 @@ class EncoderStatistics:
             self.coding_cpu_s -= self.reading_cpu_s - read
             self.start_up_cpu_s += loading_time_s() - loaded
 
-    def reading(self, frames: Iterable[Frame]) -> Iterator[Frame]:
+    def reading(self, frames: Iterable[Frame | None]) -> Iterator[Frame | None]:
         """Count the time that frames take to come."""
-        source = iter(frames)
-        while True:
+        source, more = iter(frames), True
+        while more:
             with self.timing("reading_cpu_s"):
-                frame = next(source, None)
-            if frame is None:
-                return
-            yield frame
+                taken = list(islice(source, 1))
+            yield from taken
+            more = bool(taken)
 
     @contextmanager
     def timing(self, name: str) -> Iterator[None]:

@@ -56,7 +56,7 @@ def segment_names(output: str) -> SegmentNames:
 class InputFrames:
     """Frames of a recording up to its end, to where the source fails, or to where it is stopped."""
 
-    def __init__(self, source: Iterable[Frame]) -> None:
+    def __init__(self, source: Iterable[Frame | None]) -> None:
         self.failure: VideoError | None = None  # what ended the source, after all frames before
         self.stopped = False
         self._source = iter(source)
@@ -65,7 +65,7 @@ class InputFrames:
     def __iter__(self) -> Self:
         return self
 
-    def __next__(self) -> Frame:
+    def __next__(self) -> Frame | None:
         if self.stopped or self.failure is not None:
             raise StopIteration
         try:
@@ -111,7 +111,7 @@ class Segment:
 
 
 def write_segments(
-    frames: Iterable[Frame],
+    frames: Iterable[Frame | None],
     names: SegmentNames,
     num_frames: int,
     new_session: Callable[[], "EncoderSession"],

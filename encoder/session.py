@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import BinaryIO
+from itertools import groupby
+from typing import BinaryIO, cast
 
 from dvc.config import MAX_TRACKS_BPP, VARIANTS, CodecConfig, Delivery, KeyFrameRule, ParityBuffer
 from dvc.keyframes import KeyFrameEncoder
@@ -78,13 +79,13 @@ class EncoderSession:
         self._tracker = PointTracker(tracks.num_points, tracks.subpixel_bits, tracking, work)
         self._detector = CornerDetector(tracks.num_points, work=work)
 
-    def write(self, frames: Iterable[Frame], file: BinaryIO, progress: Progress) -> None:
+    def write(self, frames: Iterable[Frame | None], file: BinaryIO, progress: Progress) -> None:
         """Encode a sequence into a stream, of the form that suits its delivery.
 
         Parameters
         ----------
-        frames : iterable of Frame
-            The sequence; read once, a group of pictures at a time.
+        frames : iterable of Frame or None
+            The sequence, as for `groups`; read once, a group of pictures at a time.
         file : binary file
             Where the stream goes.
         progress : callable
@@ -102,21 +103,25 @@ class EncoderSession:
                 writer.close()
         statistics.stream_bytes = writer.num_bytes
 
-    def groups(self, frames: Iterable[Frame]) -> Iterator[Group]:
+    def groups(self, frames: Iterable[Frame | None]) -> Iterator[Group]:
         """Cut the sequence into groups of pictures as the configuration says.
 
         Parameters
         ----------
-        frames : iterable of Frame
-            The sequence.
+        frames : iterable of Frame or None
+            The sequence; None where frames were left out, after which groups begin anew.
 
         Returns
         -------
         iterator of Group
             See `encoder.groups`.
         """
+        for is_frames, run in groupby(self.statistics.reading(frames), lambda frame: frame is not None):
+            if is_frames:
+                yield from self._groups_of_run(cast("Iterator[Frame]", run))
+
+    def _groups_of_run(self, frames: Iterator[Frame]) -> Iterator[Group]:
         length, kind = self.config.gop.length, self.config.tracks.kind
-        frames = self.statistics.reading(frames)
         if kind == "encoder" and length > 1:
             return tracked_groups(frames, length, self._tracker, self._rule)
         if kind == "decoder":

@@ -394,6 +394,29 @@ def test_interrupted_encoder_sends_its_end(tmp_path: Path, buffered: Run, number
     assert all(same_frame(*pair) for pair in zip(frames[:3], whole, strict=False))
 
 
+def test_frames_that_a_decoder_cannot_take_are_left_out_and_counted(tmp_path: Path) -> None:
+    """A pipe that brings all at once: whole groups reach the decoder, and the report tells of the others."""
+    raw = [plane for frame in moving_texture(60, 32, 48) for plane in (frame.luma, *(frame.chroma or ()))]
+    options = ("--size", "48x32", "--frame-rate", 25, *CODING, "--serve", "127.0.0.1:0", "--leave-out")
+    spool = ("--spool", 16, "--json", tmp_path / "report.json")
+    with start("encoder", "-", *options, *spool, stdin=subprocess.PIPE) as encoder:
+        assert encoder.stdin is not None
+        port = listening_port(encoder)
+        with start("decoder", "--connect", f"127.0.0.1:{port}", tmp_path / "out.y4m") as decoder:
+            encoder.stdin.buffer.write(b"".join(plane.tobytes() for plane in raw))
+            encoder.stdin.close()
+            encoder.stdin = None
+            assert finish(decoder) == (0, "")
+            status, stderr = finish(encoder)
+    assert status == 0, stderr
+    report = json.loads((tmp_path / "report.json").read_text())
+    left_out = report["left_out"]
+    assert left_out["frames"] >= 20
+    assert left_out["gaps"] >= 1
+    assert f"left out {left_out['frames']} frames in {left_out['gaps']} gap" in stderr
+    assert len(frames_of(tmp_path / "out.y4m")) == report["frames"] == 60 - left_out["frames"]
+
+
 @pytest.mark.parametrize("cause", ["SIGINT", "SIGTERM", "death"])
 def test_decoded_frames_of_a_broken_live_run_are_kept(tmp_path: Path, buffered: Run, cause: str) -> None:
     """Whatever ends a live run early, whole groups stay as .part, with a line and status of its own."""

@@ -88,6 +88,10 @@ class FrameStream(Closing):
         """Yield the frames that have not been read yet."""
         return self._frames
 
+    def leave_open(self) -> None:
+        """Let the end of the process release the source, which is being read by another thread."""
+        self._close = lambda: None
+
     def close(self) -> None:
         """Release the source; no frame comes after that."""
         self._frames = iter(())

@@ -1,0 +1,98 @@
+"""Frames of a live source that wait for a decoder that is slower; a thread reads them as they come."""
+
+import threading
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
+
+from dvc.video import Frame
+
+MAX_CLOSING_S = 1.0
+"""Longest wait for a read of the source to end; a pipe or a camera may be silent for ever."""
+
+
+@dataclass
+class LeftOut:
+    """How many frames of a source were left out, and in how many places."""
+
+    frames: int = 0
+    gaps: int = 0
+
+
+class FrameSpool:
+    """So many frames at most; where it is full the source waits, or frames are left out, by whole groups.
+
+    Where frames are left out None stands in their place, once, and a group of pictures can be taken after it.
+    """
+
+    def __init__(self, source: Iterable[Frame], max_frames: int, left_out_for: int = 0) -> None:
+        self.left_out = LeftOut()
+        self._source, self._max_frames = source, max_frames
+        self._room_for_more = left_out_for  # frames of the longest group; 0: the source waits
+        self._frames: deque[Frame | None] = deque()
+        self._num_waiting = 0
+        self._leaves_out = self._ended = self._closed = False
+        self._failure: BaseException | None = None
+        self._changed = threading.Condition()
+        self._thread: threading.Thread | None = None
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Frame | None:
+        if self._thread is None:  # nothing is read before it is asked for
+            self._thread = threading.Thread(target=self._read, name="spool", daemon=True)
+            self._thread.start()
+        with self._changed:
+            while not self._frames and not self._ended:
+                self._changed.wait()
+            if self._frames:
+                frame = self._frames.popleft()
+                self._num_waiting -= frame is not None
+                self._changed.notify_all()
+                return frame
+            failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
+        raise StopIteration
+
+    def close(self) -> bool:
+        """Take no more of the source; tell whether it is at rest, so that it can be closed."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        if self._thread is not None:
+            self._thread.join(MAX_CLOSING_S)
+        return self._thread is None or not self._thread.is_alive()
+
+    def _read(self) -> None:
+        failure: BaseException | None = None
+        try:
+            for frame in self._source:
+                if not self._keep(frame):
+                    break
+        except BaseException as err:
+            failure = err
+        with self._changed:
+            self._failure, self._ended = failure, True
+            self._changed.notify_all()
+
+    def _keep(self, frame: Frame) -> bool:
+        """Put a frame with the others, or leave it out; tell whether more are wanted."""
+        with self._changed:
+            if self._room_for_more == 0:
+                while self._num_waiting >= self._max_frames and not self._closed:
+                    self._changed.wait()
+            elif self._num_waiting + (self._room_for_more if self._leaves_out else 1) > self._max_frames:
+                self.left_out.gaps += not self._leaves_out
+                self.left_out.frames += 1
+                self._leaves_out = True
+                return not self._closed
+            if self._leaves_out:
+                self._frames.append(None)
+                self._leaves_out = False
+            self._frames.append(frame)
+            self._num_waiting += 1
+            self._changed.notify_all()
+            return not self._closed

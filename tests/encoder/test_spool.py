@@ -1,0 +1,152 @@
+"""What waits for a slow decoder, and what is left out: in order, bounded, and told."""
+
+import threading
+import time
+from collections.abc import Iterator
+from itertools import groupby, pairwise
+
+import pytest
+
+from dvc.config import Live, ParityBuffer, VideoConfig, codec_config
+from dvc.errors import VideoError
+from dvc.video import Frame
+from encoder.session import EncoderSession
+from encoder.spool import FrameSpool
+from tests.clips import moving_texture
+
+FRAMES = [Frame(frame.luma) for frame in moving_texture(40, 24, 32)]
+NUMBERS = {id(frame): number for number, frame in enumerate(FRAMES)}
+PATIENCE_S = 30.0
+
+
+class Source:
+    """A camera whose frames come when they are let go."""
+
+    def __init__(self) -> None:
+        self.num_read = 0
+        self.failure: Exception | None = None
+        self._allowed = threading.Semaphore(0)
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame in FRAMES:
+            self._allowed.acquire()
+            if self.failure is not None:
+                raise self.failure
+            self.num_read += 1
+            yield frame
+
+    def let_go(self, num_frames: int) -> None:
+        self._allowed.release(num_frames)
+
+
+def wait_until(source: Source, num_read: int) -> None:
+    """Wait until so many frames were read, and none more for a while."""
+    deadline = time.monotonic() + PATIENCE_S
+    while source.num_read < num_read:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    time.sleep(0.02)
+    assert source.num_read == num_read
+
+
+def take(spool: FrameSpool, count: int) -> list[int | None]:
+    return [None if frame is None else NUMBERS[id(frame)] for frame in (next(spool) for _ in range(count))]
+
+
+def test_all_frames_come_in_order_and_then_the_end() -> None:
+    """None is lost where the source can wait, however small the spool."""
+    assert [NUMBERS[id(frame)] for frame in FrameSpool(FRAMES, 1) if frame] == list(range(40))
+
+
+def test_a_source_that_can_wait_is_read_no_further_than_the_spool_holds() -> None:
+    """One frame is in hand, the others stay where they are."""
+    source = Source()
+    source.let_go(40)
+    spool = FrameSpool(source, 5)
+    assert source.num_read == 0
+    assert take(spool, 1) == [0]
+    wait_until(source, 7)
+    assert take(spool, 10) == list(range(1, 11))
+    wait_until(source, 17)
+    assert (spool.left_out.frames, spool.left_out.gaps) == (0, 0)
+    assert spool.close()
+
+
+def test_frames_are_left_out_until_there_is_room_for_a_group() -> None:
+    """What waits stays whole; the gap is marked once, and counted."""
+    source = Source()
+    spool = FrameSpool(source, 6, 4)
+    source.let_go(1)
+    assert take(spool, 1) == [0]
+    source.let_go(10)  # six wait, four are left out
+    wait_until(source, 11)
+    assert take(spool, 3) == [1, 2, 3]
+    source.let_go(2)  # room for three is not enough for a group
+    wait_until(source, 13)
+    assert take(spool, 1) == [4]
+    source.let_go(5)  # four have room, the fifth does not
+    wait_until(source, 18)
+    assert take(spool, 7) == [5, 6, None, 13, 14, 15, 16]
+    assert (spool.left_out.frames, spool.left_out.gaps) == (7, 2)
+
+
+def test_what_the_source_fails_with_comes_after_its_frames() -> None:
+    """Frames that were read before are not lost."""
+    source = Source()
+    spool = FrameSpool(source, 10)
+    source.let_go(1)
+    assert take(spool, 1) == [0]
+    source.let_go(3)
+    wait_until(source, 4)
+    source.failure = VideoError("cable")
+    source.let_go(1)
+    assert take(spool, 3) == [1, 2, 3]
+    with pytest.raises(VideoError, match="cable"):
+        next(spool)
+    with pytest.raises(StopIteration):
+        next(spool)
+
+
+def test_a_silent_source_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who closes the spool is told that a read goes on, and does not wait for it."""
+    monkeypatch.setattr("encoder.spool.MAX_CLOSING_S", 0.05)
+    source = Source()
+    spool = FrameSpool(source, 10)
+    source.let_go(1)
+    assert take(spool, 1) == [0]
+    assert not spool.close()
+    source.let_go(1)
+    deadline = time.monotonic() + PATIENCE_S
+    while not spool.close():
+        assert time.monotonic() < deadline
+
+
+@pytest.mark.parametrize("codec", ["2d", "3d-td", "3d-te"])
+def test_groups_begin_anew_after_a_gap(codec: str) -> None:
+    """The frame after a gap is a key frame by itself, and no group reaches over the gap."""
+    config = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), codec)
+    session = EncoderSession(config, Live() if codec == "3d-te" else ParityBuffer())
+    given = [*FRAMES[:7], None, *FRAMES[20:29], None, *FRAMES[35:36], None, *FRAMES[38:]]
+    groups = list(session.groups(given))
+    covered = [[NUMBERS[id(frame)] for frame in (*group.wyner_ziv, group.key)] for group in groups]
+    assert [number for group in covered for number in group] == [
+        NUMBERS[id(frame)] for frame in given if frame is not None
+    ]
+    assert all(second == first + 1 for group in covered for first, second in pairwise(group))
+    assert [group for group in covered if group[0] in (0, 20, 35, 38)] == [[0], [20], [35], [38]]
+    records = [session.encode(group).record for group in groups]
+    assert all(record.key for record, group in zip(records, covered, strict=True) if len(group) == 1)
+
+
+def test_runs_of_frames_are_taken_as_they_come() -> None:
+    """No frame beyond the one that ends a group is asked for."""
+    asked: list[int] = []
+
+    def _asking() -> Iterator[Frame | None]:
+        for number, frame in enumerate([*FRAMES[:4], None, *FRAMES[4:]]):
+            asked.append(number)
+            yield frame
+
+    config = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
+    seen = [len(asked) for _ in EncoderSession(config).groups(_asking())]
+    assert [length for length, _ in groupby(seen)][:4] == [1, 3, 5, 6]
