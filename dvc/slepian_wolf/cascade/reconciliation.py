@@ -103,7 +103,9 @@ class PlaneReconciliation:
         return question or _only(posterior.new_order(RANGE_BIAS))
 
     def _worth_asking(self, posterior: RangePosterior) -> Question:
-        wanted = self._batch * posterior.expected_errors + self._batch_bits
+        wanted = self._batch_bits
+        if self._batch:
+            wanted += self._batch * posterior.expected_errors
         return posterior.batch(wanted, WORTH_ASKING, RANGE_BIAS)
 
     def _last_question(self, posterior: RangePosterior) -> Question:
