@@ -12,7 +12,7 @@ from threading import Event, Timer
 from types import FrameType
 
 from benchmarks.hostile.attempts import Kind, kinds
-from benchmarks.hostile.workers import forked_workers
+from benchmarks.hostile.workers import address_bytes, forked_workers
 from decoder.processes import stop_idle_processes
 from dvc import cli
 from dvc.errors import DvcError
@@ -59,9 +59,7 @@ def _limited_time(seconds: float) -> Iterator[None]:
 @contextmanager
 def _limited_memory(most: int) -> Iterator[None]:
     """Let a block, and processes that it starts, take so much memory beyond what is taken."""
-    with open("/proc/self/statm", encoding="ascii") as statm:
-        in_use = int(statm.read().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (in_use + most, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_AS, (address_bytes() + most, resource.RLIM_INFINITY))
     try:
         yield
     finally:

@@ -38,8 +38,9 @@ class _Child:
 
     def __init__(self, connection: "Connection[Any, Any]") -> None:
         limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        most = limit if limit == resource.RLIM_INFINITY else limit - address_bytes()
         context = multiprocessing.get_context("forkserver")
-        self._child = context.Process(target=_serve, args=(connection, limit), daemon=True)
+        self._child = context.Process(target=_serve, args=(connection, most), daemon=True)
         self._child.start()
 
     def poll(self) -> int | None:
@@ -55,8 +56,15 @@ class _Child:
         self._child.kill()
 
 
-def _serve(connection: "Connection[Any, Any]", limit: int) -> None:
-    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+def address_bytes() -> int:
+    """Return the size of the address space of this process."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+
+
+def _serve(connection: "Connection[Any, Any]", most: int) -> None:
+    """Decode with as much memory beyond what this process has as the one that wants it may take."""
+    if most != resource.RLIM_INFINITY:
+        resource.setrlimit(resource.RLIMIT_AS, (address_bytes() + most, resource.RLIM_INFINITY))
     worker.serve(connection)
 
 

@@ -2,11 +2,14 @@
 
 import io
 import os
+import resource
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext, suppress
 from itertools import pairwise
+from multiprocessing import connection as mp_connection
 from pathlib import Path
 from threading import Event
 
@@ -181,6 +184,19 @@ def test_time_and_memory_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batches, "max_seconds", lambda _: 0.01)
     kind = attempts.Kind(lambda _: b"", lambda _: "refused" * Event().wait(60.0))
     assert batches._outcome(kind, 0).startswith("hang")
+
+
+def test_memory_is_limited_beyond_what_the_process_holds_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A decoding process may be larger than the one that has it forked, and gets as much beyond that."""
+    sizes, limits, most = [2**30, 2**31], list[tuple[int, int]](), 2**20
+    monkeypatch.setattr(workers, "address_bytes", lambda: sizes.pop(0))
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (2**30 + most, resource.RLIM_INFINITY))
+    monkeypatch.setattr(resource, "setrlimit", lambda _, limit: limits.append(limit))
+    monkeypatch.setattr(workers.multiprocessing, "get_context", lambda _: threading)
+    monkeypatch.setattr(workers.worker, "serve", lambda _: None)
+    monkeypatch.setattr(threading, "Process", threading.Thread, raising=False)
+    workers._Child(mp_connection.Pipe()[0])._child.join()
+    assert limits == [(2**31 + most, resource.RLIM_INFINITY)]
 
 
 def test_a_crash_counts_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
