@@ -26,7 +26,7 @@ from typing import Any, Protocol
 
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import Answered, Cores, DecodedGroup, GroupTask
-from dvc.environment import baseline_environment
+from dvc.environment import ONE_HEAP, baseline_environment
 from dvc.errors import BitstreamError, DvcError
 from dvc.feedback import ParityAnswer
 from dvc.slepian_wolf import ParityRequest, Place
@@ -54,7 +54,7 @@ class DecodingProcess:
         try:
             return subprocess.Popen(
                 command,
-                env=baseline_environment(),
+                env=baseline_environment() | ONE_HEAP,
                 pass_fds=[connection.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,

@@ -9,6 +9,9 @@ SINGLE_THREADED = dict.fromkeys(
 )
 """Limits compiled kernels, linear algebra and OpenCV to one thread."""
 
+ONE_HEAP = {"MALLOC_ARENA_MAX": "1"}
+"""Lets threads use memory that others have freed; the GNU C library else gives each a heap of its own."""
+
 _X86_BASELINE = {
     "OPENBLAS_CORETYPE": "Nehalem",
     # Names as OpenCV prints them; its libraries start at SSE3, and all of x86-64-v2 has SSE4.2.
