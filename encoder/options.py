@@ -192,24 +192,7 @@ def parser() -> argparse.ArgumentParser:
         " such as day-%%04d.dvc, numbers go on after those that exist; the one in the making has .part after"
         " its name, and what is finished of it is on the disk",
     )
-    live = top.add_argument_group("live")
-    cli.add_live(
-        live, "--serve", "answer one decoder over TCP instead of writing a file (port 0: any free one)"
-    )
-    cli.add_integer(
-        live,
-        "--spool",
-        (1, 10**6),
-        "frames of a camera, a pipe or an address that wait in memory for a decoder that is slower",
-        default=64,
-        metavar="FRAMES",
-    )
-    live.add_argument(
-        "--leave-out",
-        action="store_true",
-        help="when the spool is full, leave frames out, by whole groups, and count them; default: the source"
-        " waits",
-    )
+    _add_live(top.add_argument_group("live"))
     top.add_argument(
         "--json", metavar="FILE", help="write counts, bits and processor times (-: standard output)"
     )
@@ -355,6 +338,25 @@ def _add_source(group: argparse._ArgumentGroup) -> None:
         type=cli.parse_frame_rate,
         metavar="R",
         help="frames per second, such as 30 or 30000/1001; needed for raw files",
+    )
+
+
+def _add_live(group: argparse._ArgumentGroup) -> None:
+    text = "answer one decoder over TCP instead of writing a file (port 0: any free one)"
+    cli.add_live(group, "--serve", text)
+    cli.add_integer(
+        group,
+        "--spool",
+        (1, 10**6),
+        "frames of a camera, a pipe or an address that wait in memory for a decoder that is slower",
+        default=64,
+        metavar="FRAMES",
+    )
+    group.add_argument(
+        "--leave-out",
+        action="store_true",
+        help="when the spool is full, leave frames out, by whole groups, and count them; default: the source"
+        " waits",
     )
 
 
