@@ -111,9 +111,9 @@ class EncoderSession:
         frames : iterable of Frame or None
             The sequence; None where frames were left out, after which groups begin anew.
 
-        Returns
-        -------
-        iterator of Group
+        Yields
+        ------
+        Group
             See `encoder.groups`.
         """
         for is_frames, run in groupby(self.statistics.reading(frames), lambda frame: frame is not None):
