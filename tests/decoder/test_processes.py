@@ -164,7 +164,7 @@ def test_a_user_that_is_collected_gives_its_process_back(monkeypatch: pytest.Mon
 
 
 def test_threads_of_a_process_share_what_they_have_freed() -> None:
-    """Each with a heap of its own, they hold two to three times the memory."""
+    """A heap for each thread would keep what another could use."""
     with decoding_process() as process:
         environment = Path(f"/proc/{process._process.pid}/environ").read_bytes().split(b"\0")
     assert b"MALLOC_ARENA_MAX=1" in environment
