@@ -15,6 +15,11 @@ def peak_resident_bytes() -> int:
     return _field("VmHWM:")
 
 
+def address_bytes() -> int:
+    """Tell how large the address space of this process is, which is what a limit of memory counts."""
+    return _field("VmSize:")
+
+
 def _field(name: str) -> int:
     try:
         lines = _STATUS.read_text(encoding="ascii").splitlines()

@@ -60,7 +60,7 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
     _load_libraries()
     baseline_bytes = resident_bytes()
     session = options.session(arguments, reader.info)
-    spool = options.spool(frames, arguments, live, session.config.gop.length)
+    spool = options.spool(frames, arguments, live, session.config)
     source = InputFrames(spool or frames)
     try:
         if arguments.serve is not None:

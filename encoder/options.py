@@ -348,8 +348,8 @@ def _add_live(group: argparse._ArgumentGroup) -> None:
         group,
         "--spool",
         (1, 10**6),
-        "frames of a camera, a pipe or an address that wait in memory for a decoder that is slower",
-        default=64,
+        "frames of a camera, a pipe or an address that wait in memory for a decoder that is slower (default:"
+        " 64, fewer where they are larger than 1920x1080)",
         metavar="FRAMES",
     )
     group.add_argument(
@@ -373,20 +373,23 @@ def check(arguments: argparse.Namespace) -> None:
 
 
 def spool(
-    frames: "Iterable[Frame]", arguments: argparse.Namespace, live: bool, group_length: int
+    frames: "Iterable[Frame]", arguments: argparse.Namespace, live: bool, config: "CodecConfig"
 ) -> "FrameSpool | None":
     """Set up what holds the frames of a live source for a decoder that is slower; a file waits by itself."""
-    from encoder.spool import FrameSpool
+    from encoder.spool import FrameSpool, default_frames
 
     if arguments.serve is None or not live:
-        if arguments.leave_out:
-            raise ConfigError("--leave-out is for --serve and a camera, a pipe or an address; all else waits")
+        for option, value in (("--leave-out", arguments.leave_out), ("--spool", arguments.spool)):
+            if value:
+                raise ConfigError(
+                    f"{option} is for --serve and a camera, a pipe or an address; all else waits"
+                )
         return None
-    if not arguments.leave_out:
-        return FrameSpool(frames, arguments.spool)
-    if arguments.spool < group_length:
-        raise ConfigError(f"with --leave-out the spool must hold a group: --spool {group_length} or more")
-    return FrameSpool(frames, arguments.spool, group_length)
+    length, video = config.gop.length, config.video
+    max_frames = arguments.spool or default_frames(video.width * video.height, length)
+    if arguments.leave_out and max_frames < length:
+        raise ConfigError(f"with --leave-out the spool must hold a group: --spool {length} or more")
+    return FrameSpool(frames, max_frames, length if arguments.leave_out else 0)
 
 
 def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession":

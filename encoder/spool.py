@@ -10,6 +10,15 @@ from dvc.video import Frame
 
 MAX_CLOSING_S = 1.0
 """Longest wait for a read of the source to end; a pipe or a camera may be silent for ever."""
+MAX_FRAMES = 64
+"""Frames that wait where nobody says how many: two seconds of most cameras."""
+MAX_PX = 1 << 27
+"""Pixels that wait where nobody says how many frames: 64 of 1920x1080, 200 MB."""
+
+
+def default_frames(num_px: int, group_length: int) -> int:
+    """Return how many frames of a size wait where nobody says so: those of a group at least."""
+    return max(group_length, min(MAX_FRAMES, MAX_PX // num_px))
 
 
 @dataclass
@@ -26,10 +35,10 @@ class FrameSpool:
     Where frames are left out None stands in their place, once, and a group of pictures can be taken after it.
     """
 
-    def __init__(self, source: Iterable[Frame], max_frames: int, left_out_for: int = 0) -> None:
+    def __init__(self, source: Iterable[Frame], max_frames: int, group_length: int = 0) -> None:
         self.left_out = LeftOut()
         self._source, self._max_frames = source, max_frames
-        self._room_for_more = left_out_for  # frames of the longest group; 0: the source waits
+        self._group_length = group_length  # of the longest group that is left out; 0: the source waits
         self._frames: deque[Frame | None] = deque()
         self._num_waiting = 0
         self._leaves_out = self._ended = self._closed = False
@@ -81,10 +90,10 @@ class FrameSpool:
     def _keep(self, frame: Frame) -> bool:
         """Put a frame with the others, or leave it out; tell whether more are wanted."""
         with self._changed:
-            if self._room_for_more == 0:
+            if self._group_length == 0:
                 while self._num_waiting >= self._max_frames and not self._closed:
                     self._changed.wait()
-            elif self._num_waiting + (self._room_for_more if self._leaves_out else 1) > self._max_frames:
+            elif self._num_waiting + (self._group_length if self._leaves_out else 1) > self._max_frames:
                 self.left_out.gaps += not self._leaves_out
                 self.left_out.frames += 1
                 self._leaves_out = True

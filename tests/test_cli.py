@@ -141,7 +141,8 @@ BAD_ENCODER_INPUT = {
     "two qualities": (["clip.y4m", "o.dvc", "--qp", "30", "--wz-q", "4"], "--qp and --wz-q"),
     "QP in words": (["clip.y4m", "o.dvc", "--key-qp", "good"], "lossless or auto"),
     "address": (["clip.y4m", "--serve", "localhost"], "HOST:PORT"),
-    "a file that waits": (["clip.y4m", "--serve", ":0", "--leave-out"], "all else waits"),
+    "a file that waits": (["clip.y4m", "--serve", ":0", "--leave-out"], "--leave-out is for"),
+    "a spool for a file": (["clip.y4m", "out.dvc", "--spool", "16"], "--spool is for"),
     "address of another machine": (["clip.y4m", "--serve", "192.0.2.1:0"], "cannot listen"),
 }  # fmt: skip
 

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import termios
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from copy import deepcopy
@@ -33,6 +32,7 @@ from dvc.stream import StreamReader
 from dvc.video import Frame, open_video
 from tests.clips import moving_texture, same_frame, write_clip
 from tests.scenes_3d import render
+from tests.waiting import wait_until
 
 PATIENCE_S = 120
 CODING = ("--codec", "2d", "--wz-q", 3)
@@ -350,8 +350,8 @@ def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], s
     outputs = [name if name.startswith("--") else folder / name for name in names]
     with encoder, start("decoder", "--connect", address, *outputs) as decoder:
         video = folder / f"{names[0]}.part"
-        wait_for(lambda: video.exists() and frames_of(video))
-        wait_for(lambda: is_waiting_for_more(encoder))
+        wait_until(lambda: video.exists() and frames_of(video))
+        wait_until(lambda: is_waiting_for_more(encoder))
         try:
             yield encoder, decoder
         finally:
@@ -459,18 +459,11 @@ def test_termination_leaves_nothing(tmp_path: Path, stream: Path) -> None:
     with decoder, (tmp_path / "pipe.dvc").open("wb") as pipe:
         pipe.write(stream.read_bytes()[:-40])
         pipe.flush()
-        wait_for(lambda: any((tmp_path / "out").iterdir()))
+        wait_until(lambda: any((tmp_path / "out").iterdir()))
         decoder.send_signal(signal.SIGTERM)
         status, stderr = finish(decoder)
     assert (status, stderr) == (143, "dvc-decode: terminated\n")
     assert list((tmp_path / "out").iterdir()) == []
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
 
 
 @pytest.fixture

@@ -12,10 +12,11 @@ from threading import Event, Timer
 from types import FrameType
 
 from benchmarks.hostile.attempts import Kind, kinds
-from benchmarks.hostile.workers import address_bytes, forked_workers
+from benchmarks.hostile.workers import forked_workers
 from decoder.processes import stop_idle_processes
 from dvc import cli
 from dvc.errors import DvcError
+from dvc.memory import address_bytes
 
 COMPILING_S, STALLED_S = 900.0, 120.0
 """How long a process may say nothing: at first, when it may compile all kernels, and later."""

@@ -19,6 +19,7 @@ from decoder.session import stream_tasks
 from decoder.tasks import DecodedGroup, GroupTask, following
 from dvc.config import decode_config
 from dvc.environment import baseline_environment
+from dvc.memory import address_bytes
 from dvc.stream import StreamReader
 
 STREAMS = Path(__file__).resolve().parents[2] / "tests" / "golden" / "streams"
@@ -54,11 +55,6 @@ class _Child:
 
     def kill(self) -> None:
         self._child.kill()
-
-
-def address_bytes() -> int:
-    """Return the size of the address space of this process."""
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
 
 
 def _serve(connection: "Connection[Any, Any]", most: int) -> None:

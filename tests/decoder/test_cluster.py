@@ -26,6 +26,7 @@ from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.versions import codec_digest, library_versions
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
+from tests.waiting import wait_until
 
 CONFIG = codec_config(VideoConfig(96, 64, 25, 1), "2d", DiscoverMatrix(4), gop={"length": 3}, key={"qp": 30})
 NUM_CHAINS = 9
@@ -259,20 +260,13 @@ def test_an_interrupt_leaves_nothing_on_the_cluster(
         [sys.executable, "-m", "decoder", *map(str, arguments)], stderr=subprocess.PIPE, text=True
     )
     with Client(workers.scheduler_address, set_as_default=False) as client:
-        _wait_until(lambda: any(client.processing().values()))
+        wait_until(lambda: any(client.processing().values()))
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=PATIENCE_S)
         assert (process.returncode, said) == (130, "dvc-decode: interrupted\n")
-        _wait_until(lambda: not any(client.processing().values()))
-        _wait_until(lambda: not any(client.has_what().values()))
+        wait_until(lambda: not any(client.processing().values()))
+        wait_until(lambda: not any(client.has_what().values()))
     assert list(tmp_path.iterdir()) == []
-
-
-def _wait_until(condition: Any) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_clusters_that_cannot_decode_are_refused(

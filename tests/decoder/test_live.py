@@ -20,6 +20,7 @@ from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback import MAX_OPEN_GOPS, Connection, EncoderEndpoint, connect, listen, max_open_gops
 from dvc.limits import Limits
 from dvc.slepian_wolf import ParityRequest, RequestTable
+from dvc.slepian_wolf.requests import FRAME
 from dvc.stream import GopRecord, StreamReader
 from dvc.video import Frame
 from encoder.live import serve
@@ -112,7 +113,7 @@ def test_many_groups_in_flight_give_the_frames_and_bits_of_a_file(
 def test_a_long_delay_is_waited_for_once_for_all_groups(
     frames: list[Frame], offline: list[DecodedGroup]
 ) -> None:
-    """Over a link with delay frames and bits are the same, and requests do not wait for each other."""
+    """Over a link with delay frames and bits are the same, and there are fewer messages than requests."""
     delay_s = 0.03
     with serving(encoding(frames)) as address:
         host, _, port = address.rpartition(":")
@@ -271,6 +272,22 @@ def test_bad_peers_end_many_requests_in_flight(
     """Whatever waits, the run ends with one error, and no process goes on with a group."""
     with serving(Liar(frames, 5, behave)) as address, pytest.raises(error, match=words):
         list(decoded(address, timeout_s=2.0))
+
+
+def test_many_groups_ask_before_any_is_answered(frames: list[Frame]) -> None:
+    """Requests do not wait for each other: a long way is waited for once for all groups."""
+    asked: set[int] = set()
+
+    def _listen(liar: Liar) -> None:
+        while len(asked) < 4:
+            for table in liar.waiting:
+                asked.update(frame // CONFIG.gop.length for frame in table.rows[:, FRAME].tolist())
+            events = liar.endpoint.receive(liar.connection.receive())
+            liar.waiting = [event for event in events if isinstance(event, RequestTable)]
+
+    with serving(Liar(frames, 1, _listen)) as address, pytest.raises(FeedbackError):
+        list(decoded(address))
+    assert asked == {0, 1, 2, 3}
 
 
 @pytest.mark.parametrize("share", [0.5, 0.05, 1.0])

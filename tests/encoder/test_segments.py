@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -21,6 +21,7 @@ from dvc.stream import StreamReader
 from dvc.video import Frame, open_video
 from encoder.segments import InputFrames, segment_names
 from tests.clips import moving_texture, same_frame
+from tests.waiting import wait_until
 
 SIZE = (48, 32)
 NUM_FRAMES, PER_SEGMENT = 23, 10
@@ -169,15 +170,6 @@ def test_segments_hold_all_frames(undisturbed: Path) -> None:
             assert reader.index.num_frames == row["frames"]
 
 
-def wait_for(condition: Callable[[], bool], process: "subprocess.Popen[bytes]") -> None:
-    """Wait for what a process will do."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
-
-
 def num_finished(path: Path) -> int:
     """Return how many groups of pictures of a segment are finished."""
     try:
@@ -196,7 +188,7 @@ def test_kill_loses_no_finished_group(tmp_path: Path, frames: list[Frame], undis
     for number, (folder, process) in enumerate([(folder, start(folder, *RAW)) for folder in folders]):
         feed(process, planes(frames))
         begun = [folder / f"day-{number:04d}.dvc{suffix}" for suffix in (".part", "")]
-        wait_for(lambda begun=begun: any(path.exists() for path in begun), process)
+        wait_until(lambda begun=begun: any(path.exists() for path in begun), process.poll)
         time.sleep(rng.uniform(0.0, 0.1))
         process.kill()
         status, _ = finish(process)
@@ -227,7 +219,7 @@ def test_encoder_waits_for_a_stalled_pipe_until_it_is_stopped(
     half_a_frame = len(planes(frames[:1])) // 2
     feed(process, planes(frames[:14])[:-half_a_frame])
     part = tmp_path / "day-0001.dvc.part"
-    wait_for(lambda: part.exists() and num_finished(part) == 2, process)
+    wait_until(lambda: part.exists() and num_finished(part) == 2, process.poll)
     before = processor_s(process)
     time.sleep(0.3)
     assert processor_s(process) - before < 0.1
@@ -262,7 +254,7 @@ def test_full_disk_loses_no_finished_group(tmp_path: Path, frames: list[Frame], 
     """A segment that does not fit is one line; the segments before it and its own finished groups stay."""
     process = start(tmp_path, *RAW)
     feed(process, planes(frames[:PER_SEGMENT]))
-    wait_for((tmp_path / "day-0000.dvc").exists, process)
+    wait_until((tmp_path / "day-0000.dvc").exists, process.poll)
     whole = (undisturbed / "day-0001.dvc").read_bytes()
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (len(whole) // 2, len(whole) // 2))
     status, lines = finish(process, planes(frames[PER_SEGMENT:]))

@@ -11,12 +11,12 @@ from dvc.config import Live, ParityBuffer, VideoConfig, codec_config
 from dvc.errors import VideoError
 from dvc.video import Frame
 from encoder.session import EncoderSession
-from encoder.spool import FrameSpool
+from encoder.spool import FrameSpool, default_frames
 from tests.clips import moving_texture
+from tests.waiting import wait_until
 
 FRAMES = [Frame(frame.luma) for frame in moving_texture(40, 24, 32)]
 NUMBERS = {id(frame): number for number, frame in enumerate(FRAMES)}
-PATIENCE_S = 30.0
 
 
 class Source:
@@ -39,12 +39,9 @@ class Source:
         self._allowed.release(num_frames)
 
 
-def wait_until(source: Source, num_read: int) -> None:
+def wait_for_frames(source: Source, num_read: int) -> None:
     """Wait until so many frames were read, and none more for a while."""
-    deadline = time.monotonic() + PATIENCE_S
-    while source.num_read < num_read:
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
+    wait_until(lambda: source.num_read >= num_read)
     time.sleep(0.02)
     assert source.num_read == num_read
 
@@ -65,9 +62,9 @@ def test_a_source_that_can_wait_is_read_no_further_than_the_spool_holds() -> Non
     spool = FrameSpool(source, 5)
     assert source.num_read == 0
     assert take(spool, 1) == [0]
-    wait_until(source, 7)
+    wait_for_frames(source, 7)
     assert take(spool, 10) == list(range(1, 11))
-    wait_until(source, 17)
+    wait_for_frames(source, 17)
     assert (spool.left_out.frames, spool.left_out.gaps) == (0, 0)
     assert spool.close()
 
@@ -79,13 +76,13 @@ def test_frames_are_left_out_until_there_is_room_for_a_group() -> None:
     source.let_go(1)
     assert take(spool, 1) == [0]
     source.let_go(10)  # six wait, four are left out
-    wait_until(source, 11)
+    wait_for_frames(source, 11)
     assert take(spool, 3) == [1, 2, 3]
     source.let_go(2)  # room for three is not enough for a group
-    wait_until(source, 13)
+    wait_for_frames(source, 13)
     assert take(spool, 1) == [4]
     source.let_go(5)  # four have room, the fifth does not
-    wait_until(source, 18)
+    wait_for_frames(source, 18)
     assert take(spool, 7) == [5, 6, None, 13, 14, 15, 16]
     assert (spool.left_out.frames, spool.left_out.gaps) == (7, 2)
 
@@ -97,7 +94,7 @@ def test_what_the_source_fails_with_comes_after_its_frames() -> None:
     source.let_go(1)
     assert take(spool, 1) == [0]
     source.let_go(3)
-    wait_until(source, 4)
+    wait_for_frames(source, 4)
     source.failure = VideoError("cable")
     source.let_go(1)
     assert take(spool, 3) == [1, 2, 3]
@@ -105,6 +102,13 @@ def test_what_the_source_fails_with_comes_after_its_frames() -> None:
         next(spool)
     with pytest.raises(StopIteration):
         next(spool)
+
+
+def test_large_frames_take_no_more_memory_unless_a_group_does() -> None:
+    """By default 64 frames wait, 16 of four times 1920x1080, never less than a group."""
+    assert default_frames(352 * 288, 16) == default_frames(1920 * 1080, 16) == 64
+    assert default_frames(3840 * 2160, 8) == 16
+    assert default_frames(7680 * 4320, 16) == 16
 
 
 def test_a_silent_source_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,9 +120,7 @@ def test_a_silent_source_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> Non
     assert take(spool, 1) == [0]
     assert not spool.close()
     source.let_go(1)
-    deadline = time.monotonic() + PATIENCE_S
-    while not spool.close():
-        assert time.monotonic() < deadline
+    wait_until(spool.close)
 
 
 @pytest.mark.parametrize("codec", ["2d", "3d-td", "3d-te"])
