@@ -1,5 +1,6 @@
 """What all tests share: the hypothesis profile, small videos, and the real sequences where present."""
 
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -25,6 +26,15 @@ settings.register_profile(
     "dvc", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("dvc")
+
+
+@pytest.fixture(autouse=True)
+def _environment_stays() -> Iterator[None]:
+    """Refuse tests that leave other variables to those after them; SVT-AV1 is told by one to be quiet."""
+    before = dict(os.environ)
+    yield
+    own = {"PYTEST_CURRENT_TEST", "SVT_LOG"}
+    assert {name for name, _ in before.items() ^ os.environ.items()} <= own
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from dvc import compile_kernels
 from dvc._jit import RUNS_PORTABLE
 from dvc.compile_kernels import KERNELS, Kernel, listed
 from tests.golden_streams import GOLDEN, Golden, source
@@ -74,7 +73,7 @@ def test_list_is_in_order() -> None:
 
 def test_nothing_is_compiled_at_run_time(tmp_path: Path) -> None:
     """After `dvc-compile` programs keep no code of their own, on a processor of another make, too."""
-    assert compile_kernels.main([]) == 0
+    subprocess.run([sys.executable, "-m", "dvc.compile_kernels"], cwd=ROOT, check=True)
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "compiled"), "HOME": str(tmp_path)}
     run(coding_a_scene(tmp_path), environment | (OTHER_MAKE if RUNS_PORTABLE else {}))
     assert [path.name for path in tmp_path.rglob("*.nbi")] == []

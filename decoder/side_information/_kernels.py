@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel, kernel
 
 
 class Blocks(NamedTuple):
@@ -37,7 +37,7 @@ class Pair(NamedTuple):
 
 
 class Searched(NamedTuple):
-    """Samples to compare, and their sums over all squares of half the window."""
+    """Phase planes to compare, one or sixteen, and their sums over all squares of half the window."""
 
     samples: NDArray[np.uint8]
     sums: NDArray[np.uint16]
@@ -112,27 +112,59 @@ def quarter_samples(padded, planes):
             _mean(line[1], line[0, 1:], planes[phase, 3, y])
 
 
-@kernel
-def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size, limit):
-    """Sum of absolute differences of two blocks, positions in quarter samples of the padded planes."""
-    plane_a = planes_a[row_a & 3, column_a & 3]
-    plane_b = planes_b[row_b & 3, column_b & 3]
-    return plane_sad(plane_a, row_a >> 2, column_a >> 2, plane_b, row_b >> 2, column_b >> 2, size, limit)
+@inlined_kernel
+def _square_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
+    """SAD of two squares of 8 to 15 samples; the side is a constant where it is called.
+
+    So there are no loops around vectors of 8 samples: those on the left of a row, and others on the right.
+    """
+    phase_a, phase_b = (
+        (np.uintp(row_a & 3), np.uintp(column_a & 3)),
+        (np.uintp(row_b & 3), np.uintp(column_b & 3)),
+    )
+    ya, xa, yb, xb = row_a >> 2, column_a >> 2, row_b >> 2, column_b >> 2
+    total = np.int32(0)
+    for column in range(8):
+        mask = np.uint8(255) if column >= 16 - size else np.uint8(0)
+        for row in range(size):
+            line_a, line_b = np.uintp(ya + row), np.uintp(yb + row)
+            one = planes_a[phase_a[0], phase_a[1], line_a, np.uintp(xa + column)]
+            other = planes_b[phase_b[0], phase_b[1], line_b, np.uintp(xb + column)]
+            late = planes_a[phase_a[0], phase_a[1], line_a, np.uintp(xa + size - 8 + column)] & mask
+            other_late = planes_b[phase_b[0], phase_b[1], line_b, np.uintp(xb + size - 8 + column)] & mask
+            total = np.int32(total + abs(np.int32(np.int32(one) - np.int32(other))))
+            total = np.int32(total + abs(np.int32(np.int32(late) - np.int32(other_late))))
+    return np.int64(total)
 
 
-@kernel
-def plane_sad(plane_a, ya, xa, plane_b, yb, xb, size, limit):
-    """Sum of absolute differences of two blocks at whole samples; stops once it reaches `limit`."""
-    total = 0
+@inlined_kernel
+def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
+    """Sum of absolute differences (SAD) of two blocks; positions in quarter samples of the padded planes.
+
+    All samples are compared: to stop early takes longer than vectors do, for sides of 8, 12, 16 and 24.
+    """
+    if size == 8:
+        return _square_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, 8)
+    if size == 12:
+        return _square_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, 12)
+    total = np.int64(0)
+    if size in (16, 24):
+        for k in range(4):
+            down, right = 2 * size * (k >> 1), 2 * size * (k & 1)
+            quarter = row_a + down, column_a + right, row_b + down, column_b + right
+            if size == 16:
+                total += _square_sad(planes_a, quarter[0], quarter[1], planes_b, quarter[2], quarter[3], 8)
+            else:
+                total += _square_sad(planes_a, quarter[0], quarter[1], planes_b, quarter[2], quarter[3], 12)
+        return total
+    plane_a, plane_b = planes_a[row_a & 3, column_a & 3], planes_b[row_b & 3, column_b & 3]
     for y in range(size):
-        line_a = plane_a[ya + y, xa : xa + size]
-        line_b = plane_b[yb + y, xb : xb + size]
-        line = np.int32(0)
         for x in range(size):
-            line += abs(np.int32(line_a[x]) - np.int32(line_b[x]))
-        total += line
-        if total >= limit:
-            break
+            one, other = (
+                plane_a[(row_a >> 2) + y, (column_a >> 2) + x],
+                plane_b[(row_b >> 2) + y, (column_b >> 2) + x],
+            )
+            total += abs(np.int64(one) - np.int64(other))
     return total
 
 
@@ -162,8 +194,7 @@ def forward_search(pair, blocks, steps, starts, vectors):
                     row_a = clamp_position(row - dv, window, height)
                     column_a = clamp_position(column - dh, window, width)
                     weight = 1.0 + smoothness * np.sqrt(np.float64(v * v + h * h))
-                    limit = np.int64(best / weight) + 1
-                    sad = block_sad(planes_b, row, column, planes_a, row_a, column_a, window, limit)
+                    sad = block_sad(planes_b, row, column, planes_a, row_a, column_a, window)
                     if (sad + window) * weight < best:
                         best = (sad + window) * weight
                         best_v, best_h = dv, dh
@@ -179,7 +210,7 @@ def split_vector(displacement, numerator, denominator):
 
 
 @kernel
-def bilateral_sad(pair, instant, row, column, dv, dh, window, limit):
+def bilateral_sad(pair, instant, row, column, dv, dh, window):
     """Difference of the two references along one linear trajectory through a block of the missing frame."""
     planes_a, planes_b = pair
     numerator, denominator = instant
@@ -192,7 +223,7 @@ def bilateral_sad(pair, instant, row, column, dv, dh, window, limit):
         outside += position < 0 or position > 4 * (length - window - 1)
     if outside:
         return np.int64(1) << 40
-    return block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, window, limit)
+    return block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, window)
 
 
 @kernel
@@ -246,7 +277,7 @@ def refine_bilateral(pair, instant, blocks, steps, fields, vectors):
                 dv, dh = candidates[k, 0], candidates[k, 1]
                 cost = smoothness_cost(candidates, dv, dh, smoothness)
                 if cost < best:
-                    cost += bilateral_sad(pair, instant, row, column, dv, dh, window, best - cost)
+                    cost += bilateral_sad(pair, instant, row, column, dv, dh, window)
                 if cost < best:
                     best, best_v, best_h = cost, dv, dh
             centre_v, centre_h = best_v, best_h
@@ -255,7 +286,7 @@ def refine_bilateral(pair, instant, blocks, steps, fields, vectors):
                     dv, dh = centre_v + v * step, centre_h + h * step
                     cost = smoothness_cost(candidates, dv, dh, smoothness)
                     if cost < best:
-                        cost += bilateral_sad(pair, instant, row, column, dv, dh, window, best - cost)
+                        cost += bilateral_sad(pair, instant, row, column, dv, dh, window)
                     if cost < best:
                         best, best_v, best_h = cost, dv, dh
             vectors[i, j, 0] = best_v
@@ -290,55 +321,55 @@ def box_sums(plane, side, sums):
             columns[x] -= plane[y - side + 1, x]
 
 
-@kernel
-def lower_bound_sad(sums_a, ya, xa, sums_b, row, column, half):
-    """Bound the sum of absolute differences of two blocks from below by the differences of their quarters."""
-    py, px, yb, xb = row & 3, column & 3, row >> 2, column >> 2
-    bound = abs(np.int64(sums_a[ya, xa]) - np.int64(sums_b[py, px, yb, xb]))
-    bound += abs(np.int64(sums_a[ya, xa + half]) - np.int64(sums_b[py, px, yb, xb + half]))
-    bound += abs(np.int64(sums_a[ya + half, xa]) - np.int64(sums_b[py, px, yb + half, xb]))
-    return bound + abs(
-        np.int64(sums_a[ya + half, xa + half]) - np.int64(sums_b[py, px, yb + half, xb + half])
+@inlined_kernel
+def quarter_sums(sums, row, column, half):
+    """Sums of the four quarters of a block at a position in quarter samples."""
+    py, px = np.uintp(row & 3), np.uintp(column & 3)
+    top, left, bottom, right = row >> 2, column >> 2, (row >> 2) + half, (column >> 2) + half
+    top, left, bottom, right = np.uintp(top), np.uintp(left), np.uintp(bottom), np.uintp(right)
+    return (
+        np.int64(sums[py, px, top, left]),
+        np.int64(sums[py, px, top, right]),
+        np.int64(sums[py, px, bottom, left]),
+        np.int64(sums[py, px, bottom, right]),
     )
 
 
 @kernel
 def search_target(searched, reference, blocks, steps, offsets, costs):
-    """Move offsets of blocks that do not match well `enough` to where they do best, within `radius` steps."""
-    target, target_sums = searched
-    planes, sums = reference
+    """Move offsets of blocks that do not match well `enough` to where they do best, within `radius` steps.
+
+    The differences of the sums of quarters bound the SAD from below.
+    """
+    (target, target_sums), (planes, sums) = searched, reference
     margin, block, window = blocks
     radius, step, smoothness, enough = steps
     height, width = planes.shape[2], planes.shape[3]
-    border = (window - block) // 2
-    half = window // 2
+    border, half = (window - block) // 2, window // 2
     for i in range(offsets.shape[0]):
         for j in range(offsets.shape[1]):
-            row = min(margin + i * block - border, height - window - 1)
-            column = min(margin + j * block - border, width - window - 1)
+            row = 4 * min(margin + i * block - border, height - window - 1)
+            column = 4 * min(margin + j * block - border, width - window - 1)
             start_v, start_h = offsets[i, j, 0], offsets[i, j, 1]
-            row_r = clamp_position(4 * row + start_v, window, height)
-            column_r = clamp_position(4 * column + start_h, window, width)
-            plane = planes[row_r & 3, column_r & 3]
-            best = plane_sad(target, row, column, plane, row_r >> 2, column_r >> 2, window, np.int64(1) << 40)
+            row_r = clamp_position(row + start_v, window, height)
+            column_r = clamp_position(column + start_h, window, width)
+            best = block_sad(target, row, column, planes, row_r, column_r, window)
             costs[i, j] = best
             if best <= enough * window * window:
                 continue
+            a, b, c, d = quarter_sums(target_sums, row, column, half)
             for v in range(-radius, radius + 1):
+                row_r = clamp_position(row + start_v + v * step, window, height)
                 for h in range(-radius, radius + 1):
-                    dv, dh = start_v + v * step, start_h + h * step
-                    row_r = clamp_position(4 * row + dv, window, height)
-                    column_r = clamp_position(4 * column + dh, window, width)
+                    column_r = clamp_position(column + start_h + h * step, window, width)
                     cost = smoothness * step * (abs(v) + abs(h))
-                    if cost + lower_bound_sad(target_sums, row, column, sums, row_r, column_r, half) >= best:
+                    e, f, g, k = quarter_sums(sums, row_r, column_r, half)
+                    if cost + abs(a - e) + abs(b - f) + abs(c - g) + abs(d - k) >= best:
                         continue
-                    plane = planes[row_r & 3, column_r & 3]
-                    cost += plane_sad(
-                        target, row, column, plane, row_r >> 2, column_r >> 2, window, best - cost
-                    )
+                    cost += block_sad(target, row, column, planes, row_r, column_r, window)
                     if cost < best:
                         best = cost
-                        offsets[i, j, 0], offsets[i, j, 1] = dv, dh
+                        offsets[i, j, 0], offsets[i, j, 1] = start_v + v * step, start_h + h * step
             costs[i, j] = best
 
 

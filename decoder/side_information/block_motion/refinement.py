@@ -147,7 +147,7 @@ def _search(
     moved = offsets[::factor, ::factor] // scale
     costs = np.empty(moved.shape[:2], dtype=np.int64)
     _kernels.search_target(
-        _kernels.Searched(target.planes[0, 0], target.sums(search.window // 2)[0, 0]),
+        _kernels.Searched(target.planes, target.sums(search.window // 2)),
         _kernels.Searched(reference.planes, reference.sums(search.window // 2)),
         _kernels.Blocks(MARGIN, search.block, search.window),
         _kernels.Steps(search.radius, search.step, SMOOTHNESS, ENOUGH),

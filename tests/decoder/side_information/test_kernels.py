@@ -28,14 +28,14 @@ def planes() -> list[np.ndarray]:
     return [phase_planes(frame.luma) for frame in moving_texture(3, 14, 22, (0.75, -1.5))]
 
 
-def test_sums_of_absolute_differences(choose: Choose, planes: list[np.ndarray]) -> None:
-    """Blocks at quarter samples are compared in full below the limit, and only as far as it above."""
+@pytest.mark.parametrize("side", [6, 8, 12, 16, 24])
+def test_sums_of_absolute_differences(choose: Choose, planes: list[np.ndarray], side: int) -> None:
+    """Blocks at quarter samples are compared in full, whatever their side, up to the largest difference."""
     a, b = planes[:2]
-    expected = reference.difference(a, (163, 166), b, (169, 170), 6)
-    arguments = (a, 163, 166, b, 169, 170, 6)
-    assert choose(_kernels.block_sad)(*arguments, 2**40) == expected
-    assert choose(_kernels.block_sad)(*arguments, expected) == expected
-    assert expected // 2 <= choose(_kernels.block_sad)(*arguments, expected // 2) <= expected
+    expected = reference.difference(a, (133, 146), b, (139, 141), side)
+    assert choose(_kernels.block_sad)(a, 133, 146, b, 139, 141, side) == expected
+    white = np.full_like(a, 255)
+    assert choose(_kernels.block_sad)(white, 0, 3, 255 - white, 2, 1, side) == 255 * side**2
 
 
 def test_forward_search(choose: Choose, planes: list[np.ndarray]) -> None:
@@ -120,7 +120,7 @@ def test_search_target(choose: Choose, planes: list[np.ndarray], smoothness: int
     )
     costs = np.empty(offsets.shape[:2], np.int64)
     sums = [_sums_of_quarters(choose, image) for image in (target[None, None], planes[0])]
-    searched = _kernels.Searched(target, sums[0][0, 0]), _kernels.Searched(planes[0], sums[1])
+    searched = _kernels.Searched(target[None, None], sums[0]), _kernels.Searched(planes[0], sums[1])
     settings = _kernels.Blocks(MARGIN, 8, 10), _kernels.Steps(1, 2, smoothness)
     choose(_kernels.search_target)(*searched, *settings, offsets, costs)
     np.testing.assert_array_equal(offsets, expected)
