@@ -1,10 +1,12 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures, whose key frames are decoded already."""
 
 import time
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
 from threading import Lock
+from typing import Protocol
 
 from decoder.no_feedback import NoFeedbackDecoder
 from decoder.side_information.extrapolation import TrackedExtrapolation
@@ -16,20 +18,26 @@ from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
-from dvc.slepian_wolf import Answer, ParityRequest, Place
+from dvc.slepian_wolf import Answer, ParityRequest
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
 from dvc.wynerziv.hierarchy import Around, group_order, levels, reference_distance
 from dvc.wynerziv.payloads import BufferedFrame, PuncturedFrame, PunctureRecorder, disagreement
 from dvc.wynerziv.priors import LearnedPriors
+from dvc.wynerziv.quantizer import FrameLayout
 
 Points = PointTracks | FeaturePoints | None
 Known = dict[int, ReferenceFrame]
-GroupCoroutine = Generator[
-    Sequence[ParityRequest] | ReferenceFrame | None, tuple[Place, Bits] | None, DecodedGroup
-]
-"""Yields further requests, maybe no more, and is sent the answer to any one that waits; or None before a
-level of frames, which begins when None is sent; or the last frame, which the next group needs, once."""
+
+
+class Encoder(Protocol):
+    """Who answers what frames of a group ask for."""
+
+    def level(self, levels_left: int, num_frames: int) -> AbstractContextManager[None]:
+        """Wait until frames may be decoded side by side, as they are in the block."""
+
+    def drive(self, frame: FrameCoroutine) -> DecodedFrame:
+        """Decode a frame, answering its requests."""
 
 
 def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> list[int]:
@@ -71,25 +79,12 @@ class GroupDecoder:
         self._predicting = Lock()  # a method keeps what it knows of the group
 
     def decode(
-        self, task: GroupTask, take_last: Callable[[ReferenceFrame], object] = lambda _: None
+        self,
+        task: GroupTask,
+        take_last: Callable[[ReferenceFrame], object] = lambda _: None,
+        encoder: Encoder | None = None,
     ) -> DecodedGroup:
-        """Decode a group of a stream, whose record answers what is asked; hand on its last frame early."""
-        steps = self.steps(task)
-        try:
-            while True:
-                last = next(steps)
-                if isinstance(last, ReferenceFrame):
-                    take_last(last)
-        except StopIteration as stop:
-            group: DecodedGroup = stop.value
-            return group
-
-    def level_sizes(self, task: GroupTask) -> list[int]:
-        """Tell how many frames of a group are decoded side by side, level after level."""
-        return [len(level) for level in _order(task, self._config)]
-
-    def steps(self, task: GroupTask) -> GroupCoroutine:
-        """Decode a group as a coroutine, which asks for nothing where the record answers."""
+        """Decode a group, whose record answers unless an encoder does; hand on its last frame early."""
         if not task.record.wyner_ziv:
             return DecodedGroup.of(task, [])
         if task.before is None:
@@ -98,29 +93,22 @@ class GroupDecoder:
         if task.key is not None:
             known[task.last_index] = ReferenceFrame(task.last_index, task.key)
         points = self._received(task.record.tracks, task.record.num_frames - 1)
+        encoder = encoder or RecordedGroup(task, self._config)
         frames: list[DecodedFrame] = []
-        priors = self._decoder.new_priors()
-        for level in _order(task, self._config):
-            yield None
+        priors, order = self._decoder.new_priors(), _order(task, self._config)
+        for levels_left, level in zip(range(len(order), 0, -1), order, strict=True):
             learned = [LearnedPriors.mean([priors]) for _ in level[1:]] + [priors]
             steps = [
-                self._frame(task, known, points, place, own)
+                partial(encoder.drive, self._frame(task, known, points, place, own))
                 for place, own in zip(level, learned, strict=True)
             ]
-            if task.form is None:
-                decoded = yield from slepian_wolf.together(steps)
-            else:
-                decoded = self._team.run(
-                    [
-                        partial(self._answered, task, index, frame)
-                        for (index, _), frame in zip(level, steps, strict=True)
-                    ]
-                )
+            with encoder.level(levels_left, len(level)):
+                decoded = self._team.run(steps, (-levels_left, task.number))
             priors = LearnedPriors.mean(learned)
             known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
             frames += decoded
             if decoded[-1].index == task.last_index:
-                yield known[task.last_index]
+                take_last(known[task.last_index])
         group = DecodedGroup.of(task, sorted(frames, key=lambda frame: frame.index))
         if task.form is Form.PUNCTURED:
             _check_agreement(group.record, task.record)
@@ -145,17 +133,6 @@ class GroupDecoder:
             frame = replace(frame, punctured=recorder.payload(payload[: len(quantization.header)]))
         return replace(frame, decode_s=time.perf_counter() - started)
 
-    def _answered(self, task: GroupTask, index: int, frame: FrameCoroutine) -> DecodedFrame:
-        """Decode a frame of a stream."""
-        source: Answer | None = None
-
-        def answer(request: ParityRequest) -> Bits:
-            nonlocal source
-            source = source or self._source(task, index)
-            return source(request)
-
-        return slepian_wolf.drive(frame, answer)
-
     def _predict(
         self, task: GroupTask, known: Known, points: Points, index: int, around: Around
     ) -> Prediction:
@@ -164,13 +141,6 @@ class GroupDecoder:
             return self._extrapolation.predict(earlier, points, task.first_index - 1, index)
         usable = [known[k] for k in _usable(known, (around[0], around[1]), self._config.gop.references)]
         return self._method.predict(usable, points, [index])[0]
-
-    def _source(self, task: GroupTask, index: int) -> Answer:
-        """Return what answers the requests for a frame of a stream."""
-        layout, payload = self._decoder.layout, task.record.wyner_ziv[index - task.first_index]
-        if task.form is Form.BUFFERED:
-            return BufferedFrame(layout, payload, slepian_wolf.plane_coder(self._config).num_codes).answer
-        return PuncturedFrame(layout, payload).answer
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:
         """Read what was sent of the geometry of a group."""
@@ -182,6 +152,35 @@ class GroupDecoder:
         if kind == "encoder":
             return decode_tracks(tracks, num_frames + 2, self._config)
         return decode_points(tracks, num_frames, self._config)
+
+
+class RecordedGroup:
+    """The record of a group of a stream, which answers requests; see `Encoder`."""
+
+    def __init__(self, task: GroupTask, config: CodecConfig) -> None:
+        self._task, self._config, self._layout = task, config, FrameLayout.of(config)
+        self._answers: dict[int, Answer] = {}
+
+    def level(self, levels_left: int, num_frames: int) -> AbstractContextManager[None]:
+        """Wait for nothing: groups of a stream are decoded one after the other."""
+        return nullcontext()
+
+    def drive(self, frame: FrameCoroutine) -> DecodedFrame:
+        """Decode a frame."""
+        return slepian_wolf.drive(frame, self.answer)
+
+    def answer(self, request: ParityRequest) -> Bits:
+        """Answer a request; the payload of a frame is read once it asks for something."""
+        if request.frame not in self._answers:
+            self._answers[request.frame] = self._source(request.frame)
+        return self._answers[request.frame](request)
+
+    def _source(self, index: int) -> Answer:
+        payload = self._task.record.wyner_ziv[index - self._task.first_index]
+        if self._task.form is Form.BUFFERED:
+            num_codes = slepian_wolf.plane_coder(self._config).num_codes
+            return BufferedFrame(self._layout, payload, num_codes).answer
+        return PuncturedFrame(self._layout, payload).answer
 
 
 def _check_agreement(needed: GopRecord, sent: GopRecord) -> None:

@@ -185,7 +185,8 @@ class LiveGroups:
         """Return how much longer requests are held, if any are."""
         if not self._held:
             return None
-        return self._held.left_s(min(process.num_pending for process in self._holding))
+        # Where fewer steps are under way than there are cores, one of them has nothing to do.
+        return self._held.left_s(min(max(p.num_pending - p.num_cores + 1, 0) for p in self._holding))
 
     def decoded(self, number: int) -> None:
         """Let the encoder forget a group."""

@@ -40,7 +40,8 @@ class DecodingProcess:
 
     def __init__(self) -> None:
         self.num_running = self.num_pending = 0
-        self._num_cores = 1
+        self._is_live = self._failed = False
+        self.num_cores = 1
         self.step_s = self.began_s = 0.0
         self._connection, other = Pipe()
         with other:
@@ -62,34 +63,37 @@ class DecodingProcess:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
-    def submit(self, message: GroupTask | Answered) -> None:
-        """Begin a group, besides those that are under way, or go on with one."""
-        self.num_running += isinstance(message, GroupTask)
+    def submit(self, *messages: GroupTask | Answered) -> None:
+        """Begin groups, besides those that are under way, or go on with some."""
+        tasks = [message for message in messages if isinstance(message, GroupTask)]
+        self.num_running += len(tasks)
+        self._is_live |= any(task.form is None for task in tasks)
         if not self.num_pending:
             self.began_s = time.monotonic()
-        self.num_pending += 1
-        self._send(message)
+        self.num_pending += len(messages)
+        self._send(*messages)
 
-    def _send(self, message: GroupTask | Answered | Cores) -> None:
+    def _send(self, *messages: GroupTask | Answered | Cores) -> None:
         try:
-            self._connection.send(message)
+            self._connection.send(messages)  # at once: each wakes the process
         except OSError as err:
             raise self._death() from err
 
     def use(self, num_cores: int) -> None:
         """Let it use some cores from now on."""
-        if num_cores != self._num_cores:
-            self._num_cores = num_cores
+        if num_cores != self.num_cores:
+            self.num_cores = num_cores
             self._send(Cores(num_cores))
 
     def receive(self) -> tuple[int, Outcome]:
         """Wait for what a group asks for, or comes to."""
         try:
-            number, outcome, answers = self._connection.recv()
+            number, outcome, steps = self._connection.recv()
         except (EOFError, OSError) as err:
             raise self._death() from err
         self.num_running -= isinstance(outcome, DecodedGroup | Exception)
-        self.num_pending -= answers  # not a level that was begun by itself
+        self._failed |= self._is_live and isinstance(outcome, Exception)
+        self.num_pending -= steps
         now_s = time.monotonic()
         self.step_s, self.began_s = now_s - self.began_s, now_s
         return number, outcome
@@ -111,8 +115,8 @@ class DecodingProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether it can decode."""
-        return self._process.poll() is None
+        """Whether it can decode, and no frames of a live group that failed wait in it for ever."""
+        return self._process.poll() is None and not self._failed
 
     def kill(self) -> None:
         """Make it end, whatever it does."""
@@ -193,7 +197,7 @@ class GroupsInFlight:
         self._processes: list[DecodingProcess] = []
         self._following: dict[int, GroupTask] = {}  # groups that wait for the last frame of the one before
         self._lasts: dict[int, ReferenceFrame] = {}  # such frames of groups that are followed by none yet
-        self._asked: dict[Place, tuple[int, DecodingProcess]] = {}
+        self._asked: dict[Place, DecodingProcess] = {}
         self._order: deque[int] = deque()  # of groups that are not handed on
         self._outcomes: dict[int, DecodedGroup | Exception] = {}
 
@@ -224,11 +228,12 @@ class GroupsInFlight:
 
     def _start_received(self) -> None:
         """Hand on to processes what the source has."""
+        answers: dict[DecodingProcess, list[Answered]] = {}
         for received in self._source.received():
             if isinstance(received, ParityAnswer):
                 place = received.frame, received.plane
-                number, process = self._asked.pop(place)
-                process.submit(Answered(number, place, received.bits))
+                process = self._asked.pop(place)
+                answers.setdefault(process, []).append(Answered(place, received.bits))
                 continue
             number = -1 if isinstance(received, BitstreamError) else received.number
             self._order.append(number)
@@ -242,6 +247,8 @@ class GroupsInFlight:
                 self._begin(replace(received, before=self._lasts.pop(number - 1)))
             else:
                 self._following[number] = received
+        for process, own in answers.items():
+            process.submit(*own)
 
     def _begin(self, task: GroupTask) -> None:
         """Hand on a group to the process that has least to do, or to a new one."""
@@ -271,7 +278,7 @@ class GroupsInFlight:
             else:
                 self._begin(replace(following, before=outcome))
         else:
-            self._asked |= {(request.frame, request.plane): (number, process) for request in outcome}
+            self._asked |= {(request.frame, request.plane): process for request in outcome}
             self._source.ask(outcome, process)
 
     def _end(self, number: int, outcome: DecodedGroup | Exception) -> None:

@@ -44,7 +44,6 @@ class GroupTask:
 class Answered(NamedTuple):
     """Bits that were asked for while a group is decoded."""
 
-    number: int  # number of the group
     place: Place  # numbers of the frame and of the plane
     bits: Bits
 

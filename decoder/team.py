@@ -1,45 +1,89 @@
-"""Threads that decode frames of a level side by side: as many at a time as the process may use cores."""
+"""Threads that decode frames side by side: as many at a time as there are cores and memory for."""
 
-from collections.abc import Callable, Sequence
+import heapq
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from threading import Condition
+from contextlib import contextmanager
+from itertools import count
+from threading import Lock
 from typing import TypeVar
 
 Result = TypeVar("Result")
+Rank = tuple[int, ...]
 
-MAX_THREADS = 16
-"""Most that a level is shared by."""
+MAX_THREADS = 128
+"""Most frames that are under way, those included that wait for a core or for answers."""
+MAX_ACTIVE_PX = 3 << 22
+"""Pixels of frames of live groups that are decoded at a time, where that leaves one level of one group."""
+
+
+class Budget:
+    """So much of something, which threads take and give back; the lowest rank that waits comes first."""
+
+    def __init__(self, size: int) -> None:
+        self._size, self._used = size, 0
+        self._waiting: list[tuple[Rank, int, int, Lock]] = []
+        self._arrivals = count()
+        self._lock = Lock()
+
+    def resize(self, size: int) -> None:
+        """Have another amount from now on."""
+        with self._lock:
+            self._size = size
+            self._serve()
+
+    @contextmanager
+    def taken(self, amount: int, rank: Rank = ()) -> Iterator[None]:
+        """Take some for a block, as soon as there is so much, or nobody else has any."""
+        self._take(amount, rank)
+        try:
+            yield
+        finally:
+            self._give(amount)
+
+    @contextmanager
+    def given(self, amount: int, rank: Rank = ()) -> Iterator[None]:
+        """Leave to others what was taken, while a block waits for something else."""
+        self._give(amount)
+        try:
+            yield
+        finally:
+            self._take(amount, rank)
+
+    def _take(self, amount: int, rank: Rank) -> None:
+        turn = Lock()
+        turn.acquire()
+        with self._lock:
+            heapq.heappush(self._waiting, (rank, next(self._arrivals), amount, turn))
+            self._serve()
+        turn.acquire()
+
+    def _give(self, amount: int) -> None:
+        with self._lock:
+            self._used -= amount
+            self._serve()
+
+    def _serve(self) -> None:
+        while self._waiting and (self._used == 0 or self._used + self._waiting[0][2] <= self._size):
+            _, _, amount, turn = heapq.heappop(self._waiting)
+            self._used += amount
+            turn.release()
 
 
 class Team:
     """Runs what does not depend on each other; while it runs, the number of cores may change."""
 
     def __init__(self) -> None:
-        self._pool: ThreadPoolExecutor | None = None
-        self._changed = Condition()
-        self._num_cores = self._num_free = 1
+        self.cores, self.pixels = Budget(1), Budget(MAX_ACTIVE_PX)
+        self._pool = ThreadPoolExecutor(MAX_THREADS)
 
-    def resize(self, num_cores: int) -> None:
-        """Use another number of cores from now on."""
-        with self._changed:
-            self._num_free += num_cores - self._num_cores
-            self._num_cores = num_cores
-            self._changed.notify_all()
-
-    def run(self, functions: Sequence[Callable[[], Result]]) -> list[Result]:
+    def run(self, functions: Sequence[Callable[[], Result]], rank: Rank = ()) -> list[Result]:
         """Call functions; return what they return, in their order, or raise what the first of them raises."""
-        if len(functions) == 1:
-            return [functions[0]()]
-        self._pool = self._pool or ThreadPoolExecutor(MAX_THREADS)
-        return list(self._pool.map(self._call, functions))
 
-    def _call(self, function: Callable[[], Result]) -> Result:
-        with self._changed:
-            self._changed.wait_for(lambda: self._num_free > 0)
-            self._num_free -= 1
-        try:
-            return function()
-        finally:
-            with self._changed:
-                self._num_free += 1
-                self._changed.notify()
+        def call(function: Callable[[], Result]) -> Result:
+            with self.cores.taken(1, rank):
+                return function()
+
+        if len(functions) == 1:
+            return [call(functions[0])]
+        return list(self._pool.map(call, functions))

@@ -360,11 +360,11 @@ def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], s
 
 
 def is_waiting_for_more(reader: subprocess.Popen[str]) -> bool:
-    """Tell whether a process has taken all bytes of its standard input, and sleeps."""
+    """Tell whether a process has taken all bytes of its standard input, and all its threads sleep."""
     assert reader.stdin is not None
     num_unread = int.from_bytes(fcntl.ioctl(reader.stdin, termios.FIONREAD, bytes(4)), sys.byteorder)
-    state = Path(f"/proc/{reader.pid}/stat").read_text().rpartition(")")[2].split()[0]
-    return num_unread == 0 and state == "S"
+    threads = Path(f"/proc/{reader.pid}/task").glob("*/stat")
+    return num_unread == 0 and {stat.read_text().rpartition(")")[2].split()[0] for stat in threads} == {"S"}
 
 
 def frames_of(path: Path) -> list[Frame]:

@@ -13,7 +13,6 @@ from dvc.slepian_wolf.requests import (
     RequestTable,
     ask,
     drive,
-    together,
 )
 from dvc.slepian_wolf.results import FrameCheck, PlaneCost, PlaneResult
 
@@ -37,5 +36,4 @@ __all__ = [
     "drive",
     "joint_check",
     "plane_coder",
-    "together",
 ]

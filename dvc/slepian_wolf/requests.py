@@ -95,26 +95,3 @@ def drive(coroutine: Generator[ParityRequest, Bits, Result], answer: Answer) -> 
     except StopIteration as stop:
         result: Result = stop.value
         return result
-
-
-def together(
-    coroutines: Sequence[Generator[ParityRequest, Bits, Result]],
-) -> Generator[Sequence[ParityRequest], tuple[Place, Bits], list[Result]]:
-    """Run coroutines of different frames side by side: none of them waits for the answers of another."""
-    results: dict[int, Result] = {}
-    waiting: dict[Place, int] = {}
-
-    def _advance(number: int, bits: Bits | None) -> list[ParityRequest]:
-        try:
-            request = next(coroutines[number]) if bits is None else coroutines[number].send(bits)
-        except StopIteration as stop:
-            results[number] = stop.value
-            return []
-        waiting[request.frame, request.plane] = number
-        return [request]
-
-    requests = [request for number in range(len(coroutines)) for request in _advance(number, None)]
-    while waiting:
-        position, bits = yield requests
-        requests = _advance(waiting.pop(position), bits)
-    return [results[number] for number in range(len(coroutines))]

@@ -1,4 +1,4 @@
-"""Threads that share a level: results in order, as many at a time as there are cores."""
+"""Threads that share cores and memory: results in order, as many at a time as there is room for."""
 
 import threading
 import time
@@ -6,13 +6,14 @@ from functools import partial
 
 import pytest
 
-from decoder.team import Team
+from decoder.team import Budget, Team
+from tests.waiting import wait_until
 
 
 def test_results_keep_their_order() -> None:
     """Whoever is first; and the first failure, in their order, is raised."""
     team = Team()
-    team.resize(4)
+    team.cores.resize(4)
 
     def late(number: int) -> int:
         time.sleep(0.01 * (3 - number))
@@ -31,7 +32,7 @@ def test_results_keep_their_order() -> None:
 def test_no_more_run_than_there_are_cores(cores: int) -> None:
     """One after the other by default; all cores are used where there are more."""
     team, lock = Team(), threading.Lock()
-    team.resize(cores)
+    team.cores.resize(cores)
     running = most = 0
 
     def work() -> None:
@@ -50,5 +51,79 @@ def test_no_more_run_than_there_are_cores(cores: int) -> None:
 def test_cores_may_come_while_a_level_is_decoded() -> None:
     """What waits for a core begins when there is one more."""
     team, both = Team(), threading.Barrier(2)
-    threading.Timer(0.05, team.resize, (2,)).start()
+    threading.Timer(0.05, team.cores.resize, (2,)).start()
     assert len(team.run([lambda: both.wait(timeout=30)] * 2)) == 2
+
+
+class Takers:
+    """Threads that wait for a budget, take their part, and keep it until they are told to go."""
+
+    def __init__(self, budget: Budget) -> None:
+        self._budget = budget
+        self.began: list[str] = []
+        self._leaving: dict[str, threading.Event] = {}
+        self._threads: dict[str, threading.Thread] = {}
+
+    def begin(self, name: str, amount: int, *rank: int) -> None:
+        """Let a thread ask for a part, which comes after those that asked before."""
+        self._leaving[name] = threading.Event()
+        thread = self._threads[name] = threading.Thread(target=self._take, args=(name, amount, rank))
+        waiting = len(self._budget._waiting)
+        thread.start()
+        wait_until(lambda: name in self.began or len(self._budget._waiting) == waiting + 1)
+
+    def _take(self, name: str, amount: int, rank: tuple[int, ...]) -> None:
+        with self._budget.taken(amount, rank):
+            self.began.append(name)
+            self._leaving[name].wait()
+
+    def leave(self, name: str) -> None:
+        """Let a thread give back what it has."""
+        self._leaving[name].set()
+        self._threads[name].join()
+
+
+def test_the_lowest_rank_comes_first_as_long_as_there_is_room() -> None:
+    """Nobody overtakes who is first but does not fit; who asks for more than all has it alone."""
+    takers = Takers(Budget(10))
+    takers.begin("a", 5, -1, 0)
+    takers.begin("b", 6, -2, 1)
+    takers.begin("c", 5, -2, 0)
+    assert takers.began == ["a", "c"]
+    takers.begin("d", 1, -1, 9)
+    assert takers.began == ["a", "c"]
+    takers.leave("a")
+    assert takers.began == ["a", "c"]
+    takers.leave("c")
+    wait_until(lambda: takers.began == ["a", "c", "b", "d"])
+    takers.begin("e", 30, -1)
+    takers.begin("f", 1, -1)
+    takers.leave("b")
+    assert len(takers.began) == 4
+    takers.leave("d")
+    wait_until(lambda: takers.began[4:] == ["e"])
+    takers.leave("e")
+    wait_until(lambda: takers.began[4:] == ["e", "f"])
+    takers.leave("f")
+
+
+def test_what_is_left_to_others_is_taken_again() -> None:
+    """Others go on meanwhile, and the one that comes back waits for its turn."""
+    budget, order = Budget(1), list[str]()
+    back = threading.Event()
+
+    def other() -> None:
+        with budget.taken(1):
+            order.append("other")
+            back.wait()
+
+    thread = threading.Thread(target=other)
+    with budget.taken(1):
+        thread.start()
+        wait_until(lambda: budget._waiting)
+        with budget.given(1):
+            wait_until(lambda: order)
+            threading.Timer(0.05, lambda: (order.append("goes"), back.set())).start()
+        order.append("again")
+    thread.join()
+    assert order == ["other", "goes", "again"]

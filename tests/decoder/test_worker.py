@@ -1,77 +1,118 @@
-"""The order in which a decoding process does what it can: what others wait for comes first."""
+"""Groups of a live encoder in a decoding process: the same for any order of answers."""
 
-from itertools import islice
-from queue import SimpleQueue
+import io
+import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from decoder.group import GroupDecoder
-from decoder.tasks import Answered, GroupTask
-from decoder.worker import MAX_ACTIVE_PX, LevelTurns, longest_way_first
-from dvc.config import VideoConfig, codec_config
-from dvc.stream import GopRecord
-
-NO_BITS = np.zeros(0, np.uint8)
-
-
-def answer(number: int, frame: int) -> Answered:
-    return Answered(number, (frame, 0), NO_BITS)
-
-
-def test_what_most_levels_depend_on_comes_first() -> None:
-    """Of the same level the first group's answer comes first, of the same group the one that came first."""
-    left = {0: 3, 1: 1, 2: 2, 3: 1}
-    received: SimpleQueue[Answered] = SimpleQueue()
-    messages = [answer(1, 1), answer(0, 3), answer(0, 1), answer(1, 2), answer(0, 2), answer(2, 0)]
-    for message in messages:
-        received.put(message)
-    taken = list(islice(longest_way_first(received, lambda message: left[message.place[0]]), len(messages)))
-    assert [(message.number, message.place[0]) for message in taken] == [
-        (2, 0), (0, 2), (1, 2), (0, 3), (0, 1), (1, 1)
-    ]  # fmt: skip
+from decoder.group import GroupDecoder, RecordedGroup
+from decoder.processes import DecodingProcess, decoding_process
+from decoder.session import stream_tasks
+from decoder.tasks import Answered, DecodedGroup, GroupTask
+from dvc.config import CascadeConfig, CodecConfig, Qp, VideoConfig, codec_config
+from dvc.errors import BitstreamError
+from dvc.slepian_wolf import ParityRequest
+from dvc.stream import StreamReader
+from dvc.video import Frame
+from encoder.session import EncoderSession
+from tests.clips import moving_texture
 
 
-def test_what_comes_later_may_come_first() -> None:
-    """A message that comes while others wait takes its place among them."""
-    received: SimpleQueue[Answered] = SimpleQueue()
-    taken = longest_way_first(received, lambda message: message.place[0])
-    for frame in (1, 2):
-        received.put(answer(0, frame))
-    assert next(taken).place[0] == 2
-    received.put(answer(5, 3))
-    assert [message.place[0] for message in islice(taken, 2)] == [3, 1]
+class Answering:
+    """A process that decodes groups as those of a live encoder, and the records that answer in its place."""
+
+    def __init__(self, process: DecodingProcess, config: CodecConfig, tasks: list[GroupTask]) -> None:
+        self.process = process
+        self.groups: dict[int, DecodedGroup] = {}
+        self._records = {task.number: RecordedGroup(task, config) for task in tasks}
+        self._waiting: list[tuple[int, ParityRequest]] = []
+        process.submit(*(replace(task, form=None) for task in tasks))
+
+    def receive(self) -> None:
+        """Take what comes next."""
+        number, outcome = self.process.receive()
+        if isinstance(outcome, Exception):
+            raise outcome
+        if isinstance(outcome, DecodedGroup):
+            self.groups[number] = outcome
+        elif isinstance(outcome, tuple):
+            self._waiting += [(number, request) for request in outcome]
+
+    def answer_some(self, shuffled: random.Random) -> bool:
+        """Answer some of what waits, in any order; tell whether there was anything."""
+        shuffled.shuffle(self._waiting)
+        count = shuffled.randint(min(1, len(self._waiting)), len(self._waiting))
+        chosen, self._waiting = self._waiting[:count], self._waiting[count:]
+        answers = [
+            Answered((request.frame, request.plane), self._records[number].answer(request))
+            for number, request in chosen
+        ]
+        self.process.submit(*answers)
+        return count > 0
 
 
-@pytest.mark.parametrize(("references", "wanted"), [("hierarchical", [1, 2, 4]), ("all", [1] * 7)])
-def test_level_sizes_of_a_group(references: str, wanted: list[int]) -> None:
-    """The middle frame comes before all others; without levels each frame comes alone."""
-    config = codec_config(VideoConfig(32, 24, 25, 1), "2d", gop={"length": 8, "references": references})
-    record = GopRecord(8, b"", b"", (b"",) * 7)
-    task = GroupTask(b"", 1, 1, None, None, record, None)
-    assert GroupDecoder(config).level_sizes(task) == wanted
+@pytest.fixture(scope="module")
+def config_and_tasks() -> tuple[CodecConfig, list[GroupTask]]:
+    """Return groups that begin with a key frame."""
+    video, gop = VideoConfig(32, 24, 25, 1, luma_only=True), {"length": 8, "references": "hierarchical"}
+    config = codec_config(video, "2d", Qp(32), gop=gop, key={"qp": 36}, coder=CascadeConfig(50, 4))
+    file = io.BytesIO()
+    EncoderSession(config).write(
+        [Frame(frame.luma) for frame in moving_texture(30, 24, 32)], file, lambda _: None
+    )
+    with StreamReader(io.BytesIO(file.getvalue())) as reader:
+        chains = list(stream_tasks(reader.config, reader))
+    return reader.config, [task for chain in chains for task in chain if task.before is not None]
 
 
-def test_levels_begin_while_there_is_memory() -> None:
-    """Those with most levels left come first; a level that is larger than all memory has it alone."""
-    begun: list[int] = []
-    turns = LevelTurns(lambda turn: begun.append(turn.number))
-    half = MAX_ACTIVE_PX // 2
-    turns.wait(0, 1, half)
-    turns.wait(1, 2, half + 1)
-    assert begun == [0]
-    turns.wait(2, 3, half)
-    assert begun == [0, 2]
-    turns.end(0)
-    assert begun == [0, 2]
-    turns.end(2)
-    assert begun == [0, 2, 1]
-    turns.wait(3, 1, 3 * MAX_ACTIVE_PX)
-    turns.wait(1, 1, 1)
-    assert begun == [0, 2, 1, 1]
-    turns.end(1)
-    assert begun == [0, 2, 1, 1, 3]
-    turns.wait(4, 5, 1)
-    assert begun == [0, 2, 1, 1, 3]
-    turns.end(3)
-    assert begun == [0, 2, 1, 1, 3, 4]
+@pytest.mark.parametrize("cores", [1, 3])
+def test_any_order_of_answers_gives_the_same(
+    config_and_tasks: tuple[CodecConfig, list[GroupTask]], cores: int
+) -> None:
+    """Groups are those of a stream, however many frames are at it, and no step of decoding is left over."""
+    (config, tasks), shuffled = config_and_tasks, random.Random(cores)
+    with decoding_process() as process:
+        process.use(cores)
+        live = Answering(process, config, tasks)
+        while len(live.groups) < len(tasks):
+            answers = process.num_pending == 0 or shuffled.random() < 0.5
+            if not (answers and live.answer_some(shuffled)):
+                live.receive()
+        assert (process.num_running, process.num_pending) == (0, 0)
+    for task in tasks:
+        wanted = GroupDecoder(config).decode(task)
+        assert live.groups[task.number].record == wanted.record
+
+
+def test_wrong_answers_end_the_group(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:
+    """Bits that are too few for what a frame asked are its group's end, and the process serves nobody else."""
+    _, tasks = config_and_tasks
+    with decoding_process() as process:
+        process.submit(replace(tasks[0], form=None))
+        outcome: object = ()
+        while outcome == ():
+            number, outcome = process.receive()
+        assert isinstance(outcome, tuple)
+        process.submit(Answered((outcome[0].frame, outcome[0].plane), np.zeros(0, np.uint8)))
+        while isinstance(outcome, tuple):
+            number, outcome = process.receive()
+    assert number == tasks[0].number
+    assert isinstance(outcome, Exception)
+    with decoding_process() as other:
+        assert other is not process
+
+
+def test_a_group_without_a_frame_before_it_is_refused(
+    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
+) -> None:
+    """The error has the number of the group."""
+    _, tasks = config_and_tasks
+    with decoding_process() as process:
+        process.submit(replace(tasks[1], form=None, before=None))
+        outcome: object = ()
+        while outcome == ():
+            _, outcome = process.receive()
+    assert isinstance(outcome, BitstreamError)
+    assert f"group of pictures {tasks[1].number}: Wyner-Ziv frames without a frame" in str(outcome)

@@ -1,14 +1,12 @@
-"""Coroutines that ask for bits: one alone, and several side by side."""
+"""Coroutines that ask for bits."""
 
 from collections.abc import Generator
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc.slepian_wolf import ParityRequest, ask, drive, together
+from dvc.slepian_wolf import ParityRequest, ask, drive
 
 Bits = NDArray[np.uint8]
 
@@ -28,26 +26,15 @@ def answer(request: ParityRequest) -> Bits:
     return rng.integers(0, 2, request.count, dtype=np.uint8)
 
 
-@given(st.lists(st.lists(st.integers(1, 9), max_size=5), max_size=5), st.randoms(use_true_random=False))
-def test_any_order_of_answers_gives_the_same(several: list[list[int]], random: object) -> None:
-    """Side by side each comes to what it comes to alone, whichever of those that wait is answered next."""
-    steps = together([asking(frame, counts) for frame, counts in enumerate(several)])
-    waiting: list[ParityRequest] = []
-    try:
-        waiting += next(steps)
-        while True:
-            random.shuffle(waiting)  # type: ignore[attr-defined]
-            request = waiting.pop()
-            waiting += steps.send(((request.frame, request.plane), answer(request)))
-    except StopIteration as stop:
-        found = stop.value
-    assert not waiting
-    assert found == [drive(asking(frame, counts), answer) for frame, counts in enumerate(several)]
+def test_what_is_asked_for_is_answered_in_turn() -> None:
+    """A coroutine is sent the answer to each of its requests, and what it returns is returned."""
+    counts = [3, 1, 9, 2]
+    wanted = [answer(ParityRequest(4, k % 3, "uncoded", 0, k, count)).sum() for k, count in enumerate(counts)]
+    assert drive(asking(4, counts), answer) == wanted
+    assert drive(asking(4, []), answer) == []
 
 
 def test_wrong_answers_are_refused() -> None:
     """Bits that are too many reach the coroutine that asked, which refuses them."""
-    steps = together([asking(0, [3])])
-    assert len(next(steps)) == 1
     with pytest.raises(ValueError, match="expected 3 uncoded bits"):
-        steps.send(((0, 0), np.zeros(4, np.uint8)))
+        drive(asking(0, [3]), lambda _: np.zeros(4, np.uint8))
