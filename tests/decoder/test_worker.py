@@ -87,7 +87,7 @@ def test_any_order_of_answers_gives_the_same(
 
 
 def test_wrong_answers_end_the_group(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:
-    """Bits that are too few for what a frame asked are its group's end, and the process serves nobody else."""
+    """Bits that are too few for what a frame asked end its group, and the process serves nobody else."""
     _, tasks = config_and_tasks
     with decoding_process() as process:
         process.submit(replace(tasks[0], form=None))
