@@ -47,16 +47,24 @@ def serve(connection: "Connection[Any, Any]") -> None:
 
 
 def _receive(parent: "_Parent", team: Team, tasks: "SimpleQueue[GroupTask]") -> None:
-    """Take what comes; end the process, whatever it does, where nobody is left who wants it."""
+    """Take what comes."""
+    while True:
+        with _ending_alone():
+            messages = parent.connection.recv()
+        for message in messages:
+            if isinstance(message, Cores):
+                team.cores.resize(message.number)
+            elif isinstance(message, Answered):
+                parent.answers.pop(message.place).put(message.bits)
+            else:
+                tasks.put(message)
+
+
+@contextmanager
+def _ending_alone() -> Iterator[None]:
+    """End the process, whatever it does, where nobody is left who wants it."""
     try:
-        while True:
-            for message in parent.connection.recv():
-                if isinstance(message, Cores):
-                    team.cores.resize(message.number)
-                elif isinstance(message, Answered):
-                    parent.answers.pop(message.place).put(message.bits)
-                else:
-                    tasks.put(message)
+        yield
     except (EOFError, OSError):
         os._exit(0)
 
@@ -90,7 +98,7 @@ class _Parent:
 
     def send(self, number: int, outcome: object, steps: int = 0) -> None:
         """Send what a group comes to, and how many steps less of decoding are under way."""
-        with self._sending:
+        with self._sending, _ending_alone():
             self.connection.send((number, outcome, steps))
 
 

@@ -2,7 +2,10 @@
 
 import io
 import random
+import subprocess
+import sys
 from dataclasses import replace
+from multiprocessing import Pipe
 
 import numpy as np
 import pytest
@@ -12,12 +15,14 @@ from decoder.processes import DecodingProcess, decoding_process
 from decoder.session import stream_tasks
 from decoder.tasks import Answered, DecodedGroup, GroupTask
 from dvc.config import CascadeConfig, CodecConfig, Qp, VideoConfig, codec_config
+from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import ParityRequest
 from dvc.stream import StreamReader
 from dvc.video import Frame
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
+from tests.waiting import PATIENCE_S
 
 
 class Answering:
@@ -116,3 +121,23 @@ def test_a_group_without_a_frame_before_it_is_refused(
             _, outcome = process.receive()
     assert isinstance(outcome, BitstreamError)
     assert f"group of pictures {tasks[1].number}: Wyner-Ziv frames without a frame" in str(outcome)
+
+
+def test_a_process_that_nobody_wants_ends_without_a_word(
+    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
+) -> None:
+    """Whatever its threads are at when the other end is gone."""
+    ours, theirs = Pipe()
+    command = [sys.executable, "-P", "-m", "decoder.worker", str(theirs.fileno())]
+    process = subprocess.Popen(
+        command,
+        pass_fds=[theirs.fileno()],
+        env=baseline_environment(),
+        stderr=subprocess.PIPE,
+    )
+    theirs.close()
+    ours.send(tuple(replace(task, form=None) for task in config_and_tasks[1]))
+    ours.recv()
+    ours.close()
+    _, said = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, said) == (0, b"")
