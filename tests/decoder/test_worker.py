@@ -4,6 +4,8 @@ import io
 import random
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from multiprocessing import Pipe
 
@@ -14,6 +16,7 @@ from decoder.group import GroupDecoder, RecordedGroup
 from decoder.processes import DecodingProcess, decoding_process
 from decoder.session import stream_tasks
 from decoder.tasks import Answered, DecodedGroup, GroupTask
+from decoder.team import Rank, Result, Team
 from dvc.config import CascadeConfig, CodecConfig, Qp, VideoConfig, codec_config
 from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError
@@ -89,6 +92,44 @@ def test_any_order_of_answers_gives_the_same(
     for task in tasks:
         wanted = GroupDecoder(config).decode(task)
         assert live.groups[task.number].record == wanted.record
+
+
+class NotedLevels(RecordedGroup):
+    """A record that notes which levels begin."""
+
+    def __init__(self, task: GroupTask, config: CodecConfig) -> None:
+        super().__init__(task, config)
+        self.levels: list[tuple[int, int]] = []
+
+    def level(self, levels_left: int, num_frames: int) -> AbstractContextManager[None]:
+        """Note how many levels are left, and how many frames this one has."""
+        self.levels.append((levels_left, num_frames))
+        return super().level(levels_left, num_frames)
+
+
+class NotedRanks(Team):
+    """A team that notes ranks."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ranks: list[Rank] = []
+
+    def run(self, functions: Sequence[Callable[[], Result]], rank: Rank = ()) -> list[Result]:
+        """Note the rank of a level."""
+        self.ranks.append(rank)
+        return super().run(functions, rank)
+
+
+def test_what_most_levels_depend_on_comes_first(
+    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
+) -> None:
+    """The middle frame comes before all others; at the same level the first group comes first."""
+    config, tasks = config_and_tasks
+    encoder, team = NotedLevels(tasks[0], config), NotedRanks()
+    GroupDecoder(config, team=team).decode(tasks[0], encoder=encoder)
+    assert encoder.levels == [(3, 1), (2, 2), (1, 4)]
+    number = tasks[0].number
+    assert team.ranks == [(-3, number), (-2, number), (-1, number)]
 
 
 def test_wrong_answers_end_the_group(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:
