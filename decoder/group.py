@@ -13,7 +13,7 @@ from decoder.side_information.extrapolation import TrackedExtrapolation
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
-from decoder.team import Team
+from decoder.team import Rank, Team
 from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
@@ -33,7 +33,7 @@ Known = dict[int, ReferenceFrame]
 class Encoder(Protocol):
     """Who answers what frames of a group ask for."""
 
-    def level(self, levels_left: int, num_frames: int) -> AbstractContextManager[None]:
+    def level(self, rank: Rank, num_frames: int) -> AbstractContextManager[None]:
         """Wait until frames may be decoded side by side, as they are in the block."""
 
     def drive(self, frame: FrameCoroutine) -> DecodedFrame:
@@ -102,8 +102,9 @@ class GroupDecoder:
                 partial(encoder.drive, self._frame(task, known, points, place, own))
                 for place, own in zip(level, learned, strict=True)
             ]
-            with encoder.level(levels_left, len(level)):
-                decoded = self._team.run(steps, (-levels_left, task.number))
+            rank = -levels_left, task.number
+            with encoder.level(rank, len(level)):
+                decoded = self._team.run(steps, rank)
             priors = LearnedPriors.mean(learned)
             known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
             frames += decoded
@@ -161,7 +162,7 @@ class RecordedGroup:
         self._task, self._config, self._layout = task, config, FrameLayout.of(config)
         self._answers: dict[int, Answer] = {}
 
-    def level(self, levels_left: int, num_frames: int) -> AbstractContextManager[None]:
+    def level(self, rank: Rank, num_frames: int) -> AbstractContextManager[None]:
         """Wait for nothing: groups of a stream are decoded one after the other."""
         return nullcontext()
 

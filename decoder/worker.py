@@ -21,7 +21,7 @@ from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from decoder.tasks import Answered, Bits, Cores, DecodedFrame, GroupTask, naming_group
-from decoder.team import Team
+from decoder.team import Rank, Team
 from dvc import slepian_wolf
 from dvc.config import VideoConfig, decode_config
 from dvc.errors import DvcError
@@ -108,13 +108,13 @@ class _Encoder:
     def __init__(self, number: int, video: VideoConfig, parent: _Parent, team: Team) -> None:
         self._number, self._parent, self._team = number, parent, team
         self._frame_px = video.width * video.height
-        self._rank: tuple[int, ...] = ()
+        self._rank: Rank = ()
 
     @contextmanager
-    def level(self, levels_left: int, num_frames: int) -> Iterator[None]:
+    def level(self, rank: Rank, num_frames: int) -> Iterator[None]:
         """Wait until there is memory for frames, which are then decoded."""
-        self._rank = -levels_left, self._number
-        with self._team.pixels.taken(num_frames * self._frame_px, self._rank):
+        self._rank = rank
+        with self._team.pixels.taken(num_frames * self._frame_px, rank):
             self._parent.send(self._number, (), -num_frames)
             yield
 

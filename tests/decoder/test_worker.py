@@ -99,12 +99,12 @@ class NotedLevels(RecordedGroup):
 
     def __init__(self, task: GroupTask, config: CodecConfig) -> None:
         super().__init__(task, config)
-        self.levels: list[tuple[int, int]] = []
+        self.levels: list[tuple[Rank, int]] = []
 
-    def level(self, levels_left: int, num_frames: int) -> AbstractContextManager[None]:
-        """Note how many levels are left, and how many frames this one has."""
-        self.levels.append((levels_left, num_frames))
-        return super().level(levels_left, num_frames)
+    def level(self, rank: Rank, num_frames: int) -> AbstractContextManager[None]:
+        """Note the rank of a level, and how many frames it has."""
+        self.levels.append((rank, num_frames))
+        return super().level(rank, num_frames)
 
 
 class NotedRanks(Team):
@@ -127,9 +127,9 @@ def test_what_most_levels_depend_on_comes_first(
     config, tasks = config_and_tasks
     encoder, team = NotedLevels(tasks[0], config), NotedRanks()
     GroupDecoder(config, team=team).decode(tasks[0], encoder=encoder)
-    assert encoder.levels == [(3, 1), (2, 2), (1, 4)]
     number = tasks[0].number
-    assert team.ranks == [(-3, number), (-2, number), (-1, number)]
+    assert encoder.levels == [((-3, number), 1), ((-2, number), 2), ((-1, number), 4)]
+    assert team.ranks == [rank for rank, _ in encoder.levels]
 
 
 def test_wrong_answers_end_the_group(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:
