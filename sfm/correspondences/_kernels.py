@@ -24,7 +24,7 @@ class Corners(NamedTuple):
     """Corners of a key frame with their descriptions."""
 
     positions: Floats  # (N, 2)
-    patches: Floats  # deviations from the mean
+    patches: NDArray[np.uint8]  # (N, S), samples around them
     means: Floats
     histograms: Floats
 
@@ -138,20 +138,22 @@ def chi_square(a, b):
     return 0.5 * total
 
 
-@kernel
-def squared_difference(a, b, limit):
-    """Sum of squared differences; stops, above `limit`, once it exceeds it."""
-    total = 0.0
+@inlined_kernel
+def sum_of_squares(a, b):
+    """Sum of squared differences of samples; in 32 bits, so that many are taken at a time."""
+    total = np.int32(0)
     for k in range(a.size):
-        total += (a[k] - b[k]) ** 2
-        if total > limit:
-            break
-    return total
+        difference = np.int32(np.int32(a[k]) - np.int32(b[k]))
+        total = np.int32(total + np.int32(difference * difference))
+    return np.float64(total)
 
 
 @kernel
 def best_candidates(first, second, similarity, limits, chosen, errors):
-    """List, by rising error, the most similar corners within the motion bound; -1 where there are fewer."""
+    """List, by rising error, the most similar corners within the motion bound; -1 where there are fewer.
+
+    Errors are squared differences of the deviations from the means.
+    """
     corners_a, patches_a, means_a, histograms_a = first
     corners_b, patches_b, means_b, histograms_b = second
     max_motion_px, max_brightness_change, max_chi_square = similarity
@@ -162,10 +164,11 @@ def best_candidates(first, second, similarity, limits, chosen, errors):
             dx, dy = corners_b[j, 0] - corners_a[i, 0], corners_b[j, 1] - corners_a[i, 1]
             if dx * dx + dy * dy > max_motion_px * max_motion_px:
                 continue
-            if abs(means_a[i] - means_b[j]) > max_brightness_change:
+            brighter = means_a[i] - means_b[j]
+            if abs(brighter) > max_brightness_change:
                 continue
             limit = min(limits[i], errors[i, count - 1]) if found == count else limits[i]
-            error = squared_difference(patches_a[i], patches_b[j], limit)
+            error = sum_of_squares(patches_a[i], patches_b[j]) - patches_a.shape[1] * brighter * brighter
             if error > limit or chi_square(histograms_a[i], histograms_b[j]) > max_chi_square:
                 continue
             place = min(found, count - 1)

@@ -19,7 +19,7 @@ class MatchingSettings:
     """When two corners are similar."""
 
     max_motion_share: float = 0.25  # largest motion, as a share of the frame's larger side
-    radius_px: int = 6  # half size of the neighbourhoods compared at whole pixels
+    radius_px: int = 6  # half size of the neighbourhoods compared at whole pixels; 90 at most
     max_brightness_change: float = 40.0  # largest difference of the mean luma of two neighbourhoods, levels
     bin_width: float = 12.0  # distance of the samples of intensity distributions, luma levels
     num_bins: int = 16  # number of samples; what lies outside counts for the outermost
@@ -38,8 +38,8 @@ class MatchingSettings:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if min(self.radius_px, self.num_candidates) < 1 or self.num_bins < 2:
-            raise ValueError(f"`radius_px`, `num_candidates` or `num_bins` is too small: {self}")
+        if not 1 <= self.radius_px <= 90 or self.num_candidates < 1 or self.num_bins < 2:
+            raise ValueError(f"`radius_px`, `num_candidates` or `num_bins` is out of range: {self}")
         if self.max_motion_share <= 0 or self.bin_width <= 0:
             raise ValueError(f"`max_motion_share` and `bin_width` must be positive, got {self}")
 
@@ -81,7 +81,7 @@ def _candidates(
     first = _kernels.Corners(corners0, *describe(luma0, corners0, settings))
     second = _kernels.Corners(corners1, *describe(luma1, corners1, settings))
     num_samples = first.patches.shape[1]
-    variance = (first.patches * first.patches).mean(axis=1)
+    variance = first.patches.var(axis=1)
     chosen = np.full((len(corners0), settings.num_candidates), -1, dtype=np.int64)
     errors = np.empty(chosen.shape)
     _kernels.best_candidates(
@@ -111,16 +111,16 @@ def _unambiguous(i: Indices, error: Floats, settings: MatchingSettings) -> NDArr
     return clear
 
 
-def describe(luma: Image, corners: Floats, settings: MatchingSettings) -> tuple[Floats, Floats, Floats]:
-    """Cut out the neighbourhoods of corners and estimate their distributions of intensity."""
+def describe(
+    luma: Image, corners: Floats, settings: MatchingSettings
+) -> tuple[NDArray[np.uint8], Floats, Floats]:
+    """Cut out the neighbourhoods of corners; return their means and distributions of intensity, too."""
     from sfm.correspondences import _kernels
 
     offset = np.arange(-settings.radius_px, settings.radius_px + 1)
     x, y = corners.astype(np.int64).T
-    square = luma[y[:, None, None] + offset[:, None], x[:, None, None] + offset]
-    patches = square.reshape(len(corners), -1).astype(np.float64)
+    patches = luma[y[:, None, None] + offset[:, None], x[:, None, None] + offset].reshape(len(corners), -1)
     means = patches.mean(axis=1)
-    patches -= means[:, None]
     histograms = np.empty((len(corners), settings.num_bins))
-    _kernels.parzen_histograms(patches, settings.bin_width, histograms)
+    _kernels.parzen_histograms(patches - means[:, None], settings.bin_width, histograms)
     return patches, means, histograms

@@ -57,7 +57,7 @@ def epipolar(correspondences: Correspondences, fundamental: Floats, limit_px: fl
 
 def motion(correspondences: Correspondences, limit_px: float, num_spreads: float) -> Mask:
     """Keep correspondences that move like their neighbours."""
-    return _like_neighbours(correspondences.first, correspondences.motion, limit_px, num_spreads)
+    return _like_neighbours(correspondences.first, correspondences.motion, limit_px, num_spreads)[0]
 
 
 def reprojection(second: Floats, projected: Floats, limit_px: float) -> Mask:
@@ -97,20 +97,19 @@ def depth(
     inverse = 1.0 / depths[keep]
     inverse /= np.median(np.abs(inverse))
     points = first[keep]
-    usual = _like_neighbours(points, inverse[:, None], share, num_spreads)
+    usual, around = _like_neighbours(points, inverse[:, None], share, num_spreads)
     max_size = int(island_share * np.count_nonzero(usual))
-    usual[usual] = ~_farther_islands(points[usual], inverse[usual], island_gap, max_size)
+    usual[usual] = ~_farther_islands(around, inverse[usual], island_gap, max_size)
     keep[keep] = usual
     return keep
 
 
-def _farther_islands(points: Floats, inverse_depths: Floats, gap: float, max_size: int) -> Mask:
+def _farther_islands(around: Neighbours, inverse_depths: Floats, gap: float, max_size: int) -> Mask:
     """Tell which points belong to small groups that lie behind nearly all the points around them."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    num = len(points)
-    around = delaunay_neighbours(points)
+    num = len(inverse_depths)
     a, b = around.point, around.neighbour
     together = np.abs(inverse_depths[a] - inverse_depths[b]) <= gap
     links = coo_array((together[together], (a[together], b[together])), shape=(num, num))
@@ -124,13 +123,16 @@ def _farther_islands(points: Floats, inverse_depths: Floats, gap: float, max_siz
     return np.asarray((small & behind)[group])
 
 
-def _like_neighbours(points: Floats, values: Floats, limit: float, num_spreads: float) -> Mask:
+def _like_neighbours(
+    points: Floats, values: Floats, limit: float, num_spreads: float
+) -> tuple[Mask, Neighbours]:
+    """Keep the values (N, D) that are like those around, others left out; return the neighbours, too."""
     keep = np.ones(len(points), dtype=bool)
     while True:
         neighbours = delaunay_neighbours(points[keep])
         aberrant = _aberrant(values[keep], neighbours, limit, num_spreads)
         if not aberrant.any():
-            return keep
+            return keep, neighbours
         keep[np.flatnonzero(keep)[aberrant]] = False
 
 

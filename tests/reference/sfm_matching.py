@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Samples = NDArray[np.uint8]
 
 
 def suppression_radii(points: Indices, strength: Floats, robustness: float) -> list[int]:
@@ -33,7 +34,7 @@ def best_candidates(
     corners_a: Floats,
     corners_b: Floats,
     max_motion_px: float,
-    patches: tuple[Floats, Floats],
+    patches: tuple[Samples, Samples],
     means: tuple[Floats, Floats],
     histograms: tuple[Floats, Floats],
     max_brightness_change: float,
@@ -43,11 +44,12 @@ def best_candidates(
 ) -> tuple[list[list[int]], list[list[float]]]:
     """Return the corners of b that pass all tests, most similar first, and their squared differences."""
     chosen, errors = [], []
+    deviations = [samples - mean[:, None] for samples, mean in zip(patches, means, strict=True)]
     for i, corner in enumerate(corners_a):
         near = np.sqrt(((corners_b - corner) ** 2).sum(axis=1)) <= max_motion_px
         bright = np.abs(means[1] - means[0][i]) <= max_brightness_change
         alike = np.array([chi_square(histograms[0][i], h) <= max_chi_square for h in histograms[1]])
-        error = ((patches[1] - patches[0][i]) ** 2).sum(axis=1)
+        error = ((deviations[1] - deviations[0][i]) ** 2).sum(axis=1)
         passed = np.flatnonzero(near & bright & alike & (error <= limits[i]))
         best = passed[np.argsort(error[passed], kind="stable")][:count]
         chosen.append(best.tolist())
