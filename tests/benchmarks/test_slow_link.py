@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
+import pytest
 
-from benchmarks.slow_link import SlowLink, slow_link
+from benchmarks.slow_link import Direction, SlowLink, slow_link
 
 DELAY_S, BITS_PER_SECOND = 0.1, 4e5
 
@@ -50,15 +51,37 @@ def test_bytes_take_their_time_both_ways() -> None:
 
 
 def test_an_answer_waits_for_both_delays() -> None:
-    """A byte and its answer take twice the delay, and many at a time no more than one."""
+    """A byte and its answer take twice the delay."""
     with linked() as (_, near, far):
         started = time.monotonic()
-        for _ in range(200):
-            near.sendall(b"?")
-        assert received(far, 200) == b"?" * 200
-        far.sendall(b"!" * 10)
-        assert received(near, 10) == b"!" * 10
-        assert 2 * DELAY_S <= time.monotonic() - started < 200 * DELAY_S
+        near.sendall(b"?")
+        assert received(far, 1) == b"?"
+        far.sendall(b"!")
+        assert received(near, 1) == b"!"
+        assert time.monotonic() - started >= 2 * DELAY_S
+
+
+def test_many_bytes_wait_for_one_delay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What enters while others are on their way comes out as long after it as they do."""
+    now_s = 0.0
+
+    class Clock:
+        @staticmethod
+        def monotonic() -> float:
+            return now_s
+
+        @staticmethod
+        def sleep(seconds: float) -> None:
+            nonlocal now_s
+            now_s += seconds
+
+    monkeypatch.setattr("benchmarks.slow_link.time", Clock)
+    direction = Direction(DELAY_S, BITS_PER_SECOND)
+    for _ in range(200):
+        direction.enter(b"?")
+    assert now_s == pytest.approx(200 * 8 / BITS_PER_SECOND)
+    assert b"".join(direction.leave() for _ in range(200)) == b"?" * 200
+    assert now_s == pytest.approx(200 * 8 / BITS_PER_SECOND + DELAY_S)
 
 
 def test_ends_close_one_after_the_other() -> None:
