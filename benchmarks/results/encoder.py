@@ -122,9 +122,9 @@ def own_memory_mib(setting: Setting) -> Measured:
     return mean_of(found, frames)
 
 
-def looped(source: Path, path: Path, num_frames: int) -> Path:
-    """Write a long video that plays a short one forwards and backwards."""
-    with open_video(source, num_frames=25) as reader:
+def looped(source: Path, path: Path, num_frames: int, period: int = 25) -> Path:
+    """Write a long video that plays the first frames of a short one forwards and backwards."""
+    with open_video(source, num_frames=period) as reader:
         frames, info = list(reader), reader.info
     with create_video(path, info.size, info.frame_rate) as writer:
         for frame in there_and_back(frames, num_frames):

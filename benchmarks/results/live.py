@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,7 +14,7 @@ from dvc.errors import DvcError
 
 LENGTHS, QUICK_LENGTHS = (9, 33), (5, 9)
 CLIPS, QUICK_CLIPS = ("box", "tree"), ("box", "street")
-_PATIENCE_S = "120"
+PATIENCE_S = 600
 
 
 @dataclass(frozen=True)
@@ -23,22 +25,37 @@ class LiveRun:
     same_as_file: bool  # whether a file of the same options gives the same frames and bits
 
 
-def live_run(video: Path, folder: Path, options: list[str]) -> LiveRun:
-    """Code a video live, and as a file."""
-    words = [sys.executable, "-m", "encoder", str(video), "--serve", "127.0.0.1:0", "--timeout", _PATIENCE_S]
-    words += [*options, "--json", str(folder / "encoder.json"), "--quiet"]
+@contextmanager
+def serving(video: Path, folder: Path, options: Sequence[object]) -> Iterator[str]:
+    """Run an encoder that waits for a decoder, which comes to the address that the block is given."""
+    words = [
+        sys.executable,
+        "-m",
+        "encoder",
+        str(video),
+        "--serve",
+        "127.0.0.1:0",
+        "--timeout",
+        str(PATIENCE_S),
+    ]
+    words += [*map(str, options), "--json", str(folder / "encoder.json"), "--quiet"]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as encoder:
         assert encoder.stderr is not None
         try:
-            address = encoder.stderr.readline().split()[-1]
-            outputs = [folder / "live.mkv", "--punctured", folder / "live.dvc", "--quiet"]
-            run_module("decoder", "--connect", address, *outputs, "--timeout", _PATIENCE_S)
+            yield encoder.stderr.readline().split()[-1]
             _, said = encoder.communicate(timeout=60)
         except BaseException:
             encoder.kill()
             raise
     if encoder.returncode != 0:
         raise DvcError(f"the encoder ended with status {encoder.returncode}: {said.strip()[-300:]}")
+
+
+def live_run(video: Path, folder: Path, options: Sequence[object]) -> LiveRun:
+    """Code a video live, and as a file."""
+    with serving(video, folder, options) as address:
+        outputs = [folder / "live.mkv", "--punctured", folder / "live.dvc", "--quiet"]
+        run_module("decoder", "--connect", address, *outputs, "--timeout", PATIENCE_S)
     run_module("encoder", video, folder / "stream.dvc", *options, "--quiet")
     outputs = [folder / "file.mkv", "--punctured", folder / "file.dvc", "--quiet"]
     run_module("decoder", folder / "stream.dvc", *outputs)

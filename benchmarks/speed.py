@@ -1,0 +1,121 @@
+"""How fast clips are decoded, from a file and live: `python -m benchmarks.speed [CLIP ...] [--jobs N]`.
+
+A file is decoded by one process and by N; then the encoder is asked live, over a link if one is described.
+Times are those of whole commands, their start included. A clip that is too short is played forwards,
+backwards, and so on. Memory is the most that one process of the decoder had.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from benchmarks.results.encoder import looped
+from benchmarks.results.harness import CLIPS, Usage, clip_source, report_of, run_module
+from benchmarks.results.live import PATIENCE_S, serving
+from benchmarks.slow_link import slow_link
+from dvc.feedback import parse_address
+from dvc.video import open_video
+
+MIB = 2**20
+
+
+def source_of(clip: str, num_frames: int, folder: Path) -> Path:
+    """Return a video of a clip, or of a file, that has so many frames."""
+    path = Path(clip) if Path(clip).suffix else clip_source(clip).path
+    with open_video(path) as reader:
+        available = sum(1 for _ in reader)
+    return path if available >= num_frames else looped(path, folder / "looped.mkv", num_frames, available)
+
+
+def from_file(stream: Path, jobs: int, folder: Path) -> tuple[Usage, bytes]:
+    """Decode a stream; return what it took, and the frames."""
+    made = folder / f"{jobs}.y4m"
+    usage = run_module("decoder", stream, made, "--jobs", jobs, "--quiet")
+    frames = made.read_bytes()
+    made.unlink()
+    return usage, frames
+
+
+def live(
+    video: Path, options: Sequence[object], jobs: int, link: tuple[float, float] | None, folder: Path
+) -> tuple[Usage, dict[str, float], bytes]:
+    """Code and decode a video live; return what decoding took, its figures, and the frames."""
+    made, report = folder / "live.y4m", folder / "live.json"
+    with serving(video, folder, options) as served, ExitStack() as stack:
+        between = stack.enter_context(slow_link(*parse_address(served), *link)) if link else None
+        address = between.address if between else served
+        words = ["--connect", address, made, "--jobs", jobs, "--timeout", PATIENCE_S, "--json", report]
+        usage = run_module("decoder", *words, "--quiet")
+    said, frames = report_of(report), made.read_bytes()
+    made.unlink()
+    figures = {name: said[name] / said["frames"] for name in ("num_messages", "num_requests")}
+    return usage, figures | said["delay_s"] | {"bits": 8.0 * said["stream_bytes"]}, frames
+
+
+def table(rows: Sequence[tuple[str, str]]) -> str:
+    """Return lines of names and values."""
+    return "\n".join(f"  {name:<44} {value}" for name, value in rows)
+
+
+def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
+    """Measure one clip."""
+    folder: Path = arguments.out / Path(clip).stem
+    folder.mkdir(parents=True, exist_ok=True)
+    num, jobs, video = arguments.frames, arguments.jobs, source_of(clip, arguments.frames, folder)
+    options = ["--qp", arguments.qp, "--frames", num]
+    run_module("encoder", video, folder / "stream.dvc", *options, "--quiet")
+    file, frames = from_file(folder / "stream.dvc", jobs, folder)
+    rows = [
+        (f"file, {jobs} jobs: frames a second", f"{num / file.wall_s:.2f}"),
+        ("  processor time a frame, s", f"{file.cpu_s / num:.2f}"),
+        ("  memory of a process, MiB", f"{file.peak_bytes / MIB:.0f}"),
+    ]
+    if not arguments.no_single:
+        single, same = from_file(folder / "stream.dvc", 1, folder)
+        rows += [
+            ("file, 1 job: frames a second", f"{num / single.wall_s:.2f}"),
+            ("  processor time a frame, s", f"{single.cpu_s / num:.2f}"),
+            ("  memory of a process, MiB", f"{single.peak_bytes / MIB:.0f}"),
+            (f"  time of 1 job over that of {jobs}", f"{single.wall_s / file.wall_s:.2f}"),
+            ("  frames", "the same" if same == frames else "NOT THE SAME"),
+        ]
+    if not arguments.no_live:
+        link = (arguments.delay, arguments.bandwidth) if arguments.delay or arguments.bandwidth else None
+        usage, said, same = live(video, options, jobs, link, folder)
+        least_s = file.wall_s + (said["bits"] / arguments.bandwidth if link else 0.0)
+        rows += [
+            (f"live, {jobs} jobs: frames a second", f"{num / usage.wall_s:.2f}"),
+            ("  processor time a frame, s", f"{usage.cpu_s / num:.2f}"),
+            ("  delay of a frame: median, worst, s", f"{said['median']:.1f}, {said['worst']:.1f}"),
+            ("  messages, requests a frame", f"{said['num_messages']:.1f}, {said['num_requests']:.0f}"),
+            ("  time over bits / rate + decoding of the file", f"{usage.wall_s / least_s:.2f}"),
+            ("  frames", "the same" if same == frames else "NOT THE SAME"),
+        ]
+    return rows
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Measure, and print a table for each clip."""
+    parser = argparse.ArgumentParser("python -m benchmarks.speed", description=__doc__)
+    parser.add_argument("clips", nargs="*", metavar="CLIP", help="names, or video files; default: all nine")
+    parser.add_argument("--qp", type=int, default=34)
+    parser.add_argument("--frames", type=int, default=49)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--delay", type=float, default=0.0, metavar="S", help="of the link, each way")
+    parser.add_argument("--bandwidth", type=float, default=0.0, metavar="BITS_PER_SECOND", help="of the link")
+    parser.add_argument("--no-single", action="store_true", help="do not decode the file by one process")
+    parser.add_argument("--no-live", action="store_true", help="do not decode live")
+    parser.add_argument("--out", type=Path, default=Path("out/speed"), help="folder of streams")
+    arguments = parser.parse_args(words)
+    if bool(arguments.delay) != bool(arguments.bandwidth):
+        parser.error("a link has --delay and --bandwidth")
+    for clip in arguments.clips or CLIPS:
+        print(f"{clip}, {arguments.frames} frames, QP {arguments.qp}", flush=True)
+        print(table(measured(clip, arguments)), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
