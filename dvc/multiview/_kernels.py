@@ -315,20 +315,38 @@ def census_cost(base, other, warp, hypotheses, limits, cost):
     low, step = hypotheses
     limit, bit_cost, outside_cost = limits
     levels, bits = base
-    other_levels, other_bits = other
+    samples, words = other[0].ravel(), other[1].ravel()
     height, width = levels.shape
+    line = np.uint64(width)
     us, vs = np.empty(cost.shape[2]), np.empty(cost.shape[2])
+    places, nearest = np.empty(us.size, np.int32), np.empty(us.size, np.int32)
     for y in range(height):
         for x in range(width):
             warp_hypotheses(warp, x, y, low, step, us, vs)
-            for k in range(cost.shape[2]):
-                u, v = us[k], vs[k]
-                if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
+            split_positions(us, vs, width, height, places, nearest)
+            for k in range(us.size):
+                if places[k] < 0:
                     cost[y, x, k] = outside_cost
                     continue
-                difference = min(abs(bilinear(other_levels, u, v) - levels[y, x]), limit)
-                different = count_bits(bits[y, x] ^ other_bits[int(v + 0.5), int(u + 0.5)])
+                at, right, down = np.uint64(places[k]), us[k], vs[k]
+                upper = samples[at] + right * (samples[at + np.uint64(1)] - samples[at])
+                at += line
+                lower = samples[at] + right * (samples[at + np.uint64(1)] - samples[at])
+                difference = min(abs(upper + down * (lower - upper) - levels[y, x]), limit)
+                different = count_bits(bits[y, x] ^ words[np.uint64(nearest[k])])
                 cost[y, x, k] = np.int16(difference) + np.int16(bit_cost * np.int64(different))
+
+
+@kernel
+def split_positions(us, vs, width, height, places, nearest):
+    """Split positions: the pixel at the upper left (-1 outside), the nearest one, and in place the rest."""
+    for k in range(us.size):
+        inside = (us[k] >= 0.0) & (us[k] <= width - 1.0) & (vs[k] >= 0.0) & (vs[k] <= height - 1.0)
+        u, v = us[k] if inside else 0.0, vs[k] if inside else 0.0
+        column, row = min(np.int32(u), np.int32(width - 2)), min(np.int32(v), np.int32(height - 2))
+        places[k] = row * np.int32(width) + column if inside else np.int32(-1)
+        nearest[k] = np.int32(v + 0.5) * np.int32(width) + np.int32(u + 0.5)
+        us[k], vs[k] = u - column, v - row
 
 
 @kernel
