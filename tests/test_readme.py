@@ -21,6 +21,7 @@ SMALLER = {
     "--qp 24,30,36": "--qp 36 --anchor-qp 40",
     "--bpp 0.5": "--bpp 4",
 }
+ARRAYS = "\n## Camera arrays\n"
 MEASURED = {"docs/rd.svg"}  # written by measurements
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 
@@ -35,21 +36,19 @@ def free_port() -> str:
         return str(probe.getsockname()[1])
 
 
-def test_shell_commands_run(tmp_path: Path) -> None:
-    """Those of README and usage work one after the other, on a smaller video; files are as promised.
+def run_shell(script: str, folder: Path) -> None:
+    """Run commands one after the other, on a smaller video.
 
     What they call is listed, to be compiled when the package is installed (`tests.recorder`).
     """
-    script = "\n".join(["set -eu", *blocks("sh"), *blocks("sh", USAGE)]).replace(":5000", f":{free_port()}")
     for large, small in SMALLER.items():
-        assert large in script
         script = script.replace(large, small)
-    with recording(tmp_path) as environment:
+    with recording(folder) as environment:
         environment["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-        environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")
+        environment["XDG_CACHE_HOME"] = str(folder / "cache")
         done = subprocess.run(
-            ["bash", "-c", script],
-            cwd=tmp_path,
+            ["bash", "-euc", script],
+            cwd=folder,
             env=environment,
             capture_output=True,
             text=True,
@@ -57,10 +56,35 @@ def test_shell_commands_run(tmp_path: Path) -> None:
             check=False,
         )
         assert done.returncode == 0, done.stderr
+
+
+def test_shell_commands_of_the_readme_run(tmp_path: Path) -> None:
+    """They work, and files are as promised."""
+    run_shell("\n".join(blocks("sh")).replace(":5000", f":{free_port()}"), tmp_path)
     assert (tmp_path / "small.dvc").stat().st_size < (tmp_path / "street.dvc").stat().st_size
     assert (tmp_path / "live.dvc").read_bytes() == (tmp_path / "small.dvc").read_bytes()
     assert (tmp_path / "live.mkv").read_bytes() == (tmp_path / "decoded.mkv").read_bytes()
+
+
+def test_shell_commands_of_usage_run(tmp_path: Path) -> None:
+    """They go on with what those of the README have made; sections for camera arrays begin anew."""
+    made = r"dvc-sequences|dvc-encode street.mkv (street|no-feedback).dvc"
+    before = [line for block in blocks("sh") for line in block.splitlines() if re.match(made, line)]
+    assert len(before) == 3
+    run_shell("\n".join([*before, *blocks("sh", USAGE[: USAGE.index(ARRAYS)])]), tmp_path)
     assert any((tmp_path / "results" / "street").rglob("*.png"))
+
+
+def test_shell_commands_for_camera_arrays_run(tmp_path: Path) -> None:
+    """They make what they say."""
+    run_shell("\n".join(blocks("sh", USAGE[USAGE.index(ARRAYS) :])), tmp_path)
+    assert {"surfaces", "layers", "sprites", "toy.dibr", "flight.mp4", "toy.html"} < set(os.listdir(tmp_path))
+
+
+def test_commands_are_run_on_less() -> None:
+    """All that makes them quick is there to be replaced."""
+    script = "".join([*blocks("sh"), *blocks("sh", USAGE)])
+    assert all(large in script for large in SMALLER)
 
 
 def test_python_examples_run(capsys: pytest.CaptureFixture[str]) -> None:
