@@ -21,7 +21,7 @@ SMALLER = {
     "--qp 24,30,36": "--qp 36 --anchor-qp 40",
     "--bpp 0.5": "--bpp 4",
 }
-ARRAYS = "\n## Camera arrays\n"
+EXPERIMENTS, ARRAYS = "\n## Experiments\n", "\n## Camera arrays\n"
 MEASURED = {"docs/rd.svg"}  # written by measurements
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 
@@ -67,11 +67,20 @@ def test_shell_commands_of_the_readme_run(tmp_path: Path) -> None:
 
 
 def test_shell_commands_of_usage_run(tmp_path: Path) -> None:
-    """They go on with what those of the README have made; sections for camera arrays begin anew."""
+    """They go on with what those of the README have made."""
     made = r"dvc-sequences|dvc-encode street.mkv (street|no-feedback).dvc"
     before = [line for block in blocks("sh") for line in block.splitlines() if re.match(made, line)]
     assert len(before) == 3
-    run_shell("\n".join([*before, *blocks("sh", USAGE[: USAGE.index(ARRAYS)])]), tmp_path)
+    run_shell("\n".join([*before, *blocks("sh", USAGE[: USAGE.index(EXPERIMENTS)])]), tmp_path)
+    assert {"motion.json", "scene.json", "predicted.mkv", "no-feedback.json"} < set(os.listdir(tmp_path))
+
+
+def test_shell_commands_for_experiments_run(tmp_path: Path) -> None:
+    """They need the video alone."""
+    render = blocks("sh")[0].splitlines()[0]
+    run_shell(
+        "\n".join([render, *blocks("sh", USAGE[USAGE.index(EXPERIMENTS) : USAGE.index(ARRAYS)])]), tmp_path
+    )
     assert any((tmp_path / "results" / "street").rglob("*.png"))
 
 
