@@ -64,7 +64,7 @@ def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
     folder: Path = arguments.out / Path(clip).stem
     folder.mkdir(parents=True, exist_ok=True)
     num, jobs, video = arguments.frames, arguments.jobs, source_of(clip, arguments.frames, folder)
-    options = ["--qp", arguments.qp, "--frames", num]
+    options = ["--qp", arguments.qp, "--frames", num, *(["--long-delay"] if arguments.long_delay else [])]
     run_module("encoder", video, folder / "stream.dvc", *options, "--quiet")
     file, frames = from_file(folder / "stream.dvc", jobs, folder)
     rows = [
@@ -105,6 +105,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--delay", type=float, default=0.0, metavar="S", help="of the link, each way")
     parser.add_argument("--bandwidth", type=float, default=0.0, metavar="BITS_PER_SECOND", help="of the link")
+    parser.add_argument("--long-delay", action="store_true", help="encode for a link with a long delay")
     parser.add_argument("--no-single", action="store_true", help="do not decode the file by one process")
     parser.add_argument("--no-live", action="store_true", help="do not decode live")
     parser.add_argument("--out", type=Path, default=Path("out/speed"), help="folder of streams")
