@@ -88,6 +88,7 @@ def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
         rows += [
             (f"live, {jobs} jobs: frames a second", f"{num / usage.wall_s:.2f}"),
             ("  processor time a frame, s", f"{usage.cpu_s / num:.2f}"),
+            ("  memory of a process, MiB", f"{usage.peak_bytes / MIB:.0f}"),
             ("  delay of a frame: median, worst, s", f"{said['median']:.1f}, {said['worst']:.1f}"),
             ("  messages, requests a frame", f"{said['num_messages']:.1f}, {said['num_requests']:.0f}"),
             ("  time over bits / rate + decoding of the file", f"{usage.wall_s / least_s:.2f}"),
