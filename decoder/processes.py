@@ -18,20 +18,20 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from threading import RLock
 from typing import Any, Protocol
 
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.tasks import Answered, Cores, DecodedGroup, GroupTask
+from decoder.tasks import Answered, Bits, Cores, DecodedGroup, GroupTask
 from dvc.environment import ONE_HEAP, baseline_environment
 from dvc.errors import BitstreamError, DvcError
 from dvc.feedback import ParityAnswer
-from dvc.slepian_wolf import ParityRequest, Place
+from dvc.slepian_wolf import ParityRequest, Place, Round
 
-Outcome = Sequence[ParityRequest] | ReferenceFrame | DecodedGroup | Exception
+Outcome = Round | ReferenceFrame | DecodedGroup | Exception
 _MAX_IDLE = 2  # processes kept for the next sequence: they take about a second to start, and some memory
 
 
@@ -188,6 +188,15 @@ class GroupSource(Protocol):
         """Notice that the next group has been handed on, so that there is room for another."""
 
 
+@dataclass
+class _Asked:
+    """What a frame has asked for together."""
+
+    process: DecodingProcess
+    places: list[Place]
+    answers: dict[Place, Bits] = field(default_factory=dict)
+
+
 class GroupsInFlight:
     """Groups of pictures that are decoded at the same time; the same bytes for any number of processes."""
 
@@ -197,7 +206,7 @@ class GroupsInFlight:
         self._processes: list[DecodingProcess] = []
         self._following: dict[int, GroupTask] = {}  # groups that wait for the last frame of the one before
         self._lasts: dict[int, ReferenceFrame] = {}  # such frames of groups that are followed by none yet
-        self._asked: dict[Place, DecodingProcess] = {}
+        self._asked: dict[Place, _Asked] = {}
         self._order: deque[int] = deque()  # of groups that are not handed on
         self._outcomes: dict[int, DecodedGroup | Exception] = {}
 
@@ -232,8 +241,11 @@ class GroupsInFlight:
         for received in self._source.received():
             if isinstance(received, ParityAnswer):
                 place = received.frame, received.plane
-                process = self._asked.pop(place)
-                answers.setdefault(process, []).append(Answered(place, received.bits))
+                asked = self._asked.pop(place)
+                asked.answers[place] = received.bits
+                if len(asked.answers) == len(asked.places):
+                    bits = tuple(asked.answers[place] for place in asked.places)
+                    answers.setdefault(asked.process, []).append(Answered(received.frame, bits))
                 continue
             number = -1 if isinstance(received, BitstreamError) else received.number
             self._order.append(number)
@@ -278,7 +290,8 @@ class GroupsInFlight:
             else:
                 self._begin(replace(following, before=outcome))
         else:
-            self._asked |= {(request.frame, request.plane): process for request in outcome}
+            asked = _Asked(process, [(request.frame, request.plane) for request in outcome])
+            self._asked |= dict.fromkeys(asked.places, asked)
             self._source.ask(outcome, process)
 
     def _end(self, number: int, outcome: DecodedGroup | Exception) -> None:

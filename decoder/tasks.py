@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from decoder.side_information.protocol import ReferenceFrame
 from dvc.errors import BitstreamError
-from dvc.slepian_wolf import Place
 from dvc.stream import Form, GopRecord
 from dvc.video import Frame
 
@@ -42,10 +41,10 @@ class GroupTask:
 
 
 class Answered(NamedTuple):
-    """Bits that were asked for while a group is decoded."""
+    """Bits that a frame has asked for together."""
 
-    place: Place  # numbers of the frame and of the plane
-    bits: Bits
+    frame: int
+    bits: tuple[Bits, ...]  # of each plane
 
 
 class Cores(NamedTuple):

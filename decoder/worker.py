@@ -12,7 +12,7 @@ than memory is for, however many groups are open.
 import os
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing.connection import Connection
@@ -25,7 +25,6 @@ from decoder.team import Rank, Team
 from dvc import slepian_wolf
 from dvc.config import VideoConfig, decode_config
 from dvc.errors import DvcError
-from dvc.slepian_wolf import ParityRequest, Place
 
 if TYPE_CHECKING:
     from decoder.group import GroupDecoder
@@ -55,7 +54,7 @@ def _receive(parent: "_Parent", team: Team, tasks: "SimpleQueue[GroupTask]") -> 
             if isinstance(message, Cores):
                 team.cores.resize(message.number)
             elif isinstance(message, Answered):
-                parent.answers.pop(message.place).put(message.bits)
+                parent.answers.pop(message.frame).put(message.bits)
             else:
                 tasks.put(message)
 
@@ -93,7 +92,7 @@ class _Parent:
 
     def __init__(self, connection: "Connection[Any, Any]") -> None:
         self.connection = connection
-        self.answers: dict[Place, SimpleQueue[Bits]] = {}  # to come
+        self.answers: dict[int, SimpleQueue[Sequence[Bits]]] = {}  # to come, by frame
         self._sending = Lock()
 
     def send(self, number: int, outcome: object, steps: int = 0) -> None:
@@ -120,16 +119,16 @@ class _Encoder:
 
     def drive(self, frame: "FrameCoroutine") -> DecodedFrame:
         """Decode a frame."""
-        decoded = slepian_wolf.drive(frame, self._answer)
+        decoded = slepian_wolf.drive_rounds(frame, self._answers)
         self._parent.send(self._number, (), 1)
         return decoded
 
-    def _answer(self, request: ParityRequest) -> Bits:
+    def _answers(self, requests: slepian_wolf.Round) -> Sequence[Bits]:
         """Ask for bits, and leave the core to others until they come."""
-        answer = self._parent.answers[request.frame, request.plane] = SimpleQueue[Bits]()
-        self._parent.send(self._number, (request,), 1)
+        answers = self._parent.answers[requests[0].frame] = SimpleQueue[Sequence[Bits]]()
+        self._parent.send(self._number, requests, 1)
         with self._team.cores.given(1, self._rank):
-            return answer.get()
+            return answers.get()
 
 
 class _Decoders:

@@ -4,11 +4,13 @@ Bands are decoded in zigzag order, each plane by plane: the noise model turns si
 known so far into log-likelihood ratios, the Slepian-Wolf decoder asks for parity until the plane is right,
 and the conditional mean reconstructs the coefficients. What has been decoded teaches the rest: scales are
 fitted to the decoded intervals, blocks that turned out worse than expected are expected to be bad in later
-bands, and the side information is refined and fused with what it was at first.
+bands, and the side information is refined and fused with what it was at first. Bands between two refinements
+are decoded side by side: what they ask for goes together.
 """
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +29,7 @@ from dvc.wynerziv.refinement import Refinement, expected_refinement
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
 
-REFINE_AFTER = frozenset((0, 1, 2, 4, 8))
+REFINE_AFTER = (0, 2, 8)
 """Positions of bands in coding order after which the side information is refined, beside the last one."""
 REFINING_WIDTH = 4.0
 """Mean interval of the first band, in scales, below which each of its planes refines the side information."""
@@ -37,12 +39,28 @@ LOOK_AHEAD = 2
 """Planes of a band that are looked at together before the next is given up."""
 
 
-FrameCoroutine = Generator[slepian_wolf.ParityRequest, Bits, DecodedFrame]
+FrameCoroutine = Generator[slepian_wolf.Round, Sequence[Bits], DecodedFrame]
+BandCoroutine = Generator[slepian_wolf.ParityRequest, Bits, "DecodedBand"]
+
+
+@dataclass(frozen=True)
+class DecodedBand:
+    """A band as far as its planes were asked for."""
+
+    planes: list[slepian_wolf.PlaneResult]
+    gain: float  # factor on the scale of the noise
+    known: KnownBand
 
 
 def _cost(band: int, results: list[slepian_wolf.PlaneResult]) -> BandCost:
     ideal_bits = sum(result.ideal_bits for result in results)
     return BandCost(band, ideal_bits, sum(result.parity_bits + result.crc_bits for result in results))
+
+
+def _between_refinements(bands: Sequence[int]) -> Iterator[Sequence[int]]:
+    """Divide bands, in coding order, where the side information is refined."""
+    ends = [0, *(position + 1 for position in REFINE_AFTER if position + 1 < len(bands)), len(bands)]
+    return (bands[first:end] for first, end in pairwise(ends) if first < end)
 
 
 def _is_worth_its_rate(worth: Refinement, cost: slepian_wolf.PlaneCost, multiplier: float) -> bool:
@@ -52,13 +70,12 @@ def _is_worth_its_rate(worth: Refinement, cost: slepian_wolf.PlaneCost, multipli
 
 
 class WynerZivDecoder:
-    """Decodes Wyner-Ziv frames of one configuration, also several side by side; keeps decoders of planes."""
+    """Decodes Wyner-Ziv frames of one configuration, also several side by side."""
 
     def __init__(self, config: CodecConfig) -> None:
         self.layout = FrameLayout.of(config)
         self._config = config
         self._coder = slepian_wolf.plane_coder(config)
-        self._idle: list[slepian_wolf.PlaneDecoder] = []
 
     def new_priors(self) -> LearnedPriors:
         """Return what is known of priors before anything is decoded."""
@@ -73,14 +90,10 @@ class WynerZivDecoder:
         multiplier: float = 0.0,
     ) -> FrameCoroutine:
         """Decode one frame."""
-        try:  # of several threads
-            planes = self._idle.pop()
-        except IndexError:
-            planes = self._coder.decoder(self.layout.num_bits)
-        frame = _Frame(self._config, self.layout, planes, priors, index)
-        decoded = yield from frame.decode(quantization, prediction, multiplier)
-        self._idle.append(planes)
-        return decoded
+        planes = self._coder.decoder(self.layout.num_bits)
+        return _Frame(self._config, self.layout, planes, priors, index).decode(
+            quantization, prediction, multiplier
+        )
 
 
 @dataclass(frozen=True)
@@ -98,16 +111,19 @@ class _Frame:
         state = FrameState(self.layout, prediction, settings.noise_model)
         decoded: dict[int, list[slepian_wolf.PlaneResult]] = {}
         check = slepian_wolf.FrameCheck()
-        last, is_new = len(quantization.bands) - 1, False
-        for position, band in enumerate(quantization.bands):
-            decoded[band] = yield from self._decode_band(band, quantization, state, multiplier)
-            is_new = is_new or bool(decoded[band])
-            if position == last:
-                check = yield from self.plane_decoder.check(self.index)
+        for bands in _between_refinements(quantization.bands):
+            steps = [self._decode_band(band, quantization, state, multiplier) for band in bands]
+            found = yield from slepian_wolf.side_by_side(steps)
+            for band, own in zip(bands, found, strict=True):
+                decoded[band] = own.planes
+                if own.planes:
+                    state.gain = float(np.sqrt(state.gain * own.gain))
+                    state.set_known(band, own.known)
+            if bands[-1] == quantization.bands[-1]:
+                (check,) = yield from slepian_wolf.side_by_side([self.plane_decoder.check(self.index)])
                 self._correct(check, decoded, quantization, state)
-            if is_new and (position in REFINE_AFTER or position == last):
+            if any(own.planes for own in found):
                 state.refine()
-                is_new = False
         results = [result for planes in decoded.values() for result in planes]
         refiner = state.prediction.refiner
         chroma = prediction.chroma if refiner is None else refiner.chroma()
@@ -128,7 +144,7 @@ class _Frame:
 
     def _decode_band(
         self, band: int, quantization: Quantization, state: FrameState, multiplier: float
-    ) -> Generator[slepian_wolf.ParityRequest, Bits, list[slepian_wolf.PlaneResult]]:
+    ) -> BandCoroutine:
         edges = quantization.edges(band)
         planes, shape = quantization.planes[band], self.layout.band_shape
         refined = not state.known
@@ -155,10 +171,7 @@ class _Frame:
                 state.refine_by_part(band, KnownBand.of(lower, upper, scale * gain, shape))
                 predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
                 gain = noise.fit_gain(lower, upper, predicted, scale, gain)
-        if results:
-            state.gain = float(np.sqrt(state.gain * gain))
-            state.set_known(band, KnownBand.of(lower, upper, scale * gain, shape))
-        return results
+        return DecodedBand(results, gain, KnownBand.of(lower, upper, scale * gain, shape))
 
     def _decode_plane(
         self,

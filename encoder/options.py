@@ -60,8 +60,8 @@ EXAMPLES = """\
   dvc-encode /dev/video0 --serve :5000 --leave-out    what the decoder cannot take is left out
 """
 
-LONG_DELAY_PERCENT, LONG_DELAY_BITS = 150, 7
-"""Of a bit for every error, and bits beyond: half of the requests for a tenth more bits of planes."""
+LONG_DELAY_PERCENT = 20
+"""Of what is unknown of a plane: half of the requests for a tenth more bits of planes."""
 
 
 Value = Callable[[CodecVariant], object]
@@ -459,7 +459,7 @@ def _coder(arguments: argparse.Namespace) -> CoderConfig:
         return CODERS[arguments.coder]()
     if arguments.coder != DEFAULT_CODER:
         raise ConfigError(f"--long-delay is for --coder {DEFAULT_CODER}, not for {arguments.coder}")
-    return CascadeConfig(LONG_DELAY_PERCENT, LONG_DELAY_BITS)
+    return CascadeConfig(LONG_DELAY_PERCENT)
 
 
 def _key(arguments: argparse.Namespace) -> dict[str, Any]:

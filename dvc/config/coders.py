@@ -36,14 +36,12 @@ class CoderConfig(Section):
 class CascadeConfig(CoderConfig):
     """Parities of ranges that the decoder chooses."""
 
-    # Information that the answers to a request are to have, in percent of a bit for every error that is
-    # expected in the plane, and bits besides. Where that is 0: as little as costs the fewest bits.
-    batch_percent: int = 0
-    batch_bits: int = 0
+    # What the answers to a request are to tell, in percent of what is unknown of the plane; where that is 0:
+    # as little as costs the fewest bits.
+    batch_percent: int = 8
 
     def _check_values(self) -> None:
-        check_range("batch_percent", self.batch_percent, 0, 1000)
-        check_range("batch_bits", self.batch_bits, 0, 1000)
+        check_range("batch_percent", self.batch_percent, 0, 100)
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,6 @@ FIELD_NUMBERS = {
     "wyner_ziv.priors": 28,
     "coder.name": 40,
     "coder.batch_percent": 41,
-    "coder.batch_bits": 42,
     "side_information.method": 56,
     "side_information.track_corrections": 57,
     "side_information.fallback": 58,

@@ -11,8 +11,11 @@ from dvc.slepian_wolf.requests import (
     ParityRequest,
     Place,
     RequestTable,
+    Round,
     ask,
     drive,
+    drive_rounds,
+    side_by_side,
 )
 from dvc.slepian_wolf.results import FrameCheck, PlaneCost, PlaneResult
 
@@ -30,10 +33,13 @@ __all__ = [
     "PlaneDecoder",
     "PlaneResult",
     "RequestTable",
+    "Round",
     "ask",
     "crc",
     "crc_words",
     "drive",
+    "drive_rounds",
     "joint_check",
     "plane_coder",
+    "side_by_side",
 ]

@@ -14,7 +14,7 @@ Words = NDArray[np.uint64]
 
 
 class PlaneDecoder(Protocol):
-    """Decodes the planes of one frame after another."""
+    """Decodes the planes of one frame, one after the other or several side by side."""
 
     @property
     def cost(self) -> PlaneCost:
@@ -79,7 +79,7 @@ class PlaneCoder(Protocol):
         """
 
     def decoder(self, num_bits: int) -> PlaneDecoder:
-        """Return a decoder of planes.
+        """Return a decoder of the planes of a frame.
 
         Parameters
         ----------

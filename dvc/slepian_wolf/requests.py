@@ -70,6 +70,8 @@ class RequestTable(NamedTuple):
         ]  # fmt: skip
 
 
+Round = Sequence[ParityRequest]
+"""Requests for different planes of a frame that are made, and answered, together."""
 Answer = Callable[[ParityRequest], Bits]
 """Turns a request into bits: ndarray of shape (count,), uint8."""
 Place = tuple[int, int]
@@ -92,6 +94,39 @@ def drive(coroutine: Generator[ParityRequest, Bits, Result], answer: Answer) -> 
         request = next(coroutine)
         while True:
             request = coroutine.send(answer(request))
+    except StopIteration as stop:
+        result: Result = stop.value
+        return result
+
+
+def side_by_side(
+    coroutines: Sequence[Generator[ParityRequest, Bits, Result]],
+) -> Generator[Round, Sequence[Bits], list[Result]]:
+    """Let decoding coroutines go on in step: all that have not ended ask together."""
+    results: dict[int, Result] = {}
+    answers: dict[int, Bits | None] = dict.fromkeys(range(len(coroutines)))
+    while True:
+        asked: dict[int, ParityRequest] = {}
+        for number, answer in answers.items():
+            try:
+                coroutine = coroutines[number]
+                asked[number] = next(coroutine) if answer is None else coroutine.send(answer)
+            except StopIteration as stop:
+                results[number] = stop.value
+        if not asked:
+            return [results[number] for number in range(len(coroutines))]
+        bits = yield tuple(asked.values())
+        answers = dict(zip(asked, bits, strict=True))
+
+
+def drive_rounds(
+    coroutine: Generator[Round, Sequence[Bits], Result], answer: Callable[[Round], Sequence[Bits]]
+) -> Result:
+    """Drive a coroutine that asks for bits of several planes at a time."""
+    try:
+        requests = next(coroutine)
+        while True:
+            requests = coroutine.send(answer(requests))
     except StopIteration as stop:
         result: Result = stop.value
         return result

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dvc import slepian_wolf
 from dvc.errors import BitstreamError
-from dvc.slepian_wolf import ParityRequest
+from dvc.slepian_wolf import ParityRequest, Round
 from dvc.slepian_wolf.crc import POLYNOMIALS, joint_check_of_words
 from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
@@ -209,15 +209,15 @@ class PunctureRecorder:
         self._bits: list[Bits] = []
 
     def watch(
-        self, coroutine: Generator[ParityRequest, Bits, Result]
-    ) -> Generator[ParityRequest, Bits, Result]:
+        self, coroutine: Generator[Round, Sequence[Bits], Result]
+    ) -> Generator[Round, Sequence[Bits], Result]:
         """Pass on requests of a coroutine, and keep the answers."""
         try:
-            request = next(coroutine)
+            requests = next(coroutine)
             while True:
-                bits = yield request
-                self._bits.append(bits)
-                request = coroutine.send(bits)
+                answers = yield requests
+                self._bits += answers
+                requests = coroutine.send(answers)
         except StopIteration as stop:
             result: Result = stop.value
             return result

@@ -56,8 +56,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     side = st.integers(1, 4096)
     rate = st.integers(1, 2**31 - 1)
     level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
-    references, batch_percent = draw(st.sampled_from(REFERENCES)), draw(st.integers(0, 1000))
-    cascade = CascadeConfig(batch_percent, draw(st.integers(0, 1000)))
+    references, cascade = draw(st.sampled_from(REFERENCES)), CascadeConfig(draw(st.integers(0, 100)))
     return CodecConfig(
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
         draw(st.sampled_from(list(VARIANTS))),
@@ -192,8 +191,7 @@ def test_sizes_of_planes() -> None:
         ("geometry", "path_regularity", 2**1328, "finite number, got a number of 1329 bits"),
         ("geometry", "path_regularity", -1, "from 0.0"),
         ("coder", "name", "ldpc", "one of cascade, turbo, got 'ldpc'"),
-        ("coder", "batch_percent", 1001, "`batch_percent` must be from 0 to 1000"),
-        ("coder", "batch_bits", 1001, "`batch_bits` must be from 0 to 1000"),
+        ("coder", "batch_percent", 101, "`batch_percent` must be from 0 to 100"),
         ("side_information", "method", "../x", "`method`"),
         ("side_information", "method", "", "`method`"),
         ("side_information", "method", "m" * 33, "`method`"),

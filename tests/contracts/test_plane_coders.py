@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.config import CODERS, CascadeConfig
-from dvc.slepian_wolf import PlaneCoder, drive
+from dvc.slepian_wolf import PlaneCoder, drive, drive_rounds, side_by_side
 from tests.coders import coder_of
 from tests.reference.plane_exchange import Bits, PlaneSource, exchange, noisy
 
 ALL: dict[str, PlaneCoder] = {name: coder_of(name) for name in CODERS} | {
-    "cascade one by one": coder_of("cascade", CascadeConfig(0, 0)),
-    "cascade long delay": coder_of("cascade", CascadeConfig(150, 7)),
+    "cascade one by one": coder_of("cascade", CascadeConfig(0)),
+    "cascade long delay": coder_of("cascade", CascadeConfig(20)),
 }
 each = pytest.mark.parametrize("coder", ALL.values(), ids=ALL)
 
@@ -76,6 +76,19 @@ def test_a_decoder_repeats_itself(coder: PlaneCoder) -> None:
     drive(used.decode(of_other, (0, 0)), PlaneSource(other[None], coder).answer)
     first = drive(used.decode(llr_ch, (0, 0)), PlaneSource(bits[None], coder).answer)
     assert replace(first, bits=bits) == replace(exchange(bits, llr_ch, coder), bits=bits)
+
+
+@each
+def test_planes_side_by_side_are_as_alone(coder: PlaneCoder) -> None:
+    """Planes that are decoded in step ask for what each asks for alone."""
+    drawn = [noisy(np.random.default_rng(k), 1584, p) for k, p in enumerate((0.1, 0.01, 0.03))]
+    source = PlaneSource(np.stack([bits for bits, _ in drawn]), coder)
+    decoder = coder.decoder(1584)
+    steps = side_by_side([decoder.decode(llr, (0, n)) for n, (_, llr) in enumerate(drawn)])
+    together = drive_rounds(steps, lambda requests: [source.answer(own) for own in requests])
+    for (bits, llr), result in zip(drawn, together, strict=True):
+        np.testing.assert_array_equal(result.bits, bits)
+        assert replace(result, bits=bits) == replace(exchange(bits, llr, coder), bits=bits)
 
 
 @each

@@ -38,7 +38,7 @@ def configuration(**gop: int) -> CodecConfig:
         Qp(32),
         gop={"length": 4, "references": "hierarchical"} | gop,
         key={"qp": 36},
-        coder=CascadeConfig(50, 4),
+        coder=CascadeConfig(20),
     )
 
 

@@ -46,7 +46,7 @@ class Answering:
         if isinstance(outcome, DecodedGroup):
             self.groups[number] = outcome
         elif isinstance(outcome, tuple):
-            self._waiting += [(number, request) for request in outcome]
+            self._waiting += [(number, outcome)] if outcome else []
 
     def answer_some(self, shuffled: random.Random) -> bool:
         """Answer some of what waits, in any order; tell whether there was anything."""
@@ -54,8 +54,8 @@ class Answering:
         count = shuffled.randint(min(1, len(self._waiting)), len(self._waiting))
         chosen, self._waiting = self._waiting[:count], self._waiting[count:]
         answers = [
-            Answered((request.frame, request.plane), self._records[number].answer(request))
-            for number, request in chosen
+            Answered(requests[0].frame, tuple(map(self._records[number].answer, requests)))
+            for number, requests in chosen
         ]
         self.process.submit(*answers)
         return count > 0
@@ -65,7 +65,7 @@ class Answering:
 def config_and_tasks() -> tuple[CodecConfig, list[GroupTask]]:
     """Return groups that begin with a key frame."""
     video, gop = VideoConfig(32, 24, 25, 1, luma_only=True), {"length": 8, "references": "hierarchical"}
-    config = codec_config(video, "2d", Qp(32), gop=gop, key={"qp": 36}, coder=CascadeConfig(50, 4))
+    config = codec_config(video, "2d", Qp(32), gop=gop, key={"qp": 36}, coder=CascadeConfig(20))
     file = io.BytesIO()
     EncoderSession(config).write(
         [Frame(frame.luma) for frame in moving_texture(30, 24, 32)], file, lambda _: None
@@ -141,7 +141,7 @@ def test_wrong_answers_end_the_group(config_and_tasks: tuple[CodecConfig, list[G
         while outcome == ():
             number, outcome = process.receive()
         assert isinstance(outcome, tuple)
-        process.submit(Answered((outcome[0].frame, outcome[0].plane), np.zeros(0, np.uint8)))
+        process.submit(Answered(outcome[0].frame, (np.zeros(0, np.uint8),)))
         while isinstance(outcome, tuple):
             number, outcome = process.receive()
     assert number == tasks[0].number

@@ -19,7 +19,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.metrics import psnr_db
-from dvc.slepian_wolf import CRC_BITS, Answer, drive, plane_coder
+from dvc.slepian_wolf import CRC_BITS, Answer, drive_rounds, plane_coder
 from dvc.video import Frame
 from dvc.wynerziv import transform
 from dvc.wynerziv.payloads import BufferedFrame, EncodedFrame, quantize_frame
@@ -48,7 +48,8 @@ def decode(
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
     steps = decoder.decode(5, quantization, prediction, decoder.new_priors(), slope)
-    return drive(steps, answering(config, encoded))
+    answer = answering(config, encoded)
+    return drive_rounds(steps, lambda requests: [answer(own) for own in requests])
 
 
 def answering(config: CodecConfig, encoded: EncodedFrame) -> Answer:
@@ -164,7 +165,7 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
 
     quantization = decoder.layout.read_header(encoded.header)
     steps = decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.new_priors())
-    decoded = drive(steps, answer)
+    decoded = drive_rounds(steps, lambda requests: [answer(own) for own in requests])
     assert {plane for plane, _ in seen} == set(range(quantization.num_planes))
     assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
     assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
@@ -260,10 +261,11 @@ def test_every_group_learns_by_itself(original: Frame) -> None:
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
     prediction = noisy_prediction(original, 5.0)
-    costs, priors = [], decoder.new_priors()
+    costs, priors, answer = [], decoder.new_priors(), answering(config, encoded)
     for number in range(3):
         if number == 2:
             priors = decoder.new_priors()
-        decoded = drive(decoder.decode(5, quantization, prediction, priors), answering(config, encoded))
+        steps = decoder.decode(5, quantization, prediction, priors)
+        decoded = drive_rounds(steps, lambda requests: [answer(own) for own in requests])
         costs.append([cost.ideal_bits for cost in decoded.band_costs])
     assert costs[0] == costs[2] != costs[1]

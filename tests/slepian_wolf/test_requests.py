@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc.slepian_wolf import ParityRequest, ask, drive
+from dvc.slepian_wolf import ParityRequest, Round, ask, drive, drive_rounds, side_by_side
 
 Bits = NDArray[np.uint8]
 
@@ -38,3 +38,23 @@ def test_wrong_answers_are_refused() -> None:
     """Bits that are too many reach the coroutine that asked, which refuses them."""
     with pytest.raises(ValueError, match="expected 3 uncoded bits"):
         drive(asking(0, [3]), lambda _: np.zeros(4, np.uint8))
+
+
+def test_those_side_by_side_ask_together_until_each_has_ended() -> None:
+    """What they return is what each returns alone, in their order; a round has a request of each at work."""
+    several = [[3, 1, 9, 2], [], [5], [2, 2]]
+    rounds: list[list[int]] = []
+
+    def answered(requests: Round) -> list[Bits]:
+        rounds.append([request.frame for request in requests])
+        return [answer(request) for request in requests]
+
+    together = drive_rounds(side_by_side([asking(k, own) for k, own in enumerate(several)]), answered)
+    assert together == [drive(asking(k, own), answer) for k, own in enumerate(several)]
+    assert rounds == [[0, 2, 3], [0, 3], [0], [0]]
+
+
+def test_too_few_answers_are_refused() -> None:
+    """A round takes an answer to each of its requests."""
+    with pytest.raises(ValueError, match="zip"):
+        drive_rounds(side_by_side([asking(0, [3]), asking(1, [1])]), lambda requests: [answer(requests[0])])

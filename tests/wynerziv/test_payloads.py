@@ -1,6 +1,6 @@
 """Layout and payloads of a Wyner-Ziv frame: what is written is what can be asked for."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from dvc import slepian_wolf
 from dvc._jit import python_twin
 from dvc.config import MAX_BAND_PLANES, DiscoverMatrix, VideoConfig, WynerZivConfig, codec_config
 from dvc.errors import BitstreamError
-from dvc.slepian_wolf import ParityRequest, drive
+from dvc.slepian_wolf import ParityRequest, Round, drive_rounds
 from dvc.slepian_wolf.cascade.orders import bit_orders
 from dvc.slepian_wolf.crc import POLYNOMIALS, joint_check_of_words
 from dvc.slepian_wolf.turbo.codes import CLASSICAL
@@ -210,14 +210,17 @@ def test_punctured_payload_replays_what_was_recorded(counts: list[int], seed: in
     rng = np.random.default_rng(seed)
     recorder = PunctureRecorder()
 
-    def asking() -> Generator[ParityRequest, NDArray[np.uint8], list[NDArray[np.uint8]]]:
-        answers = []
-        for count in counts:
-            answers.append((yield ParityRequest(0, 0, "uncoded", 0, 0, count)))
+    def asking() -> Generator[Round, Sequence[NDArray[np.uint8]], list[NDArray[np.uint8]]]:
+        answers: list[NDArray[np.uint8]] = []
+        for start in range(0, len(counts), 2):
+            several = counts[start : start + 2]
+            answers += yield [ParityRequest(0, k, "uncoded", 0, 0, count) for k, count in enumerate(several)]
         return answers
 
-    steps = recorder.watch(asking())
-    given_bits = drive(steps, lambda request: rng.integers(0, 2, request.count, dtype=np.uint8))
+    def answer(requests: Round) -> list[NDArray[np.uint8]]:
+        return [rng.integers(0, 2, request.count, dtype=np.uint8) for request in requests]
+
+    given_bits = drive_rounds(recorder.watch(asking()), answer)
     payload = recorder.payload(header)
     assert len(payload) == len(header) + -(-sum(counts) // 8)
     source = PuncturedFrame(layout, payload)

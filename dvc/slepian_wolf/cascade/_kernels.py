@@ -329,6 +329,17 @@ def expected_errors(odds):
 
 
 @kernel
+def uncertainty_bits(odds):
+    """Return about how many bits of entropy there are: (4 p (1 - p))^(3/4) is near that of each bit."""
+    total = 0.0
+    for n in range(odds.size):
+        soft = _soft(odds[n])
+        root = np.sqrt(max(1.0 - soft * soft, 0.0))
+        total += root * np.sqrt(root)
+    return total
+
+
+@kernel
 def prefix_parities(words, order, released):
     """Add up words in an order, modulo 2; `released` receives the sum up to, and including, each position."""
     total = np.uint64(0)

@@ -4,11 +4,13 @@ Check bits that make sure of one plane cost more than a plane of low entropy its
 """
 
 from collections.abc import Generator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import CascadeConfig
+from dvc.pool import Pool
 from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, prefix_parities
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
 from dvc.slepian_wolf.cascade.reconciliation import PlaneReconciliation
@@ -27,9 +29,8 @@ class CascadeDecoder:
 
     cost = PlaneCost(1.06, 6.0)
 
-    def __init__(self, settings: CascadeConfig, num_bits: int, seed: int) -> None:
-        self._settings = settings
-        self._posterior = RangePosterior(num_bits, seed)
+    def __init__(self, settings: CascadeConfig, posteriors: Pool[RangePosterior]) -> None:
+        self._settings, self._posteriors = settings, posteriors
         self._planes: dict[int, tuple[PlaneReconciliation, PlaneResult]] = {}
 
     def decode(
@@ -40,7 +41,8 @@ class CascadeDecoder:
     ) -> PlaneCoroutine:
         """Decode a plane as a coroutine: it yields requests and is sent the bits."""
         plane = PlaneReconciliation(llr_ch, self._settings, position, coupling)
-        result = yield from plane.decode(self._posterior)
+        with self._posteriors.lent() as posterior:
+            result = yield from plane.decode(posterior)
         self._planes[position[1]] = plane, result
         return result
 
@@ -55,7 +57,8 @@ class CascadeDecoder:
         while not (success := (yield from check.holds(sorted(planes), CRC_BITS))) and suspects:
             number = yield from check.find(suspects, search_bits)
             suspects.remove(number)
-            corrected[number] = yield from planes[number][0].correct(self._posterior)
+            with self._posteriors.lent() as posterior:
+                corrected[number] = yield from planes[number][0].correct(posterior)
             check.set_bits(number, corrected[number].bits)
             if np.array_equal(corrected[number].bits, planes[number][1].bits):
                 search_bits = CRC_BITS  # a wrong plane must have passed for right
@@ -108,6 +111,7 @@ class CascadeCoder:
 
     def __init__(self, settings: CascadeConfig, seed: int) -> None:
         self._settings, self._seed = settings, seed
+        self._posteriors: dict[int, Pool[RangePosterior]] = {}  # by length of the planes
 
     def encode(self, code: int, words: Words, parity: Words) -> None:
         """Compute the parities of all that comes first in one of the orders, of up to 64 planes."""
@@ -115,4 +119,5 @@ class CascadeCoder:
 
     def decoder(self, num_bits: int) -> CascadeDecoder:
         """Return a decoder of planes."""
-        return CascadeDecoder(self._settings, num_bits, self._seed)
+        new = partial(RangePosterior, num_bits, self._seed)
+        return CascadeDecoder(self._settings, self._posteriors.setdefault(num_bits, Pool(new)))

@@ -20,8 +20,6 @@ CERTAIN = 0.999
 """2 |p - 1/2| of answers from which on they are not worth asking for."""
 MIN_COUPLED_CHANGE = 0.01
 """Change of an LLR by what neighbours tell, from which on it is used: of 0.1 planes cost 0.3 % more."""
-FIRST_ORDERS = 6
-"""Most orders that the first request is about."""
 SCALE_STRENGTH = 5.0
 """Errors that must be expected besides those of the plane, lest a few of them change the prior."""
 
@@ -105,10 +103,6 @@ class RangePosterior:
         self._scale = 1.0
         self._laid_out = self._laid_after = self.num_bits
         self.num_orders = 0
-        beliefs.last[:] = beliefs.ends[:] = self.num_bits - 1
-        beliefs.first[:] = 0
-        beliefs.prefix[:] = 0
-        beliefs.messages[:] = 1.0
         self._decided_prefix = {}
 
     def _prior_odds(self, llr: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -121,15 +115,20 @@ class RangePosterior:
         """Take in parities."""
         beliefs = self._beliefs
         if order == self.num_orders:
-            self.num_orders += 1
-            beliefs.prefix[order, -1] = beliefs.prefix[0, -1]  # every order ends with the parity of the plane
-            beliefs.pending[order, -1], beliefs.expected[order, -1], beliefs.stale[order, -1] = 1.0, 0.0, 1
-        if order not in self._decided_prefix:
-            decided = self._first_decisions[self._orders[order]]
-            self._decided_prefix[order] = np.bitwise_xor.accumulate(decided)
+            self._begin_order()
         self._laid_out = self._laid_after
         errors = bits ^ self._decided_prefix[order][positions]
         _kernels.divide(beliefs, order, positions, errors)
+
+    def _begin_order(self) -> None:
+        """Begin the next order with one range; of orders that no plane has needed yet memory is not used."""
+        beliefs, order = self._beliefs, self.num_orders
+        beliefs.last[order] = beliefs.ends[:, order] = self.num_bits - 1
+        beliefs.first[order], beliefs.messages[order] = 0, 1.0
+        beliefs.prefix[order, -1] = beliefs.prefix[0, -1] if order else 0  # the parity of the plane
+        beliefs.pending[order, -1], beliefs.expected[order, -1], beliefs.stale[order, -1] = 1.0, 0.0, 1
+        self._decided_prefix[order] = np.bitwise_xor.accumulate(self._first_decisions[self._orders[order]])
+        self.num_orders += 1
 
     def propagate(self, max_sweeps: int, share: float) -> int:
         """Pass beliefs between bits and ranges until nothing changes any more."""
@@ -159,7 +158,7 @@ class RangePosterior:
 
     def restart(self) -> None:
         """Forget all beliefs but the prior and the parities."""
-        self._beliefs.messages[:] = 1.0
+        self._beliefs.messages[: self.num_orders] = 1.0
         self._beliefs.odds[:] = self._beliefs.prior
         self._touch_all()
 
@@ -187,29 +186,20 @@ class RangePosterior:
                 best, chosen = information, [(order, self._positions[:count].copy())]
         return chosen, best
 
-    def batch(self, wanted: float, max_bias: float, new_bias: float) -> list[tuple[int, Positions]]:
+    def batch(self, share: float, max_bias: float, new_bias: float) -> list[tuple[int, Positions]]:
         """Choose what to ask next at once; nothing where no order in use tells much.
 
-        Where divisions tell less than is wanted, ranges of the next order are added, as many as are missing;
-        it is begun for no fewer than there are orders in use, since beliefs in more of them cost time.
+        Where divisions tell less than a share of what is unknown, ranges of the next order are added, as many
+        as are missing; it is begun for no fewer than there are orders in use, since beliefs in more of them
+        cost time.
         """
-        if not self.num_orders:
-            return self._first_orders(wanted, new_bias)
         found, information = self._divisions(max_bias)
-        missing = round(wanted - information)
-        if found and missing >= (self.num_orders if self._laid_out == self.num_bits else 1):
+        if not found:
+            return []
+        missing = round(share * float(_kernels.uncertainty_bits(self.odds)) - information)
+        if missing >= (self.num_orders if self._laid_out == self.num_bits else 1):
             found += self._only_first(self.new_order(new_bias), missing)
         return _joined(found)
-
-    def _first_orders(self, wanted: float, new_bias: float) -> list[tuple[int, Positions]]:
-        """Lay out orders until it is enough."""
-        found = self._only_first(self._lay_out(0, new_bias), self.num_bits)
-        missing = round(wanted) - sum(positions.size for _, positions in found)
-        for order in range(1, FIRST_ORDERS):
-            if missing > 0:
-                found += self._only_first(self._lay_out(order, new_bias), missing)
-                missing -= found[-1][1].size
-        return found
 
     def _only_first(self, question: tuple[int, Positions] | None, count: int) -> list[tuple[int, Positions]]:
         """Leave the rest of an order for later."""

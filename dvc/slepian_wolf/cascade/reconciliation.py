@@ -22,9 +22,9 @@ ERROR_EXPONENT = 8
 """A plane is accepted by itself when the odds against it are below 2 to minus this."""
 UNCODED_ENTROPY = 0.95
 """Bits of entropy per bit from which on a plane is asked for as it is."""
-WORTH_ASKING = 0.36
+WORTH_ASKING = 0.5
 """Greatest 2 |p - 1/2| of an answer that is asked for as long as others of an order tell as much."""
-RANGE_BIAS = 0.2
+RANGE_BIAS = 0.15
 """The same of the ranges that an order is divided into at first."""
 UNSURE_ERRORS = 0.5
 """Expected errors above which there is no point in checking."""
@@ -52,8 +52,7 @@ class PlaneReconciliation:
         coupling: NeighbourCoupling | None = None,
     ) -> None:
         self._llr = bounded_llr(llr_ch)
-        # What the answers to a request are to tell: bits for every error that is expected, and bits beyond.
-        self._batch, self._batch_bits = settings.batch_percent / 100, float(settings.batch_bits)
+        self._share = settings.batch_percent / 100
         self._position = position
         self._coupling = coupling
         self._entropy_bits = entropy_bits(self._llr)
@@ -103,10 +102,7 @@ class PlaneReconciliation:
         return question or _only(posterior.new_order(RANGE_BIAS))
 
     def _worth_asking(self, posterior: RangePosterior) -> Question:
-        wanted = self._batch_bits
-        if self._batch:
-            wanted += self._batch * posterior.expected_errors
-        return posterior.batch(wanted, WORTH_ASKING, RANGE_BIAS)
+        return posterior.batch(self._share, WORTH_ASKING, RANGE_BIAS)
 
     def _last_question(self, posterior: RangePosterior) -> Question:
         """Choose what to ask where little can be learned, but the plane is not right yet."""

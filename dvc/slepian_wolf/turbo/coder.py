@@ -1,10 +1,12 @@
 """Turbo codes as a coder of planes: the punctured pair of the thesis, and a check of each plane by itself."""
 
 from collections.abc import Generator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.pool import Pool
 from dvc.slepian_wolf.coupling import NeighbourCoupling
 from dvc.slepian_wolf.protocol import Words
 from dvc.slepian_wolf.requests import Bits, ParityRequest
@@ -20,8 +22,8 @@ class TurboPlaneDecoder:
 
     cost = PlaneCost(1.2, 10.0)
 
-    def __init__(self, num_bits: int, seed: int) -> None:
-        self._decoder = TurboDecoder(CLASSICAL, num_bits, seed)
+    def __init__(self, decoders: Pool[TurboDecoder]) -> None:
+        self._decoders = decoders
 
     def decode(
         self,
@@ -31,7 +33,8 @@ class TurboPlaneDecoder:
     ) -> PlaneCoroutine:
         """Decode a plane as a coroutine; neighbours are left aside."""
         del coupling
-        return decode_plane(llr_ch, self._decoder, position)
+        with self._decoders.lent() as decoder:
+            return (yield from decode_plane(llr_ch, decoder, position))
 
     def check(self, frame: int) -> Generator[ParityRequest, Bits, FrameCheck]:
         """Do nothing."""
@@ -47,6 +50,7 @@ class TurboCoder:
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
+        self._decoders: dict[int, Pool[TurboDecoder]] = {}  # by length of the planes
 
     def encode(self, code: int, words: Words, parity: Words) -> None:
         """Compute the parity of up to 64 planes."""
@@ -55,4 +59,5 @@ class TurboCoder:
 
     def decoder(self, num_bits: int) -> TurboPlaneDecoder:
         """Return a decoder of planes."""
-        return TurboPlaneDecoder(num_bits, self._seed)
+        new = partial(TurboDecoder, CLASSICAL, num_bits, self._seed)
+        return TurboPlaneDecoder(self._decoders.setdefault(num_bits, Pool(new)))

@@ -113,12 +113,14 @@ def test_first_ranges_are_as_fair_as_asked() -> None:
 def test_what_is_missing_comes_from_the_next_order() -> None:
     """Where divisions tell less than is wanted, ranges of the next order are added, and later the rest."""
     beliefs, bits, _ = started(400, 3)
-    ((order, positions),) = beliefs.batch(0.0, 0.36, 0.2)
-    tell(beliefs, bits, order, *positions)
+    assert not beliefs.batch(1.0, 0.36, 0.2)  # no order is in use
+    question = beliefs.new_order(0.2)
+    assert question is not None
+    tell(beliefs, bits, question[0], *question[1])
     beliefs.propagate(10, 0.01)
     ((_, divisions),) = beliefs.batch(0.0, 0.36, 0.2)
-    wanted = divisions.size + 3.0
-    (first, same), (second, some) = beliefs.batch(wanted, 0.36, 0.2)
+    share = (divisions.size + 3.0) / _kernels.uncertainty_bits(beliefs.odds)
+    (first, same), (second, some) = beliefs.batch(share, 0.36, 0.2)
     assert (first, second) == (0, 1)
     np.testing.assert_array_equal(same, divisions)
     assert 3 <= some.size < 8
@@ -133,13 +135,13 @@ def test_what_is_missing_comes_from_the_next_order() -> None:
     assert rest[1].min() > some[-1]
 
 
-def test_the_first_request_is_as_large_as_is_wanted() -> None:
-    """It lays out orders one after the other, the last only as far as is needed."""
-    beliefs, _, _ = started(400, 3)
-    ((_, alone),) = beliefs.batch(0.0, 0.36, 0.2)
-    (_, first), (order, second) = beliefs.batch(alone.size + 5.0, 0.36, 0.2)
-    np.testing.assert_array_equal(first, alone)
-    assert (order, second.size) == (1, 5)
+@pytest.mark.parametrize("probability", [0.5, 0.1, 0.01, 0.001])
+def test_uncertainty_is_near_the_entropy(probability: float) -> None:
+    """It is exact of a fair bit, and within a half where p is small."""
+    odds = np.full(50, probability / (1.0 - probability))
+    entropy = -50.0 * (probability * np.log2(probability) + (1 - probability) * np.log2(1 - probability))
+    assert 0.85 < _kernels.uncertainty_bits(odds) / entropy < 1.5
+    assert _kernels.uncertainty_bits(np.ones(50)) == 50.0
 
 
 def test_residual_errors_count_pairs_that_no_parity_shows() -> None:
