@@ -62,6 +62,8 @@ EXAMPLES = """\
 
 LONG_DELAY_PERCENT = 20
 """Of what is unknown of a plane: half of the requests for a tenth more bits of planes."""
+LONG_DELAY_INTRA_PERIOD = 1
+"""All GOPs end with a key frame, so that none waits for the one before."""
 
 
 Value = Callable[[CodecVariant], object]
@@ -238,8 +240,8 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
     add(
         "--long-delay",
         action="store_true",
-        help="for a live decoder that is far away: it asks for more at once, so that less often is waited for"
-        " answers, for some percent of the rate; with --coder cascade",
+        help="for a live decoder that is far away: it asks for more at once, and GOPs end with key frames, so"
+        " that less often is waited for answers, for some percent of the rate; with --coder cascade",
     )
     add("--luma-only", action="store_true", help="code no chroma")
     add(
@@ -273,7 +275,8 @@ def _add_groups(group: argparse._ArgumentGroup) -> None:
         (1, MAX_INTRA_PERIOD),
         "most frames from one key frame to the next where GOPs end without one, because P-type frames"
         f" are estimated to cost less; with {', '.join(_with_points(tracked=True))} and --qp; default:"
-        f" {ParityBuffer.intra_period}, {EstimatedRate.intra_period} with --no-feedback",
+        f" {ParityBuffer.intra_period}, {EstimatedRate.intra_period} with --no-feedback,"
+        f" {LONG_DELAY_INTRA_PERIOD} with --long-delay",
         metavar="N",
     )
 
@@ -397,9 +400,6 @@ def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession
     from encoder.block_matching import PointTrackerSettings
     from encoder.session import EncoderSession
 
-    tracked = arguments.codec in _with_points(tracked=True)
-    if arguments.intra_period is not None and not (tracked and arguments.wz_q is None):
-        raise ConfigError("--intra-period is for GOPs whose points are tracked, and for --qp")
     for option in _TRACK_OPTIONS:
         codecs = _with_points(option.tracked)
         if _value(arguments, option) is not None and arguments.codec not in codecs:
@@ -444,7 +444,7 @@ def _configuration(arguments: argparse.Namespace, info: "VideoInfo", delivery: D
         quality,
         delivery,
         gop=_given(
-            length=arguments.gop, references=arguments.references, intra_period=arguments.intra_period
+            length=arguments.gop, references=arguments.references, intra_period=_intra_period(arguments)
         ),
         key=_key(arguments),
         wyner_ziv={"noise_model": arguments.noise_model},
@@ -452,6 +452,16 @@ def _configuration(arguments: argparse.Namespace, info: "VideoInfo", delivery: D
         tracks=_given(num_points=arguments.points, subpixel_bits=arguments.subpixel),
         seed=arguments.seed,
     )
+
+
+def _intra_period(arguments: argparse.Namespace) -> int | None:
+    tracked = arguments.codec in _with_points(tracked=True)
+    if arguments.intra_period is not None and not (tracked and arguments.wz_q is None):
+        raise ConfigError("--intra-period is for GOPs whose points are tracked, and for --qp")
+    if arguments.intra_period is None and arguments.long_delay and tracked and arguments.wz_q is None:
+        return LONG_DELAY_INTRA_PERIOD
+    period: int | None = arguments.intra_period
+    return period
 
 
 def _coder(arguments: argparse.Namespace) -> CoderConfig:

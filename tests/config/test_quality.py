@@ -65,6 +65,17 @@ def test_key_frames_are_nearer_where_no_decoder_asks() -> None:
     assert given.config.gop.intra_period == 90
 
 
+def test_groups_do_not_wait_for_each_other_over_a_long_link() -> None:
+    """All end with a key frame there, where P-type frames are known at all, unless told otherwise."""
+    video, words = VideoInfo(16, 16, Fraction(25), None), ["in.mkv", "out.dvc", "--long-delay"]
+    usual, given, matrix = (
+        session(parser().parse_args([*words, *more]), video).config
+        for more in ([], ["--intra-period", "90"], ["--wz-q", "4"])
+    )
+    assert (usual.gop.intra_period, given.gop.intra_period, matrix.gop.intra_period) == (1, 90, 0)
+    assert usual.coder != codec_config(usual.video).coder
+
+
 def test_frames_that_predict_others_are_finer() -> None:
     """The farther the references, the more frames depend on a frame: less has to be saved by a bit."""
     shared = Qp(30).wyner_ziv

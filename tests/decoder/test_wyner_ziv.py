@@ -19,7 +19,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.metrics import psnr_db
-from dvc.slepian_wolf import CRC_BITS, Answer, drive_rounds, plane_coder
+from dvc.slepian_wolf import CRC_BITS, Answer, Round, drive_rounds, plane_coder
 from dvc.video import Frame
 from dvc.wynerziv import transform
 from dvc.wynerziv.payloads import BufferedFrame, EncodedFrame, quantize_frame
@@ -169,6 +169,38 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
     assert {plane for plane, _ in seen} == set(range(quantization.num_planes))
     assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
     assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
+
+
+def test_bands_between_refinements_ask_together(original: Frame) -> None:
+    """DC is alone; the next two bands, the next six, and the rest go in step, each plane by plane."""
+    config = _learning(embedded_config(), "cascade")
+    encoded = WynerZivEncoder(config).encode(original, 8.0)
+    answer, decoder = answering(config, encoded), WynerZivDecoder(config)
+    quantization = decoder.layout.read_header(encoded.header)
+    band_of = {
+        quantization.first_plane[band] + k: band
+        for band in quantization.bands
+        for k in range(quantization.planes[band])
+    }
+    together: list[list[int]] = []
+
+    def answered(requests: Round) -> list[np.ndarray]:
+        together.append([band_of[request.plane] for request in requests])
+        return [answer(request) for request in requests]
+
+    drive_rounds(
+        decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.new_priors()), answered
+    )
+    *rounds, check = together
+    assert check == [0]
+    parts = [quantization.bands[first:end] for first, end in ((0, 1), (1, 3), (3, 9), (9, 16))]
+    numbers = [next(k for k, part in enumerate(parts) if own[0] in part) for own in rounds]
+    assert numbers == sorted(numbers)
+    for own, number in zip(rounds, numbers, strict=True):
+        assert set(own) <= set(parts[number])
+        assert len(set(own)) == len(own)
+    for number, part in enumerate(parts):
+        assert list(part) == next(own for own, k in zip(rounds, numbers, strict=True) if k == number)
 
 
 NESTED = WynerZivConfig(priors="laplacian")

@@ -16,6 +16,8 @@ Positions = NDArray[np.int64]
 
 MAX_SCALE_CHANGE = 1.1
 """Factor on the prior odds that is learned from parities, from which on it is used."""
+MORE_BITS = 32.0
+"""Bits that count as unknown beyond those of the plane, so that what is left of it takes few requests."""
 CERTAIN = 0.999
 """2 |p - 1/2| of answers from which on they are not worth asking for."""
 MIN_COUPLED_CHANGE = 0.01
@@ -196,7 +198,7 @@ class RangePosterior:
         found, information = self._divisions(max_bias)
         if not found:
             return []
-        missing = round(share * float(_kernels.uncertainty_bits(self.odds)) - information)
+        missing = round(share * (_kernels.uncertainty_bits(self.odds) + MORE_BITS) - information)
         if missing >= (self.num_orders if self._laid_out == self.num_bits else 1):
             found += self._only_first(self.new_order(new_bias), missing)
         return _joined(found)

@@ -119,7 +119,8 @@ def test_what_is_missing_comes_from_the_next_order() -> None:
     tell(beliefs, bits, question[0], *question[1])
     beliefs.propagate(10, 0.01)
     ((_, divisions),) = beliefs.batch(0.0, 0.36, 0.2)
-    share = (divisions.size + 3.0) / _kernels.uncertainty_bits(beliefs.odds)
+    unknown = _kernels.uncertainty_bits(beliefs.odds) + posterior.MORE_BITS
+    share = (divisions.size + 3.0) / unknown
     (first, same), (second, some) = beliefs.batch(share, 0.36, 0.2)
     assert (first, second) == (0, 1)
     np.testing.assert_array_equal(same, divisions)
