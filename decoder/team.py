@@ -13,7 +13,7 @@ Rank = tuple[int, ...]
 
 MAX_THREADS = 128
 """Most frames that are under way, those included that wait for a core or for answers."""
-MAX_ACTIVE_PX = 3 << 22
+MAX_ACTIVE_PX = 1 << 21
 """Pixels of frames of live groups that are decoded at a time, where that leaves one level of one group."""
 
 

@@ -29,7 +29,7 @@ from dvc.wynerziv.refinement import Refinement, expected_refinement
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
 
-REFINE_AFTER = (0, 2, 8)
+REFINE_AFTER = (0, 1, 2, 4, 8)
 """Positions of bands in coding order after which the side information is refined, beside the last one."""
 REFINING_WIDTH = 4.0
 """Mean interval of the first band, in scales, below which each of its planes refines the side information."""
