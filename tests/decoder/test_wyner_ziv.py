@@ -172,7 +172,7 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
 
 
 def test_bands_between_refinements_ask_together(original: Frame) -> None:
-    """The first three bands are alone; the next two, the next four and the rest go in step, plane by plane."""
+    """The first three bands are alone; the next two, the next four and the rest go in step, by planes."""
     config = _learning(embedded_config(), "cascade")
     encoded = WynerZivEncoder(config).encode(original, 8.0)
     answer, decoder = answering(config, encoded), WynerZivDecoder(config)

@@ -23,7 +23,8 @@ ERROR_EXPONENT = 8
 UNCODED_ENTROPY = 0.95
 """Bits of entropy per bit from which on a plane is asked for as it is."""
 WORTH_ASKING = 0.5
-"""Greatest 2 |p - 1/2| of an answer that is asked for as long as others of an order tell as much."""
+"""Greatest 2 |p - 1/2| of an answer that is asked for as long as others of an order tell as much; this, the
+next one and `posterior.MORE_BITS` were found by `benchmarks.searches.requests`."""
 RANGE_BIAS = 0.15
 """The same of the ranges that an order is divided into at first."""
 UNSURE_ERRORS = 0.5

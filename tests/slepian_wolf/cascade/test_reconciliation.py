@@ -5,7 +5,7 @@ import pytest
 
 from dvc.config import CascadeConfig
 from dvc.slepian_wolf import PlaneCoder, PlaneResult, drive, joint_check
-from tests.coders import SEED, coder_of
+from tests.coders import coder_of
 from tests.reference.plane_exchange import PlaneSource, exchange, noisy
 
 CASCADE, SINGLE = coder_of("cascade"), coder_of("cascade", CascadeConfig(0))

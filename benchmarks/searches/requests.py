@@ -1,0 +1,116 @@
+"""How much of a plane to ask for at a time: bits and requests of planes that real decoding has met.
+
+``python -m benchmarks.searches.requests [CLIP ...] [--percent 0 6 20] [--set RANGE_BIAS=0.2]`` decodes clips
+once, keeps what was known of each plane, and reconciles these planes anew with each share of what is
+unknown; `--set` gives a constant of `dvc.slepian_wolf.cascade` another value. The defaults of
+`CascadeConfig.batch_percent`, `WORTH_ASKING`, `RANGE_BIAS`, `MORE_BITS` and of `--long-delay` were chosen on
+box, stone, street, tree, cube and desk.
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.stages import coded, decoded
+from dvc.config import CascadeConfig
+from dvc.slepian_wolf import CRC_BITS, NeighbourCoupling, ParityRequest, PlaneResult, crc, drive
+from dvc.slepian_wolf.cascade import coder, posterior, reconciliation
+from dvc.slepian_wolf.cascade.orders import bit_orders
+
+CLIPS = ("box", "stone", "street", "tree", "cube", "desk")
+SEED = 0
+Bits = NDArray[np.uint8]
+
+
+class Plane(NamedTuple):
+    """A plane as decoding has met it."""
+
+    llr: NDArray[np.floating]
+    coupling: NeighbourCoupling | None
+    bits: Bits
+
+
+def met(streams: list[bytes]) -> list[Plane]:
+    """Decode streams; return their planes."""
+    planes: list[Plane] = []
+    usual = coder.CascadeDecoder.decode
+
+    def noted(self, llr, position=(0, 0), coupling=None):  # type: ignore[no-untyped-def]
+        result = yield from usual(self, llr, position, coupling)
+        planes.append(Plane(llr.copy(), coupling, result.bits))
+        return result
+
+    coder.CascadeDecoder.decode = noted  # type: ignore[method-assign]
+    for stream in streams:
+        decoded(stream)
+    coder.CascadeDecoder.decode = usual  # type: ignore[method-assign]
+    return planes
+
+
+def answering(bits: Bits) -> Callable[[ParityRequest], Bits]:
+    """Return what answers requests for a plane."""
+    parities = np.bitwise_xor.accumulate(bits[bit_orders(bits.size, SEED)], axis=1).ravel()
+    check = crc(bits, CRC_BITS)
+
+    def answer(request: ParityRequest) -> Bits:
+        if request.kind == "parity":
+            wanted: Bits = parities[request.code * bits.size + np.array(request.positions)]
+            return wanted
+        return (check if request.kind == "crc" else bits)[request.start : request.start + request.count]
+
+    return answer
+
+
+def reconciled(planes: list[Plane], settings: CascadeConfig) -> Iterator[tuple[Plane, PlaneResult]]:
+    """Decode planes, each by itself."""
+    beliefs = {size: posterior.RangePosterior(size, SEED) for size in {plane.bits.size for plane in planes}}
+    for plane in planes:
+        steps = reconciliation.PlaneReconciliation(plane.llr, settings, (0, 0), plane.coupling)
+        yield plane, drive(steps.decode(beliefs[plane.bits.size]), answering(plane.bits))
+
+
+def row(planes: list[Plane], percent: int) -> str:
+    """Return a line for a share of what is unknown."""
+    started = time.process_time()
+    found = list(reconciled(planes, CascadeConfig(percent)))
+    spent_ms = 1e3 * (time.process_time() - started)
+    paid = sum(result.parity_bits + result.crc_bits for _, result in found)
+    ideal = sum(result.ideal_bits for _, result in found)
+    wrong = sum(not np.array_equal(plane.bits, result.bits) for plane, result in found)
+    requests = sum(result.num_requests for _, result in found)
+    count = len(found)
+    return (
+        f"{percent:4d} % {paid:9d} bits {paid / ideal:6.3f} of ideal {requests / count:6.2f} requests"
+        f" {spent_ms / count:6.2f} ms {count:6d} planes, {wrong:3d} of them passed wrongly"
+    )
+
+
+def main() -> None:
+    """Print a row for each share."""
+    parser = argparse.ArgumentParser("python -m benchmarks.searches.requests", description=__doc__)
+    parser.add_argument("clips", nargs="*", metavar="CLIP", default=CLIPS)
+    parser.add_argument("--qp", type=int, nargs="+", default=[26, 34])
+    parser.add_argument("--frames", type=int, default=9)
+    parser.add_argument("--percent", type=int, nargs="+", default=[0, 4, 6, 8, 12, 20, 30])
+    parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="of a constant")
+    parser.add_argument("--out", type=Path, default=Path("out/stages"), help="folder of streams")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    planes = met(
+        [coded(c, qp, arguments.frames, arguments.out) for c in arguments.clips for qp in arguments.qp]
+    )
+    for given in arguments.set:
+        name, _, value = given.partition("=")
+        (owner,) = (module for module in (reconciliation, posterior) if name in vars(module))
+        setattr(owner, name, float(value))
+    for percent in arguments.percent:
+        print(row(planes, percent), flush=True)
+
+
+if __name__ == "__main__":
+    main()
