@@ -193,8 +193,8 @@ class RangePosterior:
         found, information = self._divisions(max_bias)
         if not found:
             return []
-        # Where divisions tell less than a share of what is unknown, ranges of the next order are added, as many
-        # as are missing; it is begun for no fewer than there are orders in use: beliefs in more cost time.
+        # Where divisions tell less than a share of what is unknown, ranges of the next order are added, as
+        # many as are missing; it is begun for no fewer than there are orders in use: more of them cost time.
         missing = round(share * (_kernels.uncertainty_bits(self.odds) + MORE_BITS) - information)
         if missing >= (self.num_orders if self._laid_out == self.num_bits else 1):
             found += self._only_first(self.new_order(new_bias), missing)
