@@ -1,8 +1,9 @@
 """How fast clips are decoded, from a file and live: `python -m benchmarks.speed [CLIP ...] [--jobs N]`.
 
-A file is decoded by one process and by N; then the encoder is asked live, over a link if one is described.
-Times are those of whole commands, their start included. A clip that is too short is played forwards,
-backwards, and so on. Memory is the most that one process of the decoder had.
+A file is decoded by one process and by N, on N Dask workers, too, if that is wanted; then the encoder is
+asked live, over a link if one is described. Times are those of whole commands, their start included. A clip
+that is too short is played forwards, backwards, and so on. Memory is the most that one process of the decoder
+had.
 """
 
 import argparse
@@ -29,13 +30,21 @@ def source_of(clip: str, num_frames: int, folder: Path) -> Path:
     return path if available >= num_frames else looped(path, folder / "looped.mkv", num_frames, available)
 
 
-def from_file(stream: Path, jobs: int, folder: Path) -> tuple[Usage, bytes]:
+def decoding(stream: Path, folder: Path, *words: object) -> tuple[Usage, bytes]:
     """Decode a stream; return what it took, and the frames."""
-    made = folder / f"{jobs}.y4m"
-    usage = run_module("decoder", stream, made, "--jobs", jobs, "--quiet")
+    made = folder / "file.y4m"
+    usage = run_module("decoder", stream, made, *words, "--quiet")
     frames = made.read_bytes()
     made.unlink()
     return usage, frames
+
+
+def on_cluster(stream: Path, workers: int, folder: Path) -> tuple[Usage, bytes]:
+    """Decode a stream on Dask workers of this machine, which are there already; see `decoding`."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
+        return decoding(stream, folder, "--dask", cluster.scheduler_address)
 
 
 def live(
@@ -66,19 +75,28 @@ def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
     num, jobs, video = arguments.frames, arguments.jobs, source_of(clip, arguments.frames, folder)
     options = ["--qp", arguments.qp, "--frames", num, *(["--long-delay"] if arguments.long_delay else [])]
     run_module("encoder", video, folder / "stream.dvc", *options, "--quiet")
-    file, frames = from_file(folder / "stream.dvc", jobs, folder)
+    file, frames = decoding(folder / "stream.dvc", folder, "--jobs", jobs)
     rows = [
         (f"file, {jobs} jobs: frames a second", f"{num / file.wall_s:.2f}"),
         ("  processor time a frame, s", f"{file.cpu_s / num:.2f}"),
         ("  memory of a process, MiB", f"{file.peak_bytes / MIB:.0f}"),
     ]
     if not arguments.no_single:
-        single, same = from_file(folder / "stream.dvc", 1, folder)
+        single, same = decoding(folder / "stream.dvc", folder, "--jobs", 1)
         rows += [
             ("file, 1 job: frames a second", f"{num / single.wall_s:.2f}"),
             ("  processor time a frame, s", f"{single.cpu_s / num:.2f}"),
             ("  memory of a process, MiB", f"{single.peak_bytes / MIB:.0f}"),
             (f"  time of 1 job over that of {jobs}", f"{single.wall_s / file.wall_s:.2f}"),
+            ("  frames", "the same" if same == frames else "NOT THE SAME"),
+        ]
+    if arguments.dask:
+        usage, same = on_cluster(folder / "stream.dvc", jobs, folder)
+        rows += [
+            (
+                f"file, {jobs} Dask workers: time over that of {jobs} jobs",
+                f"{usage.wall_s / file.wall_s:.2f}",
+            ),
             ("  frames", "the same" if same == frames else "NOT THE SAME"),
         ]
     if not arguments.no_live:
@@ -108,6 +126,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--bandwidth", type=float, default=0.0, metavar="BITS_PER_SECOND", help="of the link")
     parser.add_argument("--long-delay", action="store_true", help="encode for a link with a long delay")
     parser.add_argument("--no-single", action="store_true", help="do not decode the file by one process")
+    parser.add_argument("--dask", action="store_true", help="decode the file on Dask workers, too")
     parser.add_argument("--no-live", action="store_true", help="do not decode live")
     parser.add_argument("--out", type=Path, default=Path("out/speed"), help="folder of streams")
     arguments = parser.parse_args(words)
