@@ -47,6 +47,15 @@ def on_cluster(stream: Path, workers: int, folder: Path) -> tuple[Usage, bytes]:
         return decoding(stream, folder, "--dask", cluster.scheduler_address)
 
 
+def cluster_rows(folder: Path, workers: int, file: Usage, frames: bytes) -> list[tuple[str, str]]:
+    """Return what Dask workers take, against what decoding of the file took, and gave."""
+    usage, same = on_cluster(folder / "stream.dvc", workers, folder)
+    return [
+        (f"file, {workers} Dask workers: time over {workers} jobs", f"{usage.wall_s / file.wall_s:.2f}"),
+        ("  frames", "the same" if same == frames else "NOT THE SAME"),
+    ]
+
+
 def live(
     video: Path, options: Sequence[object], jobs: int, link: tuple[float, float] | None, folder: Path
 ) -> tuple[Usage, dict[str, float], bytes]:
@@ -91,14 +100,7 @@ def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
             ("  frames", "the same" if same == frames else "NOT THE SAME"),
         ]
     if arguments.dask:
-        usage, same = on_cluster(folder / "stream.dvc", jobs, folder)
-        rows += [
-            (
-                f"file, {jobs} Dask workers: time over that of {jobs} jobs",
-                f"{usage.wall_s / file.wall_s:.2f}",
-            ),
-            ("  frames", "the same" if same == frames else "NOT THE SAME"),
-        ]
+        rows += cluster_rows(folder, jobs, file, frames)
     if not arguments.no_live:
         link = (arguments.delay, arguments.bandwidth) if arguments.delay or arguments.bandwidth else None
         usage, said, same = live(video, options, jobs, link, folder)

@@ -168,7 +168,7 @@ class RecordedGroup:
 
     def drive(self, frame: FrameCoroutine) -> DecodedFrame:
         """Decode a frame."""
-        return slepian_wolf.drive_rounds(frame, lambda requests: [self.answer(own) for own in requests])
+        return slepian_wolf.drive(frame, lambda requests: [self.answer(own) for own in requests])
 
     def answer(self, request: ParityRequest) -> Bits:
         """Answer a request; the payload of a frame is read once it asks for something."""

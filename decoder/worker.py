@@ -119,7 +119,7 @@ class _Encoder:
 
     def drive(self, frame: "FrameCoroutine") -> DecodedFrame:
         """Decode a frame."""
-        decoded = slepian_wolf.drive_rounds(frame, self._answers)
+        decoded = slepian_wolf.drive(frame, self._answers)
         self._parent.send(self._number, (), 1)
         return decoded
 

@@ -14,7 +14,6 @@ from dvc.slepian_wolf.requests import (
     Round,
     ask,
     drive,
-    drive_rounds,
     side_by_side,
 )
 from dvc.slepian_wolf.results import FrameCheck, PlaneCost, PlaneResult
@@ -38,7 +37,6 @@ __all__ = [
     "crc",
     "crc_words",
     "drive",
-    "drive_rounds",
     "joint_check",
     "plane_coder",
     "side_by_side",

@@ -76,6 +76,8 @@ Answer = Callable[[ParityRequest], Bits]
 """Turns a request into bits: ndarray of shape (count,), uint8."""
 Place = tuple[int, int]
 """Index of a frame, and of a plane in it: at most one request for a plane waits for its answer."""
+Asked = TypeVar("Asked")
+Given = TypeVar("Given")
 Result = TypeVar("Result")
 
 
@@ -88,12 +90,12 @@ def ask(request: ParityRequest) -> Generator[ParityRequest, Bits, Bits]:
     return bits
 
 
-def drive(coroutine: Generator[ParityRequest, Bits, Result], answer: Answer) -> Result:
-    """Drive a decoding coroutine with answers to its requests."""
+def drive(coroutine: Generator[Asked, Given, Result], answer: Callable[[Asked], Given]) -> Result:
+    """Drive a decoding coroutine with answers to its requests, or to its rounds of requests."""
     try:
-        request = next(coroutine)
+        asked = next(coroutine)
         while True:
-            request = coroutine.send(answer(request))
+            asked = coroutine.send(answer(asked))
     except StopIteration as stop:
         result: Result = stop.value
         return result
@@ -117,16 +119,3 @@ def side_by_side(
             return [results[number] for number in range(len(coroutines))]
         bits = yield tuple(asked.values())
         answers = dict(zip(asked, bits, strict=True))
-
-
-def drive_rounds(
-    coroutine: Generator[Round, Sequence[Bits], Result], answer: Callable[[Round], Sequence[Bits]]
-) -> Result:
-    """Drive a coroutine that asks for bits of several planes at a time."""
-    try:
-        requests = next(coroutine)
-        while True:
-            requests = coroutine.send(answer(requests))
-    except StopIteration as stop:
-        result: Result = stop.value
-        return result

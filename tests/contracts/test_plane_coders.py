@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.config import CODERS, CascadeConfig
-from dvc.slepian_wolf import PlaneCoder, drive, drive_rounds, side_by_side
+from dvc.slepian_wolf import PlaneCoder, drive, side_by_side
 from tests.coders import coder_of
 from tests.reference.plane_exchange import Bits, PlaneSource, exchange, noisy
 
@@ -85,7 +85,7 @@ def test_planes_side_by_side_are_as_alone(coder: PlaneCoder) -> None:
     source = PlaneSource(np.stack([bits for bits, _ in drawn]), coder)
     decoder = coder.decoder(1584)
     steps = side_by_side([decoder.decode(llr, (0, n)) for n, (_, llr) in enumerate(drawn)])
-    together = drive_rounds(steps, lambda requests: [source.answer(own) for own in requests])
+    together = drive(steps, lambda requests: [source.answer(own) for own in requests])
     for (bits, llr), result in zip(drawn, together, strict=True):
         np.testing.assert_array_equal(result.bits, bits)
         assert replace(result, bits=bits) == replace(exchange(bits, llr, coder), bits=bits)

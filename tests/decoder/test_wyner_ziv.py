@@ -19,7 +19,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.metrics import psnr_db
-from dvc.slepian_wolf import CRC_BITS, Answer, Round, drive_rounds, plane_coder
+from dvc.slepian_wolf import CRC_BITS, Answer, Round, drive, plane_coder
 from dvc.video import Frame
 from dvc.wynerziv import transform
 from dvc.wynerziv.payloads import BufferedFrame, EncodedFrame, quantize_frame
@@ -49,7 +49,7 @@ def decode(
     quantization = decoder.layout.read_header(encoded.header)
     steps = decoder.decode(5, quantization, prediction, decoder.new_priors(), slope)
     answer = answering(config, encoded)
-    return drive_rounds(steps, lambda requests: [answer(own) for own in requests])
+    return drive(steps, lambda requests: [answer(own) for own in requests])
 
 
 def answering(config: CodecConfig, encoded: EncodedFrame) -> Answer:
@@ -165,7 +165,7 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
 
     quantization = decoder.layout.read_header(encoded.header)
     steps = decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.new_priors())
-    decoded = drive_rounds(steps, lambda requests: [answer(own) for own in requests])
+    decoded = drive(steps, lambda requests: [answer(own) for own in requests])
     assert {plane for plane, _ in seen} == set(range(quantization.num_planes))
     assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
     assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
@@ -188,9 +188,7 @@ def test_bands_between_refinements_ask_together(original: Frame) -> None:
         together.append([band_of[request.plane] for request in requests])
         return [answer(request) for request in requests]
 
-    drive_rounds(
-        decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.new_priors()), answered
-    )
+    drive(decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.new_priors()), answered)
     *rounds, check = together
     assert check == [0]
     parts = [
@@ -300,6 +298,6 @@ def test_every_group_learns_by_itself(original: Frame) -> None:
         if number == 2:
             priors = decoder.new_priors()
         steps = decoder.decode(5, quantization, prediction, priors)
-        decoded = drive_rounds(steps, lambda requests: [answer(own) for own in requests])
+        decoded = drive(steps, lambda requests: [answer(own) for own in requests])
         costs.append([cost.ideal_bits for cost in decoded.band_costs])
     assert costs[0] == costs[2] != costs[1]

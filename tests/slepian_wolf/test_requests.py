@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc.slepian_wolf import ParityRequest, Round, ask, drive, drive_rounds, side_by_side
+from dvc.slepian_wolf import ParityRequest, Round, ask, drive, side_by_side
 
 Bits = NDArray[np.uint8]
 
@@ -49,7 +49,7 @@ def test_those_side_by_side_ask_together_until_each_has_ended() -> None:
         rounds.append([request.frame for request in requests])
         return [answer(request) for request in requests]
 
-    together = drive_rounds(side_by_side([asking(k, own) for k, own in enumerate(several)]), answered)
+    together = drive(side_by_side([asking(k, own) for k, own in enumerate(several)]), answered)
     assert together == [drive(asking(k, own), answer) for k, own in enumerate(several)]
     assert rounds == [[0, 2, 3], [0, 3], [0], [0]]
 
@@ -57,4 +57,4 @@ def test_those_side_by_side_ask_together_until_each_has_ended() -> None:
 def test_too_few_answers_are_refused() -> None:
     """A round takes an answer to each of its requests."""
     with pytest.raises(ValueError, match="zip"):
-        drive_rounds(side_by_side([asking(0, [3]), asking(1, [1])]), lambda requests: [answer(requests[0])])
+        drive(side_by_side([asking(0, [3]), asking(1, [1])]), lambda requests: [answer(requests[0])])

@@ -12,7 +12,7 @@ from dvc import slepian_wolf
 from dvc._jit import python_twin
 from dvc.config import MAX_BAND_PLANES, DiscoverMatrix, VideoConfig, WynerZivConfig, codec_config
 from dvc.errors import BitstreamError
-from dvc.slepian_wolf import ParityRequest, Round, drive_rounds
+from dvc.slepian_wolf import ParityRequest, Round, drive
 from dvc.slepian_wolf.cascade.orders import bit_orders
 from dvc.slepian_wolf.crc import POLYNOMIALS, joint_check_of_words
 from dvc.slepian_wolf.turbo.codes import CLASSICAL
@@ -220,7 +220,7 @@ def test_punctured_payload_replays_what_was_recorded(counts: list[int], seed: in
     def answer(requests: Round) -> list[NDArray[np.uint8]]:
         return [rng.integers(0, 2, request.count, dtype=np.uint8) for request in requests]
 
-    given_bits = drive_rounds(recorder.watch(asking()), answer)
+    given_bits = drive(recorder.watch(asking()), answer)
     payload = recorder.payload(header)
     assert len(payload) == len(header) + -(-sum(counts) // 8)
     source = PuncturedFrame(layout, payload)
