@@ -1,6 +1,6 @@
 """A Wyner-Ziv frame as far as it is decoded: what is known of it, and what its prediction is worth."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,7 @@ from scipy.ndimage import uniform_filter
 
 from decoder.side_information.protocol import Prediction
 from decoder.side_information.weighting import fuse
+from dvc.video import Frame
 from dvc.wynerziv import noise, transform
 from dvc.wynerziv.quantizer import FrameLayout
 
@@ -44,7 +45,10 @@ class KnownBand:
 
 
 class FrameState:
-    """The frame as far as it is decoded: prediction, noise model, known bands."""
+    """The frame as far as it is decoded: prediction, noise model, known bands.
+
+    What it is predicted from is not kept, but for what is used again: that would double its memory.
+    """
 
     def __init__(self, layout: FrameLayout, prediction: Prediction, model: str) -> None:
         self._layout = layout
@@ -56,7 +60,9 @@ class FrameState:
         self.expected_error = None
         if prediction.expected_error is not None:
             self.expected_error = np.maximum(transform.forward(prediction.expected_error)[0], noise.MIN_SCALE)
-        self.prediction = prediction
+        self.method, self.reason = prediction.method, prediction.reason
+        self.side_information = self.refined_side_information = transform.to_uint8(prediction.luma)
+        self._chroma, self._refiner = prediction.chroma, prediction.refiner
         self.predicted = self._first[0]
         self.bands = self.predicted.copy()
         self.base_scale = noise.MODELS[model](transform.forward(_disagreement(prediction)))
@@ -68,7 +74,7 @@ class FrameState:
         self.predicted, spread = fuse(hypotheses, {band: self.bands[band] for band in self.known})
         self.base_scale = noise.MODELS[self._model](spread)
         luma = transform.inverse(self.predicted, self._layout.height, self._layout.width)
-        self.prediction = replace(prediction, luma=luma)
+        self.refined_side_information, self._refiner = transform.to_uint8(luma), prediction.refiner
         self.bands = self.predicted.copy()
         self._activity.clear()
         for band, known in self.known.items():
@@ -110,8 +116,8 @@ class FrameState:
 
     def refine(self) -> None:
         """Refine the side information with what is known, where its method can."""
-        if self.prediction.refiner is not None and self.known:
-            self.use(self.prediction.refiner.refine(self.luma()))
+        if self._refiner is not None and self.known:
+            self.use(self._refiner.refine(self.luma()))
 
     def refine_by_part(self, band: int, part: KnownBand) -> None:
         """Refine the side information with a band of which some planes are missing still."""
@@ -122,6 +128,10 @@ class FrameState:
     def luma(self) -> NDArray[np.uint8]:
         """Return the frame as far as it is known."""
         return transform.to_uint8(transform.inverse(self.bands, self._layout.height, self._layout.width))
+
+    def frame(self) -> Frame:
+        """Return the frame with the chroma that is predicted."""
+        return Frame(self.luma(), self._chroma if self._refiner is None else self._refiner.chroma())
 
 
 def _smoothed(error: Array) -> Array:

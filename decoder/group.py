@@ -120,16 +120,15 @@ class GroupDecoder:
     ) -> FrameCoroutine:
         """Decode one frame, without any request where its record holds what an encoder chose."""
         (index, around), started = place, time.perf_counter()
-        with self._predicting:
-            prediction = self._predict(task, known, points, index, around)
         payload = task.record.wyner_ziv[index - task.first_index]
+        predict = partial(self._predict, task, known, points, index, around)
         if task.form is Form.NO_FEEDBACK:
-            frame = self._no_feedback.decode(index, payload, prediction)
+            frame = self._no_feedback.decode(index, payload, predict())
         else:
             quantization = self._decoder.layout.read_header(payload)
             slope = self._config.wyner_ziv.lambda_between(reference_distance(around))
             recorder = PunctureRecorder()
-            steps = self._decoder.decode(index, quantization, prediction, priors, slope)
+            steps = self._decoder.decode(index, quantization, predict(), priors, slope)
             frame = yield from recorder.watch(steps)
             frame = replace(frame, punctured=recorder.payload(payload[: len(quantization.header)]))
         return replace(frame, decode_s=time.perf_counter() - started)
@@ -137,11 +136,12 @@ class GroupDecoder:
     def _predict(
         self, task: GroupTask, known: Known, points: Points, index: int, around: Around
     ) -> Prediction:
-        if around[1] is None:
-            earlier = [known[k] for k in sorted(known)]
-            return self._extrapolation.predict(earlier, points, task.first_index - 1, index)
-        usable = [known[k] for k in _usable(known, (around[0], around[1]), self._config.gop.references)]
-        return self._method.predict(usable, points, [index])[0]
+        with self._predicting:
+            if around[1] is None:
+                earlier = [known[k] for k in sorted(known)]
+                return self._extrapolation.predict(earlier, points, task.first_index - 1, index)
+            usable = [known[k] for k in _usable(known, (around[0], around[1]), self._config.gop.references)]
+            return self._method.predict(usable, points, [index])[0]
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:
         """Read what was sent of the geometry of a group."""

@@ -19,8 +19,7 @@ from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf.ldpc.belief_propagation import DecodedBlock, NumberPriors, decode_block
-from dvc.video import Frame
-from dvc.wynerziv import noise, quantizer, transform
+from dvc.wynerziv import noise, quantizer
 from dvc.wynerziv.candidates import credible_intervals
 from dvc.wynerziv.learned_scales import LearnedBand
 from dvc.wynerziv.no_feedback import BLOCKS, NoFeedbackFrame, SentBlock
@@ -55,15 +54,13 @@ class NoFeedbackDecoder:
                 costs += cost
                 state.refine()
         num_sent = sum(len(block.graph.planes) for block in received.blocks if block is not None)
-        refiner = state.prediction.refiner
-        chroma = prediction.chroma if refiner is None else refiner.chroma()
         return DecodedFrame(
             index=index,
-            frame=Frame(state.luma(), chroma),
-            side_information=transform.to_uint8(prediction.luma),
-            refined_side_information=transform.to_uint8(state.prediction.luma),
-            method=prediction.method,
-            reason=prediction.reason,
+            frame=state.frame(),
+            side_information=state.side_information,
+            refined_side_information=state.refined_side_information,
+            method=state.method,
+            reason=state.reason,
             num_requests=0,
             crc_bits=received.check_bits,
             parity_bits=received.syndrome_bits,

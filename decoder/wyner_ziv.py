@@ -20,8 +20,7 @@ from decoder.side_information.protocol import Prediction
 from decoder.tasks import BandCost, DecodedFrame
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
-from dvc.video import Frame
-from dvc.wynerziv import noise, quantizer, transform
+from dvc.wynerziv import noise, quantizer
 from dvc.wynerziv.priors import LearnedPriors
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
 from dvc.wynerziv.refinement import Refinement, expected_refinement
@@ -91,8 +90,9 @@ class WynerZivDecoder:
     ) -> FrameCoroutine:
         """Decode one frame."""
         planes = self._coder.decoder(self.layout.num_bits)
+        state = FrameState(self.layout, prediction, self._config.wyner_ziv.noise_model)
         return _Frame(self._config, self.layout, planes, priors, index).decode(
-            quantization, prediction, multiplier
+            quantization, state, multiplier
         )
 
 
@@ -106,9 +106,7 @@ class _Frame:
     priors: LearnedPriors
     index: int
 
-    def decode(self, quantization: Quantization, prediction: Prediction, multiplier: float) -> FrameCoroutine:
-        settings = self.config.wyner_ziv
-        state = FrameState(self.layout, prediction, settings.noise_model)
+    def decode(self, quantization: Quantization, state: FrameState, multiplier: float) -> FrameCoroutine:
         decoded: dict[int, list[slepian_wolf.PlaneResult]] = {}
         check = slepian_wolf.FrameCheck()
         for bands in _between_refinements(quantization.bands):
@@ -125,15 +123,13 @@ class _Frame:
             if any(own.planes for own in found):
                 state.refine()
         results = [result for planes in decoded.values() for result in planes]
-        refiner = state.prediction.refiner
-        chroma = prediction.chroma if refiner is None else refiner.chroma()
         return DecodedFrame(
             index=self.index,
-            frame=Frame(state.luma(), chroma),
-            side_information=transform.to_uint8(prediction.luma),
-            refined_side_information=transform.to_uint8(state.prediction.luma),
-            method=prediction.method,
-            reason=prediction.reason,
+            frame=state.frame(),
+            side_information=state.side_information,
+            refined_side_information=state.refined_side_information,
+            method=state.method,
+            reason=state.reason,
             num_requests=check.num_requests + sum(result.num_requests for result in results),
             crc_bits=check.crc_bits + sum(result.crc_bits for result in results),
             parity_bits=sum(result.parity_bits for result in results),

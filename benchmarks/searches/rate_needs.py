@@ -24,7 +24,7 @@ from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame, following
 from dvc.config import MAX_GOP_LENGTH, NUM_BANDS, CodecConfig
 from dvc.stream import StreamReader, StreamWriter
-from dvc.video import Frame, open_video
+from dvc.video import open_video
 from dvc.wynerziv import noise, quantizer, transform
 from dvc.wynerziv.learned_scales import LearnedBand
 from dvc.wynerziv.no_feedback import BLOCKS
@@ -84,11 +84,8 @@ class KnowingDecoder(NoFeedbackDecoder):
                 if known is not None:
                     state.set_known(band, known)
             state.refine()
-        first, last = (transform.to_uint8(luma) for luma in (prediction.luma, state.prediction.luma))
-        refiner = state.prediction.refiner
-        chroma = prediction.chroma if refiner is None else refiner.chroma()
-        frame = Frame(state.luma(), chroma)
-        return DecodedFrame(index, frame, first, last, prediction.method, prediction.reason, 0, 0, 0, 0, 0)
+        first, last = state.side_information, state.refined_side_information
+        return DecodedFrame(index, state.frame(), first, last, state.method, state.reason, 0, 0, 0, 0, 0)
 
 
 def _costs(record: RecordedFrame, band: int, state: FrameState, truth: Floats) -> KnownBand | None:

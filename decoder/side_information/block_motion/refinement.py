@@ -15,6 +15,7 @@ coding", IEEE Trans. Circuits Syst. Video Technol. 19(9), 2009.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 from weakref import WeakValueDictionary
 
@@ -39,6 +40,8 @@ BLOCK = 4
 SMOOTHNESS = 1
 """Cost of a correction, per quarter sample, in units of absolute difference."""
 
+NUM_SUMS = 16
+"""Sums that are kept, which take twice the memory of what they are of: those of two frames side by side."""
 ENOUGH = 1.5
 """Mean absolute difference of a block from its origin, in levels, that is not searched any further."""
 
@@ -65,21 +68,19 @@ SEARCHES = (
 
 
 class _Image:
-    """Planes to be searched, and the sums over boxes that tell where there is no need to search."""
+    """Planes to be searched."""
 
     def __init__(self, planes: NDArray[np.uint8]) -> None:
         self.planes = planes
-        self._sums: dict[int, NDArray[np.uint16]] = {}
 
+    @lru_cache(NUM_SUMS)  # noqa: B019 - it is bounded
     def sums(self, side: int) -> NDArray[np.uint16]:
-        """Sums over all squares of `side` samples, computed once."""
-        if side not in self._sums:
-            height, width = self.planes.shape[2:]
-            sums = np.empty((*self.planes.shape[:2], height - side + 1, width - side + 1), np.uint16)
-            for phase in np.ndindex(*self.planes.shape[:2]):
-                _kernels.box_sums(self.planes[phase], side, sums[phase])
-            self._sums[side] = sums
-        return self._sums[side]
+        """Sums over all squares of `side` samples, which tell where there is no need to search."""
+        height, width = self.planes.shape[2:]
+        sums = np.empty((*self.planes.shape[:2], height - side + 1, width - side + 1), np.uint16)
+        for phase in np.ndindex(*self.planes.shape[:2]):
+            _kernels.box_sums(self.planes[phase], side, sums[phase])
+        return sums
 
 
 def _padded(plane: NDArray[np.uint8]) -> _Image:
