@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from dvc.environment import baseline_environment
+from dvc.environment import ONE_HEAP, baseline_environment
 
 REPORT = """
 import json
@@ -18,6 +18,14 @@ print(json.dumps({
     "ipp": cv2.ipp.useIPP(),
     "threads": cv2.getNumThreads(),
 }))
+"""
+FAULTS = """
+import resource
+import numpy as np
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(100):
+    np.ones(1 << 17)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 """
 
 
@@ -50,3 +58,14 @@ def test_baseline_is_stated_whole(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv(name, "other")
     assert baseline_environment() == plain
     assert plain["DVC_SOMETHING"] == "else"
+
+
+def test_memory_is_kept_whatever_the_parent_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a Dask worker has arrays mapped anew each time, processes that decode do not."""
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    command = [sys.executable, "-c", FAULTS]
+    faults = [
+        int(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout)
+        for environment in (baseline_environment() | ONE_HEAP, baseline_environment())
+    ]
+    assert faults[0] < 0.1 * faults[1]

@@ -192,7 +192,9 @@ class TrackedSceneInterpolation:
         rendered = pair.interpolator.interpolate(camera, float(temporal_position(before, after, instant)))
         if self._corrects:
             rendered = corrected(rendered, (before.frame.luma, after.frame.luma), tracks)
-        if self._remembers:
+        if (
+            self._remembers and after.index - before.index > 2
+        ):  # or nothing needs it
             _remember(group, pair, instant, rendered)
         return rendered, ""
 
