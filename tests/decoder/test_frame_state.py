@@ -1,5 +1,7 @@
 """What is known of a frame as its bands come: reconstruction, and where errors are expected."""
 
+import weakref
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,18 @@ def test_nothing_known_is_the_prediction() -> None:
     assert np.abs(state.luma() - predicted().luma).max() <= 1.0
     assert state.gain == INITIAL_GAIN
     assert state.dc_error() is None
+
+
+def test_what_it_is_predicted_from_is_not_kept() -> None:
+    """Of a prediction nothing holds the planes, before and after it is refined: many frames are under way."""
+    prediction = predicted(refiner=Refiner())
+    planes = [weakref.ref(plane) for plane in (prediction.luma, *prediction.compensated)]
+    state = FrameState(LAYOUT, prediction, "local")
+    state.set_known(0, band_of(state, 0, 8.0))
+    del prediction
+    assert not any(plane() is not None for plane in planes)
+    state.refine()
+    assert (state.side_information != state.refined_side_information).any()
 
 
 def test_bands_that_are_known_are_in_their_bins() -> None:
