@@ -192,9 +192,8 @@ class TrackedSceneInterpolation:
         rendered = pair.interpolator.interpolate(camera, float(temporal_position(before, after, instant)))
         if self._corrects:
             rendered = corrected(rendered, (before.frame.luma, after.frame.luma), tracks)
-        if (
-            self._remembers and after.index - before.index > 2
-        ):  # or nothing needs it
+        # Frames that have a neighbour on either side are references of none.
+        if self._remembers and after.index - before.index > 2:
             _remember(group, pair, instant, rendered)
         return rendered, ""
 
