@@ -61,7 +61,7 @@ class FrameState:
         if prediction.expected_error is not None:
             self.expected_error = np.maximum(transform.forward(prediction.expected_error)[0], noise.MIN_SCALE)
         self.method, self.reason = prediction.method, prediction.reason
-        self.side_information = self.refined_side_information = transform.to_uint8(prediction.luma)
+        self.side_information = transform.to_uint8(prediction.luma)
         self._chroma, self._refiner = prediction.chroma, prediction.refiner
         self.predicted = self._first[0]
         self.bands = self.predicted.copy()
@@ -73,8 +73,7 @@ class FrameState:
         hypotheses = np.stack(self._first + [transform.forward(luma) for luma in lumas])
         self.predicted, spread = fuse(hypotheses, {band: self.bands[band] for band in self.known})
         self.base_scale = noise.MODELS[self._model](spread)
-        luma = transform.inverse(self.predicted, self._layout.height, self._layout.width)
-        self.refined_side_information, self._refiner = transform.to_uint8(luma), prediction.refiner
+        self._refiner = prediction.refiner
         self.bands = self.predicted.copy()
         self._activity.clear()
         for band, known in self.known.items():
@@ -127,7 +126,14 @@ class FrameState:
 
     def luma(self) -> NDArray[np.uint8]:
         """Return the frame as far as it is known."""
-        return transform.to_uint8(transform.inverse(self.bands, self._layout.height, self._layout.width))
+        return self._samples(self.bands)
+
+    def refined_side_information(self) -> NDArray[np.uint8]:
+        """Return the latest prediction."""
+        return self._samples(self.predicted)
+
+    def _samples(self, bands: Array) -> NDArray[np.uint8]:
+        return transform.to_uint8(transform.inverse(bands, self._layout.height, self._layout.width))
 
     def frame(self) -> Frame:
         """Return the frame with the chroma that is predicted."""

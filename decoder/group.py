@@ -121,6 +121,7 @@ class GroupDecoder:
         """Decode one frame, without any request where its record holds what an encoder chose."""
         (index, around), started = place, time.perf_counter()
         payload = task.record.wyner_ziv[index - task.first_index]
+        # Not held while the frame is decoded: its planes take as much memory as all else of a frame.
         predict = partial(self._predict, task, known, points, index, around)
         if task.form is Form.NO_FEEDBACK:
             frame = self._no_feedback.decode(index, payload, predict())

@@ -58,7 +58,7 @@ class NoFeedbackDecoder:
             index=index,
             frame=state.frame(),
             side_information=state.side_information,
-            refined_side_information=state.refined_side_information,
+            refined_side_information=state.refined_side_information(),
             method=state.method,
             reason=state.reason,
             num_requests=0,

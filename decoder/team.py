@@ -14,8 +14,9 @@ Rank = tuple[int, ...]
 MAX_THREADS = 128
 """Most frames that are under way, those included that wait for a core or for answers."""
 MAX_ACTIVE_PX = 3 << 20
-"""Pixels of frames of live groups that are decoded at a time, where that leaves one level of one group. With
-answers after .2 s, box (QP 34, 241 frames) took 209 s with 2.3 << 20, 173 with 3, 175 with 4, 170 with 8."""
+"""Pixels of frames of live groups that are decoded at a time, where that leaves one level of one group.
+`benchmarks.speed box --frames 241 --long-delay --delay .1 --bandwidth 1e6`, live: 209 s with 2.3 << 20, 173
+with 3, 175 with 4, 170 with 8."""
 
 
 class Budget:

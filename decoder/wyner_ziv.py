@@ -127,7 +127,7 @@ class _Frame:
             index=self.index,
             frame=state.frame(),
             side_information=state.side_information,
-            refined_side_information=state.refined_side_information,
+            refined_side_information=state.refined_side_information(),
             method=state.method,
             reason=state.reason,
             num_requests=check.num_requests + sum(result.num_requests for result in results),

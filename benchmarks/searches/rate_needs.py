@@ -84,7 +84,7 @@ class KnowingDecoder(NoFeedbackDecoder):
                 if known is not None:
                     state.set_known(band, known)
             state.refine()
-        first, last = state.side_information, state.refined_side_information
+        first, last = state.side_information, state.refined_side_information()
         return DecodedFrame(index, state.frame(), first, last, state.method, state.reason, 0, 0, 0, 0, 0)
 
 

@@ -52,7 +52,7 @@ def test_nothing_known_is_the_prediction() -> None:
 
 
 def test_what_it_is_predicted_from_is_not_kept() -> None:
-    """Of a prediction nothing holds the planes, before and after it is refined: many frames are under way."""
+    """Nothing holds the planes of a prediction, and it can be refined: many frames are under way."""
     prediction = predicted(refiner=Refiner())
     planes = [weakref.ref(plane) for plane in (prediction.luma, *prediction.compensated)]
     state = FrameState(LAYOUT, prediction, "local")
@@ -60,7 +60,7 @@ def test_what_it_is_predicted_from_is_not_kept() -> None:
     del prediction
     assert not any(plane() is not None for plane in planes)
     state.refine()
-    assert (state.side_information != state.refined_side_information).any()
+    assert (state.side_information != state.refined_side_information()).any()
 
 
 def test_bands_that_are_known_are_in_their_bins() -> None:
