@@ -1,7 +1,7 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures, whose key frames are decoded already."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -12,6 +12,8 @@ from decoder.no_feedback import NoFeedbackDecoder
 from decoder.side_information.extrapolation import TrackedExtrapolation
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
+from decoder.side_information.scene.extrapolated import Scene
+from decoder.side_information.scene.tracked import TrackedSceneInterpolation
 from decoder.tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
 from decoder.team import Rank, Team
 from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
@@ -109,8 +111,12 @@ class GroupDecoder:
             known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
             frames += decoded
             if decoded[-1].index == task.last_index:
+                scene = self._whole_scene(known, points)
+                known[task.last_index] = replace(known[task.last_index], scene=scene)
                 take_last(known[task.last_index])
         group = DecodedGroup.of(task, sorted(frames, key=lambda frame: frame.index))
+        if task.key is None:
+            group = replace(group, scene=known[task.last_index].scene)
         if task.form is Form.PUNCTURED:
             _check_agreement(group.record, task.record)
         return group
@@ -139,10 +145,29 @@ class GroupDecoder:
     ) -> Prediction:
         with self._predicting:
             if around[1] is None:
-                earlier = [known[k] for k in sorted(known)]
-                return self._extrapolation.predict(earlier, points, task.first_index - 1, index)
+                earlier, first_index = [known[k] for k in sorted(known)], task.first_index - 1
+                scene = self._scene(earlier, points)
+                return self._extrapolation.predict(earlier, points, first_index, index, scene)
             usable = [known[k] for k in _usable(known, (around[0], around[1]), self._config.gop.references)]
             return self._method.predict(usable, points, [index])[0]
+
+    def _whole_scene(self, known: Known, points: Points) -> Scene | None:
+        """Return what both ends of a group show of the scene."""
+        with self._predicting:
+            return self._between(known[min(known)], known[max(known)], points)
+
+    def _scene(self, earlier: Sequence[ReferenceFrame], points: Points) -> Scene | None:
+        """Return what the latest frame, and the one before it, show of the scene."""
+        last = earlier[-1]
+        if last.scene is not None or len(earlier) < 2 or not isinstance(points, PointTracks):
+            return last.scene
+        part = slice(earlier[-2].index - earlier[0].index, last.index - earlier[0].index + 1)
+        return self._between(earlier[-2], last, PointTracks(points.positions[:, part]))
+
+    def _between(self, first: ReferenceFrame, last: ReferenceFrame, points: Points) -> Scene | None:
+        if not isinstance(self._method, TrackedSceneInterpolation):
+            return None
+        return self._method.scene(first, last, points)
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:
         """Read what was sent of the geometry of a group."""

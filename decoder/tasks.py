@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.protocol import ReferenceFrame
+from decoder.side_information.scene.extrapolated import Scene
 from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord
 from dvc.video import Frame
@@ -99,6 +100,7 @@ class DecodedGroup:
     # were sent since the group before was.
     delay_s: float | None = None
     num_messages: int = 0
+    scene: Scene | None = None  # what its ends show, where no key frame ends it
 
     @property
     def frames(self) -> list[Frame]:
@@ -108,7 +110,7 @@ class DecodedGroup:
     @property
     def last(self) -> ReferenceFrame:
         """Its last frame."""
-        return ReferenceFrame(self.first_index + self.record.num_frames - 1, self.frames[-1])
+        return ReferenceFrame(self.first_index + self.record.num_frames - 1, self.frames[-1], self.scene)
 
     @classmethod
     def of(cls, task: GroupTask, frames: Sequence[DecodedFrame]) -> "DecodedGroup":

@@ -5,14 +5,17 @@ expects to be wrong. What comes into view is in none of them: it is left to the 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.block_motion.refinement import BLOCK, BlockRefiner
 from decoder.side_information.protocol import Interpolation, Prediction, ReferenceFrame
-from decoder.side_information.scene.synthesis import block_offsets, warp_chroma
+from decoder.side_information.scene.extrapolated import Scene, extrapolate
+from decoder.side_information.scene.synthesis import block_offsets, completed, warp_chroma
 from decoder.side_information.tracked_warp import TrackedWarp, warp_by_tracks
+from decoder.side_information.weighting import blend_tracked
 from dvc.tracks import FeaturePoints, PointTracks
 
 Floats = NDArray[np.float64]
@@ -32,8 +35,25 @@ class TrackedExtrapolation:
         points: PointTracks | FeaturePoints | None,
         first_index: int,
         instant: int,
+        scene: Scene | None = None,
     ) -> Prediction:
-        """Predict one frame."""
+        """Predict one frame, from a scene if there is one that reaches to the latest of those before it."""
+        alone = self._by_tracks(earlier, points, first_index, instant)
+        if scene is None:
+            return alone
+        later = _positions(points, earlier[-1].index - first_index)
+        rendered, reason = extrapolate(scene, later, _positions(points, instant - first_index))
+        if rendered is None:
+            return replace(alone, success=False, reason=reason)
+        return completed(blend_tracked(alone, rendered), rendered, scene.frames, METHOD)
+
+    def _by_tracks(
+        self,
+        earlier: Sequence[ReferenceFrame],
+        points: PointTracks | FeaturePoints | None,
+        first_index: int,
+        instant: int,
+    ) -> Prediction:
         references = [*reversed(earlier)][:NUM_REFERENCES]
         wanted = _positions(points, instant - first_index)
         warped = [

@@ -12,18 +12,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from decoder.side_information.block_motion.alignment import homography_positions, whole_frame_motion
-from decoder.side_information.residual_fields import add_correction, track_residuals
+from decoder.side_information.residual_fields import WIDE_TO_NARROW, corrected_positions
 from dvc.multiview.sampling import sample
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
 
-REACHES_PX = (160.0, 80.0, 40.0)
-"""Distances from which residuals say nothing, from field to field."""
-MAX_RESIDUAL_PX = 12.0
-"""Residuals beyond it are lost tracks, or points on something else."""
-NOISE_PX2 = 0.2
-"""Squared error of a residual that tracks rounded to half pixels make."""
 DISPLACEMENT_WINDOW = 33
 """Side of the neighbourhood in which displacements are averaged, in pixels."""
 MAX_DISPLACEMENT_PX = 60.0
@@ -55,9 +49,7 @@ def warp_by_tracks(reference: Luma, points: Floats, matches: Floats) -> TrackedW
     """Warp a reference on to a frame, of which only points are known."""
     shape = reference.shape
     positions = homography_positions(whole_frame_motion(points, matches), shape)
-    for reach_px in REACHES_PX:
-        found = track_residuals(points, matches, positions, MAX_RESIDUAL_PX)
-        positions = add_correction(positions, *found, reach_px, NOISE_PX2)
+    positions = corrected_positions(positions, points, matches, WIDE_TO_NARROW)
     luma, moved = sample(reference, positions), _displacement(positions)
     inside = _coverage(positions)
     return TrackedWarp(luma, positions, inside, moved, _expected_error(luma, inside, moved))

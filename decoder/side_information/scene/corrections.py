@@ -4,11 +4,13 @@ Cameras and depths are never exact, and things move. Where residuals of neighbou
 chance, and a smooth field of them moves what is fetched from each key frame.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.protocol import Interpolation
-from decoder.side_information.residual_fields import add_correction, track_residuals
+from decoder.side_information.residual_fields import NEAR, Field, corrected_positions
 from dvc.multiview.sampling import sample
 
 Floats = NDArray[np.float64]
@@ -16,7 +18,10 @@ Luma = NDArray[np.uint8]
 
 
 def corrected(
-    rendered: Interpolation, keys: tuple[Luma, Luma], tracks: tuple[Floats, Floats, Floats]
+    rendered: Interpolation,
+    keys: tuple[Luma, Luma],
+    tracks: tuple[Floats, Floats, Floats],
+    fields: Sequence[Field] = NEAR,
 ) -> Interpolation:
     """Correct a rendered frame by the residuals of tracks."""
     before, wanted, after = tracks
@@ -24,8 +29,7 @@ def corrected(
     for key, there, positions, weight, old in zip(
         keys, (before, after), rendered.positions, rendered.weights, rendered.compensated, strict=True
     ):
-        points, residuals = track_residuals(wanted, there, positions)
-        place = add_correction(positions, points, residuals)
+        place = corrected_positions(positions, wanted, there, fields)
         change = sample(key, place) - sample(key, positions)
         luma = luma + weight * change
         compensated.append(np.clip(old + change, 0.0, 255.0))

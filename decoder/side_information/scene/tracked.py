@@ -27,6 +27,7 @@ from decoder.side_information.protocol import (
     temporal_position,
 )
 from decoder.side_information.scene.corrections import corrected
+from decoder.side_information.scene.extrapolated import Scene
 from decoder.side_information.scene.group_geometry import GroupGeometry, estimate_geometry
 from decoder.side_information.scene.synthesis import completed
 from decoder.side_information.scene.untracked import SceneInterpolation
@@ -100,6 +101,21 @@ class TrackedSceneInterpolation:
         return [
             self._predict_one(group, references_around(references, instant), instant) for instant in instants
         ]
+
+    def scene(
+        self, first: ReferenceFrame, last: ReferenceFrame, points: PointTracks | FeaturePoints | None
+    ) -> Scene | None:
+        """Return what two frames show, between which points were tracked, for frames after them."""
+        if not isinstance(points, PointTracks):
+            return None
+        group = self._group((first, last), points)
+        geometry = group.geometry
+        pair = None if geometry.missing(first.index, last.index) else self._between(group, (first, last))
+        if pair is None:
+            return None
+        tracks = geometry.positions(first.index), geometry.positions(last.index)
+        frames = first.frame, last.frame
+        return Scene(frames, pair.interpolator.views, pair.rebased.model.pixel_frame, tracks)
 
     def _group(
         self, ends: tuple[ReferenceFrame, ReferenceFrame], points: PointTracks | FeaturePoints

@@ -9,13 +9,7 @@ from scipy.ndimage import map_coordinates
 
 from decoder.side_information import _kernels
 from decoder.side_information.protocol import Interpolation
-from decoder.side_information.residual_fields import (
-    NOISE_PX2,
-    PRIOR,
-    REACH_PX,
-    add_correction,
-    track_residuals,
-)
+from decoder.side_information.residual_fields import NEAR, PRIOR, add_correction, track_residuals
 from decoder.side_information.scene.corrections import corrected
 from dvc._jit import python_twin
 from dvc.multiview.sampling import sample
@@ -23,6 +17,7 @@ from tests.clips import moving_texture
 
 Floats = NDArray[np.float64]
 SHAPE = (40, 56)
+FIELD = NEAR[0]
 
 
 def points_and_residuals(seed: int, number: int) -> tuple[Floats, Floats]:
@@ -42,14 +37,14 @@ def plain_field(points: Floats, residuals: Floats, reach: float) -> Floats:
             continue
         mean = np.average(residuals, axis=0, weights=weights)
         spread = float(np.average(((residuals - mean) ** 2).sum(axis=1), weights=weights))
-        chance = (spread + NOISE_PX2) * (weights**2).sum() / weights.sum() ** 2
+        chance = (spread + FIELD.noise_px2) * (weights**2).sum() / weights.sum() ** 2
         share = max(0.0, 1.0 - chance / float(mean @ mean))
         field[y, x] = mean * share * weights.sum() / (weights.sum() + PRIOR)
     return field
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize("reach", [15.0, REACH_PX])
+@pytest.mark.parametrize("reach", [15.0, FIELD.reach_px])
 @pytest.mark.parametrize("compiled", [True, False])
 def test_the_kernel_is_its_twin(compiled: bool, reach: float) -> None:
     """The loops and the arrays give one field, zeros far from all points included."""
@@ -57,7 +52,7 @@ def test_the_kernel_is_its_twin(compiled: bool, reach: float) -> None:
     kernel: Any = _kernels.correction_field
     field = np.empty((*SHAPE, 2))
     run = kernel if compiled else python_twin(kernel)
-    run(points, residuals, reach, PRIOR, NOISE_PX2, field)
+    run(points, residuals, reach, PRIOR, FIELD.noise_px2, field)
     np.testing.assert_allclose(field, plain_field(points, residuals, reach), atol=1e-9)
     assert (field[:, -1] == 0.0).any() == (reach == 15.0)
 
@@ -66,12 +61,12 @@ def test_what_neighbours_agree_on_is_corrected() -> None:
     """The field is near residuals that agree, and nothing where they contradict each other or are few."""
     points, residuals = points_and_residuals(2, 40)
     nowhere = np.zeros((*SHAPE, 2))
-    agreed = add_correction(nowhere, points, residuals)[20, 20]
+    agreed = add_correction(nowhere, points, residuals, FIELD)[20, 20]
     np.testing.assert_allclose(agreed, [2.0, -1.0], atol=0.3)
     signs = np.where(np.arange(40) % 2, 1.0, -1.0)[:, None]
-    assert np.abs(add_correction(nowhere, points, residuals * signs)).max() < 0.5
+    assert np.abs(add_correction(nowhere, points, residuals * signs, FIELD)).max() < 0.5
     for few in (0, 2):
-        assert not add_correction(nowhere, points[:few], residuals[:few]).any()
+        assert not add_correction(nowhere, points[:few], residuals[:few], FIELD).any()
 
 
 @pytest.mark.nojit
@@ -98,7 +93,7 @@ def test_only_points_that_tell_something_count() -> None:
     reference = wanted + np.array([1.5, 0.5])
     reference[4] += 10.0
     reference[5] = np.nan
-    points, residuals = track_residuals(wanted, reference, positions)
+    points, residuals = track_residuals(wanted, reference, positions, FIELD.max_residual_px)
     np.testing.assert_array_equal(points, [[10.5, 7.25]])
     np.testing.assert_allclose(residuals, [[0.5, 0.5]])
 
