@@ -90,7 +90,7 @@ def _drawn_depth(view: DepthView, points: Floats) -> Floats:
 
 
 def _located(tracked: TrackDepths, drawn: Floats) -> Floats:
-    """Take the depth that tracks tell where they agree on one, and none is drawn: that is finer than theirs."""
+    """Take the depth that tracks agree on where none is drawn, which is finer than theirs."""
     good = (tracked.rms_px <= MAX_RMS_PX) & (tracked.sigma_px <= MAX_SIGMA)
     return np.where(np.isfinite(drawn) | ~good, drawn, tracked.inverse_depth)
 
