@@ -17,7 +17,7 @@ from sfm import colmap
 from sfm.cameras.bundle_adjustment import bundle_adjustment
 from sfm.cameras.self_calibration import self_calibration
 from sfm.correspondences import outliers
-from sfm.correspondences.densification import _variances, densify
+from sfm.correspondences.densification import densify, neighbourhood_variances
 from sfm.correspondences.epipolar_search import EpipolarSearch
 from sfm.correspondences.features import detect_corners
 from sfm.correspondences.matching import MatchingSettings, match_corners
@@ -139,9 +139,8 @@ def _refined(first: Image, second: Image, tracked: Correspondences, how: Matchin
     start = tracked.second + at - tracked.first
     moved, _, found = refine(first, second, at, start, how.refinement)
     moved, error, also = refine(first, second, at, moved, replace(how.refinement, affine=True))
-    found &= also & (
-        error <= how.min_error + how.refined_error_share * _variances(first, at, how.refinement.radius_px)
-    )
+    variance = neighbourhood_variances(first, at, how.refinement.radius_px)
+    found &= also & (error <= how.min_error + how.refined_error_share * variance)
     found &= ((moved - start) ** 2).sum(axis=1) <= MAX_TRACK_ERROR_PX**2
     return Correspondences(at, np.where(found[:, None], moved, start), np.where(found, error, tracked.error))
 

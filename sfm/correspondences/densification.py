@@ -61,7 +61,7 @@ def densify(
     first, start = free0[i], free1[j]
     shapes = search.facing_similarities(first, start)
     second, error, success = refine(search.luma0, search.luma1, first, start, settings.refinement, shapes)
-    variances = _variances(search.luma0, first, settings.refinement.radius_px)
+    variances = neighbourhood_variances(search.luma0, first, settings.refinement.radius_px)
     limit = settings.min_error + settings.error_share * variances
     candidates = Correspondences(first, second, error)
     success &= outliers.mse(error, limit)
@@ -96,7 +96,7 @@ def _expected_pairs(
     return i, j
 
 
-def _variances(luma: Image, points: Floats, radius_px: int) -> Floats:
+def neighbourhood_variances(luma: Image, points: Floats, radius_px: int) -> Floats:
     """Variances of neighbourhoods around whole pixels; zero where they leave the frame."""
     variances = np.zeros(len(points))
     room = inside(points, luma, radius_px)

@@ -64,7 +64,7 @@ def test_variances_are_of_squares_around_points() -> None:
     points = np.array(
         [[20.0, 30.0], [3.0, 3.0], [2.0, 60.0], [WIDTH - 4.0, HEIGHT - 4.0], [50.0, HEIGHT - 3.0]]
     )
-    found = densification._variances(A, points, 3)
+    found = densification.neighbourhood_variances(A, points, 3)
     squares = [A[int(y) - 3 : int(y) + 4, int(x) - 3 : int(x) + 4].astype(np.float64) for x, y in points]
     expected = [square.var() if square.shape == (7, 7) else 0.0 for square in squares]
     assert np.count_nonzero(expected) == 3
