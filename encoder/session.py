@@ -71,7 +71,7 @@ class EncoderSession:
             parameters=self._wyner_ziv_encoder.key_parameters,
         )
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
-        self._key_frames = KeyFrameSpacing(config.gop, self._wyner_ziv_encoder.max_p_type_share)
+        self._key_frames = KeyFrameSpacing(config.gop, self._wyner_ziv_encoder.max_p_type_lost_share)
         self._rule = rule or VARIANTS[config.codec].groups(config.gop.references, delivery).key_frames
         self._max_tracks_bpp = max_tracks_bpp
         self.statistics = EncoderStatistics(rate_control=self._wyner_ziv_encoder.work)

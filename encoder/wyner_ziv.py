@@ -1,6 +1,5 @@
 """Wyner-Ziv side of the encoder: transform, quantiser and bit planes; and what is written of them."""
 
-import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar
@@ -18,7 +17,7 @@ from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
 from dvc.wynerziv.payloads import EncodedFrame, transform_frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder.groups import Group
-from encoder.intra_decision import MAX_ESTIMATED_SHARE
+from encoder.intra_decision import MAX_ESTIMATED_LOST_SHARE
 from encoder.rate_control.controller import RateController
 from encoder.rate_control.sampled_blocks import RateControlWork
 
@@ -29,8 +28,8 @@ class WynerZivEncoder:
     form: ClassVar[Form] = Form.BUFFERED
     key_parameters: ClassVar[Mapping[str, int]] = MappingProxyType({})
     """Of libx264, for the key frames, beside the usual ones."""
-    max_p_type_share: ClassVar[float] = math.inf
-    """Of the bits of a key frame, that any one P-type frame may be estimated to cost."""
+    max_p_type_lost_share: ClassVar[float] = 1.0
+    """Of the points, on the way to any one P-type frame."""
     cpu_field: ClassVar[str] = "parity_cpu_s"
     """What the time of `payloads` counts as."""
 
@@ -79,7 +78,7 @@ class RateControlledEncoder(WynerZivEncoder):
 
     form = Form.NO_FEEDBACK
     key_parameters = FAST_DECISIONS
-    max_p_type_share = MAX_ESTIMATED_SHARE
+    max_p_type_lost_share = MAX_ESTIMATED_LOST_SHARE
     cpu_field = "rate_control_cpu_s"
 
     def __init__(self, config: CodecConfig, delivery: EstimatedRate) -> None:

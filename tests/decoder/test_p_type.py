@@ -31,7 +31,7 @@ def stream(frames: list[Frame]) -> bytes:
     """Return its buffered stream."""
     file = io.BytesIO()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(intra_decision, "MAX_SHARE", 1e9)  # key frames as rarely as they may come
+        patch.setattr(intra_decision, "MAX_LOST_SHARE", 1e9)  # key frames as rarely as they may come
         EncoderSession(CONFIG).write(frames, file, lambda _: None)
     return file.getvalue()
 

@@ -64,7 +64,7 @@ def test_parallax_is_predicted_where_tracks_alone_miss_it(known: Scene) -> None:
 
 
 def test_points_go_on_where_tracks_have_ended(known: Scene) -> None:
-    """Points that a new group finds again have their depth from tracks too; others have that which is drawn."""
+    """Points that a new group finds again have depth from tracks too; others that which is drawn."""
     points = tracks(2, 3)
     rendered, reason = extrapolate(known, points.positions[:, 0], points.positions[:, 1])
     assert rendered is not None
