@@ -38,7 +38,7 @@ def test_shares_are_of_the_points_that_were_there() -> None:
 
 
 @pytest.mark.parametrize(
-    ("max_share", "num_lost"), [(1.0, 43), (MAX_ESTIMATED_LOST_SHARE, 16)], ids=["feedback", "estimated"]
+    ("max_share", "num_lost"), [(1.0, 43), (MAX_ESTIMATED_LOST_SHARE, 8)], ids=["feedback", "estimated"]
 )
 def test_as_many_points_may_be_lost_as_was_measured(max_share: float, num_lost: int) -> None:
     """Of a hundred points; one more, and there is a key frame."""
