@@ -112,7 +112,8 @@ class GroupDecoder:
             frames += decoded
             if decoded[-1].index == task.last_index:
                 scene = self._whole_scene(known, points)
-                known[task.last_index] = replace(known[task.last_index], scene=scene)
+                packed = None if scene is None else scene.pack()
+                known[task.last_index] = replace(known[task.last_index], scene=packed)
                 take_last(known[task.last_index])
         group = DecodedGroup.of(task, sorted(frames, key=lambda frame: frame.index))
         if task.key is None:
@@ -159,8 +160,10 @@ class GroupDecoder:
     def _scene(self, earlier: Sequence[ReferenceFrame], points: Points) -> Scene | None:
         """Return what the latest frame, and the one before it, show of the scene."""
         last = earlier[-1]
-        if last.scene is not None or len(earlier) < 2 or not isinstance(points, PointTracks):
-            return last.scene
+        if last.scene is not None:
+            return Scene.unpack(last.scene)
+        if len(earlier) < 2 or not isinstance(points, PointTracks):
+            return None
         part = slice(earlier[-2].index - earlier[0].index, last.index - earlier[0].index + 1)
         return self._between(earlier[-2], last, PointTracks(points.positions[:, part]))
 

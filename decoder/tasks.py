@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.side_information.scene.extrapolated import Scene
 from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord
 from dvc.video import Frame
@@ -100,7 +99,7 @@ class DecodedGroup:
     # were sent since the group before was.
     delay_s: float | None = None
     num_messages: int = 0
-    scene: Scene | None = None  # what its ends show, where no key frame ends it
+    scene: bytes | None = None  # what its ends show, where no key frame ends it; a packed `Scene`
 
     @property
     def frames(self) -> list[Frame]:

@@ -77,12 +77,12 @@ def test_planes_that_are_short_are_concealed(clip: Path, tmp_path: Path) -> None
 
 
 def test_what_is_short_serves_all_the_same(clip: Path, tmp_path: Path) -> None:
-    """Frames of which a syndrome was too short are no worse than their prediction."""
+    """Frames of which a syndrome was too short are hardly worse than their prediction."""
     stream = encoded(clip, tmp_path / "short.dvc", "--rate-margin", "0")
     report, _ = decoded(stream, tmp_path, "--reference", str(clip))
     rows = [row for row in report["per_frame"] if row.get("num_failed_planes")]
     assert rows
-    assert sum(row["psnr_y_db"] - row["si_psnr_y_db"] for row in rows) > 0.0
+    assert min(row["psnr_y_db"] - row["si_psnr_y_db"] for row in rows) > -0.05
 
 
 def test_streams_are_small(clip: Path, tmp_path: Path) -> None:

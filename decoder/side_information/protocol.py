@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from dvc.video import Frame
 
 if TYPE_CHECKING:  # frames go from process to process without what makes them
-    from decoder.side_information.scene.extrapolated import Scene
     from dvc.multiview.depth_maps import DepthMap, DepthView, Known
     from dvc.tracks import FeaturePoints, PointTracks
     from sfm.model import Model
@@ -34,13 +33,14 @@ class ReferenceFrame:
         Display position in the sequence, counted from its first frame.
     frame : Frame
         Decoded samples.
-    scene : Scene or None
-        What it and a frame before it show of the scene, for frames after it.
+    scene : bytes or None
+        What it and a frame before it show of the scene, for frames after it: a `Scene` as
+        `decoder.side_information.scene.extrapolated` packs it.
     """
 
     index: int
     frame: Frame
-    scene: "Scene | None" = None
+    scene: bytes | None = None
 
 
 def references_around(

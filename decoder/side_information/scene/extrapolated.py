@@ -6,6 +6,7 @@ turns, since the wanted frame sees them from farther away. What tracks still mis
 fields, from wide to narrow, as where there is no scene.
 """
 
+import pickle
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,17 @@ class Scene(NamedTuple):
     views: tuple[DepthView, DepthView]  # their cameras and depth
     pixel_frame: PixelFrame
     tracks: tuple[Floats, Floats]  # points in both frames, (N, 2) in pixels; nan where one is not seen
+
+    def pack(self) -> bytes:
+        """Write it for another process, past those that need not know what is in it."""
+        return pickle.dumps(self)
+
+    @classmethod
+    def unpack(cls, packed: bytes) -> "Scene":
+        """Read what `pack` has written in a process of this program."""
+        scene = pickle.loads(packed)
+        assert isinstance(scene, cls)
+        return scene
 
 
 def extrapolate(scene: Scene, at_later: Floats, wanted: Floats) -> tuple[Interpolation | None, str]:
