@@ -5,8 +5,6 @@ References
 [Maitre2008] Sec. 5.2.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,12 +15,11 @@ from sfm import colmap
 from sfm.cameras.bundle_adjustment import bundle_adjustment
 from sfm.cameras.self_calibration import self_calibration
 from sfm.correspondences import outliers
-from sfm.correspondences.densification import densify, neighbourhood_variances
+from sfm.correspondences.densification import densify
 from sfm.correspondences.epipolar_search import EpipolarSearch
 from sfm.correspondences.features import detect_corners
-from sfm.correspondences.matching import MatchingSettings, match_corners
+from sfm.correspondences.matching import match_corners
 from sfm.correspondences.propagation import propagate
-from sfm.correspondences.refinement import refine
 from sfm.estimation.degeneracy import classify_motion
 from sfm.estimation.fundamental import FundamentalEstimator
 from sfm.estimation.sample_consensus import lo_ransac, mapsac
@@ -34,7 +31,6 @@ Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 COVERAGE_CELLS = 8
-MAX_TRACK_ERROR_PX = 1.0
 
 
 def reconstruct(
@@ -98,7 +94,7 @@ def _reconstruct(
 
     corners = detect_corners(first, how.features), detect_corners(second, how.features)
     matches = match_corners(first, second, *corners, how.matching)  # tests of MSE and unicity
-    matches = Correspondences.concatenate([_refined(first, second, tracked, how.matching), matches])
+    matches = Correspondences.concatenate([tracked, matches])
     stages["matching"] = matches
 
     if backend == "colmap":
@@ -131,18 +127,6 @@ def _reconstruct(
     depths, _ = _triangulated(matches, pair.camera, frame)
     model = Model(frame, pair.fundamental, pair.camera, matches, depths)
     return Reconstruction(model, _doubt(model, calibration, settings.trust), motion.kind, stages)
-
-
-def _refined(first: Image, second: Image, tracked: Correspondences, how: MatchingSettings) -> Correspondences:
-    """Move the second points of tracks to where neighbourhoods are most alike, if that is near."""
-    at = np.rint(tracked.first)
-    start = tracked.second + at - tracked.first
-    moved, _, found = refine(first, second, at, start, how.refinement)
-    moved, error, also = refine(first, second, at, moved, replace(how.refinement, affine=True))
-    variance = neighbourhood_variances(first, at, how.refinement.radius_px)
-    found &= also & (error <= how.min_error + how.refined_error_share * variance)
-    found &= ((moved - start) ** 2).sum(axis=1) <= MAX_TRACK_ERROR_PX**2
-    return Correspondences(at, np.where(found[:, None], moved, start), np.where(found, error, tracked.error))
 
 
 def weak_calibration(

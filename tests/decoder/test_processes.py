@@ -24,6 +24,7 @@ from dvc.errors import BitstreamError, DvcError
 from dvc.stream import Form, GopRecord, StreamReader
 from dvc.video import Frame
 from tests.clips import moving_texture
+from tests.waiting import wait_until
 
 STREAM = Path(__file__).parents[1] / "golden" / "streams" / "3d-td-all-punctured.dvc"
 
@@ -166,7 +167,9 @@ def test_a_user_that_is_collected_gives_its_process_back(monkeypatch: pytest.Mon
 def test_threads_of_a_process_share_what_they_have_freed() -> None:
     """A heap for each thread would keep what another could use."""
     with decoding_process() as process:
-        environment = Path(f"/proc/{process._process.pid}/environ").read_bytes().split(b"\0")
+        path = Path(f"/proc/{process._process.pid}/environ")
+        wait_until(path.read_bytes)  # there is none between the start of a process and that of its program
+        environment = path.read_bytes().split(b"\0")
     assert b"MALLOC_ARENA_MAX=1" in environment
 
 

@@ -108,14 +108,16 @@ class TrackedSceneInterpolation:
         """Return what two frames show, between which points were tracked, for frames after them."""
         if not isinstance(points, PointTracks):
             return None
-        group = self._group((first, last), points)
-        geometry = group.geometry
-        pair = None if geometry.missing(first.index, last.index) else self._between(group, (first, last))
-        if pair is None:
+        geometry = self._geometry((first, last), points, refines=True)
+        rebased = geometry.between(first.index, last.index)
+        if rebased is None:
             return None
+        lumas = first.frame.luma, last.frame.luma
+        depths = geometry.known_depth(first.index), geometry.known_depth(last.index)
+        interpolator = self._build(rebased.model, *lumas, depths)
         tracks = geometry.positions(first.index), geometry.positions(last.index)
         frames = first.frame, last.frame
-        return Scene(frames, pair.interpolator.views, pair.rebased.model.pixel_frame, tracks)
+        return Scene(frames, interpolator.views, rebased.model.pixel_frame, tracks)
 
     def _group(
         self, ends: tuple[ReferenceFrame, ReferenceFrame], points: PointTracks | FeaturePoints
@@ -131,16 +133,28 @@ class TrackedSceneInterpolation:
     def _estimated(
         self, ends: tuple[ReferenceFrame, ReferenceFrame], points: PointTracks | FeaturePoints
     ) -> _Group:
+        group = _Group(ends, self._geometry(ends, points), {}, {})
+        self._groups[ends[0].index, ends[1].index] = group
+        return group
+
+    def _geometry(
+        self,
+        ends: tuple[ReferenceFrame, ReferenceFrame],
+        points: PointTracks | FeaturePoints,
+        *,
+        refines: bool = False,
+    ) -> GroupGeometry:
+        """Reconstruct the scene between two frames; tracks may be refined before."""
+        from sfm.correspondences.refined_tracks import refined_tracks
         from sfm.pipeline import reconstruct
 
         keys = ends[0].frame.luma, ends[1].frame.luma
         how = self._geometry_config
         tracked = _end_to_end(points) if isinstance(points, PointTracks) else None
+        if tracked is not None and refines:
+            tracked = refined_tracks(*keys, tracked)
         reconstruction = reconstruct(*keys, backend=how.backend, seed=self._seed, tracked=tracked)
-        geometry = estimate_geometry(reconstruction, keys, points, ends[0].index, how.path_regularity)
-        group = _Group(ends, geometry, {}, {})
-        self._groups[ends[0].index, ends[1].index] = group
-        return group
+        return estimate_geometry(reconstruction, keys, points, ends[0].index, how.path_regularity)
 
     def _part(self, group: _Group, around: tuple[ReferenceFrame, ReferenceFrame]) -> _Group:
         """Return a part of a group that has no geometry as a whole."""
