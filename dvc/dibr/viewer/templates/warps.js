@@ -1,24 +1,9 @@
 // Where pixels of a source lie in the view that is looked at: as in dvc.multiview.viewpoints.
 const Warps = (() => {
   "use strict";
+  const { times, apply, transposed, inverse, minus, between } = Matrices;
   const NEAR_VIEW = 1e-3;
   const IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1];
-
-  // Matrices are nine numbers, row by row.
-  const times = (a, b) => a.map((_, k) => {
-    const row = 3 * Math.floor(k / 3), column = k % 3;
-    return a[row] * b[column] + a[row + 1] * b[column + 3] + a[row + 2] * b[column + 6];
-  });
-  const apply = (a, v) => [0, 3, 6].map((row) => a[row] * v[0] + a[row + 1] * v[1] + a[row + 2] * v[2]);
-  const transposed = (a) => [a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]];
-  const inverse = (a) => {
-    const [p, q, r, s, t, u, v, w, x] = a;
-    const adjugate = [t * x - u * w, r * w - q * x, q * u - r * t, u * v - s * x, p * x - r * v, r * s - p * u,
-      s * w - t * v, q * v - p * w, p * t - q * s];
-    const determinant = p * adjugate[0] + q * adjugate[3] + r * adjugate[6];
-    return adjugate.map((value) => value / determinant);
-  };
-  const minus = (a, b) => a.map((value, k) => value - b[k]);
 
   // The rotation nearest to a matrix, by Newton's iteration for its polar decomposition.
   const orthonormal = (matrix) => {
@@ -70,11 +55,7 @@ const Warps = (() => {
     let all = scene.sources.map((source, index) => {
       let turn, shift, distance;
       if (camera) {
-        const own = source.camera, way = minus(own.centre, camera.centre);
-        const seen = times(camera.intrinsic, camera.rotation);
-        turn = times(seen, times(transposed(own.rotation), inverse(own.intrinsic)));
-        shift = apply(seen, way);
-        distance = Math.hypot(...way);
+        ({ turn, shift, distance } = between(source.camera, camera));
       } else {
         const way = [source.position[0] - m, source.position[1] - n];
         turn = IDENTITY.slice();

@@ -1,17 +1,22 @@
 // Draws a scene by WebGL 2: sources into layers of a texture, then what they show together.
 class Renderer {
   static MAX_SOURCES = 4;
+  static CLOSED_PX = 1.5;  // on either side
+  static BACKGROUND = [0.063, 0.071, 0.082];
 
-  constructor(gl, scene, shaders) {
-    Object.assign(this, { gl, scene, scale: 0 });
-    this.reach = 4 * (scene.highest - scene.infinity);
+  // Of a scene there is the palette, its least and its largest disparity, and that of infinity; what is `closest` times
+  // as near as the nearest surface of a source is not drawn.
+  constructor(gl, scene, shaders, closest = 4) {
+    Object.assign(this, { gl, scene, size: "" });
+    this.reach = closest * (scene.highest - scene.infinity);
     this.surface = this.program(shaders["surface.vert"], shaders["surface.frag"]);
-    this.view = this.program(shaders["view.vert"], shaders["view.frag"]);
+    const view = shaders["view.frag"], filling = view.replace("\n", "\n#define FILLS\n");
+    this.view = this.program(shaders["view.vert"], filling);
+    this.bare = this.program(shaders["view.vert"], view);  // much less to do, above all without a graphics processor
     this.palette = this.texture(gl.LINEAR);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, 256, 1, 0, gl.RGB, gl.UNSIGNED_BYTE, scene.palette);
     this.nothing = gl.createVertexArray();
     gl.vertexAttribI4i(0, 0, 0, 0, 0);  // of meshes, which have no cells: its kind must fit
-    this.sources = scene.sources.map(({ pieces }) => pieces.map((piece) => this.uploaded(piece)));
   }
 
   program(vertex, fragment) {
@@ -44,35 +49,48 @@ class Renderer {
     return texture;
   }
 
-  uploaded(piece) {
+  // What is drawn of a source.
+  upload(pieces) {
+    return pieces.map((piece) => this.uploaded(piece));
+  }
+
+  release(uploaded) {
     const { gl } = this;
+    for (const { nearness, picture, whole, torn, buffers } of uploaded) {
+      [nearness, picture].forEach((texture) => gl.deleteTexture(texture));
+      [whole, torn].forEach((array) => gl.deleteVertexArray(array));
+      buffers.forEach((buffer) => gl.deleteBuffer(buffer));
+    }
+  }
+
+  uploaded(piece) {
+    const { gl } = this, buffers = [gl.createBuffer(), gl.createBuffer()];
     const nearness = this.texture(gl.NEAREST);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, piece.width, piece.height, 0, gl.RED, gl.FLOAT, piece.values);
     const picture = this.texture(gl.LINEAR);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, piece.picture);
     const whole = gl.createVertexArray();
     gl.bindVertexArray(whole);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffers[0]);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, piece.whole, gl.STATIC_DRAW);
     const torn = gl.createVertexArray();
     gl.bindVertexArray(torn);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffers[1]);
     gl.bufferData(gl.ARRAY_BUFFER, piece.torn, gl.STATIC_DRAW);
     gl.enableVertexAttribArray(0);
     gl.vertexAttribIPointer(0, 2, gl.INT, 0, 0);
     gl.vertexAttribDivisor(0, 1);
     gl.bindVertexArray(null);
-    return { piece, nearness, picture, whole, torn };
+    return { piece, nearness, picture, whole, torn, buffers };
   }
 
-  // Texels of a pixel of the view, and layers for that many sources.
-  resize(scale) {
-    const { gl, scene } = this;
-    if (scale === this.scale) return;
+  // Texels of the view, how many of them a pixel of the sources has on a side, and layers for that many sources.
+  resize(width, height, scale, count) {
+    const { gl } = this;
     this.scale = scale;
-    const width = scene.width * scale, height = scene.height * scale;
+    if (this.size === `${width}x${height}x${count}`) return;
+    this.size = `${width}x${height}x${count}`;
     Object.assign(gl.canvas, { width, height });
-    const count = Math.min(this.sources.length, Renderer.MAX_SOURCES);
     this.layers?.framebuffers.forEach((framebuffer) => gl.deleteFramebuffer(framebuffer));
     [this.layers?.colour, this.layers?.depth].forEach((texture) => texture && gl.deleteTexture(texture));
     const stack = (format) => {
@@ -93,18 +111,25 @@ class Renderer {
     this.layers = { colour, depth, framebuffers };
   }
 
-  // mode: "picture", "depth" or "lines"; fill: whether what no source shows continues the background; hold:
-  // whether the middle of the scene stays where it is.
-  draw(viewpoint, { mode, fill, hold }) {
-    const warps = Warps.warpsTo(this.scene, viewpoint, hold).slice(0, Renderer.MAX_SOURCES);
-    const lines = mode === "lines";
-    this.gl.viewport(0, 0, this.gl.canvas.width, this.gl.canvas.height);
-    warps.forEach((warp, layer) => this.drawSource(this.sources[warp.index], warp, layer, lines));
-    this.drawView(warps, mode === "depth", fill, lines);
+  // Of warps, nearest first, each has a source that was uploaded. mode: "picture", "depth" or "lines"; holes, which no
+  // source shows: "marked", "filled" by the background, "open", or "closed" where they are small; leads: whether the first source is right
+  // where it shows something; tests: whether depths are kept for what is drawn afterwards.
+  draw(warps, { mode, holes, leads = false, tests = false }) {
+    const { gl } = this;
+    gl.viewport(0, 0, gl.canvas.width, gl.canvas.height);
+    warps.forEach((warp, layer) => this.drawSource(warp, layer, mode === "lines"));
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.disable(gl.CULL_FACE);
+    gl.depthFunc(gl.ALWAYS);
+    gl.clearColor(...Renderer.BACKGROUND, 1);
+    gl.clearDepth(0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    (tests ? gl.enable : gl.disable).call(gl, gl.DEPTH_TEST);
+    if (warps.length) this.drawView(warps, mode, holes, leads);
   }
 
-  drawSource(pieces, warp, layer, lines) {
-    const { gl, scene } = this, { program, at } = this.surface;
+  drawSource(warp, layer, lines) {
+    const { gl } = this, { program, at } = this.surface;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.layers.framebuffers[layer]);
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
@@ -115,12 +140,12 @@ class Renderer {
     gl.useProgram(program);
     gl.uniformMatrix3fv(at("u_turn"), true, warp.turn);
     gl.uniform3fv(at("u_shift"), warp.shift);
-    gl.uniform2f(at("u_size"), scene.width, scene.height);
+    gl.uniform2f(at("u_size"), gl.canvas.width / this.scale, gl.canvas.height / this.scale);
     gl.uniform1f(at("u_reach"), this.reach);
     gl.uniform1i(at("u_lines"), Number(lines));
     gl.uniform1i(at("u_nearness"), 0);
     gl.uniform1i(at("u_picture"), 1);
-    for (const { piece, nearness, picture, whole, torn } of pieces) {
+    for (const { piece, nearness, picture, whole, torn } of warp.source) {
       this.bind(0, gl.TEXTURE_2D, nearness);
       this.bind(1, gl.TEXTURE_2D, picture);
       gl.uniform2f(at("u_origin"), piece.left, piece.top);
@@ -134,11 +159,9 @@ class Renderer {
     }
   }
 
-  drawView(warps, showDepth, fill, lines) {
-    const { gl, scene } = this, { program, at } = this.view;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    gl.disable(gl.DEPTH_TEST);
-    gl.disable(gl.CULL_FACE);
+  drawView(warps, mode, holes, leads) {
+    const { gl, scene } = this, lines = mode === "lines", fills = holes === "filled" || holes === "closed";
+    const { program, at } = fills ? this.view : this.bare;
     gl.useProgram(program);
     this.bind(0, gl.TEXTURE_2D_ARRAY, this.layers.colour);
     this.bind(1, gl.TEXTURE_2D_ARRAY, this.layers.depth);
@@ -155,15 +178,24 @@ class Renderer {
     gl.uniform1f(at("u_stripe_px"), 8 * this.scale);
     gl.uniform1f(at("u_reach"), this.reach);
     gl.uniform2f(at("u_range"), scene.lowest - scene.infinity, scene.highest - scene.infinity);
-    gl.uniform1i(at("u_show_depth"), Number(showDepth));
-    gl.uniform1i(at("u_fill"), Number(fill));
+    gl.uniform1i(at("u_show_depth"), Number(mode === "depth"));
+    gl.uniform1i(at("u_fill"), Number(fills));
+    gl.uniform1i(at("u_open"), Number(holes === "closed" || holes === "open"));
+    const farthest = holes === "closed" ? Math.ceil(Renderer.CLOSED_PX * this.scale) : gl.canvas.width + gl.canvas.height;
+    gl.uniform1i(at("u_farthest"), farthest);
+    gl.uniform1i(at("u_leads"), Number(leads));
     gl.bindVertexArray(this.nothing);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
   // Wait until all is drawn.
-  finish() {
-    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
+  async finish() {
+    const { gl } = this, sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    while (!gl.isContextLost() && gl.getSyncParameter(sync, gl.SYNC_STATUS) !== gl.SIGNALED) {
+      await new Promise((done) => setTimeout(done, 2));
+    }
+    gl.deleteSync(sync);
   }
 
   bind(unit, kind, texture) {

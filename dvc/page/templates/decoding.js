@@ -36,7 +36,8 @@ const Decoding = (() => {
   };
 
   // Cells of four pixels of one surface as triangles of a mesh, and the others, which may be torn, by their corner.
-  const mesh = (values, width, height, step) => {
+  // Values of one surface differ by one and a half steps at most, or by no more than a ratio.
+  const mesh = (values, width, height, { step, ratio = 1 }) => {
     const whole = new Uint32Array(6 * width * height), torn = [];
     let end = 0;
     const at = (row, column) => (row < 0 || column < 0 || row >= height || column >= width ? -1 : values[row * width + column]);
@@ -45,7 +46,7 @@ const Decoding = (() => {
       for (let column = -1; column < width; column++) {
         const b = at(row, column + 1), d = at(row + 1, column + 1);
         const most = Math.max(a, b, c, d), least = Math.min(a, b, c, d);
-        if (least >= 0 && most - least <= 1.5 * step) {
+        if (least >= 0 && (most - least <= 1.5 * step || most < ratio * least)) {
           const first = row * width + column, below = first + width;
           for (const vertex of [first, first + 1, below, below + 1, below, first + 1]) whole[end++] = vertex;
         } else if (most >= 0) {
@@ -66,7 +67,7 @@ const Decoding = (() => {
         left: piece.left, top: piece.top, width: piece.width, height: piece.height, values,
         least: values.reduce((least, value) => (value >= 0 && value < least ? value : least), Infinity),
         picture: await picture(piece, still),
-        ...mesh(values, piece.width, piece.height, scene.step),
+        ...mesh(values, piece.width, piece.height, scene),
       };
     })),
   });
@@ -88,5 +89,5 @@ const Decoding = (() => {
     return { ...data, palette: bytesOf(data.palette), sources, middle: mean(sources[0].pieces) };
   };
 
-  return { scene };
+  return { scene, source, bytesOf, inflated };
 })();

@@ -20,7 +20,10 @@ uniform float u_stripe_px;
 uniform float u_reach;
 uniform vec2 u_range;                // least and largest nearness
 uniform bool u_show_depth;
-uniform bool u_fill;
+uniform bool u_fill;                 // what no source shows continues the background
+uniform int u_farthest;              // that is within so many texels,
+uniform bool u_open;                 // on both sides of it if the rest is left as it was; else it is marked
+uniform bool u_leads;                // the first source is right where it shows something
 
 layout(location = 0) out vec4 colour;
 
@@ -37,8 +40,9 @@ float nearness_of(float depth) {
 }
 
 float nearest(ivec2 texel) {
-  float depth = 0.0;
-  for (int k = 0; k < u_count; k++) depth = max(depth, texelFetch(u_depth, ivec3(texel, k), 0).r);
+  float depth = texelFetch(u_depth, ivec3(texel, 0), 0).r;
+  if (u_leads && depth > 0.0) return nearness_of(depth);
+  for (int k = 1; k < u_count; k++) depth = max(depth, texelFetch(u_depth, ivec3(texel, k), 0).r);
   return nearness_of(depth);
 }
 
@@ -59,10 +63,11 @@ Shown shown(ivec2 texel) {
   return Shown(sum / total, front);
 }
 
+#ifdef FILLS
 // The first texel in a direction that shows something, and how far it is; w is 0 if there is none.
 ivec4 found(vec2 start, vec2 direction) {
   ivec2 size = textureSize(u_colour, 0).xy;
-  for (int k = 1; k <= size.x + size.y; k++) {
+  for (int k = 1; k <= u_farthest; k++) {
     ivec2 texel = ivec2(floor(start + float(k) * direction));
     if (texel.x < 0 || texel.y < 0 || texel.x >= size.x || texel.y >= size.y) break;
     if (nearest(texel) >= 0.0) return ivec4(texel, k, 1);
@@ -72,7 +77,7 @@ ivec4 found(vec2 start, vec2 direction) {
 
 // Of two ends of a line through a hole the farther one continues into it; between both on one surface.
 Shown between(ivec4 one, ivec4 other) {
-  if (one.w + other.w == 0) return Shown(vec3(0.0), -1.0);
+  if (one.w + other.w == 0 || (u_open && other.w == 0)) return Shown(vec3(0.0), -1.0);
   if (one.w == 0) return shown(other.xy);
   if (other.w == 0) return shown(one.xy);
   Shown a = shown(one.xy), b = shown(other.xy);
@@ -84,19 +89,25 @@ Shown between(ivec4 one, ivec4 other) {
   return b;
 }
 
+Shown beside(vec2 start, vec2 direction) {
+  ivec4 one = found(start, direction);
+  if (u_open && one.w == 0) return Shown(vec3(0.0), -1.0);
+  return between(one, found(start, -direction));
+}
+
 Shown filled(vec2 start) {
   vec2 at = start / u_scale - 0.5;
   vec2 line = u_epipole.xy - at * u_epipole.z;
-  if (length(line) > 1e-6) {
-    vec2 direction = normalize(line);
-    Shown along = between(found(start, direction), found(start, -direction));
+  if (!u_open && length(line) > 1e-6) {
+    Shown along = beside(start, normalize(line));
     if (along.nearness >= 0.0) return along;
   }
-  Shown across = between(found(start, vec2(1.0, 0.0)), found(start, vec2(-1.0, 0.0)));
+  Shown across = beside(start, vec2(1.0, 0.0));
   if (across.nearness >= 0.0) return across;
-  return between(found(start, vec2(0.0, 1.0)), found(start, vec2(0.0, -1.0)));
+  return beside(start, vec2(0.0, 1.0));
 }
 
+#endif
 vec3 hatched() {
   float position = fract((gl_FragCoord.x + gl_FragCoord.y) / u_stripe_px);
   return position < 0.5 ? vec3(0.10, 0.10, 0.12) : vec3(0.93, 0.45, 0.10);
@@ -106,7 +117,11 @@ void main() {
   float height = float(textureSize(u_colour, 0).y);
   vec2 at = vec2(gl_FragCoord.x, height - gl_FragCoord.y);
   Shown here = shown(ivec2(floor(at)));
+#ifdef FILLS
   if (here.nearness < 0.0 && u_fill) here = filled(at);
+#endif
+  if (here.nearness < 0.0 && u_open) discard;
+  gl_FragDepth = here.nearness < 0.0 ? 0.0 : EMPTY + (1.0 - EMPTY) * here.nearness / u_reach;
   if (here.nearness < 0.0) {
     colour = vec4(hatched(), 1.0);
   } else if (u_show_depth) {
