@@ -128,6 +128,18 @@ def estimate_depths(
     return first_view, second_view
 
 
+def checked_depth(own: tuple[Floats, Floats], other: Floats, there: Floats) -> DepthMap:
+    """Check inverse depths, given with their confidence, against those of another view."""
+    side = _Side(np.empty((0, 0), np.uint8), there, inverse_warp(there))
+    return DepthMap(own[0], _checked(side, own, other))
+
+
+def completed_depth(luma: Luma, own: DepthMap, other: DepthMap, there: Floats) -> DepthMap:
+    """Continue what is consistent over the rest, and align its discontinuities with edges of the picture."""
+    side = _Side(luma, there, inverse_warp(there))
+    return _aligned(side, _continued(side, own, other), other)
+
+
 def discontinuities(inverse_depth: Floats, warp: Floats) -> Mask:
     """Find the cells of a grid of pixels whose corners do not move together."""
     height, width = inverse_depth.shape

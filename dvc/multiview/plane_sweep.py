@@ -10,6 +10,7 @@ References
 [Maitre2008] Sec. 5.3.2: blocks of the virtual view are matched along their epipolar lines.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -116,6 +117,33 @@ def sweep(
     if prior is not None:
         _kernels.add_prior(*prior, hypotheses.lowest, hypotheses.step, PRIOR_WEIGHT, PRIOR_LIMIT, cost)
     chosen, confidence = semi_global(cost, base, settings.small_jump, settings.large_jump)
+    return hypotheses.inverse_depth(chosen), confidence
+
+
+def sweep_views(
+    base: Luma,
+    others: Sequence[tuple[Luma, Floats]],
+    hypotheses: DepthHypotheses,
+    settings: SweepSettings,
+) -> tuple[Floats, Floats]:
+    """Find the inverse depth of every pixel from several other views, each with the warp to it.
+
+    Of every pixel and hypothesis the two views count that agree best: the others may not see the point.
+    """
+    if not others:
+        raise ValueError("`others` must hold at least one view")
+    costs = _census_costs if settings.census else _gradient_costs
+    best = costs(base, *others[0], hypotheses)
+    second: Costs | None = None
+    for other in others[1:]:
+        cost = costs(base, *other, hypotheses)
+        larger = np.maximum(best, cost)
+        second = larger if second is None else np.minimum(second, larger, out=second)
+        np.minimum(best, cost, out=best)
+    if second is not None:
+        best += second
+        best //= 2
+    chosen, confidence = semi_global(_box(best), base, settings.small_jump, settings.large_jump)
     return hypotheses.inverse_depth(chosen), confidence
 
 

@@ -97,6 +97,11 @@ def picture_from_frame(frame: Frame, pixel_format: str) -> "av.VideoFrame":
     return picture
 
 
+def rgb_from_frame(frame: Frame) -> Plane:
+    """Return a frame as red, green and blue, shape (H, W, 3); inverse of `frame_from_rgb`."""
+    return np.ascontiguousarray(picture_from_frame(frame, "yuv420p").to_ndarray(format="rgb24"), np.uint8)
+
+
 def _is_rgb(picture: "av.VideoFrame") -> bool:
     """Tell whether the samples are red, green and blue, direct or through a palette."""
     return picture.format.is_rgb or picture.format.has_palette or picture.format.name.startswith("xyz")

@@ -1,16 +1,22 @@
 """The command `dvc-sfm`: files it writes, and wrong input."""
 
 import json
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
 from dvc.multiview.cameras import PixelFrame
+from dvc.video import create_video
 from sfm.__main__ import main
+from sfm.mapping.scene_map import SceneMap
 from sfm.model import Correspondences
 from sfm.output.drawing import ZOOM, draw_correspondences, side_by_side
 from tests.scenes_3d import render
+from tests.sfm.plane_map import frames_of, map_of, piece_of
 
 FRAME = PixelFrame(176, 144)
 
@@ -70,6 +76,75 @@ def test_bad_input_ends_in_one_line(
         assert main(arguments) == 2
         assert len(capsys.readouterr().err.strip().splitlines()) == 1
         assert not (tmp_path / "m").exists()
+
+
+@pytest.fixture
+def mapped(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
+    """Put a map in the place of the mapper; return what it is called with."""
+    calls: list[tuple[str, str]] = []
+
+    def map_video(
+        path: str, *, mapper: str = "native", report: Callable[[str], None] | None = None
+    ) -> SceneMap:
+        calls.append((path, mapper))
+        if report is not None:
+            report("half of it")
+        return map_of(piece_of(range(3), 48, 32), size=(48, 32), num_frames=4)
+
+    module = ModuleType("sfm.mapping.sequence")
+    module.map_video = map_video  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "sfm.mapping.sequence", module)
+    return calls
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> str:
+    """Write a video of four frames."""
+    with create_video(tmp_path / "clip.mkv", (48, 32), 25) as writer:
+        for number in range(4):
+            writer.write(frames_of(48, 32)(number))
+    return str(tmp_path / "clip.mkv")
+
+
+def test_a_video_becomes_a_folder(
+    mapped: list[tuple[str, str]], video: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Files and page of the map, one line of summary, progress on stderr; quiet says nothing."""
+    assert main([video, "--out", str(tmp_path / "map")]) == 0
+    values = json.loads((tmp_path / "map" / "scene.json").read_text())
+    assert values["frames_per_second"] == 25.0
+    assert "<h1>clip.mkv</h1>" in (tmp_path / "map" / "index.html").read_text(encoding="utf-8")
+    told = capsys.readouterr()
+    assert told.out == "map: 1 piece, 3 of 4 frames located\n"
+    assert told.err == "dvc-sfm: half of it\n"
+    assert main([video, "--out", str(tmp_path / "other"), "--mapper", "colmap", "--quiet"]) == 0
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "")
+    assert mapped == [(video, "native"), (video, "colmap")]
+
+
+def test_options_of_the_other_use_are_refused(
+    mapped: list[tuple[str, str]],
+    video: str,
+    pictures: tuple[str, str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One line names the option, or what is wrong with the input, and nothing is mapped or written."""
+    for arguments, told in (
+        ([video, "--frames", "0", "1"], "--frames"),
+        ([video, "--sfm", "colmap"], "--sfm"),
+        ([video, "--seed", "0"], "--seed"),
+        ([*pictures, "--mapper", "native"], "--mapper"),
+        ([str(tmp_path / "no.mkv")], "no.mkv"),
+    ):
+        assert main([*arguments, "--out", str(tmp_path / "m")]) == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert told in line
+        assert not (tmp_path / "m").exists()
+    assert main([video, "--out", str(tmp_path)]) == 2
+    assert "not an empty folder" in capsys.readouterr().err
+    assert mapped == []
 
 
 def test_pictures_show_points_and_lines() -> None:

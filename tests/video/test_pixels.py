@@ -6,7 +6,14 @@ import pytest
 from numpy.typing import NDArray
 
 from dvc.video import Frame, chroma_shape
-from dvc.video.pixels import conversion_notices, frame_from_picture, is_full_range, picture_from_frame
+from dvc.video.pixels import (
+    conversion_notices,
+    frame_from_picture,
+    frame_from_rgb,
+    is_full_range,
+    picture_from_frame,
+    rgb_from_frame,
+)
 from tests.clips import same_frame
 
 
@@ -174,3 +181,18 @@ def test_grey_with_alpha_keeps_its_samples() -> None:
         frame = frame_from_picture(picture)
         assert frame.chroma is None
         assert np.array_equal(frame.luma, luma)
+
+
+@pytest.mark.parametrize("size", [(33, 47), (24, 32)])
+def test_colours_come_back_from_frames(size: tuple[int, int]) -> None:
+    """Smooth colours nearly, black and white of grey frames exactly; odd sides as well."""
+    y, x = np.mgrid[: size[0], : size[1]] / max(size)
+    picture = np.rint(255 * np.stack([x, y, 0.5 * (x + y)], axis=-1)).astype(np.uint8)
+    found = rgb_from_frame(frame_from_rgb(picture))
+    assert found.shape == picture.shape
+    assert np.abs(found.astype(int) - picture).mean() < 4.0
+    luma = np.full(size, 16, np.uint8)
+    luma[0] = 235
+    found = rgb_from_frame(Frame(luma))
+    assert (found[1:] == 0).all()
+    assert (found[0] == 255).all()

@@ -1,0 +1,1 @@
+"""Maps of whole sequences: cameras of all frames, depth of some, and one cloud of points."""

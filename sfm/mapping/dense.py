@@ -1,0 +1,128 @@
+"""From cameras and points to pieces of a map: depth of some frames, and the cloud that they make."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.video import Frame
+from sfm.mapping.cloud import dense_cloud, rgb_picture
+from sfm.mapping.depth import View, complete_depths, inverse_depth_span, sweep_depth
+from sfm.mapping.scene_map import MapPiece
+from sfm.mapping.structure import Structure
+from sfm.mapping.tracking import SequenceTracks
+
+Floats = NDArray[np.float64]
+
+MAX_DEPTH_FRAMES = 48
+"""Frames of a sequence with depth: each costs seconds, and they are all in memory."""
+MIN_VIEW_POINTS = 20
+"""Known points that a frame with depth sees."""
+COMPANION_SHARE = 3
+"""Near frames that depth is found with as well are so many times nearer than the next frame with depth."""
+MAX_PIXELS = 350_000
+"""Depth of larger frames is found at a half, a third, ... of their size."""
+
+
+def dense_pieces(
+    frames: Iterable[Frame],
+    tracks: SequenceTracks,
+    structures: Sequence[Structure],
+    report: Callable[[str], None],
+) -> tuple[MapPiece, ...]:
+    """Add depth and clouds to the pieces of a sequence, reading its frames once."""
+    chosen = depth_frames(tracks, structures)
+    wanted = {
+        k for keys, each in zip(chosen, structures, strict=True) for k in (*keys, *companions(keys, each))
+    }
+    pictures = {index: frame for index, frame in enumerate(frames) if index in wanted}
+    return tuple(
+        _piece(structure, keys, pictures, tracks, report)
+        for structure, keys in zip(structures, chosen, strict=True)
+    )
+
+
+def depth_frames(tracks: SequenceTracks, structures: Sequence[Structure]) -> list[list[int]]:
+    """Choose the frames of each piece whose depth is wanted: key frames, not too many in all."""
+    keys = [
+        [
+            k
+            for k in tracks.key_frames
+            if k in structure.poses and _num_known(structure, tracks, k) >= MIN_VIEW_POINTS
+        ]
+        for structure in structures
+    ]
+    total = sum(len(each) for each in keys)
+    if total <= MAX_DEPTH_FRAMES:
+        return keys
+    shares = [max(2, len(each) * MAX_DEPTH_FRAMES // total) for each in keys]
+    return [
+        [each[k] for k in np.unique(np.linspace(0, len(each) - 1, share).round().astype(int))] if each else []
+        for each, share in zip(keys, shares, strict=True)
+    ]
+
+
+def companions(keys: Sequence[int], structure: Structure) -> list[int]:
+    """Return located frames near those with depth, which see for some time what soon leaves the frame."""
+    gaps = np.diff(keys) if len(keys) > 1 else np.ones(1)
+    step = max(1, round(float(np.median(gaps)) / COMPANION_SHARE))
+    return [k for key in keys for k in (key - step, key + step) if k in structure.poses and k not in keys]
+
+
+def _num_known(structure: Structure, tracks: SequenceTracks, frame: int) -> int:
+    return int(np.count_nonzero(structure.known[tracks.seen[frame].ids]))
+
+
+def _piece(
+    structure: Structure,
+    keys: Sequence[int],
+    pictures: Mapping[int, Frame],
+    tracks: SequenceTracks,
+    report: Callable[[str], None],
+) -> MapPiece:
+    """Find depths and cloud of one piece."""
+    factor = reduction(tracks.width_px, tracks.height_px)
+    near = sorted({*keys, *companions(keys, structure)})
+    views = {k: _view(structure, tracks, k, pictures[k], factor) for k in near}
+    nearest = max((inverse_depth_span(views[k])[1] for k in keys), default=0.0)
+    swept = {}
+    for number, frame in enumerate(keys, start=1):
+        report(f"depth: frame {frame}, {number} of {len(keys)}")
+        found = sweep_depth(views, frame, nearest)
+        if found is not None:
+            swept[frame] = found
+    shape = tracks.height_px, tracks.width_px
+    depths = {k: _enlarged(depth, factor, shape) for k, depth in complete_depths(views, swept).items()}
+    maps = ((depth, structure.poses[k], rgb_picture(pictures[k])) for k, depth in depths.items())
+    points, colours = dense_cloud(maps, structure.K)
+    return MapPiece(structure.K, dict(sorted(structure.poses.items())), points, colours, depths)
+
+
+def reduction(width_px: int, height_px: int) -> int:
+    """Return the whole number by which frames are reduced before their depth is found."""
+    return max(1, int(np.ceil(np.sqrt(width_px * height_px / MAX_PIXELS))))
+
+
+def _view(structure: Structure, tracks: SequenceTracks, index: int, frame: Frame, factor: int) -> View:
+    """Reduce a frame, its intrinsics, and collect the points that it sees."""
+    import cv2
+
+    ids = tracks.seen[index].ids
+    points = structure.points[ids[structure.known[ids]]]
+    pose = structure.poses[index]
+    points = points[points @ pose[2, :3] + pose[2, 3] > 0]
+    K, luma = structure.K.copy(), frame.luma
+    if factor > 1:
+        height, width = -(-frame.height // factor), -(-frame.width // factor)
+        padding = (0, height * factor - frame.height), (0, width * factor - frame.width)
+        padded = np.pad(luma, padding, mode="edge")
+        luma = np.asarray(cv2.resize(padded, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        K[:2, 2] = (K[:2, 2] - 0.5 * (factor - 1)) / factor
+        K[[0, 1], [0, 1]] /= factor
+    return View(np.ascontiguousarray(luma, np.uint8), K, pose, points)
+
+
+def _enlarged(depth: NDArray[np.float32], factor: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+    if factor == 1:
+        return depth
+    return np.ascontiguousarray(depth.repeat(factor, axis=0).repeat(factor, axis=1)[: shape[0], : shape[1]])

@@ -1,0 +1,65 @@
+"""What is known of a scene after a whole sequence: pieces, each in one coordinate frame and one scale."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MapPiece:
+    """Frames that are located in one Euclidean coordinate frame.
+
+    Attributes
+    ----------
+    intrinsics : ndarray of shape (3, 3), float64
+        Calibration matrix in pixels, where the centre of the upper left pixel is (0, 0).
+    poses : mapping from int to ndarray of shape (3, 4), float64
+        Rotation and translation from the coordinates of the piece to the camera's, by number of frame.
+    points : ndarray of shape (N, 3), float64
+        The dense cloud, in the piece's unit of length.
+    colours : ndarray of shape (N, 3), uint8
+        Red, green and blue of each point.
+    depths : mapping from int to ndarray of shape (H, W), float32
+        Distance along the optical axis of what some frames show; nan where it is not known.
+    """
+
+    intrinsics: Floats
+    poses: Mapping[int, Floats]
+    points: Floats
+    colours: NDArray[np.uint8]
+    depths: Mapping[int, NDArray[np.float32]]
+
+
+@dataclass(frozen=True, eq=False)
+class SceneMap:
+    """The map of a sequence.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+        Size of the frames.
+    num_frames : int
+        Length of the sequence, whether its frames are located or not.
+    pieces : tuple of MapPiece
+        Parts of the sequence that share no coordinate frame, in the order of their frames.
+    """
+
+    width_px: int
+    height_px: int
+    num_frames: int
+    pieces: tuple[MapPiece, ...]
+
+    @property
+    def num_located(self) -> int:
+        """How many frames are located."""
+        return sum(len(piece.poses) for piece in self.pieces)
+
+    @property
+    def summary(self) -> str:
+        """Say in one line how much of the sequence is located."""
+        pieces = f"{len(self.pieces)} piece{'s' * (len(self.pieces) != 1)}"
+        return f"map: {pieces}, {self.num_located} of {self.num_frames} frames located"

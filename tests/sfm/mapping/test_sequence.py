@@ -1,0 +1,111 @@
+"""Maps of whole sequences, against the exact geometry of a small scene."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dvc.multiview.cameras import PixelFrame
+from dvc.video import Frame, create_video
+from sfm.mapping.rendering import render_view
+from sfm.mapping.scene_map import SceneMap
+from sfm.mapping.sequence import map_sequence, map_video
+from sfm.mapping.trajectory import trajectory_error
+from tests.scenes_3d import camera_at, render
+
+SIZE = PixelFrame(192, 144)
+POSITIONS = np.linspace(-2.5, 2.5, 17)
+
+
+@cache
+def _clip() -> tuple[list[Frame], list[np.ndarray]]:
+    """Return frames and true depths."""
+    views = [render(position, SIZE) for position in POSITIONS]
+    return [Frame(luma) for luma, _ in views], [1.0 / inverse for _, inverse in views]
+
+
+def _poses() -> dict[int, np.ndarray]:
+    cameras = [camera_at(position) for position in POSITIONS]
+    return {k: camera / np.cbrt(np.linalg.det(camera[:, :3])) for k, camera in enumerate(cameras)}
+
+
+@cache
+def _map() -> SceneMap:
+    return map_sequence(lambda: _clip()[0])
+
+
+def test_all_frames_are_located() -> None:
+    """In one piece, with the trajectory and the focal length of the truth."""
+    (piece,) = _map().pieces
+    assert sorted(piece.poses) == list(range(len(POSITIONS)))
+    assert trajectory_error(piece.poses, _poses()).relative < 0.01
+    assert abs(piece.intrinsics[0, 0] / SIZE.width_px - 1.0) < 0.2  # little turning: weakly determined
+    assert _map().summary == "map: 1 piece, 17 of 17 frames located"
+
+
+def test_depth_is_that_of_the_scene() -> None:
+    """In one scale for all frames."""
+    (piece,) = _map().pieces
+    ratio = np.stack([depth / _clip()[1][k] for k, depth in piece.depths.items()])
+    errors = np.abs(ratio / np.nanmedian(ratio) - 1.0)
+    assert len(ratio) >= 3
+    assert np.nanmedian(errors) < 0.03
+    assert np.mean(errors < 0.05) > 0.8
+
+
+def test_cloud_lies_on_the_surfaces() -> None:
+    """It is as large as the scene, and grey as the frames are."""
+    (piece,) = _map().pieces
+    assert 3000 < len(piece.points) < 500_000
+    assert np.ptp(piece.colours, axis=1).max() == 0
+
+
+def test_several_frames_render_a_left_out_one() -> None:
+    """Better than 30 dB, at the pose that the map has for it."""
+    (piece,) = _map().pieces
+    frames = _clip()[0]
+    wanted = next(k for k in piece.poses if k not in piece.depths)
+    pictures = {k: frames[k].luma[:, :, None] for k in piece.depths}
+    view = render_view(piece, pictures, piece.poses[wanted])
+    error = (view.image[:, :, 0] - frames[wanted].luma)[8:-8, 8:-8]
+    assert 10 * np.log10(255**2 / np.mean(error**2)) > 30
+
+
+def test_a_video_gives_the_map_of_its_frames(tmp_path: Path) -> None:
+    """It is read once for the tracks, and once for the depths; steps are told."""
+    path, lines = str(tmp_path / "clip.mkv"), []
+    with create_video(path, (SIZE.width_px, SIZE.height_px), 25) as writer:
+        for frame in _clip()[0]:
+            writer.write(frame)
+    found = map_video(path, report=lines.append)
+    assert found.num_located == len(POSITIONS)
+    np.testing.assert_allclose(found.pieces[0].poses[9], _map().pieces[0].poses[9], atol=1e-6)
+    assert lines[0] == "tracking points"
+    assert any(line.startswith("depth") for line in lines)
+
+
+@pytest.mark.parametrize("kind", ["none", "one", "black", "still"])
+def test_what_shows_no_scene_has_no_piece(kind: str) -> None:
+    """And is no error."""
+    black, first = Frame(np.full((144, 192), 16, np.uint8)), _clip()[0][0]
+    frames = {"none": [], "one": [first], "black": [black] * 4, "still": [first] * 6}[kind]
+    found = map_sequence(lambda: frames)
+    assert found.pieces == ()
+    assert found.num_frames == len(frames)
+
+
+def test_mappers_have_names() -> None:
+    """Others are refused."""
+    with pytest.raises(ValueError, match="mapper"):
+        map_sequence(lambda: [], mapper="other")
+
+
+@pytest.mark.slow
+def test_colmap_maps_the_scene() -> None:
+    """The same map by other estimators."""
+    found = map_sequence(lambda: _clip()[0], mapper="colmap")
+    (piece,) = found.pieces
+    assert len(piece.poses) >= 0.9 * len(POSITIONS)
+    assert trajectory_error(piece.poses, _poses()).relative < 0.1  # pictures this small have few features
+    assert len(piece.depths) >= 3

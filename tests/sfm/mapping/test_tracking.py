@@ -1,0 +1,66 @@
+"""Points followed through pictures."""
+
+import cv2
+import numpy as np
+import pytest
+
+from dvc.video import Frame
+from sfm.mapping.tracking import track_sequence
+
+SHAPE = (120, 160)
+
+
+def _picture(shift: tuple[float, float], seed: int = 0) -> Frame:
+    """Return smooth noise, moved by a shift in pixels."""
+    noise = np.random.default_rng(seed).uniform(0, 255, (SHAPE[0] + 80, SHAPE[1] + 80)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0)
+    smooth = (smooth - smooth.min()) / np.ptp(smooth) * 255
+    matrix = np.array([[1.0, 0.0, shift[0] - 40], [0.0, 1.0, shift[1] - 40]])
+    moved = cv2.warpAffine(smooth, matrix, SHAPE[::-1], flags=cv2.INTER_CUBIC)
+    return Frame(np.clip(np.rint(moved), 0, 255).astype(np.uint8))
+
+
+def test_shifts_are_followed_to_a_tenth_of_a_pixel() -> None:
+    """Over several key frames, and each point under one number."""
+    shifts = [(1.3 * k, -0.7 * k) for k in range(12)]
+    tracks = track_sequence(_picture(shift) for shift in shifts)
+    assert tracks.key_frames[0] == 0
+    assert 3 <= len(tracks.key_frames) < 12
+    first, last = tracks.seen[0], tracks.seen[-1]
+    common, own, other = np.intersect1d(first.ids, last.ids, return_indices=True)
+    assert len(common) > 40
+    moved = last.positions[other] - first.positions[own]
+    assert np.median(np.abs(moved - np.subtract(shifts[-1], shifts[0]))) < 0.1
+
+
+def test_a_still_camera_makes_no_key_frames() -> None:
+    """But the first and the last frame."""
+    tracks = track_sequence(_picture((0.0, 0.0)) for _ in range(6))
+    assert tracks.key_frames == (0, 5)
+
+
+def test_points_end_at_a_cut() -> None:
+    """Hardly any point is found in a picture of something else."""
+    tracks = track_sequence(
+        [*(_picture((k, 0.0)) for k in range(3)), *(_picture((k, 0.0), 1) for k in range(3))]
+    )
+    assert len(np.intersect1d(tracks.seen[2].ids, tracks.seen[3].ids)) < 0.2 * len(tracks.seen[2].ids)
+    assert len(tracks.seen[3].ids) > 50
+
+
+def test_black_frames_have_no_points() -> None:
+    """And are no error."""
+    black = Frame(np.full(SHAPE, 16, np.uint8))
+    tracks = track_sequence([black, black, _picture((0, 0)), black])
+    assert [len(each.ids) > 0 for each in tracks.seen] == [False, False, True, False]
+
+
+def test_no_frames() -> None:
+    """An empty sequence has no tracks."""
+    assert track_sequence([]).seen == ()
+
+
+def test_sizes_must_agree() -> None:
+    """A frame of another size is refused."""
+    with pytest.raises(ValueError, match="one size"):
+        track_sequence([_picture((0, 0)), Frame(np.zeros((64, 64), np.uint8))])
