@@ -1,7 +1,8 @@
-"""Command `dvc-sfm`: reconstruct a scene from two pictures, and look at what was found."""
+"""Command `dvc-sfm`: the map of a video, or the scene of two pictures, as files and to look at."""
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,51 +18,81 @@ if TYPE_CHECKING:
 
 PROG = "dvc-sfm"
 EXAMPLES = """\
+  dvc-sfm video.mkv --out map                            cameras, depth and points of a whole video
+  dvc-sfm video.mkv --out map --mapper colmap            the same by COLMAP
   dvc-sfm a.png b.png --out model                        two pictures of one scene
   dvc-sfm video.mkv video.mkv --frames 0 10 --out model  frames 0 and 10 of a video
   dvc-sfm video.mkv video.mkv --frames 0 10 --sfm colmap --out other
 
-DIR then holds model.json, points.ply, the text files of COLMAP, and correspondences.png.
+Of a video DIR then holds index.html, a page to fly through the scene, points.ply, trajectory.txt,
+intrinsics.json, COLMAP's text files in sparse/, depth maps in depth/, and scene.json; of two pictures
+model.json, points.ply, the text files of COLMAP, and correspondences.png.
 """
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = cli.ArgumentParser(
-        PROG, "Structure from motion between two pictures of a static scene.", EXAMPLES
+        PROG, "Structure from motion: of a video of a static scene, or of two pictures of it.", EXAMPLES
     )
-    parser.add_argument("first", metavar="A", help="picture or video of the first view")
-    parser.add_argument("second", metavar="B", help="picture or video of the second view")
+    parser.add_argument("first", metavar="A", help="the video; or picture or video of the first view")
+    parser.add_argument("second", metavar="B", nargs="?", help="picture or video of the second view")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
-    parser.add_argument(
+    parser.add_argument("--quiet", action="store_true", help="print no summary and no progress")
+    video = parser.add_argument_group("of a video")
+    own = "whose mapper: the project's own or COLMAP's; default: native"
+    video.add_argument("--mapper", choices=SFM_BACKENDS, help=own)
+    pair = parser.add_argument_group("of two pictures")
+    pair.add_argument(
         "--frames",
         type=cli.integer(0, 10**9),
         nargs=2,
-        default=(0, 0),
         metavar=("I", "J"),
         help="frame of A and frame of B; default: the first of each",
     )
-    parser.add_argument(
-        "--sfm",
-        choices=SFM_BACKENDS,
-        default="native",
-        help="whose estimators: the project's own or COLMAP's; default: %(default)s",
-    )
-    seed = "seed of the random samples"
-    cli.add_integer(parser, "--seed", (0, 2**31 - 1), seed, default=0, metavar="S")
-    parser.add_argument("--quiet", action="store_true", help="print no summary")
+    own = "whose estimators: the project's own or COLMAP's; default: native"
+    pair.add_argument("--sfm", choices=SFM_BACKENDS, help=own)
+    cli.add_integer(pair, "--seed", (0, 2**31 - 1), "seed of the random samples; default: 0", metavar="S")
     return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    of_pair = {"--frames": arguments.frames, "--sfm": arguments.sfm, "--seed": arguments.seed}
+    given = [option for option, value in of_pair.items() if value is not None]
+    if arguments.second is None and given:
+        raise ConfigError(f"{given[0]} is for two pictures: give a second input, or leave it out")
+    if arguments.second is not None and arguments.mapper is not None:
+        raise ConfigError("--mapper is for one video: leave the second input out, or choose by --sfm")
+    return _map(arguments) if arguments.second is None else _reconstruct(arguments)
+
+
+def _map(arguments: argparse.Namespace) -> int:
+    from dvc.files import check_folder
+    from sfm.output.map_folder import map_to_folder
+
+    check_folder(arguments.out)
+    report: Callable[[str], None] | None = None if arguments.quiet else _report
+    scene = map_to_folder(arguments.first, arguments.out, arguments.mapper or SFM_BACKENDS[0], report)
+    if not arguments.quiet:
+        sys.stdout.write(scene.summary + "\n")
+    return 0
+
+
+def _report(message: str) -> None:
+    """Say on stderr how far the map is."""
+    sys.stderr.write(f"{PROG}: {cli.one_line(message)}\n")
 
 
 def _reconstruct(arguments: argparse.Namespace) -> int:
     from dvc.files import atomic_folder
     from sfm.pipeline import reconstruct
 
-    first = _luma(arguments.first, arguments.frames[0])
-    second = _luma(arguments.second, arguments.frames[1])
+    numbers = arguments.frames or (0, 0)
+    first, second = _luma(arguments.first, numbers[0]), _luma(arguments.second, numbers[1])
     if first.shape != second.shape:
         sizes = [f"{luma.shape[1]}x{luma.shape[0]}" for luma in (first, second)]
         raise ConfigError(f"both pictures must have the same size, got {sizes[0]} and {sizes[1]}")
-    reconstruction = reconstruct(first, second, backend=arguments.sfm, seed=arguments.seed)
+    backend, seed = arguments.sfm or SFM_BACKENDS[0], arguments.seed or 0
+    reconstruction = reconstruct(first, second, backend=backend, seed=seed)
     with atomic_folder(arguments.out) as folder:
         _write(folder, reconstruction, first, second)
     if not arguments.quiet:
@@ -82,13 +113,13 @@ def _write(folder: Path, reconstruction: "Reconstruction", first: Any, second: A
     import cv2
 
     from sfm.output.drawing import draw_correspondences, side_by_side
-    from sfm.output.export import point_colours, write_colmap, write_json, write_ply
+    from sfm.output.export import point_colours, write_colmap, write_json, write_points
 
     write_json(folder / "model.json", reconstruction)
     model = reconstruction.model
     if model is not None:
         colours = point_colours(first, model.correspondences.first)
-        write_ply(folder / "points.ply", model, colours)
+        write_points(folder / "points.ply", model, colours)
         write_colmap(folder, model, ("first.png", "second.png"), colours)
     fundamental = None if model is None else model.fundamental
     pictures = [
@@ -109,7 +140,7 @@ def _summary(reconstruction: "Reconstruction") -> str:
     return "\n".join(lines) + "\n"
 
 
-main = cli.command(PROG, _parser, _reconstruct)
+main = cli.command(PROG, _parser, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,8 +1,6 @@
 """Writes a model for other programs: PLY, COLMAP's text format, JSON."""
 
 import json
-import struct
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -10,26 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfm.model import Model, Reconstruction
+from sfm.output.colmap_text import ColmapCloud, ColmapImage, write_colmap_text
 from sfm.output.metric_upgrade import MetricModel, metric_upgrade
+from sfm.output.point_cloud import write_ply
 
-Floats = NDArray[np.float64]
-
-_PLY_HEADER = """\
-ply
-format binary_little_endian 1.0
-comment structure from motion between two key frames; unit of length: the distance of the cameras
-element vertex {count}
-property float x
-property float y
-property float z
-property uchar red
-property uchar green
-property uchar blue
-end_header
-"""
+PLY_COMMENT = "structure from motion between two key frames; unit of length: the distance of the cameras"
 
 
-def point_colours(luma: NDArray[np.uint8], points: Floats) -> NDArray[np.uint8]:
+def point_colours(luma: NDArray[np.uint8], points: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Look up the grey of each point in the first key frame."""
     height, width = luma.shape
     columns = np.clip(np.rint(points[:, 0]).astype(np.int64), 0, width - 1)
@@ -38,11 +24,9 @@ def point_colours(luma: NDArray[np.uint8], points: Floats) -> NDArray[np.uint8]:
     return colours
 
 
-def write_ply(path: str | Path, model: Model, colours: NDArray[np.uint8]) -> None:
+def write_points(path: str | Path, model: Model, colours: NDArray[np.uint8]) -> None:
     """Write the points as a binary PLY file, in the nearest Euclidean frame."""
-    points = metric_upgrade(model).points.astype("<f4")
-    rows = (struct.pack("<3f3B", *point, *colour) for point, colour in zip(points, colours, strict=True))
-    Path(path).write_bytes(_PLY_HEADER.format(count=len(points)).encode("ascii") + b"".join(rows))
+    write_ply(path, metric_upgrade(model).points, colours, PLY_COMMENT)
 
 
 def write_colmap(
@@ -50,50 +34,16 @@ def write_colmap(
 ) -> None:
     """Write ``cameras.txt``, ``images.txt`` and ``points3D.txt`` in COLMAP's text format."""
     metric, frame, matches = metric_upgrade(model), model.pixel_frame, model.correspondences
-    target = Path(folder)
-    width, height = frame.width_px, frame.height_px
-    focal = f"{metric.focal_length_px:.10g}"
-    _write_lines(
-        target / "cameras.txt",
-        ["# Camera list with one line of data per camera: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"],
-        [f"1 SIMPLE_PINHOLE {width} {height} {focal} {width / 2:g} {height / 2:g}"],
+    size = frame.width_px, frame.height_px
+    intrinsics = np.diag([metric.focal_length_px, metric.focal_length_px, 1.0])
+    intrinsics[:2, 2] = 0.5 * (np.array(size) - 1.0)
+    images = [
+        ColmapImage(1, names[0], np.eye(3, 4), matches.first),
+        ColmapImage(2, names[1], metric.second_from_first, matches.second),
+    ]
+    write_colmap_text(
+        Path(folder), size, intrinsics, images, ColmapCloud(metric.points, colours, metric.error_px)
     )
-    poses = [np.eye(3, 4), metric.second_from_first]
-    images = []
-    for number, (name, pose, points) in enumerate(
-        zip(names, poses, (matches.first, matches.second), strict=True), start=1
-    ):
-        numbers = [*_quaternion(pose[:, :3]), *pose[:, 3]]
-        images.append(f"{number} {' '.join(f'{value:.12g}' for value in numbers)} 1 {name}")
-        images.append(" ".join(f"{x + 0.5:.6f} {y + 0.5:.6f} {i}" for i, (x, y) in enumerate(points, 1)))
-    _write_lines(
-        target / "images.txt",
-        [
-            "# Image list with two lines of data per image:",
-            "#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME",
-            "#   POINTS2D[] as (X, Y, POINT3D_ID)",
-        ],
-        images,
-    )
-    _write_lines(
-        target / "points3D.txt",
-        ["# 3D point list: POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"],
-        (
-            f"{i + 1} {x:.10g} {y:.10g} {z:.10g} {r} {g} {b} {metric.error_px:.4f} 1 {i} 2 {i}"
-            for i, ((x, y, z), (r, g, b)) in enumerate(zip(metric.points, colours, strict=True))
-        ),
-    )
-
-
-def _write_lines(path: Path, comments: list[str], lines: Iterable[str]) -> None:
-    path.write_text("\n".join([*comments, *lines]) + "\n")
-
-
-def _quaternion(rotation: Floats) -> Floats:
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
-    return np.array([w, x, y, z])
 
 
 def to_dict(reconstruction: Reconstruction) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sfm.model import Reconstruction
-from sfm.output.export import point_colours, to_dict, write_colmap, write_json, write_ply
+from sfm.output.export import point_colours, to_dict, write_colmap, write_json, write_points
 from sfm.output.metric_upgrade import metric_upgrade
 from tests.sfm.euclidean import FOCAL_LENGTH, FRAME, euclidean_scene
 
@@ -50,7 +50,7 @@ def test_ply_holds_the_points(tmp_path: Path) -> None:
     """The PLY file holds the Euclidean points in single precision, with the grey of the first key frame."""
     model = euclidean_scene(num_points=9).model
     luma = np.full((288, 352), 5, dtype=np.uint8)
-    write_ply(tmp_path / "p.ply", model, point_colours(luma, model.correspondences.first))
+    write_points(tmp_path / "p.ply", model, point_colours(luma, model.correspondences.first))
     header, _, body = (tmp_path / "p.ply").read_bytes().partition(b"end_header\n")
     assert b"element vertex 9\n" in header
     rows = np.frombuffer(body, dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3)])

@@ -1,0 +1,108 @@
+"""The map of a sequence as a folder: files for other programs, and a page to look at."""
+
+import json
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dvc.video import Frame
+from sfm.mapping.scene_map import MapPiece, SceneMap
+from sfm.output.colmap_text import ColmapCloud, ColmapImage, write_colmap_text
+from sfm.output.depth_maps import depth_step, write_depth_maps
+from sfm.output.flight.page import write_flight
+from sfm.output.point_cloud import write_ply
+from sfm.output.trajectory import write_trajectory
+
+MAX_SPARSE_POINTS = 100_000
+"""COLMAP's text has no more points than that: programs read it slowly."""
+UNIT = "the unit of length is arbitrary, one for each piece"
+
+
+def write_scene(
+    folder: str | Path,
+    scene: SceneMap,
+    frame: Callable[[int], Frame],
+    fps: Fraction | float | None = None,
+    title: str = "Map",
+) -> None:
+    """Write the map of a sequence into a folder, with a page that shows it.
+
+    The first piece stands in the folder itself, others in ``piece-1``, ``piece-2`` and so on. docs/scene.md
+    says what the files hold.
+
+    Parameters
+    ----------
+    folder : str or Path
+        An empty folder.
+    scene : SceneMap
+        What is known of the sequence.
+    frame : callable
+        Returns a frame by its number; is asked in rising order, for one at a time.
+    fps : Fraction or float, optional
+        Frames per second; without it times are numbers of frames.
+    title : str, optional
+        Heading of the page.
+
+    Raises
+    ------
+    ValueError
+        If the pixels of a camera are no rectangles.
+    """
+    target = Path(folder)
+    pieces = []
+    for number, piece in enumerate(scene.pieces):
+        name = f"piece-{number}" if number else "."
+        (target / name).mkdir(exist_ok=True)
+        pieces.append({"folder": name, **_write_piece(target / name, piece, scene, fps)})
+    write_flight(target / "index.html", scene, frame, fps, title)
+    values = {
+        "summary": scene.summary,
+        "size": [scene.width_px, scene.height_px],
+        "num_frames": scene.num_frames,
+        "num_located": scene.num_located,
+        "frames_per_second": None if fps is None else float(fps),
+        "unit": UNIT,
+        "page": "index.html",
+        "pieces": pieces,
+    }
+    _write_json(target / "scene.json", values)
+
+
+def _write_piece(
+    folder: Path, piece: MapPiece, scene: SceneMap, fps: Fraction | float | None
+) -> dict[str, Any]:
+    """Write the files of a piece, and return what is said of them."""
+    size = scene.width_px, scene.height_px
+    (folder / "sparse").mkdir()
+    images = [ColmapImage(n + 1, f"{n:06d}.png", piece.poses[n]) for n in sorted(piece.poses)]
+    write_colmap_text(folder / "sparse", size, piece.intrinsics, images, _sparse_cloud(piece))
+    write_trajectory(folder / "trajectory.txt", piece.poses, fps)
+    intrinsics = {"size": list(size), "matrix": piece.intrinsics.tolist(), "centre_of_first_pixel": [0, 0]}
+    _write_json(folder / "intrinsics.json", intrinsics)
+    write_ply(folder / "points.ply", piece.points, piece.colours, UNIT)
+    step = depth_step(piece.depths)
+    (folder / "depth").mkdir()
+    write_depth_maps(folder / "depth", piece.depths, step)
+    _write_json(
+        folder / "depth.json", {"depth_of_a_level": step, "unknown": 0, "frames": sorted(piece.depths)}
+    )
+    return {
+        "frames": sorted(piece.poses),
+        "num_points": len(piece.points),
+        "depth_frames": sorted(piece.depths),
+        "files": ["sparse", "trajectory.txt", "intrinsics.json", "points.ply", "depth", "depth.json"],
+    }
+
+
+def _sparse_cloud(piece: MapPiece) -> ColmapCloud:
+    """Return the points that COLMAP's files hold, spread evenly over all of them."""
+    count = min(len(piece.points), MAX_SPARSE_POINTS)
+    chosen = np.linspace(0, len(piece.points) - 1, count).astype(np.int64)
+    return ColmapCloud(piece.points[chosen], piece.colours[chosen])
+
+
+def _write_json(path: Path, values: object) -> None:
+    path.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")
