@@ -80,7 +80,7 @@ reproduce: $(INSTALLED)  ## measure the tables and figures of the thesis, quickl
 
 pictures: $(INSTALLED)  ## draw the pictures of docs/ again, and those of real clips in results/
 	$(BIN)/python -m benchmarks.pictures.scene
-	$(BIN)/python -m benchmarks.pictures.tracks
+	$(BIN)/python -m benchmarks.pictures.map
 	$(BIN)/python -m benchmarks.pictures.stereo
 	$(BIN)/python -m benchmarks.pictures.dibr
 

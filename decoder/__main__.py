@@ -29,6 +29,7 @@ EXAMPLES = """\
   dvc-decode street.dvc out.mkv --punctured small.dvc           also write the stream that was really needed
   dvc-decode street.dvc part.mkv --frames 40:48                 frames 40 to 47, no more groups than they need
   dvc-decode day-0003.dvc.part day.mkv --unfinished             what a recording holds that was cut off
+  dvc-decode street.dvc street.mkv --scene map                  and the map: cameras, depth, points, a page
   dvc-decode recording day.mkv --dask tcp://127.0.0.1:8786      all segments in a folder, on a Dask cluster
   dvc-decode --connect 127.0.0.1:5000 out.mkv                   decode live from `dvc-encode --serve`
 """
@@ -154,6 +155,14 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         help="write what each frame was predicted as before any of it was decoded, luma only (.y4m, .mkv);"
         " key frames as they are",
     )
+    add(
+        "--scene",
+        metavar="DIR",
+        help="map the scene out of the decoded frames into a new folder: cameras, depth, points, and a page"
+        " to fly through it (docs/scene.md); OUTPUT must be .y4m or .mkv",
+    )
+    mapper = "whose mapper finds the cameras of --scene; default: native"
+    add("--mapper", choices=SFM_BACKENDS, help=mapper)
     add("--reference", metavar="ORIGINAL", help="the original video; used for nothing but PSNR")
     first = "frame of ORIGINAL that was coded first"
     cli.add_integer(group, "--reference-start", (0, 10**9), first, default=0, metavar="K")
@@ -178,10 +187,40 @@ def _decode(arguments: argparse.Namespace) -> int:
             raise ConfigError(f"--{option} is for files, not for --connect, which keeps what was decoded")
     if arguments.connect and arguments.dask:
         raise ConfigError("--dask is for files, not for --connect, whose encoder waits for one decoder")
+    _check_scene(arguments)
     outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
     inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
     cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
-    return _decode_live(arguments) if arguments.connect else _decode_file(arguments)
+    status = _decode_live(arguments) if arguments.connect else _decode_file(arguments)
+    if arguments.scene is not None:
+        _map_scene(arguments)
+    return status
+
+
+def _check_scene(arguments: argparse.Namespace) -> None:
+    """Refuse a map that cannot be written, before any work."""
+    if arguments.scene is None:
+        if arguments.mapper is not None:
+            raise ConfigError("--mapper is for --scene")
+        return
+    from dvc.files import check_folder
+
+    video = arguments.files[-1]
+    if not video.endswith((".y4m", ".mkv")):
+        raise ConfigError(f"--scene reads OUTPUT again: it must be .y4m or .mkv, got {video}")
+    check_folder(arguments.scene)
+
+
+def _map_scene(arguments: argparse.Namespace) -> None:
+    """Map what was decoded."""
+    from sfm.output.map_folder import map_to_folder
+
+    def _report(message: str) -> None:
+        if not arguments.quiet:
+            sys.stderr.write(f"{PROG}: {cli.one_line(message)}\n")
+
+    mapper = arguments.mapper or SFM_BACKENDS[0]
+    _report(map_to_folder(arguments.files[-1], arguments.scene, mapper, _report).summary)
 
 
 def _decode_file(arguments: argparse.Namespace) -> int:
