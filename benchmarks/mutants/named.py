@@ -17,8 +17,8 @@ class Named(NamedTuple):
 
 
 NAMED = (
-    Named("encoder", "_LOSS_WEIGHT = 2.0", "2.0", "1.0"),
-    Named("encoder", "_PARALLAX_WEIGHT =", "0.08", "0.02"),
+    Named("encoder", "MAX_LOST_SHARE =", "0.43", "0.3"),
+    Named("encoder", "MAX_ESTIMATED_LOST_SHARE =", "0.08", "0.2"),
     Named("encoder", "MIN_WORTH =", "1.5", "2.0"),
     Named("encoder", "BITS_PER_BIT =", "1.6", "1.3"),
     Named("encoder", "REFERENCE_RATE_MARGIN =", "0.15", "0.3"),
