@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.calibration.colmap import quiet
 from dvc.metrics import psnr_db
 from dvc.video import Frame, open_video
-from sfm.mapping.colmap_mapper import model_poses, quiet, run_colmap
+from sfm.mapping.colmap_mapper import model_poses, run_colmap
 from sfm.mapping.rendering import render_view
 from sfm.mapping.scene_map import MapPiece, SceneMap
 from sfm.mapping.sequence import MAPPERS, map_sequence

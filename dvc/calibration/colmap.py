@@ -41,7 +41,7 @@ def read_model(folder: Path, names: Sequence[str], sizes: Sequence[Size]) -> Cal
     if place is None:
         raise ConfigError(f"{folder}: has no COLMAP model (cameras.bin or cameras.txt)")
     try:
-        with _quiet():
+        with quiet():
             model = pycolmap.Reconstruction(place)
     except (ValueError, LookupError, RuntimeError, OSError) as err:
         raise DvcError(f"{place}: not a COLMAP model that can be read") from err
@@ -56,7 +56,7 @@ def estimate_cameras(names: Sequence[str], pictures: Sequence[NDArray[np.uint8]]
     if len(pictures) == 2:
         return _two_views(names, pictures)
     height, width = pictures[0].shape[:2]
-    with tempfile.TemporaryDirectory() as folder, _quiet():
+    with tempfile.TemporaryDirectory() as folder, quiet():
         numbered = [f"{index:06d}.png" for index in range(len(pictures))]
         for name, picture in zip(numbered, pictures, strict=True):
             cv2.imwrite(f"{folder}/{name}", picture[:, :, ::-1])
@@ -73,7 +73,7 @@ def estimate_cameras(names: Sequence[str], pictures: Sequence[NDArray[np.uint8]]
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keep COLMAP from logging."""
     import pycolmap
 

@@ -3,15 +3,15 @@
 COLMAP puts the centre of the first pixel at (0.5, 0.5); this module converts.
 """
 
-import contextlib
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.calibration.colmap import quiet
 from dvc.video import Frame
 from sfm.mapping.adjustment import PIXEL_CENTRE, SEED
 from sfm.mapping.reconstruction import MIN_KEYS, complete_by_tracks
@@ -142,16 +142,3 @@ def _structure(model: Any, tracks: SequenceTracks, taken: set[int]) -> Structure
     K[:2, 2] -= PIXEL_CENTRE
     poses = {frame: pose for frame, pose in model_poses(model).items() if frame not in taken}
     return Structure(K, dict(sorted(poses.items())), np.full((tracks.num_points, 3), np.nan))
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Keep COLMAP from logging."""
-    import pycolmap
-
-    level = pycolmap.logging.minloglevel
-    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
-    try:
-        yield
-    finally:
-        pycolmap.logging.minloglevel = level
