@@ -101,7 +101,6 @@ def test_mappers_have_names() -> None:
         map_sequence(lambda: [], mapper="other")
 
 
-@pytest.mark.slow
 def test_colmap_maps_the_scene() -> None:
     """The same map by other estimators."""
     found = map_sequence(lambda: _clip()[0], mapper="colmap")
