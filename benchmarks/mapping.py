@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.calibration.colmap import quiet
+from dvc.config import SFM_BACKENDS
 from dvc.metrics import psnr_db
 from dvc.video import Frame, open_video
 from sfm.mapping.colmap_mapper import model_poses, run_colmap
 from sfm.mapping.rendering import render_view
 from sfm.mapping.scene_map import MapPiece, SceneMap
-from sfm.mapping.sequence import MAPPERS, map_sequence
+from sfm.mapping.sequence import map_sequence
 from sfm.mapping.trajectory import TrajectoryError, trajectory_error
 
 Floats = NDArray[np.float64]
@@ -156,7 +157,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure clips and print a line for each figure."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mapping", description=__doc__)
     parser.add_argument("clips", nargs="*", metavar="CLIP", default=SCENES)
-    parser.add_argument("--mapper", choices=MAPPERS, default=MAPPERS[0])
+    parser.add_argument("--mapper", choices=SFM_BACKENDS, default=SFM_BACKENDS[0])
     parser.add_argument("--colmap", action="store_true", help="run COLMAP on all frames as well")
     parser.add_argument("--json", metavar="FILE", help="write the figures to a file")
     options = parser.parse_args(arguments)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 
+from dvc.config import SFM_BACKENDS
 from dvc.video import Frame, open_video
 from sfm.mapping.colmap_mapper import colmap_pieces
 from sfm.mapping.dense import dense_pieces
@@ -11,9 +12,6 @@ from sfm.mapping.tracking import track_sequence
 
 FrameSource = Callable[[], Iterable[Frame]]
 """Gives all frames from the first to the last, whenever it is called: they are read again, not kept."""
-
-MAPPERS = ("native", "colmap")
-"""Whose mapping finds the cameras: the project's own, or COLMAP's."""
 
 
 def map_sequence(
@@ -44,8 +42,8 @@ def map_sequence(
     ValueError
         If there is no such mapper, or the frames differ in size.
     """
-    if mapper not in MAPPERS:
-        raise ValueError(f"`mapper` must be one of {', '.join(MAPPERS)}, got {mapper!r}")
+    if mapper not in SFM_BACKENDS:
+        raise ValueError(f"`mapper` must be one of {', '.join(SFM_BACKENDS)}, got {mapper!r}")
     tell = report or (lambda _: None)
     tell("tracking points")
     seen = track_sequence(frames())
