@@ -112,9 +112,9 @@ class BlockRefiner:
     """Refines block offsets into several references."""
 
     def __init__(self, references: Sequence[Frame], offsets: Sequence[Offsets], method: str) -> None:
-        self._references = references
+        self.references = references
         self._searched = [_reference(frame.luma) for frame in references]
-        self._offsets = [offset.copy() for offset in offsets]
+        self.offsets = [offset.copy() for offset in offsets]
         self._method = method
         self._weights = [np.ones(offset.shape[:2]) for offset in offsets]
         self._num_calls = 0
@@ -127,16 +127,16 @@ class BlockRefiner:
         for number, reference in enumerate(self._searched):
             for search in searches:
                 images = (halved_target, reference.halved) if search.halved else (target, reference.image)
-                self._offsets[number], costs = _search(*images, self._offsets[number], search)
+                self.offsets[number], costs = _search(*images, self.offsets[number], search)
             difference = costs / float(searches[-1].window ** 2) + 1.0
             self._weights[number] = 1.0 / (difference * np.sqrt(difference))
         planes = [reference.image.planes for reference in self._searched]
-        luma, compensated = compensate(planes, self._offsets, self._weights, BLOCK, partial.shape)
+        luma, compensated = compensate(planes, self.offsets, self._weights, BLOCK, partial.shape)
         return Prediction(luma, None, tuple(compensated), self._method, refiner=self)
 
     def chroma(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
         """Predict chroma with the offsets found so far; see `Refiner.chroma`."""
-        return compensate_chroma(self._references, self._offsets, self._weights, BLOCK)
+        return compensate_chroma(self.references, self.offsets, self._weights, BLOCK)
 
 
 def _search(
