@@ -10,13 +10,16 @@ import os
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dvc import cli
 from dvc.environment import baseline_environment
+
+if TYPE_CHECKING:
+    from decoder.tasks import DecodedGroup
 
 STAGES = {
     "geometry: structure from motion": ("sfm.pipeline.reconstruct",),
@@ -101,22 +104,25 @@ def _is_module(name: str) -> bool:
     return True
 
 
-def decoded(stream: bytes) -> int:
-    """Decode a stream; return the number of its frames."""
+def decoded_groups(stream: bytes) -> "Iterator[DecodedGroup]":
+    """Decode a stream in this process."""
     from decoder.group import GroupDecoder
     from decoder.session import stream_tasks
-    from decoder.tasks import DecodedGroup, following
+    from decoder.tasks import following
     from dvc.stream import StreamReader
 
-    count = 0
     with StreamReader(io.BytesIO(stream)) as reader:
         decoder = GroupDecoder(reader.config)
         for chain in stream_tasks(reader.config, reader):
             group: DecodedGroup | None = None
             for task in chain:
                 group = decoder.decode(following(task, group))
-                count += len(group.frames)
-    return count
+                yield group
+
+
+def decoded(stream: bytes) -> int:
+    """Decode a stream; return the number of its frames."""
+    return sum(len(group.frames) for group in decoded_groups(stream))
 
 
 def coded(clip: str, qp: int, frames: int, folder: Path) -> bytes:
@@ -173,9 +179,13 @@ def main(words: Sequence[str] | None = None) -> int:
     return 0
 
 
+def enter_baseline_environment(module: str) -> None:
+    """Start a module anew in the environment in which streams are decoded, unless it is in it."""
+    wanted = baseline_environment()
+    if os.environ.get("OPENCV_CPU_DISABLE") != wanted.get("OPENCV_CPU_DISABLE"):
+        os.execve(sys.executable, [sys.executable, "-m", module, *sys.argv[1:]], wanted)
+
+
 if __name__ == "__main__":
-    if os.environ.get("OPENCV_CPU_DISABLE") != baseline_environment().get("OPENCV_CPU_DISABLE"):
-        os.execve(
-            sys.executable, [sys.executable, "-m", "benchmarks.stages", *sys.argv[1:]], baseline_environment()
-        )
+    enter_baseline_environment("benchmarks.stages")
     sys.exit(main())
