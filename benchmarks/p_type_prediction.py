@@ -1,0 +1,234 @@
+"""How far predictions of P-type frames are from block motion that is found with the original.
+
+Clips are coded with the default codec, and their P-type frames decoded in one process. The PSNR of each is
+that of the prediction by tracks alone, of the prediction that is used, of the last one while it was decoded,
+and of block motion as an encoder would find it that knows the frame: 8x8 blocks from the same decoded
+references, displaced by quarter samples, each by the vector and from the reference of the least squared
+error, whatever it costs to send them. Last comes which share of the way from tracks alone to block motion the
+prediction used goes.
+"""
+
+import json
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from itertools import chain, islice, product
+from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.results.harness import CLIPS, clip_source
+from benchmarks.stages import coded, decoded_groups, enter_baseline_environment
+from decoder.side_information.block_motion.compensation import MARGIN, Luma, Offsets, phase_planes
+from decoder.side_information.block_motion.refinement import BLOCK, BlockRefiner
+from decoder.side_information.extrapolation import TrackedExtrapolation
+from decoder.side_information.protocol import Prediction, ReferenceFrame
+from decoder.side_information.scene.extrapolated import Scene
+from decoder.tasks import DecodedFrame, DecodedGroup, GroupTask
+from dvc import cli
+from dvc.config import MAX_QP
+from dvc.metrics import mean_psnr_db, psnr_db
+from dvc.tracks import FeaturePoints, PointTracks
+from dvc.video import open_video
+from dvc.wynerziv.hierarchy import Around
+from dvc.wynerziv.transform import to_uint8
+from encoder import intra_decision
+
+PROG = "python -m benchmarks.p_type_prediction"
+EXAMPLES = f"""\
+  {PROG}                                  all nine clips
+  {PROG} box desk --frames 33 --all-p-type
+"""
+BLOCK_PX = 8
+"""Side of the blocks that move."""
+SEARCHES = ((24, 4), (2, 2), (1, 1))
+"""Displacements to each side that are tried, and the distance between them in quarter samples: first around
+where the prediction has a block from, then around the best so far."""
+
+
+class Sources(NamedTuple):
+    """What a P-type frame may be predicted from."""
+
+    by_tracks: Luma
+    references: tuple[Luma, ...]
+    starts: tuple[Offsets, ...]  # where the prediction has blocks from, in each of them
+
+
+class Row(NamedTuple):
+    """PSNR of the predictions of a P-type frame, or the mean of several, in dB."""
+
+    by_tracks: float
+    used: float
+    refined: float
+    block_motion: float
+
+    @property
+    def closed(self) -> float:
+        """Share of the way from tracks to block motion that the prediction used goes."""
+        way = self.block_motion - self.by_tracks
+        return (self.used - self.by_tracks) / way if way else 0.0
+
+    @classmethod
+    def mean(cls, rows: "Sequence[Row]") -> "Row":
+        """Average rows."""
+        return cls(*map(mean_psnr_db, zip(*rows, strict=True)))
+
+
+class RecordingExtrapolation(TrackedExtrapolation):
+    """Predicts as usual, and keeps from what."""
+
+    def __init__(self) -> None:
+        self.sources: dict[int, Sources] = {}
+
+    def predict(
+        self,
+        earlier: Sequence[ReferenceFrame],
+        points: PointTracks | FeaturePoints | None,
+        first_index: int,
+        instant: int,
+        scene: Scene | None = None,
+    ) -> Prediction:
+        """Predict one frame."""
+        used = super().predict(earlier, points, first_index, instant, scene)
+        alone = super().predict(earlier, points, first_index, instant)
+        refiner = used.refiner
+        assert isinstance(refiner, BlockRefiner)
+        factor = BLOCK_PX // BLOCK
+        self.sources[instant] = Sources(
+            to_uint8(alone.luma),
+            tuple(frame.luma for frame in refiner.references),
+            tuple(offsets[::factor, ::factor].copy() for offsets in refiner.offsets),
+        )
+        return used
+
+
+def block_motion(original: Luma, references: Sequence[Luma], starts: Sequence[Offsets]) -> Luma:
+    """Predict a frame by block motion that is found with the original, from places around some."""
+    rows, columns = starts[0].shape[:2]
+    height, width = original.shape
+    padding = (0, rows * BLOCK_PX - height), (0, columns * BLOCK_PX - width)
+    padded = np.pad(original, padding, mode="edge").astype(np.int32)
+    blocks = padded.reshape(rows, BLOCK_PX, columns, BLOCK_PX).swapaxes(1, 2)
+    found = [_best_blocks(blocks, *of_one) for of_one in zip(references, starts, strict=True)]
+    errors = np.stack([error for _, error in found])
+    predicted = np.stack([samples for samples, _ in found])
+    best = np.take_along_axis(predicted, errors.argmin(axis=0)[None, :, :, None, None], axis=0)[0]
+    return np.ascontiguousarray(best.swapaxes(1, 2).reshape(padded.shape)[:height, :width])
+
+
+def _best_blocks(
+    blocks: NDArray[np.int32], reference: Luma, starts: Offsets
+) -> tuple[Luma, NDArray[np.int64]]:
+    """Return the blocks of a reference that are most like those of a frame, and their squared errors."""
+    windows = np.lib.stride_tricks.sliding_window_view(phase_planes(reference), (BLOCK_PX,) * 2, axis=(2, 3))
+    last = 4 * (np.array(windows.shape[2:4]) - 1)
+    corners = 4 * (MARGIN + BLOCK_PX * np.moveaxis(np.indices(blocks.shape[:2]), 0, -1))
+    best, found = starts.copy(), np.zeros(blocks.shape, np.uint8)
+    errors = np.full(blocks.shape[:2], np.iinfo(np.int64).max)
+    for radius, step in SEARCHES:
+        centres = best.copy()
+        for displacement in product(range(-radius, radius + 1), repeat=2):
+            offsets = centres + step * np.array(displacement)
+            row, column = np.moveaxis(np.clip(corners + offsets, 0, last), -1, 0)
+            samples = windows[row & 3, column & 3, row >> 2, column >> 2]
+            difference = blocks - samples
+            error = np.einsum("ijkl,ijkl->ij", difference, difference)
+            better = error < errors
+            errors[better], best[better], found[better] = error[better], offsets[better], samples[better]
+    return found, errors
+
+
+def measure(clip: str, qp: int, num_frames: int, all_p_type: bool = False) -> dict[int, Row]:
+    """Code and decode a clip; return what its P-type frames are predicted like."""
+    forced = mock.patch.object(intra_decision, "MAX_LOST_SHARE", np.inf) if all_p_type else nullcontext()
+    with forced, tempfile.TemporaryDirectory() as folder:
+        stream = coded(clip, qp, num_frames, Path(folder))
+    with open_video(clip_source(clip).path) as video:
+        originals = [frame.luma for frame in islice(video, num_frames)]
+    return dict(_rows(stream, originals))
+
+
+def _rows(stream: bytes, originals: Sequence[Luma]) -> Iterator[tuple[int, Row]]:
+    recording = RecordingExtrapolation()
+    with (
+        mock.patch("decoder.group.TrackedExtrapolation", return_value=recording),
+        mock.patch("decoder.group.levels", _p_type_levels),
+        mock.patch.object(DecodedGroup, "of", _p_type_frames),
+    ):
+        frames = chain.from_iterable(group.wyner_ziv for group in decoded_groups(stream))
+        for frame in frames:
+            original, sources = originals[frame.index], recording.sources.pop(frame.index)
+            predictions = (
+                sources.by_tracks,
+                frame.side_information,
+                frame.refined_side_information,
+                block_motion(original, sources.references, sources.starts),
+            )
+            yield frame.index, Row(*(psnr_db(original, one) for one in predictions))
+
+
+def _p_type_levels(order: Sequence[tuple[int, Around]]) -> list[list[tuple[int, Around]]]:
+    """Leave out the frames between P-type frames, which are decoded before them."""
+    return [[place] for place in order if place[1][1] is None]
+
+
+def _p_type_frames(task: GroupTask, frames: Sequence[DecodedFrame]) -> DecodedGroup:
+    """Return a group of which no more is decoded."""
+    return DecodedGroup(task.first_index, tuple(frames), task.key, task.record)
+
+
+def table(found: dict[str, dict[int, Row]]) -> str:
+    """Return the means of clips, and the mean of these."""
+    lines = [f"{'clip':<12} P-type by scene  tracks    used refined  blocks  closed"]
+    means = {clip: Row.mean([*rows.values()]) for clip, rows in found.items() if rows}
+    for clip, rows in found.items():
+        lines.append(_line(clip, [*rows.values()], means[clip]) if rows else f"{clip:<12}   none")
+    if means:
+        every = [row for rows in found.values() for row in rows.values()]
+        lines.append(_line("mean", every, Row.mean([*means.values()])))
+    return "\n".join(lines)
+
+
+def _line(name: str, rows: Sequence[Row], mean: Row) -> str:
+    by_scene = sum(row.used != row.by_tracks for row in rows)
+    values = "".join(f"{value:8.2f}" for value in mean)
+    return f"{name:<12} {len(rows):6d} {by_scene:8d}{values}{100 * mean.closed:6.0f} %"
+
+
+def _parser() -> cli.ArgumentParser:
+    parser = cli.ArgumentParser(PROG, __doc__, EXAMPLES)
+    parser.add_argument("clips", nargs="*", metavar="CLIP", help="default: all nine")
+    parser.add_argument("--frames", type=cli.integer(2, 10**6), default=65, help="of each clip (default: 65)")
+    parser.add_argument("--qp", type=cli.integer(1, MAX_QP), default=32, help="quality (default: 32)")
+    parser.add_argument(
+        "--all-p-type", action="store_true", help="no key frame where a group may do without, however hard"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the PSNRs of all frames to a file")
+    return parser
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Measure clips, and print a table."""
+    arguments = _parser().parse_intermixed_args(words)
+    clips = arguments.clips or list(CLIPS)
+    found: dict[str, dict[int, Row]] = {}
+    with cli.progress_bar("clips", len(clips)) as progress:
+        for clip in clips:
+            found[clip] = measure(clip, arguments.qp, arguments.frames, arguments.all_p_type)
+            progress(1)
+    keys = "as few key frames as may be" if arguments.all_p_type else "the usual key frames"
+    print(f"{arguments.frames} frames, QP {arguments.qp}, {keys}; PSNR of P-type frames in dB\n")
+    print(table(found))
+    if arguments.json:
+        told = {clip: {k: row._asdict() for k, row in rows.items()} for clip, rows in found.items()}
+        arguments.json.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    enter_baseline_environment("benchmarks.p_type_prediction")
+    sys.exit(main())
