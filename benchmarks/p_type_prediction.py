@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from benchmarks.results.harness import CLIPS, clip_source
 from benchmarks.stages import coded, decoded_groups, enter_baseline_environment
-from decoder.side_information.block_motion.compensation import MARGIN, Luma, Offsets, phase_planes
+from decoder.side_information.block_motion.compensation import Luma, Offsets, phase_planes
 from decoder.side_information.block_motion.refinement import BLOCK, BlockRefiner
 from decoder.side_information.extrapolation import TrackedExtrapolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
@@ -45,9 +45,11 @@ EXAMPLES = f"""\
 """
 BLOCK_PX = 8
 """Side of the blocks that move."""
-SEARCHES = ((24, 4), (2, 2), (1, 1))
-"""Displacements to each side that are tried, and the distance between them in quarter samples: first around
-where the prediction has a block from, then around the best so far."""
+REACH_PX, MARGIN_PX = 48, 64
+"""Displacements that are all tried, and by how much the border of a reference is repeated around it."""
+NEAR = ((8, 4), (2, 2), (1, 1))
+"""Displacements to each side that are tried near the best of these, and near where the prediction has a block
+from; and the distance between them in quarter samples."""
 
 
 class Sources(NamedTuple):
@@ -107,39 +109,63 @@ class RecordingExtrapolation(TrackedExtrapolation):
 
 
 def block_motion(original: Luma, references: Sequence[Luma], starts: Sequence[Offsets]) -> Luma:
-    """Predict a frame by block motion that is found with the original, from places around some."""
+    """Predict a frame by block motion that is found with the original: near some places, and all around."""
     rows, columns = starts[0].shape[:2]
     height, width = original.shape
     padding = (0, rows * BLOCK_PX - height), (0, columns * BLOCK_PX - width)
-    padded = np.pad(original, padding, mode="edge").astype(np.int32)
+    padded = np.pad(original, padding, mode="edge").astype(np.int16)
     blocks = padded.reshape(rows, BLOCK_PX, columns, BLOCK_PX).swapaxes(1, 2)
-    found = [_best_blocks(blocks, *of_one) for of_one in zip(references, starts, strict=True)]
-    errors = np.stack([error for _, error in found])
-    predicted = np.stack([samples for samples, _ in found])
-    best = np.take_along_axis(predicted, errors.argmin(axis=0)[None, :, :, None, None], axis=0)[0]
-    return np.ascontiguousarray(best.swapaxes(1, 2).reshape(padded.shape)[:height, :width])
+    found = []
+    for reference, start in zip(references, starts, strict=True):
+        planes = phase_planes(reference, MARGIN_PX)
+        found += [_best_blocks(blocks, planes, near) for near in (start, _full_search(padded, planes[0, 0]))]
+    best = np.array([errors for errors, _ in found]).argmin(axis=0)
+    predicted = np.array([samples for _, samples in found])
+    chosen = np.take_along_axis(predicted, best[None, :, :, None, None], axis=0)[0]
+    return np.ascontiguousarray(chosen.swapaxes(1, 2).reshape(padded.shape)[:height, :width])
+
+
+def _full_search(original: NDArray[np.int16], plane: Luma) -> Offsets:
+    """Find where in the plane of a reference each block has least squared error, in whole samples."""
+    height, width = original.shape
+    rows, columns = height // BLOCK_PX, width // BLOCK_PX
+    samples = np.pad(plane, ((0, BLOCK_PX), (0, BLOCK_PX)), mode="edge").astype(np.int16)
+    vectors = np.zeros((rows, columns, 2), np.int64)
+    least = np.full((rows, columns), np.iinfo(np.uint64).max)
+    for displacement in product(range(-REACH_PX, REACH_PX + 1), repeat=2):
+        row, column = MARGIN_PX + np.array(displacement)
+        difference = original - samples[row : row + height, column : column + width]
+        strips = _squares(difference).reshape(rows, BLOCK_PX, width).sum(axis=1)
+        errors = strips.reshape(rows, columns, BLOCK_PX).sum(axis=2)
+        better = errors < least
+        least[better], vectors[better] = errors[better], 4 * np.array(displacement)
+    return vectors
 
 
 def _best_blocks(
-    blocks: NDArray[np.int32], reference: Luma, starts: Offsets
-) -> tuple[Luma, NDArray[np.int64]]:
-    """Return the blocks of a reference that are most like those of a frame, and their squared errors."""
-    windows = np.lib.stride_tricks.sliding_window_view(phase_planes(reference), (BLOCK_PX,) * 2, axis=(2, 3))
+    blocks: NDArray[np.int16], planes: NDArray[np.uint8], starts: Offsets
+) -> tuple[NDArray[np.uint64], NDArray[np.uint8]]:
+    """Return the least squared errors of blocks near some places of a reference, and what is there."""
+    windows = np.lib.stride_tricks.sliding_window_view(planes, (BLOCK_PX, BLOCK_PX), axis=(2, 3))
     last = 4 * (np.array(windows.shape[2:4]) - 1)
-    corners = 4 * (MARGIN + BLOCK_PX * np.moveaxis(np.indices(blocks.shape[:2]), 0, -1))
-    best, found = starts.copy(), np.zeros(blocks.shape, np.uint8)
-    errors = np.full(blocks.shape[:2], np.iinfo(np.int64).max)
-    for radius, step in SEARCHES:
-        centres = best.copy()
+    corners = 4 * (MARGIN_PX + BLOCK_PX * np.moveaxis(np.indices(blocks.shape[:2]), 0, -1))
+    vectors, found = starts.copy(), np.zeros(blocks.shape, np.uint8)
+    least = np.full(blocks.shape[:2], np.iinfo(np.uint64).max)
+    for radius, step in NEAR:
+        centres = vectors.copy()
         for displacement in product(range(-radius, radius + 1), repeat=2):
             offsets = centres + step * np.array(displacement)
             row, column = np.moveaxis(np.clip(corners + offsets, 0, last), -1, 0)
             samples = windows[row & 3, column & 3, row >> 2, column >> 2]
-            difference = blocks - samples
-            error = np.einsum("ijkl,ijkl->ij", difference, difference)
-            better = error < errors
-            errors[better], best[better], found[better] = error[better], offsets[better], samples[better]
-    return found, errors
+            errors = _squares(blocks - samples).sum(axis=(2, 3))
+            better = errors < least
+            least[better], vectors[better], found[better] = errors[better], offsets[better], samples[better]
+    return least, found
+
+
+def _squares(difference: NDArray[np.int16]) -> NDArray[np.uint16]:
+    """Square differences of samples, which fit where there is no sign."""
+    return (difference * difference).view(np.uint16)
 
 
 def measure(clip: str, qp: int, num_frames: int, all_p_type: bool = False) -> dict[int, Row]:
