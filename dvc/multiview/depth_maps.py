@@ -31,6 +31,8 @@ MIN_REGION_PX = 40
 """Consistent regions with fewer pixels are speckles: accidental matches."""
 TRACK_RADIUS_PX = 8.0
 """How far around a known point its depth is taken where the views do not agree on one: half a macroblock."""
+MAX_STRETCH = 1.0
+"""How far a known point may stretch the range of depth, as a share of it: it may be wrong."""
 SLOPE_RADIUS_PX = 8
 """Radius in which the slope of a surface is measured: wide against the steps of the hypotheses."""
 SLOPE_SPACING_PX = 2
@@ -163,10 +165,24 @@ def _swept(
     settings: SweepSettings,
 ) -> tuple[Floats, Floats]:
     """Inverse depth and its confidence."""
-    hypotheses = depth_hypotheses(inverse_depth_range, side.there, side.luma.shape, settings)
+    to_search = _with_nearest(inverse_depth_range, known, settings)
+    hypotheses = depth_hypotheses(to_search, side.there, side.luma.shape, settings)
     expected = known.depth if known else None
     prior = (expected.inverse_depth, expected.reliable) if expected else None
     return sweep(side.luma, other, side.there, hypotheses, settings, prior)
+
+
+def _with_nearest(
+    inverse_depth_range: tuple[float, float], known: KnownDepth | None, settings: SweepSettings
+) -> tuple[float, float]:
+    """Stretch a range of inverse depth to the nearest known point, if hypotheses would not reach it."""
+    if known is None or not len(known.points):
+        return inverse_depth_range
+    lowest, highest = inverse_depth_range
+    span, nearest = highest - lowest, float(known.inverse_depth.max())
+    if nearest <= highest + settings.near_margin * span:
+        return inverse_depth_range
+    return lowest, min(nearest, highest + MAX_STRETCH * span)
 
 
 def _checked(side: _Side, own: tuple[Floats, Floats], other: Floats) -> NDArray[np.int8]:

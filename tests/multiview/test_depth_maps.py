@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from dvc.multiview.cameras import inverse_depth_range
-from dvc.multiview.depth_maps import Visibility, estimate_depths
+from dvc.multiview.depth_maps import KnownDepth, Visibility, estimate_depths
 from dvc.multiview.plane_sweep import SweepSettings, depth_hypotheses
 from dvc.multiview.rendering import EMPTY, OCCLUDED_WEIGHT, fill_holes, render_depth, visibility_weights
 from dvc.multiview.warping import warp_grid, warp_matrix
@@ -40,6 +42,39 @@ def test_hypotheses_cover_the_scene() -> None:
     assert fine.num_hypotheses == pytest.approx(2 * found.num_hypotheses, abs=3)
     huge = depth_hypotheses(limits, warp, (4000, 4000), settings)
     assert huge.num_hypotheses == 4
+
+
+def test_known_points_stretch_the_range() -> None:
+    """What is nearer than the range is found once a point of it is known, or of something nearer still."""
+    far, near = MODEL.view_pair.inverse_depth_ranges[0]
+    truth = render(0.0, FRAME)[1]
+    in_front = truth > 0.5 * (far + near)
+    right = []
+    for nearest in (far, near, 100.0 * near):
+        depth = _depth_with_point(nearest, (far, 0.5 * (far + near)))
+        right.append(np.mean(np.abs(depth - truth)[in_front] < 0.05 * near))
+    assert right[0] < 0.2
+    assert min(right[1:]) > 0.8
+
+
+def test_known_points_within_reach_change_nothing() -> None:
+    """Hypotheses go beyond the range by a margin; a known point within it does not move them."""
+    far, near = limits = MODEL.view_pair.inverse_depth_ranges[0]
+    margin = SweepSettings().near_margin * (near - far)
+    usual = _depth_with_point(near, limits)
+    np.testing.assert_array_equal(_depth_with_point(near + 0.9 * margin, limits), usual)
+    assert (_depth_with_point(near + 1.1 * margin, limits) != usual).any()
+
+
+def _depth_with_point(inverse_depth: float, limits: tuple[float, float]) -> NDArray[np.float64]:
+    """Find the depth of the first view, in a range, with a point of both known where they agree on depth."""
+    usual = estimate_depths(MODEL.view_pair, FIRST, SECOND)
+    both = usual[0].depth.reliable & usual[1].depth.reliable
+    inside = distance_transform_edt(np.pad(both, 1))[1:-1, 1:-1]
+    row, column = np.unravel_index(np.argmax(inside), inside.shape)
+    known = KnownDepth(None, np.array([[float(column), float(row)]]), np.array([inverse_depth]))
+    pair = replace(MODEL.view_pair, inverse_depth_ranges=(limits, limits))
+    return estimate_depths(pair, FIRST, SECOND, (known, known))[0].depth.inverse_depth
 
 
 def test_rendering_from_the_own_camera_gives_the_own_depth() -> None:
