@@ -25,7 +25,7 @@ from benchmarks.results.harness import CLIPS, clip_source
 from benchmarks.stages import coded, decoded_groups, enter_baseline_environment
 from decoder.side_information.block_motion.compensation import Luma, Offsets, phase_planes
 from decoder.side_information.block_motion.refinement import BLOCK, BlockRefiner
-from decoder.side_information.extrapolation import TrackedExtrapolation
+from decoder.side_information.extrapolation import LongTerm, TrackedExtrapolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.scene.extrapolated import Scene
 from decoder.tasks import DecodedFrame, DecodedGroup, GroupTask
@@ -93,9 +93,10 @@ class RecordingExtrapolation(TrackedExtrapolation):
         first_index: int,
         instant: int,
         scene: Scene | None = None,
+        long_term: LongTerm | None = None,
     ) -> Prediction:
         """Predict one frame."""
-        used = super().predict(earlier, points, first_index, instant, scene)
+        used = super().predict(earlier, points, first_index, instant, scene, long_term)
         alone = super().predict(earlier, points, first_index, instant)
         refiner = used.refiner
         assert isinstance(refiner, BlockRefiner)

@@ -9,7 +9,7 @@ from threading import Lock
 from typing import Protocol
 
 from decoder.no_feedback import NoFeedbackDecoder
-from decoder.side_information.extrapolation import TrackedExtrapolation
+from decoder.side_information.extrapolation import LongTerm, TrackedExtrapolation
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.scene.extrapolated import Scene
@@ -22,7 +22,7 @@ from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import Answer, ParityRequest
 from dvc.stream import Form, GopRecord
-from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
+from dvc.tracks import FeaturePoints, PointTracks, decode_matches, decode_points, decode_tracks
 from dvc.wynerziv.hierarchy import Around, group_order, levels, reference_distance
 from dvc.wynerziv.payloads import BufferedFrame, PuncturedFrame, PunctureRecorder, disagreement
 from dvc.wynerziv.priors import LearnedPriors
@@ -95,13 +95,14 @@ class GroupDecoder:
         if task.key is not None:
             known[task.last_index] = ReferenceFrame(task.last_index, task.key)
         points = self._received(task.record.tracks, task.record.num_frames - 1)
+        long_term = self._long_term(task, points)
         encoder = encoder or RecordedGroup(task, self._config)
         frames: list[DecodedFrame] = []
         priors, order = self._decoder.new_priors(), _order(task, self._config)
         for levels_left, level in zip(range(len(order), 0, -1), order, strict=True):
             learned = [LearnedPriors.mean([priors]) for _ in level[1:]] + [priors]
             steps = [
-                partial(encoder.drive, self._frame(task, known, points, place, own))
+                partial(encoder.drive, self._frame(task, known, (points, long_term), place, own))
                 for place, own in zip(level, learned, strict=True)
             ]
             rank = -levels_left, task.number
@@ -123,13 +124,18 @@ class GroupDecoder:
         return group
 
     def _frame(
-        self, task: GroupTask, known: Known, points: Points, place: tuple[int, Around], priors: LearnedPriors
+        self,
+        task: GroupTask,
+        known: Known,
+        geometry: tuple[Points, LongTerm | None],
+        place: tuple[int, Around],
+        priors: LearnedPriors,
     ) -> FrameCoroutine:
         """Decode one frame, without any request where its record holds what an encoder chose."""
         (index, around), started = place, time.perf_counter()
         payload = task.record.wyner_ziv[index - task.first_index]
         # Not held while the frame is decoded: its planes take as much memory as all else of a frame.
-        predict = partial(self._predict, task, known, points, index, around)
+        predict = partial(self._predict, task, known, geometry, index, around)
         if task.form is Form.NO_FEEDBACK:
             frame = self._no_feedback.decode(index, payload, predict())
         else:
@@ -142,13 +148,19 @@ class GroupDecoder:
         return replace(frame, decode_s=time.perf_counter() - started)
 
     def _predict(
-        self, task: GroupTask, known: Known, points: Points, index: int, around: Around
+        self,
+        task: GroupTask,
+        known: Known,
+        geometry: tuple[Points, LongTerm | None],
+        index: int,
+        around: Around,
     ) -> Prediction:
+        points, long_term = geometry
         with self._predicting:
             if around[1] is None:
                 earlier, first_index = [known[k] for k in sorted(known)], task.first_index - 1
                 scene = self._scene(earlier, points)
-                return self._extrapolation.predict(earlier, points, first_index, index, scene)
+                return self._extrapolation.predict(earlier, points, first_index, index, scene, long_term)
             usable = [known[k] for k in _usable(known, (around[0], around[1]), self._config.gop.references)]
             return self._method.predict(usable, points, [index])[0]
 
@@ -171,6 +183,15 @@ class GroupDecoder:
         if not isinstance(self._method, TrackedSceneInterpolation):
             return None
         return self._method.scene(first, last, points)
+
+    def _long_term(self, task: GroupTask, points: Points) -> LongTerm | None:
+        """Read where the tracks of a group are in its long-term reference."""
+        if task.long_term is None or task.record.long_term is None:
+            return None
+        if not isinstance(points, PointTracks):
+            raise BitstreamError("a long-term reference without tracks")
+        matches = decode_matches(task.record.long_term.matches, points, self._config)
+        return LongTerm(task.long_term.frame, matches)
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:
         """Read what was sent of the geometry of a group."""

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from multiprocessing.connection import wait
 from typing import Any, cast
 
@@ -9,7 +10,7 @@ from decoder.live import LiveGroups, LiveSource
 from decoder.processes import DecodingProcess, GroupsInFlight
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import DecodedGroup, GroupTask, naming_group
-from dvc.config import CodecConfig, encode_config
+from dvc.config import MAX_LONG_TERM_KEY_BYTES, CodecConfig, encode_config
 from dvc.errors import BitstreamError
 from dvc.feedback import Gop, max_open_gops
 from dvc.feedback.transport import Readable
@@ -72,11 +73,10 @@ def stream_tasks(
 ) -> Iterator[list[GroupTask]]:
     """Read a stream, and decode its key frames."""
     limits = limits or Limits()
-    first_group = first_index = 0
-    if frames is not None:
-        first_group, first_index = _start(config, reader, frames.start)
-        reader.seek_gop(first_group)
-    tasks, chain = _Tasks(config, first_index), list[GroupTask]()
+    first_group = 0 if frames is None else _first_group(config, reader, frames.start)
+    first_index = reader.index.first_frame(first_group) if first_group else 0
+    tasks = _Tasks(config) if frames is None else _tasks_from(config, reader, first_group)
+    chain = list[GroupTask]()
     try:
         for number, record in enumerate(reader, first_group):
             task = tasks.add(number, record, reader.form)
@@ -99,11 +99,23 @@ def stream_tasks(
         yield chain
 
 
-def _start(config: CodecConfig, reader: Reader, frame: int) -> tuple[int, int]:
-    """Return number and first frame of the group with which to start, to decode a frame."""
+def _first_group(config: CodecConfig, reader: Reader, frame: int) -> int:
+    """Return the number of the group with which to start, to decode a frame."""
     back = config.gop.intra_period + config.gop.length if config.gop.intra_period else 0
-    group = max(reader.index.gop_of(max(frame - back, 0)) - 1, 0)  # for its key frame
-    return group, reader.index.first_frame(group)
+    return max(reader.index.gop_of(max(frame - back, 0)) - 1, 0)  # for its key frame
+
+
+def _tasks_from(config: CodecConfig, reader: Reader, group: int) -> "_Tasks":
+    """Go on reading with a group; keep the key frames before it that it may name."""
+    first = max(group - config.gop.long_term_groups, 0)
+    tasks = _Tasks(config, reader.index.first_frame(first))
+    reader.seek_gop(first)
+    with suppress(BitstreamError):  # damage there is that of a group that is not wanted
+        for number, record in zip(range(first, group), reader, strict=False):
+            tasks.pass_over(number, record)
+    tasks.next_index = reader.index.first_frame(group)
+    reader.seek_gop(group)
+    return tasks
 
 
 def decode_live(
@@ -204,9 +216,13 @@ class _Tasks:
         self._decoder = KeyFrameDecoder(
             video.width, video.height, luma_only=video.luma_only, parameter_sets=config.key.parameter_sets
         )
-        self._next_index = next_index
+        self.next_index = next_index
         self._num_without_key = 0
         self._before: ReferenceFrame | None = None
+        self._window = config.gop.long_term_groups if config.gop.p_type_distance else 0
+        self._keys: dict[
+            int, tuple[int, bytes]
+        ] = {}  # of the latest groups: the last frame, and as what it came
 
     def add(self, number: int, record: GopRecord, form: Form | None) -> GroupTask:
         """Decode the next key frame, where there is one; a task lacks a frame before it that is none."""
@@ -219,7 +235,26 @@ class _Tasks:
                 key = self._decoder.decode(record.key)
         if record.num_frames == 1 and record.tracks and key is not None:
             raise BitstreamError(f"group of pictures {number}: tracks, but no Wyner-Ziv frames")
-        task = GroupTask(self._packed, number, self._next_index, self._before, key, record, form)
-        self._next_index += record.num_frames
+        long_term = self._long_term(number, record)
+        task = GroupTask(self._packed, number, self.next_index, self._before, key, record, form, long_term)
+        self.pass_over(number, record)
         self._before = None if key is None else ReferenceFrame(task.last_index, key)
         return task
+
+    def pass_over(self, number: int, record: GopRecord) -> None:
+        """Go past a group, whose key frame is kept while later ones may name it."""
+        self.next_index += record.num_frames
+        self._keys.pop(number - self._window, None)
+        if self._window and 0 < len(record.key) <= MAX_LONG_TERM_KEY_BYTES:
+            self._keys[number] = self.next_index - 1, record.key
+
+    def _long_term(self, number: int, record: GopRecord) -> ReferenceFrame | None:
+        """Decode the earlier key frame that a group names."""
+        if record.long_term is None:
+            return None
+        groups_back = record.long_term.groups_back
+        with naming_group(number, "long-term reference: "):
+            if number - groups_back not in self._keys:
+                raise BitstreamError(f"no key frame that may be one {groups_back} groups back")
+            index, key = self._keys[number - groups_back]
+            return ReferenceFrame(index, self._decoder.decode(key))

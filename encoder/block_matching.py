@@ -69,6 +69,13 @@ class KeyPoints:
     def find(cls, luma: Plane, num_points: int, settings: PointTrackerSettings, operations: Integers) -> Self:
         """Find the corners of a key frame."""
         positions = find_corners(luma, num_points, _kernels.HALF_BLOCK_PX + 1, settings.corners)
+        return cls.at(luma, positions, settings, operations)
+
+    @classmethod
+    def at(
+        cls, luma: Plane, positions: Integers, settings: PointTrackerSettings, operations: Integers
+    ) -> Self:
+        """Take points of a frame whose blocks are inside it."""
         blocks = np.empty((len(positions), _SIDE_PX, _SIDE_PX), np.uint8)
         _kernels.cut_blocks(luma, positions, blocks)
         min_sads = np.empty(len(positions), np.int64)

@@ -5,6 +5,7 @@ comes into view as the camera moves, and what has changed. How much that is, the
 the way there.
 """
 
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -39,17 +40,20 @@ class KeyFrameSpacing:
         self._num_frames = 0  # since the last key frame
         self._begun = False
 
-    def needs_key(self, group: Group) -> bool:
-        """Decide for the next group."""
+    def needs_key(self, group: Group, find: Callable[[], float] = lambda: 0.0) -> bool:
+        """Decide for the next group; `find` tells which share of its points a long-term reference has."""
         length = len(group.wyner_ziv) + 1
         spared = self._begun and self._num_frames + length <= self._gop.intra_period
-        if spared:
-            spared = group.tracks is not None and self._spares(group.tracks)
+        if spared and group.tracks is not None:
+            shares = lost_shares(group.tracks, self._gop.p_type_distance)
+            spared = self._is_cheap(shares) or self._is_cheap(shares, find())
+        else:
+            spared = False
         self._begun = True
         self._num_frames = self._num_frames + length if spared else 0
         return not spared
 
-    def _spares(self, tracks: PointTracks) -> bool:
-        """Decide whether the P-type frames of a group are cheap, together and each."""
-        shares = lost_shares(tracks, self._gop.p_type_distance)
-        return sum(shares) <= MAX_LOST_SHARE and max(shares) <= self._max_p_type_lost_share
+    def _is_cheap(self, shares: list[float], found_share: float = 0.0) -> bool:
+        """Decide whether P-type frames are cheap, together and each; what is found elsewhere is not lost."""
+        left = 1.0 - found_share
+        return left * sum(shares) <= MAX_LOST_SHARE and left * max(shares) <= self._max_p_type_lost_share

@@ -14,6 +14,7 @@ from dvc.config import (
     KEY_FRAME_CHOICES,
     MAX_GOP_LENGTH,
     MAX_INTRA_PERIOD,
+    MAX_LONG_TERM_GROUPS,
     MAX_NEW_TRACKS,
     MAX_POINTS,
     MAX_QP,
@@ -279,6 +280,15 @@ def _add_groups(group: argparse._ArgumentGroup) -> None:
         f" {LONG_DELAY_INTRA_PERIOD} with --long-delay",
         metavar="N",
     )
+    cli.add_integer(
+        group,
+        "--long-term",
+        (0, MAX_LONG_TERM_GROUPS),
+        "GOPs whose key frames are kept as long-term references, which spare new key frames where the camera"
+        f" comes back; 0: none; default: {ParityBuffer.long_term_groups},"
+        f" {EstimatedRate.long_term_groups} with --no-feedback",
+        metavar="N",
+    )
 
 
 def _add_quality(group: argparse._ArgumentGroup) -> None:
@@ -444,7 +454,10 @@ def _configuration(arguments: argparse.Namespace, info: "VideoInfo", delivery: D
         quality,
         delivery,
         gop=_given(
-            length=arguments.gop, references=arguments.references, intra_period=_intra_period(arguments)
+            length=arguments.gop,
+            references=arguments.references,
+            intra_period=_intra_period(arguments),
+            long_term_groups=_long_term_groups(arguments),
         ),
         key=_key(arguments),
         wyner_ziv={"noise_model": arguments.noise_model},
@@ -462,6 +475,13 @@ def _intra_period(arguments: argparse.Namespace) -> int | None:
         return LONG_DELAY_INTRA_PERIOD
     period: int | None = arguments.intra_period
     return period
+
+
+def _long_term_groups(arguments: argparse.Namespace) -> int | None:
+    groups: int | None = arguments.long_term
+    if groups and arguments.no_feedback:
+        raise ConfigError("--long-term is not for --no-feedback: what it spares cannot be estimated")
+    return groups
 
 
 def _coder(arguments: argparse.Namespace) -> CoderConfig:

@@ -7,7 +7,7 @@ from typing import BinaryIO, cast
 
 from dvc.config import MAX_TRACKS_BPP, VARIANTS, CodecConfig, Delivery, KeyFrameRule, ParityBuffer
 from dvc.keyframes import KeyFrameEncoder
-from dvc.stream import GopRecord, StreamWriter
+from dvc.stream import GopRecord, LongTermReference, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
 from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
@@ -18,6 +18,7 @@ from encoder.clock import coding_time_s
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, groups, tracked_groups
 from encoder.intra_decision import KeyFrameSpacing
+from encoder.long_term import FoundAgain, LongTermReferences
 from encoder.operations import predicted_positions
 from encoder.report import EncoderStatistics
 from encoder.track_budget import encode_within_budget
@@ -78,6 +79,8 @@ class EncoderSession:
         tracks, work = config.tracks, self.statistics.tracking
         self._tracker = PointTracker(tracks.num_points, tracks.subpixel_bits, tracking, work)
         self._detector = CornerDetector(tracks.num_points, work=work)
+        self._long_term = LongTermReferences(self.config, self._tracker)
+        self._num_groups = 0
 
     def write(self, frames: Iterable[Frame | None], file: BinaryIO, progress: Progress) -> None:
         """Encode a sequence into a stream, of the form that suits its delivery.
@@ -142,7 +145,8 @@ class EncoderSession:
             Its record, and the Wyner-Ziv frames, of which a live decoder may ask for more.
         """
         statistics, wyner_ziv = self.statistics, self._wyner_ziv_encoder
-        needs_key = self._key_frames.needs_key(group)
+        tracks = self._encode_tracks(group)
+        needs_key, long_term = self._decide(group, tracks)
         originals = group.wyner_ziv if needs_key else (*group.wyner_ziv, group.key)
         steps = self._steps(len(originals), 0 if needs_key else self.config.gop.p_type_distance)
         with statistics.timing("key_cpu_s"):
@@ -151,9 +155,25 @@ class EncoderSession:
             frames = wyner_ziv.encode_group(originals, steps)
         with statistics.timing(wyner_ziv.cpu_field):
             payloads = wyner_ziv.payloads(group, frames)
-        tracks = self._encode_tracks(group)
-        statistics.add_group(frames, key, tracks)
-        return EncodedGroup(GopRecord(len(frames) + bool(key), key, tracks, payloads), frames)
+        record = GopRecord(len(frames) + bool(key), key, tracks, payloads, long_term=long_term)
+        if needs_key:
+            self._long_term.add(self._num_groups, group.key.luma, len(key))
+        self._num_groups += 1
+        statistics.add_group(frames, record)
+        return EncodedGroup(record, frames)
+
+    def _decide(self, group: Group, tracks: bytes) -> tuple[bool, LongTermReference | None]:
+        """Decide whether a key frame ends a group; a long-term reference may spare it."""
+        found: FoundAgain | None = None
+
+        def find() -> float:
+            nonlocal found
+            num_instants = len(group.wyner_ziv) + 2
+            found = self._long_term.find(self._num_groups, group.key.luma, num_instants, tracks)
+            return 0.0 if found is None else found.share
+
+        needs_key = self._key_frames.needs_key(group, find)
+        return needs_key, None if needs_key or found is None else found.reference
 
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
         """Return what answers a live decoder.

@@ -60,12 +60,16 @@ def _add_fetch(fetch: argparse.ArgumentParser) -> None:
 
 def _add_render(render: argparse.ArgumentParser) -> None:
     add = render.add_argument
-    add("name", metavar="NAME", help="a rendered scene: street, stairway, statue; or toy, of a camera array")
+    add(
+        "name",
+        metavar="NAME",
+        help="a rendered scene: street, stairway, statue, rounds; or toy, of a camera array",
+    )
     out = "video to write: .mkv (FFV1), .y4m or .mp4; of toy, a folder of pictures, depth and cameras"
     add("--out", required=True, metavar="FILE", help=out)
     size = "pixels; default: 352x288, of toy 320x240"
     add("--size", type=cli.parse_size, metavar="WxH", help=size)
-    cli.add_integer(render, "--frames", (1, MAX_NUMBER), "length; default: that of the scene, 50")
+    cli.add_integer(render, "--frames", (1, MAX_NUMBER), "length; default: that of the scene")
     cli.add_integer(render, "--start", (0, MAX_NUMBER), "first frame", default=0, metavar="K")
     cli.add_integer(render, "--seed", (0, MAX_NUMBER), "textures, plants, tremor, noise", default=0)
     add("--noise", type=float, default=0.0, metavar="SIGMA", help="sensor noise, luma levels; default: 0")

@@ -59,9 +59,9 @@ class Scene:
 
 def descriptions() -> dict[str, Description]:
     """Return the scenes that exist by name, without building them."""
-    from sequences import stairway, statue, street
+    from sequences import rounds, stairway, statue, street
 
-    return {module.DESCRIPTION.name: module.DESCRIPTION for module in (street, stairway, statue)}
+    return {module.DESCRIPTION.name: module.DESCRIPTION for module in (street, stairway, statue, rounds)}
 
 
 def arrays() -> dict[str, Description]:
@@ -78,7 +78,7 @@ def scene(name: str, seed: int = 0, detail: float = 1.0) -> Scene:
     Parameters
     ----------
     name : str
-        ``"street"``, ``"stairway"``, ``"statue"`` or ``"toy"``.
+        ``"street"``, ``"stairway"``, ``"statue"``, ``"rounds"`` or ``"toy"``.
     seed : int
         Draws textures, plants, window contents and the tremor of the hand.
     detail : float

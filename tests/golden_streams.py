@@ -32,6 +32,7 @@ class Golden:
     coding: str
     method: str
     has_p_type: bool = False
+    comes_back: bool = False  # the camera pans away fast, and back
 
     @property
     def forms(self) -> tuple[str, ...]:
@@ -77,6 +78,15 @@ GOLDEN = [
     scene("te-qp", (104, 88), "-te --gop 3 --min-gop 3 --qp 26 --intra-period 1"),
     Golden("3d-te-p-type", (104, 88), 7, "--codec 3d-te --gop 3 --qp 35 --intra-period 8", "depth", True),
     Golden(
+        "3d-te-long-term",
+        (80, 64),
+        13,
+        "--codec 3d-te --gop 3 --min-gop 3 --longest-track 99 --qp 38",
+        "depth",
+        True,
+        True,
+    ),
+    Golden(
         "3d-te",
         (104, 88),
         7,
@@ -90,8 +100,11 @@ GOLDEN = [
 def source(golden: Golden, folder: Path) -> Path:
     """Write the clip that a golden stream was made from."""
     width, height = golden.size
-    if golden.method == "mci":
-        frames: Sequence[Frame] = moving_texture(golden.num_frames, height, width)
+    if golden.comes_back:
+        away = moving_texture(4 * golden.num_frames, height, width, (0.0, 13.0))[: golden.num_frames // 2 + 1]
+        frames: Sequence[Frame] = [*away, *away[-2::-1]]
+    elif golden.method == "mci":
+        frames = moving_texture(golden.num_frames, height, width)
     else:
         half = ((height + 1) // 2, (width + 1) // 2)
         chroma = np.full(half, 100, np.uint8), np.full(half, 150, np.uint8)

@@ -134,4 +134,5 @@ def _gop_config(codec: str, delivery: Delivery, given: object, uses_p_type: bool
     length = variant.groups(references, delivery).length
     if not uses_p_type:
         return GopConfig(length, references, 0, 0)
-    return GopConfig(length, references, P_TYPE_DISTANCE, delivery.intra_period)
+    periods = delivery.intra_period, delivery.long_term_groups
+    return GopConfig(length, references, P_TYPE_DISTANCE, *periods)

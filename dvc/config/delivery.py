@@ -14,6 +14,8 @@ class ParityBuffer:
 
     intra_period: ClassVar[int] = 96
     """Most frames between key frames: what is lost is back, and players may start, after three seconds."""
+    long_term_groups: ClassVar[int] = 64
+    """Groups that long-term references are looked for in."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,7 @@ class Live:
     """A decoder asks for what it needs over a feedback channel."""
 
     intra_period: ClassVar[int] = ParityBuffer.intra_period
+    long_term_groups: ClassVar[int] = ParityBuffer.long_term_groups
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class EstimatedRate:
     rate_margin_percent: int = 25
     intra_period: ClassVar[int] = 16
     """Shorter: P-type frames that rest on P-type frames need more than can be estimated."""
+    long_term_groups: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
         """Refuse rate margins that make no sense."""

@@ -28,6 +28,7 @@ FIELD_NUMBERS = {
     "gop.references": 9,
     "gop.p_type_distance": 10,
     "gop.intra_period": 11,
+    "gop.long_term_groups": 12,
     "key.qp": 16,
     "key.lossless": 17,
     "key.parameter_sets": 18,

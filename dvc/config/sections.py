@@ -18,6 +18,9 @@ MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
 MAX_GOP_LENGTH = 256
 MAX_INTRA_PERIOD = 1024
+MAX_LONG_TERM_GROUPS = 256
+MAX_LONG_TERM_KEY_BYTES = 2**20
+"""Largest key frame that a group after the next may be predicted from: a decoder keeps them."""
 MAX_POINTS = 1024
 MAX_PARAMETER_SETS_BYTES = 1024
 MAX_LAMBDA = 1e6
@@ -89,12 +92,16 @@ class GopConfig(Section):
     # frame, and others not more than this apart, are of P type, decoded first; 0: key frames end all groups.
     p_type_distance: int = P_TYPE_DISTANCE
     intra_period: int = 96  # most frames from one key frame to the next where there are such groups; or 0
+    # Such a group may name the key frame of a group not more than so many before it as a long-term reference,
+    # where the camera has come back; 0: none does.
+    long_term_groups: int = 64
 
     def _check_values(self) -> None:
         check_range("length", self.length, 1, MAX_GOP_LENGTH)
         check_choice("references", self.references, REFERENCES)
         check_range("p_type_distance", self.p_type_distance, 0, MAX_GOP_LENGTH)
         check_range("intra_period", self.intra_period, 0, MAX_INTRA_PERIOD)
+        check_range("long_term_groups", self.long_term_groups, 0, MAX_LONG_TERM_GROUPS)
         if bool(self.p_type_distance) != bool(self.intra_period):
             raise ConfigError("`p_type_distance` and `intra_period` are given together or not at all")
 

@@ -1,6 +1,6 @@
 """The container: header with the codec configuration, groups of pictures, end; see `docs/bitstream.md`."""
 
-from dvc.stream.gop import GopBits, GopRecord, decode_gop, encode_gop, gop_bits
+from dvc.stream.gop import GopBits, GopRecord, LongTermReference, decode_gop, encode_gop, gop_bits
 from dvc.stream.index import IndexEntry, StreamIndex
 from dvc.stream.reader import StreamReader
 from dvc.stream.recording import RecordingReader, open_stream
@@ -15,6 +15,7 @@ __all__ = [
     "GopBits",
     "GopRecord",
     "IndexEntry",
+    "LongTermReference",
     "RecordType",
     "RecordingReader",
     "StreamIndex",

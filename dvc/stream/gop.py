@@ -9,7 +9,15 @@ from dvc.errors import BitstreamError
 from dvc.stream.records import framed_size
 
 DIGEST_BYTES = 4
-_WITHOUT_KEY = 4 * MAX_GOP_LENGTH  # added to the first field, of which all else is less
+_WITHOUT_KEY = 4 * MAX_GOP_LENGTH  # added to the first field, of which all before is less
+_LONG_TERM = 2 * _WITHOUT_KEY  # and this
+
+
+class LongTermReference(NamedTuple):
+    """An earlier key frame that P-type frames of a group are predicted from, too."""
+
+    groups_back: int  # how many groups before this one it ended one; at least 1
+    matches: bytes  # where the tracks of the group are in it, as `dvc.tracks.encode_matches` writes it
 
 
 @dataclass(frozen=True)
@@ -21,6 +29,7 @@ class GopRecord:
     tracks: bytes = b""  # point tracks; empty in codecs without geometry
     wyner_ziv: tuple[bytes, ...] = ()  # one payload for each Wyner-Ziv frame, in order of display
     digest: int | None = None  # CRC-32 of the decoded Wyner-Ziv frames; punctured form only
+    long_term: LongTermReference | None = None  # only where no key frame ends the group
 
     def __post_init__(self) -> None:
         if not 1 <= self.num_frames <= MAX_GOP_LENGTH:
@@ -29,6 +38,8 @@ class GopRecord:
             raise ValueError(
                 f"`wyner_ziv` must have {self.num_frames - 1} payloads, got {len(self.wyner_ziv)}"
             )
+        if self.long_term is not None and not self.without_key:
+            raise ValueError("`long_term` is for groups that no key frame ends")
 
     @property
     def without_key(self) -> bool:
@@ -40,9 +51,11 @@ class GopRecord:
 class GopBits:
     """Where the bits of a GOP record go; all of them are somewhere."""
 
-    header: int  # type, lengths and CRC-32 of the record, number of frames, length of the tracks, digest
+    # type, lengths and CRC-32 of the record, number of frames, lengths of the tracks, digest, which key frame
+    # is the long-term reference
+    header: int
     key: int  # payload of the key frame
-    tracks: int  # payload of the tracks
+    tracks: int  # payload of the tracks, and of their matches in the long-term reference
     wyner_ziv: tuple[int, ...]  # payload of each Wyner-Ziv frame
     wyner_ziv_header: tuple[int, ...]  # length of each of these payloads
 
@@ -56,8 +69,8 @@ def encode_gop(record: GopRecord) -> bytes:
     """Write the payload of a GOP record; inverse of `decode_gop`.
 
     The first integer is twice the number of frames, plus one if there are tracks, plus 1024 if no key frame
-    ends the group; it says how many Wyner-Ziv payloads there are. The key frame is what is left, so that it
-    needs no length.
+    ends the group, plus 2048 if it has a long-term reference; it says how many Wyner-Ziv payloads there are.
+    The key frame is what is left, so that it needs no length.
 
     Parameters
     ----------
@@ -70,11 +83,15 @@ def encode_gop(record: GopRecord) -> bytes:
         The payload.
     """
     first = record.num_frames << 1 | bool(record.tracks)
-    parts = [encode_varint(first + _WITHOUT_KEY * record.without_key)]
+    first += _WITHOUT_KEY * record.without_key + _LONG_TERM * (record.long_term is not None)
+    parts = [encode_varint(first)]
     if record.digest is not None:
         parts.append(record.digest.to_bytes(DIGEST_BYTES, "little"))
     if record.tracks:
         parts += [encode_varint(len(record.tracks)), record.tracks]
+    if record.long_term is not None:
+        groups_back, matches = record.long_term
+        parts += [encode_varint(groups_back), encode_varint(len(matches)), matches]
     for payload in record.wyner_ziv:
         parts += [encode_varint(len(payload)), payload]
     parts.append(record.key)
@@ -87,17 +104,22 @@ class GopHead(NamedTuple):
     num_frames: int  # that the GOP adds
     has_tracks: bool  # whether tracks follow
     without_key: bool  # whether its last frame is a Wyner-Ziv frame
+    has_long_term: bool  # whether it names an earlier key frame
     position: int  # of the byte after the field
 
 
 def decode_head(payload: bytes, position: int = 0) -> GopHead:
     """Read the first field of a GOP payload."""
     value, position = decode_varint(payload, position)
+    has_long_term = value >= _LONG_TERM
+    value -= _LONG_TERM * has_long_term
     without_key = value >= _WITHOUT_KEY
     num_frames = (value - _WITHOUT_KEY * without_key) >> 1
     if not 1 <= num_frames <= MAX_GOP_LENGTH:
         raise BitstreamError(f"{num_frames} frames, from 1 to {MAX_GOP_LENGTH} are allowed")
-    return GopHead(num_frames, bool(value & 1), without_key, position)
+    if has_long_term and not without_key:
+        raise BitstreamError("a long-term reference of a group that a key frame ends")
+    return GopHead(num_frames, bool(value & 1), without_key, has_long_term, position)
 
 
 def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
@@ -120,8 +142,8 @@ def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
     BitstreamError
         If a length does not fit.
     """
-    num_frames, has_tracks, without_key, position = decode_head(payload)
-    tracks, digest, num_payloads = b"", None, num_frames - (not without_key)
+    num_frames, has_tracks, without_key, has_long_term, position = decode_head(payload)
+    tracks, long_term, digest, num_payloads = b"", None, None, num_frames - (not without_key)
     if with_digest and num_payloads > 0:
         if len(payload) < position + DIGEST_BYTES:
             raise BitstreamError("the record ends within the digest")
@@ -131,13 +153,19 @@ def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
         tracks, position = decode_bytes(payload, position, len(payload))
         if not tracks:
             raise BitstreamError("tracks are announced, but empty")
+    if has_long_term:
+        if not has_tracks:
+            raise BitstreamError("a long-term reference without tracks")
+        groups_back, position = decode_varint(payload, position)
+        matches, position = decode_bytes(payload, position, len(payload))
+        long_term = LongTermReference(groups_back, matches)
     wyner_ziv = []
     for _ in range(num_payloads):
         frame, position = decode_bytes(payload, position, len(payload))
         wyner_ziv.append(frame)
     if without_key and position < len(payload):
         raise BitstreamError(f"{len(payload) - position} bytes are left over in a group without key frame")
-    return GopRecord(num_frames, payload[position:], tracks, tuple(wyner_ziv), digest)
+    return GopRecord(num_frames, payload[position:], tracks, tuple(wyner_ziv), digest, long_term)
 
 
 def gop_bits(record: GopRecord) -> GopBits:
@@ -155,7 +183,8 @@ def gop_bits(record: GopRecord) -> GopBits:
     """
     prefixes = tuple(8 * len(encode_varint(len(payload))) for payload in record.wyner_ziv)
     payloads = tuple(8 * len(payload) for payload in record.wyner_ziv)
-    key, tracks = 8 * len(record.key), 8 * len(record.tracks)
+    matches = b"" if record.long_term is None else record.long_term.matches
+    key, tracks = 8 * len(record.key), 8 * (len(record.tracks) + len(matches))
     total = 8 * framed_size(len(encode_gop(record)))
     header = total - key - tracks - sum(payloads) - sum(prefixes)
     return GopBits(header, key, tracks, payloads, prefixes)

@@ -288,7 +288,7 @@ def test_groups_of_pictures_follow_from_codec_quality_and_delivery() -> None:
     assert codec_config(QCIF, "2d").gop == GopConfig(2, "keys", 0, 0)
     assert codec_config(QCIF).gop == GopConfig(16, "hierarchical", 8, 96)
     assert codec_config(QCIF, quality=DiscoverMatrix(4)).gop == GopConfig(16, "hierarchical", 0, 0)
-    assert codec_config(QCIF, delivery=EstimatedRate()).gop == GopConfig(16, "hierarchical", 8, 16)
+    assert codec_config(QCIF, delivery=EstimatedRate()).gop == GopConfig(16, "hierarchical", 8, 16, 0)
     assert codec_config(QCIF, gop={"references": "keys"}).gop.length == 8
     assert codec_config(QCIF, "3d-td", gop={"length": 4, "references": "all"}).gop == GopConfig(
         4, "all", 0, 0

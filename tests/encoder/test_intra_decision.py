@@ -66,6 +66,19 @@ def test_what_changes_much_gets_a_key_frame(group: Group) -> None:
     assert not spacing.needs_key(group_of(4))
 
 
+@pytest.mark.parametrize(
+    ("num_lost", "found_share", "needed"), [(4, 0.2, False), (4, 0.1, True), (3, 0.0, False)]
+)
+def test_what_a_long_term_reference_shows_is_not_lost(
+    num_lost: int, found_share: float, needed: bool
+) -> None:
+    """Half of the points are too many, but for a fifth of them; where few are lost nothing is looked for."""
+    spacing, calls = KeyFrameSpacing(GOP), []
+    spacing.needs_key(Group((), FRAME))
+    assert spacing.needs_key(group_of(4, num_lost), lambda: calls.append(0) or found_share) is needed
+    assert len(calls) == (num_lost == 4)
+
+
 def test_what_is_lost_adds_up_over_p_type_frames() -> None:
     """A third of the points on the way to each of two is too much, though not to one."""
     positions = np.zeros((9, 5, 2))

@@ -35,7 +35,7 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_entries_are_scenes_then_files(data: Path) -> None:
     """Scenes come first; a file with the name of a scene keeps its suffix; other files are left out."""
     names = [entry.name for entry in catalogue.entries()]
-    assert names == ["street", "stairway", "statue", "box", "broken", "holiday", "street.mkv"]
+    assert names == ["street", "stairway", "statue", "rounds", "box", "broken", "holiday", "street.mkv"]
 
 
 def test_known_files_are_described_and_others_are_user_material(data: Path) -> None:

@@ -6,19 +6,31 @@ from hypothesis import strategies as st
 
 from dvc.config import MAX_GOP_LENGTH
 from dvc.errors import BitstreamError
-from dvc.stream import GopRecord, RecordType, decode_gop, encode_gop, gop_bits
+from dvc.stream import GopRecord, LongTermReference, RecordType, decode_gop, encode_gop, gop_bits
 from dvc.stream.records import frame_record
 
 payloads = st.lists(st.binary(max_size=300), max_size=6)
-records = st.builds(
-    lambda key, tracks, frames: GopRecord(len(frames) + 1, key, tracks, tuple(frames)),
-    st.binary(max_size=300),
-    st.binary(max_size=200),
-    payloads,
-) | st.builds(
-    lambda tracks, frames: GopRecord(len(frames), b"", tracks, tuple(frames)),
-    st.binary(max_size=200),
-    st.lists(st.binary(max_size=300), min_size=1, max_size=6),
+records = (
+    st.builds(
+        lambda key, tracks, frames: GopRecord(len(frames) + 1, key, tracks, tuple(frames)),
+        st.binary(max_size=300),
+        st.binary(max_size=200),
+        payloads,
+    )
+    | st.builds(
+        lambda tracks, frames: GopRecord(len(frames), b"", tracks, tuple(frames)),
+        st.binary(max_size=200),
+        st.lists(st.binary(max_size=300), min_size=1, max_size=6),
+    )
+    | st.builds(
+        lambda tracks, frames, back, matches: GopRecord(
+            len(frames), b"", tracks, tuple(frames), long_term=LongTermReference(back, matches)
+        ),
+        st.binary(min_size=1, max_size=200),
+        st.lists(st.binary(max_size=300), min_size=1, max_size=6),
+        st.integers(1, 200),
+        st.binary(max_size=200),
+    )
 )
 
 
@@ -34,7 +46,8 @@ def test_every_bit_is_accounted_for(record: GopRecord) -> None:
     bits = gop_bits(record)
     assert bits.total == 8 * len(frame_record(RecordType.GOP, encode_gop(record)))
     assert bits.key == 8 * len(record.key)
-    assert bits.tracks == 8 * len(record.tracks)
+    matches = record.long_term.matches if record.long_term else b""
+    assert bits.tracks == 8 * (len(record.tracks) + len(matches))
     assert bits.wyner_ziv == tuple(8 * len(payload) for payload in record.wyner_ziv)
 
 
@@ -52,6 +65,18 @@ def test_a_group_without_key_frame_has_a_payload_for_each_frame() -> None:
     assert encode_gop(record) == b"\x84\x08\x03one\x03two"
     with pytest.raises(BitstreamError, match="1 bytes are left over in a group without key frame"):
         decode_gop(encode_gop(record) + b"k")
+
+
+def test_long_term_references_are_for_groups_without_key_frame() -> None:
+    """And for those with tracks; the first field tells that there is one."""
+    record = GopRecord(2, b"", b"t", (b"one", b"two"), long_term=LongTermReference(3, b"mm"))
+    assert encode_gop(record) == b"\x85\x18\x01t\x03\x02mm\x03one\x03two"
+    with pytest.raises(ValueError, match="groups that no key frame ends"):
+        GopRecord(2, b"k", b"t", (b"one",), long_term=LongTermReference(3, b"mm"))
+    with pytest.raises(BitstreamError, match="a long-term reference of a group that a key frame ends"):
+        decode_gop(b"\x85\x10\x01t\x03\x02mm\x03onek")
+    with pytest.raises(BitstreamError, match="a long-term reference without tracks"):
+        decode_gop(b"\x84\x18\x03\x02mm\x03one\x03two")
 
 
 def test_limits_of_a_record() -> None:

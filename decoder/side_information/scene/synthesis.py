@@ -90,8 +90,8 @@ def warp_chroma(
             return None
         warped = [sample(plane, position) for plane, position in zip(planes, halved, strict=True)]
         level = warped[0]
-        if len(warped) > 1:
-            level = level + interpolation.weights[1][::2, ::2] * (warped[1] - level)
+        for plane, weight in zip(warped[1:], interpolation.weights[1:], strict=True):
+            level = level + weight[::2, ::2] * (plane - warped[0])
         predicted.append(np.floor(level + 0.5).astype(np.uint8))
     return predicted[0], predicted[1]
 
@@ -109,7 +109,7 @@ def _offsets(position: Floats, block: int) -> NDArray[np.int64]:
 
 
 def completed(
-    prediction: Prediction, rendered: Interpolation, frames: tuple[Frame, Frame], method: str
+    prediction: Prediction, rendered: Interpolation, frames: Sequence[Frame], method: str
 ) -> Prediction:
     """Add the chroma, and what refines a prediction, that follow from where its pixels come from."""
     return replace(

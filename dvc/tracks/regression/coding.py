@@ -56,6 +56,12 @@ def code_tracks(
     return sent, _code_direction(coder, models, given, backward[:num_backward], config)
 
 
+def code_matches(coder: RangeCoder, points: Integers, matches: Integers, config: CodecConfig) -> Integers:
+    """Code where points (N, 2) of one frame are in another, as tracks over these two."""
+    none = np.empty((0, 2, 2), np.int64)
+    return _code_motion(coder, _models(), none, np.stack([points, matches], axis=1), config)[:, 1]
+
+
 def _models() -> Models:
     return Models(_initial_curves().copy(), logistic_tables(), np.array(_LOST))
 
@@ -73,11 +79,19 @@ def _code_direction(
     """Code tracks after others that are given, and return those that were coded."""
     if len(tracks) == 0:
         return tracks
+    tracks = tracks.copy()
+    given_first = np.ascontiguousarray(given[:, 0])
+    tracks[:, 0] = _code_first(coder, tracks[:, 0], given_first, num_positions(config))
+    return _code_motion(coder, models, given, tracks, config)
+
+
+def _code_motion(
+    coder: RangeCoder, models: Models, given: Integers, tracks: Integers, config: CodecConfig
+) -> Integers:
+    """Code where tracks go from where they begin, which is known."""
     sides = num_positions(config)
-    first = _code_first(coder, tracks[:, 0], np.ascontiguousarray(given[:, 0]), sides)
     order = _kernels.spread_order(len(tracks))
     units = np.concatenate([given, tracks[order]])
-    units[len(given) :, 0] = first[order]
     motion = _start(units[:, 0], sides)
     picture = _kernels.Picture(np.array(sides), float(2**config.tracks.subpixel_bits))
     t = 1

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from decoder.side_information.extrapolation import TrackedExtrapolation
+from decoder.side_information.extrapolation import LongTerm, TrackedExtrapolation
 from decoder.side_information.protocol import ReferenceFrame
 from dvc.metrics import psnr_db
 from dvc.tracks import PointTracks
@@ -41,3 +41,23 @@ def test_without_tracks_nothing_has_moved() -> None:
     assert np.allclose(found.luma, frame.luma)
     assert found.refiner is not None
     assert np.array_equal(found.refiner.refine(frame.luma).luma, frame.luma)
+
+
+def test_a_long_term_reference_shows_what_comes_into_view() -> None:
+    """What no recent frame has seen is there, and what they show no worse."""
+    frames = moving_texture(13, 64, 96, (0.0, 3.0))
+    points = np.stack(np.meshgrid(np.arange(4, 96, 8), np.arange(4, 64, 8)), axis=-1).reshape(-1, 2) * 1.0
+    before = points - [36.0, 0.0]
+    before[before[:, 0] < 0] = np.nan
+    tracks = PointTracks(np.stack([before, points], axis=1))
+    recent = [ReferenceFrame(4, frames[0])]
+    without = TrackedExtrapolation().predict(recent, tracks, 4, 5)
+    seen = LongTerm(frames[11], points - [3.0, 0.0])
+    found = TrackedExtrapolation().predict(recent, tracks, 4, 5, long_term=seen)
+    errors = [(prediction.luma - frames[12].luma) ** 2 for prediction in (without, found)]
+    new, old = (slice(None), slice(4, 30)), (slice(None), slice(44, None))
+    assert errors[1][new].mean() < 0.1 * errors[0][new].mean()
+    assert errors[1][old].mean() < 1.1 * errors[0][old].mean() + 1.0
+    assert found.chroma is not None
+    assert found.refiner is not None
+    assert len(found.refiner.refine(frames[12].luma).compensated) == 2
