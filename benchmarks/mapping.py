@@ -1,6 +1,11 @@
-"""Maps against the truth: `python -m benchmarks.mapping [CLIP ...] [--mapper M] [--colmap] [--json FILE]`.
+"""Maps against the truth: `python -m benchmarks.mapping [CLIP ...] [--qp N] [--step N] [--colmap]`.
 
-Clips are rendered scenes by name, and folders with `color` and `pose` (4x4 matrices, camera to world).
+Clips are rendered scenes by name, and folders with `color`, `pose` (4x4 matrices, camera to world) and
+`depth` (16 bit, millimetres), such as `../shared/sequences/kitchen`. With `--qp` maps are made of what the
+default codec has decoded. Of the path the table has the error of camera centres, relative to its length; of
+depth the median error and the share of pixels that are close; of views the PSNR of frames left out, rendered
+from several frames and from the nearest alone. COLMAP alone, with `--colmap`, gets all frames and gives the
+path: its time grows fast with their number, which `--step` bounds.
 """
 
 import argparse
@@ -8,18 +13,20 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.results.harness import SCENES, run_module
 from dvc.calibration.colmap import quiet
 from dvc.config import SFM_BACKENDS
 from dvc.metrics import psnr_db
-from dvc.video import Frame, open_video
+from dvc.video import Frame, create_video, open_video
 from sfm.mapping.colmap_mapper import model_poses, run_colmap
 from sfm.mapping.rendering import render_view
 from sfm.mapping.scene_map import MapPiece, SceneMap
@@ -27,13 +34,29 @@ from sfm.mapping.sequence import map_sequence
 from sfm.mapping.trajectory import TrajectoryError, trajectory_error
 
 Floats = NDArray[np.float64]
-SCENES = ("street", "stairway", "statue")
 DEPTH_UNIT_M = 1e-3
 """Of depth pictures."""
-MAX_VIEWS = 8
-"""Left-out frames that are rendered, spread over the clip."""
+LEFT_OUT = 8
+"""Every so many frames one is rendered from the others."""
 CLOSE = 0.05
 """Relative error of depth that counts as close."""
+COLMAP_ALONE = "COLMAP alone"
+"""COLMAP's mapper without this project's key frames, tracks and depth."""
+JOBS = 2
+"""Processes that decode."""
+FRAME_RATE = 30
+"""Of clips that are coded; no figure depends on it."""
+COLUMNS = {
+    "located": ("located", ".0f", 1.0),
+    "pieces": ("pieces", ".0f", 1.0),
+    "path %": ("rms_percent", ".3f", 1.0),
+    "depth %": ("depth_median_error", ".2f", 100.0),
+    "close %": ("depth_share_close", ".1f", 100.0),
+    "views dB": ("view_psnr_db", ".2f", 1.0),
+    "nearest dB": ("nearest_psnr_db", ".2f", 1.0),
+    "time s": ("wall_s", ".0f", 1.0),
+}
+"""Headings of the table, and their figures with format and unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +66,7 @@ class Clip:
     frames: list[Frame]
     poses: dict[int, Floats]  # camera from world
     depths: dict[int, NDArray[np.float32]]  # along the optical axis; not finite where it is not known
+    depth_intrinsics: Floats | None = None  # of the camera that has measured depth, if it is another one
 
 
 def rendered_clip(name: str) -> Clip:
@@ -65,7 +89,42 @@ def real_clip(folder: Path) -> Clip:
     for path in sorted((folder / "depth").glob("*.png")):
         stored = np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), np.float32)
         depths[int(path.stem)] = np.asarray(np.where(stored > 0, DEPTH_UNIT_M * stored, np.inf), np.float32)
-    return Clip(frames, poses, depths)
+    return Clip(frames, poses, depths, np.loadtxt(folder / "intrinsics.txt"))
+
+
+def every(clip: Clip, step: int) -> Clip:
+    """Take every so many frames of a clip alone."""
+    poses = {k // step: pose for k, pose in clip.poses.items() if k % step == 0}
+    depths = {k // step: depth for k, depth in clip.depths.items() if k % step == 0}
+    return replace(clip, frames=clip.frames[::step], poses=poses, depths=depths)
+
+
+def decoded(frames: Sequence[Frame], qp: int) -> list[Frame]:
+    """Encode and decode frames with the default codec, as processes."""
+    with tempfile.TemporaryDirectory() as folder:
+        original, stream, made = (
+            Path(folder) / name for name in ("original.y4m", "coded.dvc", "decoded.y4m")
+        )
+        with create_video(original, (frames[0].width, frames[0].height), Fraction(FRAME_RATE)) as writer:
+            for frame in frames:
+                writer.write(frame)
+        run_module("encoder", original, stream, "--qp", qp, "--quiet")
+        run_module("decoder", stream, made, "--jobs", JOBS, "--quiet")
+        with open_video(made) as reader:
+            return list(reader)
+
+
+def true_depth(clip: Clip, frame: int, K: Floats) -> NDArray[np.float32]:
+    """Return depth as a camera sees it, but for how far it stands from the one that has measured it."""
+    import cv2
+
+    depth = clip.depths[frame]
+    if clip.depth_intrinsics is None:
+        return depth
+    size, turned = depth.shape[::-1], K @ np.linalg.inv(clip.depth_intrinsics)
+    flags, border = cv2.INTER_NEAREST, cv2.BORDER_CONSTANT
+    seen = cv2.warpPerspective(depth, turned, size, flags=flags, borderMode=border, borderValue=np.inf)
+    return np.asarray(seen, np.float32)
 
 
 def depth_errors(piece: MapPiece, clip: Clip) -> dict[str, float]:
@@ -75,7 +134,7 @@ def depth_errors(piece: MapPiece, clip: Clip) -> dict[str, float]:
         return {}
     ratios = []
     for frame in frames:
-        true = clip.depths[frame]
+        true = true_depth(clip, frame, piece.intrinsics)
         ratios.append((piece.depths[frame] / true)[np.isfinite(true)])
     ratio = np.concatenate(ratios)
     known = np.isfinite(ratio)
@@ -88,49 +147,44 @@ def depth_errors(piece: MapPiece, clip: Clip) -> dict[str, float]:
     }
 
 
-def view_quality(piece: MapPiece, clip: Clip) -> dict[str, float]:
+def view_quality(piece: MapPiece, clip: Clip, seen: Sequence[Frame]) -> dict[str, float]:
     """Render left-out frames from several frames with depth, and from the nearest alone; mean luma PSNR."""
-    pictures = {k: clip.frames[k].luma[:, :, None] for k in piece.depths}
-    first, last = min(piece.depths), max(piece.depths)
-    free = [k for k in piece.poses if k not in piece.depths and first < k < last]
-    chosen = (
-        [free[k] for k in np.unique(np.linspace(0, len(free) - 1, MAX_VIEWS).round().astype(int))]
-        if free
-        else []
-    )
-    quality = [
-        [
-            psnr_db(clip.frames[k].luma, np.clip(np.rint(view.image[:, :, 0]), 0, 255).astype(np.uint8))
-            for view in (render_view(piece, pictures, piece.poses[k], count) for count in (4, 1))
-        ]
-        for k in chosen
-    ]
+    pictures = {k: seen[k].luma[:, :, None] for k in piece.depths}
+    quality = []
+    for k in sorted(piece.poses):
+        others = replace(piece, depths={key: depth for key, depth in piece.depths.items() if key != k})
+        if k % LEFT_OUT or not others.depths or not min(others.depths) < k < max(others.depths):
+            continue
+        views = [render_view(others, pictures, piece.poses[k], count).image[:, :, 0] for count in (4, 1)]
+        levels = [np.clip(np.rint(view), 0, 255).astype(np.uint8) for view in views]
+        quality.append([psnr_db(clip.frames[k].luma, each) for each in levels])
     if not quality:
         return {}
     several, alone = np.mean(quality, axis=0)
     return {"views": len(quality), "view_psnr_db": float(several), "nearest_psnr_db": float(alone)}
 
 
-def colmap_error(clip: Clip) -> TrajectoryError | None:
+def colmap_alone(clip: Clip, seen: Sequence[Frame]) -> dict[str, Any]:
     """Run COLMAP's incremental mapper on all frames, and judge its largest model."""
     import cv2
 
+    start = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder, quiet():
-        names = [f"{k:08d}.png" for k in range(len(clip.frames))]
-        for name, frame in zip(names, clip.frames, strict=True):
+        names = [f"{k:08d}.png" for k in range(len(seen))]
+        for name, frame in zip(names, seen, strict=True):
             cv2.imwrite(f"{folder}/{name}", frame.luma)
         models = run_colmap(Path(folder), names, "SIMPLE_RADIAL")
         poses = [model_poses(model) for model in models]
     largest = max(poses, key=len, default={})
-    return trajectory_error(largest, clip.poses) if len(largest) > 2 else None
+    figures = {"located": sum(map(len, poses)), "pieces": len(poses), "wall_s": time.perf_counter() - start}
+    return figures | (_path_error(trajectory_error(largest, clip.poses)) if len(largest) > 2 else {})
 
 
-def measure(clip: Clip, mapper: str, with_colmap: bool) -> dict[str, Any]:
-    """Measure all figures of one clip."""
+def measure(clip: Clip, seen: list[Frame], mapper: str) -> dict[str, Any]:
+    """Map frames as they are seen; return all figures, by the truth about them."""
     start = time.perf_counter(), time.process_time()
-    found: SceneMap = map_sequence(lambda: clip.frames, mapper=mapper)
+    found: SceneMap = map_sequence(lambda: seen, mapper=mapper)
     row: dict[str, Any] = {
-        "frames": len(clip.frames),
         "located": found.num_located,
         "pieces": len(found.pieces),
         "wall_s": time.perf_counter() - start[0],
@@ -138,34 +192,50 @@ def measure(clip: Clip, mapper: str, with_colmap: bool) -> dict[str, Any]:
     }
     piece = max(found.pieces, key=lambda each: len(each.poses), default=None)
     if piece is not None:
-        row |= _error("", trajectory_error(piece.poses, clip.poses))
+        row |= _path_error(trajectory_error(piece.poses, clip.poses))
         row |= {"focal_px": float(piece.intrinsics[0, 0]), "points": len(piece.points)}
-        row |= depth_errors(piece, clip) | view_quality(piece, clip)
-    error = colmap_error(clip) if with_colmap else None
-    return row | (_error("colmap_", error) if error is not None else {})
+        row |= depth_errors(piece, clip) | view_quality(piece, clip, seen)
+    return row
 
 
-def _error(prefix: str, error: TrajectoryError) -> dict[str, float]:
-    return {
-        f"{prefix}rms_m": error.rms,
-        f"{prefix}rms_percent": 100.0 * error.relative,
-        f"{prefix}compared": error.num_located,
-    }
+def _path_error(error: TrajectoryError) -> dict[str, float]:
+    return {"rms_m": error.rms, "rms_percent": 100.0 * error.relative, "compared": error.num_located}
+
+
+def measured(name: str, options: argparse.Namespace) -> list[dict[str, Any]]:
+    """Measure one clip, by each mapper that is wanted; print the rows of the table."""
+    clip = every(rendered_clip(name) if name in SCENES else real_clip(Path(name)), options.step)
+    seen = clip.frames if options.qp is None else decoded(clip.frames, options.qp)
+    frames = f"{len(seen)} " + ("original" if options.qp is None else f"QP {options.qp}")
+    rows = []
+    for mapper in (options.mapper, *([COLMAP_ALONE] if options.colmap else [])):
+        figures = colmap_alone(clip, seen) if mapper == COLMAP_ALONE else measure(clip, seen, mapper)
+        rows.append({"clip": Path(name).name, "frames": frames, "mapper": mapper} | figures)
+        print(line(rows[-1]), flush=True)
+    return rows
+
+
+def line(row: Mapping[str, Any]) -> str:
+    """Return a line of the table; a dash where there is no figure."""
+    words = [f"{row['clip']:10} {row['frames']:14} {row['mapper']:14}"]
+    for heading, (key, form, unit) in COLUMNS.items():
+        text = f"{unit * row[key]:{form}}" if key in row else "-"
+        words.append(f"{text:>{len(heading)}}")
+    return "  ".join(words)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure clips and print a line for each figure."""
+    """Measure clips and print a line for each mapper."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mapping", description=__doc__)
     parser.add_argument("clips", nargs="*", metavar="CLIP", default=SCENES)
+    parser.add_argument("--qp", type=int, metavar="N", help="map what the default codec has decoded")
+    parser.add_argument("--step", type=int, default=1, metavar="N", help="take every N-th frame alone")
     parser.add_argument("--mapper", choices=SFM_BACKENDS, default=SFM_BACKENDS[0])
     parser.add_argument("--colmap", action="store_true", help="run COLMAP on all frames as well")
-    parser.add_argument("--json", metavar="FILE", help="write the figures to a file")
+    parser.add_argument("--json", metavar="FILE", help="write all figures to a file")
     options = parser.parse_args(arguments)
-    rows = {}
-    for name in options.clips:
-        clip = rendered_clip(name) if name in SCENES else real_clip(Path(name))
-        rows[name] = measure(clip, options.mapper, options.colmap)
-        print(name, *(f"{key}={value:.5g}" for key, value in rows[name].items()), flush=True)
+    print("  ".join([f"{'clip':10} {'frames':14} {'mapper':14}", *COLUMNS]))
+    rows = [row for name in options.clips for row in measured(name, options)]
     if options.json:
         Path(options.json).write_text(json.dumps(rows, indent=1) + "\n")
     return 0
