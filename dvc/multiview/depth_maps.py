@@ -142,6 +142,17 @@ def completed_depth(luma: Luma, own: DepthMap, other: DepthMap, there: Floats) -
     return _aligned(side, _continued(side, own, other), other)
 
 
+def without_speckles(depth: DepthMap) -> DepthMap:
+    """Doubt small regions that are consistent, but not with what is around them."""
+    visibility, inverse = depth.visibility.copy(), depth.inverse_depth
+    span = float(np.ptp(inverse)) + 1e-300
+    levels = ((inverse - inverse.min()) / span * 30000.0).astype(np.int16)
+    levels[visibility != Visibility.CONSISTENT] = -1
+    cv2.filterSpeckles(levels, -1, MIN_REGION_PX, 600)
+    visibility[(levels == -1) & (visibility == Visibility.CONSISTENT)] = Visibility.OCCLUDED
+    return DepthMap(inverse, visibility)
+
+
 def discontinuities(inverse_depth: Floats, warp: Floats) -> Mask:
     """Find the cells of a grid of pixels whose corners do not move together."""
     height, width = inverse_depth.shape
@@ -191,12 +202,7 @@ def _checked(side: _Side, own: tuple[Floats, Floats], other: Floats) -> NDArray[
     visibility = np.empty(depth.shape, np.int8)
     _kernels.check_consistency(depth, other, side.there, side.back, AGREEMENT_PX, visibility)
     visibility[(visibility == Visibility.CONSISTENT) & (confidence < MIN_CONFIDENCE)] = Visibility.OCCLUDED
-    span = float(np.ptp(depth)) + 1e-300
-    levels = ((depth - depth.min()) / span * 30000.0).astype(np.int16)
-    levels[visibility != Visibility.CONSISTENT] = -1
-    cv2.filterSpeckles(levels, -1, MIN_REGION_PX, 600)
-    visibility[(levels == -1) & (visibility == Visibility.CONSISTENT)] = Visibility.OCCLUDED
-    return visibility
+    return without_speckles(DepthMap(depth, visibility)).visibility
 
 
 def _with_points(depth: Floats, visibility: NDArray[np.int8], known: KnownDepth | None) -> DepthMap:

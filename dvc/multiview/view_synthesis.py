@@ -8,7 +8,7 @@ References
 [Maitre2008] Sec. 3.2: several pictures with depth in one stream; (3.4): forward compensation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,10 +51,43 @@ class SynthesisedView(NamedTuple):
     drawn: Mask  # what a source shows; the rest is filled
 
 
-def synthesise(sources: Sequence[PictureWithDepth], shape: tuple[int, int]) -> SynthesisedView:
+Surface = Callable[[Sequence[PictureWithDepth], Sequence[Floats]], Floats]
+"""Chooses the inverse depth of a view from what each source shows in it."""
+
+
+def nearest_surface(sources: Sequence[PictureWithDepth], drawn: Sequence[Floats]) -> Floats:
+    """Choose the nearest of what sources show."""
+    nearest: Floats = np.maximum.reduce(drawn)
+    return nearest
+
+
+def agreed_surface(sources: Sequence[PictureWithDepth], drawn: Sequence[Floats]) -> Floats:
+    """Choose what sources of most weight show: a wrong depth of one does not cover what others see."""
+    backs = [inverse_warp(source.warp) for source in sources]
+    chosen, most = np.full(drawn[0].shape, EMPTY), np.zeros(drawn[0].shape)
+    for own in drawn:
+        votes = np.zeros(own.shape)
+        for source, back, other in zip(sources, backs, drawn, strict=True):
+            both = (own > EMPTY) & (other > EMPTY)
+            same = _parallax_px(back, np.where(both, own, 0.0), np.where(both, other, 0.0)) <= SAME_SURFACE_PX
+            votes += np.where(both & same, max(source.weight, FALLBACK_WEIGHT), 0.0)
+        better = (votes > most) | ((votes == most) & (own > chosen))
+        chosen, most = np.where(better, own, chosen), np.where(better, votes, most)
+    return chosen
+
+
+def _parallax_px(warp: Floats, own: Floats, other: Floats) -> Floats:
+    """Measure how far apart points of two depths lie in another view."""
+    apart = warp_grid(warp, own)[..., :2] - warp_grid(warp, other)[..., :2]
+    return np.asarray(np.hypot(apart[..., 0], apart[..., 1]))
+
+
+def synthesise(
+    sources: Sequence[PictureWithDepth], shape: tuple[int, int], surface: Surface = nearest_surface
+) -> SynthesisedView:
     """Render a view."""
     drawn = [drawn_depth(source, shape) for source in sources]
-    nearest = np.maximum.reduce(drawn)
+    nearest = surface(sources, drawn)
     total = np.zeros(shape)
     image = np.zeros((*shape, sources[0].image.shape[2]))
     for source, depth in zip(sources, drawn, strict=True):

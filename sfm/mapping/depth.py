@@ -1,13 +1,20 @@
-"""Dense depth of some located frames: plane sweeps over several others, checked against each other."""
+"""Dense depth of some located frames: plane sweeps over several others, checked and fused with each other."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.depth_maps import DepthMap, Visibility, checked_depth, completed_depth
-from dvc.multiview.plane_sweep import SweepSettings, depth_hypotheses, sweep_views
+from dvc.multiview.depth_maps import (
+    DepthMap,
+    Visibility,
+    checked_depth,
+    completed_depth,
+    without_speckles,
+)
+from dvc.multiview.plane_sweep import SweepSettings, depth_hypotheses, parallax_px, sweep_views
+from sfm.mapping.fusion import MIN_VOTES, SweptDepth, drawn_candidate, fused_depth
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
@@ -22,8 +29,10 @@ MAX_NEIGHBOURS = 5
 SWEEP = SweepSettings(step_px=0.5, max_hypotheses=224, near_margin=0.25)
 MIN_INVERSE_DEPTH = 1e-3
 """Relative to the median of a frame's points: what is farther is sky, or not known."""
-MAX_PIXELS = 320_000
-"""Depth of larger frames is found at half or a third of their size."""
+ERROR_PX = 0.5
+"""Expected error of the place of a point in the frame that shows its depth best."""
+FUSED_A_SIDE = 4
+"""Frames before one, and after it, whose depth maps are fused with its own."""
 
 
 class View(NamedTuple):
@@ -82,8 +91,8 @@ def inverse_depth_span(view: View) -> tuple[float, float]:
     return float(lowest), float(highest)
 
 
-def sweep_depth(views: Mapping[int, View], frame: int, nearest: float) -> tuple[Floats, Floats] | None:
-    """Find the inverse depth of a frame, and its confidence; None where no other frame can tell.
+def sweep_depth(views: Mapping[int, View], frame: int, nearest: float) -> SweptDepth | None:
+    """Find the inverse depth of a frame, with confidence and error; None where no other frame can tell.
 
     `nearest` is the largest inverse depth that any frame knows: what is near is not seen for long.
     """
@@ -96,36 +105,53 @@ def sweep_depth(views: Mapping[int, View], frame: int, nearest: float) -> tuple[
     hypotheses = [depth_hypotheses(span, warp, own.luma.shape, SWEEP) for _, warp in others]
     finest = max(hypotheses, key=lambda each: each.num_hypotheses)
     finest = finest._replace(lowest=max(finest.lowest, 0.0))
-    return sweep_views(own.luma, others, finest, SWEEP)
+    parallax = max(parallax_px((lowest, highest), warp, own.luma.shape) for _, warp in others)
+    error = ERROR_PX * (highest - lowest) / max(parallax, ERROR_PX)
+    return SweptDepth(*sweep_views(own.luma, others, finest, SWEEP), error)
 
 
 def complete_depths(
-    views: Mapping[int, View], swept: Mapping[int, tuple[Floats, Floats]]
+    views: Mapping[int, View], swept: Mapping[int, SweptDepth]
 ) -> dict[int, NDArray[np.float32]]:
-    """Check depths against each other, continue what is consistent, and return distances (nan: unknown)."""
-    checked: dict[int, DepthMap] = {}
-    nearest: dict[int, int] = {}
+    """Check and fuse depths, continue what is consistent; return distances (nan: not known, or far away)."""
     known = {k: views[k] for k in swept}
-    for frame, (own, confidence) in swept.items():
-        others = neighbours(known, frame)
-        if not others:
-            continue
-        warps = [warp_between(views[frame], views[k]) for k in others]
-        maps = [
-            checked_depth((own, confidence), swept[k][0], warp) for k, warp in zip(others, warps, strict=True)
-        ]
-        reliable = np.logical_or.reduce([each.reliable for each in maps])
-        visibility = np.where(reliable, np.int8(Visibility.CONSISTENT), maps[0].visibility)
-        checked[frame], nearest[frame] = DepthMap(own, visibility), others[0]
+    beside = {k: others for k in swept if (others := neighbours(known, k))}
+    fused = {k: _fused(known, swept, k, others) for k, others in beside.items()}
     found = {}
-    for frame, depth in checked.items():
-        other = nearest[frame]
-        if other not in checked:
+    for frame, depth in fused.items():
+        other = beside[frame][0]
+        if other not in fused:
             continue
         warp = warp_between(views[frame], views[other])
-        completed = completed_depth(views[frame].luma, depth, checked[other], warp)
+        completed = completed_depth(views[frame].luma, depth, fused[other], warp)
         found[frame] = _distances(views[frame], completed.inverse_depth)
     return found
+
+
+def _fused(
+    views: Mapping[int, View], swept: Mapping[int, SweptDepth], frame: int, others: Sequence[int]
+) -> DepthMap:
+    """Check the depth of a frame against that of others, and fuse it with that of frames around it."""
+    own, view = swept[frame], views[frame]
+    maps = [
+        checked_depth(
+            (own.inverse_depth, own.confidence), swept[k].inverse_depth, warp_between(view, views[k])
+        )
+        for k in others
+    ]
+    consistent = np.logical_or.reduce([each.reliable for each in maps])
+    around = [drawn_candidate(swept[k], warp_between(views[k], view)) for k in _around(views, frame)]
+    depth, votes = fused_depth(own, around, consistent)
+    reliable = consistent | (votes >= MIN_VOTES)
+    visibility = np.where(reliable, np.int8(Visibility.CONSISTENT), maps[0].visibility)
+    return without_speckles(DepthMap(depth, visibility))
+
+
+def _around(views: Mapping[int, View], frame: int) -> list[int]:
+    """Choose the frames on both sides whose points a frame sees."""
+    seeing = sorted(k for k in views if k != frame and _overlap(views[k], views[frame])[0] >= MIN_OVERLAP)
+    before, after = [k for k in seeing if k < frame], [k for k in seeing if k > frame]
+    return [*before[-FUSED_A_SIDE:], *after[:FUSED_A_SIDE]]
 
 
 def _distances(view: View, inverse: Floats) -> NDArray[np.float32]:

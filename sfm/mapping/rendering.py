@@ -5,8 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.rendering import EMPTY
-from dvc.multiview.view_synthesis import PictureWithDepth, SynthesisedView, synthesise
+from dvc.multiview.view_synthesis import PictureWithDepth, SynthesisedView, agreed_surface, synthesise
 from sfm.mapping.scene_map import MapPiece
 from sfm.mapping.trajectory import centre
 
@@ -44,10 +43,10 @@ def render_view(
     sources = []
     for frame, weight in zip(chosen, weights, strict=True):
         depth = piece.depths[frame].astype(np.float64)
-        inverse = np.where(np.isfinite(depth), 1.0 / depth, EMPTY)
+        inverse = np.where(np.isfinite(depth), 1.0 / depth, 0.0)  # what is not known is mostly sky
         warp = warp_to(piece, piece.poses[frame], pose)
         sources.append(PictureWithDepth(pictures[frame], inverse, warp, weight=float(weight)))
-    return synthesise(sources, piece.depths[chosen[0]].shape)
+    return synthesise(sources, piece.depths[chosen[0]].shape, agreed_surface)
 
 
 def warp_to(piece: MapPiece, source: Floats, target: Floats) -> Floats:

@@ -1,0 +1,64 @@
+"""Fusion of depth maps."""
+
+import numpy as np
+import pytest
+
+from dvc.multiview.depth_maps import MIN_CONFIDENCE
+from sfm.mapping.fusion import Candidate, SweptDepth, drawn_candidate, fused_depth
+
+SHAPE = (6, 8)
+
+
+def _swept(inverse_depth: float, error: float = 0.01) -> SweptDepth:
+    return SweptDepth(np.full(SHAPE, inverse_depth), np.full(SHAPE, 2.0 * MIN_CONFIDENCE), error)
+
+
+def _candidate(inverse_depth: float, error: float = 0.01) -> Candidate:
+    return Candidate(np.full(SHAPE, inverse_depth), np.full(SHAPE, error))
+
+
+def test_the_majority_takes_the_place_of_a_depth_that_is_not_consistent() -> None:
+    """Two that agree against the frame alone."""
+    depth, votes = fused_depth(
+        _swept(0.5), [_candidate(0.2), _candidate(0.21), _candidate(np.nan)], np.zeros(SHAPE, bool)
+    )
+    assert depth == pytest.approx(0.205)
+    assert (votes == 2).all()
+
+
+def test_a_consistent_depth_stays() -> None:
+    """What disagrees does not count, whatever its number; what agrees is averaged by its error."""
+    others = [_candidate(0.2), _candidate(0.2), _candidate(0.2), _candidate(0.515, 0.005)]
+    depth, votes = fused_depth(_swept(0.5), others, np.ones(SHAPE, bool))
+    assert depth == pytest.approx((0.5 + 4.0 * 0.515) / 5.0)
+    assert (votes == 2).all()
+
+
+def test_alone_a_candidate_does_not_count() -> None:
+    """The frame keeps what it has."""
+    depth, votes = fused_depth(_swept(0.5), [_candidate(0.2)], np.zeros(SHAPE, bool))
+    assert depth == pytest.approx(0.5)
+    assert (votes == 1).all()
+
+
+def test_of_equal_votes_the_smaller_error_wins() -> None:
+    """Two pairs: the one that is known better counts."""
+    others = [_candidate(0.51), _candidate(0.2, 0.002), _candidate(0.2, 0.002)]
+    depth, _ = fused_depth(_swept(0.5), others, np.zeros(SHAPE, bool))
+    assert depth == pytest.approx(0.2)
+
+
+def test_a_nearer_frame_knows_depth_better() -> None:
+    """A camera stands a unit behind another: what that one sees at depth 1 is at depth 2 here."""
+    back = np.column_stack([np.eye(3), [3.5, 2.5, 1.0]])  # the epipole is the middle of the picture
+    found = drawn_candidate(_swept(1.0), back)
+    seen = np.isfinite(found.inverse_depth)
+    assert 0 < seen.sum() < seen.size
+    assert found.inverse_depth[seen] == pytest.approx(0.5)
+    assert found.error[seen] == pytest.approx(0.0025)
+
+
+def test_what_is_not_confident_is_no_candidate() -> None:
+    """Where noise would have done the same nothing is drawn."""
+    doubtful = SweptDepth(np.full(SHAPE, 1.0), np.zeros(SHAPE), 0.01)
+    assert np.isnan(drawn_candidate(doubtful, np.eye(3, 4)).inverse_depth).all()
