@@ -176,7 +176,11 @@ def colmap_alone(clip: Clip, seen: Sequence[Frame]) -> dict[str, Any]:
         models = run_colmap(Path(folder), names, "SIMPLE_RADIAL")
         poses = [model_poses(model) for model in models]
     largest = max(poses, key=len, default={})
-    figures = {"located": len({k for each in poses for k in each}), "pieces": len(poses), "wall_s": time.perf_counter() - start}
+    figures = {
+        "located": len({k for each in poses for k in each}),
+        "pieces": len(poses),
+        "wall_s": time.perf_counter() - start,
+    }
     return figures | (_path_error(trajectory_error(largest, clip.poses)) if len(largest) > 2 else {})
 
 

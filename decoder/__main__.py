@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from dvc import cli
 from dvc.config import FALLBACKS, SFM_BACKENDS
-from dvc.errors import BitstreamError, ConfigError, DvcError, FeedbackError
+from dvc.errors import BitstreamError, ConfigError, DvcError, FeedbackError, PartialOutputError
 from dvc.limits import MAX_MEMORY_MIB
 
 if TYPE_CHECKING:
@@ -159,7 +159,8 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         "--scene",
         metavar="DIR",
         help="map the scene out of the decoded frames into a new folder: cameras, depth, points, and a page"
-        " to fly through it (docs/scene.md); OUTPUT must be .y4m or .mkv",
+        " to fly through it (docs/scene.md); of a live run that ends early, out of what there is; OUTPUT must"
+        " be .y4m or .mkv",
     )
     mapper = "whose mapper finds the cameras of --scene; default: native"
     add("--mapper", choices=SFM_BACKENDS, help=mapper)
@@ -191,9 +192,14 @@ def _decode(arguments: argparse.Namespace) -> int:
     outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
     inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
     cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
-    status = _decode_live(arguments) if arguments.connect else _decode_file(arguments)
+    try:
+        status = _decode_live(arguments) if arguments.connect else _decode_file(arguments)
+    except PartialOutputError:
+        if arguments.scene is not None:
+            _map_partial(arguments)
+        raise
     if arguments.scene is not None:
-        _map_scene(arguments)
+        _map_scene(arguments, arguments.files[-1])
     return status
 
 
@@ -211,7 +217,17 @@ def _check_scene(arguments: argparse.Namespace) -> None:
     check_folder(arguments.scene)
 
 
-def _map_scene(arguments: argparse.Namespace) -> None:
+def _map_partial(arguments: argparse.Namespace) -> None:
+    """Map what a live run has decoded that broke off; why it did is what its end tells, not a failed map."""
+    from dvc.files import PARTIAL_SUFFIX
+
+    try:
+        _map_scene(arguments, arguments.files[-1] + PARTIAL_SUFFIX)
+    except DvcError as err:
+        sys.stderr.write(f"{PROG}: no map: {cli.one_line(err)}\n")
+
+
+def _map_scene(arguments: argparse.Namespace, video: str) -> None:
     """Map what was decoded."""
     from sfm.output.map_folder import map_to_folder
 
@@ -220,7 +236,7 @@ def _map_scene(arguments: argparse.Namespace) -> None:
             sys.stderr.write(f"{PROG}: {cli.one_line(message)}\n")
 
     mapper = arguments.mapper or SFM_BACKENDS[0]
-    _report(map_to_folder(arguments.files[-1], arguments.scene, mapper, _report).summary)
+    _report(map_to_folder(video, arguments.scene, mapper, _report).summary)
 
 
 def _decode_file(arguments: argparse.Namespace) -> int:

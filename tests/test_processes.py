@@ -441,6 +441,23 @@ def test_decoded_frames_of_a_broken_live_run_are_kept(tmp_path: Path, buffered: 
     assert json.loads((tmp_path / "report.json.part").read_text())["frames"] == len(frames)
 
 
+@pytest.mark.parametrize("cause", ["SIGINT", "death"])
+def test_a_broken_live_run_leaves_a_map(tmp_path: Path, cause: str) -> None:
+    """It is a whole folder, of the frames that are kept."""
+    with halted(tmp_path, "out.y4m", "--scene", "map") as (encoder, decoder):
+        if cause == "death":
+            encoder.kill()
+        else:
+            decoder.send_signal(signal.Signals[cause])
+        status, stderr = finish(decoder)
+    assert status == 3, stderr
+    assert "frames are kept as" in stderr.splitlines()[-1]
+    num_frames = json.loads((tmp_path / "map" / "scene.json").read_text())["num_frames"]
+    assert num_frames == len(frames_of(tmp_path / "out.y4m.part"))
+    assert f"0 of {num_frames} frames located" in stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["map", "out.y4m.part"]
+
+
 def test_interrupt_leaves_nothing(tmp_path: Path, clip: Path) -> None:
     """An encoder that is interrupted while it waits for a decoder says so and ends with status 130."""
     with start("encoder", clip, "--serve", "127.0.0.1:0", "--json", tmp_path / "report.json") as encoder:

@@ -86,7 +86,7 @@ def fused_depth(
 def _mean_of_agreeing(
     about: Candidate, candidates: Sequence[Candidate]
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
-    """Average what agrees with a candidate, weighed by expected error; return its number and variance, too."""
+    """Average what agrees with a candidate by expected error; return its number and variance, too."""
     total, mean = np.zeros(about.error.shape), np.zeros(about.error.shape)
     number = np.zeros(about.error.shape, np.int64)
     for each in candidates:
