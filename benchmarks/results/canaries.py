@@ -9,7 +9,7 @@ from pathlib import Path
 from benchmarks.results.harness import run_module
 from dvc.rd.anchors.version import anchors_digest
 
-_SIZE = "96x80"
+_SIZE, _CODED_SIZE = "96x80", "128x96"
 
 
 def _digest(paths: Iterable[Path]) -> str:
@@ -22,7 +22,7 @@ def _codec(*options: object, frames: int = 9) -> Callable[[Path], str]:
 
     def _run(folder: Path) -> str:
         video, stream, punctured = folder / "street.mkv", folder / "s.dvc", folder / "p.dvc"
-        run_module("sequences", "render", "street", "--size", _SIZE, "--frames", frames, "--out", video)
+        run_module("sequences", "render", "street", "--size", _CODED_SIZE, "--frames", frames, "--out", video)
         run_module("encoder", video, stream, *options, "--quiet")
         files = [] if "--no-feedback" in options else ["--punctured", punctured]
         run_module("decoder", stream, folder / "decoded.y4m", *files, "--quiet")
