@@ -74,7 +74,9 @@ class FoundAgain:
     """Tracks of a group in an earlier key frame."""
 
     reference: LongTermReference
-    share: float  # of the tracks that reach the end of the group, those that are found
+    share: (
+        float  # of the tracks that the frame before the group does not have (or of all), those that are found
+    )
 
 
 class LongTermReferences:
@@ -100,9 +102,12 @@ class LongTermReferences:
         sent = decode_tracks(tracks, num_instants, self._config)
         ends = sent.positions[:, -1]
         matches = self._tracker.matches(last, ends, key.luma, shift)
-        num_ends, num_found = (int(np.isfinite(points[:, 0]).sum()) for points in (ends, matches))
+        new = np.isfinite(ends[:, 0]) & ~np.isfinite(sent.positions[:, 0, 0])
+        new = new if new.any() else np.isfinite(ends[:, 0])
+        if not new.any():
+            return None
         reference = LongTermReference(number - key.number, encode_matches(matches, sent, self._config))
-        return FoundAgain(reference, num_found / num_ends) if num_found else None
+        return FoundAgain(reference, float(np.isfinite(matches[new, 0]).mean()))
 
     def _most_alike(self, number: int, last: Plane) -> tuple[_KeyFrame, tuple[int, int]] | None:
         """Choose the key frame that looks most like a frame, but for a shift, which is told in pixels."""

@@ -3,6 +3,7 @@
 import io
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord, LongTermReference, StreamReader, StreamWriter
 from dvc.video import Frame
 from encoder import intra_decision
+from encoder.long_term import FoundAgain, LongTermReferences
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
 NUM_AWAY = 13
+FIND = LongTermReferences.find
 
 
 def config_of(long_term_groups: int) -> CodecConfig:
@@ -34,10 +37,17 @@ def frames() -> list[Frame]:
     return [*away, *back]
 
 
+def found_whole(self: LongTermReferences, *group: Any) -> FoundAgain | None:
+    """Find points as ever, and take it that a reference has all that is new."""
+    found = FIND(self, *group)
+    return found and replace(found, share=1.0)
+
+
 def encoded(frames: Sequence[Frame], config: CodecConfig) -> bytes:
     file = io.BytesIO()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(intra_decision, "MAX_LOST_SHARE", 0.1)
+        patch.setattr(LongTermReferences, "find", found_whole)
         EncoderSession(config).write(frames, file, lambda _: None)
     return file.getvalue()
 

@@ -26,13 +26,16 @@ def shifted(luma: Plane, dx: int, dy: int) -> Plane:
     return np.ascontiguousarray(luma[rows][:, np.clip(np.arange(WIDTH) - dx, 0, WIDTH - 1)])
 
 
-def group(luma: Plane, config: CodecConfig) -> tuple[bytes, PointTracks]:
-    """Return tracks of a group of two frames that look alike, as they are sent, and as they arrive."""
+def group(luma: Plane, config: CodecConfig, is_new: bool = True) -> tuple[bytes, PointTracks]:
+    """Return tracks of a group that ends with a frame, whose points the frame before it has not or has."""
     tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits)
     tracker.start(luma)
     tracker.step(luma)
-    payload = encode_tracks(tracker.close([luma]), config)
-    return payload, decode_tracks(payload, 2, config)
+    positions = tracker.close([luma]).positions.repeat([1, 2], axis=1)
+    if is_new:
+        positions[:, 0] = np.nan
+    payload = encode_tracks(PointTracks(positions, is_new * len(positions)), config)
+    return payload, decode_tracks(payload, 3, config)
 
 
 def references(config: CodecConfig) -> LongTermReferences:
@@ -63,7 +66,7 @@ def test_points_are_found_again() -> None:
     kept.add(0, OTHER, 100)
     kept.add(1, shifted(SEEN, 18, -14), 100)
     payload, tracks = group(SEEN, config)
-    found = kept.find(4, SEEN, 2, payload)
+    found = kept.find(4, SEEN, 3, payload)
     assert found is not None
     assert found.reference.groups_back == 3
     matches = decode_matches(found.reference.matches, tracks, config)
@@ -85,10 +88,10 @@ def test_what_is_not_there_is_not_found() -> None:
     ):
         kept = references(config_of(groups))
         kept.add(number, luma, num_bytes)
-        assert kept.find(4, SEEN, 2, payload) is None
+        assert kept.find(4, SEEN, 3, payload) is None
     kept = references(config_of(3))
     kept.add(1, SEEN, MAX_LONG_TERM_KEY_BYTES)
-    assert kept.find(4, SEEN, 2, payload) is not None
+    assert kept.find(4, SEEN, 3, payload) is not None
 
 
 def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,4 +101,4 @@ def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     kept = references(config_of())
     for number, luma in enumerate((SEEN, OTHER, OTHER)):
         kept.add(number, luma, 100)
-    assert kept.find(5, SEEN, 2, payload) is None
+    assert kept.find(5, SEEN, 3, payload) is None
