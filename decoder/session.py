@@ -74,9 +74,8 @@ def stream_tasks(
     """Read a stream, and decode its key frames."""
     limits = limits or Limits()
     first_group = 0 if frames is None else _first_group(config, reader, frames.start)
-    first_index = reader.index.first_frame(first_group) if first_group else 0
     tasks = _Tasks(config) if frames is None else _tasks_from(config, reader, first_group)
-    chain = list[GroupTask]()
+    first_index, chain = tasks.next_index, list[GroupTask]()
     try:
         for number, record in enumerate(reader, first_group):
             task = tasks.add(number, record, reader.form)
@@ -107,7 +106,7 @@ def _first_group(config: CodecConfig, reader: Reader, frame: int) -> int:
 
 def _tasks_from(config: CodecConfig, reader: Reader, group: int) -> "_Tasks":
     """Go on reading with a group; keep the key frames before it that it may name."""
-    first = max(group - config.gop.long_term_groups, 0)
+    first = max(group - config.gop.long_term_window, 0)
     tasks = _Tasks(config, reader.index.first_frame(first))
     reader.seek_gop(first)
     with suppress(BitstreamError):  # damage there is that of a group that is not wanted
@@ -219,10 +218,8 @@ class _Tasks:
         self.next_index = next_index
         self._num_without_key = 0
         self._before: ReferenceFrame | None = None
-        self._window = config.gop.long_term_groups if config.gop.p_type_distance else 0
-        self._keys: dict[
-            int, tuple[int, bytes]
-        ] = {}  # of the latest groups: the last frame, and as what it came
+        # Key frames of the latest groups, by group: display position, and as what it came.
+        self._keys: dict[int, tuple[int, bytes]] = {}
 
     def add(self, number: int, record: GopRecord, form: Form | None) -> GroupTask:
         """Decode the next key frame, where there is one; a task lacks a frame before it that is none."""
@@ -244,8 +241,9 @@ class _Tasks:
     def pass_over(self, number: int, record: GopRecord) -> None:
         """Go past a group, whose key frame is kept while later ones may name it."""
         self.next_index += record.num_frames
-        self._keys.pop(number - self._window, None)
-        if self._window and 0 < len(record.key) <= MAX_LONG_TERM_KEY_BYTES:
+        window = self._config.gop.long_term_window
+        self._keys.pop(number - window, None)
+        if window and 0 < len(record.key) <= MAX_LONG_TERM_KEY_BYTES:
             self._keys[number] = self.next_index - 1, record.key
 
     def _long_term(self, number: int, record: GopRecord) -> ReferenceFrame | None:

@@ -28,9 +28,7 @@ class GroupTask:
     key: Frame | None  # the key frame that ends it; None where its last frame is a Wyner-Ziv frame
     record: GopRecord  # what the stream, or the encoder, sent of it
     form: Form | None  # form of the stream; none where a live encoder answers
-    long_term: ReferenceFrame | None = (
-        None  # an earlier key frame that its P-type frames are predicted from, too
-    )
+    long_term: ReferenceFrame | None = None  # an earlier key frame that P-type frames are predicted from
 
     @property
     def last_index(self) -> int:

@@ -74,9 +74,7 @@ class FoundAgain:
     """Tracks of a group in an earlier key frame."""
 
     reference: LongTermReference
-    share: (
-        float  # of the tracks that the frame before the group does not have (or of all), those that are found
-    )
+    share: float  # of the tracks that the frame before the group does not have, those that are found
 
 
 class LongTermReferences:
@@ -90,7 +88,7 @@ class LongTermReferences:
 
     def add(self, number: int, luma: Plane, num_bytes: int) -> None:
         """Keep the key frame that ends a group."""
-        if self._config.gop.long_term_groups and num_bytes <= MAX_LONG_TERM_KEY_BYTES:
+        if self._config.gop.long_term_window and num_bytes <= MAX_LONG_TERM_KEY_BYTES:
             self._kept = [*self._kept, _KeyFrame(number, luma, Thumbnail.of(luma))][-self._most :]
 
     def find(self, number: int, last: Plane, num_instants: int, tracks: bytes) -> FoundAgain | None:
@@ -103,7 +101,6 @@ class LongTermReferences:
         ends = sent.positions[:, -1]
         matches = self._tracker.matches(last, ends, key.luma, shift)
         new = np.isfinite(ends[:, 0]) & ~np.isfinite(sent.positions[:, 0, 0])
-        new = new if new.any() else np.isfinite(ends[:, 0])
         if not new.any():
             return None
         reference = LongTermReference(number - key.number, encode_matches(matches, sent, self._config))
@@ -111,7 +108,7 @@ class LongTermReferences:
 
     def _most_alike(self, number: int, last: Plane) -> tuple[_KeyFrame, tuple[int, int]] | None:
         """Choose the key frame that looks most like a frame, but for a shift, which is told in pixels."""
-        oldest = number - self._config.gop.long_term_groups
+        oldest = number - self._config.gop.long_term_window
         self._kept = [key for key in self._kept if key.number >= oldest]
         thumbnail = Thumbnail.of(last)
         looks = [(*thumbnail.shift_to(key.thumbnail), key) for key in self._kept if key.number < number - 1]

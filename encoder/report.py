@@ -11,7 +11,7 @@ from dvc._jit import loaded_bytes, loading_time_s
 from dvc.config import CodecConfig
 from dvc.memory import peak_resident_bytes
 from dvc.slepian_wolf import CRC_BITS
-from dvc.stream import GopRecord, gop_bits
+from dvc.stream import GopRecord
 from dvc.video import Frame
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.transform import NUM_BANDS, band_shape
@@ -127,11 +127,10 @@ class EncoderStatistics:
 
     def add_group(self, frames: Sequence[EncodedFrame], record: GopRecord) -> None:
         """Count an encoded group of pictures."""
-        bits = gop_bits(record)
         self.num_key_frames += not record.without_key
         self.num_wyner_ziv_frames += len(frames)
-        self.key_bits += bits.key
-        self.tracks_bits += bits.tracks
+        self.key_bits += 8 * len(record.key)
+        self.tracks_bits += 8 * record.tracks_bytes
         for frame in frames:
             self.num_planes += frame.quantization.num_planes
             self.num_coded_bands += sum(map(bool, frame.quantization.planes[: frame.num_packed_bands]))

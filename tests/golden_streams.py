@@ -101,7 +101,7 @@ def source(golden: Golden, folder: Path) -> Path:
     """Write the clip that a golden stream was made from."""
     width, height = golden.size
     if golden.comes_back:
-        away = moving_texture(4 * golden.num_frames, height, width, (0.0, 13.0))[: golden.num_frames // 2 + 1]
+        away = moving_texture(4 * golden.num_frames, height, width, (0.0, 16.0))[: golden.num_frames // 2 + 1]
         frames: Sequence[Frame] = [*away, *away[-2::-1]]
     elif golden.method == "mci":
         frames = moving_texture(golden.num_frames, height, width)

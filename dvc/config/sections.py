@@ -96,6 +96,11 @@ class GopConfig(Section):
     # where the camera has come back; 0: none does.
     long_term_groups: int = 64
 
+    @property
+    def long_term_window(self) -> int:
+        """How many groups back a long-term reference may be; 0 where there are no P-type frames."""
+        return self.long_term_groups if self.p_type_distance else 0
+
     def _check_values(self) -> None:
         check_range("length", self.length, 1, MAX_GOP_LENGTH)
         check_choice("references", self.references, REFERENCES)

@@ -46,6 +46,11 @@ class GopRecord:
         """Whether its last frame is a Wyner-Ziv frame, too."""
         return len(self.wyner_ziv) == self.num_frames and not self.key
 
+    @property
+    def tracks_bytes(self) -> int:
+        """Size of the tracks, and of their matches in the long-term reference."""
+        return len(self.tracks) + (len(self.long_term.matches) if self.long_term else 0)
+
 
 @dataclass(frozen=True)
 class GopBits:
@@ -183,8 +188,7 @@ def gop_bits(record: GopRecord) -> GopBits:
     """
     prefixes = tuple(8 * len(encode_varint(len(payload))) for payload in record.wyner_ziv)
     payloads = tuple(8 * len(payload) for payload in record.wyner_ziv)
-    matches = b"" if record.long_term is None else record.long_term.matches
-    key, tracks = 8 * len(record.key), 8 * (len(record.tracks) + len(matches))
+    key, tracks = 8 * len(record.key), 8 * record.tracks_bytes
     total = 8 * framed_size(len(encode_gop(record)))
     header = total - key - tracks - sum(payloads) - sum(prefixes)
     return GopBits(header, key, tracks, payloads, prefixes)

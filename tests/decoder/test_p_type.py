@@ -7,14 +7,15 @@ import pytest
 
 from decoder.session import decode_stream, stream_tasks
 from decoder.tasks import DecodedGroup
-from dvc.config import CodecConfig, GopConfig, VideoConfig, codec_config
+from dvc.config import GopConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError
 from dvc.metrics import psnr_db
-from dvc.stream import GopRecord, StreamReader, StreamWriter
+from dvc.stream import Form, GopRecord, StreamReader
 from dvc.video import Frame
 from encoder import intra_decision
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
+from tests.streams import decoded, written
 
 NUM_FRAMES = 20
 CONFIG = codec_config(VideoConfig(96, 64, 25, 1), gop=GopConfig(4, "hierarchical", 2, 8))
@@ -36,11 +37,6 @@ def stream(frames: list[Frame]) -> bytes:
     return file.getvalue()
 
 
-def decoded(stream: bytes, jobs: int = 1, wanted: range | None = None) -> list[DecodedGroup]:
-    reader = StreamReader(io.BytesIO(stream))
-    return list(decode_stream(reader.config, reader, jobs, wanted))
-
-
 @pytest.fixture(scope="module")
 def groups(stream: bytes) -> list[DecodedGroup]:
     """Return what is decoded of it."""
@@ -54,14 +50,6 @@ def planes_of(groups: Sequence[DecodedGroup]) -> list[bytes]:
         for frame in group.frames
         for plane in (frame.luma, *(frame.chroma or ()))
     ]
-
-
-def written(config: CodecConfig, records: Sequence[GopRecord], form: str) -> bytes:
-    file = io.BytesIO()
-    with StreamWriter(file, config, form) as writer:
-        for record in records:
-            writer.write_gop(record)
-    return file.getvalue()
 
 
 def test_key_frames_come_when_the_period_is_over(groups: list[DecodedGroup]) -> None:
@@ -92,7 +80,7 @@ def test_chains_decode_alike_in_any_number_of_processes(
 def test_what_was_needed_decodes_to_the_same(stream: bytes, groups: list[DecodedGroup]) -> None:
     """The punctured form has the same frames, and is smaller."""
     config = StreamReader(io.BytesIO(stream)).config
-    punctured = written(config, [group.record for group in groups], "punctured")
+    punctured = written(config, [group.record for group in groups], Form.PUNCTURED)
     assert len(punctured) < len(stream)
     assert planes_of(decoded(punctured)) == planes_of(groups)
 
@@ -139,7 +127,7 @@ def test_key_frames_may_not_be_missing(stream: bytes, groups: list[DecodedGroup]
     reader = StreamReader(io.BytesIO(stream))
     config, records = reader.config, list(reader)
     with pytest.raises(BitstreamError, match="without a key frame where there can be none"):
-        decoded(written(config, [GopRecord(1, b"", b"", (b"x",))], "buffered"))
+        decoded(written(config, [GopRecord(1, b"", b"", (b"x",))], Form.BUFFERED))
     endless = [records[0], records[1], records[2], records[1]]
     with pytest.raises(BitstreamError, match="group of pictures 3: key frame: none since 12 frames"):
-        decoded(written(config, endless, "buffered"))
+        decoded(written(config, endless, Form.BUFFERED))

@@ -102,3 +102,12 @@ def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     for number, luma in enumerate((SEEN, OTHER, OTHER)):
         kept.add(number, luma, 100)
     assert kept.find(5, SEEN, 3, payload) is None
+
+
+def test_what_the_frame_before_has_need_not_be_found() -> None:
+    """A key frame that shows no more than that spares nothing."""
+    config = config_of()
+    kept = references(config)
+    kept.add(1, SEEN, 100)
+    assert kept.find(4, SEEN, 3, group(SEEN, config)[0]) is not None
+    assert kept.find(4, SEEN, 3, group(SEEN, config, is_new=False)[0]) is None
