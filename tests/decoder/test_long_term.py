@@ -58,7 +58,7 @@ def lumas(groups: Sequence[DecodedGroup]) -> dict[int, bytes]:
 
 
 def test_what_comes_back_needs_no_key_frame(frames: list[Frame], stream: bytes) -> None:
-    """On the way back groups name key frames of the way there: bits are worth more than what quality costs."""
+    """On the way back groups name key frames of the way there, which saves more than it costs."""
     groups = decoded(stream)
     named = [group.record.long_term for group in groups]
     assert not any(named[: NUM_AWAY // 4])
