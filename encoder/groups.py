@@ -20,6 +20,7 @@ class Group:
     # points of the previous key frame, followed to this one, and points of this one, followed back
     tracks: PointTracks | None = None
     points: FeaturePoints | None = None  # corners of the Wyner-Ziv frames
+    lost_share: float = 0.0  # of the points of the previous key frame, those that are not found in this one
 
 
 def groups(frames: Iterable[Frame], length: int) -> Iterator[Group]:
@@ -105,11 +106,9 @@ class _Window:
 
 
 def _closed(waiting: list[Frame], tracker: PointTracker) -> Group:
-    if len(waiting) == 1:
-        tracker.start(waiting[0].luma)
-        return Group((), waiting[0])
+    lost_share = tracker.lost_share
     tracks = tracker.close([frame.luma for frame in waiting])
-    return Group(tuple(waiting[:-1]), waiting[-1], tracks)
+    return Group(tuple(waiting[:-1]), waiting[-1], tracks, lost_share=lost_share)
 
 
 def _is_cut(tracker: PointTracker, rule: KeyFrameRule) -> bool:

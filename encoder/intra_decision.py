@@ -44,8 +44,10 @@ class KeyFrameSpacing:
         """Decide for the next group; `find` tells which share of its points a long-term reference has."""
         length = len(group.wyner_ziv) + 1
         spared = self._begun and self._num_frames + length <= self._gop.intra_period
-        if spared and group.tracks is not None:
-            shares = lost_shares(group.tracks, self._gop.p_type_distance)
+        if spared and group.tracks:
+            # Of points that the very next frame has lost there are no tracks.
+            alone = not group.wyner_ziv
+            shares = [group.lost_share] if alone else lost_shares(group.tracks, self._gop.p_type_distance)
             spared = self._is_cheap(shares) or self._is_cheap(shares, find())
         else:
             spared = False

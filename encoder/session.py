@@ -147,6 +147,8 @@ class EncoderSession:
         statistics, wyner_ziv = self.statistics, self._wyner_ziv_encoder
         tracks = self._encode_tracks(group)
         needs_key, long_term = self._decide(group, tracks)
+        if needs_key and not group.wyner_ziv:
+            tracks = b""  # nothing is predicted by them
         originals = group.wyner_ziv if needs_key else (*group.wyner_ziv, group.key)
         steps = self._steps(len(originals), 0 if needs_key else self.config.gop.p_type_distance)
         with statistics.timing("key_cpu_s"):

@@ -87,6 +87,17 @@ def test_a_cut_stands_between_two_key_frames() -> None:
     assert sizes_of(cut(SLOW[:1] + frames[5:], 8))[:2] == [1, 1]
 
 
+@pytest.mark.parametrize(("num_same", "is_predicted"), [(6, True), (5, False)], ids=["same", "other scene"])
+def test_a_last_frame_alone_is_predicted(num_same: int, is_predicted: bool) -> None:
+    """From the frame before it; in another scene it is a key frame, of which no tracks are sent."""
+    frames = SLOW[:num_same] + moving_texture(6 - num_same, 96, 128, seed=8)
+    session = EncoderSession(codec_config(VideoConfig(128, 96, 25, 1), gop={"length": 4}))
+    records = [session.encode(group).record for group in session.groups(frames)]
+    assert [record.num_frames for record in records] == [1, 4, 1]
+    assert records[-1].without_key is is_predicted
+    assert bool(records[-1].tracks) is is_predicted
+
+
 @pytest.mark.parametrize("choice", KEY_FRAME_CHOICES)
 def test_a_flashed_frame_is_a_key_frame(choice: str) -> None:
     """A frame that no track reaches is not predicted, and nothing is predicted across it."""

@@ -66,6 +66,16 @@ def test_what_changes_much_gets_a_key_frame(group: Group) -> None:
     assert not spacing.needs_key(group_of(4))
 
 
+@pytest.mark.parametrize("lost_share", [0.43, 0.44])
+def test_a_frame_alone_needs_a_key_frame_where_it_has_lost_as_much(lost_share: float) -> None:
+    """Its tracks are those that it has not lost; without any, nothing is known."""
+    spacing = KeyFrameSpacing(GOP)
+    spacing.needs_key(Group((), FRAME))
+    alone = Group((), FRAME, PointTracks(np.zeros((9, 2, 2))), lost_share=lost_share)
+    assert spacing.needs_key(alone) is (lost_share == 0.44)
+    assert spacing.needs_key(replace(alone, tracks=PointTracks.none(2)))
+
+
 @pytest.mark.parametrize(
     ("num_lost", "found_share", "needed"), [(4, 0.2, False), (4, 0.1, True), (3, 0.0, False)]
 )
