@@ -17,17 +17,18 @@ def _digest(paths: Iterable[Path]) -> str:
     return hashlib.sha256("".join(parts).encode()).hexdigest()[:16]
 
 
-def _codec(*options: object, frames: int = 9) -> Callable[[Path], str]:
-    """Code a rendered street, decode it, and digest both streams, all frames and the anchors' own code."""
+def _codec(*options: object, **num_frames: int) -> Callable[[Path], str]:
+    """Code rendered scenes, decode them, and digest both streams, all frames and the anchors' own code."""
 
     def _run(folder: Path) -> str:
-        video, stream, punctured = folder / "street.mkv", folder / "s.dvc", folder / "p.dvc"
-        run_module("sequences", "render", "street", "--size", _CODED_SIZE, "--frames", frames, "--out", video)
-        run_module("encoder", video, stream, *options, "--quiet")
-        files = [] if "--no-feedback" in options else ["--punctured", punctured]
-        run_module("decoder", stream, folder / "decoded.y4m", *files, "--quiet")
-        written = [path for path in (stream, punctured, folder / "decoded.y4m") if path.exists()]
-        return _digest([video, *written]) + anchors_digest()[:8]
+        for scene, frames in num_frames.items():
+            video, stream, punctured = (folder / f"{scene}{end}" for end in (".mkv", ".dvc", "-small.dvc"))
+            sizes = "--size", _CODED_SIZE, "--frames", frames
+            run_module("sequences", "render", scene, *sizes, "--out", video)
+            run_module("encoder", video, stream, *options, "--quiet")
+            files = [] if "--no-feedback" in options else ["--punctured", punctured]
+            run_module("decoder", stream, folder / f"{scene}.y4m", *files, "--quiet")
+        return _digest(folder.iterdir()) + anchors_digest()[:8]
 
     return _run
 
@@ -65,10 +66,11 @@ def _depth_map(folder: Path) -> str:
 
 
 CANARIES: dict[str, Callable[[Path], str]] = {
-    "default": _codec("--qp", 30, frames=25),  # a group of which has no key frame
-    "no-feedback": _codec("--qp", 30, "--no-feedback", frames=25),
-    "2d": _codec("--qp", 30, "--codec", "2d"),
-    "matrices": _codec("--wz-q", 3),
+    # Groups of street end with key frames; of stairway none does, and the last is a frame alone.
+    "default": _codec("--qp", 30, street=25, stairway=34),
+    "no-feedback": _codec("--qp", 30, "--no-feedback", street=25, stairway=25),
+    "2d": _codec("--qp", 30, "--codec", "2d", street=9),
+    "matrices": _codec("--wz-q", 3, street=9),
     "stereo": _stereo,
     "texture-depth": _texture_depth,
     "depth-map": _depth_map,
