@@ -181,21 +181,25 @@ def measure(clip: str, qp: int, num_frames: int, all_p_type: bool = False) -> di
 
 def _rows(stream: bytes, originals: Sequence[Luma]) -> Iterator[tuple[int, Row]]:
     recording = RecordingExtrapolation()
+    for frame in decoded_p_types(stream, recording):
+        original, sources = originals[frame.index], recording.sources.pop(frame.index)
+        predictions = (
+            sources.by_tracks,
+            frame.side_information,
+            frame.refined_side_information,
+            block_motion(original, sources.references, sources.starts),
+        )
+        yield frame.index, Row(*(psnr_db(original, one) for one in predictions))
+
+
+def decoded_p_types(stream: bytes, extrapolation: TrackedExtrapolation) -> Iterator[DecodedFrame]:
+    """Decode the P-type frames of a stream, and no others."""
     with (
-        mock.patch("decoder.group.TrackedExtrapolation", return_value=recording),
+        mock.patch("decoder.group.TrackedExtrapolation", return_value=extrapolation),
         mock.patch("decoder.group.levels", _p_type_levels),
         mock.patch.object(DecodedGroup, "of", _p_type_frames),
     ):
-        frames = chain.from_iterable(group.wyner_ziv for group in decoded_groups(stream))
-        for frame in frames:
-            original, sources = originals[frame.index], recording.sources.pop(frame.index)
-            predictions = (
-                sources.by_tracks,
-                frame.side_information,
-                frame.refined_side_information,
-                block_motion(original, sources.references, sources.starts),
-            )
-            yield frame.index, Row(*(psnr_db(original, one) for one in predictions))
+        yield from chain.from_iterable(group.wyner_ziv for group in decoded_groups(stream))
 
 
 def _p_type_levels(order: Sequence[tuple[int, Around]]) -> list[list[tuple[int, Around]]]:
