@@ -96,6 +96,7 @@ class RecordingExtrapolation(TrackedExtrapolation):
         long_term: LongTerm | None = None,
     ) -> Prediction:
         """Predict one frame."""
+        self.take(earlier, scene, instant)
         used = super().predict(earlier, points, first_index, instant, scene, long_term)
         alone = super().predict(earlier, points, first_index, instant)
         refiner = used.refiner
@@ -107,6 +108,9 @@ class RecordingExtrapolation(TrackedExtrapolation):
             tuple(offsets[::factor, ::factor].copy() for offsets in refiner.offsets),
         )
         return used
+
+    def take(self, earlier: Sequence[ReferenceFrame], scene: Scene | None, instant: int) -> None:
+        """Do what else is to be done with what a frame is predicted from; here, nothing."""
 
 
 def block_motion(original: Luma, references: Sequence[Luma], starts: Sequence[Offsets]) -> Luma:

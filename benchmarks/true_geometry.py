@@ -1,6 +1,6 @@
 """P-type frames by a scene that is known exactly: `python -m benchmarks.true_geometry [SCENE ...]`.
 
-Rendered scenes are coded with the default codec. Each P-type frame that a scene predicts is drawn once more
+Rendered scenes are coded with the default codec. Each P-type frame for which there is a scene is drawn once more
 from the same two decoded frames, with true depth and true cameras in place of those that the decoder found:
 that is as far as better maps alone can go. Beside it stands block motion that is found with the original, as
 in `benchmarks.p_type_prediction`.
@@ -20,8 +20,7 @@ from benchmarks.p_type_prediction import RecordingExtrapolation, block_motion, d
 from benchmarks.results.harness import SCENES
 from benchmarks.stages import coded, enter_baseline_environment
 from decoder.side_information.block_motion.compensation import Luma
-from decoder.side_information.extrapolation import LongTerm
-from decoder.side_information.protocol import Prediction, ReferenceFrame
+from decoder.side_information.protocol import ReferenceFrame
 from decoder.side_information.scene.extrapolated import LATER_SHARE, Scene
 from decoder.side_information.scene.synthesis import render_between
 from dvc import cli
@@ -30,7 +29,6 @@ from dvc.metrics import mean_psnr_db, psnr_db
 from dvc.multiview.cameras import PixelFrame
 from dvc.multiview.depth_maps import DepthView, checked_depth, discontinuities
 from dvc.multiview.warping import warp_matrix
-from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import create_video
 from dvc.wynerziv.transform import to_uint8
 from sequences.renderer import RenderedFrame
@@ -64,21 +62,12 @@ class TrueGeometry(RecordingExtrapolation):
         self._truth = truth
         self._decoded: dict[int, Luma] = {}
 
-    def predict(
-        self,
-        earlier: Sequence[ReferenceFrame],
-        points: PointTracks | FeaturePoints | None,
-        first_index: int,
-        instant: int,
-        scene: Scene | None = None,
-        long_term: LongTerm | None = None,
-    ) -> Prediction:
-        """Predict one frame."""
+    def take(self, earlier: Sequence[ReferenceFrame], scene: Scene | None, instant: int) -> None:
+        """Draw a frame that is predicted from a scene."""
         self._decoded |= {one.index: one.frame.luma for one in earlier}
         if scene is not None:
             shown = [self._index_of(frame.luma) for frame in scene.frames]
             self.drawn[instant] = to_uint8(draw(self._truth, self._decoded, (shown[0], shown[1]), instant))
-        return super().predict(earlier, points, first_index, instant, scene, long_term)
 
     def _index_of(self, luma: Luma) -> int:
         return next(k for k, decoded in self._decoded.items() if np.array_equal(decoded, luma))
