@@ -1,9 +1,9 @@
 """P-type frames by a scene that is known exactly: `python -m benchmarks.true_geometry [SCENE ...]`.
 
-Rendered scenes are coded with the default codec. Each P-type frame for which there is a scene is drawn once more
-from the same two decoded frames, with true depth and true cameras in place of those that the decoder found:
-that is as far as better maps alone can go. Beside it stands block motion that is found with the original, as
-in `benchmarks.p_type_prediction`.
+Rendered scenes are coded with the default codec. Each P-type frame for which there is a scene is drawn once
+more from the same two decoded frames, with true depth and true cameras in place of those that the decoder
+found: that is as far as better maps alone can go. Beside it stands block motion that is found with the
+original, as in `benchmarks.p_type_prediction`.
 """
 
 import sys
