@@ -134,9 +134,12 @@ def _parser() -> cli.ArgumentParser:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Measure scenes, and print a table."""
-    arguments = _parser().parse_intermixed_args(words)
+    parser = _parser()
+    arguments = parser.parse_intermixed_args(words)
     found: dict[str, dict[int, Row]] = {}
     scenes = arguments.scenes or SCENES
+    if unknown := [name for name in scenes if name not in SCENES]:
+        parser.error(f"there are no scenes {', '.join(unknown)}, but {', '.join(SCENES)}")
     with cli.progress_bar("scenes", len(scenes)) as progress:
         for name in scenes:
             found[name] = measure(RenderedSequence(name, num_frames=arguments.frames), arguments.qp)

@@ -106,7 +106,7 @@ class _Window:
 
 
 def _closed(waiting: list[Frame], tracker: PointTracker) -> Group:
-    lost_share = tracker.lost_share
+    lost_share = tracker.lost_share_at(len(waiting))
     tracks = tracker.close([frame.luma for frame in waiting])
     return Group(tuple(waiting[:-1]), waiting[-1], tracks, lost_share=lost_share)
 

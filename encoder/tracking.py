@@ -97,6 +97,11 @@ class PointTracker:
         matching = self._matching
         return 1.0 - matching.num_alive / len(matching.alive) if len(matching.alive) else 0.0
 
+    def lost_share_at(self, instant: int) -> float:
+        """Return which share of the points of the key frame is not found at an instant after it."""
+        found = np.isfinite(self._matching.path[instant][:, 0])
+        return 1.0 - float(found.mean()) if found.size else 0.0
+
     @property
     def last_lost_share(self) -> float:
         """Share of the points of the last frame but one that were lost in the last; 0 if there were none."""

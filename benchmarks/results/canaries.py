@@ -66,7 +66,7 @@ def _depth_map(folder: Path) -> str:
 
 
 CANARIES: dict[str, Callable[[Path], str]] = {
-    # Groups of street end with key frames; of stairway none does, and the last is a frame alone.
+    # By default groups of street end with key frames; of stairway none does, and the last is a frame alone.
     "default": _codec("--qp", 30, street=25, stairway=34),
     "no-feedback": _codec("--qp", 30, "--no-feedback", street=25, stairway=25),
     "2d": _codec("--qp", 30, "--codec", "2d", street=9),

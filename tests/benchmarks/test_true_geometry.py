@@ -38,8 +38,8 @@ def test_a_run_draws_p_type_frames_once_more(monkeypatch: pytest.MonkeyPatch) ->
     assert rows[16].block_motion > rows[16].used
 
 
-def test_options_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    """A scene that does not exist is named in one line."""
+def test_a_scene_that_does_not_exist_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    """In one line, with those that there are."""
     with pytest.raises(SystemExit):
-        true_geometry.main(["--frames", "1"])
-    assert "--frames" in capsys.readouterr().err
+        true_geometry.main(["street", "moon"])
+    assert "no scenes moon, but street" in capsys.readouterr().err

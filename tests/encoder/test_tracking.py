@@ -202,3 +202,15 @@ def test_odd_frames_close_a_group(name: str) -> None:
         tracks = tracker.close([other, last])
         assert tracks.num_instants == 3
         assert np.isfinite(tracks.backward[:, -2:]).all()
+
+
+def test_points_lost_at_an_instant_are_told_later() -> None:
+    """As they were when it was the last one."""
+    first, *others = moving_texture(6, 64, 96, (0.0, 6.0))
+    tracker, lost = PointTracker(30), []
+    tracker.start(first.luma)
+    for frame in others:
+        tracker.step(frame.luma)
+        lost.append(tracker.lost_share)
+    assert lost[-1] > lost[0]
+    assert [tracker.lost_share_at(instant) for instant in range(1, 6)] == pytest.approx(lost)
