@@ -1,10 +1,11 @@
 """Priors of bit planes that learn from those decoded before: corrected LLRs, and neighbours that tell more.
 
 The correlation noise is neither exactly Laplacian nor independent from block to block. The LLR of a bit is
-corrected by a few terms with weights: what the Laplacian says, the same but saturating, and by how much
-neighbouring blocks are off their prediction. While a plane is decoded, errors of the neighbours in this very
-plane tell more; how much is learned as well, from planes whose bits are all known. Both are logistic
-regressions whose weights start from those of usual frames, and follow what was decoded.
+corrected by a few terms with weights: what the Laplacian says, the same but saturating, by how much blocks
+around are off their prediction, and what wider noise would change where errors, predictions and scales are
+larger than usual. While a plane is decoded, errors of the neighbours in this very plane tell more; how much
+is learned as well, from planes whose bits are all known. Both are logistic regressions whose weights start
+from those of usual frames (`benchmarks.searches.priors` finds them), and follow what was decoded.
 """
 
 from collections.abc import Sequence
@@ -29,11 +30,17 @@ SHIFT = 0.5
 """Shift of the prediction, in scales, by which the slope of an LLR is measured, both ways."""
 WIDENING = 1.3
 """Factor on the scale by which it is measured what that changes, both ways."""
+WIDE = 7
+"""Side of the square of blocks around one whose errors tell of its own."""
+MAX_SHIFT = 3.0
+"""Bound on the mean error of these, in scales."""
+LEAST_ERROR, LEAST_MAGNITUDE = 0.1, 2.0
+"""Added to errors, in scales, and to magnitudes of predictions, before they are compared with their means."""
 STEPS = 2
 """Newton steps for every plane."""
-MEMORY = 0.9
+MEMORY = 0.95
 """Share of what is known of the weights that is kept from plane to plane."""
-PRECISION = 1000.0
+PRECISION = 3000.0
 """Precision of each weight before anything is decoded."""
 
 
@@ -70,8 +77,9 @@ class _Weights:
 
 
 def _alone(*values: float) -> _Weights:
-    """Weights of the LLR, of the LLR saturating, and of both kinds of shifts of neighbours."""
-    return _Weights.of(*values, least=(0.3, -4.0, -2.0, -1.0), most=(2.5, 2.5, 3.0, 1.5))
+    """Weights of the terms of `_Laplacian.terms`."""
+    least, most = (0.3, -4.0, -2.0, -1.0, -2.0), (2.5, 2.5, 3.0, 1.5, 2.0)
+    return _Weights.of(*values, least=(*least, *5 * (-3.0,)), most=(*most, *5 * (3.0,)))
 
 
 def _coupled(*values: float) -> _Weights:
@@ -89,17 +97,63 @@ class PlanePrior:
     inputs: Array  # terms of the LLR
 
 
+@dataclass(frozen=True)
+class _Laplacian:
+    """What the noise model alone says of a plane."""
+
+    llr: Array
+    slope: Array  # by how much LLRs change where the prediction is shifted
+    widening: Array  # and where scales grow
+    error: Array  # expected of the prediction, by the planes before
+
+    @classmethod
+    def of(cls, borders: tuple[Array, Array, Array], predicted: Array, scale: Array) -> "_Laplacian":
+        def llr(predicted: Array, scale: Array) -> Array:
+            return _bounded(noise.bit_llr(*borders, predicted, scale))
+
+        return cls(
+            llr(predicted, scale),
+            (llr(predicted + SHIFT * scale, scale) - llr(predicted - SHIFT * scale, scale))
+            / (2.0 * SHIFT * scale),
+            llr(predicted, scale * WIDENING) - llr(predicted, scale / WIDENING),
+            noise.conditional_mean(borders[0], borders[2], predicted, scale) - predicted,
+        )
+
+    def terms(self, predicted: Array, scale: Array, ramp: Array) -> Array:
+        """Return the terms of the LLR, one a row."""
+        error, scales = self.error.reshape(ramp.shape), scale.reshape(ramp.shape)
+        wide = uniform_filter(np.stack([error, np.abs(error)]), (1, WIDE, WIDE), mode="nearest")
+        shift, spread = wide.reshape(2, -1)
+        around = uniform_filter(scales, 3, mode="nearest").ravel()
+        return _bounded(
+            np.stack(
+                [
+                    self.llr,
+                    self.llr / (1.0 + np.abs(self.llr)),
+                    self.slope * _neighbours(error).ravel(),
+                    self.slope * ramp.ravel(),
+                    self.slope * np.clip(shift, -MAX_SHIFT * scale, MAX_SHIFT * scale),
+                    self.widening,
+                    self.widening * _excess(spread / scale + LEAST_ERROR),
+                    self.widening * _excess(np.abs(predicted) + LEAST_MAGNITUDE),
+                    self.widening * _excess(scale),
+                    self.widening * (2.0 * (around - scale) / (around + scale)),
+                ]
+            )
+        )
+
+
 class LearnedPriors:
     """Priors of the planes of a group of pictures, one after the other as they are decoded."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._shape = shape
         self._alone = [
-            _alone(1.0, 0.0, 0.55, 0.0),
-            _alone(1.0, 0.0, 0.55, 0.0),
-            _alone(1.12, -0.6, -0.1, 0.15),
-            _alone(1.15, -0.9, -0.1, 0.05),
-            _alone(1.2, -1.2, -0.1, 0.05),
+            _alone(0.8, 0.58, -0.11, 0.0, -0.02, 0.24, 0.98, 0.03, -0.22, 0.55),
+            _alone(0.77, 0.08, 0.35, 0.0, 0.3, -0.28, 0.61, 0.06, -0.5, -0.63),
+            _alone(1.07, 0.2, -0.13, 0.13, 0.18, 0.54, 0.25, -0.02, -0.07, -0.3),
+            _alone(1.1, -0.17, -0.12, -0.01, -0.27, 0.23, 0.33, 0.11, -0.14, -0.38),
+            _alone(1.07, 0.37, -0.16, 0.08, -0.17, 0.3, -0.05, 0.46, -0.2, -0.35),
         ]
         self._coupled = [
             _coupled(0.33, 0.0, 0.05),
@@ -133,15 +187,11 @@ class LearnedPriors:
         band, number = position[0], _class_of(*position)
         lower, middle, upper = borders
         shape = self._shape
-        llr = _bounded(noise.bit_llr(lower, middle, upper, side_information, scale))
-        slope = _slope(borders, side_information, scale)
-        error = noise.conditional_mean(lower, upper, side_information, scale) - side_information
-        around = slope * _neighbours(error.reshape(shape)).ravel()
-        ramp = np.zeros_like(llr) if dc_error is None else slope * _ramp(dc_error, band).ravel()
-        inputs = _bounded(np.stack([llr, llr / (1.0 + np.abs(llr)), around, ramp]))
-        weights = self._alone[number].values
-        corrected = np.zeros_like(llr)
-        for weight, term in zip(weights, inputs, strict=True):
+        laplacian = _Laplacian.of(borders, side_information, scale)
+        ramp = np.zeros(shape) if dc_error is None else _ramp(dc_error, band)
+        inputs = laplacian.terms(side_information, scale, ramp)
+        corrected = np.zeros_like(laplacian.llr)
+        for weight, term in zip(self._alone[number].values, inputs, strict=True):
             corrected += weight * term
         jump = noise.conditional_mean(middle, upper, side_information, scale)
         jump -= noise.conditional_mean(lower, middle, side_information, scale)
@@ -151,9 +201,9 @@ class LearnedPriors:
         coupling = NeighbourCoupling(
             corrected.reshape(shape),
             jump.reshape(shape),
-            slope.reshape(shape),
+            laplacian.slope.reshape(shape),
             ((jump / scale) ** 2).reshape(shape),
-            _widening(borders, side_information, scale).reshape(shape),
+            laplacian.widening.reshape(shape),
             np.array([along if horizontal else across, along if vertical else across, spread]),
         )
         return PlanePrior(corrected, coupling, position, inputs)
@@ -177,23 +227,17 @@ def _bounded(term: Array) -> Array:
     return clipped
 
 
+def _excess(values: Array) -> Array:
+    """Compare with the mean: about the logarithm of the ratio, and at most 2."""
+    mean = float(values.mean())
+    ratio: Array = 2.0 * (values - mean) / (values + mean)
+    return ratio
+
+
 def _orientation(band: int) -> tuple[bool, bool]:
     """Say whether neighbours above and below, and those at the sides, lie along the edges of a band."""
     vertical, horizontal = divmod(ZIGZAG[band], 4)
     return horizontal >= vertical, vertical >= horizontal
-
-
-def _slope(borders: tuple[Array, Array, Array], side_information: Array, scale: Array) -> Array:
-    """Return by how much LLRs change where the prediction is shifted."""
-    above = _bounded(noise.bit_llr(*borders, side_information + SHIFT * scale, scale))
-    below = _bounded(noise.bit_llr(*borders, side_information - SHIFT * scale, scale))
-    return (above - below) / (2.0 * SHIFT * scale)
-
-
-def _widening(borders: tuple[Array, Array, Array], side_information: Array, scale: Array) -> Array:
-    """Return by how much LLRs change where scales grow."""
-    wide = _bounded(noise.bit_llr(*borders, side_information, scale * WIDENING))
-    return wide - _bounded(noise.bit_llr(*borders, side_information, scale / WIDENING))
 
 
 def _neighbours(plane: Array) -> Array:

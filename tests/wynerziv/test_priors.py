@@ -97,6 +97,17 @@ def test_ramps_of_dc_errors_tell_first_frequencies() -> None:
         assert np.mean(found - plain) < -0.1 if moved else np.array_equal(found, plain)
 
 
+def test_errors_around_make_bits_less_sure() -> None:
+    """Beside blocks whose predictions were wrong, some too high and some too low, LLRs are smaller."""
+    predicted = np.full(SHAPE, 50.0)
+    predicted[::2, :22], predicted[1::2, :22] = 68.0, 20.0  # outside the interval, equally far
+    borders = (np.full(predicted.size, 32.0), np.full(predicted.size, 48.0), np.full(predicted.size, 56.0))
+    scale = np.full(predicted.size, 4.0)
+    llr = LearnedPriors(SHAPE).plane((0, 1), borders, predicted.ravel(), scale, None).llr.reshape(SHAPE)
+    beside, far = np.abs(llr[4:-4, 23]), np.abs(llr[4:-4, 30])
+    assert beside.mean() < 0.95 * far.mean()
+
+
 @pytest.mark.parametrize("width", [0.0, 1e-9, 1e6])
 def test_planes_of_any_kind_give_numbers(width: float) -> None:
     """Bins without width, or far away from the prediction, and bits that nobody expects, are borne."""

@@ -1,0 +1,109 @@
+"""Weights that priors of bit planes begin with.
+
+``python -m benchmarks.searches.priors [CLIP ...] --qp 32 --frames 33`` codes clips with the default codec and
+decodes them; of each plane the terms of the LLRs and the bits are kept, for some of its coefficients. The
+command prints, for each class of planes, the weights of a logistic regression over all clips, which weigh the
+same, and by how much weights that are found without a clip change its code length, over that by the priors
+that learn. The weights in `dvc.wynerziv.priors` were found on the nine clips of the results at QP 32.
+"""
+
+import argparse
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from benchmarks.results.harness import CLIPS
+from benchmarks.stages import coded, decoded
+from dvc.wynerziv import priors
+
+Array = NDArray[np.float64]
+EVERY = 16
+"""Of so many coefficients of a plane one is kept."""
+RIDGE = 3.0
+"""Precision of weights around those of the Laplacian alone."""
+
+
+class Samples(list[tuple[Array, Array, Array]]):
+    """Terms (K, N), LLRs (N,) that were used, and bits (N,) of the planes of one class."""
+
+    def together(self) -> tuple[Array, Array, Array]:
+        """Join them."""
+        terms, llrs, bits = zip(*self, strict=True)
+        return np.concatenate(terms, axis=1), np.concatenate(llrs), np.concatenate(bits)
+
+
+def met(stream: bytes) -> dict[int, Samples]:
+    """Decode a stream; return what was known of its planes, by class."""
+    found: dict[int, Samples] = defaultdict(Samples)
+    usual = priors.LearnedPriors.learn
+
+    def noted(self, prior, bits):  # type: ignore[no-untyped-def]
+        kept = slice(len(found) % EVERY, None, EVERY)
+        number = priors._class_of(*prior.position)
+        found[number].append((prior.inputs[:, kept], prior.llr[kept], bits[kept].astype(np.float64)))
+        usual(self, prior, bits)
+
+    priors.LearnedPriors.learn = noted  # type: ignore[method-assign]
+    try:
+        decoded(stream)
+    finally:
+        priors.LearnedPriors.learn = usual  # type: ignore[method-assign]
+    return found
+
+
+def code_length(llr: Array, bits: Array) -> float:
+    """Return the ideal code length in bits."""
+    return float(np.logaddexp(0.0, np.where(bits == 1, llr, -llr)).sum() / np.log(2.0))
+
+
+def fitted(clips: Sequence[tuple[Array, Array, Array]]) -> Array:
+    """Fit weights to several clips, each of which counts the same."""
+    count = min(bits.size for _, _, bits in clips)
+    rng = np.random.default_rng(0)
+    picked = [rng.permutation(bits.size)[:count] for _, _, bits in clips]
+    inputs = np.concatenate([terms[:, own] for (terms, _, _), own in zip(clips, picked, strict=True)], axis=1)
+    bits = np.concatenate([bits[own] for (_, _, bits), own in zip(clips, picked, strict=True)])
+    start = np.eye(1, len(inputs)).ravel()
+
+    def cost(weights: Array) -> tuple[float, Array]:
+        llr = weights @ inputs
+        value = np.logaddexp(0.0, np.where(bits == 1, llr, -llr)).sum()
+        slope = inputs @ (1.0 / (1.0 + np.exp(-llr)) - (1.0 - bits))
+        change = weights - start
+        return float(value + RIDGE * change @ change), slope + 2.0 * RIDGE * change
+
+    found: Array = minimize(cost, start, jac=True, method="L-BFGS-B").x
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command."""
+    parser = argparse.ArgumentParser("python -m benchmarks.searches.priors", description=__doc__)
+    parser.add_argument("clips", nargs="*", default=list(CLIPS), metavar="CLIP")
+    parser.add_argument("--qp", type=int, nargs="+", default=[32])
+    parser.add_argument("--frames", type=int, default=33)
+    parser.add_argument("--out", type=Path, default=Path("out/priors"), help="folder of streams")
+    parsed = parser.parse_args(arguments)
+    parsed.out.mkdir(parents=True, exist_ok=True)
+    planes: dict[str, dict[int, Samples]] = {}
+    for clip in parsed.clips:
+        own = planes[clip] = defaultdict(Samples)
+        for qp in parsed.qp:
+            for number, samples in met(coded(clip, qp, parsed.frames, parsed.out)).items():
+                own[number].extend(samples)
+    for number in sorted({number for own in planes.values() for number in own}):
+        joined = {clip: own[number].together() for clip, own in planes.items() if number in own}
+        weights = fitted(list(joined.values()))
+        print(f"class {number}:", ", ".join(f"{weight:.2f}" for weight in weights))
+        for clip, (terms, llr, bits) in joined.items():
+            others = [own for other, own in joined.items() if other != clip] or [joined[clip]]
+            change = code_length(fitted(others) @ terms, bits) / code_length(llr, bits)
+            print(f"  {clip:10} {100.0 * (change - 1.0):+5.1f} %")
+
+
+if __name__ == "__main__":
+    main()
