@@ -38,8 +38,9 @@ class CornerSettings:
             raise ValueError(f"the response to a corner must be at least 0, got {self.min_response}")
 
 
-TRACKED_CORNERS = CornerSettings(grid_px=4, window_px=3)
-"""Corners to be tracked: on a grid, for the sake of their cost, because any place nearby tracks as well."""
+TRACKED_CORNERS = CornerSettings(grid_px=4, window_px=3, min_distance=0.65)
+"""Corners to be tracked: on a grid, for the sake of their cost, because any place nearby tracks as well; and
+far from one another, so that no part of the scene has nearly all of them."""
 
 
 def find_corners(

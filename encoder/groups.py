@@ -3,12 +3,17 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dvc.config import KeyFrameRule
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from encoder.corners import CornerDetector
 from encoder.gop_segmentation import first_length, group_costs
 from encoder.tracking import PointTracker
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -20,7 +25,8 @@ class Group:
     # points of the previous key frame, followed to this one, and points of this one, followed back
     tracks: PointTracks | None = None
     points: FeaturePoints | None = None  # corners of the Wyner-Ziv frames
-    lost_share: float = 0.0  # of the points of the previous key frame, those that are not found in this one
+    # points of the previous key frame in each frame up to this one (N, T, 2), nan once they are lost
+    path: Floats | None = None
 
 
 def groups(frames: Iterable[Frame], length: int) -> Iterator[Group]:
@@ -106,9 +112,9 @@ class _Window:
 
 
 def _closed(waiting: list[Frame], tracker: PointTracker) -> Group:
-    lost_share = tracker.lost_share_at(len(waiting))
+    path = tracker.path(len(waiting) + 1)
     tracks = tracker.close([frame.luma for frame in waiting])
-    return Group(tuple(waiting[:-1]), waiting[-1], tracks, lost_share=lost_share)
+    return Group(tuple(waiting[:-1]), waiting[-1], tracks, path=path)
 
 
 def _is_cut(tracker: PointTracker, rule: KeyFrameRule) -> bool:

@@ -9,26 +9,47 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc.config import GopConfig
-from dvc.tracks import PointTracks
 from dvc.wynerziv.hierarchy import p_type_instants
-from encoder.groups import Group
+from encoder.groups import Floats, Group
 
-MAX_LOST_SHARE = 0.43
-"""Of the points, that may be lost on the way to the P-type frames of a group, one after the other: chosen on
-nine clips at QP 32, five of them at 26 or 38 as well; `benchmarks.searches.lost_points` searches for it."""
+MAX_LOST_SHARE = 0.53
+"""Of the points, that may be lost on the way to the P-type frames of a group, one after the other."""
+LEAVING_WEIGHT = 0.18
+"""What a point counts that has left the picture, in points that are lost inside it. Both were chosen on nine
+clips at QP 32, five of them at 26 or 38 as well; `benchmarks.searches.lost_points` searches for them."""
+BORDER_PX = 6.0
+"""From the border of the frame, within which a point that is lost has left it."""
+BORDER_FRAMES = 1.5
+"""Frames in which a point that goes on as before comes as near to the border."""
 MAX_ESTIMATED_LOST_SHARE = 0.08
 """The same to any one P-type frame where rates are estimated: what is harder to predict is too often sent
 less than it needs, and all until the next key frame rests on it. Chosen on box, desk, river and statue."""
 
 
-def lost_shares(tracks: PointTracks, p_type_distance: int) -> list[float]:
-    """Return which share of the points is lost on the way to each P-type frame from the one before."""
-    instants = [0, *p_type_instants(0, tracks.num_instants - 1, p_type_distance)]
-    seen = np.asarray(np.isfinite(tracks.positions).all(axis=-1))
-    counts = [(seen[:, k].sum(), (seen[:, k] & ~seen[:, n]).sum()) for k, n in pairwise(instants)]
-    return [float(num_lost / num_seen) if num_seen else 1.0 for num_seen, num_lost in counts]
+def lost_shares(
+    path: Floats, size: tuple[int, int], p_type_distance: int, leaving_weight: float = LEAVING_WEIGHT
+) -> list[float]:
+    """Return which share of the points is lost on the way to each P-type frame from the one before.
+
+    `path` (N, T, 2) tells where points are in each frame, of `size` (width, height); nan once they are lost.
+    """
+    known = np.isfinite(path[:, :, 0])
+    weights = np.where(_leave(path, known, size), leaving_weight, 1.0)
+    instants = [0, *p_type_instants(0, path.shape[1] - 1, p_type_distance)]
+    counts = [(known[:, k].sum(), weights @ (known[:, k] & ~known[:, n])) for k, n in pairwise(instants)]
+    return [float(lost / num_known) if num_known else 1.0 for num_known, lost in counts]
+
+
+def _leave(path: Floats, known: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Tell which points are last seen where their motion takes them out of the frame."""
+    number, last = np.arange(len(path)), known.sum(axis=1) - 1
+    place, before = path[number, last], path[number, np.maximum(last - 1, 0)]
+    margin = BORDER_PX + BORDER_FRAMES * np.abs(place - before)
+    leave: NDArray[np.bool_] = ((place < margin) | (place > np.array(size) - 1 - margin)).any(axis=1)
+    return leave
 
 
 class KeyFrameSpacing:
@@ -44,10 +65,8 @@ class KeyFrameSpacing:
         """Decide for the next group; `find` tells which share of its points a long-term reference has."""
         length = len(group.wyner_ziv) + 1
         spared = self._begun and self._num_frames + length <= self._gop.intra_period
-        if spared and group.tracks:
-            # Of points that the very next frame has lost there are no tracks.
-            alone = not group.wyner_ziv
-            shares = [group.lost_share] if alone else lost_shares(group.tracks, self._gop.p_type_distance)
+        if spared and group.tracks and group.path is not None:
+            shares = lost_shares(group.path, (group.key.width, group.key.height), self._gop.p_type_distance)
             spared = self._is_cheap(shares) or self._is_cheap(shares, find())
         else:
             spared = False

@@ -97,11 +97,6 @@ class PointTracker:
         matching = self._matching
         return 1.0 - matching.num_alive / len(matching.alive) if len(matching.alive) else 0.0
 
-    def lost_share_at(self, instant: int) -> float:
-        """Return which share of the points of the key frame is not found at an instant after it."""
-        found = np.isfinite(self._matching.path[instant][:, 0])
-        return 1.0 - float(found.mean()) if found.size else 0.0
-
     @property
     def last_lost_share(self) -> float:
         """Share of the points of the last frame but one that were lost in the last; 0 if there were none."""
@@ -114,8 +109,12 @@ class PointTracker:
 
     def tracks(self, num_instants: int) -> PointTracks:
         """Return the tracks up to an instant."""
-        positions = np.stack(self._matching.path[:num_instants], axis=1)
+        positions = self.path(num_instants)
         return PointTracks(positions[np.isfinite(positions[:, 1, 0])])
+
+    def path(self, num_instants: int) -> Floats:
+        """Return where the points of the key frame are, up to an instant; nan once they are lost."""
+        return np.stack(self._matching.path[:num_instants], axis=1)
 
     def _new_tracks(self, forward: PointTracks, frames: Sequence[Plane]) -> Floats:
         """Follow points of the last frame back in time, where no track comes near."""

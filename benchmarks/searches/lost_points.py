@@ -3,8 +3,9 @@
 ``python -m benchmarks.searches.lost_points CLIP... --qp 26 32 38 --frames 33`` codes clips whose groups all
 end with a key frame, and clips with as few as may be, and decodes them. What a group costs more than with its
 key frame are bits, and squared error at the Lagrange multiplier of the stream, in bits of the key frame. The
-command prints the `MAX_LOST_SHARE` of `encoder.intra_decision` that saves most, clips weighing the same, and
-what each clip saves by the one in use, by the best for all others, and at best.
+command prints, for several weights of points that leave the picture, the `MAX_LOST_SHARE` of
+`encoder.intra_decision` that saves most, clips weighing the same; and what each clip saves by the values in
+use, by the best share for all others, and at best.
 """
 
 import argparse
@@ -24,7 +25,10 @@ from dvc.stream import StreamReader, StreamWriter
 from dvc.video import Frame, open_video
 from encoder import intra_decision, options
 from encoder.groups import Group
-from encoder.intra_decision import MAX_LOST_SHARE, lost_shares
+from encoder.intra_decision import LEAVING_WEIGHT, MAX_LOST_SHARE, lost_shares
+
+WEIGHTS = (0.0, 0.1, LEAVING_WEIGHT, 0.3, 0.5, 1.0)
+"""Of points that leave the picture."""
 
 
 class Ending(NamedTuple):
@@ -76,13 +80,15 @@ def squared_error(originals: Sequence[Frame], frames: Sequence[Frame]) -> float:
     return sum(float(np.square(np.subtract(a.luma, b.luma, dtype=np.float64)).sum()) for a, b in pairs)
 
 
-def endings(clip: str, qp: int, num_frames: int) -> Iterator[Ending]:
-    """Compare groups that P-type frames end with those that key frames do."""
+def endings(clip: str, qp: int, num_frames: int) -> Iterator[tuple[Ending, ...]]:
+    """Compare groups that P-type frames end with those that key frames do; one for each of the weights."""
     with_keys, without = (coded_groups(clip, qp, num_frames, share) for share in (-1.0, math.inf))
     for keyed, ended in zip(with_keys, without, strict=True):
-        if ended.group.tracks is not None and not ended.key_bits:
-            lost_share = sum(lost_shares(ended.group.tracks, P_TYPE_DISTANCE))
-            yield Ending(clip, lost_share, (ended.bits - keyed.bits) / keyed.key_bits)
+        path, key = ended.group.path, ended.group.key
+        if path is not None and not ended.key_bits:
+            size, cost = (key.width, key.height), (ended.bits - keyed.bits) / keyed.key_bits
+            shares = [sum(lost_shares(path, size, P_TYPE_DISTANCE, weight)) for weight in WEIGHTS]
+            yield tuple(Ending(clip, share, cost) for share in shares)
 
 
 def saved(found: Sequence[Ending], max_lost_share: float) -> float:
@@ -106,11 +112,16 @@ def main() -> None:
     parser.add_argument("--qp", nargs="+", type=int, default=[32])
     parser.add_argument("--frames", type=int, default=33)
     arguments = parser.parse_args()
-    found: list[Ending] = []
+    groups: list[tuple[Ending, ...]] = []
     for clip in arguments.clips:
         for qp in arguments.qp:
-            found += endings(clip, qp, arguments.frames)
-    print(f"most is saved by {best_share(found):.2f}; {MAX_LOST_SHARE} in use; key frames saved a group:")
+            groups += endings(clip, qp, arguments.frames)
+    by_weight = dict(zip(WEIGHTS, zip(*groups, strict=True), strict=True))
+    for weight, weighted in by_weight.items():
+        best = best_share(weighted)
+        print(f"points that leave count {weight}: {best:.2f} saves most, {saved(weighted, best):.3f}")
+    found = by_weight[LEAVING_WEIGHT]
+    print(f"{LEAVING_WEIGHT} and {MAX_LOST_SHARE} in use; key frames saved a group:")
     for clip in arguments.clips:
         own = [one for one in found if one.clip == clip]
         others = [one for one in found if one.clip != clip] or own

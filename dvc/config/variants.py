@@ -134,10 +134,10 @@ VARIANTS = {
         side_information=_DEPTH,
         tracks=TracksConfig("encoder", subpixel_bits=1),  # half pixels save more than they cost
         references="hierarchical",
-        usual_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.6, hierarchical=True)),
+        usual_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.68, hierarchical=True)),
         groups_of_keys=GroupPreset(8),
         groups_of_estimated_rate=GroupPreset(
-            16, KeyFrameRule(longest_track_px=40.0, lost_share=0.4, hierarchical=True)
+            16, KeyFrameRule(longest_track_px=40.0, lost_share=0.5, hierarchical=True)
         ),
     ),
 }

@@ -12,33 +12,50 @@ from dvc.video import Frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder import intra_decision
 from encoder.groups import Group
-from encoder.intra_decision import MAX_ESTIMATED_LOST_SHARE, KeyFrameSpacing, lost_shares
+from encoder.intra_decision import LEAVING_WEIGHT, MAX_ESTIMATED_LOST_SHARE, KeyFrameSpacing, lost_shares
 from encoder.session import EncodedGroup, EncoderSession
 from tests.clips import moving_texture
 
 FRAME = Frame(np.zeros((16, 16), np.uint8), None)
+SIZE = 16, 16
 GOP = GopConfig(4, "hierarchical", p_type_distance=2, intra_period=10)
 
 
 def group_of(length: int, num_lost: int = 0, num_points: int = 8) -> Group:
     """Return a group some of whose points are lost after its first frame."""
-    positions = np.zeros((num_points, length + 1, 2))
-    positions[:num_lost, 2:] = np.nan
-    return Group((FRAME,) * (length - 1), FRAME, PointTracks(positions))
+    positions = np.full((num_points, length + 1, 2), 8.0)
+    tracks = PointTracks(positions.copy())
+    positions[:num_lost, min(2, length) :] = np.nan
+    return Group((FRAME,) * (length - 1), FRAME, tracks, path=positions)
 
 
 def test_shares_are_of_the_points_that_were_there() -> None:
     """Of eight points four reach the first P-type frame, and one of these the second."""
-    positions = np.zeros((8, 5, 2))
-    positions[:4, 1:] = np.nan
-    positions[:7, 3:] = np.nan
-    assert lost_shares(PointTracks(positions), 2) == [0.5, 0.75]
-    assert lost_shares(PointTracks(positions), 4) == [0.875]
-    assert lost_shares(PointTracks(np.full((8, 5, 2), np.nan)), 4) == [1.0]
+    path = np.full((8, 5, 2), 8.0)
+    path[:4, 1:] = np.nan
+    path[:7, 3:] = np.nan
+    assert lost_shares(path, SIZE, 2) == [0.5, 0.75]
+    assert lost_shares(path, SIZE, 4) == [0.875]
+    assert lost_shares(path[:0], SIZE, 4) == [1.0]
+
+
+def test_points_that_leave_the_picture_count_less() -> None:
+    """By their motion, or at its border; those that move as fast along it are lost."""
+    path = np.full((4, 4, 2), 8.0)
+    path[0, :, 0] = 30.0, 24.0, 18.0, 12.0
+    path[1, :, 1] = 30.0, 24.0, 18.0, 12.0
+    path[2, :, 0] = 58.0
+    path[3, :, 0] = 12.0, 18.0, 24.0, 30.0
+    path[:, 3] = np.nan
+    path[:, :, 1] += 20.0
+    shares = [lost_shares(path[[k]], (64, 64), 4)[0] for k in range(4)]
+    assert shares == [1.0, 1.0, LEAVING_WEIGHT, 1.0]
+    path[0, 2, 0] = 14.0
+    assert lost_shares(path[:1], (64, 64), 4) == [LEAVING_WEIGHT]
 
 
 @pytest.mark.parametrize(
-    ("max_share", "num_lost"), [(1.0, 43), (MAX_ESTIMATED_LOST_SHARE, 8)], ids=["feedback", "estimated"]
+    ("max_share", "num_lost"), [(1.0, 53), (MAX_ESTIMATED_LOST_SHARE, 8)], ids=["feedback", "estimated"]
 )
 def test_as_many_points_may_be_lost_as_was_measured(max_share: float, num_lost: int) -> None:
     """Of a hundred points; one more, and there is a key frame."""
@@ -57,7 +74,7 @@ def test_key_frames_stay_near_enough() -> None:
     assert needed == [False, False, True, False, False, True, False]
 
 
-@pytest.mark.parametrize("group", [group_of(4, 4), group_of(4, 8), Group((), FRAME)])
+@pytest.mark.parametrize("group", [group_of(4, 5), group_of(4, 8), Group((), FRAME)])
 def test_what_changes_much_gets_a_key_frame(group: Group) -> None:
     """So does what is not known for want of tracks."""
     spacing = KeyFrameSpacing(GOP)
@@ -66,39 +83,39 @@ def test_what_changes_much_gets_a_key_frame(group: Group) -> None:
     assert not spacing.needs_key(group_of(4))
 
 
-@pytest.mark.parametrize("lost_share", [0.43, 0.44])
-def test_a_frame_alone_needs_a_key_frame_where_it_has_lost_as_much(lost_share: float) -> None:
+@pytest.mark.parametrize("num_lost", [53, 54])
+def test_a_frame_alone_needs_a_key_frame_where_it_has_lost_as_much(num_lost: int) -> None:
     """Its tracks are those that it has not lost; without any, nothing is known."""
     spacing = KeyFrameSpacing(GOP)
     spacing.needs_key(Group((), FRAME))
-    alone = Group((), FRAME, PointTracks(np.zeros((9, 2, 2))), lost_share=lost_share)
-    assert spacing.needs_key(alone) is (lost_share == 0.44)
+    alone = group_of(1, num_lost, 100)
+    assert spacing.needs_key(alone) is (num_lost == 54)
     assert spacing.needs_key(replace(alone, tracks=PointTracks.none(2)))
 
 
 @pytest.mark.parametrize(
-    ("num_lost", "found_share", "needed"), [(4, 0.2, False), (4, 0.1, True), (3, 0.0, False)]
+    ("num_lost", "found_share", "needed"), [(5, 0.2, False), (5, 0.1, True), (4, 0.0, False)]
 )
 def test_what_a_long_term_reference_shows_is_not_lost(
     num_lost: int, found_share: float, needed: bool
 ) -> None:
-    """Half of the points are too many, but for a fifth of them; where few are lost nothing is looked for."""
+    """Five of eight points are too many, but for a fifth of all; where few are lost nothing is looked for."""
     spacing, calls = KeyFrameSpacing(GOP), []
     spacing.needs_key(Group((), FRAME))
     assert spacing.needs_key(group_of(4, num_lost), lambda: calls.append(0) or found_share) is needed
-    assert len(calls) == (num_lost == 4)
+    assert len(calls) == (num_lost == 5)
 
 
 def test_what_is_lost_adds_up_over_p_type_frames() -> None:
     """A third of the points on the way to each of two is too much, though not to one."""
-    positions = np.zeros((9, 5, 2))
-    positions[:3, 2:] = np.nan
-    positions[:5, 4:] = np.nan
-    group = Group((FRAME,) * 3, FRAME, PointTracks(positions))
+    path = np.full((9, 5, 2), 8.0)
+    path[:3, 2:] = np.nan
+    path[:5, 4:] = np.nan
+    tracks = PointTracks(path)
     for length, needed in ((4, True), (2, False)):
         spacing = KeyFrameSpacing(replace(GOP, p_type_distance=2))
         spacing.needs_key(Group((), FRAME))
-        part = Group(group.wyner_ziv[: length - 1], FRAME, PointTracks(positions[:, : length + 1]))
+        part = Group((FRAME,) * (length - 1), FRAME, tracks, path=path[:, : length + 1])
         assert spacing.needs_key(part) is needed
 
 
