@@ -24,9 +24,12 @@ BORDER_PX = 6.0
 """From the border of the frame, within which a point that is lost has left it."""
 BORDER_FRAMES = 1.5
 """Frames in which a point that goes on as before comes as near to the border."""
+MAX_P_TYPE_LOST_SHARE = 0.65
+"""Of the points, that may be lost on the way to any one P-type frame, those that leave the picture included:
+beyond what those clips have shown."""
 MAX_ESTIMATED_LOST_SHARE = 0.08
-"""The same to any one P-type frame where rates are estimated: what is harder to predict is too often sent
-less than it needs, and all until the next key frame rests on it. Chosen on box, desk, river and statue."""
+"""The same where rates are estimated: what is harder to predict is too often sent less than it needs, and all
+until the next key frame rests on it. Chosen on box, desk, river and statue."""
 
 
 def lost_shares(
@@ -55,7 +58,7 @@ def _leave(path: Floats, known: NDArray[np.bool_], size: tuple[int, int]) -> NDA
 class KeyFrameSpacing:
     """Decides which groups of a sequence end with a key frame."""
 
-    def __init__(self, gop: GopConfig, max_p_type_lost_share: float = 1.0) -> None:
+    def __init__(self, gop: GopConfig, max_p_type_lost_share: float = MAX_P_TYPE_LOST_SHARE) -> None:
         self._gop = gop
         self._max_p_type_lost_share = max_p_type_lost_share
         self._num_frames = 0  # since the last key frame
@@ -66,15 +69,17 @@ class KeyFrameSpacing:
         length = len(group.wyner_ziv) + 1
         spared = self._begun and self._num_frames + length <= self._gop.intra_period
         if spared and group.tracks and group.path is not None:
-            shares = lost_shares(group.path, (group.key.width, group.key.height), self._gop.p_type_distance)
-            spared = self._is_cheap(shares) or self._is_cheap(shares, find())
+            size, distance = (group.key.width, group.key.height), self._gop.p_type_distance
+            weighted = sum(lost_shares(group.path, size, distance))
+            most = max(lost_shares(group.path, size, distance, leaving_weight=1.0))
+            spared = self._is_cheap(weighted, most) or self._is_cheap(weighted, most, find())
         else:
             spared = False
         self._begun = True
         self._num_frames = self._num_frames + length if spared else 0
         return not spared
 
-    def _is_cheap(self, shares: list[float], found_share: float = 0.0) -> bool:
+    def _is_cheap(self, weighted: float, most: float, found_share: float = 0.0) -> bool:
         """Decide whether P-type frames are cheap, together and each; what is found elsewhere is not lost."""
         left = 1.0 - found_share
-        return left * sum(shares) <= MAX_LOST_SHARE and left * max(shares) <= self._max_p_type_lost_share
+        return left * weighted <= MAX_LOST_SHARE and left * most <= self._max_p_type_lost_share

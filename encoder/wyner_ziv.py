@@ -17,7 +17,7 @@ from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
 from dvc.wynerziv.payloads import EncodedFrame, transform_frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder.groups import Group
-from encoder.intra_decision import MAX_ESTIMATED_LOST_SHARE
+from encoder.intra_decision import MAX_ESTIMATED_LOST_SHARE, MAX_P_TYPE_LOST_SHARE
 from encoder.rate_control.controller import RateController
 from encoder.rate_control.sampled_blocks import RateControlWork
 
@@ -28,7 +28,7 @@ class WynerZivEncoder:
     form: ClassVar[Form] = Form.BUFFERED
     key_parameters: ClassVar[Mapping[str, int]] = MappingProxyType({})
     """Of libx264, for the key frames, beside the usual ones."""
-    max_p_type_lost_share: ClassVar[float] = 1.0
+    max_p_type_lost_share: ClassVar[float] = MAX_P_TYPE_LOST_SHARE
     """Of the points, on the way to any one P-type frame."""
     cpu_field: ClassVar[str] = "parity_cpu_s"
     """What the time of `payloads` counts as."""

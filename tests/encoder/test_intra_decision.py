@@ -12,7 +12,13 @@ from dvc.video import Frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder import intra_decision
 from encoder.groups import Group
-from encoder.intra_decision import LEAVING_WEIGHT, MAX_ESTIMATED_LOST_SHARE, KeyFrameSpacing, lost_shares
+from encoder.intra_decision import (
+    LEAVING_WEIGHT,
+    MAX_ESTIMATED_LOST_SHARE,
+    MAX_P_TYPE_LOST_SHARE,
+    KeyFrameSpacing,
+    lost_shares,
+)
 from encoder.session import EncodedGroup, EncoderSession
 from tests.clips import moving_texture
 
@@ -55,7 +61,9 @@ def test_points_that_leave_the_picture_count_less() -> None:
 
 
 @pytest.mark.parametrize(
-    ("max_share", "num_lost"), [(1.0, 53), (MAX_ESTIMATED_LOST_SHARE, 8)], ids=["feedback", "estimated"]
+    ("max_share", "num_lost"),
+    [(MAX_P_TYPE_LOST_SHARE, 53), (MAX_ESTIMATED_LOST_SHARE, 8)],
+    ids=["feedback", "estimated"],
 )
 def test_as_many_points_may_be_lost_as_was_measured(max_share: float, num_lost: int) -> None:
     """Of a hundred points; one more, and there is a key frame."""
@@ -64,6 +72,17 @@ def test_as_many_points_may_be_lost_as_was_measured(max_share: float, num_lost: 
         spacing = KeyFrameSpacing(gop, max_share)
         spacing.needs_key(Group((), FRAME))
         assert spacing.needs_key(group_of(4, number, 100)) is needed
+
+
+@pytest.mark.parametrize("num_left", [65, 66])
+def test_where_nearly_all_leaves_the_picture_there_is_a_key_frame(num_left: int) -> None:
+    """Though points that leave it count little together."""
+    spacing = KeyFrameSpacing(GopConfig(4, "hierarchical", p_type_distance=4, intra_period=99))
+    spacing.needs_key(Group((), FRAME))
+    group = group_of(4, num_left, 100)
+    assert group.path is not None
+    group.path[:num_left, :2] = 1.0  # at the border
+    assert spacing.needs_key(group) is (num_left == 66)
 
 
 def test_key_frames_stay_near_enough() -> None:
