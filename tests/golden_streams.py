@@ -90,7 +90,7 @@ GOLDEN = [
         "3d-te",
         (104, 88),
         7,
-        "--gop 3 --qp 35 --luma-only --intra-period 8 --no-feedback",
+        "--gop 2 --qp 35 --luma-only --intra-period 8 --no-feedback",
         "depth",
         True,
     ),

@@ -33,6 +33,11 @@ import os, signal, sys, time
 import cv2
 import encoder.__main__
 cv2.setNumThreads(0)  # forks have no other threads
+def size(folder):
+    try:
+        return sum(entry.stat().st_size for entry in os.scandir(folder))
+    except FileNotFoundError:  # it got its final name in between
+        return 0
 moments, arguments = eval(sys.argv[1]), sys.argv[2:]
 assert encoder.__main__.main([*arguments, "--frames", "9"]) == 0
 for number, (num_bytes, later_s) in enumerate(moments):
@@ -40,7 +45,7 @@ for number, (num_bytes, later_s) in enumerate(moments):
     if child == 0:
         os.chdir(str(number))
         os._exit(encoder.__main__.main(arguments))
-    while sum(entry.stat().st_size for entry in os.scandir(str(number))) < num_bytes:
+    while size(str(number)) < num_bytes:
         time.sleep(0.0005)
     time.sleep(later_s)
     os.kill(child, signal.SIGKILL)
