@@ -28,7 +28,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def encoded(clip: Path, stream: Path, *options: str) -> Path:
     """Encode the clip without feedback; return the stream."""
-    arguments = [str(clip), str(stream), "--gop", "3", "--qp", "26", "--luma-only", "--quiet"]
+    arguments = [str(clip), str(stream), "--gop", "2", "--qp", "26", "--luma-only", "--quiet"]
     assert encoder.main([*arguments, "--intra-period", "6", "--no-feedback", *options]) == 0
     return stream
 

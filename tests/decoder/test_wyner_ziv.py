@@ -188,7 +188,7 @@ def test_bands_between_refinements_ask_together(original: Frame) -> None:
         together.append([band_of[request.plane] for request in requests])
         return [answer(request) for request in requests]
 
-    drive(decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.new_priors()), answered)
+    drive(decoder.decode(5, quantization, noisy_prediction(original, 2.5), decoder.new_priors()), answered)
     *rounds, check = together
     assert check == [0]
     parts = [
