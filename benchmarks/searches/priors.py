@@ -18,19 +18,21 @@ from scipy.optimize import minimize
 
 from benchmarks.results.harness import CLIPS
 from benchmarks.stages import coded, decoded
+from dvc.slepian_wolf.llr import bounded_llr, ideal_bits
 from dvc.wynerziv import priors
 
 Array = NDArray[np.float64]
+Bits = NDArray[np.uint8]
 EVERY = 16
 """Of so many coefficients of a plane one is kept."""
 RIDGE = 3.0
 """Precision of weights around those of the Laplacian alone."""
 
 
-class Samples(list[tuple[Array, Array, Array]]):
+class Samples(list[tuple[Array, Array, Bits]]):
     """Terms (K, N), LLRs (N,) that were used, and bits (N,) of the planes of one class."""
 
-    def together(self) -> tuple[Array, Array, Array]:
+    def together(self) -> tuple[Array, Array, Bits]:
         """Join them."""
         terms, llrs, bits = zip(*self, strict=True)
         return np.concatenate(terms, axis=1), np.concatenate(llrs), np.concatenate(bits)
@@ -42,9 +44,8 @@ def met(stream: bytes) -> dict[int, Samples]:
     usual = priors.LearnedPriors.learn
 
     def noted(self, prior, bits):  # type: ignore[no-untyped-def]
-        kept = slice(len(found) % EVERY, None, EVERY)
-        number = priors._class_of(*prior.position)
-        found[number].append((prior.inputs[:, kept], prior.llr[kept], bits[kept].astype(np.float64)))
+        own = found[priors._class_of(*prior.position)]
+        own.append((prior.inputs[:, ::EVERY], prior.llr[::EVERY], bits[::EVERY]))
         usual(self, prior, bits)
 
     priors.LearnedPriors.learn = noted  # type: ignore[method-assign]
@@ -55,12 +56,12 @@ def met(stream: bytes) -> dict[int, Samples]:
     return found
 
 
-def code_length(llr: Array, bits: Array) -> float:
-    """Return the ideal code length in bits."""
-    return float(np.logaddexp(0.0, np.where(bits == 1, llr, -llr)).sum() / np.log(2.0))
+def code_length(llr: Array, bits: Bits) -> float:
+    """Return the ideal code length in bits, by LLRs as a decoder would use them."""
+    return ideal_bits(bounded_llr(llr), bits)
 
 
-def fitted(clips: Sequence[tuple[Array, Array, Array]]) -> Array:
+def fitted(clips: Sequence[tuple[Array, Array, Bits]]) -> Array:
     """Fit weights to several clips, each of which counts the same."""
     count = min(bits.size for _, _, bits in clips)
     rng = np.random.default_rng(0)

@@ -15,7 +15,7 @@ def test_weights_are_those_that_bits_were_drawn_by() -> None:
     for count in (20_000, 60_000):
         terms = rng.normal(0.0, 1.0, (3, count))
         is_zero = rng.random(count) < 1.0 / (1.0 + np.exp(-(1.5 * terms[0] - 0.5 * terms[1])))
-        clips.append((terms, terms[0], 1.0 - is_zero))
+        clips.append((terms, terms[0], np.where(is_zero, 0, 1).astype(np.uint8)))
     weights = fitted(clips)
     assert weights == pytest.approx([1.5, -0.5, 0.0], abs=0.05)
     terms, llr, bits = clips[0]
