@@ -22,19 +22,19 @@ ERROR_EXPONENT = 8
 """A plane is accepted by itself when the odds against it are below 2 to minus this."""
 UNCODED_ENTROPY = 0.95
 """Bits of entropy per bit from which on a plane is asked for as it is."""
-WORTH_ASKING = 0.5
+WORTH_ASKING = 0.4
 """Greatest 2 |p - 1/2| of an answer that is asked for as long as others of an order tell as much; this, the
-next one and `posterior.MORE_BITS` were found by `benchmarks.searches.requests`."""
-RANGE_BIAS = 0.15
+next one, sweeps and changes, and `posterior.MORE_BITS` were found by `benchmarks.searches.requests`."""
+RANGE_BIAS = 0.1
 """The same of the ranges that an order is divided into at first."""
 UNSURE_ERRORS = 0.5
 """Expected errors above which there is no point in checking."""
 FIRST_PARTITION = 2
 """Half of the ranges of a new order where beliefs were wrong; each time there are twice as many."""
-SWEEPS, LAST_SWEEPS = 2, 40
+SWEEPS, LAST_SWEEPS = 4, 40
 """Sweeps of beliefs after an answer, and before decisions are checked."""
-CHANGE, LAST_CHANGE = 0.1, 0.02
-"""Share of the errors expected in a range that a change must be to be passed on, then and there."""
+CHANGE = 0.02
+"""Share of the errors expected in a range that a change must be to be passed on."""
 LEAST_PROBABILITY = 2.0**-60
 
 
@@ -119,7 +119,7 @@ class PlaneReconciliation:
 
     def _accept(self, posterior: RangePosterior, exponent: int) -> Generator[ParityRequest, Bits, bool]:
         """Say whether the decisions are right; ask for as many check bits as that takes."""
-        self._sweeps += posterior.propagate(LAST_SWEEPS, LAST_CHANGE)
+        self._sweeps += posterior.propagate(LAST_SWEEPS, CHANGE)
         if posterior.expected_errors > UNSURE_ERRORS or not posterior.is_satisfied():
             return False
         decisions = posterior.decisions

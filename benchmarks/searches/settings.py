@@ -1,0 +1,152 @@
+"""Settings of the stream and of the encoder: how much more or less a clip takes with others at equal PSNR.
+
+``python -m benchmarks.searches.settings SETTINGS ... [--clips box tree] [--qp 26 32 38] [--frames 65]`` codes
+and decodes clips as usual, and with each of the settings: values of the configuration
+(``gop.p_type_distance=4``, ``wyner_ziv.lambda_percent=100:50:30``, ``key.qp=-1`` relative to the usual one)
+and constants of the encoder (``encoder.intra_decision.MAX_LOST_SHARE=0.6``), those that are tried together
+joined by commas. A row tells the change of rate less what the change of PSNR is worth on the clip's usual
+curve, in percent: the mean, its standard error, and that of each QP and clip.
+"""
+
+import argparse
+import io
+import math
+import multiprocessing
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from functools import partial
+from itertools import islice, product
+from typing import Any, NamedTuple
+from unittest import mock
+
+import numpy as np
+
+from benchmarks.results.harness import CLIPS, clip_source
+from decoder.session import decode_stream
+from dvc.cli import progress_bar
+from dvc.config import CodecConfig, Qp, VideoConfig, codec_config
+from dvc.metrics import psnr_db
+from dvc.stream import Form, StreamReader, StreamWriter
+from dvc.video import VideoInfo, open_video
+from encoder.session import EncoderSession
+
+USUAL = ""
+
+
+class Place(NamedTuple):
+    """What is coded, and how."""
+
+    clip: str
+    qp: int
+    settings: str
+
+
+class Coded(NamedTuple):
+    """What came of it."""
+
+    num_bytes: int  # of the punctured stream
+    psnr_db: float  # mean over frames
+
+
+def _value(text: str, usual: Any) -> Any:
+    """Read a value of the type of the usual one; with a sign it is relative to that."""
+    if isinstance(usual, tuple):
+        return tuple(int(number) for number in text.split(":"))
+    value = type(usual)(text)
+    return usual + value if text[0] in "+-" else value
+
+
+def divided(settings: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Divide settings into those of the configuration and constants of the encoder."""
+    given = dict(one.split("=") for one in settings.split(",") if one)
+    constants = {name: text for name, text in given.items() if name.startswith("encoder.")}
+    return {name: text for name, text in given.items() if name not in constants}, constants
+
+
+def configuration(info: VideoInfo, qp: int, given: Mapping[str, str]) -> CodecConfig:
+    """Return the configuration of the default codec with some other values."""
+    video = VideoConfig(info.width, info.height, info.frame_rate.numerator, info.frame_rate.denominator, True)
+    config = codec_config(video, quality=Qp(qp))
+    values: dict[str, Any] = {}
+    for name, text in given.items():
+        section, field = name.split(".")
+        values.setdefault(section, {})[field] = _value(text, getattr(getattr(config, section), field))
+    return codec_config(video, quality=Qp(qp), **values)
+
+
+def _patched(name: str, text: str) -> Any:
+    module, _, constant = name.rpartition(".")
+    usual = getattr(__import__(module, fromlist=[constant]), constant)
+    return mock.patch(name, _value(text, usual))
+
+
+def coded(place: Place, num_frames: int) -> Coded:
+    """Code a clip, and decode it."""
+    of_config, constants = divided(place.settings)
+    with ExitStack() as stack, open_video(clip_source(place.clip).path) as video:
+        for name, text in constants.items():
+            stack.enter_context(_patched(name, text))
+        originals = list(islice(video, num_frames))
+        session, stream = EncoderSession(configuration(video.info, place.qp, of_config)), io.BytesIO()
+        session.write(originals, stream, lambda _: None)
+    reader, punctured, found = StreamReader(io.BytesIO(stream.getvalue())), io.BytesIO(), []
+    with StreamWriter(punctured, reader.config, Form.PUNCTURED) as writer:
+        for group in decode_stream(reader.config, reader):
+            writer.write_gop(group.record)
+            found += [frame.luma for frame in group.frames]
+    psnrs_db = [psnr_db(original.luma, luma) for original, luma in zip(originals, found, strict=True)]
+    return Coded(len(punctured.getvalue()), float(np.mean(psnrs_db)))
+
+
+def net_percent(found: Mapping[Place, Coded], place: Place) -> float:
+    """Return by how much the rate changes, less what the PSNR that is won is worth on the usual curve."""
+    usual = sorted(own for at, own in found.items() if at.clip == place.clip and at.settings == USUAL)
+    slope = math.log(usual[-1].num_bytes / usual[0].num_bytes) / (usual[-1].psnr_db - usual[0].psnr_db)
+    before, after = found[place._replace(settings=USUAL)], found[place]
+    return 100 * (math.log(after.num_bytes / before.num_bytes) - slope * (after.psnr_db - before.psnr_db))
+
+
+def row(found: Mapping[Place, Coded], settings: str) -> str:
+    """Return a line for some settings."""
+    net = {place: net_percent(found, place) for place in found if place.settings == settings}
+    values = np.array(list(net.values()))
+    error = values.std(ddof=1) / math.sqrt(values.size) if values.size > 1 else math.nan
+
+    def means(field: str) -> str:
+        kinds = dict.fromkeys(getattr(place, field) for place in net)
+        own = {kind: [v for place, v in net.items() if getattr(place, field) == kind] for kind in kinds}
+        return ", ".join(f"{kind} {np.mean(of):+.1f}" for kind, of in own.items())
+
+    return f"{settings}: {values.mean():+.2f} +- {error:.2f} %; QP {means('qp')}; {means('clip')}"
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Print a row for each of the settings."""
+    parser = argparse.ArgumentParser("python -m benchmarks.searches.settings", description=__doc__)
+    parser.add_argument("settings", nargs="+", metavar="SETTINGS")
+    parser.add_argument("--clips", nargs="+", default=CLIPS)
+    parser.add_argument("--qp", nargs="+", type=int, default=[32, 38], help="two or more, for the curve")
+    parser.add_argument("--frames", type=int, default=65)
+    parser.add_argument("--jobs", type=int, default=2)
+    arguments = parser.parse_args(words)
+    if len(set(arguments.qp)) < 2:
+        parser.error("--qp: a curve needs two of them")
+    tried = (USUAL, *arguments.settings)
+    places = [Place(*own) for own in product(arguments.clips, arguments.qp, tried)]
+    found: dict[Place, Coded] = {}
+    spawning = multiprocessing.get_context("spawn")
+    with (
+        ProcessPoolExecutor(arguments.jobs, spawning) as pool,
+        progress_bar("streams", len(places)) as progress,
+    ):
+        results = pool.map(partial(coded, num_frames=arguments.frames), places)
+        for place, own in zip(places, results, strict=True):
+            found[place] = own
+            progress(1)
+    for settings in arguments.settings:
+        print(row(found, settings), flush=True)
+
+
+if __name__ == "__main__":
+    main()
