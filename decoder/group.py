@@ -23,7 +23,7 @@ from dvc.errors import BitstreamError
 from dvc.slepian_wolf import Answer, ParityRequest
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_matches, decode_points, decode_tracks
-from dvc.wynerziv.hierarchy import Around, group_order, levels, reference_distance
+from dvc.wynerziv.hierarchy import Around, group_order, levels
 from dvc.wynerziv.payloads import BufferedFrame, PuncturedFrame, PunctureRecorder, disagreement
 from dvc.wynerziv.priors import LearnedPriors
 from dvc.wynerziv.quantizer import FrameLayout
@@ -140,9 +140,8 @@ class GroupDecoder:
             frame = self._no_feedback.decode(index, payload, predict())
         else:
             quantization = self._decoder.layout.read_header(payload)
-            slope = self._config.wyner_ziv.lambda_between(reference_distance(around))
             recorder = PunctureRecorder()
-            steps = self._decoder.decode(index, quantization, predict(), priors, slope)
+            steps = self._decoder.decode(index, quantization, predict(), priors)
             frame = yield from recorder.watch(steps)
             frame = replace(frame, punctured=recorder.payload(payload[: len(quantization.header)]))
         return replace(frame, decode_s=time.perf_counter() - started)

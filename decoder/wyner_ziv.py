@@ -86,14 +86,11 @@ class WynerZivDecoder:
         quantization: Quantization,
         prediction: Prediction,
         priors: LearnedPriors,
-        multiplier: float = 0.0,
     ) -> FrameCoroutine:
         """Decode one frame."""
         planes = self._coder.decoder(self.layout.num_bits)
         state = FrameState(self.layout, prediction, self._config.wyner_ziv.noise_model)
-        return _Frame(self._config, self.layout, planes, priors, index).decode(
-            quantization, state, multiplier
-        )
+        return _Frame(self._config, self.layout, planes, priors, index).decode(quantization, state)
 
 
 @dataclass(frozen=True)
@@ -106,11 +103,11 @@ class _Frame:
     priors: LearnedPriors
     index: int
 
-    def decode(self, quantization: Quantization, state: FrameState, multiplier: float) -> FrameCoroutine:
+    def decode(self, quantization: Quantization, state: FrameState) -> FrameCoroutine:
         decoded: dict[int, list[slepian_wolf.PlaneResult]] = {}
         check = slepian_wolf.FrameCheck()
         for bands in _between_refinements(quantization.bands):
-            steps = [self._decode_band(band, quantization, state, multiplier) for band in bands]
+            steps = [self._decode_band(band, quantization, state) for band in bands]
             found = yield from slepian_wolf.side_by_side(steps)
             for band, own in zip(bands, found, strict=True):
                 decoded[band] = own.planes
@@ -138,16 +135,14 @@ class _Frame:
             band_costs=tuple(_cost(band, planes) for band, planes in decoded.items() if planes),
         )
 
-    def _decode_band(
-        self, band: int, quantization: Quantization, state: FrameState, multiplier: float
-    ) -> BandCoroutine:
+    def _decode_band(self, band: int, quantization: Quantization, state: FrameState) -> BandCoroutine:
         edges = quantization.edges(band)
         planes, shape = quantization.planes[band], self.layout.band_shape
         refined = not state.known
         predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
         prefix = np.zeros(self.layout.num_bits, dtype=np.int64)
         lower, upper = quantizer.prefix_borders(prefix, planes, edges)
-        gain, results = state.gain, []
+        gain, results, multiplier = state.gain, [], quantization.multiplier
         for plane in range(planes):
             missing = planes - plane - 1
             if multiplier > 0:

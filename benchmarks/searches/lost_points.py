@@ -20,7 +20,8 @@ import numpy as np
 
 from benchmarks.results.harness import CLIPS, clip_source
 from decoder.session import decode_stream
-from dvc.config import P_TYPE_DISTANCE
+from dvc.config import P_TYPE_DISTANCE, key_lambda
+from dvc.config.sections import LAMBDA_PER_KEY_LAMBDA
 from dvc.stream import StreamReader, StreamWriter
 from dvc.video import Frame, open_video
 from encoder import intra_decision, options
@@ -62,7 +63,7 @@ def coded_groups(clip: str, qp: int, num_frames: int, max_lost_share: float) -> 
             for group in groups:
                 writer.write_gop(session.encode(group).record)
     reader = StreamReader(io.BytesIO(stream.getvalue()))
-    per_error = 1.0 / reader.config.wyner_ziv.lambda_wz
+    per_error = 1.0 / (LAMBDA_PER_KEY_LAMBDA * key_lambda(reader.config.wyner_ziv.qp))
     return [
         CodedGroup(
             group,

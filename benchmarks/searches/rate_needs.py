@@ -61,7 +61,7 @@ class RecordedFrame:
     @property
     def multiplier(self) -> float:
         """Squared error that a bit must save."""
-        return self.config.wyner_ziv.lambda_between(self.distance)
+        return self.encoded.quantization.multiplier
 
 
 class KnowingDecoder(NoFeedbackDecoder):

@@ -1,11 +1,11 @@
 """Settings of the stream and of the encoder: how much more or less a clip takes with others at equal PSNR.
 
 ``python -m benchmarks.searches.settings SETTINGS ... [--clips box tree] [--qp 26 32 38] [--frames 65]`` codes
-and decodes clips as usual, and with each of the settings: values of the configuration
-(``gop.p_type_distance=4``, ``wyner_ziv.lambda_percent=100:50:30``, ``key.qp=-1`` relative to the usual one)
-and constants of the encoder (``encoder.intra_decision.MAX_LOST_SHARE=0.6``), those that are tried together
-joined by commas. A row tells the change of rate less what the change of PSNR is worth on the clip's usual
-curve, in percent: the mean, its standard error, and that of each QP and clip.
+and decodes clips as usual, and with each of the settings, those that are tried together joined by commas:
+values of the configuration (``gop.p_type_distance=4``, ``key.qp=-1`` relative to the usual one) and constants of
+modules, for the encoder (``encoder.intra_decision.MAX_LOST_SHARE=0.6``,
+``dvc.config.sections.LAMBDA_PERCENT=100:50:30``). A row tells the change of rate less what the change of PSNR
+is worth on the clip's usual curve, in percent: the mean, its standard error, and that of each QP and clip.
 """
 
 import argparse
@@ -58,9 +58,9 @@ def _value(text: str, usual: Any) -> Any:
 
 
 def divided(settings: str) -> tuple[dict[str, str], dict[str, str]]:
-    """Divide settings into those of the configuration and constants of the encoder."""
+    """Divide settings into those of the configuration and constants of modules."""
     given = dict(one.split("=") for one in settings.split(",") if one)
-    constants = {name: text for name, text in given.items() if name.startswith("encoder.")}
+    constants = {name: text for name, text in given.items() if name.count(".") > 1}
     return {name: text for name, text in given.items() if name not in constants}, constants
 
 

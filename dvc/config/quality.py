@@ -6,11 +6,9 @@ from dvc.config.fields import check_range, shown
 from dvc.config.sections import (
     DEFAULT_QP,
     DISCOVER_LEVELS,
-    LAMBDA_PER_KEY_LAMBDA,
     MAX_QP,
     ZIGZAG,
     WynerZivConfig,
-    key_lambda,
 )
 from dvc.errors import ConfigError
 
@@ -40,8 +38,8 @@ class Qp:
 
     @property
     def wyner_ziv(self) -> WynerZivConfig:
-        """Embedded quantisers, and the multipliers up to which planes are asked for."""
-        return WynerZivConfig(lambda_wz=LAMBDA_PER_KEY_LAMBDA * key_lambda(self.qp))
+        """Embedded quantisers."""
+        return WynerZivConfig(qp=self.qp)
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,7 @@ class DiscoverMatrix:
     def wyner_ziv(self) -> WynerZivConfig:
         """Levels that share the range of each band, and the noise model alone for priors."""
         levels = tuple(DISCOVER_LEVELS[self.q - 1][position] for position in ZIGZAG)
-        return WynerZivConfig(levels, lambda_wz=0.0, lambda_percent=(), priors="laplacian")
+        return WynerZivConfig(levels, priors="laplacian")
 
 
 Quality = Qp | DiscoverMatrix

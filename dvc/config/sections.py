@@ -23,16 +23,17 @@ MAX_LONG_TERM_KEY_BYTES = 2**20
 """Largest key frame that a group after the next may be predicted from: a decoder keeps them."""
 MAX_POINTS = 1024
 MAX_PARAMETER_SETS_BYTES = 1024
-MAX_LAMBDA = 1e6
 MAX_QP = 51
 DEFAULT_QP = 30
 LAMBDA_PER_KEY_LAMBDA = 4.0
 """Lagrange multiplier of frames that predict no other over that of key frames."""
 P_TYPE_DISTANCE = 8
 """Most frames from one P-type Wyner-Ziv frame to the next."""
+LAMBDA_PERCENT = (100, 60, 40, 30, 30, 15)
+"""Percent of that for frames with references up to 2, 4, 8, ... frames apart, which predict others; the last
+also beyond, and for P-type frames."""
 STEP_PER_ROOT_LAMBDA = 3.0
 """Finest step: that of a fine uniform quantiser, of which a bit saves 2 ln 2 / 12 squared steps."""
-MAX_HIERARCHY = 8
 MAX_BAND_PLANES = 12
 """Most bit planes of a band of an embedded quantiser: steps of 1 over all coefficients that there are."""
 
@@ -154,11 +155,7 @@ class WynerZivConfig(Section):
     # embedded quantisers, whose step the frame tells.
     levels: tuple[int, ...] = ()
     noise_model: str = "local"  # how the scale of the correlation noise follows from the references
-    # Lagrange multiplier: squared error that a bit must save, or its plane is not asked for; 0: all are.
-    lambda_wz: float = LAMBDA_PER_KEY_LAMBDA * key_lambda(DEFAULT_QP)
-    # Percent of it for frames with references up to 2, 4, 8, ... frames apart, which predict others; the last
-    # also beyond, and for P-type frames; none: all the same.
-    lambda_percent: tuple[int, ...] = (100, 60, 40, 30, 30, 15)
+    qp: int = DEFAULT_QP  # quality on H.264's scale, by which steps of embedded quantisers are chosen
     # Priors of bits: as the correlation noise has them; or corrected by what was decoded, with neighbours, of
     # the frame itself and of those before that it is not decoded side by side with.
     priors: str = "learned"
@@ -173,9 +170,7 @@ class WynerZivConfig(Section):
             raise ConfigError("`levels` must send at least one band")
         check_choice("noise_model", self.noise_model, NOISE_MODELS)
         check_choice("priors", self.priors, PRIORS)
-        check_range("lambda_wz", self.lambda_wz, 0.0, MAX_LAMBDA)
-        if len(self.lambda_percent) > MAX_HIERARCHY or any(not 0 < n <= 100 for n in self.lambda_percent):
-            raise ConfigError(f"`lambda_percent` must hold at most {MAX_HIERARCHY} numbers from 1 to 100")
+        check_range("qp", self.qp, 1, MAX_QP)
 
     @property
     def embedded(self) -> bool:
@@ -189,8 +184,8 @@ class WynerZivConfig(Section):
             return (MAX_BAND_PLANES,) * NUM_BANDS
         return tuple(max(number.bit_length() - 1, 0) for number in self.levels)
 
-    def lambda_between(self, distance: int) -> float:
-        """Return the Lagrange multiplier of a frame.
+    def step(self, distance: int) -> float:
+        """Return the width of the finest bins of a frame with embedded quantisers.
 
         Parameters
         ----------
@@ -200,27 +195,11 @@ class WynerZivConfig(Section):
         Returns
         -------
         float
-            Squared error that a bit must save; 0: all planes are asked for.
+            Step in coefficient units.
         """
-        if not self.lambda_percent:
-            return self.lambda_wz
-        level = min((distance - 1).bit_length(), len(self.lambda_percent)) - 1
-        return self.lambda_wz * self.lambda_percent[level] / 100
-
-    def step(self, distance: int) -> float:
-        """Return the width of the finest bins of a frame with embedded quantisers.
-
-        Parameters
-        ----------
-        distance : int
-            Frames from one to the other of the references around it.
-
-        Returns
-        -------
-        float
-            Step in coefficient units; 1 where nothing sets it.
-        """
-        return STEP_PER_ROOT_LAMBDA * math.sqrt(self.lambda_between(distance)) or 1.0
+        level = min((distance - 1).bit_length(), len(LAMBDA_PERCENT)) - 1
+        percent = LAMBDA_PER_KEY_LAMBDA * LAMBDA_PERCENT[level]
+        return STEP_PER_ROOT_LAMBDA * math.sqrt(percent / 100 * key_lambda(self.qp))
 
 
 @dataclass(frozen=True)

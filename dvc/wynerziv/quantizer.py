@@ -32,6 +32,8 @@ from dvc.slepian_wolf import CRC_BITS
 from dvc.wynerziv import _kernels, transform
 
 DC_RANGE = 1024.0
+LAMBDA_PER_SQUARED_STEP = 0.1
+"""Squared error that a bit must save, in squared steps of embedded quantisers."""
 STEP_INDEX_BITS = 6
 _PLANE_COUNT_BITS = 4
 _SIXTHS = (
@@ -165,6 +167,12 @@ class Quantization:
         """Return the width of a band's bins."""
         index = self.step_indices.get(band)
         return None if index is None else step_from_index(index)
+
+    @property
+    def multiplier(self) -> float:
+        """Squared error that a bit must save, or its plane is not asked for; 0: all are."""
+        step = self.step(0)
+        return LAMBDA_PER_SQUARED_STEP * step * step if self.embedded and step else 0.0
 
     def edges(self, band: int) -> NDArray[np.float64]:
         """Return the borders of a band's bins."""

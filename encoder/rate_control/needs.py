@@ -88,10 +88,8 @@ class NeedEstimator:
         """Choose planes and lengths of syndromes of one frame."""
         if not errors.residual.size:  # too small a picture to tell
             errors = BlockErrors(np.full((16, 1), _UNKNOWN, np.float32), np.zeros((16, 1), np.float32))
-        multiplier = self._config.wyner_ziv.lambda_between(distance)
-        share = (
-            (self._config.wyner_ziv.lambda_wz / multiplier) ** REFERENCE_RATE_MARGIN if multiplier else 1.0
-        )
+        multiplier, wyner_ziv = quantization.multiplier, self._config.wyner_ziv
+        share = (wyner_ziv.step(2) / wyner_ziv.step(distance)) ** (2 * REFERENCE_RATE_MARGIN)
         costs = frame_costs(quantization, errors, num_bits)
         depths, codes = np.empty_like(costs.planes), []
         for bands, worth, needs in zip(_BANDS, MIN_WORTH, NEEDS, strict=True):

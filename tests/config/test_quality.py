@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 
+import numpy as np
 import pytest
 
 from dvc.config import (
@@ -15,20 +16,26 @@ from dvc.config import (
     codec_config,
     decode_config,
     encode_config,
+    key_lambda,
 )
 from dvc.errors import ConfigError
 from dvc.video import VideoInfo
 from dvc.wynerziv import quantizer
+from dvc.wynerziv.quantizer import FrameLayout
 from encoder.options import parser, session
 
 
-def test_lambda_doubles_every_three_qps() -> None:
-    """As that of H.264 does, of which it is four times; key frames have the QP itself."""
-    fine, coarse = Qp(24), Qp(27)
-    assert fine.wyner_ziv.lambda_wz == pytest.approx(4.0 * 0.85 * 2.0**4)
-    assert (fine.key_qp, coarse.key_qp) == (24, 27)
-    assert coarse.wyner_ziv.lambda_wz == pytest.approx(2 * fine.wyner_ziv.lambda_wz)
-    assert coarse.wyner_ziv.step(2) == pytest.approx(2**0.5 * fine.wyner_ziv.step(2))
+def test_steps_double_every_six_qps() -> None:
+    """As those of H.264 do; a bit must save four times what it must there, in the mean over roundings."""
+    fine, coarse = Qp(24), Qp(30)
+    assert (fine.key_qp, coarse.key_qp) == (24, 30)
+    assert coarse.wyner_ziv.step(2) == pytest.approx(2 * fine.wyner_ziv.step(2))
+    found = []
+    for qp in range(24, 36):
+        layout = FrameLayout.of(codec_config(VideoConfig(16, 16, 25, 1), quality=Qp(qp)))
+        index = quantizer.index_of_step(Qp(qp).wyner_ziv.step(2))
+        found.append(layout.of_step(index, (1,) * 16).multiplier / key_lambda(qp))
+    assert np.exp(np.mean(np.log(found))) == pytest.approx(4.0, rel=0.1)
 
 
 @pytest.mark.parametrize("qp", [1, 30, MAX_QP])
@@ -79,25 +86,14 @@ def test_groups_do_not_wait_for_each_other_over_a_long_link() -> None:
 def test_frames_that_predict_others_are_finer() -> None:
     """The farther the references, the more frames depend on a frame: less has to be saved by a bit."""
     shared = Qp(30).wyner_ziv
-    multipliers = [shared.lambda_between(distance) for distance in (2, 3, 4, 5, 8, 9, 16, 17, 250)]
-    assert multipliers == sorted(multipliers, reverse=True)
-    assert multipliers[0] == shared.lambda_wz
-    assert multipliers[1] == multipliers[2] < multipliers[0]
-    assert multipliers[3] == multipliers[4] < multipliers[2]
-    assert WynerZivConfig(lambda_wz=5.0, lambda_percent=()).lambda_between(7) == 5.0
+    steps = [shared.step(distance) for distance in (2, 3, 4, 5, 8, 9, 16, 17, 250)]
+    assert steps == sorted(steps, reverse=True)
+    assert steps[1] == steps[2] < steps[0]
+    assert steps[3] == steps[4] < steps[2]
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("lambda_wz", -1.0),
-        ("lambda_wz", 1e7),
-        ("lambda_percent", (0,)),
-        ("lambda_percent", (101,)),
-        ("lambda_percent", (9,) * 9),
-    ],
-)
-def test_multipliers_out_of_range_are_refused(field: str, value: object) -> None:
+@pytest.mark.parametrize("qp", [0, 52])
+def test_qualities_out_of_range_are_refused(qp: int) -> None:
     """As damaged streams may hold them."""
-    with pytest.raises(ConfigError, match=f"`{field}`"):
-        WynerZivConfig(**{field: value})  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="`qp`"):
+        WynerZivConfig(qp=qp)

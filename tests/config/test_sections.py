@@ -15,7 +15,6 @@ from dvc.bits import encode_varint
 from dvc.config import (
     DISCOVER_LEVELS,
     FIELD_NUMBERS,
-    MAX_LAMBDA,
     MAX_QP,
     PRIORS,
     REFERENCES,
@@ -68,8 +67,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
         KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
         WynerZivConfig(
             draw(st.one_of(st.just(()), st.lists(level, min_size=16, max_size=16).filter(any).map(tuple))),
-            lambda_wz=draw(st.floats(0, MAX_LAMBDA)),
-            lambda_percent=tuple(draw(st.lists(st.integers(1, 100), max_size=8))),
+            qp=draw(st.integers(1, 51)),
             priors=draw(st.sampled_from(PRIORS)),
         ),
         draw(st.sampled_from([TurboConfig(), cascade])),

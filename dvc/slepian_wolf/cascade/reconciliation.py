@@ -22,10 +22,10 @@ ERROR_EXPONENT = 8
 """A plane is accepted by itself when the odds against it are below 2 to minus this."""
 UNCODED_ENTROPY = 0.95
 """Bits of entropy per bit from which on a plane is asked for as it is."""
-WORTH_ASKING = 0.4
+WORTH_ASKING = 0.5
 """Greatest 2 |p - 1/2| of an answer that is asked for as long as others of an order tell as much; this, the
-next one, sweeps and changes, and `posterior.MORE_BITS` were found by `benchmarks.searches.requests`."""
-RANGE_BIAS = 0.1
+next one, `SWEEPS`, `CHANGE` and `posterior.MORE_BITS` were found by `benchmarks.searches.requests`."""
+RANGE_BIAS = 0.15
 """The same of the ranges that an order is divided into at first."""
 UNSURE_ERRORS = 0.5
 """Expected errors above which there is no point in checking."""

@@ -13,11 +13,10 @@ INFO = VideoInfo(width=64, height=48, frame_rate=Fraction(25))
 
 def test_values_are_read_by_their_types() -> None:
     """Numbers, tuples, and what is relative to the usual value."""
-    given, constants = divided("gop.length=8,key.qp=-1,wyner_ziv.lambda_percent=100:50,encoder.a.B=2")
+    given, constants = divided("gop.length=8,key.qp=-1,encoder.a.B=2")
     config = configuration(INFO, 30, given)
     assert constants == {"encoder.a.B": "2"}
-    assert (config.gop.length, config.key.qp, config.wyner_ziv.lambda_percent) == (8, 29, (100, 50))
-    assert config.wyner_ziv.lambda_wz == configuration(INFO, 30, {}).wyner_ziv.lambda_wz
+    assert (config.gop.length, config.key.qp, config.wyner_ziv.qp) == (8, 29, 30)
 
 
 def test_what_psnr_is_worth_is_taken_off() -> None:

@@ -18,7 +18,11 @@ from encoder.rate_control.sampled_blocks import BlockErrors
 CONFIG = codec_config(VideoConfig(352, 288, 25, 1, luma_only=True), quality=Qp(28))
 LAYOUT = FrameLayout.of(CONFIG)
 LUMA = np.random.default_rng(1).integers(0, 256, (288, 352), dtype=np.uint8)
-QUANTIZATION, _ = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(CONFIG.wyner_ziv.step(4)))
+QUANTIZATIONS = {
+    distance: quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(CONFIG.wyner_ziv.step(distance)))[0]
+    for distance in (2, 4, 8, 16)
+}
+QUANTIZATION = QUANTIZATIONS[4]
 
 
 def errors(residual: float, noise: float = 0.0) -> BlockErrors:
@@ -28,8 +32,9 @@ def errors(residual: float, noise: float = 0.0) -> BlockErrors:
 
 def chosen(expected: BlockErrors, margin_percent: int = 30, distance: int = 4) -> Choice:
     """Choose what is sent; no more planes than there are."""
-    choice = NeedEstimator(CONFIG, margin_percent).choose(QUANTIZATION, expected, distance, LAYOUT.num_bits)
-    pairs = zip(choice.sent.depths, QUANTIZATION.planes, strict=True)
+    quantization = QUANTIZATIONS[distance]
+    choice = NeedEstimator(CONFIG, margin_percent).choose(quantization, expected, distance, LAYOUT.num_bits)
+    pairs = zip(choice.sent.depths, quantization.planes, strict=True)
     assert all(depth <= planes for depth, planes in pairs)
     return choice
 
@@ -49,20 +54,22 @@ def test_larger_errors_need_more() -> None:
 
 
 CHOICES = {
-    (7.0, 2): (0, 0, 0, 0),
-    (8.0, 2): (3, 0, 1536, 0),
-    (9.0, 2): (4, 0, 3072, 0),
-    (10.0, 2): (4, 45, 3456, 960),
-    (16.0, 2): (5, 30, 10752, 960),
-    (24.0, 2): (5, 30, 15360, 960),
-    (64.0, 2): (5, 75, 27648, 147456),
-    (5.0, 8): (4, 0, 1920, 0),
-    (6.0, 8): (4, 60, 2304, 1024),
-    (8.0, 8): (5, 0, 5376, 0),
-    (9.0, 8): (5, 45, 5888, 1024),
-    (20.0, 8): (5, 30, 13312, 1024),
-    (24.0, 8): (5, 75, 15872, 147456),
-    (16.0, 16): (5, 45, 11264, 17408),
+    (5.0, 2): (0, 0, 0, 0),
+    (6.0, 2): (0, 0, 0, 0),
+    (7.0, 2): (4, 0, 1984, 0),
+    (8.0, 2): (4, 60, 2304, 960),
+    (9.0, 2): (4, 0, 2560, 0),
+    (10.0, 2): (4, 0, 2816, 0),
+    (16.0, 2): (5, 45, 8192, 960),
+    (24.0, 2): (5, 30, 12800, 960),
+    (64.0, 2): (5, 75, 24576, 147456),
+    (5.0, 8): (5, 75, 2432, 1024),
+    (6.0, 8): (5, 0, 2816, 0),
+    (8.0, 8): (6, 60, 6400, 1024),
+    (9.0, 8): (6, 60, 7168, 1024),
+    (20.0, 8): (6, 0, 16384, 0),
+    (24.0, 8): (6, 90, 18432, 147456),
+    (16.0, 16): (6, 45, 15360, 1088),
 }
 """By residual and distance of the references: planes of DC and of the others, and bits of their syndromes."""
 
