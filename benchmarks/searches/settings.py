@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.searches.settings SETTINGS ... [--clips box tree] [--qp 26 32 38] [--frames 65]`` codes
 and decodes clips as usual, and with each of the settings, those that are tried together joined by commas:
-values of the configuration (``gop.p_type_distance=4``, ``key.qp=-1`` relative to the usual one), and constants
+values of the configuration (``gop.p_type_distance=4``, ``key.qp=-1`` relative to the usual) and constants
 of modules, for the encoder (``encoder.intra_decision.MAX_LOST_SHARE=0.6``,
 ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``). A row tells the change of rate less what the change of PSNR
 is worth on the clip's usual curve, in percent: the mean, its standard error, and that of each QP and clip.
