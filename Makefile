@@ -22,7 +22,7 @@ venv: $(INSTALLED)  ## make the virtual environment in .venv
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed: make PYTHON=...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,check]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,test,check]'
 	@touch $@
 
 demo: kernels  ## render a moving camera, code it between two processes, show rates, quality and depth

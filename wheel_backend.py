@@ -17,6 +17,7 @@ from setuptools.build_meta import *  # noqa: F403
 from setuptools.command.build_py import build_py
 
 from dvc.compile_kernels import listed
+from dvc.extras import EXTRAS
 
 
 class CompiledPackages(build_py):  # type: ignore[misc]
@@ -46,9 +47,11 @@ def _prune(root: Path) -> None:
 
 
 def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
-    """Add what the packages import."""
+    """Add what the packages import, those of all commands."""
     project = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return [*build_meta.get_requires_for_build_wheel(config_settings), *project["dependencies"]]
+    of_extras = (name for extra in EXTRAS for name in project["optional-dependencies"][extra])
+    imported = dict.fromkeys((*project["dependencies"], *of_extras))
+    return [*build_meta.get_requires_for_build_wheel(config_settings), *imported]
 
 
 def build_wheel(

@@ -405,7 +405,7 @@ def _output(
     )
 
 
-main = cli.command(PROG, _parser, _decode)
+main = cli.command(PROG, _parser, _decode, extra="decode")
 
 if __name__ == "__main__":
     sys.exit(main())

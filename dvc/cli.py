@@ -16,6 +16,7 @@ from types import FrameType
 from typing import Any, NoReturn, Protocol
 
 from dvc.errors import ConfigError, DvcError, PartialOutputError
+from dvc.extras import check_extra
 
 EXIT_BAD_INPUT = 2
 EXIT_PARTIAL = 3
@@ -119,13 +120,19 @@ def command(
     work: Callable[[argparse.Namespace], int],
     *,
     has_subcommands: bool = False,
+    extra: str | None = None,
 ) -> Callable[..., int]:
-    """Make the `main` of a command."""
+    """Make the `main` of a command; `extra` names what must be installed besides what a camera needs."""
+
+    def _work(arguments: argparse.Namespace) -> int:
+        if extra is not None:
+            check_extra(extra)
+        return work(arguments)
 
     def _main(argv: Sequence[str] | None = None) -> int:
         built = parser()
         arguments = built.parse_args(argv) if has_subcommands else built.parse_intermixed_args(argv)
-        return run(prog, lambda: work(arguments))
+        return run(prog, lambda: _work(arguments))
 
     return _main
 

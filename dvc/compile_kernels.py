@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from dvc import cli
 from dvc.environment import baseline_environment
+from dvc.extras import of_an_extra
 
 PROG = "dvc-compile"
 KERNELS = Path(__file__).with_name("kernels.txt")
@@ -33,10 +34,16 @@ class Kernel(NamedTuple):
     signature: str  # see `dvc._jit.compile_for`
 
     def compile(self) -> None:
-        """Compile it, unless it is on disk."""
+        """Compile it, unless it is on disk, or for commands that are not installed."""
         from dvc._jit import compile_for
 
-        compile_for(getattr(importlib.import_module(self.module), self.name), self.signature)
+        try:
+            module = importlib.import_module(self.module)
+        except ModuleNotFoundError as err:
+            if not of_an_extra(err.name):
+                raise
+            return
+        compile_for(getattr(module, self.name), self.signature)
 
 
 def listed() -> list[Kernel]:

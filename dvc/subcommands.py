@@ -30,9 +30,9 @@ def by_name(modules: Sequence[ModuleType]) -> dict[str, Subcommand]:
 
 
 def command(
-    prog: str, description: str, examples: str, subcommands: Mapping[str, Subcommand]
+    prog: str, description: str, examples: str, subcommands: Mapping[str, Subcommand], extra: str
 ) -> Callable[..., int]:
-    """Make the `main` of a command that has subcommands."""
+    """Make the `main` of a command that has subcommands; see `dvc.cli.command`."""
 
     def _parser() -> argparse.ArgumentParser:
         parser = cli.ArgumentParser(prog, description, examples)
@@ -46,4 +46,4 @@ def command(
     def _work(arguments: argparse.Namespace) -> int:
         return subcommands[arguments.command].run(arguments)
 
-    return cli.command(prog, _parser, _work, has_subcommands=True)
+    return cli.command(prog, _parser, _work, has_subcommands=True, extra=extra)

@@ -140,7 +140,7 @@ def _summary(reconstruction: "Reconstruction") -> str:
     return "\n".join(lines) + "\n"
 
 
-main = cli.command(PROG, _parser, _run)
+main = cli.command(PROG, _parser, _run, extra="decode")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -34,6 +34,7 @@ main = subcommands.command(
     subcommands.by_name(
         (encode, encode_image, encode_depth, encode_layers, decode, render, view, info, evaluate)
     ),
+    "stereo",
 )
 
 if __name__ == "__main__":

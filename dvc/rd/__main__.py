@@ -323,7 +323,9 @@ _SUBCOMMANDS = {
     ),
 }
 
-main = subcommands.command(PROG, "Measure and report rate-distortion curves.", EXAMPLES, _SUBCOMMANDS)
+main = subcommands.command(
+    PROG, "Measure and report rate-distortion curves.", EXAMPLES, _SUBCOMMANDS, "report"
+)
 
 if __name__ == "__main__":
     sys.exit(main())

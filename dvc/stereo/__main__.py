@@ -18,6 +18,7 @@ main = subcommands.command(
     "Stereo from planar camera arrays.",
     EXAMPLES,
     subcommands.by_name((rectify, reconstruct, layers, sprites, evaluate, reproduce)),
+    "stereo",
 )
 
 if __name__ == "__main__":
