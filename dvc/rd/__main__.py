@@ -72,6 +72,13 @@ def _add_compare(compare: argparse.ArgumentParser) -> None:
         metavar=("LABEL1", "LABEL2"),
         help="within A: the second against the first; a part of a label is enough",
     )
+    add(
+        "--quality",
+        choices=("luma", "mse", "colour"),
+        default="luma",
+        help="compare at equal mean PSNR of luma, PSNR of its mean squared error, or (6 Y + Cb + Cr) / 8;"
+        " default: %(default)s",
+    )
     add("--csv", metavar="FILE", help="also write the figures (-: instead, to stdout)")
 
 
@@ -223,11 +230,14 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from dvc.rd.compare import HEAD, compare, comparison_csv, comparison_rows
+    from dvc.rd.compare import HEAD, at_equal, compare, comparison_csv, comparison_rows
     from dvc.rd.results import read_results
 
-    before = read_results(arguments.before)
-    after = None if arguments.after is None else read_results(arguments.after)
+    before, after = (
+        None if folder is None else at_equal(read_results(folder), arguments.quality)
+        for folder in (arguments.before, arguments.after)
+    )
+    assert before is not None
     found = compare(before, after, arguments.against, arguments.curves)
     if arguments.csv is not None:
         _write(arguments.csv, comparison_csv(found))

@@ -1,7 +1,7 @@
 """Comparison of curves: is one codec better than another, by how much, and up to which rate."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,6 +44,9 @@ CSV_COLUMNS = (
 """Columns of the table for machines, in this order."""
 
 
+_ABOUT_COLOUR = "; `dvc-rd run --colour` measures chroma"
+
+
 @dataclass(frozen=True)
 class Comparison:
     """One curve against another, on the same frames."""
@@ -59,6 +62,34 @@ class Comparison:
     def comparable(self) -> bool:
         """Whether there is a figure, of rate or of PSNR."""
         return not (isinstance(self.rate, str) and isinstance(self.psnr, str))
+
+
+QUALITIES = {
+    "luma": {"psnr_y_db": 1},
+    "mse": {"mse_psnr_y_db": 1},
+    "colour": {"psnr_y_db": 6, "psnr_cb_db": 1, "psnr_cr_db": 1},
+}
+"""What curves may be compared at equal: the mean PSNR of frames, that of their mean squared error, or the mean
+with chroma, (6 Y + Cb + Cr) / 8; each by totals and their weights."""
+
+
+def at_equal(results: Sequence[PointResult], quality: str) -> list[PointResult]:
+    """Return points whose PSNR is another measure of their quality."""
+    weights = QUALITIES[quality]
+    found = []
+    for result in results:
+        psnrs = {name: result.total(name) for name in weights}
+        missing = [name for name, psnr in psnrs.items() if psnr is None]
+        if missing:
+            raise ConfigError(
+                f"{result.name} has no {', '.join(missing)}" + _ABOUT_COLOUR * ("cb" in missing[0])
+            )
+        psnr_db = sum(weight * (psnrs[name] or 0.0) for name, weight in weights.items()) / sum(
+            weights.values()
+        )
+        totals = {**result.data["totals"], "psnr_y_db": psnr_db}
+        found.append(replace(result, data={**result.data, "totals": totals}))
+    return found
 
 
 def compare(

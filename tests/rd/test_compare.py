@@ -14,7 +14,16 @@ from hypothesis import strategies as st
 
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.__main__ import main
-from dvc.rd.compare import CSV_COLUMNS, HEAD, compare, comparison_csv, comparison_rows, find_label
+from dvc.rd.compare import (
+    CSV_COLUMNS,
+    HEAD,
+    QUALITIES,
+    at_equal,
+    compare,
+    comparison_csv,
+    comparison_rows,
+    find_label,
+)
 from dvc.rd.curves import Curve
 from dvc.rd.differences import crossing_text, crossings_kbps
 from dvc.rd.point_result import PointResult
@@ -214,3 +223,19 @@ def test_columns_of_comparisons_are_documented() -> None:
     """The document of results names every column."""
     text = (Path(__file__).parents[2] / "docs" / "rd.md").read_text(encoding="utf-8")
     assert all(f"`{column}`" in text for column in CSV_COLUMNS)
+
+
+def test_curves_are_compared_at_other_qualities(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By the mean squared error, or with chroma, where it was measured; chroma weighs a quarter."""
+    point = PointResult("x", result_data(60.0, 30.0))
+    totals = {**point.data["totals"], "mse_psnr_y_db": 29.0, "psnr_cb_db": 40.0, "psnr_cr_db": 42.0}
+    full = PointResult("x", {**point.data, "totals": totals})
+    found = {quality: at_equal([full], quality)[0].psnr_y_db for quality in QUALITIES}
+    assert found == {"luma": 30.0, "mse": 29.0, "colour": pytest.approx((6 * 30.0 + 40.0 + 42.0) / 8)}
+    with pytest.raises(ConfigError, match="psnr_cb_db, psnr_cr_db; `dvc-rd run --colour`"):
+        at_equal([PointResult("x", {**point.data, "totals": {"psnr_y_db": 30.0}})], "colour")
+    folder = write_results(tmp_path / "a")
+    assert main(["compare", str(folder)]) == 0
+    usual = capsys.readouterr().out
+    assert main(["compare", str(folder), "--quality", "luma"]) == 0
+    assert capsys.readouterr().out == usual
