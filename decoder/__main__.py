@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING
 
 from dvc import cli
 from dvc.config import FALLBACKS, SFM_BACKENDS
-from dvc.errors import BitstreamError, ConfigError, DvcError, FeedbackError, PartialOutputError
+from dvc.errors import (
+    BitstreamError,
+    ConfigError,
+    DvcError,
+    FeedbackError,
+    PartialOutputError,
+    PeerClosedError,
+)
 from dvc.limits import MAX_MEMORY_MIB
 
 if TYPE_CHECKING:
@@ -308,10 +315,20 @@ def _naming(path: str) -> Iterator[None]:
 def _decode_live(arguments: argparse.Namespace) -> int:
     from decoder.live import LiveSource
     from decoder.session import decode_live
-    from dvc.feedback import KEEP_ALIVE, connect, parse_address
+    from dvc.feedback import KEEP_ALIVE, check_exposure, connect, parse_address, read_token
 
+    token = None if arguments.token_file is None else read_token(arguments.token_file)
     with connect(*parse_address(arguments.connect), timeout_s=arguments.timeout) as connection:
-        source = LiveSource(connection)
+        check_exposure(connection.host, token, arguments.insecure)
+        if token is not None:
+            connection.authenticate(token, False, arguments.timeout)
+        try:
+            source = LiveSource(connection)
+        except PeerClosedError as err:
+            hint = (
+                "" if token else "; an encoder with --token-file talks only to decoders that have the token"
+            )
+            raise FeedbackError(f"{err}{hint}") from err
         try:
             config = _with_choices(source.config, arguments)
             with connection.kept_alive(KEEP_ALIVE), _stopped_by_signals() as stop, ExitStack() as stack:

@@ -250,6 +250,16 @@ def add_integer(
 def add_live(group: argparse._ActionsContainer, option: str, text: str) -> None:
     """Add the options of a live run: the address, and how long to wait for the other end."""
     group.add_argument(option, metavar="HOST:PORT", help=text)
+    group.add_argument(
+        "--token-file",
+        metavar="FILE",
+        help="talk only to who has the same token, of 16 bytes or more; what is sent is sealed, not hidden",
+    )
+    group.add_argument(
+        "--insecure",
+        action="store_true",
+        help="talk to anybody through a network; needed there without token",
+    )
     patience = "patience with a silent peer, in seconds"
     add_integer(group, "--timeout", (1, 86400), patience, default=30, metavar="S")
 

@@ -21,6 +21,10 @@ class FeedbackError(DvcError):
     """A peer that breaks the feedback protocol, falls silent or goes away."""
 
 
+class PeerClosedError(FeedbackError):
+    """The other side of the feedback channel closed the connection."""
+
+
 class PartialOutputError(DvcError):
     """A live run that ended early; what was decoded before is kept under other names."""
 

@@ -20,12 +20,18 @@ MAX_STALL_S = 3600.0
 
 
 def await_decoder(
-    listener: Listener, config: CodecConfig, timeout_s: float, say: Callable[[str], None]
+    listener: Listener,
+    config: CodecConfig,
+    timeout_s: float,
+    say: Callable[[str], None],
+    token: bytes | None = None,
 ) -> tuple[Connection, EncoderEndpoint]:
-    """Wait for a decoder; whoever else connects is turned away, and ends nothing."""
+    """Wait for a decoder that knows the token, if there is one; whoever else connects is turned away."""
     while True:
         connection = listener.accept(silence_timeout_s=timeout_s)
         try:
+            if token is not None:
+                connection.authenticate(token, True, HELLO_S)
             return connection, greet(connection, config)
         except FeedbackError as err:
             say(f"not a decoder: {err}; still waiting")

@@ -334,6 +334,31 @@ def test_strangers_end_nothing(folder: Path, clip: Path, buffered: Run) -> None:
     assert (folder / "after_strangers.y4m").read_bytes() == buffered.video.read_bytes()
 
 
+def test_a_token_lets_in_who_has_it(folder: Path, clip: Path, buffered: Run, tmp_path: Path) -> None:
+    """Others end with one line, and the encoder waits on for a decoder that gets the same frames as ever."""
+    for name in ("token", "other"):
+        (tmp_path / name).write_text(f"a secret, the {name} of two\n")
+    token = ("--token-file", tmp_path / "token")
+    with start("encoder", clip, *CODING, "--serve", "127.0.0.1:0", *token) as encoder:
+        address = f"127.0.0.1:{listening_port(encoder)}"
+        for words in ((), ("--token-file", tmp_path / "other")):
+            assert_refused(
+                finish(start("decoder", "--connect", address, tmp_path / "no.y4m", *words)), "token"
+            )
+        run_here("decoder", "--connect", address, tmp_path / "yes.y4m", *token)
+        status, stderr = finish(encoder)
+    assert status == 0, stderr
+    assert stderr.count("dvc-encode: not a decoder: ") == 2
+    assert (tmp_path / "yes.y4m").read_bytes() == buffered.video.read_bytes()
+
+
+def test_a_network_is_not_served_without_a_token(clip: Path) -> None:
+    """Unless the user lets anybody connect."""
+    assert_refused(
+        finish(start("encoder", clip, *CODING, "--serve", "0.0.0.0:0")), "--token-file", "--insecure"
+    )
+
+
 @contextmanager
 def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
     """Encoder and decoder of a live run whose source halts after four frames; the first is decoded.

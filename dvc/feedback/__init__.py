@@ -3,6 +3,7 @@
 Messages and the two endpoints do no I/O; `dvc.feedback.transport` is the one module that moves bytes.
 """
 
+from dvc.feedback.authentication import check_exposure, read_token
 from dvc.feedback.endpoints import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint, Event, ParityAnswer
 from dvc.feedback.flow_control import MAX_OPEN_GOPS, max_open_gops
 from dvc.feedback.messages import (
@@ -35,8 +36,10 @@ __all__ = [
     "Listener",
     "NextGop",
     "ParityAnswer",
+    "check_exposure",
     "connect",
     "listen",
     "max_open_gops",
     "parse_address",
+    "read_token",
 ]

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import wait
 from typing import Any, Protocol
 
-from dvc.errors import ConfigError, FeedbackError
+from dvc.errors import ConfigError, FeedbackError, PeerClosedError
+from dvc.feedback.authentication import SealedSocket, authenticate
 from dvc.files import Closing
 
 DEFAULT_TIMEOUT_S = 30.0
@@ -79,17 +80,44 @@ class Connection(Closing):
     """
 
     def __init__(self, peer: socket.socket, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        self._socket = peer
+        self._socket: socket.socket | SealedSocket = peer
         self._timeout_s = timeout_s
         self._sending = threading.Lock()
         self._last_sent_s = self._silent_since_s = time.monotonic()
         try:
             peer.settimeout(timeout_s)
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self.name = _shown(peer.getpeername())
+            address = peer.getpeername()
+            self.name, self.host = _shown(address), str(address[0])
         except OSError as err:
             peer.close()
             raise FeedbackError(f"the other side went away: {err.strerror or err}") from err
+
+    def authenticate(self, token: bytes, listening: bool, within_s: float) -> None:
+        """Let in only who knows a token, before anything else is sent or received; seal all of that.
+
+        Parameters
+        ----------
+        token : bytes
+            What both ends know, see `read_token`.
+        listening : bool
+            Whether the peer has connected to this end.
+        within_s : float
+            Time that this may take, in seconds.
+
+        Raises
+        ------
+        FeedbackError
+            If the peer does not know the token, takes too long or goes away; the connection is closed then.
+        """
+        assert isinstance(self._socket, socket.socket), "not authenticated yet"
+        try:
+            self._socket = authenticate(self._socket, token, listening, within_s)
+            self._socket.settimeout(self._timeout_s)
+        except (OSError, FeedbackError) as err:
+            self.close()
+            reason = self._error("is silent", err) if isinstance(err, OSError) else err
+            raise FeedbackError(f"{self.name}: {reason}") from err
 
     def send(self, data: bytes) -> None:
         """Send bytes.
@@ -131,7 +159,7 @@ class Connection(Closing):
         except OSError as err:
             raise self._error("is silent", err) from err
         if not data:
-            raise FeedbackError(f"the other side ({self.name}) closed the connection")
+            raise PeerClosedError(f"the other side ({self.name}) closed the connection")
         self._silent_since_s = time.monotonic()
         return data
 
@@ -163,6 +191,8 @@ class Connection(Closing):
         FeedbackError
             If the peer is silent for the timeout while something is expected of it.
         """
+        if self._is_pending():
+            return [self, *_readable(list(others), 0.0)]
         left_s = None if patient else max(0.0, self._silent_since_s + self._timeout_s - time.monotonic())
         bounds_s = [bound_s for bound_s in (left_s, at_most_s) if bound_s is not None]
         try:
@@ -177,7 +207,11 @@ class Connection(Closing):
 
     def has_received(self) -> bool:
         """Say whether there is something to be received at once, if only the end."""
-        return bool(_readable([self], 0.0))
+        return self._is_pending() or bool(_readable([self], 0.0))
+
+    def _is_pending(self) -> bool:
+        """Say whether there are bytes that have left the socket already."""
+        return isinstance(self._socket, SealedSocket) and self._socket.pending
 
     @contextlib.contextmanager
     def kept_alive(self, message: bytes) -> Iterator[None]:
@@ -230,7 +264,7 @@ class Connection(Closing):
             How long the peer has, in seconds.
         """
         deadline_s, num_bytes = time.monotonic() + linger_s, 0
-        with self._socket, contextlib.suppress(OSError):
+        with contextlib.closing(self._socket), contextlib.suppress(OSError, FeedbackError):
             self._socket.shutdown(socket.SHUT_WR)
             while num_bytes < _LINGER_BYTES and (left_s := deadline_s - time.monotonic()) > 0:
                 self._socket.settimeout(left_s)

@@ -69,8 +69,8 @@ QUALITIES = {
     "mse": {"mse_psnr_y_db": 1},
     "colour": {"psnr_y_db": 6, "psnr_cb_db": 1, "psnr_cr_db": 1},
 }
-"""What curves may be compared at equal: the mean PSNR of frames, that of their mean squared error, or the mean
-with chroma, (6 Y + Cb + Cr) / 8; each by totals and their weights."""
+"""What curves may be compared at equal: mean PSNR of luma, PSNR of its mean squared error, or the mean with
+chroma, (6 Y + Cb + Cr) / 8; each by totals and their weights."""
 
 
 def at_equal(results: Sequence[PointResult], quality: str) -> list[PointResult]:
