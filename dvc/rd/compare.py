@@ -44,9 +44,6 @@ CSV_COLUMNS = (
 """Columns of the table for machines, in this order."""
 
 
-_ABOUT_COLOUR = "; `dvc-rd run --colour` measures chroma"
-
-
 @dataclass(frozen=True)
 class Comparison:
     """One curve against another, on the same frames."""
@@ -64,32 +61,35 @@ class Comparison:
         return not (isinstance(self.rate, str) and isinstance(self.psnr, str))
 
 
-QUALITIES = {
-    "luma": {"psnr_y_db": 1},
-    "mse": {"mse_psnr_y_db": 1},
-    "colour": {"psnr_y_db": 6, "psnr_cb_db": 1, "psnr_cr_db": 1},
-}
+QUALITIES = ("luma", "mse", "colour")
 """What curves may be compared at equal: mean PSNR of luma, PSNR of its mean squared error, or the mean with
-chroma, (6 Y + Cb + Cr) / 8; each by totals and their weights."""
+chroma, (6 Y + Cb + Cr) / 8."""
 
 
 def at_equal(results: Sequence[PointResult], quality: str) -> list[PointResult]:
     """Return points whose PSNR is another measure of their quality."""
-    weights = QUALITIES[quality]
     found = []
     for result in results:
-        psnrs = {name: result.total(name) for name in weights}
-        missing = [name for name, psnr in psnrs.items() if psnr is None]
-        if missing:
-            raise ConfigError(
-                f"{result.name} has no {', '.join(missing)}" + _ABOUT_COLOUR * ("cb" in missing[0])
-            )
-        psnr_db = sum(weight * (psnrs[name] or 0.0) for name, weight in weights.items()) / sum(
-            weights.values()
-        )
-        totals = {**result.data["totals"], "psnr_y_db": psnr_db}
+        totals = {**result.data["totals"], "psnr_y_db": _psnr_db(result, quality)}
         found.append(replace(result, data={**result.data, "totals": totals}))
     return found
+
+
+def _psnr_db(result: PointResult, quality: str) -> float:
+    if quality == "mse":
+        from dvc.metrics import psnr_of_mean_error_db
+
+        frames = result.data.get("per_frame", ())
+        if not frames:
+            raise ConfigError(f"{result.name} has no frames")
+        return psnr_of_mean_error_db([frame["psnr_y_db"] for frame in frames])
+    if quality == "colour":
+        chroma = [result.total(name) for name in ("psnr_cb_db", "psnr_cr_db")]
+        known = [psnr_db for psnr_db in chroma if psnr_db is not None]
+        if len(known) < len(chroma):
+            raise ConfigError(f"{result.name} has no chroma: `dvc-rd run --colour` measures it")
+        return (6 * result.psnr_y_db + sum(known)) / 8
+    return result.psnr_y_db
 
 
 def compare(

@@ -228,12 +228,17 @@ def test_columns_of_comparisons_are_documented() -> None:
 def test_curves_are_compared_at_other_qualities(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By the mean squared error, or with chroma, where it was measured; chroma weighs a quarter."""
     point = PointResult("x", result_data(60.0, 30.0))
-    totals = {**point.data["totals"], "mse_psnr_y_db": 29.0, "psnr_cb_db": 40.0, "psnr_cr_db": 42.0}
-    full = PointResult("x", {**point.data, "totals": totals})
+    totals = {**point.data["totals"], "psnr_cb_db": 40.0, "psnr_cr_db": 42.0}
+    frames = [{"psnr_y_db": 40.0}, {"psnr_y_db": 20.0}]
+    full = PointResult("x", {**point.data, "totals": totals, "per_frame": frames})
     found = {quality: at_equal([full], quality)[0].psnr_y_db for quality in QUALITIES}
-    assert found == {"luma": 30.0, "mse": 29.0, "colour": pytest.approx((6 * 30.0 + 40.0 + 42.0) / 8)}
-    with pytest.raises(ConfigError, match="psnr_cb_db, psnr_cr_db; `dvc-rd run --colour`"):
-        at_equal([PointResult("x", {**point.data, "totals": {"psnr_y_db": 30.0}})], "colour")
+    assert found["luma"] == 30.0
+    assert found["mse"] == pytest.approx(10 * math.log10(2 / (1e-4 + 1e-2)))
+    assert found["colour"] == pytest.approx((6 * 30.0 + 40.0 + 42.0) / 8)
+    bare = PointResult("x", {**point.data, "totals": {"psnr_y_db": 30.0}, "per_frame": []})
+    for quality, message in (("colour", "no chroma: `dvc-rd run --colour`"), ("mse", "no frames")):
+        with pytest.raises(ConfigError, match=message):
+            at_equal([bare], quality)
     folder = write_results(tmp_path / "a")
     assert main(["compare", str(folder)]) == 0
     usual = capsys.readouterr().out
