@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from decoder.session import Reader
     from decoder.tasks import DecodedGroup
     from dvc.config import CodecConfig
+    from dvc.feedback import Protection
     from dvc.limits import Limits
 
 PROG = "dvc-decode"
@@ -51,8 +52,15 @@ def _parser() -> argparse.ArgumentParser:
         help="stream (.dvc), or folder of a recording's segments, and video to write (.y4m, .mkv, .mp4); with"
         " --connect the video alone",
     )
-    cli.add_live(
-        parser.add_argument_group("live"), "--connect", "decode live from `dvc-encode --serve HOST:PORT`"
+    live = parser.add_argument_group("live")
+    cli.add_live(live, "--connect", "decode live from `dvc-encode --serve HOST:PORT`")
+    live.add_argument(
+        "--tls-ca",
+        metavar="FILE",
+        help="talk over TLS, to an encoder whose certificate one of these (PEM) has signed",
+    )
+    live.add_argument(
+        "--fingerprint", metavar="SHA256", help="talk over TLS, to the encoder whose certificate has this one"
     )
     _add_prediction(parser)
     _add_outputs(parser)
@@ -315,19 +323,15 @@ def _naming(path: str) -> Iterator[None]:
 def _decode_live(arguments: argparse.Namespace) -> int:
     from decoder.live import LiveSource
     from decoder.session import decode_live
-    from dvc.feedback import KEEP_ALIVE, check_exposure, connect, parse_address, read_token
+    from dvc.feedback import KEEP_ALIVE, connect, parse_address
 
-    token = None if arguments.token_file is None else read_token(arguments.token_file)
+    protection = _protection(arguments)
     with connect(*parse_address(arguments.connect), timeout_s=arguments.timeout) as connection:
-        check_exposure(connection.host, token, arguments.insecure)
-        if token is not None:
-            connection.authenticate(token, False, arguments.timeout)
+        connection.protect(protection, arguments.timeout)
         try:
             source = LiveSource(connection)
         except PeerClosedError as err:
-            hint = (
-                "" if token else "; an encoder with --token-file talks only to decoders that have the token"
-            )
+            hint = "; it may want a token, or TLS" if protection.is_none else ""
             raise FeedbackError(f"{err}{hint}") from err
         try:
             config = _with_choices(source.config, arguments)
@@ -339,6 +343,19 @@ def _decode_live(arguments: argparse.Namespace) -> int:
                 source.give_up(cli.one_line(err) or "interrupted")
             raise
     return 0
+
+
+def _protection(arguments: argparse.Namespace) -> "Protection":
+    """Tell whom to talk to."""
+    from dvc.feedback import Protection, parse_address, read_token
+    from dvc.feedback.tls import decoder_context, parse_fingerprint
+
+    token = None if arguments.token_file is None else read_token(arguments.token_file)
+    fingerprint = None if arguments.fingerprint is None else parse_fingerprint(arguments.fingerprint)
+    wanted = arguments.tls_ca is not None or fingerprint is not None
+    tls = decoder_context(arguments.tls_ca) if wanted else None
+    host, _ = parse_address(arguments.connect)
+    return Protection(False, token, tls, host, fingerprint, arguments.insecure)
 
 
 def _limits(arguments: argparse.Namespace) -> "Limits":

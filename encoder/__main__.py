@@ -143,7 +143,7 @@ def _serve(
     spool: "FrameSpool | None",
 ) -> dict[str, object]:
     """Answer a decoder, also after an interrupt, which ends the frames; return how late it was."""
-    from dvc.feedback import KEEP_ALIVE, check_exposure, listen, parse_address, read_token
+    from dvc.feedback import KEEP_ALIVE, listen, parse_address
     from encoder.live import await_decoder, serve
     from encoder.pacing import DecoderPace
     from encoder.spool import LeftOut
@@ -151,13 +151,13 @@ def _serve(
     video = session.config.video
     left_out = spool.left_out if spool is not None else LeftOut()
     pace = DecoderPace(Fraction(video.frame_rate_num, video.frame_rate_den), _say, left_out)
-    token = None if arguments.token_file is None else read_token(arguments.token_file)
+    protection = options.protection(arguments)
     with listen(*parse_address(arguments.serve)) as listener:
-        check_exposure(listener.host, token, arguments.insecure)
-        if arguments.insecure and token is None:
-            _say("anybody may connect, and read and change what is sent: there is no token")
+        protection.check_exposure(listener.host)
+        if protection.insecure and protection.is_none:
+            _say("anybody may connect, and read and change what is sent: there is neither token nor TLS")
         _say(f"waiting for a decoder on {listener.name}")
-        connection, endpoint = await_decoder(listener, session.config, arguments.timeout, _say, token)
+        connection, endpoint = await_decoder(listener, session.config, arguments.timeout, _say, protection)
     with connection, connection.kept_alive(KEEP_ALIVE), source.stopping_at_signals():
         serve(session, source, connection, progress, pace, endpoint)
     if left_out.frames:

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 from dvc.config import CodecConfig
 from dvc.errors import DvcError, FeedbackError
-from dvc.feedback import Connection, EncoderEndpoint, Event, GopDone, Listener
+from dvc.feedback import Connection, EncoderEndpoint, Event, GopDone, Listener, Protection
 from dvc.slepian_wolf import RequestTable
 from dvc.video import Frame
 from encoder.pacing import DecoderPace
@@ -24,14 +24,13 @@ def await_decoder(
     config: CodecConfig,
     timeout_s: float,
     say: Callable[[str], None],
-    token: bytes | None = None,
+    protection: Protection,
 ) -> tuple[Connection, EncoderEndpoint]:
-    """Wait for a decoder that knows the token, if there is one; whoever else connects is turned away."""
+    """Wait for a decoder that does its part of the protection; whoever else connects is turned away."""
     while True:
         connection = listener.accept(silence_timeout_s=timeout_s)
         try:
-            if token is not None:
-                connection.authenticate(token, True, HELLO_S)
+            connection.protect(protection, HELLO_S)
             return connection, greet(connection, config)
         except FeedbackError as err:
             say(f"not a decoder: {err}; still waiting")

@@ -43,6 +43,7 @@ from dvc.config import (
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
+    from dvc.feedback import Protection
     from dvc.video import Frame, VideoInfo
     from encoder.session import EncoderSession
     from encoder.spool import FrameSpool
@@ -366,6 +367,12 @@ def _add_live(group: argparse._ArgumentGroup) -> None:
         metavar="FRAMES",
     )
     group.add_argument(
+        "--tls-cert",
+        metavar="FILE",
+        help="talk over TLS, with this certificate (PEM: chain, and key if it is there)",
+    )
+    group.add_argument("--tls-key", metavar="FILE", help="key of the certificate, where that is elsewhere")
+    group.add_argument(
         "--leave-out",
         action="store_true",
         help="when the spool is full, leave frames out, by whole groups, and count them; default: the source"
@@ -383,6 +390,18 @@ def check(arguments: argparse.Namespace) -> None:
         from encoder.segments import segment_names
 
         segment_names(arguments.output)
+
+
+def protection(arguments: argparse.Namespace) -> "Protection":
+    """Tell who may connect."""
+    from dvc.feedback import Protection, read_token
+    from dvc.feedback.tls import encoder_context
+
+    if arguments.tls_key is not None and arguments.tls_cert is None:
+        raise ConfigError("--tls-key is the key of --tls-cert")
+    token = None if arguments.token_file is None else read_token(arguments.token_file)
+    tls = None if arguments.tls_cert is None else encoder_context(arguments.tls_cert, arguments.tls_key)
+    return Protection(True, token, tls, insecure=arguments.insecure)
 
 
 def spool(

@@ -352,6 +352,29 @@ def test_a_token_lets_in_who_has_it(folder: Path, clip: Path, buffered: Run, tmp
     assert (tmp_path / "yes.y4m").read_bytes() == buffered.video.read_bytes()
 
 
+def test_tls_shows_the_decoder_whose_encoder_it_is(
+    folder: Path, clip: Path, buffered: Run, tmp_path: Path
+) -> None:
+    """Frames are the same as ever; who believes another certificate, or none, ends with one line."""
+    import trustme
+
+    chain, authority, other = (tmp_path / f"{name}.pem" for name in ("chain", "authority", "other"))
+    signing = trustme.CA()
+    signing.issue_cert("127.0.0.1").private_key_and_cert_chain_pem.write_to_path(chain)
+    signing.cert_pem.write_to_path(authority)
+    trustme.CA().cert_pem.write_to_path(other)
+    with start("encoder", clip, *CODING, "--serve", "127.0.0.1:0", "--tls-cert", chain) as encoder:
+        address = f"127.0.0.1:{listening_port(encoder)}"
+        for words in ((), ("--tls-ca", other), ("--fingerprint", "0" * 64)):
+            refused = start("decoder", "--connect", address, tmp_path / "no.y4m", *words)
+            assert_refused(finish(refused), "dvc-decode: ")
+        run_here("decoder", "--connect", address, tmp_path / "yes.y4m", "--tls-ca", authority)
+        status, stderr = finish(encoder)
+    assert status == 0, stderr
+    assert stderr.count("dvc-encode: not a decoder: ") == 3
+    assert (tmp_path / "yes.y4m").read_bytes() == buffered.video.read_bytes()
+
+
 def test_a_network_is_not_served_without_a_token(clip: Path) -> None:
     """Unless the user lets anybody connect."""
     assert_refused(

@@ -3,7 +3,7 @@
 Messages and the two endpoints do no I/O; `dvc.feedback.transport` is the one module that moves bytes.
 """
 
-from dvc.feedback.authentication import check_exposure, read_token
+from dvc.feedback.authentication import read_token
 from dvc.feedback.endpoints import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint, Event, ParityAnswer
 from dvc.feedback.flow_control import MAX_OPEN_GOPS, max_open_gops
 from dvc.feedback.messages import (
@@ -16,6 +16,7 @@ from dvc.feedback.messages import (
     KeepAlive,
     NextGop,
 )
+from dvc.feedback.protection import Protection
 from dvc.feedback.transport import DEFAULT_TIMEOUT_S, Connection, Listener, connect, listen, parse_address
 
 __all__ = [
@@ -36,7 +37,7 @@ __all__ = [
     "Listener",
     "NextGop",
     "ParityAnswer",
-    "check_exposure",
+    "Protection",
     "connect",
     "listen",
     "max_open_gops",

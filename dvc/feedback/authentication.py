@@ -8,13 +8,12 @@ run and this direction, over its place among the pieces: what was changed, left 
 
 import hmac
 import secrets
-import socket
 import time
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Final
 
 from dvc.errors import ConfigError, FeedbackError
+from dvc.feedback.protected_socket import Peer, ProtectedSocket
 
 MIN_TOKEN_BYTES: Final = 16
 MAX_TOKEN_BYTES: Final = 4096
@@ -55,31 +54,7 @@ def read_token(path: str | Path) -> bytes:
     return token
 
 
-def check_exposure(host: str, token: bytes | None, insecure: bool) -> None:
-    """Refuse to talk to anybody through a network, unless that is wanted.
-
-    Parameters
-    ----------
-    host : str
-        Numerical address of the other end, or that which is listened on.
-    token : bytes or None
-        What both ends know, if there is such.
-    insecure : bool
-        Whether the user lets anybody talk.
-
-    Raises
-    ------
-    ConfigError
-        If anybody could.
-    """
-    if token is None and not insecure and not ip_address(host.partition("%")[0]).is_loopback:
-        raise ConfigError(
-            f"{host} is on a network, where anybody may connect: --token-file FILE lets in who has the token,"
-            " --insecure everybody"
-        )
-
-
-def authenticate(peer: socket.socket, token: bytes, listening: bool, within_s: float) -> "SealedSocket":
+def authenticate(peer: Peer, token: bytes, listening: bool, within_s: float) -> "SealedSocket":
     """Prove to a peer that one knows the token, and let it prove the same; `listening`: it has connected."""
     handshake = _as_encoder if listening else _as_decoder
     nonces = handshake(peer, token, time.monotonic() + within_s)
@@ -88,7 +63,7 @@ def authenticate(peer: socket.socket, token: bytes, listening: bool, within_s: f
     return SealedSocket(peer, own, other)
 
 
-def _as_encoder(peer: socket.socket, token: bytes, deadline_s: float) -> bytes:
+def _as_encoder(peer: Peer, token: bytes, deadline_s: float) -> bytes:
     for number in GREETING:  # byte by byte: who says anything else need not say it all
         if _read(peer, 1, deadline_s) != bytes([number]):
             raise FeedbackError("the other side has no token")
@@ -100,7 +75,7 @@ def _as_encoder(peer: socket.socket, token: bytes, deadline_s: float) -> bytes:
     return nonces
 
 
-def _as_decoder(peer: socket.socket, token: bytes, deadline_s: float) -> bytes:
+def _as_decoder(peer: Peer, token: bytes, deadline_s: float) -> bytes:
     own = secrets.token_bytes(NONCE_BYTES)
     peer.sendall(GREETING + own)
     nonces = own + _read(peer, NONCE_BYTES, deadline_s)
@@ -110,7 +85,7 @@ def _as_decoder(peer: socket.socket, token: bytes, deadline_s: float) -> bytes:
     return nonces
 
 
-def _read(peer: socket.socket, count: int, deadline_s: float) -> bytes:
+def _read(peer: Peer, count: int, deadline_s: float) -> bytes:
     """Read so many bytes and no more."""
     data = b""
     while len(data) < count:
@@ -132,19 +107,14 @@ def _digest(key: bytes, *parts: bytes) -> bytes:
     return hmac.digest(key, b"".join(parts), "sha256")
 
 
-class SealedSocket:
-    """A socket that seals what it sends, and gives what came unchanged; see `socket.socket`."""
+class SealedSocket(ProtectedSocket):
+    """A socket that seals what it sends, and gives what came unchanged."""
 
-    def __init__(self, peer: socket.socket, own_key: bytes, other_key: bytes) -> None:
-        self._peer = peer
+    def __init__(self, peer: Peer, own_key: bytes, other_key: bytes) -> None:
+        super().__init__(peer)
         self._own_key, self._other_key = own_key, other_key
         self._num_sent = self._num_received = 0
-        self._raw, self._opened = b"", b""
-
-    @property
-    def pending(self) -> bool:
-        """Whether there is something that `recv` gives at once."""
-        return bool(self._opened)
+        self._raw = b""
 
     def send(self, data: "bytes | memoryview") -> int:
         """Send a piece, all of it."""
@@ -154,46 +124,22 @@ class SealedSocket:
         self._num_sent += 1
         return len(piece)
 
-    def recv(self, max_bytes: int) -> bytes:
-        """Return what has come, once a piece is whole; nothing where the peer has ended."""
-        while not self._opened:
-            more = self._peer.recv(MAX_PIECE_BYTES)
-            if not more:
-                return b""
-            self._raw += more
-            self._open_pieces()
-        data, self._opened = self._opened[:max_bytes], self._opened[max_bytes:]
-        return data
-
-    def _open_pieces(self) -> None:
+    def _open(self, data: bytes) -> bytes:
+        self._raw += data
+        opened = b""
         while len(self._raw) >= _LENGTH_BYTES:
             head = self._raw[:_LENGTH_BYTES]
             end = _LENGTH_BYTES + int.from_bytes(head, "big")
             if end > _LENGTH_BYTES + MAX_PIECE_BYTES:
                 raise FeedbackError("what came was changed on the way")
             if len(self._raw) < end + SEAL_BYTES:
-                return
+                break
             piece, seal = self._raw[_LENGTH_BYTES:end], self._raw[end : end + SEAL_BYTES]
             if not hmac.compare_digest(seal, _seal(self._other_key, self._num_received, head, piece)):
                 raise FeedbackError("what came was changed on the way")
             self._num_received += 1
-            self._raw, self._opened = self._raw[end + SEAL_BYTES :], self._opened + piece
-
-    def fileno(self) -> int:
-        """Return the file descriptor."""
-        return self._peer.fileno()
-
-    def settimeout(self, timeout_s: float) -> None:
-        """Wait no longer than this."""
-        self._peer.settimeout(timeout_s)
-
-    def shutdown(self, how: int) -> None:
-        """End one direction."""
-        self._peer.shutdown(how)
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._peer.close()
+            self._raw, opened = self._raw[end + SEAL_BYTES :], opened + piece
+        return opened
 
 
 def _seal(key: bytes, number: int, head: bytes, piece: bytes) -> bytes:

@@ -9,7 +9,8 @@ from multiprocessing.connection import wait
 from typing import Any, Protocol
 
 from dvc.errors import ConfigError, FeedbackError, PeerClosedError
-from dvc.feedback.authentication import SealedSocket, authenticate
+from dvc.feedback.protected_socket import Peer, ProtectedSocket
+from dvc.feedback.protection import Protection
 from dvc.files import Closing
 
 DEFAULT_TIMEOUT_S = 30.0
@@ -80,7 +81,7 @@ class Connection(Closing):
     """
 
     def __init__(self, peer: socket.socket, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        self._socket: socket.socket | SealedSocket = peer
+        self._socket: Peer = peer
         self._timeout_s = timeout_s
         self._sending = threading.Lock()
         self._last_sent_s = self._silent_since_s = time.monotonic()
@@ -93,26 +94,26 @@ class Connection(Closing):
             peer.close()
             raise FeedbackError(f"the other side went away: {err.strerror or err}") from err
 
-    def authenticate(self, token: bytes, listening: bool, within_s: float) -> None:
-        """Let in only who knows a token, before anything else is sent or received; seal all of that.
+    def protect(self, protection: Protection, within_s: float) -> None:
+        """Protect the connection before anything else is sent or received.
 
         Parameters
         ----------
-        token : bytes
-            What both ends know, see `read_token`.
-        listening : bool
-            Whether the peer has connected to this end.
+        protection : Protection
+            How.
         within_s : float
             Time that this may take, in seconds.
 
         Raises
         ------
+        ConfigError
+            If there is no protection, and the peer is on a network.
         FeedbackError
-            If the peer does not know the token, takes too long or goes away; the connection is closed then.
+            If the peer does not do its part in time; the connection is closed then.
         """
-        assert isinstance(self._socket, socket.socket), "not authenticated yet"
+        protection.check_exposure(self.host)
         try:
-            self._socket = authenticate(self._socket, token, listening, within_s)
+            self._socket = protection.applied(self._socket, within_s)
             self._socket.settimeout(self._timeout_s)
         except (OSError, FeedbackError) as err:
             self.close()
@@ -211,7 +212,7 @@ class Connection(Closing):
 
     def _is_pending(self) -> bool:
         """Say whether there are bytes that have left the socket already."""
-        return isinstance(self._socket, SealedSocket) and self._socket.pending
+        return isinstance(self._socket, ProtectedSocket) and self._socket.pending
 
     @contextlib.contextmanager
     def kept_alive(self, message: bytes) -> Iterator[None]:

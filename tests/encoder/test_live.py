@@ -9,7 +9,7 @@ import pytest
 
 from dvc.config import Live, VideoConfig, codec_config
 from dvc.errors import FeedbackError
-from dvc.feedback import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint, connect, listen
+from dvc.feedback import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint, Protection, connect, listen
 from dvc.video import Frame
 from encoder import live
 from encoder.live import await_decoder, greet, serve
@@ -42,7 +42,7 @@ def test_a_peer_without_a_hello_is_turned_away_in_time(words: bytes, monkeypatch
         second = connect(listener.host, listener.port)
         second.send(HELLO)
         started_s = time.monotonic()
-        connection, endpoint = await_decoder(listener, CONFIG, 30.0, said.append)
+        connection, endpoint = await_decoder(listener, CONFIG, 30.0, said.append, Protection(True))
         taken_s = time.monotonic() - started_s
         first.close()
         slow.join()

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.errors import ConfigError, FeedbackError
-from dvc.feedback import check_exposure, connect, listen, read_token
+from dvc.feedback import Protection, connect, listen, read_token
 from dvc.feedback.authentication import (
     GREETING,
     MAX_PIECE_BYTES,
@@ -50,8 +50,8 @@ def test_both_ends_talk_once_both_have_the_token() -> None:
         far = connect(listener.host, listener.port, 5.0)
         near = listener.accept(5.0, 5.0)
     with near, far:
-        thread = beside(lambda: far.authenticate(TOKEN, False, 5.0))
-        near.authenticate(TOKEN, True, 5.0)
+        thread = beside(lambda: far.protect(Protection(False, TOKEN), 5.0))
+        near.protect(Protection(True, TOKEN), 5.0)
         thread.join()
         data = bytes(range(256)) * 3000  # several pieces
         thread = beside(lambda: near.send(data))
@@ -204,18 +204,3 @@ def test_tokens_are_neither_short_nor_endless(content: bytes, good: bool, tmp_pa
     else:
         with pytest.raises(ConfigError, match="from 16 to 4096 bytes"):
             read_token(path)
-
-
-@pytest.mark.parametrize("host", ["127.0.0.1", "127.8.0.1", "::1"])
-def test_loopback_needs_no_token(host: str) -> None:
-    """Nobody else gets there."""
-    check_exposure(host, None, insecure=False)
-
-
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.4", "fe80::1%eth0", "2001:db8::1"])
-def test_a_network_needs_a_token(host: str) -> None:
-    """Or that the user says otherwise."""
-    with pytest.raises(ConfigError, match="--token-file"):
-        check_exposure(host, None, insecure=False)
-    check_exposure(host, TOKEN, insecure=False)
-    check_exposure(host, None, insecure=True)

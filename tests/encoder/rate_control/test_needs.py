@@ -20,7 +20,7 @@ LAYOUT = FrameLayout.of(CONFIG)
 LUMA = np.random.default_rng(1).integers(0, 256, (288, 352), dtype=np.uint8)
 QUANTIZATIONS = {
     distance: quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(CONFIG.wyner_ziv.step(distance)))[0]
-    for distance in (2, 4, 8, 16)
+    for distance in (2, 3, 4, 8, 16, 32, 256)
 }
 QUANTIZATION = QUANTIZATIONS[4]
 

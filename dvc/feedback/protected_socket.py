@@ -1,0 +1,62 @@
+"""Sockets that change what passes through them."""
+
+import socket
+from abc import ABC, abstractmethod
+
+MAX_READ_BYTES = 2**18
+
+
+class ProtectedSocket(ABC):
+    """Like a socket; what came must be opened before it is read, which may take more than has come."""
+
+    def __init__(self, peer: "Peer") -> None:
+        self._peer = peer
+        self._opened = b""
+
+    @property
+    def pending(self) -> bool:
+        """Whether there is something that has left the socket, but was not read."""
+        return bool(self._opened) or (isinstance(self._peer, ProtectedSocket) and self._peer.pending)
+
+    def recv(self, max_bytes: int) -> bytes:
+        """Return what has come, waiting until something can be opened; nothing where the peer has ended."""
+        while not self._opened:
+            data = self._peer.recv(MAX_READ_BYTES)
+            if not data:
+                return b""
+            self._opened = self._open(data)
+        data, self._opened = self._opened[:max_bytes], self._opened[max_bytes:]
+        return data
+
+    @abstractmethod
+    def send(self, data: "bytes | memoryview") -> int:
+        """Send some of the data; return how much."""
+
+    @abstractmethod
+    def _open(self, data: bytes) -> bytes:
+        """Take in what came, and return what can be opened."""
+
+    def sendall(self, data: bytes) -> None:
+        """Send data."""
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self.send(rest) :]
+
+    def fileno(self) -> int:
+        """Return the file descriptor."""
+        return self._peer.fileno()
+
+    def settimeout(self, timeout_s: float | None) -> None:
+        """Wait no longer than this."""
+        self._peer.settimeout(timeout_s)
+
+    def shutdown(self, how: int) -> None:
+        """End one direction."""
+        self._peer.shutdown(how)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._peer.close()
+
+
+Peer = socket.socket | ProtectedSocket
