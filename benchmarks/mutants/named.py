@@ -26,6 +26,9 @@ NAMED = (
     Named("encoder", "REFERENCE_RATE_MARGIN =", "0.15", "0.3"),
     Named("encoder", "beyond =", "0.5", "0.25"),
     Named("dvc/config", "LAMBDA_PER_KEY_LAMBDA =", "4.0", "8.0"),
+    Named("dvc/wynerziv", "LAMBDA_PER_SQUARED_STEP =", "0.1", "0.2"),
+    Named("dvc/slepian_wolf", "SWEEPS, LAST_SWEEPS =", "4", "2"),
+    Named("dvc/slepian_wolf", "CHANGE =", "0.02", "0.1"),
     Named(
         "dvc/wynerziv", "return MIN_SCALE + 0.3 * band + 0.5 * neighbourhood", " + 0.5 * neighbourhood", ""
     ),

@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from dvc.errors import ConfigError, FeedbackError
 from dvc.feedback import Connection, Protection, connect, listen
+from dvc.feedback.authentication import GREETING
 from dvc.feedback.tls import decoder_context, encoder_context, parse_fingerprint
 
 TOKEN = b"correct horse battery"
@@ -205,3 +208,19 @@ def test_a_network_needs_protection(host: str, certificates: Certificates) -> No
         Protection(True, insecure=True),
     ):
         enough.check_exposure(host)
+
+
+@settings(max_examples=60)
+@given(words=st.binary(max_size=300), prefix=st.sampled_from(["", "token", "tls"]))
+def test_whatever_a_stranger_says_it_is_turned_away(
+    words: bytes, prefix: str, certificates: Certificates
+) -> None:
+    """Also behind the beginning of a greeting, or of a TLS record."""
+    begins = {"": b"", "token": GREETING, "tls": b"\x16\x03\x01\x00\x40\x01\x00\x00\x3c\x03\x03"}
+    for encoder in (Protection(True, TOKEN), Protection(True, None, encoder_context(certificates.chain))):
+        near, far = socket.socketpair()
+        with near, far:
+            far.sendall(begins[prefix] + words)
+            far.shutdown(socket.SHUT_WR)
+            with pytest.raises(FeedbackError):
+                encoder.applied(near, 2.0)
