@@ -1,6 +1,7 @@
 """Decoding of one Wyner-Ziv frame, answers taken from the encoder's bits in memory."""
 
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from dvc.config import (
 from dvc.metrics import psnr_db
 from dvc.slepian_wolf import CRC_BITS, Answer, Round, drive, plane_coder
 from dvc.video import Frame
-from dvc.wynerziv import transform
+from dvc.wynerziv import quantizer, transform
 from dvc.wynerziv.payloads import BufferedFrame, EncodedFrame, quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
 from encoder.wyner_ziv import WynerZivEncoder
@@ -47,9 +48,10 @@ def decode(
     encoded = WynerZivEncoder(config).encode(original, step)
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
-    steps = decoder.decode(5, quantization, prediction, decoder.new_priors(), slope)
-    answer = answering(config, encoded)
-    return drive(steps, lambda requests: [answer(own) for own in requests])
+    steps = decoder.decode(5, quantization, prediction, decoder.new_priors())
+    answer, finest = answering(config, encoded), quantization.step(0) or 1.0
+    with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", slope / finest**2):
+        return drive(steps, lambda requests: [answer(own) for own in requests])
 
 
 def answering(config: CodecConfig, encoded: EncodedFrame) -> Answer:
@@ -188,7 +190,9 @@ def test_bands_between_refinements_ask_together(original: Frame) -> None:
         together.append([band_of[request.plane] for request in requests])
         return [answer(request) for request in requests]
 
-    drive(decoder.decode(5, quantization, noisy_prediction(original, 2.5), decoder.new_priors()), answered)
+    steps = decoder.decode(5, quantization, noisy_prediction(original, 2.5), decoder.new_priors())
+    with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", 0.0):
+        drive(steps, answered)
     *rounds, check = together
     assert check == [0]
     parts = [
