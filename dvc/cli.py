@@ -258,7 +258,7 @@ def add_live(group: argparse._ActionsContainer, option: str, text: str) -> None:
     group.add_argument(
         "--insecure",
         action="store_true",
-        help="talk to anybody through a network; needed there without token",
+        help="talk to anybody through a network; needed there without token and TLS",
     )
     patience = "patience with a silent peer, in seconds"
     add_integer(group, "--timeout", (1, 86400), patience, default=30, metavar="S")

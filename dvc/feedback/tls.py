@@ -101,10 +101,11 @@ class TlsSocket(ProtectedSocket):
             self._peer.sendall(data)
 
     def send(self, data: "bytes | memoryview") -> int:
-        """Send some of the data, encrypted."""
+        """Send some of the data, encrypted; one thread at a time, while another may receive."""
         with self._turn:
             count = self._tls.write(data[:MAX_READ_BYTES])
-            self._flush()
+            encrypted = self._outgoing.read()
+        self._peer.sendall(encrypted)
         return count
 
     def _open(self, data: bytes) -> bytes:

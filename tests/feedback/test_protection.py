@@ -82,7 +82,7 @@ def test_both_directions_are_used_at_once(
     encoder = Protection(True, token, encoder_context(certificates.chain))
     near, far, errors = protected(encoder, Protection(False, token, **known))
     assert errors == []
-    data = bytes(range(256)) * 4000
+    data = bytes(range(256)) * 40000
     got: dict[str, bytes] = {"near": b"", "far": b""}
 
     def collect(name: str, connection: Connection) -> None:
