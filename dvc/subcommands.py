@@ -30,7 +30,11 @@ def by_name(modules: Sequence[ModuleType]) -> dict[str, Subcommand]:
 
 
 def command(
-    prog: str, description: str, examples: str, subcommands: Mapping[str, Subcommand], extra: str
+    prog: str,
+    description: str,
+    examples: str,
+    subcommands: Mapping[str, Subcommand],
+    extra: str | None = None,
 ) -> Callable[..., int]:
     """Make the `main` of a command that has subcommands; see `dvc.cli.command`."""
 
