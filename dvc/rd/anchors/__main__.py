@@ -88,7 +88,7 @@ def _work(arguments: argparse.Namespace) -> int:
     return (_encode if arguments.command == "encode" else _decode)(arguments)
 
 
-main = cli.command(PROG, _parser, _work, has_subcommands=True, extra="report")
+main = cli.command(PROG, _parser, _work, has_subcommands=True)
 
 if __name__ == "__main__":
     sys.exit(main())
