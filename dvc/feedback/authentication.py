@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from dvc.errors import ConfigError, FeedbackError
-from dvc.feedback.protected_socket import Peer, ProtectedSocket
+from dvc.feedback.protected_socket import Peer, ProtectedSocket, read_before
 
 MIN_TOKEN_BYTES: Final = 16
 MAX_TOKEN_BYTES: Final = 4096
@@ -89,17 +89,7 @@ def _read(peer: Peer, count: int, deadline_s: float) -> bytes:
     """Read so many bytes and no more."""
     data = b""
     while len(data) < count:
-        left_s = deadline_s - time.monotonic()
-        if left_s <= 0:
-            raise FeedbackError("the other side takes too long to prove that it knows the token")
-        peer.settimeout(left_s)
-        try:
-            more = peer.recv(count - len(data))
-        except TimeoutError:
-            continue
-        if not more:
-            raise FeedbackError("the other side closed the connection: it has another token, or none")
-        data += more
+        data += read_before(deadline_s, peer, count - len(data), "a proof that it knows the token")
     return data
 
 

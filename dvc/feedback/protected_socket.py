@@ -1,7 +1,10 @@
 """Sockets that change what passes through them."""
 
 import socket
+import time
 from abc import ABC, abstractmethod
+
+from dvc.errors import FeedbackError
 
 MAX_READ_BYTES = 2**18
 
@@ -60,3 +63,17 @@ class ProtectedSocket(ABC):
 
 
 Peer = socket.socket | ProtectedSocket
+
+
+def read_before(deadline_s: float, peer: Peer, max_bytes: int, purpose: str) -> bytes:
+    """Read at least a byte before a deadline of the monotonic clock; `purpose` is for messages."""
+    while (left_s := deadline_s - time.monotonic()) > 0:
+        peer.settimeout(left_s)
+        try:
+            data = peer.recv(max_bytes)
+        except TimeoutError:
+            continue
+        if not data:
+            raise FeedbackError(f"the other side closed the connection in place of {purpose}")
+        return data
+    raise FeedbackError(f"the other side takes too long with {purpose}")

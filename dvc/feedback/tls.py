@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from dvc.errors import ConfigError, FeedbackError
-from dvc.feedback.protected_socket import MAX_READ_BYTES, Peer, ProtectedSocket
+from dvc.feedback.protected_socket import MAX_READ_BYTES, Peer, ProtectedSocket, read_before
 
 _HEX_DIGITS = 64
 
@@ -69,7 +69,7 @@ class TlsSocket(ProtectedSocket):
                 break
             except ssl.SSLWantReadError:
                 self._flush()
-                self._wait_for_more(deadline_s)
+                self._incoming.write(read_before(deadline_s, self._peer, MAX_READ_BYTES, "TLS"))
             except ssl.SSLError as err:
                 self._flush()
                 raise FeedbackError(f"no TLS with the other side: {_reason(err)}") from err
@@ -79,21 +79,6 @@ class TlsSocket(ProtectedSocket):
             if not hmac.compare_digest(hashlib.sha256(certificate).digest(), fingerprint):
                 raise FeedbackError("the certificate of the other side has another fingerprint")
         self._opened = self._open(b"")  # data may have come with the last of the handshake
-
-    def _wait_for_more(self, deadline_s: float) -> None:
-        left_s = deadline_s - time.monotonic()
-        if left_s <= 0:
-            raise FeedbackError("the other side takes too long to agree on TLS")
-        self._peer.settimeout(left_s)
-        try:
-            data = self._peer.recv(MAX_READ_BYTES)
-        except TimeoutError:
-            return
-        if not data:
-            raise FeedbackError(
-                "the other side closed the connection: it may know no TLS, or not want this one"
-            )
-        self._incoming.write(data)
 
     def _flush(self) -> None:
         data = self._outgoing.read()

@@ -33,7 +33,8 @@ from dvc.wynerziv import _kernels, transform
 
 DC_RANGE = 1024.0
 LAMBDA_PER_SQUARED_STEP = 0.1
-"""Squared error that a bit must save, in squared steps of embedded quantisers."""
+"""Squared error that a bit must save, in squared steps of embedded quantisers: by `STEP_PER_ROOT_LAMBDA`, and
+that steps are rounded up to sixths of octaves, which makes their squares 1.12 times as large in the mean."""
 STEP_INDEX_BITS = 6
 _PLANE_COUNT_BITS = 4
 _SIXTHS = (
