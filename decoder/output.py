@@ -35,6 +35,8 @@ class DecodedOutput:
         self._live = live  # so that it cannot be decoded again: what there is of it is kept
         self._path = video
         self._wanted = wanted
+        self._config = config
+        self._start_s: Fraction | None = None  # when the first frame is shown that is wanted
         self._num_frames = self._num_coded = 0
         self._frame_rate = config.video.frame_rate_num / config.video.frame_rate_den
         self._rate = ""
@@ -84,11 +86,12 @@ class DecodedOutput:
         shown = [(frame.index, frame.frame, Frame(frame.side_information)) for frame in group.wyner_ziv]
         if group.key is not None:
             shown.append((group.last.index, group.key, group.key))
-        for index, decoded, predicted in shown:
+        for (index, decoded, predicted), time_s in zip(shown, group.times_s(self._config.video), strict=True):
             if self._wanted is None or index in self._wanted:
-                self._video.write(decoded)
+                self._start_s = time_s if self._start_s is None else self._start_s
+                self._video.write(decoded, time_s - self._start_s)
                 if self._side_information is not None:
-                    self._side_information.write(predicted)
+                    self._side_information.write(predicted, time_s - self._start_s)
                 self._num_frames += 1
                 progress(1, self._rate)
         if self._wanted is None:

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from fractions import Fraction
 from multiprocessing.connection import wait
 from typing import Any, cast
 
@@ -17,7 +18,7 @@ from dvc.feedback.transport import Readable
 from dvc.keyframes import KeyFrameDecoder
 from dvc.limits import Limits
 from dvc.slepian_wolf import ParityRequest
-from dvc.stream import Form, GopRecord, RecordingReader, StreamReader
+from dvc.stream import Form, GopRecord, RecordingReader, StreamReader, check_times, frame_times_s
 
 Reader = StreamReader | RecordingReader
 CHAINS_PER_PROCESS = 2
@@ -217,6 +218,7 @@ class _Tasks:
         )
         self.next_index = next_index
         self._num_without_key = 0
+        self._last_s: Fraction | None = None  # when the last frame before is shown
         self._before: ReferenceFrame | None = None
         # Key frames of the latest groups, by group: display position, and as what it came.
         self._keys: dict[int, tuple[int, bytes]] = {}
@@ -230,12 +232,18 @@ class _Tasks:
                 raise BitstreamError(f"none since {self._num_without_key} frames")
             if not record.without_key:
                 key = self._decoder.decode(record.key)
+        with naming_group(number):
+            times_s = frame_times_s(
+                self._config.video, self.next_index, record.num_frames, record.deviations
+            )
+            check_times(times_s, self._last_s)
         if record.num_frames == 1 and record.tracks and key is not None:
             raise BitstreamError(f"group of pictures {number}: tracks, but no Wyner-Ziv frames")
         long_term = self._long_term(number, record)
         task = GroupTask(self._packed, number, self.next_index, self._before, key, record, form, long_term)
         self.pass_over(number, record)
         self._before = None if key is None else ReferenceFrame(task.last_index, key)
+        self._last_s = times_s[-1]
         return task
 
     def pass_over(self, number: int, record: GopRecord) -> None:

@@ -4,14 +4,16 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.protocol import ReferenceFrame
+from dvc.config import VideoConfig
 from dvc.errors import BitstreamError
-from dvc.stream import Form, GopRecord
+from dvc.stream import Form, GopRecord, frame_times_s
 from dvc.video import Frame
 
 Bits = NDArray[np.uint8]
@@ -111,6 +113,10 @@ class DecodedGroup:
     def last(self) -> ReferenceFrame:
         """Its last frame."""
         return ReferenceFrame(self.first_index + self.record.num_frames - 1, self.frames[-1], self.scene)
+
+    def times_s(self, video: VideoConfig) -> list[Fraction]:
+        """Return when its frames are shown, in seconds."""
+        return frame_times_s(video, self.first_index, self.record.num_frames, self.record.deviations)
 
     @classmethod
     def of(cls, task: GroupTask, frames: Sequence[DecodedFrame]) -> "DecodedGroup":

@@ -36,6 +36,7 @@ def _encode(arguments: argparse.Namespace) -> int:
         num_frames=arguments.frames,
         input_format=arguments.input_format,
         timeout_s=arguments.timeout,
+        listen=arguments.listen,
     )
     with video as reader:
         for notice in reader.info.notices:
@@ -68,7 +69,7 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
         else:
             with source.stopping_at_signals() if live or arguments.segment else nullcontext():
                 if arguments.segment is None:
-                    _write(session, source, arguments.output, progress)
+                    _write(session, source, arguments.output, progress, live)
                 else:
                     _write_segments(source, reader.info, arguments, progress, segments)
     finally:
@@ -78,7 +79,7 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
     if arguments.json is not None and (segments or not arguments.segment):
         memory = {"memory": memory_report(baseline_bytes)}
         cli.write_json(arguments.json, {**_report(session, segments), **memory, **pace})
-    source.raise_end()
+    source.raise_end(kept=live and arguments.serve is None and (bool(segments) or not arguments.segment))
 
 
 def _load_libraries() -> None:
@@ -108,12 +109,16 @@ def _say(text: str) -> None:
     sys.stderr.flush()
 
 
-def _write(session: "EncoderSession", source: "InputFrames", output: str, progress: "Progress") -> None:
+def _write(
+    session: "EncoderSession", source: "InputFrames", output: str, progress: "Progress", live: bool
+) -> None:
+    """Write a stream; of a live source up to where it fails, for it cannot be read again."""
     from dvc.files import SyncedFile, atomic_output
 
     with atomic_output(output, visible=True) as temporary, SyncedFile(temporary) as file:
         session.write(source, file, progress)
-        source.raise_failure()
+        if not live:
+            source.raise_failure()
         if session.statistics.num_frames == 0:
             source.raise_end()
 
@@ -126,13 +131,16 @@ def _write_segments(
     finished: "list[Segment]",
 ) -> None:
     from encoder.segments import segment_names, write_segments
+    from encoder.time_stamps import CodingClock
 
-    names = segment_names(arguments.output)
+    names, clock = segment_names(arguments.output), CodingClock(info.frame_rate)
     for path in names.existing().values():
         if path.suffix == PARTIAL_SUFFIX:
             _say(f"{path} is left of an earlier recording: `dvc-decode --unfinished` reads it")
     length = max(1, round(arguments.segment * info.frame_rate))
-    finished += write_segments(source, names, length, lambda: options.session(arguments, info), progress)
+    finished += write_segments(
+        source, names, length, lambda: options.session(arguments, info, clock), progress
+    )
 
 
 def _serve(

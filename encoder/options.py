@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from dvc.video import Frame, VideoInfo
     from encoder.session import EncoderSession
     from encoder.spool import FrameSpool
+    from encoder.time_stamps import CodingClock
 
 PROG = "dvc-encode"
 EXAMPLES = """\
@@ -348,10 +349,16 @@ def _add_source(group: argparse._ArgumentGroup) -> None:
         " raw: planar 4:2:0, which a pipe is taken for where --size is given",
     )
     group.add_argument(
+        "--listen",
+        action="store_true",
+        help="INPUT is an address of this machine (rtsp, rtmp, http, tcp), to which the source connects",
+    )
+    group.add_argument(
         "--frame-rate",
         type=cli.parse_frame_rate,
         metavar="R",
-        help="frames per second, such as 30 or 30000/1001; needed for raw files",
+        help="frames per second, such as 30 or 30000/1001; needed for raw files; in place of what other files say,"
+        " and of the time stamps of their frames",
     )
 
 
@@ -424,7 +431,9 @@ def spool(
     return FrameSpool(frames, max_frames, length if arguments.leave_out else 0)
 
 
-def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession":
+def session(
+    arguments: argparse.Namespace, info: "VideoInfo", clock: "CodingClock | None" = None
+) -> "EncoderSession":
     """Set up an encoder as the arguments say."""
     from encoder.block_matching import PointTrackerSettings
     from encoder.session import EncoderSession
@@ -439,7 +448,7 @@ def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession
     tracking = PointTrackerSettings(**_given(max_new_tracks=arguments.new_tracks))
     delivery = _delivery(arguments)
     config = _configuration(arguments, info, delivery)
-    return EncoderSession(config, delivery, _rule(arguments, delivery), bits_per_pixel, tracking)
+    return EncoderSession(config, delivery, _rule(arguments, delivery), bits_per_pixel, tracking, clock)
 
 
 def _quality(arguments: argparse.Namespace) -> Quality:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from dvc import cli
-from dvc.errors import ConfigError, VideoError
+from dvc.errors import ConfigError, PartialOutputError, VideoError
 from dvc.files import PARTIAL_SUFFIX, growing_output
 from dvc.video import Frame
 
@@ -95,8 +95,10 @@ class InputFrames:
         if self.failure is not None:
             raise self.failure
 
-    def raise_end(self) -> None:
-        """Raise what ended the frames before the end of the source."""
+    def raise_end(self, kept: bool = False) -> None:
+        """Raise what ended the frames before the end of the source; say so if those before are kept."""
+        if kept and self.failure is not None:
+            raise PartialOutputError(f"{self.failure}; what came before is kept") from self.failure
         self.raise_failure()
         if self.stopped:
             raise KeyboardInterrupt

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from itertools import groupby
 from typing import BinaryIO, cast
 
@@ -21,6 +22,7 @@ from encoder.intra_decision import KeyFrameSpacing
 from encoder.long_term import FoundAgain, LongTermReferences
 from encoder.operations import predicted_positions
 from encoder.report import EncoderStatistics
+from encoder.time_stamps import CodingClock
 from encoder.track_budget import encode_within_budget
 from encoder.tracking import PointTracker
 from encoder.wyner_ziv import wyner_ziv_encoder
@@ -52,6 +54,8 @@ class EncoderSession:
         Bits of tracks that a Wyner-Ziv frame may cost, per pixel; a group with more of them keeps the best.
     tracking : PointTrackerSettings, optional
         How points are followed.
+    clock : CodingClock, optional
+        What time stamps of the frames are compared with, where other sessions coded those before.
     """
 
     def __init__(
@@ -61,6 +65,7 @@ class EncoderSession:
         rule: KeyFrameRule | None = None,
         max_tracks_bpp: float = MAX_TRACKS_BPP,
         tracking: PointTrackerSettings | None = None,
+        clock: CodingClock | None = None,
     ) -> None:
         video, key, delivery = config.video, config.key, delivery or ParityBuffer()
         self._wyner_ziv_encoder = wyner_ziv_encoder(config, delivery)
@@ -81,6 +86,8 @@ class EncoderSession:
         self._detector = CornerDetector(tracks.num_points, work=work)
         self._long_term = LongTermReferences(self.config, self._tracker)
         self._num_groups = 0
+        self._clock = clock or CodingClock(Fraction(video.frame_rate_num, video.frame_rate_den))
+        self._clock.begin_stream()
 
     def write(self, frames: Iterable[Frame | None], file: BinaryIO, progress: Progress) -> None:
         """Encode a sequence into a stream, of the form that suits its delivery.
@@ -157,7 +164,8 @@ class EncoderSession:
             frames = wyner_ziv.encode_group(originals, steps)
         with statistics.timing(wyner_ziv.cpu_field):
             payloads = wyner_ziv.payloads(group, frames)
-        record = GopRecord(len(frames) + bool(key), key, tracks, payloads, long_term=long_term)
+        deviations = self._clock.deviations((*group.wyner_ziv, group.key))
+        record = GopRecord(len(frames) + bool(key), key, tracks, payloads, None, long_term, deviations)
         if needs_key:
             self._long_term.add(self._num_groups, group.key.luma, len(key))
         self._num_groups += 1

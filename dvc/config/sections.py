@@ -16,6 +16,8 @@ PRIORS = ("laplacian", "learned")
 NUM_BANDS = 16
 MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
+MAX_TICKS_PER_SECOND = 10**6
+"""Finest clock of time stamps."""
 MAX_GOP_LENGTH = 256
 MAX_INTRA_PERIOD = 1024
 MAX_LONG_TERM_GROUPS = 256

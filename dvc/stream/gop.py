@@ -6,11 +6,13 @@ from typing import NamedTuple
 from dvc.bits import decode_bytes, decode_varint, encode_varint
 from dvc.config import MAX_GOP_LENGTH
 from dvc.errors import BitstreamError
+from dvc.stream.deviations import Deviations, decode_deviations, encode_deviations
 from dvc.stream.records import framed_size
 
 DIGEST_BYTES = 4
 _WITHOUT_KEY = 4 * MAX_GOP_LENGTH  # added to the first field, of which all before is less
 _LONG_TERM = 2 * _WITHOUT_KEY  # and this
+_DEVIATIONS = 2 * _LONG_TERM  # and this
 
 
 class LongTermReference(NamedTuple):
@@ -30,6 +32,7 @@ class GopRecord:
     wyner_ziv: tuple[bytes, ...] = ()  # one payload for each Wyner-Ziv frame, in order of display
     digest: int | None = None  # CRC-32 of the decoded Wyner-Ziv frames; punctured form only
     long_term: LongTermReference | None = None  # only where no key frame ends the group
+    deviations: Deviations | None = None  # only where frames are not at the constant frame rate
 
     def __post_init__(self) -> None:
         if not 1 <= self.num_frames <= MAX_GOP_LENGTH:
@@ -40,6 +43,10 @@ class GopRecord:
             )
         if self.long_term is not None and not self.without_key:
             raise ValueError("`long_term` is for groups that no key frame ends")
+        if self.deviations is not None and len(self.deviations.ticks) != self.num_frames:
+            raise ValueError(
+                f"`deviations` must be of {self.num_frames} frames, got {len(self.deviations.ticks)}"
+            )
 
     @property
     def without_key(self) -> bool:
@@ -56,8 +63,8 @@ class GopRecord:
 class GopBits:
     """Where the bits of a GOP record go; all of them are somewhere."""
 
-    # type, lengths and CRC-32 of the record, number of frames, lengths of the tracks, digest, which key frame
-    # is the long-term reference
+    # type, lengths and CRC-32 of the record, number of frames, lengths of the tracks, digest, time stamps,
+    # which key frame is the long-term reference
     header: int
     key: int  # payload of the key frame
     tracks: int  # payload of the tracks, and of their matches in the long-term reference
@@ -74,8 +81,8 @@ def encode_gop(record: GopRecord) -> bytes:
     """Write the payload of a GOP record; inverse of `decode_gop`.
 
     The first integer is twice the number of frames, plus one if there are tracks, plus 1024 if no key frame
-    ends the group, plus 2048 if it has a long-term reference; it says how many Wyner-Ziv payloads there are.
-    The key frame is what is left, so that it needs no length.
+    ends the group, plus 2048 if it has a long-term reference, plus 4096 if it has time stamps of its own; it
+    says how many Wyner-Ziv payloads there are. The key frame is what is left, so that it needs no length.
 
     Parameters
     ----------
@@ -89,9 +96,12 @@ def encode_gop(record: GopRecord) -> bytes:
     """
     first = record.num_frames << 1 | bool(record.tracks)
     first += _WITHOUT_KEY * record.without_key + _LONG_TERM * (record.long_term is not None)
+    first += _DEVIATIONS * (record.deviations is not None)
     parts = [encode_varint(first)]
     if record.digest is not None:
         parts.append(record.digest.to_bytes(DIGEST_BYTES, "little"))
+    if record.deviations is not None:
+        parts.append(encode_deviations(record.deviations))
     if record.tracks:
         parts += [encode_varint(len(record.tracks)), record.tracks]
     if record.long_term is not None:
@@ -110,12 +120,15 @@ class GopHead(NamedTuple):
     has_tracks: bool  # whether tracks follow
     without_key: bool  # whether its last frame is a Wyner-Ziv frame
     has_long_term: bool  # whether it names an earlier key frame
+    has_deviations: bool  # whether its frames have time stamps of their own
     position: int  # of the byte after the field
 
 
 def decode_head(payload: bytes, position: int = 0) -> GopHead:
     """Read the first field of a GOP payload."""
     value, position = decode_varint(payload, position)
+    has_deviations = value >= _DEVIATIONS
+    value -= _DEVIATIONS * has_deviations
     has_long_term = value >= _LONG_TERM
     value -= _LONG_TERM * has_long_term
     without_key = value >= _WITHOUT_KEY
@@ -124,7 +137,7 @@ def decode_head(payload: bytes, position: int = 0) -> GopHead:
         raise BitstreamError(f"{num_frames} frames, from 1 to {MAX_GOP_LENGTH} are allowed")
     if has_long_term and not without_key:
         raise BitstreamError("a long-term reference of a group that a key frame ends")
-    return GopHead(num_frames, bool(value & 1), without_key, has_long_term, position)
+    return GopHead(num_frames, bool(value & 1), without_key, has_long_term, has_deviations, position)
 
 
 def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
@@ -147,13 +160,16 @@ def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
     BitstreamError
         If a length does not fit.
     """
-    num_frames, has_tracks, without_key, has_long_term, position = decode_head(payload)
+    num_frames, has_tracks, without_key, has_long_term, has_deviations, position = decode_head(payload)
     tracks, long_term, digest, num_payloads = b"", None, None, num_frames - (not without_key)
+    deviations = None
     if with_digest and num_payloads > 0:
         if len(payload) < position + DIGEST_BYTES:
             raise BitstreamError("the record ends within the digest")
         digest = int.from_bytes(payload[position : position + DIGEST_BYTES], "little")
         position += DIGEST_BYTES
+    if has_deviations:
+        deviations, position = decode_deviations(payload, position, num_frames)
     if has_tracks:
         tracks, position = decode_bytes(payload, position, len(payload))
         if not tracks:
@@ -170,7 +186,7 @@ def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
         wyner_ziv.append(frame)
     if without_key and position < len(payload):
         raise BitstreamError(f"{len(payload) - position} bytes are left over in a group without key frame")
-    return GopRecord(num_frames, payload[position:], tracks, tuple(wyner_ziv), digest, long_term)
+    return GopRecord(num_frames, payload[position:], tracks, tuple(wyner_ziv), digest, long_term, deviations)
 
 
 def gop_bits(record: GopRecord) -> GopBits:

@@ -2,6 +2,7 @@
 
 from dvc.video.frames import (
     Frame,
+    TimeStamp,
     VideoInfo,
     VideoReader,
     VideoWriter,
@@ -13,6 +14,7 @@ from dvc.video.writers import check_suffix, create_video, pad_frame
 
 __all__ = [
     "Frame",
+    "TimeStamp",
     "VideoInfo",
     "VideoReader",
     "VideoWriter",

@@ -1,16 +1,19 @@
 """Read whatever FFmpeg opens, as checked 4:2:0 frames."""
 
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from itertools import chain, islice
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc.errors import VideoError
 from dvc.video.damage import DamageCheck, FileSource, Source, UnknownSource
-from dvc.video.frames import Frame, VideoInfo, check_size
+from dvc.video.frames import Frame, TimeStamp, VideoInfo, check_size
 from dvc.video.pipes import Pipe, PipeFeed
 from dvc.video.pixels import conversion_notices, frame_from_picture, is_full_range
 from dvc.video.sources import DEFAULT_FRAME_RATE, FrameStream, Request, SourceClock
@@ -26,6 +29,7 @@ _STRICT_TIFF = {"err_detect": "crccheck+bitstream+buffer"}
 _LOCAL = {"protocol_whitelist": "file"}
 _NETWORK = "crypto,http,https,httpproxy,rtmp,rtmps,rtmpt,rtp,rtsp,rtsps,srtp,tcp,tls,udp"
 _OVER_TCP = {"rtsp_transport": "tcp"}  # over UDP packets get lost
+_LONGEST_S = 86400
 _VIDEO_DEVICE = "/dev/video"
 
 
@@ -37,9 +41,14 @@ def open_container(request: Request, path: Path) -> FrameStream:
 
 def open_live(request: Request) -> FrameStream:
     """Open a device or a network address through FFmpeg; its first frame is waited for."""
+    import av
+
     name = str(request.path)
     with _av_errors(name, "is not a video that FFmpeg can read"):
-        container = _open_address(request, name)
+        try:
+            container = _open_address(request, name)
+        except av.error.ExitError as err:
+            raise _silence(name, request.timeout_s or 0.0) from err
     _refuse_text(container, name)
     return _frame_stream(request, container, UnknownSource(), live=True)
 
@@ -84,7 +93,11 @@ def _open_address(request: Request, name: str) -> "InputContainer":
     import av
 
     if "://" in name:
-        options = {"protocol_whitelist": _NETWORK, **(_OVER_TCP if name.startswith("rtsp") else {})}
+        options = {"protocol_whitelist": _NETWORK}
+        if name.startswith("rtsp"):
+            options |= _listening_rtsp(request.timeout_s) if request.listen else _OVER_TCP
+        elif request.listen:
+            options["listen"] = "1"
         return av.open(name, format=request.input_format, options=options, timeout=request.timeout_s)
     options = {}
     if request.size is not None:
@@ -92,6 +105,11 @@ def _open_address(request: Request, name: str) -> "InputContainer":
     if request.frame_rate is not None:
         options["framerate"] = str(request.frame_rate)
     return av.open(name, format=request.input_format or "v4l2", options=options)
+
+
+def _listening_rtsp(timeout_s: float | None) -> dict[str, str]:
+    """Return the options of an RTSP server; FFmpeg's default of its patience is out of its own range."""
+    return {"rtsp_flags": "listen", "listen_timeout": str(ceil(timeout_s or _LONGEST_S))}
 
 
 def _frame_stream(
@@ -102,7 +120,7 @@ def _frame_stream(
         stream = _video_stream(container, request.path)
         if live:
             stream.thread_type = "SLICE"  # threads for frames would hold some back
-        pictures = _decoded(container, stream, request.path, source)
+        pictures = _decoded(container, stream, request.path, source, request.timeout_s if live else None)
         first = next(islice(pictures, request.start, None), None)
         if first is None:
             raise request.too_short()
@@ -115,7 +133,8 @@ def _frame_stream(
     chosen: Iterator[av.VideoFrame] = islice(chain([first], pictures), request.num_frames)
     if live:
         chosen = _ticking(chosen, clock, info.frame_rate)
-    frames = consistent_frames(((request.path, picture) for picture in chosen), info)
+    timed = request.frame_rate is None or is_device(request)  # of which the rate is a wish
+    frames = consistent_frames(((request.path, picture) for picture in chosen), info, timed=timed)
     return FrameStream(info, frames, container.close, clock)
 
 
@@ -143,9 +162,9 @@ def read_image(path: Path) -> "av.VideoFrame":
 
 
 def consistent_frames(
-    pictures: Iterable[tuple[Path | str, "av.VideoFrame"]], info: VideoInfo
+    pictures: Iterable[tuple[Path | str, "av.VideoFrame"]], info: VideoInfo, *, timed: bool = False
 ) -> Iterator[Frame]:
-    """Convert pictures, and refuse those that differ from the first in size or in being grey."""
+    """Convert pictures, with or without their times; refuse others than the first in size or in being grey."""
     is_grey: bool | None = None
     for path, picture in pictures:
         if (picture.width, picture.height) != info.size:
@@ -158,7 +177,14 @@ def consistent_frames(
         if is_grey not in (None, frame.chroma is None):
             raise VideoError(f"{path}: grey and colour pictures are mixed")
         is_grey = frame.chroma is None
-        yield frame
+        yield replace(frame, time=_time_stamp(picture)) if timed else frame
+
+
+def _time_stamp(picture: "av.VideoFrame") -> TimeStamp | None:
+    """Return when a picture is shown, by the clock of its stream."""
+    if picture.pts is None or picture.time_base is None:
+        return None
+    return TimeStamp.nearest(picture.pts * picture.time_base, picture.time_base.denominator)
 
 
 def _open(path: Path, input_format: str | None = None, **options: str) -> "InputContainer":
@@ -197,14 +223,18 @@ def _video_stream(container: "InputContainer", path: Path | str) -> "VideoStream
 
 
 def _decoded(
-    container: "InputContainer", stream: "VideoStream", path: Path | str, source: Source
+    container: "InputContainer",
+    stream: "VideoStream",
+    path: Path | str,
+    source: Source,
+    timeout_s: float | None = None,
 ) -> Iterator["av.VideoFrame"]:
     """Yield the pictures of a stream; `VideoError` after the last one before any damage."""
     count = 0
     problem: str | None = None
     check = DamageCheck(source, container, stream)
     with _av_errors(path, lambda: f"damaged after {count} frames" if count else "cannot be decoded"):
-        for packet in container.demux(stream):
+        for packet in _in_time(container.demux(stream), path, timeout_s):
             problem = check.packet(packet) if packet.size else check.end()
             for picture in stream.decode(None if problem else packet):
                 if picture.is_corrupt:
@@ -216,6 +246,32 @@ def _decoded(
                 raise VideoError(f"{path}: damaged after {count} frames ({problem})")
 
 
+def _in_time(
+    packets: Iterator["av.Packet[VideoStream]"], path: Path | str, timeout_s: float | None
+) -> Iterator["av.Packet[VideoStream]"]:
+    """Yield packets; FFmpeg gives up waiting for one in many ways, as if there was an end or damage."""
+    import av
+
+    while True:
+        asked_s = time.monotonic()
+        failure, packet = None, None
+        try:
+            packet = next(packets, None)
+        except av.FFmpegError as err:
+            failure = err
+        if timeout_s is not None and time.monotonic() - asked_s >= timeout_s:
+            raise _silence(path, timeout_s) from failure
+        if failure is not None:
+            raise failure
+        if packet is None:
+            return
+        yield packet
+
+
+def _silence(path: Path | str, timeout_s: float) -> VideoError:
+    return VideoError(f"{path}: nothing came for {timeout_s:g} s")
+
+
 def _stream_info(request: Request, stream: "VideoStream", first: "av.VideoFrame", *, live: bool) -> VideoInfo:
     """Gather what the container and the first picture tell."""
     notices = list(conversion_notices(first))
@@ -223,7 +279,7 @@ def _stream_info(request: Request, stream: "VideoStream", first: "av.VideoFrame"
     if request.frame_rate is None and not declared:
         notices.append(f"the file states no frame rate: {DEFAULT_FRAME_RATE} frames per second assumed")
     elif request.frame_rate is None and _has_variable_rate(stream):
-        notices.append("variable frame rate: frames are taken as they come at the mean rate")
+        notices.append("variable frame rate: time stamps are kept")
     if (aspect := stream.sample_aspect_ratio) and aspect != 1:
         notices.append(f"pixels are not square ({aspect.numerator}:{aspect.denominator}): taken as they are")
     return VideoInfo(

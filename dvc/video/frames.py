@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import MAX_SIDE_PX
+from dvc.config import MAX_SIDE_PX, MAX_TICKS_PER_SECOND
 from dvc.errors import VideoError
 
 Plane = NDArray[np.uint8]
@@ -34,6 +34,24 @@ def chroma_shape(height: int, width: int) -> tuple[int, int]:
     return (height + 1) // 2, (width + 1) // 2
 
 
+class TimeStamp(NamedTuple):
+    """When a frame is shown, by the clock of its source, which may begin with any number."""
+
+    ticks: int
+    ticks_per_second: int  # at most `MAX_TICKS_PER_SECOND`
+
+    @classmethod
+    def nearest(cls, time_s: Fraction, ticks_per_second: int) -> Self:
+        """Return a time in ticks of a clock, or in microseconds where they are finer than that."""
+        ticks_per_second = min(ticks_per_second, MAX_TICKS_PER_SECOND)
+        return cls(round(time_s * ticks_per_second), ticks_per_second)
+
+    @property
+    def seconds(self) -> Fraction:
+        """The same in seconds."""
+        return Fraction(self.ticks, self.ticks_per_second)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Frame:
     """One 8-bit picture: luma, and chroma at half the resolution in both directions unless it is grey.
@@ -47,6 +65,8 @@ class Frame:
         Y samples.
     chroma : tuple of two ndarrays of shape ((H + 1) // 2, (W + 1) // 2), uint8, or None
         Cb and Cr samples; None for a grey picture.
+    time : TimeStamp or None
+        When its source shows it; None: a frame interval after the frame before it.
 
     Raises
     ------
@@ -56,6 +76,7 @@ class Frame:
 
     luma: Plane
     chroma: tuple[Plane, Plane] | None = None
+    time: TimeStamp | None = None
 
     def __post_init__(self) -> None:
         """Check types and shapes of all planes."""
@@ -213,8 +234,11 @@ class VideoReader(Protocol):
 class VideoWriter(Protocol):
     """A video file in the making: it appears under its name when `close` succeeds, or not at all."""
 
-    def write(self, frame: Frame) -> None:
-        """Append a frame; `VideoError` if it cannot be stored, `ValueError` if its size differs."""
+    def write(self, frame: Frame, time_s: Fraction | None = None) -> None:
+        """Append a frame, shown at its place at the constant rate or at a later time than the one before it.
+
+        `VideoError` if it cannot be stored, `ValueError` if its size differs.
+        """
 
     def close(self) -> None:
         """Finish the file and rename it into place; harmless when repeated."""

@@ -6,6 +6,7 @@ import select
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 from dvc.errors import VideoError
 from dvc.files import Closing
 from dvc.video.damage import HEAD_BYTES
-from dvc.video.frames import Frame, VideoInfo
+from dvc.video.frames import Frame, TimeStamp, VideoInfo
 from dvc.video.pixels import planar_frame, planar_frame_bytes
 from dvc.video.sources import FrameStream, Request
 
@@ -119,7 +120,8 @@ def _raw_frames(request: Request, pipe: Pipe, info: VideoInfo) -> Iterator[Frame
                 f"{pipe.name}: ends within frame {count}, after {len(data)} of its {frame_bytes} bytes"
                 f" (frames before it: {count})"
             )
-        yield planar_frame(np.frombuffer(data, np.uint8), info.width, info.height)
+        frame = planar_frame(np.frombuffer(data, np.uint8), info.width, info.height)
+        yield replace(frame, time=TimeStamp.nearest(count / info.frame_rate, info.frame_rate.numerator))
         count += 1
     if count <= request.start:
         raise request.too_short(total=count)

@@ -55,12 +55,15 @@ def open_video(
     num_frames: int | None = None,
     input_format: str | None = None,
     timeout_s: float | None = None,
+    listen: bool = False,
 ) -> FrameStream:
     """Open a video for reading, whatever it is; one frame at a time is held in memory.
 
     A folder is read as images in natural order (``2.png`` before ``10.png``); ``.yuv`` and ``.raw`` are
     planar 8-bit 4:2:0 with odd sides rounded up for chroma; anything else goes to FFmpeg, and its first video
     stream is taken. Grey sources give frames without chroma.
+
+    Frames have the times that their file or source gives them.
 
     A damaged or cut file gives its frames up to the damage, and then `VideoError`; a frame that the decoder
     had to conceal is not passed on. (A file without checksums can hide damage; a raw file of the wrong length
@@ -77,7 +80,7 @@ def open_video(
         Width and height; needed for raw files, checked for all others.
     frame_rate : Fraction or float, optional
         Frames per second; needed for raw files, 25 by default for images, replaces the rate that any other
-        file declares.
+        file declares, and the times of its frames.
     start : int, optional
         Number of frames to skip.
     num_frames : int, optional
@@ -87,6 +90,8 @@ def open_video(
         it cannot be told from the name or the beginning; ``rawvideo`` or ``raw`` for planar 4:2:0.
     timeout_s : float, optional
         Patience with a silent network, in seconds.
+    listen : bool, optional
+        Wait at the address for the source to connect.
 
     Returns
     -------
@@ -108,7 +113,9 @@ def open_video(
         raise ValueError(f"`size` must be positive, got {size}")
     rate = None if frame_rate is None else exact_frame_rate(frame_rate)
     name = _ALIASES.get(input_format or "", input_format)
-    request = Request(Path(path), size, rate, start, num_frames, name, timeout_s)
+    request = Request(Path(path), size, rate, start, num_frames, name, timeout_s, listen)
+    if listen and "://" not in str(path):
+        raise VideoError(f"{path}: is no address to which a source could connect")
     if str(path) == STANDARD_INPUT:
         return _open_pipe(request)
     if "://" in str(path) or is_device(request):

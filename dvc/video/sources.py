@@ -24,6 +24,7 @@ class Request:
     # FFmpeg's name of the format or device; it is found out by itself otherwise
     input_format: str | None = None
     timeout_s: float | None = None  # patience with a silent network, in seconds
+    listen: bool = False  # wait at the address for the source to connect
 
     def count_of(self, total: int, unit: str = "frames") -> int:
         """Return how many frames there are to read."""

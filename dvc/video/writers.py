@@ -15,6 +15,7 @@ from dvc.video.frames import Frame, Plane, VideoWriter, check_size, exact_frame_
 from dvc.video.pixels import picture_from_frame
 
 if TYPE_CHECKING:
+    from av import Packet, VideoFrame
     from av.video.stream import VideoStream
 
 SUFFIXES = (".y4m", ".mkv", ".mp4")
@@ -23,7 +24,7 @@ SUFFIXES = (".y4m", ".mkv", ".mp4")
 class _Sink(Protocol):
     """What stores frames in one format; knows nothing of names and renaming."""
 
-    def write(self, frame: Frame) -> None:
+    def write(self, frame: Frame, time_s: Fraction | None) -> None:
         """Append a frame."""
 
     def finish(self) -> None:
@@ -47,14 +48,14 @@ class _AtomicWriter:
         self._open = True
         self._num_frames = 0
 
-    def write(self, frame: Frame) -> None:
+    def write(self, frame: Frame, time_s: Fraction | None = None) -> None:
         """Append a frame of the size that was announced."""
         if not self._open:
             raise ValueError("`frame` cannot be written: the video is closed")
         if (frame.width, frame.height) != self._size:
             raise ValueError(f"`frame` must be {self._size} pixels, got {(frame.width, frame.height)}")
         with self._cleaning_up():
-            self._sink.write(frame)
+            self._sink.write(frame, time_s)
         self._num_frames += 1
 
     def close(self) -> None:
@@ -149,6 +150,7 @@ def create_video(
         Width and height in pixels.
     frame_rate : Fraction or float
         Frames per second, stored exactly (29.97 and its kin as the NTSC rates, see `exact_frame_rate`).
+        Frames may be written with times of their own, which ``.y4m`` cannot hold.
     luma_only : bool, optional
         Store grey pictures (in ``.mp4``, neutral chroma); chroma of the frames is left out. Otherwise frames
         without chroma get neutral chroma.
@@ -212,8 +214,8 @@ class _Y4mSink:
             f"XCOLORRANGE={range_tag}\n".encode("ascii")
         )
 
-    def write(self, frame: Frame) -> None:
-        """Append the planes of a frame."""
+    def write(self, frame: Frame, time_s: Fraction | None) -> None:
+        """Append the planes of a frame, which have no time stamps."""
         chroma = () if self._luma_only else frame.with_chroma().chroma or ()
         self._file.write(b"FRAME\n")
         for plane in (frame.luma, *chroma):
@@ -254,7 +256,10 @@ class _FfmpegSink:
                 f"file:{path}", "w", format="matroska" if lossless else "mp4", container_options=options
             )
             self._stream = self._add_stream(size, rate, full_range=full_range)
+        self._rate = rate
         self._num_frames = 0
+        self._last_s = -1 / rate
+        self._times_s: dict[int, Fraction] = {}  # when frames are shown whose packets may be to come
 
     def _add_stream(self, size: tuple[int, int], rate: Fraction, *, full_range: bool) -> "VideoStream":
         """Set up the encoder."""
@@ -267,7 +272,7 @@ class _FfmpegSink:
         stream.time_base = stream.codec_context.time_base = 1 / rate
         return stream
 
-    def write(self, frame: Frame) -> None:
+    def write(self, frame: Frame, time_s: Fraction | None) -> None:
         """Encode a frame and store what comes out."""
         if self._luma_only:
             frame = frame.without_chroma()
@@ -276,14 +281,40 @@ class _FfmpegSink:
         picture = picture_from_frame(frame, self._pixel_format)
         picture.pts = self._num_frames
         picture.time_base = self._stream.codec_context.time_base
-        with _ffmpeg_errors():
-            self._container.mux(self._stream.encode(picture))
+        self._note_time(time_s)
+        self._encode(picture)
         self._num_frames += 1
+
+    def _note_time(self, time_s: Fraction | None) -> None:
+        """Keep when the next frame is shown, if not at the constant rate."""
+        planned_s = self._num_frames / self._rate
+        time_s = max(planned_s if time_s is None else time_s, self._last_s + min(1 / self._rate, _TICK_S))
+        self._last_s = time_s
+        if time_s != planned_s:
+            self._times_s[self._num_frames] = time_s
+
+    def _encode(self, picture: "VideoFrame | None") -> None:
+        """Encode at the constant rate, and store what comes out at the times of its frames."""
+        with _ffmpeg_errors():
+            for packet in self._stream.encode(picture):
+                if self._times_s:
+                    self._set_times(packet)
+                self._container.mux(packet)
+
+    def _set_times(self, packet: "Packet[VideoStream]") -> None:
+        """Give a packet the times of the frames whose numbers it has."""
+        numbers = cast("tuple[int, int]", (packet.pts, packet.dts))
+        times_s = [self._times_s.get(number, number / self._rate) for number in numbers]
+        packet.pts, packet.dts = (round(time_s / _MICROSECOND_S) for time_s in times_s)
+        packet.duration = round(1 / self._rate / _MICROSECOND_S)
+        packet.time_base = _MICROSECOND_S
+        for number in [number for number in self._times_s if number < numbers[1]]:
+            del self._times_s[number]
 
     def finish(self) -> None:
         """Flush the encoder and write the index."""
         with _ffmpeg_errors():
-            self._container.mux(self._stream.encode(None))
+            self._encode(None)
             self._container.close()
 
     def discard(self) -> None:
@@ -303,6 +334,9 @@ def _ffmpeg_errors() -> Iterator[None]:
         raise OSError(err.errno, err.strerror) from err
 
 
+_TICK_S = Fraction(1, 1000)
+"""Least time between two frames, which Matroska can tell apart."""
+_MICROSECOND_S = Fraction(1, 10**6)
 _H264_OPTIONS = {"crf": "12", "preset": "medium"}
 
 

@@ -1,0 +1,89 @@
+"""Time stamps of frames: how much later than at the constant frame rate each is shown."""
+
+from fractions import Fraction
+from itertools import accumulate, pairwise
+from math import floor
+from typing import NamedTuple
+
+from dvc.bits import decode_varint, encode_varint
+from dvc.config import MAX_TICKS_PER_SECOND, VideoConfig
+from dvc.errors import BitstreamError
+
+MAX_DEVIATION_TICKS = 2**33 - 1
+
+
+class Deviations(NamedTuple):
+    """Deviations from the constant frame rate of the frames of a group of pictures, not all of them 0."""
+
+    ticks_per_second: int
+    ticks: tuple[int, ...]  # of each frame, in order of display
+
+    @property
+    def last_s(self) -> Fraction:
+        """Deviation of the last frame, in seconds."""
+        return Fraction(self.ticks[-1], self.ticks_per_second)
+
+
+def encode_deviations(deviations: Deviations) -> bytes:
+    """Write the ticks of a second, the first deviation, and differences; inverse of `decode_deviations`."""
+    differences = (after - before for before, after in pairwise((0, *deviations.ticks)))
+    numbers = (2 * value if value >= 0 else -2 * value - 1 for value in differences)
+    return b"".join(map(encode_varint, (deviations.ticks_per_second, *numbers)))
+
+
+def decode_deviations(payload: bytes, position: int, num_frames: int) -> tuple[Deviations, int]:
+    """Read the deviations of so many frames; inverse of `encode_deviations`."""
+    ticks_per_second, position = decode_varint(payload, position)
+    if not 1 <= ticks_per_second <= MAX_TICKS_PER_SECOND:
+        raise BitstreamError(f"{ticks_per_second} ticks a second, 1 to {MAX_TICKS_PER_SECOND} are allowed")
+    differences = []
+    for _ in range(num_frames):
+        number, position = decode_varint(payload, position)
+        differences.append(-(number + 1 >> 1) if number & 1 else number >> 1)
+    ticks = tuple(accumulate(differences))
+    if not any(ticks):
+        raise BitstreamError("time stamps are announced, but are those of the constant frame rate")
+    _check_range(ticks)
+    return Deviations(ticks_per_second, ticks), position
+
+
+def _check_range(ticks: tuple[int, ...]) -> None:
+    if max(map(abs, ticks)) > MAX_DEVIATION_TICKS:
+        raise BitstreamError(f"a time stamp is more than {MAX_DEVIATION_TICKS} ticks off")
+
+
+def frame_times_s(
+    video: VideoConfig, first_index: int, num_frames: int, deviations: Deviations | None
+) -> list[Fraction]:
+    """Return when frames are shown, in seconds."""
+    interval_s = Fraction(video.frame_rate_den, video.frame_rate_num)
+    times_s = [index * interval_s for index in range(first_index, first_index + num_frames)]
+    if deviations is None:
+        return times_s
+    ticks_per_second, ticks = deviations
+    return [
+        Fraction(planned_tick(time_s, ticks_per_second) + late, ticks_per_second)
+        for time_s, late in zip(times_s, ticks, strict=True)
+    ]
+
+
+def planned_tick(time_s: Fraction, ticks_per_second: int) -> int:
+    """Return the tick next to a time at the constant frame rate, from which deviations are counted."""
+    return floor(time_s * ticks_per_second + Fraction(1, 2))
+
+
+def check_times(times_s: list[Fraction], before_s: Fraction | None) -> None:
+    """Refuse frames that are not shown one after the other."""
+    times_s = times_s if before_s is None else [before_s, *times_s]
+    if any(after <= before for before, after in pairwise(times_s)):
+        raise BitstreamError("a time stamp is not after that of the frame before")
+
+
+def later(deviations: Deviations | None, num_frames: int, delay_s: Fraction) -> Deviations | None:
+    """Return the deviations of frames that are shown later by so much, to the nearest tick."""
+    if deviations is None:
+        deviations = Deviations(min(delay_s.denominator, MAX_TICKS_PER_SECOND), (0,) * num_frames)
+    delay = round(delay_s * deviations.ticks_per_second)
+    ticks = tuple(value + delay for value in deviations.ticks)
+    _check_range(ticks)
+    return Deviations(deviations.ticks_per_second, ticks) if any(ticks) else None

@@ -1,0 +1,64 @@
+"""Time stamps of the source, as deviations from the constant frame rate of the stream."""
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+from dvc.stream import MAX_DEVIATION_TICKS, Deviations, planned_tick
+from dvc.video import Frame
+
+
+class CodingClock:
+    """Compares when frames are shown with how many were coded before them."""
+
+    def __init__(self, frame_rate: Fraction) -> None:
+        self._interval_s = 1 / frame_rate
+        self._ticks_per_second = 0  # of the clock of the source, where it has one
+        self._num_frames = 0  # of the stream
+        self._zero: int | None = None  # tick of the source that is tick 0 of the stream
+        self._last = 0  # tick of the stream at which the last frame is shown
+
+    def begin_stream(self) -> None:
+        """Let the next frame be the first of a stream, which goes on where the last one ended."""
+        if self._zero is not None:
+            self._zero += self._last - self._planned(-1)
+        self._num_frames = 0
+
+    def deviations(self, frames: Sequence[Frame]) -> Deviations | None:
+        """Take the next frames; tell how much later each is, unless all are less than a tick off."""
+        self._find_clock(frames)
+        first, self._num_frames = self._num_frames, self._num_frames + len(frames)
+        if not self._ticks_per_second:
+            return None
+        numbers = range(first, self._num_frames)
+        ticks = [self._tick(number, frame) for number, frame in zip(numbers, frames, strict=True)]
+        exact = (number * self._interval_s * self._ticks_per_second for number in numbers)
+        if all(abs(tick - planned) < 1 for tick, planned in zip(ticks, exact, strict=True)):
+            return None
+        late = (tick - self._planned(number) for number, tick in zip(numbers, ticks, strict=True))
+        return Deviations(self._ticks_per_second, tuple(late))
+
+    def _find_clock(self, frames: Sequence[Frame]) -> None:
+        """Find the clock of the source, unless it is too coarse to tell frames apart."""
+        for frame in frames:
+            if not self._ticks_per_second and frame.time is not None:
+                if frame.time.ticks_per_second * self._interval_s >= 1:
+                    self._ticks_per_second = frame.time.ticks_per_second
+
+    def _planned(self, number: int) -> int:
+        return planned_tick(number * self._interval_s, self._ticks_per_second)
+
+    def _tick(self, number: int, frame: Frame) -> int:
+        """Return when a frame is shown; a usual interval after the last one where the source's clock jumps."""
+        planned, before = self._planned(number), self._planned(number - 1)
+        if number == 0 or self._zero is None:
+            self._last = before
+        usual = planned + self._last - before
+        tick = usual
+        if frame.time is not None:
+            now = round(frame.time.seconds * self._ticks_per_second)
+            zero = now - usual if self._zero is None else self._zero
+            if now - zero <= self._last or abs(now - zero - planned) > MAX_DEVIATION_TICKS:
+                zero = now - usual
+            self._zero, tick = zero, now - zero
+        self._last = tick
+        return tick
