@@ -36,7 +36,6 @@ class DecodedOutput:
         self._path = video
         self._wanted = wanted
         self._config = config
-        self._start_s: Fraction | None = None  # when the first frame is shown that is wanted
         self._num_frames = self._num_coded = 0
         self._frame_rate = config.video.frame_rate_num / config.video.frame_rate_den
         self._rate = ""
@@ -88,10 +87,9 @@ class DecodedOutput:
             shown.append((group.last.index, group.key, group.key))
         for (index, decoded, predicted), time_s in zip(shown, group.times_s(self._config.video), strict=True):
             if self._wanted is None or index in self._wanted:
-                self._start_s = time_s if self._start_s is None else self._start_s
-                self._video.write(decoded, time_s - self._start_s)
+                self._video.write(decoded, time_s)
                 if self._side_information is not None:
-                    self._side_information.write(predicted, time_s - self._start_s)
+                    self._side_information.write(predicted, time_s)
                 self._num_frames += 1
                 progress(1, self._rate)
         if self._wanted is None:

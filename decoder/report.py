@@ -1,6 +1,7 @@
 """What a decoding run reports: bits, quality and time of every frame, and totals; see `docs/results.md`."""
 
 from collections.abc import Iterator
+from fractions import Fraction
 from statistics import fmean, median
 from typing import Any
 
@@ -43,12 +44,15 @@ class DecodeReport:
         self._wanted = wanted
         self._reference: Iterator[Frame] | None = None if reference is None else iter(reference)
         self._frames: list[dict[str, Any]] = []
+        self._times_s: list[Fraction] = []  # when these are shown
         self._delays_s: list[float] = []  # of frames of a live run
         self._num_messages = 0
 
     def add(self, group: DecodedGroup) -> None:
         """Enter a decoded group of pictures."""
         costs = gop_bits(group.record)
+        times_s = enumerate(group.times_s(self._config.video), group.first_index)
+        self._times_s += [time_s for index, time_s in times_s if self._is_wanted(index)]
         self._num_messages += group.num_messages
         if group.delay_s is not None:
             self._delays_s += len(group.frames) * [group.delay_s]
@@ -107,7 +111,13 @@ class DecodeReport:
         else:
             stream_bytes = counted // 8
         video = self._config.video
-        duration_s = len(frames) * video.frame_rate_den / video.frame_rate_num
+        interval_s = Fraction(video.frame_rate_den, video.frame_rate_num)
+        first_s, last_s = self._times_s[0], self._times_s[-1]
+        duration_s = float(last_s - first_s + interval_s)
+        shown_s = [time_s - first_s for time_s in self._times_s]
+        if shown_s != [number * interval_s for number in range(len(frames))]:
+            for frame, time_s in zip(frames, shown_s, strict=True):
+                frame["time_s"] = round(float(time_s), 6)
         wyner_ziv = [frame for frame in frames if frame["type"] == "wz"]
         return {
             "frames": len(frames),

@@ -233,9 +233,7 @@ class _Tasks:
             if not record.without_key:
                 key = self._decoder.decode(record.key)
         with naming_group(number):
-            times_s = frame_times_s(
-                self._config.video, self.next_index, record.num_frames, record.deviations
-            )
+            times_s = frame_times_s(self._config.video, self.next_index, record.num_frames, record.deviations)
             check_times(times_s, self._last_s)
         if record.num_frames == 1 and record.tracks and key is not None:
             raise BitstreamError(f"group of pictures {number}: tracks, but no Wyner-Ziv frames")

@@ -357,8 +357,8 @@ def _add_source(group: argparse._ArgumentGroup) -> None:
         "--frame-rate",
         type=cli.parse_frame_rate,
         metavar="R",
-        help="frames per second, such as 30 or 30000/1001; needed for raw files; in place of what other files say,"
-        " and of the time stamps of their frames",
+        help="frames per second, such as 30 or 30000/1001; needed for raw files; in place of the rate and the"
+        " time stamps of other files",
     )
 
 

@@ -39,16 +39,16 @@ class CodingClock:
 
     def _find_clock(self, frames: Sequence[Frame]) -> None:
         """Find the clock of the source, unless it is too coarse to tell frames apart."""
-        for frame in frames:
-            if not self._ticks_per_second and frame.time is not None:
-                if frame.time.ticks_per_second * self._interval_s >= 1:
-                    self._ticks_per_second = frame.time.ticks_per_second
+        if not self._ticks_per_second:
+            clocks = (frame.time.ticks_per_second for frame in frames if frame.time is not None)
+            fine = (clock for clock in clocks if clock * self._interval_s >= 1)
+            self._ticks_per_second = next(fine, 0)
 
     def _planned(self, number: int) -> int:
         return planned_tick(number * self._interval_s, self._ticks_per_second)
 
     def _tick(self, number: int, frame: Frame) -> int:
-        """Return when a frame is shown; a usual interval after the last one where the source's clock jumps."""
+        """Return when a frame is shown; where the source's clock jumps, a usual interval after the last."""
         planned, before = self._planned(number), self._planned(number - 1)
         if number == 0 or self._zero is None:
             self._last = before

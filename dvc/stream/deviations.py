@@ -18,11 +18,6 @@ class Deviations(NamedTuple):
     ticks_per_second: int
     ticks: tuple[int, ...]  # of each frame, in order of display
 
-    @property
-    def last_s(self) -> Fraction:
-        """Deviation of the last frame, in seconds."""
-        return Fraction(self.ticks[-1], self.ticks_per_second)
-
 
 def encode_deviations(deviations: Deviations) -> bytes:
     """Write the ticks of a second, the first deviation, and differences; inverse of `decode_deviations`."""
@@ -79,11 +74,14 @@ def check_times(times_s: list[Fraction], before_s: Fraction | None) -> None:
         raise BitstreamError("a time stamp is not after that of the frame before")
 
 
-def later(deviations: Deviations | None, num_frames: int, delay_s: Fraction) -> Deviations | None:
-    """Return the deviations of frames that are shown later by so much, to the nearest tick."""
-    if deviations is None:
-        deviations = Deviations(min(delay_s.denominator, MAX_TICKS_PER_SECOND), (0,) * num_frames)
-    delay = round(delay_s * deviations.ticks_per_second)
-    ticks = tuple(value + delay for value in deviations.ticks)
+def following(
+    before: Deviations | None, deviations: Deviations | None, num_frames: int
+) -> Deviations | None:
+    """Return the deviations of frames of a segment that follows one of whose last frames there are some."""
+    if before is None:
+        return deviations
+    ticks_per_second, ticks = deviations or Deviations(before.ticks_per_second, (0,) * num_frames)
+    delay = round(Fraction(before.ticks[-1] * ticks_per_second, before.ticks_per_second))
+    ticks = tuple(value + delay for value in ticks)
     _check_range(ticks)
-    return Deviations(deviations.ticks_per_second, ticks) if any(ticks) else None
+    return Deviations(ticks_per_second, ticks) if any(ticks) else None

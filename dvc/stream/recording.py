@@ -5,13 +5,12 @@ from bisect import bisect_right
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.files import PARTIAL_SUFFIX, Closing, natural_key
-from dvc.stream.deviations import later
+from dvc.stream.deviations import Deviations, following
 from dvc.stream.gop import GopRecord
 from dvc.stream.index import IndexEntry, StreamIndex
 from dvc.stream.reader import StreamReader
@@ -79,17 +78,16 @@ class RecordingReader(Closing):
         return self._records
 
     def _read(self, segment: int = 0, gop: int = 0) -> Generator[GopRecord]:
-        delay_s = Fraction(0)  # of a segment, where its time stamps are counted from the first of all
+        last: Deviations | None = None  # of the last group, counted from the first segment
         for path in self._paths[segment:]:
-            before_s = delay_s
+            before = last
             with _naming(path), StreamReader(path, unfinished=self._unfinished) as reader:
                 if gop:
                     reader.seek_gop(gop)
                     gop = 0
                 for record in reader:
-                    deviations = later(record.deviations, record.num_frames, before_s)
-                    delay_s = deviations.last_s if deviations is not None else Fraction(0)
-                    yield replace(record, deviations=deviations)
+                    last = following(before, record.deviations, record.num_frames)
+                    yield replace(record, deviations=last)
                 if reader.missing is not None:
                     self._missing.append(f"{path.name}: {reader.missing}")
 

@@ -164,7 +164,7 @@ def read_image(path: Path) -> "av.VideoFrame":
 def consistent_frames(
     pictures: Iterable[tuple[Path | str, "av.VideoFrame"]], info: VideoInfo, *, timed: bool = False
 ) -> Iterator[Frame]:
-    """Convert pictures, with or without their times; refuse others than the first in size or in being grey."""
+    """Convert pictures, with their times or without; refuse sizes and greys that are not the first's."""
     is_grey: bool | None = None
     for path, picture in pictures:
         if (picture.width, picture.height) != info.size:

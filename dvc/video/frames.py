@@ -235,7 +235,7 @@ class VideoWriter(Protocol):
     """A video file in the making: it appears under its name when `close` succeeds, or not at all."""
 
     def write(self, frame: Frame, time_s: Fraction | None = None) -> None:
-        """Append a frame, shown at its place at the constant rate or at a later time than the one before it.
+        """Append a frame; by a time of its own, where it has one, it is shown so long after the first frame.
 
         `VideoError` if it cannot be stored, `ValueError` if its size differs.
         """

@@ -1,5 +1,6 @@
 """Write videos: y4m and FFV1 without loss, H.264 for looking at."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from fractions import Fraction
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from av import Packet, VideoFrame
     from av.video.stream import VideoStream
 
+_LOG = logging.getLogger(__name__)
 SUFFIXES = (".y4m", ".mkv", ".mp4")
 
 
@@ -25,7 +27,7 @@ class _Sink(Protocol):
     """What stores frames in one format; knows nothing of names and renaming."""
 
     def write(self, frame: Frame, time_s: Fraction | None) -> None:
-        """Append a frame."""
+        """Append a frame, with its time where it is not at the constant rate."""
 
     def finish(self) -> None:
         """Write what is pending and close the file."""
@@ -38,7 +40,14 @@ class _AtomicWriter:
     """The one `VideoWriter`: checks frames, hands them to a sink, renames the file or removes it."""
 
     def __init__(
-        self, path: str | Path, output: OutputFile, sink: _Sink, size: tuple[int, int], *, kept: bool
+        self,
+        path: str | Path,
+        output: OutputFile,
+        sink: _Sink,
+        size: tuple[int, int],
+        interval_s: Fraction,
+        *,
+        kept: bool,
     ) -> None:
         self._kept = kept
         self._path = path
@@ -47,6 +56,8 @@ class _AtomicWriter:
         self._size = size
         self._open = True
         self._num_frames = 0
+        self._interval_s = interval_s
+        self._start_s, self._last_s = Fraction(0), -interval_s  # of the first frame; of the last one after it
 
     def write(self, frame: Frame, time_s: Fraction | None = None) -> None:
         """Append a frame of the size that was announced."""
@@ -55,8 +66,17 @@ class _AtomicWriter:
         if (frame.width, frame.height) != self._size:
             raise ValueError(f"`frame` must be {self._size} pixels, got {(frame.width, frame.height)}")
         with self._cleaning_up():
-            self._sink.write(frame, time_s)
+            self._sink.write(frame, self._own_time_s(time_s))
         self._num_frames += 1
+
+    def _own_time_s(self, time_s: Fraction | None) -> Fraction | None:
+        """Return how long after the first frame the next one is shown, if not at the constant rate."""
+        planned_s = self._num_frames * self._interval_s
+        if self._num_frames == 0:
+            self._start_s = time_s or planned_s
+        time_s = planned_s if time_s is None else time_s - self._start_s
+        self._last_s = max(time_s, self._last_s + min(self._interval_s, _TICK_S))
+        return None if self._last_s == planned_s else self._last_s
 
     def close(self) -> None:
         """Finish the file and rename it into place."""
@@ -196,7 +216,7 @@ def create_video(
         if isinstance(err, OSError):
             raise VideoError(f"cannot write {path}: {err.strerror}") from err
         raise
-    return _AtomicWriter(path, output, sink, size, kept=kept)
+    return _AtomicWriter(path, output, sink, size, 1 / rate, kept=kept)
 
 
 class _Y4mSink:
@@ -206,6 +226,7 @@ class _Y4mSink:
         self, path: Path, size: tuple[int, int], rate: Fraction, *, luma_only: bool, full_range: bool
     ) -> None:
         self._luma_only = luma_only
+        self._holds_times = True  # as far as there were any
         self._file = path.open("wb")
         colour = "mono" if luma_only else "420mpeg2"
         range_tag = "FULL" if full_range else "LIMITED"
@@ -215,7 +236,10 @@ class _Y4mSink:
         )
 
     def write(self, frame: Frame, time_s: Fraction | None) -> None:
-        """Append the planes of a frame, which have no time stamps."""
+        """Append the planes of a frame; say it once where its time is lost."""
+        if time_s is not None and self._holds_times:
+            self._holds_times = False
+            _LOG.warning("y4m holds no time stamps: frames with times of their own are at the constant rate")
         chroma = () if self._luma_only else frame.with_chroma().chroma or ()
         self._file.write(b"FRAME\n")
         for plane in (frame.luma, *chroma):
@@ -258,8 +282,8 @@ class _FfmpegSink:
             self._stream = self._add_stream(size, rate, full_range=full_range)
         self._rate = rate
         self._num_frames = 0
-        self._last_s = -1 / rate
-        self._times_s: dict[int, Fraction] = {}  # when frames are shown whose packets may be to come
+        # When frames are shown whose packets may be to come, those at the constant rate excepted.
+        self._times_s: dict[int, Fraction] = {}
 
     def _add_stream(self, size: tuple[int, int], rate: Fraction, *, full_range: bool) -> "VideoStream":
         """Set up the encoder."""
@@ -281,17 +305,10 @@ class _FfmpegSink:
         picture = picture_from_frame(frame, self._pixel_format)
         picture.pts = self._num_frames
         picture.time_base = self._stream.codec_context.time_base
-        self._note_time(time_s)
+        if time_s is not None:
+            self._times_s[self._num_frames] = time_s
         self._encode(picture)
         self._num_frames += 1
-
-    def _note_time(self, time_s: Fraction | None) -> None:
-        """Keep when the next frame is shown, if not at the constant rate."""
-        planned_s = self._num_frames / self._rate
-        time_s = max(planned_s if time_s is None else time_s, self._last_s + min(1 / self._rate, _TICK_S))
-        self._last_s = time_s
-        if time_s != planned_s:
-            self._times_s[self._num_frames] = time_s
 
     def _encode(self, picture: "VideoFrame | None") -> None:
         """Encode at the constant rate, and store what comes out at the times of its frames."""

@@ -4,11 +4,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.config import MAX_GOP_LENGTH
+from dvc.config import MAX_GOP_LENGTH, MAX_TICKS_PER_SECOND
 from dvc.errors import BitstreamError
-from dvc.stream import GopRecord, LongTermReference, RecordType, decode_gop, encode_gop, gop_bits
+from dvc.stream import (
+    MAX_DEVIATION_TICKS,
+    Deviations,
+    GopRecord,
+    LongTermReference,
+    RecordType,
+    decode_gop,
+    encode_gop,
+    gop_bits,
+)
 from dvc.stream.records import frame_record
 
+deviations = st.builds(
+    lambda clock, ticks, last: Deviations(clock, (*ticks, last)),
+    st.integers(1, MAX_TICKS_PER_SECOND),
+    st.lists(st.integers(-MAX_DEVIATION_TICKS, MAX_DEVIATION_TICKS), max_size=6),
+    st.integers(1, MAX_DEVIATION_TICKS),
+)
 payloads = st.lists(st.binary(max_size=300), max_size=6)
 records = (
     st.builds(
@@ -30,6 +45,11 @@ records = (
         st.lists(st.binary(max_size=300), min_size=1, max_size=6),
         st.integers(1, 200),
         st.binary(max_size=200),
+    )
+    | deviations.map(
+        lambda given: GopRecord(
+            len(given.ticks), b"key", b"tracks", (b"wz",) * (len(given.ticks) - 1), deviations=given
+        )
     )
 )
 
@@ -79,6 +99,14 @@ def test_long_term_references_are_for_groups_without_key_frame() -> None:
         decode_gop(b"\x84\x18\x03\x02mm\x03one\x03two")
 
 
+def test_time_stamps_are_announced_by_the_first_field() -> None:
+    """Of groups at the constant frame rate there is nothing."""
+    record = GopRecord(2, b"k", b"", (b"one",), deviations=Deviations(1000, (3, -2)))
+    assert encode_gop(record) == b"\x84\x20\xe8\x07\x06\x09\x03onek"
+    with pytest.raises(ValueError, match="`deviations` must be of 2 frames, got 1"):
+        GopRecord(2, b"k", b"", (b"one",), deviations=Deviations(1000, (3,)))
+
+
 def test_limits_of_a_record() -> None:
     """As many payloads as there are Wyner-Ziv frames, and no more frames than a GOP may have."""
     longest = GopRecord(MAX_GOP_LENGTH, b"k", b"", (b"",) * (MAX_GOP_LENGTH - 1))
@@ -101,6 +129,12 @@ def test_limits_of_a_record() -> None:
         (b"\x04", "data end within an integer"),
         (b"\x04\xff\xff\xff\xff\x7f", "bytes where at most"),
         (b"\x04\x03ab", "3 bytes promised, 2 left"),
+        (b"\x82\x20\x00\x02k", "0 ticks a second"),
+        (b"\x82\x20\xc1\x84\x3d\x02k", "1000001 ticks a second"),
+        (b"\x82\x20\x01", "data end within an integer"),
+        (b"\x82\x20\x01\x00k", "are those of the constant frame rate"),
+        (b"\x82\x20\x01\x80\x80\x80\x80\x40k", "a time stamp is more than 8589934591 ticks off"),
+        (b"\x82\x20\x01\xff\xff\xff\xff\x7fk", "a time stamp is more than 8589934591 ticks off"),
     ],
 )
 def test_malformed_payloads_are_refused(payload: bytes, message: str) -> None:

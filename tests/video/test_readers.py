@@ -218,15 +218,18 @@ def test_usual_containers_open(tmp_path: Path, moving_frames: MakeFrames, name: 
 
 
 def test_variable_rate_and_odd_pixels_are_noted(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """Frames are taken as they come, and the reader says so."""
+    """Frames have the times of their file, and the reader says so; a rate that is given takes their place."""
     frames = moving_frames(8, 48, 32)
     times = [0, 1, 2, 7, 8, 20, 21, 30]
     write_container(tmp_path / "a.mp4", frames, "libx264", times, aspect=Fraction(4, 3))
+    with open_video(tmp_path / "a.mp4", frame_rate=25) as reader:
+        assert {frame.time for frame in reader} == {None}
+        assert "variable" not in str(reader.info.notices)
     with open_video(tmp_path / "a.mp4") as reader:
-        assert len(list(reader)) == 8
+        assert [frame.time.seconds for frame in reader if frame.time] == [Fraction(t, 25) for t in times]
         assert reader.info.frame_rate < 10
         assert reader.info.notices == (
-            "variable frame rate: frames are taken as they come at the mean rate",
+            "variable frame rate: time stamps are kept",
             "pixels are not square (4:3): taken as they are",
         )
 
