@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ from dvc.stream import StreamReader
 from dvc.video import Frame, open_video
 from tests.clips import moving_texture, same_frame, write_clip
 from tests.scenes_3d import render
+from tests.serving import frames_shown
 from tests.waiting import wait_until
 
 PATIENCE_S = 120
@@ -443,14 +446,14 @@ def test_interrupted_encoder_sends_its_end(tmp_path: Path, buffered: Run, number
 
 
 def test_frames_that_a_decoder_cannot_take_are_left_out_and_counted(tmp_path: Path) -> None:
-    """A pipe that brings all at once: whole groups reach the decoder, and the report tells of the others."""
+    """A pipe that brings all at once: whole groups reach the decoder, at their times; others are reported."""
     raw = [plane for frame in moving_texture(60, 32, 48) for plane in (frame.luma, *(frame.chroma or ()))]
     options = ("--size", "48x32", "--frame-rate", 25, *CODING, "--serve", "127.0.0.1:0", "--leave-out")
     spool = ("--spool", 16, "--json", tmp_path / "report.json")
     with start("encoder", "-", *options, *spool, stdin=subprocess.PIPE) as encoder:
         assert encoder.stdin is not None
         port = listening_port(encoder)
-        with start("decoder", "--connect", f"127.0.0.1:{port}", tmp_path / "out.y4m") as decoder:
+        with start("decoder", "--connect", f"127.0.0.1:{port}", tmp_path / "out.mkv") as decoder:
             encoder.stdin.buffer.write(b"".join(plane.tobytes() for plane in raw))
             encoder.stdin.close()
             encoder.stdin = None
@@ -462,7 +465,12 @@ def test_frames_that_a_decoder_cannot_take_are_left_out_and_counted(tmp_path: Pa
     assert left_out["frames"] >= 20
     assert left_out["gaps"] >= 1
     assert f"left out {left_out['frames']} frames in {left_out['gaps']} gap" in stderr
-    assert len(frames_of(tmp_path / "out.y4m")) == report["frames"] == 60 - left_out["frames"]
+    times_s = [time_s for _, time_s in frames_shown(tmp_path / "out.mkv")]
+    assert len(times_s) == report["frames"] == 60 - left_out["frames"]
+    assert set(times_s) <= {Fraction(number, 25) for number in range(60)}
+    assert (
+        sum(after - before > Fraction(1, 25) for before, after in pairwise(times_s)) >= left_out["gaps"] - 1
+    )
 
 
 @pytest.mark.parametrize("cause", ["SIGINT", "SIGTERM", "death"])

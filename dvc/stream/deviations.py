@@ -74,9 +74,7 @@ def check_times(times_s: list[Fraction], before_s: Fraction | None) -> None:
         raise BitstreamError("a time stamp is not after that of the frame before")
 
 
-def following(
-    before: Deviations | None, deviations: Deviations | None, num_frames: int
-) -> Deviations | None:
+def following(before: Deviations | None, deviations: Deviations | None, num_frames: int) -> Deviations | None:
     """Return the deviations of frames of a segment that follows one of whose last frames there are some."""
     if before is None:
         return deviations
