@@ -15,6 +15,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba.core import caching, codegen
+from numba.core.runtime import rtsys
 
 from dvc.memory import resident_bytes
 
@@ -123,8 +124,11 @@ class _Cache(caching.FunctionCache):
         self._files = [kept] if _CONFIG.BOUNDSCHECK or beside == Path(self.cache_path) else [made, kept]
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return the code for a signature, None where there is none."""
-        context.refresh()
+        """Return the code for a signature, None where there is none.
+
+        What numba can compile it looks up once there is something to compile; code needs its run-time only.
+        """
+        rtsys.initialize(context)
         types, (triple, *own), code = self._index_key(signature, context.codegen())
         for file in self._files:
             for processor in [PORTABLE, own] if RUNS_PORTABLE else [own]:
