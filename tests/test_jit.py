@@ -90,6 +90,37 @@ def test_kernels_run_where_no_folder_can_be_written_to(
     assert [path.parent.name for path in tmp_path.rglob("*.nbi")] == ["__pycache__"]
 
 
+def test_what_is_loaded_needs_nothing_of_the_compiler(tmp_path: Path) -> None:
+    """Code on disk allocates, sorts and raises without; then another kernel is compiled all the same."""
+    (tmp_path / "own.py").write_text(
+        "import numpy as np\n"
+        "from dvc._jit import kernel\n\n"
+        "@kernel\ndef own(x):\n"
+        "    if x.size == 0:\n        raise ValueError('nothing')\n"
+        "    return np.sort(x * np.ones(x.size)).sum()\n\n"
+        "@kernel\ndef after(x):\n    return own(x[:2]) + 1\n"
+    )
+    program = (
+        "import sys; import numpy as np; from own import after, own\n"
+        "print(own(np.arange(4.0)), len(own.stats.cache_hits), 'numba.misc.cffiimpl' in sys.modules)\n"
+        "try:\n    own(np.empty(0))\nexcept ValueError as err:\n    print(err)\n"
+        "if sys.argv[1] == '1': print(after(np.arange(4.0)), len(after.stats.cache_hits))\n"
+    )
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).resolve().parents[1])])
+    own = {"PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
+    told = [
+        subprocess.run(
+            [sys.executable, "-c", program, str(number)],
+            env=os.environ | own,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for number in range(2)
+    ]
+    assert told == ["6.0 0 True\nnothing\n", "6.0 1 False\nnothing\n2.0 0\n"]
+
+
 def test_loading_and_compiling_are_told_apart_from_running(tmp_path: Path) -> None:
     """The clock of loading runs when a kernel is first called, in the thread that calls it."""
     (tmp_path / "one.py").write_text(KERNEL.format("", "kernel", "one", "x + 1"))
