@@ -6,9 +6,10 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from io import BytesIO
+from itertools import takewhile
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -77,6 +78,72 @@ def http_server(times_ms: Sequence[int]) -> Iterator[str]:
             yield address
         finally:
             process.kill()
+
+
+@contextmanager
+def rtsp_server(times_ms: Sequence[int]) -> Iterator[str]:
+    """Serve a video once by RTSP, RTP within the same connection, as cameras do; give its address."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        send(f"rtp://127.0.0.1:{receiver.getsockname()[1]}", "rtp", times_ms)
+        receiver.setblocking(False)
+        packets = []
+        with suppress(BlockingIOError):
+            while True:
+                packets.append(receiver.recv(2**16))
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=_play, args=(server, packets))
+        thread.start()
+        try:
+            yield f"rtsp://127.0.0.1:{server.getsockname()[1]}/camera"
+        finally:
+            server.shutdown(socket.SHUT_RDWR)
+            thread.join()
+
+
+def _play(server: socket.socket, packets: Sequence[bytes]) -> None:
+    try:
+        connection, _ = server.accept()
+    except OSError:
+        return
+    with connection, connection.makefile("rb") as requests:
+        for method, number in iter(lambda: _request(requests), None):
+            body = _SDP if method == "DESCRIBE" else ""
+            head = f"RTSP/1.0 200 OK\r\nCSeq: {number}\r\nSession: 1\r\n{_HEADERS.get(method, '')}"
+            connection.sendall(f"{head}Content-Length: {len(body)}\r\n\r\n{body}".encode())
+            if method == "PLAY":
+                for packet in packets:
+                    connection.sendall(b"$\0" + len(packet).to_bytes(2, "big") + packet)
+                return
+
+
+def _request(requests: BinaryIO) -> tuple[str, str] | None:
+    """Read a request: its method and number."""
+    lines = list(takewhile(str.strip, map(bytes.decode, iter(requests.readline, b""))))
+    if not lines:
+        return None
+    number = next(line.partition(":")[2].strip() for line in lines if line.startswith("CSeq"))
+    return lines[0].split()[0], number
+
+
+_SDP = "\r\n".join(
+    (
+        "v=0",
+        "o=- 0 0 IN IP4 127.0.0.1",
+        "s=camera",
+        "t=0 0",
+        "m=video 0 RTP/AVP 96",
+        "a=rtpmap:96 H264/90000",
+        "a=fmtp:96 packetization-mode=1",
+        "a=control:streamid=0",
+        "",
+    )
+)
+_HEADERS = {
+    "OPTIONS": "Public: DESCRIBE, SETUP, PLAY\r\n",
+    "DESCRIBE": "Content-Type: application/sdp\r\n",
+    "SETUP": "Transport: RTP/AVP/TCP;unicast;interleaved=0-1\r\n",
+}
 
 
 @contextmanager

@@ -21,6 +21,7 @@ from tests.serving import (
     frames_shown,
     free_port,
     http_server,
+    rtsp_server,
     send,
     sending,
     video,
@@ -67,6 +68,14 @@ def test_http_stream_is_recorded(tmp_path: Path, times_ms: list[int]) -> None:
 
 
 @pytest.mark.parametrize("times_ms", [CONSTANT_MS, JITTER_MS], ids=["constant", "jitter"])
+def test_rtsp_camera_is_recorded(tmp_path: Path, times_ms: list[int]) -> None:
+    """What FFmpeg packs into RTP comes out at its times."""
+    with rtsp_server(times_ms) as address:
+        assert finish(start(tmp_path, address, "--timeout", PATIENCE_S)) == (0, [])
+    check_rtp_times(decoded_times_ms(tmp_path), times_ms)
+
+
+@pytest.mark.parametrize("times_ms", [CONSTANT_MS, JITTER_MS], ids=["constant", "jitter"])
 def test_rtsp_source_that_connects_is_recorded(tmp_path: Path, times_ms: list[int]) -> None:
     """An encoder that listens takes what is announced and sent to it; RTP does not date the first frame."""
     port = free_port()
@@ -75,7 +84,11 @@ def test_rtsp_source_that_connects_is_recorded(tmp_path: Path, times_ms: list[in
     wait_for_listener(port, process)
     send(address, "rtsp", times_ms, rtsp_transport="tcp")
     assert finish(process) == (0, [])
-    found = decoded_times_ms(tmp_path)
+    check_rtp_times(decoded_times_ms(tmp_path), times_ms)
+
+
+def check_rtp_times(found: Sequence[Fraction], times_ms: Sequence[int]) -> None:
+    """Compare times from the second frame on."""
     assert len(found) == len(times_ms)
     sent = [time_ms - times_ms[1] for time_ms in times_ms[1:]]
     assert [time_ms - found[1] for time_ms in found[1:]] == sent
