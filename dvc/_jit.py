@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba.core import caching, codegen
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 from dvc.memory import resident_bytes
 
