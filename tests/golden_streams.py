@@ -6,6 +6,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
 from dvc.multiview.cameras import PixelFrame
-from dvc.video import Frame
+from dvc.video import Frame, create_video
 from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render
 
@@ -33,6 +34,7 @@ class Golden:
     method: str
     has_p_type: bool = False
     comes_back: bool = False  # the camera pans away fast, and back
+    uneven: bool = False  # frames come at a variable rate
 
     @property
     def forms(self) -> tuple[str, ...]:
@@ -64,6 +66,7 @@ GOLDEN = [
     moving_texture_stream("hierarchical", (48, 32), 9, "--wz-q 4 --gop 8 --references hierarchical"),
     moving_texture_stream("qp", (48, 32), 9, HIERARCHICAL),
     moving_texture_stream("long-delay", (48, 32), 9, f"{HIERARCHICAL} --long-delay"),
+    Golden("2d-time-stamps", (48, 32), 5, "--codec 2d --wz-q 4", "mci", uneven=True),
     scene("colour", (104, 88), " --gop 3 --wz-q 5"),
     scene("td-luma", (104, 88), "-td --gop 3 --wz-q 6 --luma-only"),
     scene("td-all", (104, 88), "-td --gop 3 --references all --wz-q 1"),
@@ -110,6 +113,11 @@ def source(golden: Golden, folder: Path) -> Path:
         chroma = np.full(half, 100, np.uint8), np.full(half, 150, np.uint8)
         times = np.arange(golden.num_frames) / (golden.num_frames - 1)
         frames = [Frame(render(time, PixelFrame(width, height))[0], chroma) for time in times]
+    if golden.uneven:
+        with create_video(folder / "clip.mkv", golden.size, 25) as writer:
+            for number, frame in enumerate(frames):
+                writer.write(frame, Fraction(number * 40 + number**3, 1000))
+        return folder / "clip.mkv"
     return write_clip(folder / "clip.y4m", frames)
 
 
@@ -129,6 +137,8 @@ def decode(golden: Golden, form: str, folder: Path) -> tuple[dict[str, Any], lis
         "num_requests": found["num_requests"],
         "parity_bits": found["bits"]["parity"],
     }
+    if golden.uneven:
+        record["times_s"] = [frame["time_s"] for frame in found["per_frame"]]
     return record, [frame for frame in found["per_frame"] if frame["type"] == "wz"]
 
 
