@@ -48,6 +48,10 @@ def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[st
     del decoded["version"]
     video = config["video"]
     frames_per_s = video["frame_rate_num"] / video["frame_rate_den"]
+    if "time_s" in per_frame[0]:  # all codecs are compared at the constant rate
+        duration_s = len(per_frame) / frames_per_s
+        rate_kbps = 8 * decoded["stream_bytes"] / duration_s / 1000
+        decoded |= {"duration_s": duration_s, "rate_kbps": rate_kbps}
     return {
         **_provenance(task, task.code.digest, video["width"], video["height"], frames_per_s),
         "commands": _shown(_commands(task, task.source.path.name)),

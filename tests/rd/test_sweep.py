@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -28,13 +29,13 @@ POINTS = ("--codec", "2d", "--wz-q", "1", "--anchor", "intra", "--anchor-qp", "4
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write three frames of a texture that moves by a pixel per frame."""
+    """Write three frames of a texture that moves by a pixel per frame; the last one comes late."""
     path = tmp_path_factory.mktemp("clip") / "clip.mkv"
     rng = np.random.default_rng(3)
     texture = np.kron(rng.integers(60, 190, (16, 18)), np.ones((4, 4))).astype(np.uint8)
     with create_video(path, (64, 48), 25) as writer:
         for index in range(NUM_FRAMES):
-            writer.write(Frame(texture[index : index + 48, index : index + 64]))
+            writer.write(Frame(texture[index : index + 48, index : index + 64]), Fraction(index**2, 25))
     return path
 
 
@@ -48,7 +49,7 @@ def folder(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_points_are_measured_by_processes(folder: Path) -> None:
-    """A sweep gives a result per point, with the rate of the punctured file and a value for every frame."""
+    """A result per point: the rate of the punctured file at the constant rate, a value for every frame."""
     codec, intra = (result.data for result in read_results(folder))
     assert (codec["codec"], intra["codec"]) == ("2d", "h264-intra")
     assert codec["totals"]["frames"] == NUM_FRAMES == len(codec["per_frame"])
@@ -57,6 +58,7 @@ def test_points_are_measured_by_processes(folder: Path) -> None:
     assert sum(codec["totals"]["bits"].values()) == 8 * num_bytes
     assert codec["sequence"]["name"] == "clip"
     assert codec["config"]["video"]["luma_only"]
+    assert codec["totals"]["duration_s"] == intra["totals"]["duration_s"] < codec["per_frame"][-1]["time_s"]
     assert intra["key"]["qp"] == 40
 
 
