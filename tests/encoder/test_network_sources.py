@@ -108,7 +108,7 @@ def check_rtp_times(found: Sequence[Fraction], times_ms: Sequence[int]) -> None:
 def test_what_serves_no_video_is_one_line(tmp_path: Path, answer: bytes, stalls: bool, problem: str) -> None:
     """No file, no hang."""
     with broken_server(answer, stalls=stalls) as address:
-        status, lines = finish(start(tmp_path, address, "--timeout", 1))
+        status, lines = finish(start(tmp_path, address, "--timeout", 1 if stalls else PATIENCE_S))
     assert (status, len(lines)) == (2, 1)
     assert lines[0].startswith(f"dvc-encode: {address}: ")
     assert problem in lines[0]
@@ -137,11 +137,11 @@ def test_frames_before_a_source_breaks_off_are_kept(
     whole = video("matroska", CONSTANT_MS)
     answer = HEAD + b"Content-Length: %d\r\n\r\n" % len(whole) + whole[: len(whole) * 2 // 3]
     with broken_server(answer, stalls=stalls) as address:
-        status, lines = finish(start(tmp_path, address, "--timeout", 1, *segment))
+        status, lines = finish(start(tmp_path, address, "--timeout", 3 if stalls else PATIENCE_S, *segment))
     assert (status, len(lines)) == (3, 1)
     assert lines[0].startswith(f"dvc-encode: {address}: ")
     assert lines[0].endswith("; what came before is kept")
-    assert ("nothing came for 1 s" in lines[0]) == stalls
+    assert ("nothing came for 3 s" in lines[0]) == stalls
     streams = sorted(tmp_path.glob("*.dvc"))
     assert len(list(tmp_path.iterdir())) == len(streams) == (2 if segment else 1)
     decoded = []
@@ -158,12 +158,12 @@ def test_a_source_that_connects_and_falls_silent_is_kept(tmp_path: Path) -> None
     """RTSP, where FFmpeg takes silence for the end; a frame is whole once the next one begins."""
     port = free_port()
     address = f"rtsp://127.0.0.1:{port}/camera"
-    process = start(tmp_path, address, "--listen", "--timeout", 2)
+    process = start(tmp_path, address, "--listen", "--timeout", 5)
     wait_for_listener(port, process)
     with sending(address, "rtsp", [40 * number for number in range(100)], rtsp_transport="tcp"):
         status, lines = finish(process)
     assert status == 3
-    assert lines == [f"dvc-encode: {address}: nothing came for 2 s; what came before is kept"]
+    assert lines == [f"dvc-encode: {address}: nothing came for 5 s; what came before is kept"]
     assert len(decoded_times_ms(tmp_path)) in (99, 100)
 
 
