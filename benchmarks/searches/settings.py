@@ -4,7 +4,9 @@
 and decodes clips as usual, and with each of the settings, those that are tried together joined by commas:
 values of the configuration (``gop.p_type_distance=4``, ``key.qp=-1`` relative to the usual) and constants
 of modules, for the encoder (``encoder.intra_decision.MAX_LOST_SHARE=0.6``,
-``dvc.config.sections.LAMBDA_PERCENT=100:50:30``). A row tells the change of rate less what the change of PSNR
+``dvc.config.sections.LAMBDA_PERCENT=100:50:30``); with ``--no-feedback`` as files without feedback, whose
+rate margin (``delivery.rate_margin_percent=40``) may be set, too, and ends of groups (``rule.lost_share=0.4``)
+either way. A row tells the change of rate less what the change of PSNR
 is worth on the clip's usual curve, in percent: the mean, its standard error, and that of each QP and clip.
 """
 
@@ -15,6 +17,7 @@ import multiprocessing
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from itertools import islice, product
 from typing import Any, NamedTuple
@@ -25,7 +28,16 @@ import numpy as np
 from benchmarks.results.harness import CLIPS, clip_source
 from decoder.session import decode_stream
 from dvc.cli import progress_bar
-from dvc.config import CodecConfig, Qp, VideoConfig, codec_config
+from dvc.config import (
+    DEFAULT_CODEC,
+    VARIANTS,
+    Delivery,
+    EstimatedRate,
+    ParityBuffer,
+    Qp,
+    VideoConfig,
+    codec_config,
+)
 from dvc.metrics import psnr_db
 from dvc.stream import Form, StreamReader, StreamWriter
 from dvc.video import VideoInfo, open_video
@@ -47,6 +59,7 @@ class Coded(NamedTuple):
 
     num_bytes: int  # of the punctured stream
     psnr_db: float  # mean over frames
+    failed_share: float  # of Wyner-Ziv frames, those with a plane that is not proven, or concealed
 
 
 def _value(text: str, usual: Any) -> Any:
@@ -64,15 +77,28 @@ def divided(settings: str) -> tuple[dict[str, str], dict[str, str]]:
     return {name: text for name, text in given.items() if name not in constants}, constants
 
 
-def configuration(info: VideoInfo, qp: int, given: Mapping[str, str]) -> CodecConfig:
-    """Return the configuration of the default codec with some other values."""
+def encoder_session(
+    info: VideoInfo, qp: int, given: Mapping[str, str], delivery: Delivery
+) -> EncoderSession:
+    """Return an encoder of the default codec with some other values."""
     video = VideoConfig(info.width, info.height, info.frame_rate.numerator, info.frame_rate.denominator, True)
-    config = codec_config(video, quality=Qp(qp))
-    values: dict[str, Any] = {}
+    values: dict[str, dict[str, str]] = {}
     for name, text in given.items():
         section, field = name.split(".")
-        values.setdefault(section, {})[field] = _value(text, getattr(getattr(config, section), field))
-    return codec_config(video, quality=Qp(qp), **values)
+        values.setdefault(section, {})[field] = text
+    delivery = _changed(delivery, values.pop("delivery", {}))
+    rule = _changed(VARIANTS[DEFAULT_CODEC].groups(delivery=delivery).key_frames, values.pop("rule", {}))
+    usual = codec_config(video, quality=Qp(qp), delivery=delivery)
+    changed = {section: _values(getattr(usual, section), of) for section, of in values.items()}
+    return EncoderSession(codec_config(video, quality=Qp(qp), delivery=delivery, **changed), delivery, rule)
+
+
+def _values(section: object, given: Mapping[str, str]) -> dict[str, Any]:
+    return {field: _value(text, getattr(section, field)) for field, text in given.items()}
+
+
+def _changed(section: Any, given: Mapping[str, str]) -> Any:
+    return replace(section, **_values(section, given))
 
 
 def _patched(name: str, text: str) -> Any:
@@ -81,22 +107,25 @@ def _patched(name: str, text: str) -> Any:
     return mock.patch(name, _value(text, usual))
 
 
-def coded(place: Place, num_frames: int) -> Coded:
+def coded(place: Place, num_frames: int, delivery: Delivery) -> Coded:
     """Code a clip, and decode it."""
     of_config, constants = divided(place.settings)
     with ExitStack() as stack, open_video(clip_source(place.clip).path) as video:
         for name, text in constants.items():
             stack.enter_context(_patched(name, text))
         originals = list(islice(video, num_frames))
-        session, stream = EncoderSession(configuration(video.info, place.qp, of_config)), io.BytesIO()
+        session, stream = encoder_session(video.info, place.qp, of_config, delivery), io.BytesIO()
         session.write(originals, stream, lambda _: None)
-    reader, punctured, found = StreamReader(io.BytesIO(stream.getvalue())), io.BytesIO(), []
-    with StreamWriter(punctured, reader.config, Form.PUNCTURED) as writer:
-        for group in decode_stream(reader.config, reader):
+    reader, punctured = StreamReader(io.BytesIO(stream.getvalue())), io.BytesIO()
+    form = reader.form if isinstance(delivery, EstimatedRate) else Form.PUNCTURED
+    with StreamWriter(punctured, reader.config, form) as writer:
+        groups = list(decode_stream(reader.config, reader))
+        for group in groups:
             writer.write_gop(group.record)
-            found += [frame.luma for frame in group.frames]
+    found = [frame.luma for group in groups for frame in group.frames]
     psnrs_db = [psnr_db(original.luma, luma) for original, luma in zip(originals, found, strict=True)]
-    return Coded(len(punctured.getvalue()), float(np.mean(psnrs_db)))
+    failed = [frame.num_failed_planes > 0 for group in groups for frame in group.wyner_ziv]
+    return Coded(len(punctured.getvalue()), float(np.mean(psnrs_db)), float(np.mean(failed or [False])))
 
 
 def net_percent(found: Mapping[Place, Coded], place: Place) -> float:
@@ -118,7 +147,9 @@ def row(found: Mapping[Place, Coded], settings: str) -> str:
         own = {kind: [v for place, v in net.items() if getattr(place, field) == kind] for kind in kinds}
         return ", ".join(f"{kind} {np.mean(of):+.1f}" for kind, of in own.items())
 
-    return f"{settings}: {values.mean():+.2f} +- {error:.2f} %; QP {means('qp')}; {means('clip')}"
+    failed = 100 * np.mean([found[place].failed_share for place in net])
+    tail = f"; {failed:.1f} % of frames failed" if failed else ""
+    return f"{settings}: {values.mean():+.2f} +- {error:.2f} %; QP {means('qp')}; {means('clip')}{tail}"
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -128,8 +159,10 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--clips", nargs="+", default=CLIPS)
     parser.add_argument("--qp", nargs="+", type=int, default=[32, 38], help="two or more, for the curve")
     parser.add_argument("--frames", type=int, default=65)
+    parser.add_argument("--no-feedback", action="store_true")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args(words)
+    delivery = EstimatedRate() if arguments.no_feedback else ParityBuffer()
     if len(set(arguments.qp)) < 2:
         parser.error("--qp: a curve needs two of them")
     tried = (USUAL, *arguments.settings)
@@ -140,11 +173,11 @@ def main(words: Sequence[str] | None = None) -> None:
         ProcessPoolExecutor(arguments.jobs, spawning) as pool,
         progress_bar("streams", len(places)) as progress,
     ):
-        results = pool.map(partial(coded, num_frames=arguments.frames), places)
+        results = pool.map(partial(coded, num_frames=arguments.frames, delivery=delivery), places)
         for place, own in zip(places, results, strict=True):
             found[place] = own
             progress(1)
-    for settings in arguments.settings:
+    for settings in tried if arguments.no_feedback else arguments.settings:
         print(row(found, settings), flush=True)
 
 

@@ -5,7 +5,8 @@ from fractions import Fraction
 
 import pytest
 
-from benchmarks.searches.settings import Coded, Place, coded, configuration, divided, net_percent, row
+from benchmarks.searches.settings import Coded, Place, coded, divided, encoder_session, net_percent, row
+from dvc.config import EstimatedRate, ParityBuffer
 from dvc.video import VideoInfo
 
 INFO = VideoInfo(width=64, height=48, frame_rate=Fraction(25))
@@ -14,7 +15,7 @@ INFO = VideoInfo(width=64, height=48, frame_rate=Fraction(25))
 def test_values_are_read_by_their_types() -> None:
     """Numbers, tuples, and what is relative to the usual value."""
     given, constants = divided("gop.length=8,key.qp=-1,encoder.a.B=2")
-    config = configuration(INFO, 30, given)
+    config = encoder_session(INFO, 30, given, ParityBuffer()).config
     assert constants == {"encoder.a.B": "2"}
     assert (config.gop.length, config.key.qp, config.wyner_ziv.qp) == (8, 29, 30)
 
@@ -22,25 +23,35 @@ def test_values_are_read_by_their_types() -> None:
 def test_what_psnr_is_worth_is_taken_off() -> None:
     """A point on the usual curve changes nothing; one that takes a tenth more at the same PSNR does."""
     found = {
-        Place("a", 32, ""): Coded(2000, 38.0),
-        Place("a", 38, ""): Coded(1000, 34.0),
-        Place("a", 32, "x"): Coded(round(2000 * 2**-0.25), 37.0),
-        Place("a", 38, "x"): Coded(1100, 34.0),
+        Place("a", 32, ""): Coded(2000, 38.0, 0.0),
+        Place("a", 38, ""): Coded(1000, 34.0, 0.0),
+        Place("a", 32, "x"): Coded(round(2000 * 2**-0.25), 37.0, 0.0),
+        Place("a", 38, "x"): Coded(1100, 34.0, 0.25),
     }
     assert net_percent(found, Place("a", 32, "x")) == pytest.approx(0.0, abs=0.05)
     assert net_percent(found, Place("a", 38, "x")) == pytest.approx(100 * math.log(1.1))
     assert row(found, "x").startswith("x: +4.77 +- 4.7")
-    assert "QP 32 +0.0, 38 +9.5; a +4.8" in row(found, "x")
+    assert "QP 32 +0.0, 38 +9.5; a +4.8; 12.5 % of frames failed" in row(found, "x")
 
 
 def test_a_clip_is_coded_with_settings() -> None:
     """Finer key frames take more bytes and look better; constants of the encoder are put back."""
     from encoder import intra_decision
 
-    usual, finer = (coded(Place("street", 40, settings), 2) for settings in ("", "key.qp=-6"))
+    usual, finer = (coded(Place("street", 40, settings), 2, ParityBuffer()) for settings in ("", "key.qp=-6"))
     assert finer.num_bytes > usual.num_bytes
     assert finer.psnr_db > usual.psnr_db
     before = intra_decision.MAX_LOST_SHARE
-    keyed = coded(Place("street", 40, "encoder.intra_decision.MAX_LOST_SHARE=-1.0"), 2)
+    keyed = coded(Place("street", 40, "encoder.intra_decision.MAX_LOST_SHARE=-1.0"), 2, ParityBuffer())
     assert before == intra_decision.MAX_LOST_SHARE
     assert keyed.num_bytes != usual.num_bytes
+
+
+def test_rates_may_be_estimated() -> None:
+    """A larger rate margin takes more bytes."""
+    usual, safer = (
+        coded(Place("street", 28, settings), 3, EstimatedRate())
+        for settings in ("", "delivery.rate_margin_percent=100")
+    )
+    assert safer.num_bytes > usual.num_bytes
+    assert safer.psnr_db >= usual.psnr_db
