@@ -3,7 +3,6 @@
 import os
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
-from fractions import Fraction
 
 from decoder.report import DecodeReport
 from decoder.tasks import DecodedGroup
@@ -112,7 +111,7 @@ def _video_writer(
     config: CodecConfig, path: str, luma_only: bool, stack: ExitStack, *, kept: bool
 ) -> VideoWriter:
     video = config.video
-    rate = Fraction(video.frame_rate_num, video.frame_rate_den)
+    rate = video.frame_rate
     size = video.width, video.height
     return stack.enter_context(create_video(path, size, rate, luma_only=luma_only, kept=kept))
 

@@ -199,6 +199,18 @@ def parse_frame_rate(text: str) -> Fraction:
         raise argparse.ArgumentTypeError(message) from err
 
 
+def parse_bits(text: str) -> int:
+    """Read a number of bits such as 300000, 300k or 1.5M."""
+    factors = {"k": 10**3, "M": 10**6}
+    digits, factor = (text[:-1], factors[text[-1]]) if text[-1:] in factors else (text, 1)
+    try:
+        return max(round(parse_positive(digits) * factor), 1)
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(
+            f"expected bits above 0 such as 300000, 300k or 1.5M, got {text!r}"
+        ) from None
+
+
 def parse_number(text: str) -> float:
     """Read a finite number."""
     try:

@@ -42,6 +42,8 @@ _X264_PARAMETERS = {
     "sliced-threads": 0,
     "threads": 1,
 }
+_SAME_PARAMETER_SETS = {"stitchable": 1}
+"""So that they do not depend on the QP, for a byte in each picture."""
 FAST_DECISIONS: Final = MappingProxyType({"subme": 5, "trellis": 0, "deadzone-intra": 7})
 """Parameters of libx264: modes by sums of transformed differences, no search by rate and distortion; the dead
 zone is narrower than usual, which is worth its rate where no trellis decides about each coefficient."""
@@ -52,7 +54,7 @@ Qp = int | Literal["lossless"]
 
 
 class KeyFrameEncoder:
-    """Code pictures as H.264 intra at constant quality, one in and one out."""
+    """Code pictures as H.264 intra, one in and one out, at one quality or, if `several_qps`, at any."""
 
     def __init__(
         self,
@@ -62,13 +64,16 @@ class KeyFrameEncoder:
         *,
         luma_only: bool = False,
         parameters: Mapping[str, int] = MappingProxyType({}),
+        several_qps: bool = False,
     ) -> None:
         if qp != "lossless" and not (isinstance(qp, int) and MIN_QP <= qp <= MAX_QP):
             raise ValueError(f"`qp` must be {MIN_QP} to {MAX_QP} or 'lossless', got {qp!r}")
         check_size(width, height, "key frames")
         self._size = (width, height)
         self._luma_only = luma_only
-        self._context = _open_encoder(*_coded_size(width, height), qp, luma_only, parameters)
+        self._parameters = {**parameters, **(_SAME_PARAMETER_SETS if several_qps else {})}
+        self._several_qps = several_qps
+        self._open(qp)
         self._count = 0
         self._decoder: KeyFrameDecoder | None = None
         units = _nal_units(self._context.extradata or b"")
@@ -80,8 +85,17 @@ class KeyFrameEncoder:
         """What `KeyFrameDecoder` needs once: the lengths and payloads of both parameter sets."""
         return self._parameter_sets
 
-    def encode(self, frame: Frame) -> bytes:
-        """Code one picture."""
+    def _open(self, qp: Qp) -> None:
+        self._qp = qp
+        size = _coded_size(*self._size)
+        self._context = _open_encoder(*size, qp, self._luma_only, self._parameters)
+
+    def encode(self, frame: Frame, qp: int | None = None) -> bytes:
+        """Code one picture, at a QP of its own where there are several."""
+        if qp not in (None, self._qp):
+            if not self._several_qps:
+                raise ValueError("`qp` is the same for all key frames but with `several_qps`")
+            self._open(qp)
         if (frame.width, frame.height) != self._size:
             raise ValueError(f"`frame` must be {self._size} pixels, got {(frame.width, frame.height)}")
         pixel_format = "gray" if self._luma_only else "yuv420p"

@@ -4,7 +4,6 @@ import argparse
 import sys
 from contextlib import nullcontext
 from dataclasses import asdict
-from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from dvc import cli
@@ -156,9 +155,8 @@ def _serve(
     from encoder.pacing import DecoderPace
     from encoder.spool import LeftOut
 
-    video = session.config.video
     left_out = spool.left_out if spool is not None else LeftOut()
-    pace = DecoderPace(Fraction(video.frame_rate_num, video.frame_rate_den), _say, left_out)
+    pace = DecoderPace(session.config.video.frame_rate, _say, left_out)
     protection = options.protection(arguments)
     with listen(*parse_address(arguments.serve)) as listener:
         protection.check_exposure(listener.host)
@@ -198,6 +196,7 @@ def _report(session: "EncoderSession", segments: "list[Segment]") -> dict[str, o
         "frames": statistics.num_frames,
         **statistics.to_dict(),
         "operations_per_pixel": statistics.operations_per_pixel(session.config),
+        **({} if session.limiter is None else {"limits": session.limiter.report()}),
         "config": session.config.to_dict(),
         **report,
     }

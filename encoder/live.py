@@ -3,12 +3,15 @@
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
-from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
 
 from dvc.config import CodecConfig
 from dvc.errors import DvcError, FeedbackError
 from dvc.feedback import Connection, EncoderEndpoint, Event, GopDone, Listener, Protection
 from dvc.slepian_wolf import RequestTable
+from dvc.slepian_wolf.requests import COUNT, SLOT
 from dvc.video import Frame
 from encoder.pacing import DecoderPace
 from encoder.session import EncoderSession, Progress
@@ -72,8 +75,7 @@ def serve(
 ) -> None:
     """Encode a sequence for a decoder at the other end of a connection, answering its requests."""
     endpoint = endpoint or EncoderEndpoint(session.config)
-    video = session.config.video
-    quiet = DecoderPace(Fraction(video.frame_rate_num, video.frame_rate_den), lambda _: None)
+    quiet = DecoderPace(session.config.video.frame_rate, lambda _: None)
     live = _LiveEncoder(session, frames, connection, endpoint, progress, pace or quiet)
     try:
         with session.statistics.coding():
@@ -83,6 +85,13 @@ def serve(
     except (DvcError, KeyboardInterrupt) as err:
         _give_up(connection, endpoint, str(err) or "interrupted")
         raise
+
+
+class _OpenGroup(NamedTuple):
+    """A group that a decoder works at."""
+
+    num_frames: int
+    slots: slice  # of its Wyner-Ziv frames
 
 
 class _LiveEncoder:
@@ -106,12 +115,13 @@ class _LiveEncoder:
         self._progressed_s = time.monotonic()
         self._ended = False
         self._open = session.encoder_buffer(self._endpoint.num_slots)
-        self._num_frames: dict[int, int] = {}  # of open groups
+        self._groups: dict[int, _OpenGroup] = {}
+        self._answered = np.zeros(self._endpoint.num_slots, np.int64)  # bits, by slots
 
     def run(self) -> None:
         with ExitStack() as answering:
             while not self._endpoint.finished:
-                wanted = self._endpoint.num_credits > 0 and not self._ended
+                wanted = self._endpoint.num_credits > 0 and not self._ended and self._has_room()
                 if wanted:
                     answering.close()
                     self._send_group()
@@ -123,6 +133,12 @@ class _LiveEncoder:
                 if not wanted or self._connection.has_received():
                     self._take(self._endpoint.receive(self._connection.receive()))
 
+    def _has_room(self) -> bool:
+        """Tell whether another group may be open."""
+        limiter = self._session.limiter
+        most = None if limiter is None else limiter.max_open_groups
+        return most is None or len(self._groups) < most
+
     def _take(self, events: Sequence[Event]) -> None:
         now_s = time.monotonic()
         if not events and now_s - self._progressed_s > MAX_STALL_S:
@@ -132,9 +148,11 @@ class _LiveEncoder:
             if isinstance(event, RequestTable):
                 self._answer(event)
             elif isinstance(event, GopDone):
-                num_frames = self._num_frames.pop(event.number)
-                self._pace.done(num_frames)
-                self._progress(num_frames)
+                group = self._groups.pop(event.number)
+                if self._session.limiter is not None:
+                    self._session.limiter.settle(event.number, int(self._answered[group.slots].sum()))
+                self._pace.done(group.num_frames)
+                self._progress(group.num_frames)
 
     def _send_group(self) -> None:
         group = next(self._source, None)
@@ -145,9 +163,12 @@ class _LiveEncoder:
         encoded = self._session.encode(group)
         with self._session.statistics.timing("writing_cpu_s"):
             number = self._endpoint.send_gop(encoded.record)
-        for slot, frame in enumerate(encoded.frames, self._endpoint.first_slot(number)):
+        first = self._endpoint.first_slot(number)
+        for slot, frame in enumerate(encoded.frames, first):
             self._open.enter(slot, frame)
-        self._num_frames[number] = encoded.record.num_frames
+        slots = slice(first, first + len(encoded.frames))
+        self._answered[slots] = 0
+        self._groups[number] = _OpenGroup(encoded.record.num_frames, slots)
         self._pace.sent(encoded.record.num_frames)
 
     def _answer(self, requests: RequestTable) -> None:
@@ -156,3 +177,4 @@ class _LiveEncoder:
         except ValueError as err:  # no such plane in this frame: flow control knows only what they may have
             raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
         self._endpoint.send_answers(bits)
+        np.add.at(self._answered, requests.rows[:, SLOT], requests.rows[:, COUNT])

@@ -41,6 +41,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.errors import ConfigError
+from encoder.rate_control.bitrate import TOLERANCE, WINDOW_S, RateLimits
 
 if TYPE_CHECKING:
     from dvc.feedback import Protection
@@ -326,6 +327,21 @@ def _add_delivery(group: argparse._ArgumentGroup) -> None:
         f" of what they need; default: {EstimatedRate.rate_margin_percent}",
         metavar="PERCENT",
     )
+    group.add_argument(
+        "--bitrate",
+        type=cli.parse_bits,
+        metavar="BITS",
+        help="in place of --qp, with --no-feedback or --serve: bits a second of video, such as 300k or 1.5M;"
+        f" groups of pictures that last {WINDOW_S:g} s take as much within {100 * TOLERANCE:g} percent where"
+        " quality can do that; what a decoder asks for is estimated, and made up for later",
+    )
+    group.add_argument(
+        "--max-bits-per-frame",
+        type=cli.parse_bits,
+        metavar="BITS",
+        help="with --no-feedback or --serve: frames that take more are coded again, coarser; what a decoder"
+        " asks for is estimated",
+    )
 
 
 def _add_tracks(group: argparse._ArgumentGroup) -> None:
@@ -448,10 +464,18 @@ def session(
     tracking = PointTrackerSettings(**_given(max_new_tracks=arguments.new_tracks))
     delivery = _delivery(arguments)
     config = _configuration(arguments, info, delivery)
-    return EncoderSession(config, delivery, _rule(arguments, delivery), bits_per_pixel, tracking, clock)
+    limits = RateLimits(arguments.bitrate, arguments.max_bits_per_frame)
+    rule = _rule(arguments, delivery)
+    return EncoderSession(config, delivery, rule, bits_per_pixel, tracking, clock, limits)
 
 
 def _quality(arguments: argparse.Namespace) -> Quality:
+    limited = arguments.bitrate is not None or arguments.max_bits_per_frame is not None
+    if limited and arguments.key_qp != "auto":
+        raise ConfigError("--bitrate and --max-bits-per-frame choose the QP of key frames: no --key-qp")
+    for option, value in (("--qp", arguments.qp), ("--wz-q", arguments.wz_q)):
+        if arguments.bitrate is not None and value is not None:
+            raise ConfigError(f"--bitrate chooses the quality: give it or {option}")
     if arguments.wz_q is None:
         return Qp(**_given(qp=arguments.qp))
     if arguments.qp is not None:

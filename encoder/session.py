@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from itertools import groupby
 from typing import BinaryIO, cast
 
@@ -21,11 +20,13 @@ from encoder.groups import Group, cornered_groups, groups, tracked_groups
 from encoder.intra_decision import KeyFrameSpacing
 from encoder.long_term import FoundAgain, LongTermReferences
 from encoder.operations import predicted_positions
+from encoder.rate_control.bitrate import QualityStep, RateLimits
+from encoder.rate_limiter import FrameCoders, RateLimiter
 from encoder.report import EncoderStatistics
 from encoder.time_stamps import CodingClock
 from encoder.track_budget import encode_within_budget
 from encoder.tracking import PointTracker
-from encoder.wyner_ziv import wyner_ziv_encoder
+from encoder.wyner_ziv import ExpectedBits, wyner_ziv_encoder
 
 Progress = Callable[[int], None]
 """Called with the number of frames that have just been finished."""
@@ -56,6 +57,13 @@ class EncoderSession:
         How points are followed.
     clock : CodingClock, optional
         What time stamps of the frames are compared with, where other sessions coded those before.
+    limits : RateLimits, optional
+        What the stream may take; quality is constant by default.
+
+    Raises
+    ------
+    ConfigError
+        If there are limits, and all parity is stored, or quantisers are not embedded.
     """
 
     def __init__(
@@ -66,27 +74,35 @@ class EncoderSession:
         max_tracks_bpp: float = MAX_TRACKS_BPP,
         tracking: PointTrackerSettings | None = None,
         clock: CodingClock | None = None,
+        limits: RateLimits | None = None,
     ) -> None:
-        video, key, delivery = config.video, config.key, delivery or ParityBuffer()
+        delivery = delivery or ParityBuffer()
         self._wyner_ziv_encoder = wyner_ziv_encoder(config, delivery)
+        self.statistics = EncoderStatistics(rate_control=self._wyner_ziv_encoder.work)
+        self.limiter: RateLimiter | None = None
+        if limits is not None and not limits.is_none:
+            coders = FrameCoders(self._code_key, self._code_wyner_ziv, self._expect)
+            self.limiter = RateLimiter(config, delivery, limits, coders)
         self._key_encoder = KeyFrameEncoder(
-            video.width,
-            video.height,
-            "lossless" if key.lossless else key.qp,
-            luma_only=video.luma_only,
+            config.video.width,
+            config.video.height,
+            "lossless" if config.key.lossless else config.key.qp,
+            luma_only=config.video.luma_only,
             parameters=self._wyner_ziv_encoder.key_parameters,
+            several_qps=self.limiter is not None,
         )
-        self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
+        self.config = replace(
+            config, key=replace(config.key, parameter_sets=self._key_encoder.parameter_sets)
+        )
         self._key_frames = KeyFrameSpacing(config.gop, self._wyner_ziv_encoder.max_p_type_lost_share)
         self._rule = rule or VARIANTS[config.codec].groups(config.gop.references, delivery).key_frames
         self._max_tracks_bpp = max_tracks_bpp
-        self.statistics = EncoderStatistics(rate_control=self._wyner_ziv_encoder.work)
         tracks, work = config.tracks, self.statistics.tracking
         self._tracker = PointTracker(tracks.num_points, tracks.subpixel_bits, tracking, work)
         self._detector = CornerDetector(tracks.num_points, work=work)
         self._long_term = LongTermReferences(self.config, self._tracker)
         self._num_groups = 0
-        self._clock = clock or CodingClock(Fraction(video.frame_rate_num, video.frame_rate_den))
+        self._clock = clock or CodingClock(config.video.frame_rate)
         self._clock.begin_stream()
 
     def write(self, frames: Iterable[Frame | None], file: BinaryIO, progress: Progress) -> None:
@@ -156,12 +172,11 @@ class EncoderSession:
         needs_key, long_term = self._decide(group, tracks)
         if needs_key and not group.wyner_ziv:
             tracks = b""  # nothing is predicted by them
-        originals = group.wyner_ziv if needs_key else (*group.wyner_ziv, group.key)
-        steps = self._steps(len(originals), 0 if needs_key else self.config.gop.p_type_distance)
-        with statistics.timing("key_cpu_s"):
-            key = self._key_encoder.encode(group.key) if needs_key else b""
-        with statistics.timing("transform_cpu_s"):
-            frames = wyner_ziv.encode_group(originals, steps)
+        if self.limiter is not None:
+            key, frames = self.limiter.code(group, needs_key, 8 * len(tracks))
+        else:
+            key = self._code_key(group.key) if needs_key else b""
+            frames = self._code_wyner_ziv(group, needs_key)
         with statistics.timing(wyner_ziv.cpu_field):
             payloads = wyner_ziv.payloads(group, frames)
         deviations = self._clock.deviations((*group.wyner_ziv, group.key))
@@ -185,6 +200,28 @@ class EncoderSession:
         needs_key = self._key_frames.needs_key(group, find)
         return needs_key, None if needs_key or found is None else found.reference
 
+    def _code_key(self, frame: Frame, qp: int | None = None) -> bytes:
+        with self.statistics.timing("key_cpu_s"):
+            return self._key_encoder.encode(frame, qp)
+
+    def _code_wyner_ziv(
+        self, group: Group, needs_key: bool, quality: QualityStep | None = None
+    ) -> tuple[EncodedFrame, ...]:
+        """Transform the Wyner-Ziv frames of a group, of which the last is one if no key frame ends it."""
+        originals = group.wyner_ziv if needs_key else (*group.wyner_ziv, group.key)
+        gop, wyner_ziv = self.config.gop, self.config.wyner_ziv
+        p_type_distance = 0 if needs_key else gop.p_type_distance
+        distances = reference_distances(len(originals), gop.references != "keys", p_type_distance)
+        steps = [wyner_ziv.step(distance) for distance in distances]
+        if quality is not None:
+            steps = quality.steps(wyner_ziv, distances)
+        with self.statistics.timing("transform_cpu_s"):
+            return self._wyner_ziv_encoder.encode_group(originals, steps)
+
+    def _expect(self, group: Group, frames: tuple[EncodedFrame, ...], qp: int) -> ExpectedBits:
+        with self.statistics.timing(self._wyner_ziv_encoder.cpu_field):
+            return self._wyner_ziv_encoder.expect(group, frames, qp)
+
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
         """Return what answers a live decoder.
 
@@ -199,12 +236,6 @@ class EncoderSession:
             Without any frame.
         """
         return self._wyner_ziv_encoder.encoder_buffer(num_slots)
-
-    def _steps(self, num_frames: int, p_type_distance: int) -> list[float]:
-        """Return the finest step of each Wyner-Ziv frame of a group."""
-        hierarchical = self.config.gop.references != "keys"
-        distances = reference_distances(num_frames, hierarchical, p_type_distance)
-        return [self.config.wyner_ziv.step(distance) for distance in distances]
 
     def _encode_tracks(self, group: Group) -> bytes:
         started = coding_time_s()

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,16 @@ from dvc.wynerziv.payloads import EncodedFrame, transform_frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder.groups import Group
 from encoder.intra_decision import MAX_ESTIMATED_LOST_SHARE, MAX_P_TYPE_LOST_SHARE
-from encoder.rate_control.controller import RateController
+from encoder.rate_control.controller import GroupPlan, RateController
 from encoder.rate_control.sampled_blocks import RateControlWork
+
+
+class ExpectedBits(NamedTuple):
+    """What the Wyner-Ziv frames of a group are expected to take."""
+
+    certain: int
+    estimated: float  # what a decoder would ask for beside that
+    most: float  # of one frame
 
 
 class WynerZivEncoder:
@@ -53,6 +61,10 @@ class WynerZivEncoder:
         del group
         return tuple(frame.buffered_payload() for frame in frames)
 
+    def expect(self, group: Group, frames: Sequence[EncodedFrame], qp: int) -> ExpectedBits:
+        """Tell what the frames of the next group take, at the QP of its key frame, before they are packed."""
+        raise NotImplementedError
+
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
         """Return what answers requests for frames of this configuration."""
         return EncoderBuffer(self._layout, self._coder, num_slots)
@@ -67,9 +79,23 @@ class WynerZivEncoder:
 class LiveEncoder(WynerZivEncoder):
     """Encodes Wyner-Ziv frames for a decoder that asks: a record holds no more than their headers."""
 
+    def __init__(self, config: CodecConfig) -> None:
+        super().__init__(config)
+        self._controller = RateController(config, 0)
+        self._plan: GroupPlan | None = None
+
+    def expect(self, group: Group, frames: Sequence[EncodedFrame], qp: int) -> ExpectedBits:
+        """Tell what the headers of the next group take, and what is estimated beside them."""
+        self._plan = self._controller.plan(group, frames, qp)
+        headers = [8 * len(frame.header) for frame in frames]
+        bits = self._plan.frame_bits()
+        return ExpectedBits(sum(headers), float(sum(bits) - sum(headers)), max(bits, default=0))
+
     def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
         """Return the headers of the frames of a group."""
         del group
+        if self._plan is not None:
+            self._controller.go_on(self._plan)
         return tuple(frame.header for frame in frames)
 
 
@@ -86,6 +112,7 @@ class RateControlledEncoder(WynerZivEncoder):
         self._controller = RateController(config, delivery.rate_margin_percent)
         self.work = self._controller.work
         self._memory: list[NDArray[np.int16]] = []
+        self._plan: GroupPlan | None = None
 
     def encode_group(self, frames: Sequence[Frame], steps: Sequence[float]) -> tuple[EncodedFrame, ...]:
         """Transform the frames of a group; planes are packed as needed, as long as it is the last group."""
@@ -93,9 +120,16 @@ class RateControlledEncoder(WynerZivEncoder):
             self._memory.append(np.empty((transform.NUM_BANDS, self._layout.num_bits), np.int16))
         return tuple(map(self._transformed, frames, steps, self._memory))
 
+    def expect(self, group: Group, frames: Sequence[EncodedFrame], qp: int) -> ExpectedBits:
+        """Choose what is sent of the frames of the next group, and tell what that takes."""
+        self._plan = self._controller.plan(group, frames, qp)
+        bits = self._plan.frame_bits()
+        return ExpectedBits(sum(bits), 0.0, max(bits, default=0))
+
     def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
-        """Choose and pack what is sent of the frames of a group."""
-        return self._controller.payloads(group, frames)
+        """Pack what is sent of the frames of a group, chosen here if it was not."""
+        plan, self._plan = self._plan or self._controller.plan(group, frames), None
+        return self._controller.payloads(plan)
 
 
 def wyner_ziv_encoder(config: CodecConfig, delivery: Delivery) -> WynerZivEncoder:

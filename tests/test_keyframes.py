@@ -114,6 +114,22 @@ def test_qp_is_exactly_that_of_the_slice(moving_frames: MakeFrames, qp: int) -> 
         assert slice_qp(encoder.parameter_sets, encoder.encode(frame)) == qp
 
 
+def test_pictures_may_differ_in_qp(moving_frames: MakeFrames) -> None:
+    """Where there are to be several; all have the same parameter sets."""
+    frames = moving_frames(6, 48, 32)
+    encoder = KeyFrameEncoder(48, 32, 30, several_qps=True)
+    qps = (30, 1, 51, 51, 17, 30)
+    coded = [encoder.encode(frame, qp) for frame, qp in zip(frames, qps, strict=True)]
+    assert tuple(slice_qp(encoder.parameter_sets, data) for data in coded) == qps
+    decoder = KeyFrameDecoder(48, 32, encoder.parameter_sets)
+    quality_db = [
+        psnr_db(decoder.decode(data).luma, frame.luma) for data, frame in zip(coded, frames, strict=True)
+    ]
+    assert quality_db[1] > 50.0 > quality_db[0] > quality_db[2]
+    with pytest.raises(ValueError, match="several_qps"):
+        KeyFrameEncoder(48, 32, 30).encode(frames[0], 31)
+
+
 def test_large_pictures_work() -> None:
     """A picture of 4096x2304 pixels passes."""
     rows, columns = np.mgrid[:2304, :4096]

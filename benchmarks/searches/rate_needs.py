@@ -146,7 +146,9 @@ def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
             with StreamWriter(file, config, "no-feedback") as writer:
                 for group in session.groups(islice(video, num_frames)):
                     encoded = session.encode(group)
-                    for index, distance, errors, _ in encoder.choices(group, encoded.frames):
+                    plan = encoder.plan(group, encoded.frames)
+                    encoder.go_on(plan)
+                    for index, distance, errors, _ in plan.chosen:
                         luma, frame = (*group.wyner_ziv, group.key)[index].luma, encoded.frames[index]
                         frame.pack(NUM_BANDS)  # its coefficients are those of another one in the next group
                         known[first + index] = RecordedFrame(

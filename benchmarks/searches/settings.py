@@ -4,10 +4,10 @@
 and decodes clips as usual, and with each of the settings, those that are tried together joined by commas:
 values of the configuration (``gop.p_type_distance=4``, ``key.qp=-1`` relative to the usual) and constants
 of modules, for the encoder (``encoder.intra_decision.MAX_LOST_SHARE=0.6``,
-``dvc.config.sections.LAMBDA_PERCENT=100:50:30``); with ``--no-feedback`` as files without feedback, whose
-rate margin (``delivery.rate_margin_percent=40``) may be set, too, and ends of groups (``rule.lost_share=0.4``)
-either way. A row tells the change of rate less what the change of PSNR
-is worth on the clip's usual curve, in percent: the mean, its standard error, and that of each QP and clip.
+``dvc.config.sections.LAMBDA_PERCENT=100:50:30``); where groups end (``rule.lost_share=0.4``), and with
+``--no-feedback``, as files without feedback, the rate margin (``delivery.rate_margin_percent=40``). A row
+tells the change of rate less what the change of PSNR is worth on the clip's usual curve, in percent: the
+mean, its standard error, and that of each QP and clip.
 """
 
 import argparse
@@ -77,9 +77,7 @@ def divided(settings: str) -> tuple[dict[str, str], dict[str, str]]:
     return {name: text for name, text in given.items() if name not in constants}, constants
 
 
-def encoder_session(
-    info: VideoInfo, qp: int, given: Mapping[str, str], delivery: Delivery
-) -> EncoderSession:
+def encoder_session(info: VideoInfo, qp: int, given: Mapping[str, str], delivery: Delivery) -> EncoderSession:
     """Return an encoder of the default codec with some other values."""
     video = VideoConfig(info.width, info.height, info.frame_rate.numerator, info.frame_rate.denominator, True)
     values: dict[str, dict[str, str]] = {}
@@ -89,7 +87,7 @@ def encoder_session(
     delivery = _changed(delivery, values.pop("delivery", {}))
     rule = _changed(VARIANTS[DEFAULT_CODEC].groups(delivery=delivery).key_frames, values.pop("rule", {}))
     usual = codec_config(video, quality=Qp(qp), delivery=delivery)
-    changed = {section: _values(getattr(usual, section), of) for section, of in values.items()}
+    changed: dict[str, Any] = {name: _values(getattr(usual, name), of) for name, of in values.items()}
     return EncoderSession(codec_config(video, quality=Qp(qp), delivery=delivery, **changed), delivery, rule)
 
 

@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import dataclass
+from fractions import Fraction
 
 from dvc.config.fields import Section, check_choice, check_range, shown
 from dvc.errors import ConfigError
@@ -76,6 +77,11 @@ class VideoConfig(Section):
             )
         check_range("frame_rate_num", self.frame_rate_num, 1, 2**31 - 1)
         check_range("frame_rate_den", self.frame_rate_den, 1, 2**31 - 1)
+
+    @property
+    def frame_rate(self) -> Fraction:
+        """Frames per second."""
+        return Fraction(self.frame_rate_num, self.frame_rate_den)
 
     @property
     def num_blocks(self) -> int:

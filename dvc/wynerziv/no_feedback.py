@@ -73,8 +73,7 @@ class SentPlanes:
 
 def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
     """Pack what is sent of a frame; inverse of `NoFeedbackFrame.read`."""
-    digits = plane_digits(sent.depths) + "".join(f"{code:0{LENGTH_CODE_BITS}b}" for code in sent.length_codes)
-    parts = [np.frombuffer(digits.encode(), np.uint8) & np.uint8(1)]
+    parts = [np.frombuffer(_digits(sent).encode(), np.uint8) & np.uint8(1)]
     blocks = (
         sent.graph(block, frame.quantization, frame.layout.num_bits, seed) for block in range(len(BLOCKS))
     )
@@ -84,6 +83,22 @@ def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
         for graph in graphs:
             parts += [frame.joint_check(graph.planes), syndrome(words, graph)]
     return frame.header + pack_bits(parts)
+
+
+def payload_bits(frame: EncodedFrame, sent: SentPlanes) -> int:
+    """Return the size of what `encode_payload` gives, in bits."""
+    lengths = [
+        syndrome_length(code)
+        for bands, code in zip(BLOCKS, sent.length_codes, strict=True)
+        if code and any(sent.depths[bands.start : bands.stop])
+    ]
+    num_bits = len(_digits(sent)) + sum(lengths) + frame.layout.crc_bits * len(lengths)
+    return 8 * (len(frame.header) + -(-num_bits // 8))
+
+
+def _digits(sent: SentPlanes) -> str:
+    """Spell what is sent of a frame."""
+    return plane_digits(sent.depths) + "".join(f"{code:0{LENGTH_CODE_BITS}b}" for code in sent.length_codes)
 
 
 @dataclass(frozen=True, eq=False)

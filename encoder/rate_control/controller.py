@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from dvc.config import CodecConfig
 from dvc.video.frames import Plane
 from dvc.wynerziv.hierarchy import group_order, reference_distance
-from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes, encode_payload, syndrome_length
+from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes, encode_payload, payload_bits, syndrome_length
 from dvc.wynerziv.payloads import EncodedFrame
 from encoder.groups import Group
 from encoder.rate_control.needs import Choice, NeedEstimator
@@ -32,6 +32,18 @@ class ChosenFrame(NamedTuple):
     choice: Choice
 
 
+class GroupPlan(NamedTuple):
+    """What is to be sent of a group."""
+
+    frames: tuple[EncodedFrame, ...]
+    chosen: tuple[ChosenFrame, ...]  # in coding order
+    last: _Reference  # its last frame
+
+    def frame_bits(self) -> list[int]:
+        """Return what each frame takes, in coding order."""
+        return [payload_bits(self.frames[chosen.number], chosen.choice.sent) for chosen in self.chosen]
+
+
 class RateController:
     """Chooses and packs what is sent of Wyner-Ziv frames, group after group."""
 
@@ -47,14 +59,19 @@ class RateController:
         """What there was to do so far."""
         return self._sampler.work
 
-    def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
-        """Pack the Wyner-Ziv frames of the next group."""
-        payloads = [b""] * len(frames)
-        for chosen in self.choices(group, frames):
-            frame, sent = frames[chosen.number], chosen.choice.sent
+    def payloads(self, plan: "GroupPlan") -> tuple[bytes, ...]:
+        """Pack the Wyner-Ziv frames of the next group as planned, and go on to the group after it."""
+        payloads = [b""] * len(plan.frames)
+        for chosen in plan.chosen:
+            frame, sent = plan.frames[chosen.number], chosen.choice.sent
             payloads[chosen.number] = encode_payload(frame, sent, self._config.seed)
             self._count(sent, frame.layout.num_bits)
+        self.go_on(plan)
         return tuple(payloads)
+
+    def go_on(self, plan: "GroupPlan") -> None:
+        """Go on to the group after the one that was planned."""
+        self._before = plan.last
 
     def _count(self, sent: SentPlanes, num_bits: int) -> None:
         """Count what syndromes of a frame take."""
@@ -64,14 +81,23 @@ class RateController:
                 self.work.num_syndrome_sums += num_planes * min(syndrome_length(code), num_bits)
                 self.work.num_syndrome_places += num_bits
 
-    def choices(self, group: Group, frames: Sequence[EncodedFrame]) -> Iterator[ChosenFrame]:
-        """Choose what is sent of the Wyner-Ziv frames of the next group."""
+    def plan(self, group: Group, frames: Sequence[EncodedFrame], key_qp: int | None = None) -> "GroupPlan":
+        """Choose what is sent of the next group; its key frame may have a QP of its own."""
+        known: dict[int, _Reference] = {}
+        key_step = self._key_step if key_qp is None else quantizer_step(key_qp)
+        chosen = tuple(self._choices(group, frames, key_step, known))
+        return GroupPlan(tuple(frames), chosen, known[len(group.wyner_ziv) + 1])
+
+    def _choices(
+        self, group: Group, frames: Sequence[EncodedFrame], key_step: float, known: dict[int, _Reference]
+    ) -> Iterator[ChosenFrame]:
+        """Choose what is sent, frame by frame, and note what is known of them as references."""
         gop, lumas = self._config.gop, [frame.luma for frame in (*group.wyner_ziv, group.key)]
-        last, known = len(lumas), dict[int, _Reference]()
+        last = len(lumas)
         if self._before is not None:
             known[0] = self._before
         if len(frames) < last:
-            known[last] = _Reference(lumas[-1], self._sampler.intra_noise(lumas[-1], self._key_step))
+            known[last] = _Reference(lumas[-1], self._sampler.intra_noise(lumas[-1], key_step))
         p_type_distance = gop.p_type_distance if len(frames) == last else 0
         for index, around in (
             group_order(0, last, gop.references != "keys", p_type_distance) if frames else ()
@@ -88,7 +114,6 @@ class RateController:
             choice = self._needs.choose(frame.quantization, errors, distance, num_bits)
             known[index] = _Reference(lumas[index - 1], choice.noise)
             yield ChosenFrame(index - 1, distance, errors, choice)
-        self._before = known[last]
 
 
 def quantizer_step(qp: int) -> float:

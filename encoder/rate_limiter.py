@@ -1,0 +1,112 @@
+"""Coding of groups of pictures at qualities that keep a bitrate, and limits of frames."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from dvc.config import MAX_QP, CodecConfig, Delivery, ParityBuffer
+from dvc.errors import ConfigError
+from dvc.video import Frame
+from dvc.wynerziv.payloads import EncodedFrame
+from encoder.groups import Group
+from encoder.rate_control.bitrate import BitrateController, QualityStep, RateLimits, keep_within
+from encoder.wyner_ziv import ExpectedBits
+
+MAX_OPEN_GROUPS = 3
+"""Of which it may be unknown what a decoder asks for."""
+
+
+class CodedFrames(NamedTuple):
+    """The frames of a group, coded."""
+
+    key: bytes  # the key frame that ends the group; empty if none does
+    wyner_ziv: tuple[EncodedFrame, ...]
+
+
+class FrameCoders(NamedTuple):
+    """What codes frames at a quality."""
+
+    key: Callable[[Frame, int], bytes]
+    wyner_ziv: Callable[[Group, bool, QualityStep], tuple[EncodedFrame, ...]]
+    """Those of a group, which a key frame ends or not."""
+    expect: Callable[[Group, tuple[EncodedFrame, ...], int], ExpectedBits]
+    """Tells what these take, at the QP of the key frame."""
+
+
+class RateLimiter:
+    """Codes one group after the other within limits."""
+
+    def __init__(
+        self, config: CodecConfig, delivery: Delivery, limits: RateLimits, coders: FrameCoders
+    ) -> None:
+        if isinstance(delivery, ParityBuffer):
+            raise ConfigError(
+                "--bitrate and --max-bits-per-frame are for --serve and --no-feedback: of a file with all"
+                " parity a decoder takes what it needs"
+            )
+        if not config.wyner_ziv.embedded:
+            raise ConfigError("--bitrate and --max-bits-per-frame are not for --wz-q")
+        self._usual, self._limits, self._coders = QualityStep(config.wyner_ziv.qp), limits, coders
+        self._bitrate: BitrateController | None = None
+        if limits.bits_per_s is not None:
+            self._bitrate = BitrateController(limits.bits_per_s, config.video.frame_rate)
+        self._num_too_large = 0
+
+    def code(self, group: Group, needs_key: bool, num_bits: int) -> CodedFrames:
+        """Code the next group, which takes so many bits beside its frames."""
+        if self._bitrate is None:
+            return self._code_within(group, needs_key, self._usual)[0]
+        coded, tried = CodedFrames(b"", ()), QualityStep(0)
+
+        def expect(quality: QualityStep) -> tuple[int, float]:
+            nonlocal coded, tried
+            coded, expected = self._code_within(group, needs_key, quality)
+            tried = quality
+            return num_bits + 8 * len(coded.key) + expected.certain, expected.estimated
+
+        quality = self._bitrate.choose(len(group.wyner_ziv) + 1, expect)
+        if quality != tried:
+            expect(quality)
+        return coded
+
+    @property
+    def max_open_groups(self) -> int | None:
+        """Most groups that a live decoder may work at, if that is limited."""
+        return None if self._bitrate is None else MAX_OPEN_GROUPS
+
+    def settle(self, number: int, num_bits: int) -> None:
+        """Count what a decoder has asked for of a group."""
+        if self._bitrate is not None:
+            self._bitrate.settle(number, num_bits)
+
+    def report(self) -> dict[str, int]:
+        """Tell how the limits were kept."""
+        owed = {} if self._bitrate is None else {"most_bits_owed": round(self._bitrate.most_owed)}
+        return owed | ({} if self._limits.bits_per_frame is None else {"too_large": self._num_too_large})
+
+    def _code_within(
+        self, group: Group, needs_key: bool, quality: QualityStep
+    ) -> tuple[CodedFrames, ExpectedBits]:
+        """Code a group, and its key frame or its other frames coarser if one of them is too large."""
+        most = self._limits.bits_per_frame or math.inf
+        key, key_qp = b"", quality.qp
+        frames: tuple[EncodedFrame, ...] = ()
+        expected = ExpectedBits(0, 0.0, 0.0)
+
+        def key_bits(coarser: int) -> float:
+            nonlocal key, key_qp
+            key_qp = min(quality.qp + coarser, MAX_QP)
+            key = self._coders.key(group.key, key_qp)
+            return 8 * len(key)
+
+        def most_bits(coarser: int) -> float:
+            nonlocal frames, expected
+            coarse = quality._replace(qp=min(quality.qp + coarser, MAX_QP))
+            frames = self._coders.wyner_ziv(group, needs_key, coarse)
+            expected = self._coders.expect(group, frames, key_qp)
+            return expected.most
+
+        kept = [keep_within(most, key_bits)] if needs_key else []
+        kept.append(keep_within(most, most_bits))
+        self._num_too_large += kept.count(False)
+        return CodedFrames(key, frames), expected

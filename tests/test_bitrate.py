@@ -1,0 +1,116 @@
+"""A bitrate and a limit of frames, from command to command."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import decoder.__main__ as decoder
+import encoder.__main__ as encoder
+from benchmarks.bitrate import deviations, group_rates
+from benchmarks.results.live import serving
+from dvc.cli import parse_bits
+from dvc.multiview.cameras import PixelFrame
+from dvc.stream import StreamReader
+from dvc.video import Frame
+from tests.clips import write_clip
+from tests.scenes_3d import render
+
+SIZE, NUM_FRAMES, FRAME_RATE = (104, 88), 240, 25
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write views of a static scene, forth and back."""
+    views = [Frame(render(time, PixelFrame(*SIZE))[0]) for time in np.linspace(0.0, 1.0, 21)]
+    frames = [*views, *views[-2:0:-1]] * 6
+    return write_clip(tmp_path_factory.mktemp("clip") / "clip.y4m", frames[:NUM_FRAMES])
+
+
+def encoded(clip: Path, folder: Path, *options: str) -> tuple[Path, dict[str, Any]]:
+    """Encode the clip without feedback; return the stream and the report."""
+    stream, report = folder / "stream.dvc", folder / "encoder.json"
+    arguments = [str(clip), str(stream), "--no-feedback", "--luma-only", "--quiet", "--json", str(report)]
+    assert encoder.main([*arguments, *options]) == 0
+    return stream, json.loads(report.read_text())
+
+
+def test_a_stream_has_its_bitrate(clip: Path, tmp_path: Path) -> None:
+    """In all windows, but for what the first key frame takes; its frames are those of any such stream."""
+    for bits_per_s, text in ((100_000, "100k"), (200_000, "0.2M")):
+        stream, report = encoded(clip, tmp_path, "--bitrate", text)
+        off = deviations(group_rates(stream), FRAME_RATE, bits_per_s)
+        assert len(off) > 3
+        assert max(map(abs, off)) < 0.06
+        assert 0 < report["limits"]["most_bits_owed"] < 0.6 * bits_per_s
+    report = tmp_path / "decoder.json"
+    words = [str(stream), str(tmp_path / "decoded.y4m"), "--frames", "0:40", "--json", str(report)]
+    assert decoder.main([*words, "--reference", str(clip), "--quiet"]) == 0
+    assert json.loads(report.read_text())["psnr_y_db"] > 30.0
+
+
+def test_frames_that_are_too_large_are_coded_coarser(clip: Path, tmp_path: Path) -> None:
+    """Key frames and others; where the coarsest does not fit, that is counted."""
+    usual, _ = encoded(clip, tmp_path, "--qp", "20", "--frames", "40")
+    assert largest_frame(usual) > 9000
+    stream, report = encoded(clip, tmp_path, "--qp", "20", "--frames", "40", "--max-bits-per-frame", "9k")
+    assert 4000 < largest_frame(stream) <= 9000
+    assert report["limits"] == {"too_large": 0}
+    _, report = encoded(clip, tmp_path, "--qp", "20", "--frames", "40", "--max-bits-per-frame", "100")
+    assert report["limits"]["too_large"] > 0
+
+
+def largest_frame(stream: Path) -> int:
+    """Return the most bits that a frame of a stream takes."""
+    with StreamReader(stream) as reader:
+        return max(8 * len(data) for record in reader for data in (record.key, *record.wyner_ziv))
+
+
+def test_what_a_live_decoder_asks_for_counts(clip: Path, tmp_path: Path) -> None:
+    """The bitrate holds for what a decoder took in all."""
+    options = ["--luma-only", "--bitrate", "150k", "--frames", "64"]
+    with serving(clip, tmp_path, options) as address:
+        outputs = [str(tmp_path / "live.y4m"), "--punctured", str(tmp_path / "live.dvc"), "--quiet"]
+        assert decoder.main(["--connect", address, *outputs, "--timeout", "600"]) == 0
+    groups = group_rates(tmp_path / "live.dvc")
+    later = groups[2:]
+    taken = sum(group.num_bits for group in later) / sum(group.num_frames for group in later)
+    assert taken * FRAME_RATE == pytest.approx(150_000, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--bitrate", "300k"], "--bitrate and --max-bits-per-frame are for --serve and --no-feedback"),
+        (["--max-bits-per-frame", "300k"], "--bitrate and --max-bits-per-frame are for --serve"),
+        (["--no-feedback", "--bitrate", "300k", "--qp", "30"], "give it or --qp"),
+        (["--bitrate", "300k", "--wz-q", "3"], "give it or --wz-q"),
+        (["--no-feedback", "--bitrate", "300k", "--key-qp", "20"], "no --key-qp"),
+    ],
+)
+def test_limits_that_cannot_be_kept_are_refused(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
+) -> None:
+    """In one line, and nothing is written."""
+    assert encoder.main([str(clip), str(tmp_path / "none.dvc"), "--quiet", *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+    assert not (tmp_path / "none.dvc").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "bits"), [("300000", 300_000), ("300k", 300_000), ("1.5M", 1_500_000), ("0.1", 1)]
+)
+def test_bits_are_read(text: str, bits: int) -> None:
+    """As numbers, thousands or millions."""
+    assert parse_bits(text) == bits
+
+
+@pytest.mark.parametrize("text", ["fast", "-1k", "0", "", "k", "1G", "nan"])
+def test_what_is_no_number_of_bits_is_refused(text: str) -> None:
+    """With what is expected."""
+    with pytest.raises(argparse.ArgumentTypeError, match=r"such as 300000, 300k or 1\.5M"):
+        parse_bits(text)
