@@ -26,9 +26,9 @@ MAX_RISE = 24
 """Steps from one group to the next: a new scene is owed, and paid for by those that follow."""
 MAX_TRIES = 5
 MAX_BITS = 10**12
-LEARNT_SHARE = 0.5
-"""Of how far a group was from what it was expected to take, as a power: what those that follow are expected
-to be off."""
+KEPT_SHARE = 0.7
+"""Of what groups before have taken over what they were expected to, beside the latest: what those that follow
+are expected to be off."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,8 @@ class BitrateController:
         self._bits_per_s, self._bits_per_frame = bits_per_s, bits_per_s / float(frame_rate)
         self._bound = 0.5 * TOLERANCE * WINDOW_S * bits_per_s
         self.owed = 0.0  # in bits: what groups took beyond their share
-        self._ratio = 1.0
+        # What decoders have asked for, and what was estimated, of late; at first as if that were right.
+        self._asked = self._estimated = START_S * bits_per_s
         self._number: int | None = None  # of the quality of the group before
         self._slope = OCTAVES_PER_STEP[0]
         # Of groups whose bits are not known: what was assumed of what is estimated, and that.
@@ -118,13 +119,18 @@ class BitrateController:
         self._number = number
         return QualityStep.of(number)
 
+    @property
+    def _ratio(self) -> float:
+        """What decoders ask for over what is estimated."""
+        return min(max(self._asked / max(self._estimated, 1.0), 0.25), 4.0)
+
     def settle(self, group: int, num_bits: int) -> None:
         """Count what a group has really taken of what was estimated."""
         assumed, estimated = self._expected.pop(group, (0.0, 0.0))
         self.owed += num_bits - assumed
         self._note_owed()
-        if estimated and num_bits:
-            self._ratio *= (num_bits / (self._ratio * estimated)) ** LEARNT_SHARE
+        self._asked = KEPT_SHARE * self._asked + (num_bits if estimated else 0)
+        self._estimated = KEPT_SHARE * self._estimated + estimated
 
     def _note_owed(self, start: float = 0.0) -> None:
         self.most_owed = max(self.most_owed, self.owed + start)
