@@ -1,7 +1,7 @@
 """A link with delay and little bandwidth: what lies between two processes that are far apart.
 
 ``python -m benchmarks.slow_link HOST:PORT`` listens on any free port, which it prints, and passes what comes
-there on to HOST:PORT and back.
+there on to HOST:PORT and back, until it is interrupted.
 """
 
 import argparse
@@ -10,8 +10,8 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 
 from dvc.feedback import parse_address
@@ -34,6 +34,10 @@ class Direction:
     _chunks: deque[tuple[float, bytes]] = field(default_factory=deque)
     _changed: threading.Condition = field(default_factory=threading.Condition)
 
+    def renewed(self) -> "Direction":
+        """Return the same way for another connection, which goes on counting."""
+        return Direction(self.delay_s, self.bits_per_second, self.num_bytes)
+
     def enter(self, data: bytes) -> None:
         """Let bytes in; returns when the line is free again."""
         now = time.monotonic()
@@ -54,44 +58,93 @@ class Direction:
         return data
 
 
+Change = Callable[[bytes], Iterable[bytes]]
+"""What comes in place of some bytes."""
+
+
 class SlowLink:
-    """Connects whoever comes to a port with another one, both ways slowly."""
+    """Connects whoever comes to a port with another one, both ways slowly, and maybe not faithfully."""
 
     def __init__(
-        self, host: str, port: int, delay_s: float = DELAY_S, bits_per_second: float = BITS_PER_SECOND
+        self,
+        host: str,
+        port: int,
+        delay_s: float = DELAY_S,
+        bits_per_second: float = BITS_PER_SECOND,
+        change: Change = lambda data: (data,),
     ) -> None:
-        self.forth = Direction(delay_s, bits_per_second)  # from the far end to who has connected
+        self.forth = Direction(delay_s, bits_per_second)  # from the far end to who has connected last
         self.back = Direction(delay_s, bits_per_second)
+        self.num_connections = 0
+        self._change = change
         self._far = host, port
+        self._ends: set[socket.socket] = set()
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.address = f"127.0.0.1:{self._listening.getsockname()[1]}"
 
     def serve(self) -> None:
+        """Pass on what connections send and get, until it is closed."""
+        while True:
+            try:
+                near, _ = self._listening.accept()
+            except OSError:
+                return
+            self.num_connections += 1
+            self.forth, self.back = self.forth.renewed(), self.back.renewed()
+            work = self._pass_on, (near, self.forth, self.back)
+            threading.Thread(target=work[0], args=work[1], daemon=True).start()
+
+    def close(self) -> None:
+        """Take no further connections."""
+        _shut(self._listening)
+        self._listening.close()
+
+    def cut(self) -> None:
+        """End all connections where they are."""
+        for end in tuple(self._ends):
+            _shut(end)
+
+    def _pass_on(self, near: socket.socket, forth: Direction, back: Direction) -> None:
         """Pass on what one connection sends and gets, until both ends have said all."""
-        with self._listening:
-            near, _ = self._listening.accept()
-        with near, socket.create_connection(self._far) as far:
-            for end in (near, far):
+        with near, suppress(OSError), socket.create_connection(self._far) as far:
+            ends = {near, far}
+            self._ends |= ends
+            for end in ends:
                 end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _MAX_QUEUED_BYTES)
             threads = [
-                threading.Thread(target=work, args=(direction, end), daemon=True)
-                for direction, first, last in ((self.back, near, far), (self.forth, far, near))
-                for work, end in ((_take_in, first), (_give_out, last))
+                threading.Thread(target=work, args=arguments, daemon=True)
+                for direction, first, last in ((back, near, far), (forth, far, near))
+                for work, arguments in (
+                    (self._take_in, (direction, first, last)),
+                    (_give_out, (direction, last)),
+                )
             ]
             for thread in threads:
                 thread.start()
             for thread in threads:
                 thread.join()
+            self._ends -= ends
+
+    def _take_in(self, direction: Direction, end: socket.socket, other: socket.socket) -> None:
+        data = b"."
+        while data:
+            data = b""
+            with suppress(OSError):
+                data = end.recv(_CHUNK_BYTES)
+            try:
+                for changed in self._change(data) if data else (b"",):
+                    direction.enter(changed)
+            except ConnectionError:
+                direction.enter(b"")
+                _shut(end)
+                _shut(other)
+                return
 
 
-def _take_in(direction: Direction, end: socket.socket) -> None:
-    data = b"."
-    while data:
-        data = b""
-        with suppress(OSError):
-            data = end.recv(_CHUNK_BYTES)
-        direction.enter(data)
+def _shut(end: socket.socket) -> None:
+    with suppress(OSError):
+        end.shutdown(socket.SHUT_RDWR)
 
 
 def _give_out(direction: Direction, end: socket.socket) -> None:
@@ -103,12 +156,17 @@ def _give_out(direction: Direction, end: socket.socket) -> None:
 
 @contextmanager
 def slow_link(
-    host: str, port: int, delay_s: float = DELAY_S, bits_per_second: float = BITS_PER_SECOND
+    host: str,
+    port: int,
+    delay_s: float = DELAY_S,
+    bits_per_second: float = BITS_PER_SECOND,
+    change: Change = lambda data: (data,),
 ) -> Iterator[SlowLink]:
     """Run a link beside a block."""
-    link = SlowLink(host, port, delay_s, bits_per_second)
+    link = SlowLink(host, port, delay_s, bits_per_second, change)
     threading.Thread(target=link.serve, daemon=True).start()
-    yield link
+    with closing(link):
+        yield link
 
 
 def main() -> int:
@@ -121,7 +179,8 @@ def main() -> int:
     link = SlowLink(*parse_address(arguments.address), arguments.delay, arguments.bandwidth)
     sys.stdout.write(f"{link.address}\n")
     sys.stdout.flush()
-    link.serve()
+    with suppress(KeyboardInterrupt):
+        link.serve()
     sys.stdout.write(f"{link.forth.num_bytes} bytes forth, {link.back.num_bytes} back\n")
     return 0
 

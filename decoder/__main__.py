@@ -23,6 +23,7 @@ from dvc.errors import (
 from dvc.limits import MAX_MEMORY_MIB
 
 if TYPE_CHECKING:
+    from decoder.live import LiveSource
     from decoder.output import DecodedOutput
     from decoder.session import Reader
     from decoder.tasks import DecodedGroup
@@ -239,7 +240,7 @@ def _map_partial(arguments: argparse.Namespace) -> None:
     try:
         _map_scene(arguments, arguments.files[-1] + PARTIAL_SUFFIX)
     except DvcError as err:
-        sys.stderr.write(f"{PROG}: no map: {cli.one_line(err)}\n")
+        _say(f"no map: {err}")
 
 
 def _map_scene(arguments: argparse.Namespace, video: str) -> None:
@@ -248,7 +249,7 @@ def _map_scene(arguments: argparse.Namespace, video: str) -> None:
 
     def _report(message: str) -> None:
         if not arguments.quiet:
-            sys.stderr.write(f"{PROG}: {cli.one_line(message)}\n")
+            _say(message)
 
     mapper = arguments.mapper or SFM_BACKENDS[0]
     _report(map_to_folder(video, arguments.scene, mapper, _report).summary)
@@ -278,7 +279,7 @@ def _decode_file(arguments: argparse.Namespace) -> int:
         if failure is not None:
             raise failure
         if reader.missing is not None:
-            sys.stderr.write(f"{PROG}: {cli.one_line(f'{path}: unfinished: {reader.missing}')}\n")
+            _say(f"{path}: unfinished: {reader.missing}")
     return 0
 
 
@@ -323,26 +324,37 @@ def _naming(path: str) -> Iterator[None]:
 def _decode_live(arguments: argparse.Namespace) -> int:
     from decoder.live import LiveSource
     from decoder.session import decode_live
-    from dvc.feedback import KEEP_ALIVE, connect, parse_address
+    from dvc.feedback import dial, parse_address
 
     protection = _protection(arguments)
-    with connect(*parse_address(arguments.connect), timeout_s=arguments.timeout) as connection:
-        connection.protect(protection, arguments.timeout)
-        try:
-            source = LiveSource(connection)
-        except PeerClosedError as err:
-            hint = "; it may want a token, or TLS" if protection.is_none else ""
-            raise FeedbackError(f"{err}{hint}") from err
+    host, port = parse_address(arguments.connect)
+    try:
+        link = dial(host, port, arguments.timeout, protection, arguments.patience)
+    except PeerClosedError as err:
+        hint = "; it may want a token, or TLS" if protection.is_none else ""
+        raise FeedbackError(f"{err}{hint}") from err
+    with link:
+        link.keep_alive()
+        source = LiveSource(link)
+        first = source.endpoint.first_frame
+        if first:
+            _say(f"begins with frame {first}: frames 0 to {first - 1} were sent to another decoder, or none")
         try:
             config = _with_choices(source.config, arguments)
-            with connection.kept_alive(KEEP_ALIVE), _stopped_by_signals() as stop, ExitStack() as stack:
+            with _stopped_by_signals() as stop, ExitStack() as stack:
                 groups = decode_live(config, source, arguments.jobs, stop, _limits(arguments))
-                _output(config, arguments, stack, live=True).consume(groups, arguments.quiet)
+                output = _output(config, arguments, stack, live=source)
+                output.consume(groups, arguments.quiet)
         except (DvcError, KeyboardInterrupt) as err:
             with suppress(FeedbackError):  # it may have gone itself
                 source.give_up(cli.one_line(err) or "interrupted")
             raise
+        link.deliver()
     return 0
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"{PROG}: {cli.one_line(text)}\n")
 
 
 def _protection(arguments: argparse.Namespace) -> "Protection":
@@ -412,7 +424,7 @@ def _output(
     wanted: range | None = None,
     form: str = "punctured",
     *,
-    live: bool = False,
+    live: "LiveSource | None" = None,
 ) -> "DecodedOutput":
     from decoder.output import DecodedOutput
     from dvc.stream import Form
@@ -423,6 +435,7 @@ def _output(
         video = config.video
         rate = Fraction(video.frame_rate_num, video.frame_rate_den)
         start = arguments.reference_start + (0 if wanted is None else wanted.start)
+        start += 0 if live is None else live.endpoint.first_frame
         original = open_video(arguments.reference, size=arguments.size, frame_rate=rate, start=start)
         reference = stack.enter_context(original)
     return DecodedOutput(

@@ -16,15 +16,15 @@ from decoder.tasks import DecodedGroup, GroupTask
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback import (
-    Connection,
     DecoderEndpoint,
     Event,
     Gop,
     Hello,
+    Link,
     ParityAnswer,
     max_open_gops,
 )
-from dvc.feedback.transport import Readable
+from dvc.feedback.link import Readable
 from dvc.slepian_wolf import ParityRequest, Place
 
 HELD_SHARE = 1 / 16
@@ -36,10 +36,10 @@ STEP_MEMORY = 1 / 16
 
 
 class LiveSource:
-    """The endpoint of the feedback channel with its connection."""
+    """The endpoint of the feedback channel with its link."""
 
-    def __init__(self, connection: Connection) -> None:
-        self.connection = connection
+    def __init__(self, link: Link) -> None:
+        self.link = link
         self.endpoint = DecoderEndpoint()
         self._events: deque[Event] = deque()
         self.flush()
@@ -59,11 +59,11 @@ class LiveSource:
             events = tuple(self._events)
             self._events.clear()
             return events
-        return self.endpoint.receive(self.connection.receive())
+        return self.endpoint.receive(self.link.receive())
 
     def flush(self) -> None:
         """Send what the endpoint has for the encoder."""
-        self.connection.send(self.endpoint.bytes_to_send())
+        self.link.send(self.endpoint.bytes_to_send())
 
     def give_up(self, reason: str) -> None:
         """Tell the encoder that the decoder cannot go on."""
@@ -128,7 +128,7 @@ class LiveGroups:
         self._holding: set[DecodingProcess] = set()  # whose requests these are
         self._num_asked = 0  # held or sent
         self._arrived_s: dict[int, float] = {}
-        self._num_messages = 0
+        self._num_messages = self._num_taken = 0
         self._damaged = False
         for _ in range(max_open_gops(source.config)):
             self._endpoint.send_next_gop()
@@ -158,13 +158,13 @@ class LiveGroups:
     def wait(self, processes: Sequence[DecodingProcess]) -> Iterator[DecodingProcess]:
         """Wait for the encoder, for processes or for the end of a pause; then send requests."""
         self._source.flush()
-        connection = self._source.connection
+        link = self._source.link
         idle = not any(process.num_running for process in processes)
         patient = self._num_asked == len(self._held) and not idle
-        for ready in connection.wait([*processes, *self._stop], patient, self._held_s()):
+        for ready in link.wait([*processes, *self._stop], patient, self._held_s()):
             if ready in self._stop:
                 raise KeyboardInterrupt
-            if ready is connection:
+            if ready is link:
                 self._events += self._source.receive()
             else:
                 yield ready
@@ -188,12 +188,10 @@ class LiveGroups:
         # Where fewer steps are under way than there are cores, one of them has nothing to do.
         return self._held.left_s(min(max(p.num_pending - p.num_cores + 1, 0) for p in self._holding))
 
-    def decoded(self, number: int) -> None:
-        """Let the encoder forget a group."""
-        self._endpoint.send_gop_done(number)
-
     def taken(self) -> None:
-        """Let the encoder send another group."""
+        """Let the encoder forget a group that whoever takes the frames has written, and send another."""
+        self._endpoint.send_gop_done(self._num_taken)
+        self._num_taken += 1
         self._endpoint.send_next_gop()
 
     def timed(self, groups: Iterable[DecodedGroup]) -> Iterator[DecodedGroup]:

@@ -3,7 +3,10 @@
 import os
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
+from dataclasses import asdict
+from typing import Any, BinaryIO
 
+from decoder.live import LiveSource
 from decoder.report import DecodeReport
 from decoder.tasks import DecodedGroup
 from dvc import cli
@@ -29,8 +32,9 @@ class DecodedOutput:
         reference: VideoReader | None = None,
         wanted: range | None = None,
         form: Form = Form.PUNCTURED,
-        live: bool = False,
+        live: LiveSource | None = None,
     ) -> None:
+        kept = live is not None
         self._live = live  # so that it cannot be decoded again: what there is of it is kept
         self._path = video
         self._wanted = wanted
@@ -40,11 +44,12 @@ class DecodedOutput:
         self._rate = ""
         self._report_path = report
         self._report = DecodeReport(config, reference, wanted)
-        self._stream = _stream_writer(config, punctured, form, stack, kept=live)
-        self._video = _video_writer(config, video, config.video.luma_only, stack, kept=live)
+        self._file = _stream_file(punctured, stack, kept=kept)
+        self._stream = StreamWriter(self._file, config, form)
+        self._video = _video_writer(config, video, config.video.luma_only, stack, kept=kept)
         self._side_information: VideoWriter | None = None
         if side_information is not None:
-            self._side_information = _video_writer(config, side_information, True, stack, kept=live)
+            self._side_information = _video_writer(config, side_information, True, stack, kept=kept)
 
     def consume(
         self,
@@ -62,7 +67,7 @@ class DecodedOutput:
             except (DvcError, KeyboardInterrupt) as err:
                 if self._num_frames == 0:
                     raise
-                if self._live:
+                if self._live is not None:
                     self._report_partial()
                     reason = str(err) or "interrupted"
                     kept = f"{self._num_frames} frames are kept as {self._path}{PARTIAL_SUFFIX}"
@@ -78,7 +83,7 @@ class DecodedOutput:
         if self._report_path is not None:
             to_file = "" if self._report_path == "-" else PARTIAL_SUFFIX
             with suppress(DvcError):
-                cli.write_json(self._report_path + to_file, self._report.to_dict(self._stream.num_bytes))
+                cli.write_json(self._report_path + to_file, self._to_dict())
 
     def _add(self, group: DecodedGroup, progress: cli.Advance) -> None:
         shown = [(frame.index, frame.frame, Frame(frame.side_information)) for frame in group.wyner_ziv]
@@ -93,6 +98,7 @@ class DecodedOutput:
                 progress(1, self._rate)
         if self._wanted is None:
             self._stream.write_gop(group.record)
+            self._file.flush()  # what is finished is left where this process is killed
             self._num_coded += len(group.frames)
             kbps = 8e-3 * self._stream.num_bytes * self._frame_rate / self._num_coded
             self._rate = f"{kbps:.4g} kbit/s"
@@ -104,7 +110,14 @@ class DecodedOutput:
         if self._side_information is not None:
             self._side_information.close()
         if self._report_path is not None:
-            cli.write_json(self._report_path, self._report.to_dict(self._stream.num_bytes))
+            cli.write_json(self._report_path, self._to_dict())
+
+    def _to_dict(self) -> dict[str, Any]:
+        """Return the report, with what a link went through."""
+        report = self._report.to_dict(self._stream.num_bytes)
+        if self._live is None:
+            return report
+        return {**report, "first_frame": self._live.endpoint.first_frame, **asdict(self._live.link.counts)}
 
 
 def _video_writer(
@@ -116,8 +129,6 @@ def _video_writer(
     return stack.enter_context(create_video(path, size, rate, luma_only=luma_only, kept=kept))
 
 
-def _stream_writer(
-    config: CodecConfig, path: str | None, form: Form, stack: ExitStack, *, kept: bool
-) -> StreamWriter:
+def _stream_file(path: str | None, stack: ExitStack, *, kept: bool) -> BinaryIO:
     temporary = stack.enter_context(atomic_output(path or os.devnull, kept=kept))
-    return StreamWriter(stack.enter_context(temporary.open("wb")), config, form)
+    return stack.enter_context(temporary.open("wb"))

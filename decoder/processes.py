@@ -181,9 +181,6 @@ class GroupSource(Protocol):
     def ask(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
         """Take requests of a process."""
 
-    def decoded(self, number: int) -> None:
-        """Notice that a group asks for nothing more."""
-
     def taken(self) -> None:
         """Notice that the next group has been handed on, so that there is room for another."""
 
@@ -252,7 +249,7 @@ class GroupsInFlight:
             if isinstance(received, BitstreamError):
                 self._outcomes[number] = received
             elif not received.record.wyner_ziv:
-                self._end(number, DecodedGroup.of(received, []))
+                self._outcomes[number] = DecodedGroup.of(received, [])
             elif not received.follows:
                 self._begin(received)
             elif number - 1 in self._lasts:
@@ -281,7 +278,7 @@ class GroupsInFlight:
         """Take what a process has: further requests, or how a group ended."""
         number, outcome = process.receive()
         if isinstance(outcome, DecodedGroup | Exception):
-            self._end(number, outcome)
+            self._outcomes[number] = outcome
             self._share_cores()
         elif isinstance(outcome, ReferenceFrame):
             following = self._following.pop(number + 1, None)
@@ -293,8 +290,3 @@ class GroupsInFlight:
             asked = _Asked(process, [(request.frame, request.plane) for request in outcome])
             self._asked |= dict.fromkeys(asked.places, asked)
             self._source.ask(outcome, process)
-
-    def _end(self, number: int, outcome: DecodedGroup | Exception) -> None:
-        self._outcomes[number] = outcome
-        if isinstance(outcome, DecodedGroup):
-            self._source.decoded(number)

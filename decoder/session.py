@@ -14,7 +14,7 @@ from decoder.tasks import DecodedGroup, GroupTask, naming_group
 from dvc.config import MAX_LONG_TERM_KEY_BYTES, CodecConfig, encode_config
 from dvc.errors import BitstreamError
 from dvc.feedback import Gop, max_open_gops
-from dvc.feedback.transport import Readable
+from dvc.feedback.link import Readable
 from dvc.keyframes import KeyFrameDecoder
 from dvc.limits import Limits
 from dvc.slepian_wolf import ParityRequest
@@ -194,9 +194,6 @@ class StreamGroups:
     def ask(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
         """Refuse requests, of which none come: records answer them."""
         assert not requests, process
-
-    def decoded(self, number: int) -> None:
-        """Do nothing: nobody waits for it."""
 
     def taken(self) -> None:
         """Make room once the last group of a chain is taken."""

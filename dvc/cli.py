@@ -272,8 +272,13 @@ def add_live(group: argparse._ActionsContainer, option: str, text: str) -> None:
         action="store_true",
         help="talk to anybody through a network; needed there without token and TLS",
     )
-    patience = "patience with a silent peer, in seconds"
-    add_integer(group, "--timeout", (1, 86400), patience, default=30, metavar="S")
+    silence = "patience with a silent peer, in seconds; then the connection is lost"
+    add_integer(group, "--timeout", (1, 86400), silence, default=30, metavar="S")
+    patience = (
+        "how long a lost connection may take to come back, in seconds, so that the run goes on where it"
+        " stopped; 0: it ends the run"
+    )
+    add_integer(group, "--patience", (0, 86400), patience, default=30, metavar="S")
 
 
 def write_json(path: str | Path, values: object) -> None:

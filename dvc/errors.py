@@ -25,6 +25,18 @@ class PeerClosedError(FeedbackError):
     """The other side of the feedback channel closed the connection."""
 
 
+class NobodyListensError(FeedbackError):
+    """No program of the other side is at an address."""
+
+
+class RefusedError(FeedbackError):
+    """The other side of the feedback channel has said why it does not go on."""
+
+
+class SupersededError(FeedbackError):
+    """Another decoder has come, while the one before was away."""
+
+
 class PartialOutputError(DvcError):
     """A live run that ended early; what was decoded before is kept under other names."""
 

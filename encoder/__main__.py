@@ -150,8 +150,9 @@ def _serve(
     spool: "FrameSpool | None",
 ) -> dict[str, object]:
     """Answer a decoder, also after an interrupt, which ends the frames; return how late it was."""
-    from dvc.feedback import KEEP_ALIVE, listen, parse_address
-    from encoder.live import await_decoder, serve
+    from dvc.feedback import listen, parse_address
+    from encoder.door import Door
+    from encoder.live import serve
     from encoder.pacing import DecoderPace
     from encoder.spool import LeftOut
 
@@ -163,9 +164,10 @@ def _serve(
         if protection.insecure and protection.is_none:
             _say("anybody may connect, and read and change what is sent: there is neither token nor TLS")
         _say(f"waiting for a decoder on {listener.name}")
-        connection, endpoint = await_decoder(listener, session.config, arguments.timeout, _say, protection)
-    with connection, connection.kept_alive(KEEP_ALIVE), source.stopping_at_signals():
-        serve(session, source, connection, progress, pace, endpoint)
+        with Door(listener, session.config, protection, arguments.timeout, arguments.patience, _say) as door:
+            link, endpoint = door.decoder()
+            with source.stopping_at_signals():
+                links = serve(session, source, link, progress, pace, endpoint, door.decoder)
     if left_out.frames:
         _say(
             f"left out {left_out.frames} frames in {left_out.gaps} gap(s): the decoder takes fewer than come"
@@ -174,6 +176,7 @@ def _serve(
         "decoder_behind_s": round(pace.behind_s, 3),
         "most_frames_open": pace.most_frames_open,
         "left_out": asdict(left_out),
+        **links,
     }
 
 

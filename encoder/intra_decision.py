@@ -64,6 +64,10 @@ class KeyFrameSpacing:
         self._num_frames = 0  # since the last key frame
         self._begun = False
 
+    def begin(self) -> None:
+        """Let the next group end with a key frame."""
+        self._begun = False
+
     def needs_key(self, group: Group, find: Callable[[], float] = lambda: 0.0) -> bool:
         """Decide for the next group; `find` tells which share of its points a long-term reference has."""
         length = len(group.wyner_ziv) + 1

@@ -1,97 +1,81 @@
 """The encoder's end of a live run: sends groups while a decoder has room, answers its requests."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from dvc.config import CodecConfig
-from dvc.errors import DvcError, FeedbackError
-from dvc.feedback import Connection, EncoderEndpoint, Event, GopDone, Listener, Protection
+from dvc.errors import DvcError, FeedbackError, SupersededError
+from dvc.feedback import EncoderEndpoint, Event, GopDone, Link, LinkCounts
 from dvc.slepian_wolf import RequestTable
 from dvc.slepian_wolf.requests import COUNT, SLOT
 from dvc.video import Frame
+from encoder.door import Entered, give_up
+from encoder.kept_groups import KeptGroup, KeptGroups
 from encoder.pacing import DecoderPace
 from encoder.session import EncoderSession, Progress
 
-HELLO_S = 5.0
-"""Time that a peer has to say hello; until then it may be anybody, and others wait."""
 MAX_STALL_S = 3600.0
 """Longest time without progress: a decoder that is alive but does nothing is given up."""
 
 
-def await_decoder(
-    listener: Listener,
-    config: CodecConfig,
-    timeout_s: float,
-    say: Callable[[str], None],
-    protection: Protection,
-) -> tuple[Connection, EncoderEndpoint]:
-    """Wait for a decoder that does its part of the protection; whoever else connects is turned away."""
-    while True:
-        connection = listener.accept(silence_timeout_s=timeout_s)
-        try:
-            connection.protect(protection, HELLO_S)
-            return connection, greet(connection, config)
-        except FeedbackError as err:
-            say(f"not a decoder: {err}; still waiting")
+@dataclass
+class LinkReport(LinkCounts):
+    """How often connections were lost, and decoders, and what that cost."""
 
+    num_decoders: int = 1
+    groups_begun_again: int = 0  # by decoders that came in place of others
+    bits_asked_again: int = 0  # that decoders before had asked for of these groups
+    frames_lost: list[list[int]] = field(default_factory=list)  # that no decoder has written: first and last
 
-def greet(connection: Connection, config: CodecConfig) -> EncoderEndpoint:
-    """Wait for the hello of a decoder, and answer it; close the connection where none comes in time."""
-    endpoint, deadline_s = EncoderEndpoint(config), time.monotonic() + HELLO_S
-    try:
-        while not endpoint.greeted:
-            left_s = deadline_s - time.monotonic()
-            if left_s <= 0.0 or not connection.wait(patient=True, at_most_s=left_s):
-                raise FeedbackError(f"the other side ({connection.name}) says no hello for {HELLO_S:g} s")
-            endpoint.receive(connection.receive())
-    except FeedbackError as err:
-        with suppress(FeedbackError):
-            _give_up(connection, endpoint, err)
-        connection.close_within(min(1.0, deadline_s - time.monotonic()))
-        raise
-    except BaseException:
-        connection.close()
-        raise
-    return endpoint
-
-
-def _give_up(connection: Connection, endpoint: EncoderEndpoint, reason: object) -> None:
-    """Tell the other side that this side ends the run."""
-    endpoint.send_failure(str(reason))
-    connection.send(endpoint.bytes_to_send())
+    def add(self, counts: LinkCounts) -> None:
+        """Count what a link has gone through that is over."""
+        self.num_reconnections += counts.num_reconnections
+        self.away_s = round(self.away_s + counts.away_s, 3)
+        self.bytes_sent_again += counts.bytes_sent_again
 
 
 def serve(
     session: EncoderSession,
     frames: Iterable[Frame | None],
-    connection: Connection,
+    link: Link,
     progress: Progress,
     pace: DecoderPace | None = None,
     endpoint: EncoderEndpoint | None = None,
-) -> None:
-    """Encode a sequence for a decoder at the other end of a connection, answering its requests."""
+    next_decoder: Callable[[], Entered] | None = None,
+) -> dict[str, object]:
+    """Encode a sequence for a decoder at the other end of a link, answering its requests.
+
+    Where it does not come back, another one may in its place. Returns what the links went through.
+    """
     endpoint = endpoint or EncoderEndpoint(session.config)
     quiet = DecoderPace(session.config.video.frame_rate, lambda _: None)
-    live = _LiveEncoder(session, frames, connection, endpoint, progress, pace or quiet)
+    live = _LiveEncoder(session, frames, link, endpoint, progress, pace or quiet)
     try:
         with session.statistics.coding():
-            live.run()
+            while not live.run():
+                assert next_decoder is not None
+                live.begin_again(*next_decoder())
     except FeedbackError:
         raise
     except (DvcError, KeyboardInterrupt) as err:
-        _give_up(connection, endpoint, str(err) or "interrupted")
+        give_up(live.link, live.endpoint, str(err) or "interrupted")
         raise
+    finally:
+        live.link.close()
+    live.report.add(live.link.counts)
+    return asdict(live.report)
 
 
 class _OpenGroup(NamedTuple):
     """A group that a decoder works at."""
 
-    num_frames: int
-    slots: slice  # of its Wyner-Ziv frames
+    group: KeptGroup
+    slots: range  # of its Wyner-Ziv frames
 
 
 class _LiveEncoder:
@@ -101,43 +85,74 @@ class _LiveEncoder:
         self,
         session: EncoderSession,
         frames: Iterable[Frame | None],
-        connection: Connection,
+        link: Link,
         endpoint: EncoderEndpoint,
         progress: Progress,
         pace: DecoderPace,
     ) -> None:
-        self._pace = pace
-        self._session = session
+        self.link, self.endpoint, self.report = link, endpoint, LinkReport()
+        self._pace, self._session, self._progress = pace, session, progress
         self._source = session.groups(frames)
-        self._connection = connection
-        self._progress = progress
-        self._endpoint = endpoint
-        self._progressed_s = time.monotonic()
-        self._ended = False
-        self._open = session.encoder_buffer(self._endpoint.num_slots)
-        self._groups: dict[int, _OpenGroup] = {}
-        self._answered = np.zeros(self._endpoint.num_slots, np.int64)  # bits, by slots
+        gop = session.config.gop
+        self._kept = KeptGroups(endpoint.num_slots + gop.length + max(gop.length, gop.intra_period))
+        self._num_groups = self._num_frames = self._num_written = 0  # of the sequence
+        self._begin(deque())
 
-    def run(self) -> None:
-        with ExitStack() as answering:
-            while not self._endpoint.finished:
-                wanted = self._endpoint.num_credits > 0 and not self._ended and self._has_room()
-                if wanted:
-                    answering.close()
-                    self._send_group()
-                    self._progressed_s = time.monotonic()  # however long the source took
-                    answering.enter_context(self._session.statistics.timing("parity_cpu_s"))
-                elif not self._ended:
-                    self._pace.waits()
-                self._connection.send(self._endpoint.bytes_to_send())
-                if not wanted or self._connection.has_received():
-                    self._take(self._endpoint.receive(self._connection.receive()))
+    def _begin(self, again: deque[KeptGroup]) -> None:
+        """Begin with a decoder, which is sent some groups before further ones."""
+        self._again, self._ended = again, False
+        self._open: dict[int, _OpenGroup] = {}
+        self._buffer = self._session.encoder_buffer(self.endpoint.num_slots)
+        self._num_bits = np.zeros(self.endpoint.num_slots, np.int64)  # that were asked for, of each frame
+        self._progressed_s = time.monotonic()
+
+    def begin_again(self, link: Link, endpoint: EncoderEndpoint) -> None:
+        """Go on with another decoder: at a key frame, before the frames that none has written."""
+        self.report.add(self.link.counts)
+        self.report.num_decoders += 1
+        self.link.close()
+        self.report.bits_asked_again += sum(map(self._bits_of, self._open.values()))
+        self.link, self.endpoint = link, endpoint
+        again = self._kept.begin_again()
+        if not again:
+            self._session.begin_again(self._num_groups)
+            again = self._kept.begin_again() if self._encode_next() else []
+        endpoint.first_frame = again[0].first_frame if again else self._num_frames
+        if again:
+            self._session.begin_again(again[0].number)
+        if endpoint.first_frame > self._num_written:
+            self.report.frames_lost.append([self._num_written, endpoint.first_frame - 1])
+        self.report.groups_begun_again += len(again)
+        self._begin(deque(again))
+
+    def run(self) -> bool:
+        """Serve a decoder; tell whether it has got all, so that no other one has come in its place."""
+        try:
+            with ExitStack() as answering:
+                while not self.endpoint.finished:
+                    self._step(answering)
+        except SupersededError:
+            return False
+        return True
+
+    def _step(self, answering: ExitStack) -> None:
+        wanted = self.endpoint.num_credits > 0 and not self._ended and self._has_room()
+        if wanted:
+            answering.close()
+            self._send_group()
+            self._progressed_s = time.monotonic()  # however long the source took
+            answering.enter_context(self._session.statistics.timing("parity_cpu_s"))
+        elif not self._ended:
+            self._pace.waits()
+        self.link.send(self.endpoint.bytes_to_send())
+        if not wanted or self.link.has_received():
+            self._take(self.endpoint.receive(self.link.receive()))
 
     def _has_room(self) -> bool:
         """Tell whether another group may be open."""
         limiter = self._session.limiter
         most = None if limiter is None else limiter.max_open_groups
-        return most is None or len(self._groups) < most
+        return most is None or len(self._open) < most
 
     def _take(self, events: Sequence[Event]) -> None:
         now_s = time.monotonic()
@@ -148,33 +163,55 @@ class _LiveEncoder:
             if isinstance(event, RequestTable):
                 self._answer(event)
             elif isinstance(event, GopDone):
-                group = self._groups.pop(event.number)
-                if self._session.limiter is not None:
-                    self._session.limiter.settle(event.number, int(self._answered[group.slots].sum()))
-                self._pace.done(group.num_frames)
-                self._progress(group.num_frames)
+                self._done(self._open.pop(event.number))
 
-    def _send_group(self) -> None:
+    def _done(self, done: _OpenGroup) -> None:
+        """Notice that a decoder has written a group."""
+        group = done.group
+        if not group.done:
+            group.done = True
+            if self._session.limiter is not None:
+                self._session.limiter.settle(group.number, self._bits_of(done))
+            self._num_written = max(self._num_written, group.end_frame)
+            num_frames = group.encoded.record.num_frames
+            self._pace.done(num_frames)
+            self._progress(num_frames)
+        self._kept.drop_done()
+
+    def _encode_next(self) -> KeptGroup | None:
+        """Encode the next group of the source, if there is one."""
         group = next(self._source, None)
         if group is None:
-            self._endpoint.send_end()
+            return None
+        kept = KeptGroup(self._num_groups, self._num_frames, self._session.encode(group))
+        self._num_groups, self._num_frames = kept.number + 1, kept.end_frame
+        self._kept.add(kept)
+        self._pace.sent(kept.encoded.record.num_frames)
+        return kept
+
+    def _send_group(self) -> None:
+        group = self._again.popleft() if self._again else self._encode_next()
+        if group is None:
+            self.endpoint.send_end()
             self._ended = True
             return
-        encoded = self._session.encode(group)
         with self._session.statistics.timing("writing_cpu_s"):
-            number = self._endpoint.send_gop(encoded.record)
-        first = self._endpoint.first_slot(number)
-        for slot, frame in enumerate(encoded.frames, first):
-            self._open.enter(slot, frame)
-        slots = slice(first, first + len(encoded.frames))
-        self._answered[slots] = 0
-        self._groups[number] = _OpenGroup(encoded.record.num_frames, slots)
-        self._pace.sent(encoded.record.num_frames)
+            number = self.endpoint.send_gop(group.encoded.record)
+        first, frames = self.endpoint.first_slot(number), group.encoded.frames
+        slots = range(first, first + len(frames))
+        self._open[number] = _OpenGroup(group, slots)
+        self._num_bits[slots] = 0
+        for slot, frame in zip(slots, frames, strict=True):
+            self._buffer.enter(slot, frame)
+
+    def _bits_of(self, group: _OpenGroup) -> int:
+        """Return how many bits were asked for of an open group."""
+        return int(self._num_bits[group.slots].sum())
 
     def _answer(self, requests: RequestTable) -> None:
         try:
-            bits = self._open.answer(requests)
+            bits = self._buffer.answer(requests)
         except ValueError as err:  # no such plane in this frame: flow control knows only what they may have
             raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
-        self._endpoint.send_answers(bits)
-        np.add.at(self._answered, requests.rows[:, SLOT], requests.rows[:, COUNT])
+        np.add.at(self._num_bits, requests.rows[:, SLOT], requests.rows[:, COUNT])
+        self.endpoint.send_answers(bits)

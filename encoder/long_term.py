@@ -91,6 +91,10 @@ class LongTermReferences:
         if self._config.gop.long_term_window and num_bytes <= MAX_LONG_TERM_KEY_BYTES:
             self._kept = [*self._kept, _KeyFrame(number, luma, Thumbnail.of(luma))][-self._most :]
 
+    def forget(self, number: int) -> None:
+        """Let go of the key frames before a group."""
+        self._kept = [key for key in self._kept if key.number >= number]
+
     def find(self, number: int, last: Plane, num_instants: int, tracks: bytes) -> FoundAgain | None:
         """Find the tracks of a group, as sent, in the key frame that looks most like its last frame."""
         candidate = self._most_alike(number, last)

@@ -154,6 +154,18 @@ class EncoderSession:
             return cornered_groups(frames, length, self._detector)
         return groups(frames, length)
 
+    def begin_again(self, number: int) -> None:
+        """Let no later group be predicted from what is before a group with a key frame.
+
+        Parameters
+        ----------
+        number : int
+            Of the group; where it is still to be encoded it gets a key frame.
+        """
+        self._long_term.forget(number)
+        if number >= self._num_groups:
+            self._key_frames.begin()
+
     def encode(self, group: Group) -> EncodedGroup:
         """Encode one group of pictures.
 

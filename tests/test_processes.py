@@ -10,13 +10,14 @@ import subprocess
 import sys
 import termios
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -24,15 +25,19 @@ import pytest
 
 import decoder.__main__
 import encoder.__main__
+from benchmarks.hostile.bad_link import Faults
+from benchmarks.slow_link import SlowLink, slow_link
 from dvc.config import DEFAULT_CODEC
 from dvc.errors import VideoError
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello
+from dvc.feedback.opening import NEW, Opening
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
 from dvc.slepian_wolf import RequestTable
 from dvc.stream import StreamReader
 from dvc.video import Frame, open_video
 from tests.clips import moving_texture, same_frame, write_clip
+from tests.raw_links import RawLink
 from tests.scenes_3d import render
 from tests.serving import frames_shown
 from tests.waiting import wait_until
@@ -316,8 +321,8 @@ def test_encoder_leaves_nothing_on_a_full_disk(tmp_path: Path, clip: Path) -> No
     assert list(tmp_path.iterdir()) == []
 
 
-STRANGERS = [b"", b"GET / HTTP/1.1\r\n\r\n" * 1000, b"\x01\x01\x05", b"\x09\x00"]
-"""A connection that ends at once, another protocol, another version of this one, a sign of life too early."""
+STRANGERS = [b"", b"GET / HTTP/1.1\r\n\r\n" * 1000, b"\x01\x01\x05", Opening(NEW).encode()[:20] + bytes(99)]
+"""A connection that ends at once, another protocol, an older one, a damaged opening."""
 
 
 def test_strangers_end_nothing(folder: Path, clip: Path, buffered: Run) -> None:
@@ -399,7 +404,7 @@ def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], s
     encoder.stdin.flush()
     address = f"127.0.0.1:{listening_port(encoder)}"
     outputs = [name if name.startswith("--") else folder / name for name in names]
-    with encoder, start("decoder", "--connect", address, *outputs) as decoder:
+    with encoder, start("decoder", "--connect", address, *outputs, "--patience", 1) as decoder:
         video = folder / f"{names[0]}.part"
         wait_until(lambda: video.exists() and frames_of(video))
         wait_until(lambda: is_waiting_for_more(encoder))
@@ -539,78 +544,81 @@ def test_termination_leaves_nothing(tmp_path: Path, stream: Path) -> None:
     assert list((tmp_path / "out").iterdir()) == []
 
 
+Served = tuple[subprocess.Popen[str], RawLink]
+
+
 @pytest.fixture
-def served(clip: Path) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
-    """An encoder that waits with a patience of one second, and a connection to it that has said hello."""
-    with start("encoder", clip, "--serve", "127.0.0.1:0", "--timeout", 1, *CODING) as encoder:
+def served(clip: Path) -> Iterator[Served]:
+    """An encoder that waits with a patience of one second, and a link to it that has said hello."""
+    options = ("--serve", "127.0.0.1:0", "--timeout", 1, "--patience", 0, *CODING)
+    with start("encoder", clip, *options) as encoder:
         with socket.create_connection(("127.0.0.1", listening_port(encoder)), PATIENCE_S) as peer:
-            peer.sendall(DecoderEndpoint().bytes_to_send())
-            yield encoder, peer
+            link = RawLink.of_decoder(peer)
+            link.send(DecoderEndpoint().bytes_to_send())
+            yield encoder, link
         encoder.kill()
 
 
-def test_encoder_gives_up_on_a_silent_decoder(served: tuple[subprocess.Popen[str], socket.socket]) -> None:
+def test_encoder_gives_up_on_a_silent_decoder(served: Served) -> None:
     """A decoder that says hello and nothing more is given up after the timeout."""
     encoder, _ = served
     assert_refused(finish(encoder), "is silent for 1 s")
 
 
-def test_encoder_gives_up_on_a_babbling_decoder(served: tuple[subprocess.Popen[str], socket.socket]) -> None:
-    """A decoder that says hello, then what is no message, ends the run with one line."""
-    encoder, peer = served
-    peer.recv(1)
-    peer.sendall(b"GET / HTTP/1.1\r\n\r\n" * 1000)
-    assert_refused(finish(encoder), "broke the feedback protocol")
+@pytest.mark.parametrize("words", ["broke the feedback protocol", "changed on the way"])
+def test_encoder_gives_up_on_a_babbling_decoder(served: Served, words: str) -> None:
+    """A decoder that says hello, then what is no message, or no piece, ends the run with one line."""
+    encoder, link = served
+    babble = b"GET / HTTP/1.1\r\n\r\n" * 1000
+    if words == "changed on the way":
+        link.peer.sendall(babble)
+    else:
+        link.send(babble)
+    assert_refused(finish(encoder), words)
 
 
-def test_encoder_gives_up_on_a_decoder_that_goes_away(
-    served: tuple[subprocess.Popen[str], socket.socket],
-) -> None:
+def test_encoder_gives_up_on_a_decoder_that_goes_away(served: Served) -> None:
     """A decoder that leaves after the first group of pictures ends the run with one line."""
-    encoder, peer = served
+    encoder, link = served
     endpoint = DecoderEndpoint()
     endpoint.bytes_to_send()  # the hello, which was said
-    assert isinstance(receive(endpoint, peer), Hello)
+    assert isinstance(link.event(endpoint), Hello)
     endpoint.send_next_gop()
-    peer.sendall(endpoint.bytes_to_send())
-    assert isinstance(receive(endpoint, peer), Gop)
-    peer.close()
+    link.send(endpoint.bytes_to_send())
+    assert isinstance(link.event(endpoint), Gop)
+    link.peer.close()
     assert_refused(finish(encoder), "the other side")
-
-
-def receive(endpoint: DecoderEndpoint | EncoderEndpoint, peer: socket.socket) -> object:
-    """Return the next event at an endpoint; one at a time is all that these peers provoke."""
-    while True:
-        events = endpoint.receive(peer.recv(2**16))
-        if events:
-            return events[0]
 
 
 Behaviour = Callable[[socket.socket, Path], None]
 
 
-def say_nothing(peer: socket.socket, stream: Path) -> None:
+def listen_only(peer: socket.socket, stream: Path) -> None:
     del stream
     while peer.recv(2**16):
         continue
 
 
+def say_nothing(peer: socket.socket, stream: Path) -> None:
+    RawLink.of_encoder(peer)
+    listen_only(peer, stream)
+
+
 def say_too_much(peer: socket.socket, stream: Path) -> None:
-    del stream
-    peer.sendall(bytes([1]) + b"\xff\xff\xff\xff\x7f" + bytes(1000))
+    RawLink.of_encoder(peer).send(bytes([1]) + b"\xff\xff\xff\xff\x7f" + bytes(1000))
     with suppress(ConnectionError):
-        while peer.recv(2**16):
-            continue
+        listen_only(peer, stream)
 
 
 def go_away_at_the_first_request(peer: socket.socket, stream: Path) -> None:
+    link = RawLink.of_encoder(peer)
     with StreamReader(stream) as reader:
         endpoint, records = EncoderEndpoint(reader.config), list(reader)
-    receive(endpoint, peer)
+    link.event(endpoint)
     for record in records:
         while not endpoint.num_credits:
-            peer.sendall(endpoint.bytes_to_send())
-            if isinstance(receive(endpoint, peer), RequestTable):
+            link.send(endpoint.bytes_to_send())
+            if isinstance(link.event(endpoint), RequestTable):
                 return
         endpoint.send_gop(record)
 
@@ -618,6 +626,7 @@ def go_away_at_the_first_request(peer: socket.socket, stream: Path) -> None:
 @pytest.mark.parametrize(
     ("behaviour", "words"),
     [
+        (listen_only, "takes too long with an opening"),
         (say_nothing, "is silent for 1 s"),
         (say_too_much, "broke the feedback protocol"),
         (go_away_at_the_first_request, "closed the connection"),
@@ -637,7 +646,136 @@ def test_decoder_gives_up_on_a_bad_encoder(
         thread = threading.Thread(target=serve)
         thread.start()
         address = f"127.0.0.1:{listener.getsockname()[1]}"
-        decoder = start("decoder", "--connect", address, tmp_path / "out.y4m", "--timeout", 1)
+        options = ("--timeout", 1, "--patience", 0)
+        decoder = start("decoder", "--connect", address, tmp_path / "out.y4m", *options)
         assert_refused(finish(decoder), "dvc-decode:", words)
         thread.join(PATIENCE_S)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def long_clip(folder: Path) -> Path:
+    return write_clip(folder / "long.y4m", moving_texture(80, 48, 64))
+
+
+@pytest.fixture(scope="module")
+def unbroken(folder: Path, long_clip: Path) -> Run:
+    run_here("encoder", long_clip, folder / "long.dvc", *CODING)
+    return decode(folder, "unbroken", long_clip, folder / "long.dvc", runs=run_here)
+
+
+PROTECTION: dict[str, tuple[str, ...]] = {"plain": (), "token": ("--token-file", "token")}
+
+
+@pytest.mark.parametrize("protection", [*PROTECTION, "tls"])
+@pytest.mark.parametrize("fault", ["cuts", "all faults"])
+def test_a_bad_link_changes_neither_frames_nor_bits(
+    folder: Path, long_clip: Path, unbroken: Run, tmp_path: Path, protection: str, fault: str
+) -> None:
+    """Cut every so often, flipped, left out, repeated, moved, trickled: files are those of a good link."""
+    (tmp_path / "token").write_text("a secret of both ends")
+    own = [str(tmp_path / word) if word == "token" else word for word in PROTECTION.get(protection, ())]
+    theirs = list(own)
+    if protection == "tls":
+        import trustme
+
+        signing = trustme.CA()
+        signing.issue_cert("127.0.0.1").private_key_and_cert_chain_pem.write_to_path(tmp_path / "chain.pem")
+        signing.cert_pem.write_to_path(tmp_path / "authority.pem")
+        own = ["--tls-cert", str(tmp_path / "chain.pem")]
+        theirs = ["--tls-ca", str(tmp_path / "authority.pem")]
+    report = tmp_path / "encoder.json"
+    options = ("--serve", "127.0.0.1:0", "--patience", PATIENCE_S, "--json", report, *own)
+    with start("encoder", long_clip, *CODING, *options) as encoder:
+        faults = Faults(20000 if fault == "all faults" else 1e9, seed=1)
+        target = ("127.0.0.1", listening_port(encoder))
+        with slow_link(*target, 0.0, 2e6, FirstUnharmed(faults, 2000)) as link:
+            words = ("--connect", link.address, "--patience", PATIENCE_S, *theirs)
+            cutter = threading.Timer(0.0, cut_often, (link, encoder))
+            if fault == "cuts":
+                cutter.start()
+            decoded = decode(tmp_path, "broken", long_clip, *words)
+        status, stderr = finish(encoder)
+    assert status == 0, stderr
+    assert decoded.video.read_bytes() == unbroken.video.read_bytes()
+    assert decoded.punctured.read_bytes() == unbroken.punctured.read_bytes()
+    assert decoded.bits == unbroken.bits
+    counts = json.loads(report.read_text())
+    assert counts["num_reconnections"] > 0
+    assert decoded.report["num_reconnections"] > 0
+    assert decoded.report["away_s"] > 0.0
+    assert (counts["num_decoders"], counts["frames_lost"], decoded.report["first_frame"]) == (1, [], 0)
+
+
+def cut_often(link: SlowLink, encoder: subprocess.Popen[str]) -> None:
+    """Cut a link once some bytes have passed since the last time."""
+    num_bytes = 5000
+    while encoder.poll() is None:
+        if link.forth.num_bytes + link.back.num_bytes > num_bytes:
+            link.cut()
+            num_bytes = link.forth.num_bytes + link.back.num_bytes + 20000
+        Event().wait(0.01)
+
+
+class FirstUnharmed:
+    """Lets some bytes pass: a decoder whose first connection is lost at once does not come back."""
+
+    def __init__(self, faults: Faults, num_bytes: int) -> None:
+        self._faults, self._left = faults, num_bytes
+
+    def __call__(self, data: bytes) -> Iterable[bytes]:
+        self._left -= len(data)
+        return (data,) if self._left > 0 else self._faults(data)
+
+
+def test_another_decoder_goes_on_where_one_was_killed(tmp_path: Path, long_clip: Path, unbroken: Run) -> None:
+    """From a key frame on before all that the first has not written; it says so, and nothing lacks."""
+    report, whole = tmp_path / "encoder.json", frames_of(unbroken.video)
+    options = ("--serve", "127.0.0.1:0", "--patience", PATIENCE_S, "--json", report)
+    with start("encoder", long_clip, *CODING, *options) as encoder:
+        address = f"127.0.0.1:{listening_port(encoder)}"
+        with start("decoder", "--connect", address, tmp_path / "first.y4m", "--jobs", 1) as first:
+            video = tmp_path / "first.y4m.part"
+            wait_until(lambda: video.exists() and len(frames_of(video)) > 4)
+            first.kill()
+        left = frames_of(video)
+        second = start(
+            "decoder", "--connect", address, tmp_path / "second.y4m", "--json", tmp_path / "d.json"
+        )
+        status, said = finish(second)
+        assert status == 0, said
+        status, stderr = finish(encoder)
+    assert status == 0, stderr
+    begins = json.loads((tmp_path / "d.json").read_text())["first_frame"]
+    assert begins <= len(left)
+    assert begins == 0 or f"begins with frame {begins}: frames 0 to {begins - 1}" in said
+    assert all(same_frame(*pair) for pair in zip(left, whole, strict=False))
+    assert all(
+        same_frame(*pair) for pair in zip(frames_of(tmp_path / "second.y4m"), whole[begins:], strict=True)
+    )
+    counts = json.loads(report.read_text())
+    assert (counts["num_decoders"], counts["frames_lost"], counts["frames"]) == (2, [], 80)
+    assert counts["groups_begun_again"] > 0
+
+
+def test_a_decoder_whose_encoder_begins_anew_keeps_what_it_has(
+    tmp_path: Path, long_clip: Path, unbroken: Run
+) -> None:
+    """It learns that the stream is another one, long before its patience ends."""
+    encoder = start("encoder", long_clip, *CODING, "--serve", "127.0.0.1:0")
+    address = f"127.0.0.1:{listening_port(encoder)}"
+    words = ("--connect", address, tmp_path / "out.y4m", "--patience", 10 * PATIENCE_S)
+    with start("decoder", *words) as decoder:
+        video = tmp_path / "out.y4m.part"
+        wait_until(lambda: video.exists() and len(frames_of(video)) > 2)
+        encoder.kill()
+        finish(encoder)
+        with start("encoder", long_clip, *CODING, "--serve", address) as another:
+            status, stderr = finish(decoder)
+            another.kill()
+            _, told = another.communicate()
+    assert status == 3, stderr
+    assert "another stream is served" in stderr
+    assert "not a decoder: another stream" in told
+    frames = frames_of(video)
+    assert all(same_frame(*pair) for pair in zip(frames, frames_of(unbroken.video), strict=False))

@@ -33,6 +33,7 @@ from benchmarks.hostile.mutations import (
 from benchmarks.hostile.pictures import damaged_pictures, try_pictures
 from benchmarks.hostile.workers import STREAMS
 from dvc.errors import BitstreamError, FeedbackError
+from dvc.feedback import LinkCounts
 from dvc.stream import StreamReader
 from dvc.stream.records import RecordType
 
@@ -77,13 +78,18 @@ def try_stream(good: Good | None, damaged: bytes, jobs: int = 1) -> str:
 
 
 class _Replay:
-    """A connection whose peer sends what was recorded, and then goes away."""
+    """A link whose peer sends what was recorded, and then goes away."""
+
+    counts = LinkCounts()
 
     def __init__(self, chunks: Sequence[bytes]) -> None:
         self._chunks = iter(chunks)
 
     def send(self, data: bytes) -> None:
         """Throw away."""
+
+    def close(self) -> None:
+        """Do nothing."""
 
     def has_received(self) -> bool:
         """Let the encoder send all that it may."""

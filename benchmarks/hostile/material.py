@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hostile.workers import STREAMS
+from benchmarks.loopback import accepted
 from dvc.config import (
     CascadeConfig,
     CodecConfig,
@@ -24,7 +25,7 @@ from dvc.config import (
     VideoConfig,
     codec_config,
 )
-from dvc.feedback import Connection, connect, listen
+from dvc.feedback import Link, dial, listen
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
 
@@ -124,10 +125,10 @@ def live_run(
     change: tuple[Change, Change] = (_same, _same),
     patience_s: float = PATIENCE_S,
 ) -> list[Exception | None]:
-    """Run encoder and decoder on a connection between two threads."""
+    """Run encoder and decoder on a link between two threads."""
     ended: list[Exception | None] = [None, None]
 
-    def _run(number: int, end: Connection, work: Callable[[Connection], None]) -> None:
+    def _run(number: int, work: Callable[[Link], None], end: Link) -> None:
         receive = end.receive
         end.receive = lambda: change[number](receive())  # type: ignore[method-assign]
         with end:
@@ -137,28 +138,28 @@ def live_run(
                 ended[number] = err
 
     with listen() as listener:
-        near = connect(listener.host, listener.port, patience_s)
-        far = listener.accept(patience_s, patience_s)
-    serving = threading.Thread(target=_run, args=(1, far, partial(serve, made)))
-    serving.start()
-    _run(0, near, decode_live)
-    serving.join()
+        serving = threading.Thread(
+            target=lambda: _run(1, partial(serve, made), accepted(listener, patience_s))
+        )
+        serving.start()
+        _run(0, decode_live, dial(listener.host, listener.port, patience_s))
+        serving.join()
     return ended
 
 
-def serve(made: Material, connection: Any) -> None:
-    """Run the encoder on a connection."""
+def serve(made: Material, link: Any) -> None:
+    """Run the encoder on a link."""
     from encoder import live
     from encoder.session import EncoderSession
 
-    live.serve(EncoderSession(made.config, Live()), made.frames, connection, lambda _: None)
+    live.serve(EncoderSession(made.config, Live()), made.frames, link, lambda _: None)
 
 
-def decode_live(connection: Any) -> None:
-    """Run the decoder on a connection."""
+def decode_live(link: Any) -> None:
+    """Run the decoder on a link."""
     from decoder.live import LiveSource
     from decoder.session import decode_live
 
-    source = LiveSource(connection)
+    source = LiveSource(link)
     for _ in decode_live(source.config, source):
         pass

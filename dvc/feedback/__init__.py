@@ -4,8 +4,9 @@ Messages and the two endpoints do no I/O; `dvc.feedback.transport` is the one mo
 """
 
 from dvc.feedback.authentication import read_token
-from dvc.feedback.endpoints import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint, Event, ParityAnswer
+from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint, Event, ParityAnswer
 from dvc.feedback.flow_control import MAX_OPEN_GOPS, max_open_gops
+from dvc.feedback.link import Link, LinkCounts, dial, welcome
 from dvc.feedback.messages import (
     PROTOCOL_VERSION,
     End,
@@ -13,7 +14,6 @@ from dvc.feedback.messages import (
     Gop,
     GopDone,
     Hello,
-    KeepAlive,
     NextGop,
 )
 from dvc.feedback.protection import Protection
@@ -21,7 +21,6 @@ from dvc.feedback.transport import DEFAULT_TIMEOUT_S, Connection, Listener, conn
 
 __all__ = [
     "DEFAULT_TIMEOUT_S",
-    "KEEP_ALIVE",
     "MAX_OPEN_GOPS",
     "PROTOCOL_VERSION",
     "Connection",
@@ -33,14 +32,17 @@ __all__ = [
     "Gop",
     "GopDone",
     "Hello",
-    "KeepAlive",
+    "Link",
+    "LinkCounts",
     "Listener",
     "NextGop",
     "ParityAnswer",
     "Protection",
     "connect",
+    "dial",
     "listen",
     "max_open_gops",
     "parse_address",
     "read_token",
+    "welcome",
 ]

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from dvc.errors import ConfigError, FeedbackError
-from dvc.feedback.protected_socket import Peer, ProtectedSocket, read_before
+from dvc.feedback.protected_socket import Peer, ProtectedSocket, read_exactly
 
 MIN_TOKEN_BYTES: Final = 16
 MAX_TOKEN_BYTES: Final = 4096
@@ -86,11 +86,7 @@ def _as_decoder(peer: Peer, token: bytes, deadline_s: float) -> bytes:
 
 
 def _read(peer: Peer, count: int, deadline_s: float) -> bytes:
-    """Read so many bytes and no more."""
-    data = b""
-    while len(data) < count:
-        data += read_before(deadline_s, peer, count - len(data), "a proof that it knows the token")
-    return data
+    return read_exactly(deadline_s, peer, count, "a proof that it knows the token")
 
 
 def _digest(key: bytes, *parts: bytes) -> bytes:

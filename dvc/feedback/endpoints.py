@@ -21,7 +21,6 @@ from dvc.feedback.messages import (
     Gop,
     GopDone,
     Hello,
-    KeepAlive,
     Message,
     NextGop,
     ParityAnswers,
@@ -33,9 +32,6 @@ from dvc.feedback.messages import (
 from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.slepian_wolf.requests import COUNT, PLANE
 from dvc.stream import GopRecord
-
-KEEP_ALIVE = encode_message(KeepAlive())
-"""Tells the peer that this side is at work; may be sent between any two messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +145,10 @@ class EncoderEndpoint(_Endpoint):
     def __init__(self, config: CodecConfig) -> None:
         super().__init__()
         self.greeted = False
+        self.first_frame = 0  # of the sequence, with which this decoder begins
         self._config = config
         self._flow = FlowControl(config)
-        self._hello = Hello(PROTOCOL_VERSION, encode_config(config))
+        self._owes_hello = False
 
     @property
     def num_credits(self) -> int:
@@ -165,13 +162,13 @@ class EncoderEndpoint(_Endpoint):
 
     def _accept(self, message: Message) -> Sequence[Event]:
         match message:
-            case Hello(version, config):
+            case Hello(version, config, first_frame):
                 _check_version(version)
-                if config:
-                    raise ValueError(f"{len(config)} bytes follow the version")
+                if config or first_frame:
+                    raise ValueError("bytes follow the version")
                 self.greeted = True
-                self._accepted = (NextGop, ParityRequests, GopDone, Failure, KeepAlive)
-                self._send(self._hello)
+                self._accepted = (NextGop, ParityRequests, GopDone, Failure)
+                self._owes_hello = True
                 return [message]
             case ParityRequests(table):
                 self._flow.request(table, in_turn=True)
@@ -183,6 +180,14 @@ class EncoderEndpoint(_Endpoint):
                 self._flow.close_gop(number)
                 return [message]
         return []
+
+    def bytes_to_send(self) -> bytes:
+        """Return what is to be sent to the peer, once; first of all, which frame is the first."""
+        hello, self._owes_hello = self._owes_hello, False
+        said = b""
+        if hello and self._config is not None:
+            said = encode_message(Hello(PROTOCOL_VERSION, encode_config(self._config), self.first_frame))
+        return said + super().bytes_to_send()
 
     def send_gop(self, record: GopRecord) -> int:
         """Send the next group of pictures.
@@ -262,10 +267,11 @@ class EncoderEndpoint(_Endpoint):
 class DecoderEndpoint(_Endpoint):
     """The decoder's end: says hello, asks for groups of pictures and for parity."""
 
-    _accepted: tuple[type[Message], ...] = (Hello, Failure, KeepAlive)
+    _accepted: tuple[type[Message], ...] = (Hello, Failure)
 
     def __init__(self) -> None:
         super().__init__()
+        self.first_frame = 0  # of the sequence, with which this decoder begins
         self._opened: FlowControl | None = None  # with the encoder's Hello
         self._send(Hello(PROTOCOL_VERSION))
 
@@ -302,8 +308,9 @@ class DecoderEndpoint(_Endpoint):
         match message:
             case ParityAnswers(packed):
                 return _divided(self._flow.answer(), packed)
-            case Hello(version, config):
+            case Hello(version, config, first_frame):
                 self._accept_hello(version, config)
+                self.first_frame = first_frame
                 return [message]
             case Gop(number, record):
                 self._flow.open_gop(number, record.num_frames, record.without_key)
@@ -317,7 +324,7 @@ class DecoderEndpoint(_Endpoint):
         _check_version(version)
         self._config = decode_config(config)
         self._opened = FlowControl(self._config)
-        self._accepted = (Gop, ParityAnswers, End, Failure, KeepAlive)
+        self._accepted = (Gop, ParityAnswers, End, Failure)
 
     def send_next_gop(self) -> None:
         """Allow the encoder to send one more group of pictures; does nothing once the end has come.

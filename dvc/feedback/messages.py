@@ -14,7 +14,7 @@ from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable
 from dvc.slepian_wolf.requests import NUM_COLUMNS
 from dvc.stream import GopRecord, decode_gop, encode_gop
 
-PROTOCOL_VERSION = 6
+PROTOCOL_VERSION = 7
 MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 
@@ -40,6 +40,7 @@ class Hello:
 
     version: int  # of the protocol
     config: bytes = b""  # as `encode_config` writes it; the encoder's alone
+    first_frame: int = 0  # of the sequence, with which this decoder begins; where there is a configuration
 
 
 @dataclass(frozen=True)
@@ -90,15 +91,10 @@ class Failure:
     text: str  # one line
 
 
-@dataclass(frozen=True)
-class KeepAlive:
-    """Either way: the sender is at work, and will be for a while."""
-
-
-Message = Hello | NextGop | Gop | ParityRequests | ParityAnswers | GopDone | End | Failure | KeepAlive
+Message = Hello | NextGop | Gop | ParityRequests | ParityAnswers | GopDone | End | Failure
 
 TYPES: tuple[type[Message], ...] = (
-    Hello, NextGop, Gop, ParityRequests, ParityAnswers, GopDone, End, Failure, KeepAlive
+    Hello, NextGop, Gop, ParityRequests, ParityAnswers, GopDone, End, Failure
 )  # fmt: skip
 """The type byte of a message is its place here plus one."""
 
@@ -109,7 +105,6 @@ _MAX_PAYLOAD_BYTES: dict[type[Message], int] = {
     GopDone: 5,
     End: 5,
     Failure: _MAX_FAILURE_BYTES,
-    KeepAlive: 0,
 }
 
 
@@ -135,8 +130,8 @@ def encode_message(message: Message) -> bytes:
 def _encode_payload(message: Message) -> bytes:
     payload = b""
     match message:
-        case Hello(version, config):
-            payload = encode_varint(version) + config
+        case Hello(version, config, first_frame):
+            payload = encode_varint(version) + (encode_varint(first_frame) + config) * bool(config)
         case Gop(number, record):
             payload = encode_varint(number) + encode_gop(record)
         case ParityRequests(table):
@@ -174,7 +169,10 @@ def decode_payload(message_type: type[Message], payload: bytes) -> Message:
 
 def _decode_hello(payload: bytes) -> Hello:
     version, position = decode_varint(payload, 0)
-    return Hello(version, payload[position:])
+    if position == len(payload) or version != PROTOCOL_VERSION:
+        return Hello(version)
+    first_frame, position = decode_varint(payload, position)
+    return Hello(version, payload[position:], first_frame)
 
 
 def _decode_gop_message(payload: bytes) -> Gop:
@@ -202,7 +200,6 @@ _DECODERS: dict[type[Message], Callable[[bytes], Message]] = {
     GopDone: lambda payload: GopDone(*_decode_varints(payload, 0, 1)),
     End: lambda payload: End(*_decode_varints(payload, 0, 1)),
     Failure: lambda payload: Failure(_one_line(payload.decode(errors="replace"))),
-    KeepAlive: lambda _: KeepAlive(),
 }
 
 

@@ -4,7 +4,7 @@ import socket
 import time
 from abc import ABC, abstractmethod
 
-from dvc.errors import FeedbackError
+from dvc.errors import FeedbackError, PeerClosedError
 
 MAX_READ_BYTES = 2**18
 
@@ -74,6 +74,14 @@ def read_before(deadline_s: float, peer: Peer, max_bytes: int, purpose: str) -> 
         except TimeoutError:
             continue
         if not data:
-            raise FeedbackError(f"the other side closed the connection in place of {purpose}")
+            raise PeerClosedError(f"the other side closed the connection in place of {purpose}")
         return data
     raise FeedbackError(f"the other side takes too long with {purpose}")
+
+
+def read_exactly(deadline_s: float, peer: Peer, count: int, purpose: str) -> bytes:
+    """Read so many bytes and no more."""
+    data = b""
+    while len(data) < count:
+        data += read_before(deadline_s, peer, count - len(data), purpose)
+    return data

@@ -2,13 +2,11 @@
 
 import contextlib
 import socket
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from multiprocessing.connection import wait
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any, TypeVar
 
-from dvc.errors import ConfigError, FeedbackError, PeerClosedError
+from dvc.errors import ConfigError, FeedbackError, NobodyListensError, PeerClosedError
 from dvc.feedback.protected_socket import Peer, ProtectedSocket
 from dvc.feedback.protection import Protection
 from dvc.files import Closing
@@ -16,21 +14,12 @@ from dvc.files import Closing
 DEFAULT_TIMEOUT_S = 30.0
 _CHUNK_BYTES = 2**18
 _RETRY_S = 0.1
-MIN_TIMEOUT_S = 1.0
-"""Least patience that a peer should have, since it gets signs of life several times within that."""
-_KEEP_ALIVES_PER_TIMEOUT = 4
 _BACKLOG = 16
 _LINGER_S = 1.0
 _LINGER_BYTES = 2**24
 
 
-class Readable(Protocol):
-    """What can be waited for."""
-
-    def fileno(self) -> int:
-        """Return its file descriptor."""
-
-
+Result = TypeVar("Result")
 _Address = Any  # what `socket` takes for an address depends on the family
 
 
@@ -83,8 +72,7 @@ class Connection(Closing):
     def __init__(self, peer: socket.socket, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         self._socket: Peer = peer
         self._timeout_s = timeout_s
-        self._sending = threading.Lock()
-        self._last_sent_s = self._silent_since_s = time.monotonic()
+        self._failure: FeedbackError | None = None
         try:
             peer.settimeout(timeout_s)
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -112,13 +100,36 @@ class Connection(Closing):
             If the peer does not do its part in time; the connection is closed then.
         """
         protection.check_exposure(self.host)
+        self._socket = self.talk(lambda peer: protection.applied(peer, within_s))
+        self._socket.settimeout(self._timeout_s)
+
+    def talk(self, work: Callable[[Peer], Result]) -> Result:
+        """Let something send and receive that comes before all else.
+
+        Parameters
+        ----------
+        work : callable
+            Called with the socket.
+
+        Returns
+        -------
+        object
+            What it returns.
+
+        Raises
+        ------
+        FeedbackError
+            If the peer does not do its part; the connection is closed then.
+        """
         try:
-            self._socket = protection.applied(self._socket, within_s)
+            result = work(self._socket)
             self._socket.settimeout(self._timeout_s)
         except (OSError, FeedbackError) as err:
             self.close()
-            reason = self._error("is silent", err) if isinstance(err, OSError) else err
-            raise FeedbackError(f"{self.name}: {reason}") from err
+            if isinstance(err, OSError):
+                err = self._error("is silent", err)
+            raise type(err)(f"{self.name}: {err}") from err
+        return result
 
     def send(self, data: bytes) -> None:
         """Send bytes.
@@ -134,13 +145,11 @@ class Connection(Closing):
             If the peer went away, or takes nothing for the timeout.
         """
         rest = memoryview(data)
-        with self._sending:
-            while rest:
-                try:
-                    rest = rest[self._socket.send(rest[:_CHUNK_BYTES]) :]
-                except OSError as err:
-                    raise self._error("takes nothing", err) from err
-            self._last_sent_s = time.monotonic()
+        while rest:
+            try:
+                rest = rest[self._socket.send(rest[:_CHUNK_BYTES]) :]
+            except OSError as err:
+                raise self._failure or self._error("takes nothing", err) from err
 
     def receive(self) -> bytes:
         """Wait for bytes of the peer.
@@ -158,94 +167,46 @@ class Connection(Closing):
         try:
             data = self._socket.recv(_CHUNK_BYTES)
         except OSError as err:
-            raise self._error("is silent", err) from err
+            raise self._failure or self._error("is silent", err) from err
         if not data:
-            raise PeerClosedError(f"the other side ({self.name}) closed the connection")
-        self._silent_since_s = time.monotonic()
+            raise self._failure or PeerClosedError(f"the other side ({self.name}) closed the connection")
         return data
+
+    def break_off(self, reason: FeedbackError) -> None:
+        """Let nothing more be sent; who receives what has come already learns the reason after that.
+
+        Parameters
+        ----------
+        reason : FeedbackError
+            What is raised then.
+        """
+        self._failure = self._failure or reason
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
 
     def fileno(self) -> int:
         """Return the file descriptor of the socket."""
         return self._socket.fileno()
 
-    def wait(
-        self, others: Sequence[Readable] = (), patient: bool = False, at_most_s: float | None = None
-    ) -> list[Any]:
-        """Wait until something can be received, of the peer or of others.
+    @property
+    def is_broken(self) -> bool:
+        """Whether it was broken off."""
+        return self._failure is not None
 
-        Parameters
-        ----------
-        others : sequence
-            What has a file descriptor that can be read then.
-        patient : bool, optional
-            Whether the peer may be silent, since nothing is expected of it.
-        at_most_s : float, optional
-            Longest wait, in seconds.
+    @property
+    def pending(self) -> bool:
+        """Whether there are bytes to be received that have left the socket already."""
+        return isinstance(self._socket, ProtectedSocket) and self._socket.pending
+
+    def silence(self) -> FeedbackError:
+        """Return the error of a peer from which nothing comes.
 
         Returns
         -------
-        list
-            This connection, if bytes of the peer or its end are there, and those of `others` that are ready.
-
-        Raises
-        ------
         FeedbackError
-            If the peer is silent for the timeout while something is expected of it.
+            Not raised.
         """
-        if self._is_pending():
-            return [self, *_readable(list(others), 0.0)]
-        left_s = None if patient else max(0.0, self._silent_since_s + self._timeout_s - time.monotonic())
-        bounds_s = [bound_s for bound_s in (left_s, at_most_s) if bound_s is not None]
-        try:
-            ready = _readable([self, *others], min(bounds_s, default=None))
-        except (OSError, ValueError) as err:
-            raise FeedbackError(f"the other side ({self.name}) went away: {err}") from err
-        if patient:
-            self._silent_since_s = time.monotonic()
-        elif not ready and left_s == min(bounds_s):
-            raise self._error("is silent", TimeoutError())
-        return ready
-
-    def has_received(self) -> bool:
-        """Say whether there is something to be received at once, if only the end."""
-        return self._is_pending() or bool(_readable([self], 0.0))
-
-    def _is_pending(self) -> bool:
-        """Say whether there are bytes that have left the socket already."""
-        return isinstance(self._socket, ProtectedSocket) and self._socket.pending
-
-    @contextlib.contextmanager
-    def kept_alive(self, message: bytes) -> Iterator[None]:
-        """Send a message whenever there was silence for a quarter of any peer's patience, while a block runs.
-
-        Parameters
-        ----------
-        message : bytes
-            A whole message that the peer may get between any two others.
-
-        Yields
-        ------
-        None
-            Nothing; what is sent within the block is never cut by the message.
-        """
-        interval_s = min(self._timeout_s, MIN_TIMEOUT_S) / _KEEP_ALIVES_PER_TIMEOUT
-        done = threading.Event()
-
-        def _speak() -> None:
-            while not done.wait(max(self._last_sent_s + interval_s - time.monotonic(), 0.01)):
-                if time.monotonic() - self._last_sent_s >= interval_s:
-                    try:
-                        self.send(message)
-                    except FeedbackError:  # the block will see it when it next sends or receives
-                        return
-
-        thread = threading.Thread(target=_speak, daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            done.set()
-            thread.join()
+        return self._error("is silent", TimeoutError())
 
     def _error(self, silence: str, err: OSError) -> FeedbackError:
         if isinstance(err, TimeoutError):
@@ -325,12 +286,10 @@ class Listener(Closing):
             raise FeedbackError(f"cannot accept a connection on {self.name}: {err.strerror or err}") from err
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop listening, also where another thread waits for a peer."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
-
-
-def _readable(objects: list[Any], timeout_s: float | None) -> list[Any]:
-    return wait(objects, timeout_s)
 
 
 def listen(host: str = "localhost", port: int = 0) -> Listener:
@@ -365,7 +324,9 @@ def listen(host: str = "localhost", port: int = 0) -> Listener:
         raise FeedbackError(f"cannot listen on {_shown((host, port))}: {err.strerror or err}") from err
 
 
-def connect(host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> Connection:
+def connect(
+    host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S, silence_timeout_s: float | None = None
+) -> Connection:
     """Connect to a peer that listens, or will within the timeout.
 
     Parameters
@@ -375,7 +336,9 @@ def connect(host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> Conne
     port : int
         Its port.
     timeout_s : float
-        How long to try, and patience with a silent peer thereafter, in seconds.
+        How long to try, in seconds.
+    silence_timeout_s : float, optional
+        Patience with a silent peer thereafter, in seconds; the same by default.
 
     Returns
     -------
@@ -395,10 +358,10 @@ def connect(host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> Conne
 
     while True:
         try:
-            return Connection(_open_socket(host, port, _dial), timeout_s)
+            return Connection(_open_socket(host, port, _dial), silence_timeout_s or timeout_s)
         except (ConnectionRefusedError, TimeoutError) as err:
             if time.monotonic() + _RETRY_S >= deadline_s:
-                raise FeedbackError(f"nobody listens on {_shown((host, port))}") from err
+                raise NobodyListensError(f"nobody listens on {_shown((host, port))}") from err
             time.sleep(_RETRY_S)
         except OSError as err:
             raise FeedbackError(f"cannot connect to {_shown((host, port))}: {err.strerror or err}") from err

@@ -18,6 +18,10 @@ class Deviations(NamedTuple):
     ticks_per_second: int
     ticks: tuple[int, ...]  # of each frame, in order of display
 
+    def of_last(self) -> "Deviations | None":
+        """Return that of the last frame alone, if it has one."""
+        return Deviations(self.ticks_per_second, self.ticks[-1:]) if self.ticks[-1] else None
+
 
 def encode_deviations(deviations: Deviations) -> bytes:
     """Write the ticks of a second, the first deviation, and differences; inverse of `decode_deviations`."""

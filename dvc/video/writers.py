@@ -210,6 +210,7 @@ def create_video(
                 luma_only=luma_only,
                 full_range=full_range,
                 lossless=suffix == ".mkv",
+                flushed=kept,
             )
     except BaseException as err:
         output.discard()
@@ -267,6 +268,7 @@ class _FfmpegSink:
         luma_only: bool,
         full_range: bool,
         lossless: bool,
+        flushed: bool,
     ) -> None:
         import av
 
@@ -275,6 +277,7 @@ class _FfmpegSink:
         self._luma_only = luma_only
         # Without "bitexact" the muxers write random identifiers, and two runs would differ.
         options = {"fflags": "+bitexact"} if lossless else {"fflags": "+bitexact", "movflags": "+faststart"}
+        options |= {"flush_packets": "1"} if flushed else {}  # all but the last frame
         with _ffmpeg_errors():
             self._container = av.open(
                 f"file:{path}", "w", format="matroska" if lossless else "mp4", container_options=options

@@ -4,25 +4,40 @@ import io
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from fractions import Fraction
+from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
 
+from benchmarks.loopback import accepted
 from benchmarks.slow_link import slow_link
 from decoder.live import HELD_SHARE, HeldRequests, LiveSource
 from decoder.session import decode_live, decode_stream
 from decoder.tasks import DecodedGroup
 from dvc.config import CascadeConfig, CodecConfig, Delivery, Live, Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError, FeedbackError
-from dvc.feedback import MAX_OPEN_GOPS, Connection, EncoderEndpoint, connect, listen, max_open_gops
+from dvc.feedback import (
+    MAX_OPEN_GOPS,
+    EncoderEndpoint,
+    Link,
+    Protection,
+    dial,
+    flow_control,
+    listen,
+    max_open_gops,
+)
 from dvc.limits import Limits
 from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.slepian_wolf.requests import FRAME
 from dvc.stream import GopRecord, StreamReader
 from dvc.video import Frame
+from encoder import live
+from encoder.door import Door
+from encoder.kept_groups import KeptGroups
 from encoder.live import serve
 from encoder.pacing import DecoderPace
 from encoder.session import EncoderSession
@@ -64,12 +79,12 @@ def offline(frames: list[Frame]) -> list[DecodedGroup]:
 
 
 @contextmanager
-def serving(work: Callable[[Connection], object], timeout_s: float = PATIENCE_S) -> Iterator[str]:
+def serving(work: Callable[[Link], object], timeout_s: float = PATIENCE_S) -> Iterator[str]:
     """Let something serve whoever connects; yield the address."""
 
     def _serve() -> None:
-        with listener.accept(PATIENCE_S, PATIENCE_S) as connection:
-            work(connection)
+        with accepted(listener, PATIENCE_S) as link:
+            work(link)
 
     with listen("127.0.0.1") as listener:
         thread = threading.Thread(target=_serve)
@@ -82,13 +97,13 @@ def decoded(
     address: str, jobs: int = 1, timeout_s: float = PATIENCE_S, limits: Limits | None = None
 ) -> Iterator[DecodedGroup]:
     host, _, port = address.rpartition(":")
-    with connect(host, int(port), timeout_s) as connection:
-        source = LiveSource(connection)
+    with dial(host, int(port), timeout_s) as link:
+        source = LiveSource(link)
         yield from decode_live(source.config, source, jobs, limits=limits)
 
 
-def encoding(frames: list[Frame], pace: DecoderPace | None = None) -> Callable[[Connection], None]:
-    return lambda connection: serve(session(delivery=Live()), frames, connection, lambda _: None, pace)
+def encoding(frames: list[Frame], pace: DecoderPace | None = None) -> Callable[[Link], None]:
+    return lambda link: serve(session(delivery=Live()), frames, link, lambda _: None, pace)
 
 
 def assert_same(found: list[DecodedGroup], wanted: list[DecodedGroup]) -> None:
@@ -148,9 +163,7 @@ def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
 
 def test_groups_without_a_key_frame_wait_for_the_one_before(frames: list[Frame]) -> None:
     """A chain is decoded in order, beside others, to what it is decoded to from a file."""
-    config = configuration(p_type_distance=2, intra_period=12)
-    config = replace(config, codec="3d-te", side_information=replace(config.side_information, method="depth"))
-    config = replace(config, tracks=replace(config.tracks, kind="encoder"))
+    config = chained()
     still = [frames[0]] * 14
     file = io.BytesIO()
     session(config).write(still, file, lambda _: None)
@@ -159,6 +172,81 @@ def test_groups_without_a_key_frame_wait_for_the_one_before(frames: list[Frame])
     assert any(group.key is None for group in wanted)
     with serving(lambda end: serve(session(config, Live()), still, end, lambda _: None)) as address:
         assert_same(list(decoded(address, 2)), wanted)
+
+
+def chained() -> CodecConfig:
+    """Return a configuration in which groups without key frames follow each other."""
+    config = configuration(p_type_distance=2, intra_period=12)
+    config = replace(config, codec="3d-te", side_information=replace(config.side_information, method="depth"))
+    return replace(config, tracks=replace(config.tracks, kind="encoder"))
+
+
+def taken_over(
+    config: CodecConfig, frames: list[Frame], num_groups: int
+) -> tuple[list[Frame], list[Frame], int, dict[str, Any]]:
+    """Decode some groups by a decoder that goes away, and the rest by another one.
+
+    Return what each has, with which frame the second begins, and what the encoder tells.
+    """
+    told: list[dict[str, Any]] = []
+    own = session(config, Live())
+
+    def _serve() -> None:
+        link, endpoint = door.decoder()
+        told.append(serve(own, frames, link, lambda _: None, None, endpoint, door.decoder))
+
+    with (
+        listen("127.0.0.1") as listener,
+        Door(listener, own.config, Protection(True), PATIENCE_S, PATIENCE_S, lambda _: None) as door,
+    ):
+        thread = threading.Thread(target=_serve)
+        thread.start()
+        first = dial(listener.host, listener.port, PATIENCE_S, None, PATIENCE_S)
+        source = LiveSource(first)
+        groups = decode_live(source.config, source)
+        left = [frame for group in islice(groups, num_groups) for frame in group.frames]
+        source.flush()
+        first.deliver()  # what it is done with
+        first._reconnect = None
+        first._closed.set()
+        assert first._connection is not None
+        first._connection.break_off(FeedbackError("killed"))
+        with first, dial(listener.host, listener.port, PATIENCE_S) as second:
+            source = LiveSource(second)
+            more = [frame for group in decode_live(source.config, source) for frame in group.frames]
+            second.deliver()
+        thread.join()
+    return left, more, source.endpoint.first_frame, told[0]
+
+
+@pytest.mark.parametrize("chain", [False, True], ids=["key frames", "chain"])
+def test_another_decoder_gets_the_rest(frames: list[Frame], chain: bool) -> None:
+    """The same frames as ever, from a key frame on before what the first has not written."""
+    config, video = (chained(), [frames[0]] * 26) if chain else (CONFIG, frames)
+    file = io.BytesIO()
+    session(config).write(video, file, lambda _: None)
+    with StreamReader(io.BytesIO(file.getvalue())) as reader:
+        wanted = [frame.luma for group in decode_stream(reader.config, reader) for frame in group.frames]
+    left, more, begins, told = taken_over(config, video, 7 if chain else 4)
+    assert 0 < begins <= len(left)
+    assert len(more) == len(video) - begins
+    for frame, luma in zip([*left, *more], [*wanted[: len(left)], *wanted[begins:]], strict=True):
+        np.testing.assert_array_equal(frame.luma, luma)
+    assert (told["num_decoders"], told["frames_lost"]) == (2, [])
+    assert told["groups_begun_again"] > 1
+    assert told["bits_asked_again"] >= 0
+
+
+def test_what_could_not_be_kept_is_named(frames: list[Frame], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no key frame is kept, another one is made, and the frames before it are lost."""
+    monkeypatch.setattr(live, "KeptGroups", lambda _: KeptGroups(5))
+    monkeypatch.setattr(flow_control, "MAX_OPEN_GOPS", 3)
+    left, more, begins, told = taken_over(chained(), [frames[0]] * 60, 2)
+    assert len(left) < begins
+    assert len(more) == 60 - begins
+    ((first, last),) = told["frames_lost"]
+    assert first <= len(left)
+    assert last == begins - 1
 
 
 class Clock:
@@ -201,8 +289,8 @@ class Liar:
         self._frames, self._left, self._behave = frames, num_requests, behave
         self.waiting: list[RequestTable] = []
 
-    def __call__(self, connection: Connection) -> None:
-        self.connection, self.endpoint = connection, EncoderEndpoint(session().config)
+    def __call__(self, link: Link) -> None:
+        self.link, self.endpoint = link, EncoderEndpoint(session().config)
         own = session(delivery=Live())
         self.endpoint = EncoderEndpoint(own.config)
         groups = own.groups(self._frames)
@@ -214,8 +302,8 @@ class Liar:
                     break
                 encoded = own.encode(group)
                 number = self.endpoint.send_gop(encoded.record)
-            connection.send(self.endpoint.bytes_to_send())
-            events = self.endpoint.receive(connection.receive())
+            link.send(self.endpoint.bytes_to_send())
+            events = self.endpoint.receive(link.receive())
             self.waiting += [event for event in events if isinstance(event, RequestTable)]
         assert number >= 2
         try:
@@ -227,13 +315,13 @@ class Liar:
 def stall(liar: Liar) -> None:
     """Say nothing any more, but listen."""
     while True:
-        liar.connection.receive()
+        liar.link.receive()
 
 
 def die(liar: Liar) -> None:
     """Go away in the middle of a message."""
     liar.endpoint.send_answers(bytes(-(-liar.waiting[0].num_bits // 8)))
-    liar.connection.send(liar.endpoint.bytes_to_send()[:-1])
+    liar.link.send(liar.endpoint.bytes_to_send()[:-1])
 
 
 def answer_twice(liar: Liar) -> None:
@@ -241,7 +329,7 @@ def answer_twice(liar: Liar) -> None:
     for table in liar.waiting:
         liar.endpoint.send_answers(bytes(-(-table.num_bits // 8)))
     data = liar.endpoint.bytes_to_send()
-    liar.connection.send(data + data)
+    liar.link.send(data + data)
     stall(liar)
 
 
@@ -250,7 +338,7 @@ def send_more_groups(liar: Liar) -> None:
     while liar.endpoint.num_credits:
         liar.endpoint.send_gop(GopRecord(1, b"x", b"", ()))
     data = liar.endpoint.bytes_to_send()
-    liar.connection.send(data * 2)
+    liar.link.send(data * 2)
     stall(liar)
 
 
@@ -282,7 +370,7 @@ def test_many_groups_ask_before_any_is_answered(frames: list[Frame]) -> None:
         while len(asked) < 4:
             for table in liar.waiting:
                 asked.update(frame // CONFIG.gop.length for frame in table.rows[:, FRAME].tolist())
-            events = liar.endpoint.receive(liar.connection.receive())
+            events = liar.endpoint.receive(liar.link.receive())
             liar.waiting = [event for event in events if isinstance(event, RequestTable)]
 
     with serving(Liar(frames, 1, _listen)) as address, pytest.raises(FeedbackError):
@@ -300,8 +388,8 @@ def test_lies_do_not_hang(frames: list[Frame], offline: list[DecodedGroup], shar
             for table in liar.waiting:
                 bits = np.packbits(rng.random(table.num_bits) < share)
                 liar.endpoint.send_answers(bits.tobytes())
-            liar.connection.send(liar.endpoint.bytes_to_send())
-            events = liar.endpoint.receive(liar.connection.receive())
+            liar.link.send(liar.endpoint.bytes_to_send())
+            events = liar.endpoint.receive(liar.link.receive())
             liar.waiting = [event for event in events if isinstance(event, RequestTable)]
 
     found: list[DecodedGroup] = []
@@ -327,18 +415,19 @@ def test_the_window_is_bounded_by_frames_and_by_their_size() -> None:
 def test_a_peer_that_does_not_introduce_itself_is_refused() -> None:
     """Something else than an encoder ends the run at once."""
 
-    def _babble(connection: Connection) -> None:
+    def _babble(connection: Link) -> None:
         connection.receive()
         connection.send(b"\x02\x00")
-        with pytest.raises(FeedbackError):
-            connection.receive()
+        with suppress(FeedbackError):
+            while True:
+                connection.receive()
 
     with serving(_babble) as address, pytest.raises(FeedbackError, match="broke the feedback protocol"):
         list(decoded(address))
 
 
-def until_left(frames: list[Frame], ended: list[FeedbackError]) -> Callable[[Connection], None]:
-    def _serve(connection: Connection) -> None:
+def until_left(frames: list[Frame], ended: list[FeedbackError]) -> Callable[[Link], None]:
+    def _serve(connection: Link) -> None:
         try:
             encoding(frames)(connection)
         except FeedbackError as err:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from dvc.config import DiscoverMatrix, TurboConfig, VideoConfig, codec_config, encode_config
 from dvc.errors import FeedbackError
 from dvc.feedback import (
-    KEEP_ALIVE,
     MAX_OPEN_GOPS,
     PROTOCOL_VERSION,
     DecoderEndpoint,
@@ -26,7 +25,6 @@ from dvc.feedback import (
     Gop,
     GopDone,
     Hello,
-    KeepAlive,
     NextGop,
     ParityAnswer,
 )
@@ -229,16 +227,19 @@ def test_empty_sequence() -> None:
     assert encoder.bytes_to_send() == b""
 
 
-def test_keep_alive_is_no_event() -> None:
-    """A sign of life changes nothing."""
-    encoder, decoder = opened()
-    assert encoder.receive(KEEP_ALIVE) == decoder.receive(KEEP_ALIVE) == []
+def test_nothing_is_no_event() -> None:
+    """A sign of life of the link changes nothing."""
+    assert [end.receive(b"") for end in opened()] == [[], []]
 
 
-def test_signs_of_life_are_not_counted() -> None:
-    """A peer that is at work for long says so as often as it likes."""
-    for end in opened():
-        assert end.receive(KEEP_ALIVE * 5000) == []
+def test_another_decoder_is_told_where_it_begins() -> None:
+    """What comes in place of one that is gone does not begin with the first frame."""
+    encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint()
+    encoder.receive(decoder.bytes_to_send())
+    encoder.first_frame = 1234
+    assert decoder.receive(encoder.bytes_to_send()) == [Hello(PROTOCOL_VERSION, encode_config(CONFIG), 1234)]
+    assert decoder.first_frame == 1234
+    assert encoder.bytes_to_send() == b""
 
 
 @pytest.mark.parametrize(
@@ -246,11 +247,11 @@ def test_signs_of_life_are_not_counted() -> None:
     [
         (b"GET / HTTP/1.1\r\n", "unknown message of type 71"),
         (b"\x16\x03\x01\x02\x00", "unknown message of type 22"),
-        (KEEP_ALIVE, "unexpected KeepAlive"),
+        (b"\x09\x00", "unknown message of type 9"),
         (encode_message(NextGop()), "unexpected NextGop"),
         (encode_message(Failure("")), "unexpected Failure"),
-        (b"\x01\x01\x05", "protocol version 5; this program speaks version 6"),
-        (b"\x01\x02\x06\x00", "1 bytes follow the version"),
+        (b"\x01\x01\x05", "protocol version 5; this program speaks version 7"),
+        (b"\x01\x03\x07\x00\x00", "bytes follow the version"),
         (b"\x01\xff\xff\x7f", "at most 4096 are allowed"),
     ],
 )
@@ -356,9 +357,9 @@ def test_turbo_codes_are_one() -> None:
         (b"\x01\xff\xff\xff\xff\xff", "integer is longer"),
         (b"\x01\x80\x00", "integer is longer"),
         (b"\x01\x00", "Hello: data end"),
-        (b"\x01\x01\x02", "protocol version 2; this program speaks version 6"),
-        (b"\x01\x02\x06\x7f", "configuration field 127 is unknown"),
-        (b"\x01\x01\x06", "configuration.*lacks the field `video`"),
+        (b"\x01\x01\x02", "protocol version 2; this program speaks version 7"),
+        (b"\x01\x03\x07\x00\x7f", "configuration field 127 is unknown"),
+        (b"\x01\x01\x07", "configuration.*lacks the field `video`"),
     ],
 )
 def test_decoder_refuses_strangers(data: bytes, text: str) -> None:
@@ -382,7 +383,6 @@ def test_decoder_refuses_strangers(data: bytes, text: str) -> None:
         (b"\x04\x05\x07\x01\x00\x02\x01", "ParityRequests: data end"),
         (b"\x06\x00", "GopDone: data end"),
         (b"\x08\xf5\x03", "Failure of 501 bytes"),
-        (b"\x09\x01", "KeepAlive of 1 bytes"),
     ],
 )
 def test_encoder_refuses_malformed_messages(data: bytes, text: str) -> None:
@@ -537,7 +537,6 @@ def test_arbitrary_bytes_raise_only_feedback_errors(pieces: list[bytes]) -> None
 
 messages: st.SearchStrategy[Message] = st.one_of(
     st.just(NextGop()),
-    st.just(KeepAlive()),
     st.builds(GopDone, st.integers(0, 4)),
     st.builds(
         lambda *numbers: asking(ParityRequest(*numbers)),
@@ -568,7 +567,7 @@ def test_both_ends_agree_on_what_is_allowed(steps: list[Message]) -> None:
                 case Failure(text):
                     decoder.send_failure(text)
                 case _:
-                    assert encoder.receive(KEEP_ALIVE) == []
+                    assert encoder.receive(b"") == []
                     continue
         except ValueError as err:
             if "is the next" not in str(err):  # the encoder counts by itself

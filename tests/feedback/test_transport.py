@@ -12,7 +12,6 @@ import pytest
 from dvc.config import VideoConfig, codec_config
 from dvc.errors import ConfigError, FeedbackError
 from dvc.feedback import (
-    KEEP_ALIVE,
     Connection,
     DecoderEndpoint,
     EncoderEndpoint,
@@ -150,41 +149,19 @@ def test_a_slow_peer_that_takes_a_little_is_waited_for() -> None:
             near.send(data)
 
 
-def test_a_side_at_work_is_kept_alive() -> None:
-    """A peer that is busy for longer than the timeout is waited for while it says so, and no longer."""
-    message = encode_message(Failure("x" * 400))
-    with pair(0.4) as (near, far):
-        with near.kept_alive(KEEP_ALIVE):
-            with background(lambda: (time.sleep(1.0), near.send(message))):
-                received = b""
-                while not received.endswith(message):
-                    received += far.receive()
-            assert received.startswith(KEEP_ALIVE)
-            assert set(received[: -len(message)]) == set(KEEP_ALIVE)
-        while readable(far, 0.3):
-            assert set(far.receive()) == set(KEEP_ALIVE)
-        with pytest.raises(FeedbackError, match="is silent"):
-            far.receive()
-
-
-def test_keeping_alive_ends_with_the_connection() -> None:
-    """A connection that fails is noticed by the block alone."""
-    with pair(0.2) as (near, far), near.kept_alive(KEEP_ALIVE):
-        far._socket.close()
-        time.sleep(0.3)
-        with pytest.raises(FeedbackError):
+def test_a_broken_connection_still_gives_what_came() -> None:
+    """Then the reason why it was broken off."""
+    with pair() as (near, far):
+        far.send(b"last words")
+        assert readable(near, 5.0)
+        near.break_off(FeedbackError("enough"))
+        near.break_off(FeedbackError("a second reason"))
+        assert near.is_broken
+        assert near.receive() == b"last words"
+        with pytest.raises(FeedbackError, match="enough"):
             near.receive()
-
-
-def test_a_bounded_wait_is_no_silence() -> None:
-    """Who waits for a moment gets nothing and goes on; who waits for the timeout gives up."""
-    with pair(0.3) as (near, _):
-        started = time.monotonic()
-        assert near.wait(at_most_s=0.05) == []
-        assert near.wait(patient=True, at_most_s=0.05) == []
-        with pytest.raises(FeedbackError, match="is silent"):
-            near.wait(at_most_s=10.0)
-        assert time.monotonic() - started >= 0.3
+        with pytest.raises(FeedbackError, match="enough"):
+            near.send(b"x")
 
 
 def test_a_peer_that_goes_away_is_noticed() -> None:

@@ -1,0 +1,273 @@
+"""Live runs whose connection is lost, and ends that are killed: frames are the same, or missing ones named.
+
+``python -m benchmarks.hostile.lost_links --frames 5000 --cut-every 60`` is a soak test of an hour or more;
+``--runs 100`` cuts as many runs at random moments, ``--kills 20`` kills each end as often, and ``--faults N``
+cuts, flips, drops, repeats, moves and trickles about every N bytes. Other options are the encoder's.
+"""
+
+import argparse
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.hostile.bad_link import BITS_PER_SECOND, DELAY_S, Faults
+from benchmarks.results.encoder import looped
+from benchmarks.results.harness import clip_source, report_of
+from benchmarks.slow_link import SlowLink, slow_link
+from dvc.cli import EXIT_PARTIAL
+from dvc.feedback import parse_address
+from dvc.files import PARTIAL_SUFFIX
+from dvc.video import open_video
+
+PATIENCE_S = 20
+ENDING_S = 86400.0
+_OPENED_BYTES = 400
+"""Passed before which a decoder may not be in: it does not come back then."""
+_COUNTS = ("num_reconnections", "bytes_sent_again", "groups_begun_again", "bits_asked_again")
+
+
+class Files(NamedTuple):
+    """What a decoder writes."""
+
+    video: Path
+    punctured: Path
+    report: Path
+
+    @classmethod
+    def named(cls, folder: Path, name: str) -> "Files":
+        """Name them."""
+        return cls(*(folder / f"{name}.{ending}" for ending in ("y4m", "dvc", "json")))
+
+    @property
+    def partial(self) -> "Files":
+        """Names of what is left of them where the run did not come to its end."""
+        return Files(*(path.with_name(path.name + PARTIAL_SUFFIX) for path in self))
+
+
+class Decoded(NamedTuple):
+    """What a run came to."""
+
+    video: bytes
+    punctured: bytes
+    bits: list[dict[str, int]]
+
+    @classmethod
+    def read(cls, files: Files) -> "Decoded":
+        """Read the files."""
+        rows = report_of(files.report)["per_frame"]
+        return cls(files.video.read_bytes(), files.punctured.read_bytes(), [row["bits"] for row in rows])
+
+
+def lumas(path: Path) -> list[bytes]:
+    """Return the frames of a video, whatever its name."""
+    whole = path.with_name("look.y4m")
+    whole.write_bytes(path.read_bytes())
+    with open_video(whole) as video:
+        return [frame.luma.tobytes() for frame in video]
+
+
+def start(module: str, *words: object) -> "subprocess.Popen[str]":
+    """Start one end."""
+    command = [sys.executable, "-m", module, *map(str, words), "--patience", str(PATIENCE_S), "--quiet"]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+
+class Ends:
+    """Encoders and decoders of a video."""
+
+    def __init__(self, video: Path, folder: Path, options: Sequence[object]) -> None:
+        self._video, self._folder, self._options = video, folder, options
+        self.encoder_report = folder / "encoder.json"
+
+    @contextmanager
+    def encoder(
+        self, status: int = 0, address: str = "127.0.0.1:0"
+    ) -> "Iterator[tuple[subprocess.Popen[str], str]]":
+        """Run an encoder beside a block, which gets its address; it must end as it should."""
+        words = [self._video, *self._options, "--serve", address, "--json", self.encoder_report]
+        with start("encoder", *words) as process:
+            assert process.stderr is not None
+            try:
+                yield process, process.stderr.readline().split()[-1]
+                _check_end(process, status)
+            finally:
+                process.kill()
+
+    def decoder(self, address: str, files: Files) -> "subprocess.Popen[str]":
+        """Start a decoder."""
+        words = [files.video, "--punctured", files.punctured, "--json", files.report]
+        return start("decoder", "--connect", address, *words)
+
+
+def _check_end(process: "subprocess.Popen[str]", status: int) -> str:
+    _, said = process.communicate(timeout=ENDING_S)
+    if process.returncode != status:
+        raise SystemExit(f"an end has status {process.returncode}, not {status}: {said.strip()[-500:]}")
+    return said
+
+
+def uncut(ends: Ends, folder: Path) -> tuple[Decoded, int]:
+    """Return what a run without losses comes to, and how many bytes pass."""
+    files = Files.named(folder, "uncut")
+    with ends.encoder() as (_, address), _linked(address) as link:
+        _check_end(ends.decoder(link.address, files), 0)
+        num_bytes = _passed(link)
+    return Decoded.read(files), num_bytes
+
+
+def _linked(address: str, faults: Faults | None = None) -> AbstractContextManager[SlowLink]:
+    options = (faults,) if faults is not None else ()
+    return slow_link(*parse_address(address), DELAY_S, BITS_PER_SECOND, *options)
+
+
+def _passed(link: SlowLink) -> int:
+    return link.forth.num_bytes + link.back.num_bytes
+
+
+def _wait_for(link: SlowLink, num_bytes: int, decoder: "subprocess.Popen[str]") -> None:
+    """Wait until so many bytes have passed."""
+    while _passed(link) < num_bytes and decoder.poll() is None:
+        time.sleep(0.001)
+
+
+def run_with_losses(
+    ends: Ends, folder: Path, cut: Callable[[SlowLink, "subprocess.Popen[str]"], None], faults: Faults | None
+) -> tuple[Decoded, dict[str, Any]]:
+    """Let something cut the connection; return what the run comes to, and what it costs."""
+    files = Files.named(folder, "cut")
+    with ends.encoder() as (_, address), _linked(address, faults) as link:
+        decoder = ends.decoder(link.address, files)
+        threading.Thread(target=cut, args=(link, decoder), daemon=True).start()
+        _check_end(decoder, 0)
+    said, back = report_of(ends.encoder_report), report_of(files.report)
+    counts = {name: said[name] + back.get(name, 0) * (name == "bytes_sent_again") for name in _COUNTS}
+    return Decoded.read(files), {**counts, "away_s": back["away_s"], "connections": link.num_connections}
+
+
+def cut_once(num_bytes: int) -> Callable[[SlowLink, "subprocess.Popen[str]"], None]:
+    """Return what cuts a link when so many bytes have passed."""
+
+    def cut(link: SlowLink, decoder: "subprocess.Popen[str]") -> None:
+        _wait_for(link, num_bytes, decoder)
+        link.cut()
+
+    return cut
+
+
+def cut_every(pause_s: float) -> Callable[[SlowLink, "subprocess.Popen[str]"], None]:
+    """Return what cuts a link so often."""
+
+    def cut(link: SlowLink, decoder: "subprocess.Popen[str]") -> None:
+        _wait_for(link, _OPENED_BYTES, decoder)
+        while decoder.poll() is None:
+            time.sleep(pause_s)
+            link.cut()
+
+    return cut
+
+
+def kill_decoder(ends: Ends, folder: Path, num_bytes: int, wanted: list[bytes]) -> dict[str, Any]:
+    """Kill a decoder when so many bytes have passed, and let another one go on; both together have all."""
+    first, second = Files.named(folder, "first"), Files.named(folder, "second")
+    with ends.encoder() as (_, address), _linked(address) as link:
+        decoder = ends.decoder(link.address, first)
+        _wait_for(link, num_bytes, decoder)
+        decoder.kill()
+        decoder.communicate()
+        said = _check_end(ends.decoder(address, second), 0)
+    left, more = _left(first), lumas(second.video)
+    begins = int(report_of(second.report)["first_frame"])
+    if begins and f"begins with frame {begins}" not in said:
+        raise SystemExit(f"the decoder does not say that it begins with frame {begins}: {said}")
+    if left != wanted[: len(left)] or more != wanted[begins:]:
+        raise SystemExit(f"frames are not the same where a decoder was killed after {num_bytes} bytes")
+    report = report_of(ends.encoder_report)
+    counts = {name: report[name] for name in _COUNTS}
+    _remove(first.partial)
+    return {**counts, "frames_kept": len(left), "begins": begins, "missing": max(begins - len(left), 0)}
+
+
+def kill_encoder(ends: Ends, folder: Path, num_bytes: int, wanted: list[bytes]) -> dict[str, Any]:
+    """Kill an encoder when so many bytes have passed, and start another; the decoder's file is whole."""
+    files = Files.named(folder, "third")
+    with ends.encoder(-signal.SIGKILL) as (encoder, address), _linked(address) as link:
+        decoder = ends.decoder(link.address, files)
+        _wait_for(link, num_bytes, decoder)
+        encoder.kill()
+        encoder.wait()
+        started_s = time.monotonic()
+        with ends.encoder(-signal.SIGKILL, address) as (another, _):
+            decoder.communicate(timeout=ENDING_S)
+            another.kill()
+    taken_s = time.monotonic() - started_s
+    left = _left(files)
+    if left != wanted[: len(left)] or decoder.returncode != (EXIT_PARTIAL if left else 2):
+        raise SystemExit(f"status {decoder.returncode} where an encoder was killed after {num_bytes} bytes")
+    _remove(files.partial)
+    return {"frames_kept": len(left), "seconds": round(taken_s, 1)}
+
+
+def _left(files: Files) -> list[bytes]:
+    path = files.partial.video if files.partial.video.exists() else files.video
+    return lumas(path) if path.exists() and path.stat().st_size else []
+
+
+def _remove(files: Files) -> None:
+    for path in files:
+        path.unlink(missing_ok=True)
+
+
+def _told(number: int, outcome: dict[str, Any]) -> None:
+    print(f"{number}: " + ", ".join(f"{name} {value}" for name, value in outcome.items()), flush=True)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run what is asked for, and tell what it costs."""
+    parser = argparse.ArgumentParser("python -m benchmarks.hostile.lost_links", description=__doc__)
+    parser.add_argument("--clip", default="box", help="name of a clip, or a video file; default: box")
+    parser.add_argument("--frames", type=int, default=300, help="it is played forwards and backwards")
+    parser.add_argument("--cut-every", type=float, metavar="S", help="cut one run so often")
+    parser.add_argument("--runs", type=int, default=0, help="that are cut once each, at random moments")
+    parser.add_argument("--kills", type=int, default=0, help="of decoders, and of encoders")
+    parser.add_argument("--faults", type=float, metavar="BYTES", help="between faults of the link")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("out/lost_links"), help="folder of what is written")
+    arguments, options = parser.parse_known_args(words)
+    folder: Path = arguments.out
+    folder.mkdir(parents=True, exist_ok=True)
+    source = Path(arguments.clip) if Path(arguments.clip).suffix else clip_source(arguments.clip).path
+    video = looped(source, folder / "video.mkv", arguments.frames)
+    ends, rng = Ends(video, folder, options), np.random.default_rng(arguments.seed)
+    wanted, num_bytes = uncut(ends, folder)
+    print(f"uncut: {num_bytes} bytes of the link, {len(wanted.punctured)} of the file", flush=True)
+    frames = lumas(folder / "uncut.y4m")
+    moments = rng.integers(_OPENED_BYTES, num_bytes, (3, max(arguments.runs, arguments.kills))).tolist()
+    cuts = [cut_once(moment) for moment in moments[0][: arguments.runs]]
+    if arguments.cut_every:
+        cuts.append(cut_every(arguments.cut_every))
+    elif arguments.faults and not cuts:
+        cuts.append(lambda *_: None)
+    for number, cut in enumerate(cuts):
+        faults = None if arguments.faults is None else Faults(arguments.faults, arguments.seed + number)
+        started_s = time.monotonic()
+        found, counts = run_with_losses(ends, folder, cut, faults)
+        if found != wanted:
+            raise SystemExit(f"frames or bits of run {number} are not those of an uncut one")
+        taken = {"seconds": round(time.monotonic() - started_s, 1)}
+        _told(number, {"same": True, **taken, **counts, **(faults.counts if faults else {})})
+    for number in range(arguments.kills):
+        _told(number, kill_decoder(ends, folder, moments[1][number], frames))
+        _told(number, kill_encoder(ends, folder, moments[2][number], frames))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

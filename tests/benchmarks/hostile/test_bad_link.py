@@ -1,0 +1,52 @@
+"""The bad link: what it does to bytes is what it says, and depends on its seed alone."""
+
+import pytest
+
+from benchmarks.hostile.bad_link import FAULTS, Faults
+
+DATA = bytes(range(256)) * 4
+
+
+def passed(faults: Faults, times: int = 30) -> tuple[bytes, int]:
+    """Return what comes of so many pieces, and how many of them are cut."""
+    out, cuts = b"", 0
+    for _ in range(times):
+        try:
+            for piece in faults(DATA):
+                out += piece
+        except ConnectionError:
+            cuts += 1
+    return out, cuts
+
+
+def test_a_good_link_changes_nothing() -> None:
+    """Where faults are far apart."""
+    faults = Faults(1e15, seed=1)
+    assert passed(faults) == (30 * DATA, 0)
+    assert not any(faults.counts.values())
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_every_fault_is_what_it_says(kind: str) -> None:
+    """Only a cut ends the connection, and trickling changes no byte."""
+    faults = Faults(1.0, seed=2, kinds=[kind])
+    out, cuts = passed(faults)
+    assert faults.counts == {kind: 30}
+    assert cuts == (30 if kind == "cut" else 0)
+    whole = 30 * DATA
+    changed = {
+        "cut": len(out) < len(whole),
+        "flip": 0 < sum(a != b for a, b in zip(out, whole, strict=False)) <= 30,
+        "drop": len(out) < len(whole),
+        "repeat": len(out) > len(whole),
+        "move": sorted(out) == sorted(whole) and out != whole,
+        "trickle": out == whole,
+    }
+    assert changed[kind]
+
+
+def test_faults_depend_on_the_seed() -> None:
+    """The same do the same, so that what was found is found again."""
+    kinds = [kind for kind in FAULTS if kind != "trickle"]
+    first, second, other = (passed(Faults(3000.0, seed, kinds)) for seed in (1, 1, 2))
+    assert first == second != other
