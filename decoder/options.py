@@ -1,0 +1,272 @@
+"""Options of `dvc-decode`: how they are read, checked, and turned into what decoding needs."""
+
+import argparse
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from dvc import cli
+from dvc.config import FALLBACKS, SFM_BACKENDS
+from dvc.errors import ConfigError
+from dvc.limits import MAX_MEMORY_MIB
+
+if TYPE_CHECKING:
+    from dvc.config import CodecConfig
+    from dvc.feedback import Protection
+    from dvc.limits import Limits
+
+PROG = "dvc-decode"
+EXAMPLES = """\
+  dvc-decode street.dvc street.mkv --jobs 2                     lossless video of the decoded frames
+  dvc-decode street.dvc out.y4m --reference street.mkv --json -  PSNR and bits of every frame
+  dvc-decode street.dvc out.mkv --punctured small.dvc           also write the stream that was really needed
+  dvc-decode street.dvc part.mkv --frames 40:48                 frames 40 to 47, no more groups than they need
+  dvc-decode day-0003.dvc.part day.mkv --unfinished             what a recording holds that was cut off
+  dvc-decode street.dvc street.mkv --scene map                  and the map: cameras, depth, points, a page
+  dvc-decode recording day.mkv --dask tcp://127.0.0.1:8786      all segments in a folder, on a Dask cluster
+  dvc-decode --connect 127.0.0.1:5000 out.mkv                   decode live from `dvc-encode --serve`
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = cli.ArgumentParser(PROG, "Decode a stream of dvc-encode.", EXAMPLES)
+    parser.add_argument(
+        "files",
+        metavar="INPUT OUTPUT",
+        nargs="+",
+        help="stream (.dvc), or folder of a recording's segments, and video to write (.y4m, .mkv, .mp4); with"
+        " --connect the video alone",
+    )
+    live = parser.add_argument_group("live")
+    cli.add_live(live, "--connect", "decode live from `dvc-encode --serve HOST:PORT`")
+    live.add_argument(
+        "--tls-ca",
+        metavar="FILE",
+        help="talk over TLS, to an encoder whose certificate one of these (PEM) has signed",
+    )
+    live.add_argument(
+        "--fingerprint", metavar="SHA256", help="talk over TLS, to the encoder whose certificate has this one"
+    )
+    _add_prediction(parser)
+    _add_outputs(parser)
+    parser.add_argument(
+        "--frames",
+        type=_frame_slice,
+        metavar="A:B",
+        help="decode frames A to B-1, counted from 0, and only the groups of pictures that they need (files"
+        " only); A: means to the end, :B from the beginning",
+    )
+    where = parser.add_mutually_exclusive_group()
+    cli.add_integer(where, "--jobs", (1, 256), "processes that decode at the same time", default=1)
+    where.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="decode on the workers of a Dask cluster, such as tcp://127.0.0.1:8786 (files only)",
+    )
+    _add_endings(parser)
+    _add_limits(parser)
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    return parser
+
+
+def _add_endings(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--salvage",
+        action="store_true",
+        help="keep the frames before the damage of a damaged stream (exit status 2 all the same; files only:"
+        " what a live run has decoded when it ends early stays as OUTPUT.part, with exit status 3)",
+    )
+    parser.add_argument(
+        "--unfinished",
+        action="store_true",
+        help="decode the finished groups of pictures of a stream that lacks its end (a .part that is still"
+        " being written, or that a power cut left) and say what is missing (exit status 0; files only)",
+    )
+
+
+def _add_limits(parser: argparse.ArgumentParser) -> None:
+    allowed = (
+        "refuse streams with more than N frames, and end a live run before there are more"
+        " (default: a million, and no more than fit the size of the stream, some thousand pixels a byte; any"
+        " number in live runs)"
+    )
+    cli.add_integer(parser, "--max-frames", (1, 10**9), allowed)
+    cli.add_integer(
+        parser,
+        "--max-memory",
+        (1, 2**24),
+        "refuse streams whose decoding may take more than this, by their header, in MiB",
+        default=MAX_MEMORY_MIB,
+        metavar="MIB",
+    )
+
+
+def _frame_slice(text: str) -> slice:
+    match = re.fullmatch(r"([0-9]{0,9}):([0-9]{0,9})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"expected A:B, A: or :B, whole numbers from 0 on, got {text!r}")
+    first, end = (int(number) if number else None for number in match.groups())
+    return slice(first, end)
+
+
+def _add_prediction(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group("prediction, instead of as the stream says").add_argument
+    add(
+        "--side-information",
+        metavar="METHOD",
+        help="predict with METHOD (mci, blocks, mesh, depth, fused) instead of what the stream names",
+    )
+    add(
+        "--sfm",
+        choices=SFM_BACKENDS,
+        help="whose estimators reconstruct the scene, instead of what the stream names",
+    )
+    add(
+        "--path-regularity",
+        type=float,
+        metavar="W",
+        help="smooth the camera's path between key frames, by tracks (0: not), instead of as the stream says",
+    )
+    add(
+        "--track-corrections",
+        action=argparse.BooleanOptionalAction,
+        help="move what is predicted to where neighbouring tracks agree that it is, instead of as the stream"
+        " says",
+    )
+    add(
+        "--fallback",
+        choices=FALLBACKS,
+        help="what serves with points beside a model of the scene, and without one, instead of what the"
+        " stream names",
+    )
+
+
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("further outputs, and the original to compare with")
+    add = group.add_argument
+    add(
+        "--punctured",
+        metavar="FILE",
+        help="write the stream that was really needed (.dvc); its size is the rate",
+    )
+    add(
+        "--side-information-video",
+        metavar="FILE",
+        help="write what each frame was predicted as before any of it was decoded, luma only (.y4m, .mkv);"
+        " key frames as they are",
+    )
+    add(
+        "--scene",
+        metavar="DIR",
+        help="map the scene out of the decoded frames into a new folder: cameras, depth, points, and a page"
+        " to fly through it (docs/scene.md); of a live run that ends early, out of what there is; OUTPUT must"
+        " be .y4m or .mkv",
+    )
+    mapper = "whose mapper finds the cameras of --scene; default: native"
+    add("--mapper", choices=SFM_BACKENDS, help=mapper)
+    add("--reference", metavar="ORIGINAL", help="the original video; used for nothing but PSNR")
+    first = "frame of ORIGINAL that was coded first"
+    cli.add_integer(group, "--reference-start", (0, 10**9), first, default=0, metavar="K")
+    add("--size", type=cli.parse_size, metavar="WxH", help="picture size of a raw ORIGINAL")
+    add(
+        "--json",
+        metavar="FILE",
+        help="write bits, PSNR and times of every frame and totals (-: standard output)",
+    )
+
+
+def check(arguments: argparse.Namespace) -> None:
+    """Refuse options that make no sense, before anything is opened."""
+    wanted = 1 if arguments.connect else 2
+    if len(arguments.files) != wanted:
+        names = "OUTPUT" if arguments.connect else "INPUT and OUTPUT"
+        raise ConfigError(f"expected {names}, got {len(arguments.files)} file names")
+    if arguments.frames is not None and (arguments.connect or arguments.punctured):
+        other = "--connect" if arguments.connect else "--punctured"
+        raise ConfigError(f"--frames and {other} exclude each other: {other} is for whole sequences")
+    for option in ("unfinished", "salvage"):
+        if arguments.connect and getattr(arguments, option):
+            raise ConfigError(f"--{option} is for files, not for --connect, which keeps what was decoded")
+    if arguments.connect and arguments.dask:
+        raise ConfigError("--dask is for files, not for --connect, whose encoder waits for one decoder")
+    _check_scene(arguments)
+    outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
+    inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
+    cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
+
+
+def _check_scene(arguments: argparse.Namespace) -> None:
+    """Refuse a map that cannot be written, before any work."""
+    if arguments.scene is None:
+        if arguments.mapper is not None:
+            raise ConfigError("--mapper is for --scene")
+        return
+    from dvc.files import check_folder
+
+    video = arguments.files[-1]
+    if not video.endswith((".y4m", ".mkv")):
+        raise ConfigError(f"--scene reads OUTPUT again: it must be .y4m or .mkv, got {video}")
+    check_folder(arguments.scene)
+
+
+def frame_range(frames: slice, num_frames: int) -> range:
+    """Return the frames of a stream that are wanted."""
+    wanted = range(num_frames)[frames]
+    if not wanted:
+        given = "".join("" if number is None else str(number) for number in (frames.start, ":", frames.stop))
+        raise ConfigError(f"--frames {given} holds no frame; the stream has {num_frames}, from 0 on")
+    return wanted
+
+
+def protection(arguments: argparse.Namespace) -> "Protection":
+    """Tell whom to talk to."""
+    from dvc.feedback import Protection, parse_address, read_token
+    from dvc.feedback.tls import decoder_context, parse_fingerprint
+
+    token = None if arguments.token_file is None else read_token(arguments.token_file)
+    fingerprint = None if arguments.fingerprint is None else parse_fingerprint(arguments.fingerprint)
+    wanted = arguments.tls_ca is not None or fingerprint is not None
+    tls = decoder_context(arguments.tls_ca) if wanted else None
+    host, _ = parse_address(arguments.connect)
+    return Protection(False, token, tls, host, fingerprint, arguments.insecure)
+
+
+def limits(arguments: argparse.Namespace) -> "Limits":
+    """Tell what a stream may take."""
+    from dvc.limits import Limits
+
+    return Limits(arguments.max_frames, arguments.max_memory)
+
+
+def with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "CodecConfig":
+    """Put the decoder's own choices in place of what the stream names."""
+    method = arguments.side_information
+    if method is not None:
+        from decoder.side_information.methods import METHODS
+
+        if method not in METHODS:
+            raise ConfigError(f"--side-information must be one of {', '.join(METHODS)}, got {method!r}")
+        config = replace(config, side_information=replace(config.side_information, method=method))
+    if arguments.track_corrections is not None:
+        prediction = replace(config.side_information, track_corrections=arguments.track_corrections)
+        config = replace(config, side_information=prediction)
+    if arguments.fallback is not None:
+        prediction = replace(config.side_information, fallback=arguments.fallback)
+        config = replace(config, side_information=prediction)
+    if arguments.sfm is not None:
+        config = replace(config, geometry=replace(config.geometry, backend=arguments.sfm))
+    if arguments.path_regularity is not None:
+        geometry = replace(config.geometry, path_regularity=arguments.path_regularity)
+        config = replace(config, geometry=geometry)
+    return config
+
+
+def choices(config: "CodecConfig") -> str:
+    """Write the choices that a punctured stream was made with."""
+    prediction, geometry = config.side_information, config.geometry
+    corrections = "--track-corrections" if prediction.track_corrections else "--no-track-corrections"
+    return (
+        f"{prediction.method} (--sfm {geometry.backend} --path-regularity {geometry.path_regularity:g}"
+        f" {corrections} --fallback {prediction.fallback})"
+    )
