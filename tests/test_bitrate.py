@@ -47,7 +47,7 @@ def test_a_stream_has_its_bitrate(clip: Path, tmp_path: Path) -> None:
         assert max(map(abs, off)) < 0.06
         assert 0 < report["limits"]["most_bits_owed"] < 0.6 * bits_per_s
     report = tmp_path / "decoder.json"
-    words = [str(stream), str(tmp_path / "decoded.y4m"), "--frames", "0:40", "--json", str(report)]
+    words = [str(stream), str(tmp_path / "decoded.y4m"), "--frames", "0:17", "--json", str(report)]
     assert decoder.main([*words, "--reference", str(clip), "--quiet"]) == 0
     assert json.loads(report.read_text())["psnr_y_db"] > 30.0
 
@@ -71,12 +71,12 @@ def largest_frame(stream: Path) -> int:
 
 def test_what_a_live_decoder_asks_for_counts(clip: Path, tmp_path: Path) -> None:
     """The bitrate holds for what a decoder took in all."""
-    options = ["--luma-only", "--bitrate", "150k", "--frames", "64"]
+    options = ["--luma-only", "--bitrate", "150k", "--frames", "33"]
     with serving(clip, tmp_path, options) as address:
         outputs = [str(tmp_path / "live.y4m"), "--punctured", str(tmp_path / "live.dvc"), "--quiet"]
         assert decoder.main(["--connect", address, *outputs, "--timeout", "600"]) == 0
     groups = group_rates(tmp_path / "live.dvc")
-    later = groups[2:]
+    later = groups[1:]
     taken = sum(group.num_bits for group in later) / sum(group.num_frames for group in later)
     assert taken * FRAME_RATE == pytest.approx(150_000, rel=0.25)
 
