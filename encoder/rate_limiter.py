@@ -12,7 +12,7 @@ from encoder.groups import Group
 from encoder.rate_control.bitrate import BitrateController, QualityStep, RateLimits, keep_within
 from encoder.wyner_ziv import ExpectedBits
 
-MAX_OPEN_GROUPS = 3
+MAX_OPEN_GROUPS = 2
 """Of which it may be unknown what a decoder asks for."""
 
 

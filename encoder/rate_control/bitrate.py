@@ -25,8 +25,10 @@ OCTAVES_PER_STEP = 0.04, 0.015, 0.1
 MAX_RISE = 24
 """Steps from one group to the next: a new scene is owed, and paid for by those that follow."""
 MAX_TRIES = 5
+PAID_SHARE = 0.5
+"""Of what is owed, what the next group makes up for, where some of what others take is not known yet."""
 MAX_BITS = 10**12
-KEPT_SHARE = 0.7
+KEPT_SHARE = 0.8
 """Of what groups before have taken over what they were expected to, beside the latest: what those that follow
 are expected to be off."""
 
@@ -96,7 +98,8 @@ class BitrateController:
         count as much as those of earlier groups have turned out to.
         """
         start = START_S * self._bits_per_s if self._number is None else 0.0
-        wanted = max(num_frames * self._bits_per_frame + start - self.owed, 1.0)
+        paid = (PAID_SHARE if self._expected else 1.0) * self.owed
+        wanted = max(num_frames * self._bits_per_frame + start - paid, 1.0)
         tried: dict[int, tuple[int, float]] = {}
 
         def bits(number: int) -> float:
