@@ -288,3 +288,18 @@ def finish_frame(points, last, search, scale, velocity, path):
         longest = max(longest, square if found[i] else 0)
         sum_of_sads += sads[i] if found[i] else small[i]
     return longest, sum_of_sads
+
+
+@kernel
+def follow(matching, quarter, points, movement, spirals, limits, search, ends):
+    """Find points that are not found yet, and finish the frame where enough are found.
+
+    Return how many are, and what `finish_frame` returns. `limits`: most coarse searches, and least number of
+    points; `ends`: `scale`, `velocity` and `path`.
+    """
+    (max_coarse_searches, least), (scale, velocity, path) = limits, ends
+    num_found = track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search)
+    if num_found < least:
+        return num_found, 0, 0
+    longest, sum_of_sads = finish_frame(points, movement.last, search, scale, velocity, path)
+    return num_found, longest, sum_of_sads

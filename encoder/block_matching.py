@@ -101,32 +101,35 @@ class BlockMatchingTracker:
         self, points: KeyPoints, velocity: Integers, subpixel_bits: int, settings: PointTrackerSettings
     ) -> None:
         self.points = points
-        self.last = points.positions
         self.velocity = velocity
-        self.alive = np.ones(len(self.last), np.bool_)
-        self.num_alive = len(self.last)
-        self.path: list[Floats] = [self.last.astype(np.float64)]
+        self.alive = np.ones(len(points.positions), np.bool_)
+        self.num_alive = len(self.alive)
+        self.path: list[Floats] = [points.positions.astype(np.float64)]
+        self._last = points.positions
         self._longest_px2 = 0
         self._sum_of_sads = 0
         self._quarter_blocks = np.empty((0, _QUARTER_SIDE_PX, _QUARTER_SIDE_PX), np.uint8)
         self._scale = 2.0**subpixel_bits
         self._settings = settings
+        self._known = _kernels.Points(points.positions, points.small)
+        self._spirals = spiral(settings.spiral_px), spiral(settings.coarse_reach_px // 4)
 
     def step(self, luma: Plane, max_coarse_searches: int) -> Integers:
         """Follow the points into the next frame."""
-        count = len(self.last)
+        count = len(self.alive)
         operations = np.zeros(2, np.int64)
         search = _kernels.Found(
             np.zeros((count, 2), np.int64),
-            np.zeros(count, np.int64),
-            np.zeros((count, 4), np.int64),
+            np.empty(count, np.int64),
+            np.empty((count, 4), np.int64),
             np.zeros(count, np.bool_),
         )
-        num_found = self._search(luma, 0, search, operations)
-        enough = (1.0 - self._settings.coarse_search_share) * self.num_alive
-        if max_coarse_searches and num_found < enough:
-            num_found = self._search(luma, max_coarse_searches, search, operations)
-        self._finish(search, num_found)
+        ends = self._scale, np.empty((count, 2), np.int64), np.empty((count, 2))
+        least = (1.0 - self._settings.coarse_search_share) * self.num_alive if max_coarse_searches else 0.0
+        if not self._search(luma, 0, least, search, ends, operations):
+            self._search(luma, max_coarse_searches, 0.0, search, ends, operations)
+        (self._last, _, _, self.alive), (_, self.velocity, path) = search, ends
+        self.path.append(path)
         return operations
 
     @property
@@ -137,41 +140,35 @@ class BlockMatchingTracker:
     @property
     def change(self) -> float:
         """Mean difference of the blocks from those of the key frame, in grey levels a sample."""
-        return self._sum_of_sads / len(self.last) / _SIDE_PX**2 if len(self.last) else 0.0
-
-    @property
-    def _points(self) -> _kernels.Points:
-        return _kernels.Points(self.points.positions, self.points.small)
+        return self._sum_of_sads / len(self.alive) / _SIDE_PX**2 if len(self.alive) else 0.0
 
     def _search(
-        self, luma: Plane, max_coarse_searches: int, search: _kernels.Found, operations: Integers
-    ) -> int:
-        """Find points that are not found yet; return how many are in the end."""
-        points, settings = self.points, self._settings
-        if max_coarse_searches and len(self._quarter_blocks) == 0:
-            self._quarter_blocks = np.empty((len(self.last), *self._quarter_blocks.shape[1:]), np.uint8)
-            _kernels.cut_blocks(_quarter(points.luma), points.positions // 4, self._quarter_blocks)
-        quarter = _quarter(luma) if max_coarse_searches else luma
-        found = _kernels.track_frame(
+        self,
+        luma: Plane,
+        max_coarse_searches: int,
+        least: float,
+        search: _kernels.Found,
+        ends: tuple[float, Integers, Floats],
+        operations: Integers,
+    ) -> bool:
+        """Find points that are not found yet; tell whether there are enough, and the frame is finished."""
+        points, quarter = self.points, luma
+        if max_coarse_searches:
+            quarter = _quarter(luma)
+            if len(self._quarter_blocks) == 0:
+                self._quarter_blocks = np.empty((len(self.alive), *self._quarter_blocks.shape[1:]), np.uint8)
+                _kernels.cut_blocks(_quarter(points.luma), points.positions // 4, self._quarter_blocks)
+        self.num_alive, self._longest_px2, self._sum_of_sads = _kernels.follow(
             _kernels.Matching(luma, points.blocks, operations),
             _kernels.Matching(quarter, self._quarter_blocks, operations),
-            self._points,
-            _kernels.Movement(self.last, self.velocity, self.alive),
-            (spiral(settings.spiral_px), spiral(settings.coarse_reach_px // 4)),
-            max_coarse_searches,
+            self._known,
+            _kernels.Movement(self._last, self.velocity, self.alive),
+            self._spirals,
+            (max_coarse_searches, least),
             search,
+            ends,
         )
-        return int(found)
-
-    def _finish(self, search: _kernels.Found, num_found: int) -> None:
-        """Go on to the next frame."""
-        velocity, path = np.empty_like(search.position), np.empty(search.position.shape)
-        self._longest_px2, self._sum_of_sads = _kernels.finish_frame(
-            self._points, self.last, search, self._scale, velocity, path
-        )
-        self.last, self.velocity, self.alive = search.position, velocity, search.found
-        self.num_alive = num_found
-        self.path.append(path)
+        return self.num_alive >= least
 
 
 def _quarter(luma: Plane) -> Plane:

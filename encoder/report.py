@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
-from itertools import islice
 from typing import Any
 
 from dvc._jit import loaded_bytes, loading_time_s
@@ -109,12 +108,16 @@ class EncoderStatistics:
 
     def reading(self, frames: Iterable[Frame | None]) -> Iterator[Frame | None]:
         """Count the time that frames take to come."""
-        source, more = iter(frames), True
-        while more:
-            with self.timing("reading_cpu_s"):
-                taken = list(islice(source, 1))
-            yield from taken
-            more = bool(taken)
+        source = iter(frames)
+        while True:
+            started = coding_time_s()
+            try:
+                frame = next(source)
+            except StopIteration:
+                return
+            finally:
+                self.reading_cpu_s += coding_time_s() - started
+            yield frame
 
     @contextmanager
     def timing(self, name: str) -> Iterator[None]:

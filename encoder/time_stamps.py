@@ -13,6 +13,7 @@ class CodingClock:
     def __init__(self, frame_rate: Fraction) -> None:
         self._interval_s = 1 / frame_rate
         self._ticks_per_second = 0  # of the clock of the source, where it has one
+        self._ticks_per_frame = Fraction(0)
         self._num_frames = 0  # of the stream
         self._zero: int | None = None  # tick of the source that is tick 0 of the stream
         self._last = 0  # tick of the stream at which the last frame is shown
@@ -31,8 +32,8 @@ class CodingClock:
             return None
         numbers = range(first, self._num_frames)
         ticks = [self._tick(number, frame) for number, frame in zip(numbers, frames, strict=True)]
-        exact = (number * self._interval_s * self._ticks_per_second for number in numbers)
-        if all(abs(tick - planned) < 1 for tick, planned in zip(ticks, exact, strict=True)):
+        length, unit = self._ticks_per_frame.as_integer_ratio()
+        if all(abs(unit * tick - length * n) < unit for n, tick in zip(numbers, ticks, strict=True)):
             return None
         late = (tick - self._planned(number) for number, tick in zip(numbers, ticks, strict=True))
         return Deviations(self._ticks_per_second, tuple(late))
@@ -43,9 +44,10 @@ class CodingClock:
             clocks = (frame.time.ticks_per_second for frame in frames if frame.time is not None)
             fine = (clock for clock in clocks if clock * self._interval_s >= 1)
             self._ticks_per_second = next(fine, 0)
+            self._ticks_per_frame = self._ticks_per_second * self._interval_s
 
     def _planned(self, number: int) -> int:
-        return planned_tick(number * self._interval_s, self._ticks_per_second)
+        return planned_tick(number, self._ticks_per_frame)
 
     def _tick(self, number: int, frame: Frame) -> int:
         """Return when a frame is shown; where the source's clock jumps, a usual interval after the last."""
@@ -55,7 +57,9 @@ class CodingClock:
         usual = planned + self._last - before
         tick = usual
         if frame.time is not None:
-            now = round(frame.time.seconds * self._ticks_per_second)
+            now, clock = frame.time
+            if clock != self._ticks_per_second:
+                now = round(frame.time.seconds * self._ticks_per_second)
             zero = now - usual if self._zero is None else self._zero
             if now - zero <= self._last or abs(now - zero - planned) > MAX_DEVIATION_TICKS:
                 zero = now - usual

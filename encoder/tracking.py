@@ -148,10 +148,11 @@ class PointTracker:
         return median
 
     def _follow(self, matching: BlockMatchingTracker, luma: Plane, max_coarse_searches: int) -> None:
-        count = len(matching.last)
+        count = len(matching.alive)
         self._count(matching.step(luma, max_coarse_searches))
         self.work.num_pairs += count * (count - 1) // 2
 
     def _count(self, operations: Integers) -> None:
-        self.work.num_blocks += int(operations[0])
-        self.work.num_samples += int(operations[1])
+        num_blocks, num_samples = operations.tolist()
+        self.work.num_blocks += num_blocks
+        self.work.num_samples += num_samples

@@ -2,7 +2,6 @@
 
 from fractions import Fraction
 from itertools import accumulate, pairwise
-from math import floor
 from typing import NamedTuple
 
 from dvc.bits import decode_varint, encode_varint
@@ -56,19 +55,20 @@ def frame_times_s(
 ) -> list[Fraction]:
     """Return when frames are shown, in seconds."""
     interval_s = Fraction(video.frame_rate_den, video.frame_rate_num)
-    times_s = [index * interval_s for index in range(first_index, first_index + num_frames)]
+    indices = range(first_index, first_index + num_frames)
     if deviations is None:
-        return times_s
+        return [index * interval_s for index in indices]
     ticks_per_second, ticks = deviations
     return [
-        Fraction(planned_tick(time_s, ticks_per_second) + late, ticks_per_second)
-        for time_s, late in zip(times_s, ticks, strict=True)
+        Fraction(planned_tick(index, interval_s * ticks_per_second) + late, ticks_per_second)
+        for index, late in zip(indices, ticks, strict=True)
     ]
 
 
-def planned_tick(time_s: Fraction, ticks_per_second: int) -> int:
-    """Return the tick next to a time at the constant frame rate, from which deviations are counted."""
-    return floor(time_s * ticks_per_second + Fraction(1, 2))
+def planned_tick(index: int, ticks_per_frame: Fraction) -> int:
+    """Return the tick next to a frame at the constant frame rate, from which deviations are counted."""
+    ticks, num_frames = ticks_per_frame.as_integer_ratio()
+    return (2 * index * ticks + num_frames) // (2 * num_frames)
 
 
 def check_times(times_s: list[Fraction], before_s: Fraction | None) -> None:

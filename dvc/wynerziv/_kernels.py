@@ -3,6 +3,8 @@
 import numpy as np
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.slepian_wolf.crc import joint_check_of_words
+from dvc.slepian_wolf.ldpc.graph import add_block
 
 _LOG2E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
@@ -74,11 +76,11 @@ def transform_blocks(samples, scale, order, bands):
 
 
 @kernel
-def count_planes(extremes, origins, step, planes):
-    """Count the planes of embedded bins for values between `extremes` (B, 2); `origins`: (B, max + 1)."""
+def count_planes(extremes, scale, origins, step, planes):
+    """Count planes of embedded bins for values between scaled `extremes` (B, 2); `origins`: (B, max + 1)."""
     most = origins.shape[1] - 1
     for band in range(planes.size):
-        least, greatest = extremes[band, 0] / step, extremes[band, 1] / step
+        least, greatest = extremes[band, 0] * scale[band] / step, extremes[band, 1] * scale[band] / step
         for count in range(most + 1):
             first = -origins[band, count]
             if count == most or (first <= least and greatest < (1 << count) + first):
@@ -130,6 +132,29 @@ def put_bits(numbers, num_planes, first_plane, words):
     for n in range(numbers.size):
         line[n] |= np.uint64(numbers[n]) >> np.uint64(-spare)
         following[n] |= np.uint64(numbers[n]) << np.uint64(64 + spare)
+
+
+@kernel
+def write_blocks(packed, polynomial, planes, depths, blocks, lengths, code, bits):
+    """Write check bits and syndromes of all blocks of bands that are sent; return how many bits these are.
+
+    `packed`: words of planes, and their check bits; `blocks`: first band of each, and sparsities.
+    """
+    (words, checks), (borders, sparsities), num_written, first = packed, blocks, 0, 0
+    chosen = np.empty(planes.sum(), np.int64)
+    for block in range(lengths.size):
+        count = 0
+        for band in range(borders[block], borders[block + 1]):
+            for plane in range(first, first + depths[band]):
+                chosen[count] = plane
+                count += 1
+            first += planes[band]
+        if count and lengths[block]:
+            start = num_written + checks.shape[1]
+            bits[num_written:start] = joint_check_of_words(checks, chosen[:count], polynomial)
+            num_written = start + lengths[block]
+            add_block(words, chosen[:count], code, sparsities[block], bits[start:num_written])
+    return num_written
 
 
 # exp and log of our own: those of libraries differ between processors in their last digit, which the decoder

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from dvc.bits import BitReader, pack_bits
 from dvc.errors import BitstreamError
-from dvc.slepian_wolf.ldpc.graph import Sparsity, SyndromeGraph, syndrome
+from dvc.slepian_wolf.crc import POLYNOMIALS
+from dvc.slepian_wolf.ldpc.graph import Sparsity, SyndromeGraph, block_code
+from dvc.wynerziv import _kernels
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout, Quantization, plane_digits, read_planes
 
@@ -25,6 +27,10 @@ BLOCKS = (range(1), range(1, 16))
 """Bands whose planes have one syndrome: DC first, so that it can refine the prediction of the others."""
 SPARSITY = Sparsity(0.8, (0.02, 0.06)), Sparsity(0.5, (0.02, 0.06))
 """Of the code of each block."""
+_BLOCKS = (
+    np.array([0, *(bands.stop for bands in BLOCKS)]),
+    np.array([sparsity.numbers for sparsity in SPARSITY]),
+)
 LENGTH_CODE_BITS = 8
 MAX_BLOCK_BITS = 1 << 25
 """Bits of the planes of a block: belief propagation takes some hundred bytes of memory for each."""
@@ -73,16 +79,23 @@ class SentPlanes:
 
 def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
     """Pack what is sent of a frame; inverse of `NoFeedbackFrame.read`."""
-    parts = [np.frombuffer(_digits(sent).encode(), np.uint8) & np.uint8(1)]
-    blocks = (
-        sent.graph(block, frame.quantization, frame.layout.num_bits, seed) for block in range(len(BLOCKS))
-    )
-    graphs = [graph for graph in blocks if graph is not None]
-    if graphs:
-        words = frame.pack(max(band + 1 for band, depth in enumerate(sent.depths) if depth))
-        for graph in graphs:
-            parts += [frame.joint_check(graph.planes), syndrome(words, graph)]
-    return frame.header + pack_bits(parts)
+    digits = np.frombuffer(_digits(sent).encode(), np.uint8) & np.uint8(1)
+    lengths = [_lengths()[code] for code in sent.length_codes]
+    bits = np.empty(sum(lengths) + len(BLOCKS) * frame.layout.crc_bits, np.uint8)
+    num_bits = 0
+    if any(lengths) and any(sent.depths):
+        packed = frame.pack(max(band + 1 for band, depth in enumerate(sent.depths) if depth))
+        num_bits = _kernels.write_blocks(
+            packed,
+            POLYNOMIALS[frame.layout.crc_bits],
+            np.array(frame.quantization.planes),
+            np.array(sent.depths),
+            _BLOCKS,
+            np.array(lengths),
+            block_code(frame.layout.num_bits, len(packed[0]), seed),
+            bits,
+        )
+    return frame.header + pack_bits([digits, bits[:num_bits]])
 
 
 def payload_bits(frame: EncodedFrame, sent: SentPlanes) -> int:

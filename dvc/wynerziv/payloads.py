@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from dvc import slepian_wolf
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import ParityRequest, Round
-from dvc.slepian_wolf.crc import POLYNOMIALS, joint_check_of_words
 from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
 
@@ -40,15 +39,14 @@ def transform_frame(
 ) -> tuple[Quantization, Packing]:
     """Transform a frame as `quantize_frame` does, but leave its planes for later."""
     core, extremes = transform.integer_core(luma, room)
-    scaled = extremes * transform.BAND_SCALE[:, None]
     if layout.embedded:
-        return _quantize_embedded(layout, core, scaled, step_index)
-    quantization, words = _quantize_over_range(layout, core, scaled)
+        return _quantize_embedded(layout, core, extremes, step_index)
+    quantization, words = _quantize_over_range(layout, core, extremes * transform.BAND_SCALE[:, None])
     return quantization, lambda _: words
 
 
 def _quantize_embedded(
-    layout: FrameLayout, core: NDArray[np.int16], extremes: NDArray[np.float64], step_index: int
+    layout: FrameLayout, core: NDArray[np.int16], extremes: NDArray[np.int16], step_index: int
 ) -> tuple[Quantization, Packing]:
     step = quantizer.step_from_index(step_index)
     planes = quantizer.embedded_planes(extremes, step)
@@ -111,17 +109,15 @@ class EncodedFrame:
     @property
     def words(self) -> Words:
         """Bit planes of all bands."""
-        self.pack(transform.NUM_BANDS)
-        return self._words
+        return self.pack(transform.NUM_BANDS)[0]
 
     @property
     def checks(self) -> Words:
         """Check bits of all planes."""
-        self.pack(transform.NUM_BANDS)
-        return self._checks
+        return self.pack(transform.NUM_BANDS)[1]
 
-    def pack(self, num_bands: int) -> Words:
-        """Make sure that bit planes of the first bands are there."""
+    def pack(self, num_bands: int) -> tuple[Words, Words]:
+        """Make sure that bit planes of the first bands are there; return them and their check bits."""
         if self._packing is not None and num_bands > self.num_packed_bands:
             self._words, self.num_packed_bands = self._packing(num_bands), num_bands
             if num_bands == transform.NUM_BANDS:
@@ -129,13 +125,7 @@ class EncodedFrame:
             self._checks = np.empty((len(self._words), self.layout.crc_bits), np.uint64)
             for row, check in zip(self._words, self._checks, strict=True):
                 check[:] = slepian_wolf.crc_words(row, self.layout.crc_bits)
-        return self._words
-
-    def joint_check(self, planes: Sequence[int]) -> Bits:
-        """Return check bits of several planes together."""
-        checks = self._checks if self.num_packed_bands else self.checks
-        polynomial = POLYNOMIALS[checks.shape[1]]
-        return joint_check_of_words(checks, np.array(planes, np.int64), polynomial).astype(np.uint8)
+        return self._words, self._checks
 
     def buffered_payload(self) -> bytes:
         """Pack the header and everything that may be asked; inverse of `BufferedFrame`."""

@@ -96,10 +96,10 @@ _ORIGINS = np.array(
 )
 
 
-def embedded_planes(extremes: NDArray[np.float64], step: float) -> NDArray[np.int64]:
-    """Return how many planes hold all values of each band in embedded bins."""
+def embedded_planes(extremes: NDArray[np.int16], step: float) -> NDArray[np.int64]:
+    """Return how many planes hold all values of each band, before it is scaled, in embedded bins."""
     planes = np.empty(NUM_BANDS, np.int64)
-    _kernels.count_planes(extremes, _ORIGINS, step, planes)
+    _kernels.count_planes(extremes, transform.BAND_SCALE, _ORIGINS, step, planes)
     return planes
 
 

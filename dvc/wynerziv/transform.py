@@ -56,7 +56,9 @@ def integer_core(
         raise TypeError(f"`luma` must be uint8, got {luma.dtype}")
     padded = pad_to_blocks(luma)
     rows, columns = band_shape(*padded.shape)
-    quads = np.require(np.ascontiguousarray(padded).view("<u4"), requirements=["A", "W"])
+    quads = np.ascontiguousarray(padded).view("<u4")
+    if not (quads.flags.aligned and quads.flags.writeable):
+        quads = quads.copy()  # compiled code is that for arrays which are both
     core = np.empty((NUM_BANDS, rows * columns), np.int16) if room is None else room
     extremes = np.empty((NUM_BANDS, 2), np.int16)
     _kernels.transform_samples(quads, ORDER, core, extremes)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.wynerziv.no_feedback import MAX_BLOCK_BITS
 from dvc.wynerziv.transform import transform_four, transform_lines
 
 NEAREST = 3  # points whose motion is blended
@@ -14,6 +15,14 @@ SIDE = 8  # of a sampled block
 DIRECTIONS = 3  # from the left, from above, from both
 FAR = np.int32(2**31 - 1)  # of a point that there is not
 _ALIKE = np.uint64(0x0101010101010101)  # times a byte: eight of it
+BLOCK_BITS = 40
+"""What a block costs beside its syndrome: check bits, and numbers of planes."""
+CODE_RATIO = 1.12, 4.0
+"""Length of the shortest syndrome that serves over the ideal code length: for long blocks, and what is added
+over the root of the bits of short ones."""
+RATE_MARGIN_BITS = 0.08
+"""What the rate margin is of besides the length, for each bit of a plane: small needs are expected the least
+reliably."""
 
 
 class Sampling(NamedTuple):
@@ -41,6 +50,16 @@ class CostModel(NamedTuple):
     per_plane: int  # places from one plane to the next
     refined_share: float
     tables: NDArray[np.float64]
+
+
+class Worth(NamedTuple):
+    """When planes of a frame pay, and by how much syndromes are longer than they are expected to need."""
+
+    multiplier: float  # squared error that a bit must save
+    bit_cost: float  # bits that one of ideal code length costs
+    factors: NDArray[np.float64]  # what the tables tell of bits of each block of bands is times these
+    least: NDArray[np.float64]  # how much more each must save than it costs
+    margins: tuple[float, float]  # the usual rate margin, and that which is wanted
 
 
 @kernel
@@ -198,11 +217,11 @@ def _add_squares(line, squares):
     """Do the horizontal half of the transform on one line; add up squares of the four coefficients."""
     for part in range(squares.shape[1]):
         x = np.uintp(4 * part)
-        a, b, c, d = np.int32(line[x]), np.int32(line[x + 1]), np.int32(line[x + 2]), np.int32(line[x + 3])
-        outer, inner, high, low = np.int32(a + d), np.int32(b + c), np.int32(a - d), np.int32(b - c)
-        first, third = np.float32(np.int32(outer + inner)), np.float32(np.int32(outer - inner))
-        second = np.float32(np.int32(np.int32(high + high) + low))
-        fourth = np.float32(np.int32(high - np.int32(low + low)))
+        a, b = np.float32(line[x]), np.float32(line[x + 1])  # which holds all sums of them
+        c, d = np.float32(line[x + 2]), np.float32(line[x + 3])
+        outer, inner, high, low = a + d, b + c, a - d, b - c
+        first, third = outer + inner, outer - inner
+        second, fourth = (high + high) + low, high - (low + low)
         squares[0, part] += first * first
         squares[1, part] += second * second
         squares[2, part] += third * third
@@ -222,9 +241,9 @@ def energies(lines, grid, weights, order, share, means):
                 _add_squares(lines[row, top + y], squares[y])
         for y in range(4):
             for x in range(4):
+                parts, own, factor = squares[y, x], means[order[y, x]][row * grid[1] :], share * weights[y, x]
                 for column in range(grid[1]):
-                    both = np.float64(squares[y, x, 2 * column] + squares[y, x, 2 * column + 1])
-                    means[order[y, x], row * grid[1] + column] = share * weights[y, x] * both
+                    own[column] = factor * np.float64(parts[2 * column] + parts[2 * column + 1])
 
 
 @kernel
@@ -318,8 +337,9 @@ def add_noise(motion, grid, spacing, share, noise, total):
             x = (spacing * column + (motion[k, 0] >> 1) + spacing // 2) // spacing
             places[k] = min(max(y, 0), grid[0] - 1) * grid[1] + min(max(x, 0), grid[1] - 1)
     for band in range(total.shape[0]):
+        line, own = noise[band], total[band]
         for k in range(places.size):
-            total[band, k] += share * noise[band, np.uintp(places[k])]
+            own[k] += np.float32(share) * line[np.uintp(places[k])]
 
 
 @kernel
@@ -374,19 +394,19 @@ def frame_costs(residual, noise, planes, step, num_bits, model, places, costs):
 @kernel
 def refine(squares, residual, share):
     """Subtract what planes of DC save of other bands, whose residual is given, from the errors they leave."""
-    most = 0.0
-    for band in range(residual.shape[0]):
-        total = 0.0
-        for k in range(residual.shape[1]):
-            total += np.float64(residual[band, k])
-        most += share * total / residual.shape[1]
+    most, totals = 0.0, np.zeros(residual.shape[0])
+    for k in range(residual.shape[1]):
+        for band in range(totals.size):
+            totals[band] += np.float64(residual[band, k])
+    for band in range(totals.size):
+        most += share * totals[band] / residual.shape[1]
     unknown = max(squares[0], 1e-9)
     for depth in range(squares.size):
         squares[depth] -= most * np.sqrt(max(1.0 - squares[depth] / unknown, 0.0))
 
 
 @kernel
-def choose_depths(costs, planes, bit_cost, depths):
+def least_depths(costs, planes, bit_cost, depths):
     """Choose the planes of each band that cost least; return number, bits, and the error that they save."""
     num_planes, bits, saved = 0, 0.0, 0.0
     for band in range(planes.size):
@@ -402,6 +422,28 @@ def choose_depths(costs, planes, bit_cost, depths):
 
 
 @kernel
+def shortest_length(bits):
+    """Return the length of the shortest syndrome that is expected to serve for an ideal code length."""
+    return CODE_RATIO[0] * bits + CODE_RATIO[1] * np.sqrt(bits)
+
+
+@kernel
+def choose_planes(costs, planes, num_bits, borders, worth, depths, lengths):
+    """Choose the planes that pay, and the lengths of the syndromes, of all blocks of bands."""
+    multiplier, bit_cost, factors, least, (usual, margin) = worth
+    for block in range(lengths.size):
+        b, e = borders[block], borders[block + 1]
+        num_planes, bits, saved = least_depths(costs[b:e], planes[b:e], bit_cost * multiplier, depths[b:e])
+        size, need = num_bits * num_planes, shortest_length(factors[block] * bits)
+        uncertain = need + RATE_MARGIN_BITS * num_bits
+        lengths[block] = min(need + margin * uncertain, 1.1 * size)
+        paid = min(need + usual * uncertain, 1.1 * size) + BLOCK_BITS
+        if size > MAX_BLOCK_BITS or saved < least[block] * multiplier * paid:
+            depths[b:e] = 0
+            lengths[block] = 0.0
+
+
+@kernel
 def remaining_noise(places, planes, depths, step, per_plane, tables, noise):
     """Write the squared error of each block that is left, by the planes of each band that are known."""
     for band in range(places.shape[0]):
@@ -410,3 +452,17 @@ def remaining_noise(places, planes, depths, step, per_plane, tables, noise):
             place = np.int64(places[band, k])
             left = tables[0, place] * step * step
             noise[band, k] = left * tables[1, max(place - missing, 0)] if depths[band] > 0 else left
+
+
+@kernel
+def choose(errors, bands, model, worth, costs, sent, left):
+    """Write what planes of a frame cost and leave, which are sent, and what these leave in each block.
+
+    `errors`: residual and noise; `bands`: their planes, finest step, and bits of a plane; `sent`: planes of
+    each band, and length of the syndrome of each block.
+    """
+    (residual, noise), (planes, step, num_bits), (depths, lengths) = errors, bands, sent
+    places = np.empty(residual.shape, np.int16)
+    frame_costs(residual, noise, planes, step, num_bits, model, places, costs)
+    choose_planes(costs, planes, num_bits, model.borders, worth, depths, lengths)
+    remaining_noise(places, planes, depths, step, model.per_plane, model.tables, left)

@@ -1,5 +1,6 @@
 """Laplacians in bins: squared error of the means of the bins, by how wide these are."""
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -34,13 +35,13 @@ def _in_bins(width: float) -> float:
     """Return the squared error over the variance, for bins of a width in scales."""
     if width < 1.0 / _FINE:
         return width * width / 24.0
+    offsets = (np.arange(_NUM_OFFSETS) + 0.5) / _NUM_OFFSETS
+    edges = np.full((_NUM_OFFSETS, 2 * math.ceil(_REACH / width) + 3), 1e3)
+    edges[:, 0] = -1e3
+    edges[:, 1:-1] = (np.arange(edges.shape[1] - 2) - edges.shape[1] // 2 + 1 + offsets[:, None]) * width
     error = 0.0
-    for offset in (np.arange(_NUM_OFFSETS) + 0.5) / _NUM_OFFSETS:
-        inner = np.arange(-np.ceil(_REACH / width), np.ceil(_REACH / width) + 1) + offset
-        edges = np.concatenate([[-1e3], inner * width, [1e3]])
-        mass, first, second = (np.diff(moment) for moment in _moments(edges))
-        some = mass > 0
-        mass, first, second = mass[some], first[some], second[some]
+    for moments in zip(*map(np.diff, _moments(edges)), strict=True):
+        mass, first, second = (moment[moments[0] > 0] for moment in moments)
         error += float((second - first * first / mass).sum()) / _NUM_OFFSETS
     return error / 2.0
 

@@ -63,11 +63,7 @@ class BlockSampler:
         self._grid = rows.size, columns.size
         self._corners = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
         self._diagonal_px2 = height**2 + width**2
-
-    @property
-    def num_blocks(self) -> int:
-        """Blocks that are looked at; 0 for frames in which none fits."""
-        return len(self._corners)
+        self.num_blocks = len(self._corners)  # that are looked at; 0 for frames in which none fits
 
     def intra_noise(self, luma: Plane, step: float) -> Floats:
         """Estimate the noise of a key frame from its quantised intra residual."""

@@ -128,6 +128,28 @@ def test_frames_are_finished_as_their_twin_says(scale: float, twin: bool) -> Non
 
 
 @pytest.mark.parametrize("twin", [False, True])
+def test_frames_are_finished_once_enough_points_are_found(twin: bool) -> None:
+    """What was found before is found once more; before that, neither velocities nor paths are written."""
+    follow = python_twin(_kernels.follow) if twin else _kernels.follow
+    points = np.array([[30, 30], [60, 40], [90, 50]])
+    blocks, counts = np.zeros((3, 11, 11), np.uint8), np.zeros(2, np.int64)
+    _kernels.cut_blocks(STILL_LIFE, points, blocks)
+    blocks[2] = 255 - blocks[2]
+    matching = _kernels.Matching(STILL_LIFE[3:], blocks, counts)
+    movement = _kernels.Movement(points, np.zeros((3, 2), np.int64), np.ones(3, np.bool_))
+    search = _kernels.Found(
+        np.zeros((3, 2), np.int64), np.zeros(3, np.int64), np.zeros((3, 4), np.int64), np.zeros(3, np.bool_)
+    )
+    ends = 1.0, np.zeros((3, 2), np.int64), np.zeros((3, 2))
+    given = matching, matching, _kernels.Points(points, np.full(3, 10)), movement, (spiral(5), spiral(5))
+    assert follow(*given, (0, 3.0), search, ends) == (2, 0, 0)
+    assert not ends[1].any()
+    assert follow(*given, (0, 2.0), search, ends) == (2, 9, 10)
+    assert ends[1][:2].tolist() == [[0, -3], [0, -3]]
+    np.testing.assert_array_equal(ends[2], [[30, 27], [60, 37], [np.nan, np.nan]])
+
+
+@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("num_ends", [0, 1, 25])
 def test_points_that_appear_move_as_the_nearest(num_ends: int, twin: bool) -> None:
     """The nearest track that reaches the end tells the motion, the first of equals; no lost one does."""

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc import slepian_wolf
+from dvc._jit import python_twin
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf.ldpc.graph import syndrome
-from dvc.wynerziv import quantizer
+from dvc.wynerziv import _kernels, quantizer
 from dvc.wynerziv.no_feedback import (
     NoFeedbackFrame,
     SentPlanes,
@@ -61,6 +62,15 @@ def test_round_trip(sent: SentPlanes) -> None:
         np.testing.assert_array_equal(block.check, slepian_wolf.joint_check(checks))
     header_bits = 8 * len(payload) - frame.syndrome_bits - frame.check_bits
     assert 0 <= header_bits < 200
+
+
+@pytest.mark.nojit
+def test_kernel_is_its_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the last bit."""
+    sent = SentPlanes(depths(4, 3, 3, 1), (length_code(60), length_code(150)))
+    payload = encode_payload(FRAME, sent, SEED)
+    monkeypatch.setattr(_kernels, "write_blocks", python_twin(_kernels.write_blocks))
+    assert encode_payload(FRAME, sent, SEED) == payload
 
 
 def test_lengths_are_told_on_a_fine_scale() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc._jit import python_twin
-from dvc.wynerziv import _kernels, quantizer
+from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.noise import GAINS, GAINS_PER_OCTAVE
 from tests.reference import wynerziv_planes as reference
 
@@ -41,13 +41,13 @@ def test_step_holds_every_coefficient(levels: int, values: list[float]) -> None:
     assert index == 0 or largest > smaller * (1 - 1e-6)
 
 
-@given(st.integers(0, 15), st.integers(0, 63), st.lists(st.floats(-1020.0, 1020.0), min_size=1, max_size=20))
-def test_embedded_bins_hold_every_coefficient(band: int, index: int, values: list[float]) -> None:
+@given(st.integers(0, 15), st.integers(0, 63), st.lists(st.integers(-4080, 4080), min_size=1, max_size=20))
+def test_embedded_bins_hold_every_coefficient(band: int, index: int, values: list[int]) -> None:
     """As few planes as hold all values; DC is never negative."""
-    coefficients = np.abs(values) if band == 0 else np.array(values)
-    step = quantizer.step_from_index(index)
-    extremes = np.zeros((16, 2))
-    extremes[band] = coefficients.min(), coefficients.max()
+    core = np.abs(values) if band == 0 else np.array(values)
+    step, coefficients = quantizer.step_from_index(index), core * transform.BAND_SCALE[band]
+    extremes = np.zeros((16, 2), np.int16)
+    extremes[band] = core.min(), core.max()
     planes = int(quantizer.embedded_planes(extremes, step)[band])
     edges = quantizer.embedded_edges(band, planes, step)
     assert edges.shape == (2**planes + 1,)
@@ -74,7 +74,7 @@ def test_planes_are_counted_like_their_twin(twin: bool) -> None:
                 rng.choice(origins.ravel(), (16, 2)) * step * rng.choice([0.0, 0.5, 1.0, 1.0, 3.0], (16, 2))
             )
             extremes = ends * [-1.0, 1.0]
-            run(extremes, origins, step, planes)
+            run(extremes, np.ones(16), origins, step, planes)
             expected = [reference.embedded_planes(band, *extremes[band].tolist(), step) for band in range(16)]
             assert planes.tolist() == expected
 

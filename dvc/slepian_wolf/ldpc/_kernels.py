@@ -30,6 +30,14 @@ def _find_edges(positions, start, num_edges, num_checks, edges):
 
 
 @kernel
+def count_thrice(num_bits, num_planes, num_checks, sparsity):
+    """Count bits of a plane, the first of the last order, of three syndrome bits; `sparsity`: `numbers`."""
+    max_share, low, high = sparsity[0], sparsity[1], sparsity[2]
+    share = (num_checks / (num_planes * num_bits) - low) / (high - low)
+    return num_bits - int(max_share * min(max(share, 0.0), 1.0) * num_bits)
+
+
+@kernel
 def _reduced(positions, num_thrice, num_checks, reduced, num_edges):
     """Write all positions modulo the number of syndrome bits, and in how many of them each bit takes part."""
     last = positions.shape[1] - 1
@@ -130,6 +138,18 @@ def add_planes(words, planes, orders, starts, num_thrice, syndrome):
             add_orders(words[w], shifts, begins, orders.bits, num_thrice, folded, syndrome)
             for i in range(chosen.size):
                 _separate_all(words[w], np.uint64(shifts[i]), begins[i], orders, num_thrice, syndrome)
+
+
+@kernel
+def add_block(words, planes, code, sparsity, syndrome):
+    """Write the syndrome of the planes of a block by a code; `code`: orders of bits, and keys of planes."""
+    (orders, keys), num_edges = code, code[1].shape[1]
+    starts = np.empty((planes.size, num_edges), np.int64)
+    for i in range(planes.size):
+        for j in range(num_edges):
+            starts[i, j] = keys[planes[i], j] % np.uint64(syndrome.size)
+    num_thrice = count_thrice(words.shape[1], planes.size, syndrome.size, sparsity)
+    add_planes(words, planes, orders, starts, num_thrice, syndrome)
 
 
 # ---- belief propagation ----

@@ -34,7 +34,14 @@ class Sparsity(NamedTuple):
     # bits of the syndrome for each bit of the block, from which on some do, and from which on as many as may
     rates: tuple[float, float]
 
+    @property
+    def numbers(self) -> tuple[float, float, float]:
+        """All three, for compiled callers."""
+        return self.max_share, *self.rates
 
+
+add_block = _kernels.add_block
+"""What writes a syndrome, for compiled callers, too."""
 MIXED = Sparsity(0.5, (0.03, 0.10))
 """For any block."""
 
@@ -65,9 +72,9 @@ class SyndromeGraph:
     @cached_property
     def num_thrice(self) -> int:
         """How many bits of a plane, the first of the last order, take part in three syndrome bits."""
-        low, high = self.sparsity.rates
-        share = (self.num_checks / self.size - low) / (high - low)
-        return self.num_bits - int(self.sparsity.max_share * min(max(share, 0.0), 1.0) * self.num_bits)
+        return int(
+            _kernels.count_thrice(self.num_bits, len(self.planes), self.num_checks, self.sparsity.numbers)
+        )
 
     @cached_property
     def starts(self) -> NDArray[np.int64]:
@@ -119,9 +126,22 @@ def bit_orders(num_bits: int, seed: int) -> BitOrders:
     return BitOrders(positions, positions.T.argsort(axis=1).astype(np.int32), by_difference, first)
 
 
+class Code(NamedTuple):
+    """What all blocks of a frame share, for compiled callers."""
+
+    orders: BitOrders
+    keys: NDArray[np.uint64]  # by which planes start in each order; shape (planes, NUM_EDGES)
+
+
+@lru_cache(maxsize=8)
+def block_code(num_bits: int, num_rows: int, seed: int) -> Code:
+    """Return the code of frames of so many rows of 64 planes."""
+    return Code(bit_orders(num_bits, seed), _start_keys(seed, num_rows))
+
+
 def syndrome(words: Words, graph: SyndromeGraph) -> Bits:
     """Add up bits of a block, modulo 2."""
     sums = np.empty(graph.num_checks, np.uint8)
-    orders = bit_orders(graph.num_bits, graph.seed)
-    _kernels.add_planes(words, np.array(graph.planes), orders, graph.starts, graph.num_thrice, sums)
+    code = block_code(graph.num_bits, len(words), graph.seed)
+    _kernels.add_block(words, np.array(graph.planes), code, graph.sparsity.numbers, sums)
     return sums

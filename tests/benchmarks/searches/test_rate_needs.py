@@ -6,13 +6,15 @@ from typing import Any
 import numpy as np
 
 from benchmarks.searches.rate_needs import _fit_bits, fit
+from dvc.config import VideoConfig, codec_config
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.payloads import quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout
-from encoder.rate_control.needs import NEEDS, OCTAVES, frame_costs
+from encoder.rate_control.needs import NEEDS, OCTAVES, NeedEstimator
 from encoder.rate_control.sampled_blocks import BlockErrors
 
 RNG = np.random.default_rng(4)
+CONFIG = codec_config(VideoConfig(352, 288, 25, 1, luma_only=True))
 
 
 def test_a_curve_is_found_again() -> None:
@@ -37,7 +39,7 @@ def recorded(clip: str) -> Any:
         scale * RNG.lognormal(0.0, 1.0, shape) * RNG.uniform(0.2, 5.0) for scale in (300.0, 9.0)
     )
     errors = BlockErrors(residual.astype(np.float32), noise.astype(np.float32))
-    costs = frame_costs(quantization, errors, layout.num_bits)
+    costs = NeedEstimator(CONFIG, 0).choose(quantization, errors, 4, layout.num_bits).costs
     squares = needs.variance[0] * residual[0].mean() + needs.variance[1] * noise[0].mean()
     left = np.full(quantization.planes[0], 1.0)
     return SimpleNamespace(
@@ -45,7 +47,7 @@ def recorded(clip: str) -> Any:
         distance=4,
         errors=errors,
         encoded=SimpleNamespace(quantization=quantization, layout=layout),
-        bits={0: costs.costs[0, 0, : costs.planes[0] + 1]},
+        bits={0: costs[0, 0, : quantization.planes[0] + 1]},
         squares={0: layout.num_bits * np.concatenate([[squares], left])},
         slope=50.0,
     )

@@ -12,7 +12,7 @@ from dvc.wynerziv.no_feedback import syndrome_length
 from dvc.wynerziv.payloads import quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder.rate_control import _kernels
-from encoder.rate_control.needs import NEEDS, Choice, NeedEstimator, frame_costs, length_of
+from encoder.rate_control.needs import NEEDS, Choice, NeedEstimator
 from encoder.rate_control.sampled_blocks import BlockErrors
 
 CONFIG = codec_config(VideoConfig(352, 288, 25, 1, luma_only=True), quality=Qp(28))
@@ -85,7 +85,7 @@ def test_choices_are_those_that_were_measured(residual: float, distance: int) ->
 def test_coarse_errors_cost_a_bit_for_each_doubling() -> None:
     """Of each coefficient, beyond the octaves at which bits were measured."""
     roots = 2000.0, 4000.0, 8000.0
-    costs = [frame_costs(QUANTIZATION, errors(root), LAYOUT.num_bits).costs[0, 0] for root in roots]
+    costs = [chosen(errors(root)).costs[0, 0] for root in roots]
     for fewer, more in pairwise(costs):
         np.testing.assert_allclose((more - fewer)[-2:] / LAYOUT.num_bits, 1.0, rtol=0.01)
 
@@ -127,9 +127,9 @@ def test_pictures_without_whole_blocks_are_sent_as_if_unknown() -> None:
 
 def test_large_blocks_need_less_for_each_bit() -> None:
     """Never less than their ideal code length; nothing where there is nothing to tell."""
-    per_bit = [length_of(bits, NEEDS[0], 4) / bits for bits in (100.0, 1000.0, 10000.0)]
+    per_bit = [_kernels.shortest_length(bits) / bits for bits in (100.0, 1000.0, 10000.0)]
     assert per_bit[0] > per_bit[1] > per_bit[2] > 1.0
-    assert length_of(0.0, NEEDS[0], 4) == 0.0
+    assert _kernels.shortest_length(0.0) == 0.0
 
 
 @pytest.mark.nojit
@@ -149,19 +149,17 @@ def test_what_dc_tells_refines_the_other_bands() -> None:
 def test_kernels_are_their_python() -> None:
     """To the last bit."""
     rng = np.random.default_rng(2)
-    expected = BlockErrors(rng.uniform(0.0, 900.0, (16, 30)) ** 2, rng.uniform(0.0, 9.0, (16, 30)))
-    jit = frame_costs(QUANTIZATION, expected, 99)
-    left = jit.noise(jit.planes // 2)
+    residual, noise = rng.uniform(0.0, 900.0, (16, 30)) ** 2, rng.uniform(0.0, 9.0, (16, 30))
+    expected = BlockErrors(residual.astype(np.float32), noise.astype(np.float32))
+    jit = chosen(expected)
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("variance_places", "expected_costs", "frame_costs", "remaining_noise"):
+        for name in ("variance_places", "expected_costs", "frame_costs", "remaining_noise", "least_depths"):
             patch.setattr(_kernels, name, python_twin(getattr(_kernels, name)))
-        plain = frame_costs(QUANTIZATION, expected, 99)
-        np.testing.assert_array_equal(left, plain.noise(plain.planes // 2))
-    np.testing.assert_array_equal(jit.places, plain.places)
+        for name in ("shortest_length", "choose_planes", "choose"):
+            patch.setattr(_kernels, name, python_twin(getattr(_kernels, name)))
+        plain = chosen(expected)
+    assert jit.sent == plain.sent
+    np.testing.assert_array_equal(jit.noise, plain.noise)
     np.testing.assert_array_equal(jit.costs, plain.costs)
-    depths, plainly = np.zeros((2, 16), np.int64)
-    told = _kernels.choose_depths(jit.costs, jit.planes, 3.0, depths)
-    assert told == python_twin(_kernels.choose_depths)(jit.costs, jit.planes, 3.0, plainly)
-    assert depths.tolist() == plainly.tolist()
-    assert told[0] == depths.sum() > 0
-    assert left.all()
+    assert jit.noise.all()
+    assert min(jit.sent.length_codes) > 0

@@ -9,7 +9,7 @@ from dvc.wynerziv import transform
 from encoder.operations import Operations
 from encoder.rate_control import _kernels, operations
 from encoder.rate_control.laplacian import NUM_PLACES, PER_PLANE
-from encoder.rate_control.needs import _FIRST, NEEDS, _tables
+from encoder.rate_control.needs import _FIRST, NEEDS, _cost_model
 from encoder.rate_control.sampled_blocks import (
     _ROUNDING,
     _WEIGHTS,
@@ -74,7 +74,7 @@ def test_residuals() -> None:
     planes = np.full(transform.NUM_BANDS, 3)
     all_places = Data(np.full((transform.NUM_BANDS, COUNT), 40, np.int16), tally)
     noise = Data(np.empty((transform.NUM_BANDS, COUNT), np.float32), tally)
-    given = planes, planes, 4.0, PER_PLANE, Data(_tables(), tally), noise
+    given = planes, planes, 4.0, PER_PLANE, Data(_cost_model().tables, tally), noise
     counting(_kernels.remaining_noise, tally)(all_places, *given)
     assert astuple(tally.operations()) == pytest.approx(astuple(operations.residual(COUNT)), rel=0.04)
 

@@ -5,7 +5,7 @@ import pytest
 
 from dvc._jit import python_twin
 from dvc.slepian_wolf.ldpc import _kernels
-from dvc.slepian_wolf.ldpc.graph import SyndromeGraph, bit_orders, syndrome
+from dvc.slepian_wolf.ldpc.graph import SyndromeGraph, bit_orders, block_code, syndrome
 
 pytestmark = pytest.mark.nojit
 
@@ -42,6 +42,11 @@ def test_kernel_is_its_python() -> None:
     twin = python_twin(_kernels.add_planes)
     twin(words, np.array(graph.planes), bit_orders(30, 1), graph.starts, graph.num_thrice, sums)
     np.testing.assert_array_equal(syndrome(words, graph), sums)
+    twin, code = python_twin(_kernels.add_block), block_code(30, 1, 1)
+    twin(words, np.array(graph.planes), code, graph.sparsity.numbers, sums[::-1])
+    np.testing.assert_array_equal(syndrome(words, graph), sums[::-1])
+    twin = python_twin(_kernels.count_thrice)
+    assert twin(30, 3, graph.num_checks, graph.sparsity.numbers) == graph.num_thrice < 30
 
 
 @pytest.mark.parametrize("num_checks", [10, 60, 300])
