@@ -19,7 +19,6 @@ from dvc.wynerziv.quantizer import FrameLayout
 from encoder.groups import Group
 from encoder.intra_decision import MAX_ESTIMATED_LOST_SHARE, MAX_P_TYPE_LOST_SHARE
 from encoder.rate_control.controller import GroupPlan, RateController
-from encoder.rate_control.sampled_blocks import RateControlWork
 
 
 class ExpectedBits(NamedTuple):
@@ -41,10 +40,12 @@ class WynerZivEncoder:
     cpu_field: ClassVar[str] = "parity_cpu_s"
     """What the time of `payloads` counts as."""
 
-    def __init__(self, config: CodecConfig) -> None:
-        self.work = RateControlWork()
+    def __init__(self, config: CodecConfig, rate_margin_percent: int = 0) -> None:
         self._layout = FrameLayout.of(config)
         self._coder = slepian_wolf.plane_coder(config)
+        self._controller = RateController(config, rate_margin_percent)
+        self._plan: GroupPlan | None = None
+        self.work = self._controller.work
 
     def encode(self, frame: Frame, step: float = 1.0) -> EncodedFrame:
         """Encode one frame; parity is computed when it is asked for."""
@@ -62,8 +63,11 @@ class WynerZivEncoder:
         return tuple(frame.buffered_payload() for frame in frames)
 
     def expect(self, group: Group, frames: Sequence[EncodedFrame], qp: int) -> ExpectedBits:
-        """Tell what the frames of the next group take, at the QP of its key frame, before they are packed."""
-        raise NotImplementedError
+        """Tell what headers of the next group take, and by the QP of its key frame what else is estimated."""
+        self._plan = self._controller.plan(group, frames, qp)
+        headers = [8 * len(frame.header) for frame in frames]
+        bits = self._plan.frame_bits()
+        return ExpectedBits(sum(headers), float(sum(bits) - sum(headers)), max(bits, default=0))
 
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
         """Return what answers requests for frames of this configuration."""
@@ -78,18 +82,6 @@ class WynerZivEncoder:
 
 class LiveEncoder(WynerZivEncoder):
     """Encodes Wyner-Ziv frames for a decoder that asks: a record holds no more than their headers."""
-
-    def __init__(self, config: CodecConfig) -> None:
-        super().__init__(config)
-        self._controller = RateController(config, 0)
-        self._plan: GroupPlan | None = None
-
-    def expect(self, group: Group, frames: Sequence[EncodedFrame], qp: int) -> ExpectedBits:
-        """Tell what the headers of the next group take, and what is estimated beside them."""
-        self._plan = self._controller.plan(group, frames, qp)
-        headers = [8 * len(frame.header) for frame in frames]
-        bits = self._plan.frame_bits()
-        return ExpectedBits(sum(headers), float(sum(bits) - sum(headers)), max(bits, default=0))
 
     def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
         """Return the headers of the frames of a group."""
@@ -108,11 +100,8 @@ class RateControlledEncoder(WynerZivEncoder):
     cpu_field = "rate_control_cpu_s"
 
     def __init__(self, config: CodecConfig, delivery: EstimatedRate) -> None:
-        super().__init__(config)
-        self._controller = RateController(config, delivery.rate_margin_percent)
-        self.work = self._controller.work
+        super().__init__(config, delivery.rate_margin_percent)
         self._memory: list[NDArray[np.int16]] = []
-        self._plan: GroupPlan | None = None
 
     def encode_group(self, frames: Sequence[Frame], steps: Sequence[float]) -> tuple[EncodedFrame, ...]:
         """Transform the frames of a group; planes are packed as needed, as long as it is the last group."""
