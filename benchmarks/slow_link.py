@@ -169,18 +169,28 @@ def slow_link(
         yield link
 
 
-def main() -> int:
-    """Run the command."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.slow_link", description=__doc__)
+def link_parser(prog: str, description: str | None) -> argparse.ArgumentParser:
+    """Return a parser of what a link needs."""
+    parser = argparse.ArgumentParser(prog=prog, description=description)
     parser.add_argument("address", metavar="HOST:PORT")
     parser.add_argument("--delay", type=float, default=DELAY_S, metavar="S", help="of each way")
     parser.add_argument("--bandwidth", type=float, default=BITS_PER_SECOND, metavar="BITS_PER_SECOND")
-    arguments = parser.parse_args()
-    link = SlowLink(*parse_address(arguments.address), arguments.delay, arguments.bandwidth)
+    return parser
+
+
+def serve_until_interrupted(link: SlowLink) -> None:
+    """Say where the link is, and pass on what comes."""
     sys.stdout.write(f"{link.address}\n")
     sys.stdout.flush()
     with suppress(KeyboardInterrupt):
         link.serve()
+
+
+def main() -> int:
+    """Run the command."""
+    arguments = link_parser("python -m benchmarks.slow_link", __doc__).parse_args()
+    link = SlowLink(*parse_address(arguments.address), arguments.delay, arguments.bandwidth)
+    serve_until_interrupted(link)
     sys.stdout.write(f"{link.forth.num_bytes} bytes forth, {link.back.num_bytes} back\n")
     return 0
 

@@ -55,18 +55,21 @@ class RateLimiter:
     def code(self, group: Group, needs_key: bool, num_bits: int) -> CodedFrames:
         """Code the next group, which takes so many bits beside its frames."""
         if self._bitrate is None:
-            return self._code_within(group, needs_key, self._usual)[0]
-        coded, tried = CodedFrames(b"", ()), QualityStep(0)
+            coded, _, num_too_large = self._code_within(group, needs_key, self._usual)
+            self._num_too_large += num_too_large
+            return coded
+        coded, tried, num_too_large = CodedFrames(b"", ()), QualityStep(0), 0
 
         def expect(quality: QualityStep) -> tuple[int, float]:
-            nonlocal coded, tried
-            coded, expected = self._code_within(group, needs_key, quality)
+            nonlocal coded, tried, num_too_large
+            coded, expected, num_too_large = self._code_within(group, needs_key, quality)
             tried = quality
             return num_bits + 8 * len(coded.key) + expected.certain, expected.estimated
 
         quality = self._bitrate.choose(len(group.wyner_ziv) + 1, expect)
         if quality != tried:
             expect(quality)
+        self._num_too_large += num_too_large
         return coded
 
     @property
@@ -86,8 +89,8 @@ class RateLimiter:
 
     def _code_within(
         self, group: Group, needs_key: bool, quality: QualityStep
-    ) -> tuple[CodedFrames, ExpectedBits]:
-        """Code a group, and its key frame or its other frames coarser if one of them is too large."""
+    ) -> tuple[CodedFrames, ExpectedBits, int]:
+        """Code a group, coarser where a frame is too large; count key and other frames that still are."""
         most = self._limits.bits_per_frame or math.inf
         key, key_qp = b"", quality.qp
         frames: tuple[EncodedFrame, ...] = ()
@@ -108,5 +111,4 @@ class RateLimiter:
 
         kept = [keep_within(most, key_bits)] if needs_key else []
         kept.append(keep_within(most, most_bits))
-        self._num_too_large += kept.count(False)
-        return CodedFrames(key, frames), expected
+        return CodedFrames(key, frames), expected, kept.count(False)

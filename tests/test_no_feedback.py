@@ -109,6 +109,11 @@ def test_short_clips(clip: Path, tmp_path: Path, num_frames: int) -> None:
         (["--no-feedback", "--wz-q", "4"], "--no-feedback is for --qp and codecs whose encoder tracks"),
         (["--rate-margin", "10"], "--rate-margin is for --no-feedback"),
         (["--no-feedback", "--serve", "127.0.0.1:0"], "give either OUTPUT or --serve"),
+        (["--bitrate", "300k"], "--bitrate and --max-bits-per-frame are for --serve and --no-feedback"),
+        (["--max-bits-per-frame", "300k"], "--bitrate and --max-bits-per-frame are for --serve"),
+        (["--no-feedback", "--bitrate", "300k", "--qp", "30"], "give it or --qp"),
+        (["--bitrate", "300k", "--wz-q", "3"], "give it or --wz-q"),
+        (["--no-feedback", "--bitrate", "300k", "--key-qp", "20"], "no --key-qp"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(

@@ -3,16 +3,14 @@
 ``python -m benchmarks.hostile.bad_link HOST:PORT`` passes on what comes to a free port, which it prints.
 """
 
-import argparse
 import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 
 import numpy as np
 
-from benchmarks.slow_link import SlowLink
+from benchmarks.slow_link import SlowLink, link_parser, serve_until_interrupted
 from dvc.feedback import parse_address
 
 FAULTS = ("cut", "flip", "drop", "repeat", "move", "trickle")
@@ -70,20 +68,15 @@ def _pieces(kind: str, before: bytes, data: bytes, after: bytes, rng: np.random.
 
 def main() -> int:
     """Run the command."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.hostile.bad_link", description=__doc__)
-    parser.add_argument("address", metavar="HOST:PORT")
+    parser = link_parser("python -m benchmarks.hostile.bad_link", __doc__)
+    parser.set_defaults(delay=DELAY_S, bandwidth=BITS_PER_SECOND)
     parser.add_argument("--bytes-apart", type=float, default=1e5, metavar="N", help="of faults")
     parser.add_argument("--kinds", nargs="+", choices=FAULTS, default=FAULTS, help="of faults; default: all")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--delay", type=float, default=DELAY_S, metavar="S", help="of each way")
-    parser.add_argument("--bandwidth", type=float, default=BITS_PER_SECOND, metavar="BITS_PER_SECOND")
     arguments = parser.parse_args()
     faults = Faults(arguments.bytes_apart, arguments.seed, arguments.kinds)
     link = SlowLink(*parse_address(arguments.address), arguments.delay, arguments.bandwidth, faults)
-    sys.stdout.write(f"{link.address}\n")
-    sys.stdout.flush()
-    with suppress(KeyboardInterrupt):
-        link.serve()
+    serve_until_interrupted(link)
     sys.stdout.write(f"{link.num_connections} connections, {faults.counts}\n")
     return 0
 
