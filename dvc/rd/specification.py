@@ -80,8 +80,8 @@ class Sweep:
         for name in self.anchors:
             if name not in ANCHORS:
                 raise ConfigError(f"the anchor must be one of {', '.join(ANCHORS)}, got {name!r}")
-            if name in ANCHOR_CODECS and not self.luma_only:
-                raise ConfigError(f"the anchor {name} codes luma only; in colour there is only intra")
+            if name in ANCHOR_CODECS and ANCHOR_CODECS[name].zero_motion and not self.luma_only:
+                raise ConfigError(f"the anchor {name} codes luma only")
         if self.side_information is not None:
             check_option(self.side_information)
         for name, _ in self.options:

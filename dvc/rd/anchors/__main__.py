@@ -15,9 +15,7 @@ EXAMPLES = """\
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = cli.ArgumentParser(
-        PROG, "Write files of standard codecs, luma only, and measure them.", EXAMPLES
-    )
+    parser = cli.ArgumentParser(PROG, "Write files of standard codecs, and measure them.", EXAMPLES)
     commands = parser.add_subparsers(dest="command", required=True, metavar="{encode,decode}")
     encode = commands.add_parser(
         "encode", prog=f"{PROG} encode", description="Write a file.", help="write a file"
@@ -45,6 +43,7 @@ def _parser() -> argparse.ArgumentParser:
     decode.add_argument("--zero-motion", action="store_true", help="refuse motion vectors that are not zero")
     decode.add_argument("--video", type=Path, metavar="OUT", help="write the luma: .y4m or .mkv")
     for command in (encode, decode):
+        command.add_argument("--colour", action="store_true", help="chroma as well as luma")
         command.add_argument("--json", metavar="FILE", help="write what was found (-: standard output)")
         command.add_argument("--quiet", action="store_true", help="accepted like by the other commands")
     return parser
@@ -61,6 +60,7 @@ def _encode(arguments: argparse.Namespace) -> int:
         arguments.qp,
         arguments.start,
         arguments.frames,
+        colour=arguments.colour,
     )
     if arguments.json:
         cli.write_json(arguments.json, coded)
@@ -77,6 +77,7 @@ def _decode(arguments: argparse.Namespace) -> int:
         arguments.reference,
         arguments.reference_start,
         zero_motion=arguments.zero_motion,
+        colour=arguments.colour,
         video=arguments.video,
     )
     if arguments.json:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from av.container import InputContainer
 
 PSNR_CAP_DB = 100.0
+_PSNRS = ("psnr_y_db", "psnr_cb_db", "psnr_cr_db")
 _FORMATS = {".264": "h264", ".265": "hevc", ".obu": "obu"}
 _STRICT = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}
 
@@ -31,7 +32,7 @@ _STRICT = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}
 class DecodedPicture:
     """One picture of a file."""
 
-    luma: Plane  # samples
+    frame: Frame
     is_intra: bool  # whether it was coded without prediction from other pictures
     num_bits: int  # of its slices or tiles
     num_vectors: int  # motion vectors, and those of them that are not zero; 0 where they were not asked for
@@ -68,6 +69,7 @@ def measure_file(
     start: int = 0,
     *,
     zero_motion: bool = False,
+    colour: bool = False,
     video: Path | None = None,
 ) -> dict[str, Any]:
     """Decode a file and compare it with its original."""
@@ -76,13 +78,14 @@ def measure_file(
         info = original.info
         output = None if video is None else create_video(video, info.size, info.frame_rate, luma_only=True)
         with output or nullcontext():
-            for index, picture, plane in _pairs(path, original, zero_motion):
-                if picture.luma.shape != plane.shape:
-                    raise VideoError(f"{path.name}: pictures of {picture.luma.shape}, not {plane.shape}")
+            for index, picture, frame in _pairs(path, original, zero_motion):
+                found, expected = picture.frame.luma.shape, frame.luma.shape
+                if found != expected:
+                    raise VideoError(f"{path.name}: pictures of {found}, not {expected}")
                 num_vectors, moved = num_vectors + picture.num_vectors, moved + picture.num_moving
-                rows.append(_row(index, picture, plane))
+                rows.append(_row(index, picture, frame if colour else frame.without_chroma()))
                 if output is not None:
-                    output.write(Frame(picture.luma))
+                    output.write(picture.frame.without_chroma())
             if not rows:
                 raise VideoError(f"{path.name}: no pictures")
             if moved:
@@ -101,14 +104,14 @@ def measure_file(
 
 def _pairs(
     path: Path, original: "Iterator[Frame] | Any", vectors: bool
-) -> Iterator[tuple[int, DecodedPicture, Plane]]:
+) -> Iterator[tuple[int, DecodedPicture, Frame]]:
     """Yield each picture with its original; the original may be longer."""
     for index, (picture, frame) in enumerate(zip_longest(decode_file(path, vectors=vectors), original)):
         if picture is None:
             return
         if frame is None:
             raise VideoError(f"{path.name}: has more than the {index} pictures of the original")
-        yield index, picture, frame.luma
+        yield index, picture, frame
 
 
 def _pictures(
@@ -138,8 +141,8 @@ def _decoded(picture: "av.VideoFrame", sizes: list[int], vectors: bool) -> Decod
         num_vectors, num_moving = _count_vectors(picture)
     if picture.pts is None:
         raise ValueError("a picture without a packet")
-    luma = frame_from_picture(picture).luma
-    return DecodedPicture(luma, is_intra, sizes[picture.pts], num_vectors, num_moving)
+    frame = frame_from_picture(picture)
+    return DecodedPicture(frame, is_intra, sizes[picture.pts], num_vectors, num_moving)
 
 
 def _count_vectors(picture: "av.VideoFrame") -> tuple[int, int]:
@@ -176,13 +179,18 @@ def _exports_vectors() -> bool:
     return sum(_count_vectors(picture)[0] for picture in decoded) > 0
 
 
-def _row(index: int, picture: DecodedPicture, original: Plane) -> dict[str, Any]:
+def _row(index: int, picture: DecodedPicture, original: Frame) -> dict[str, Any]:
+    planes = zip(_planes(original), _planes(picture.frame), strict=False)
     return {
         "index": index,
         "type": "intra" if picture.is_intra else "inter",
         "bits": picture.num_bits,
-        "psnr_y_db": min(psnr_db(original, picture.luma), PSNR_CAP_DB),
+        **{name: min(psnr_db(*pair), PSNR_CAP_DB) for name, pair in zip(_PSNRS, planes, strict=False)},
     }
+
+
+def _planes(frame: Frame) -> tuple[Plane, ...]:
+    return frame.luma, *(frame.chroma or ())
 
 
 def _totals(rows: list[dict[str, Any]], num_bytes: int, duration_s: float) -> dict[str, Any]:
@@ -199,6 +207,6 @@ def _totals(rows: list[dict[str, Any]], num_bytes: int, duration_s: float) -> di
         "stream_bytes": num_bytes,
         "rate_kbps": 8 * num_bytes / duration_s / 1000,
         "bits": bits,
-        "psnr_y_db": mean_psnr_db(psnrs[""]),
+        **{name: mean_psnr_db([row[name] for row in rows]) for name in _PSNRS if name in rows[0]},
         **{f"{kind}_psnr_y_db": mean_psnr_db(psnrs[kind]) for kind in ("intra", "inter") if psnrs[kind]},
     }

@@ -33,10 +33,14 @@ def encode_file(
     qp: int,
     start: int = 0,
     frames: int | None = None,
+    *,
+    colour: bool = False,
 ) -> dict[str, Any]:
-    """Code the luma of a video into a file."""
+    """Code a video into a file: its luma, or all of it."""
     if Path(path).suffix != codec.suffix:
         raise ConfigError(f"a file of {codec.name} ends in {codec.suffix}, got {str(path)!r}")
+    if colour and codec.zero_motion:
+        raise ConfigError(f"{codec.name} codes luma only")
     parameters = codec.encoder_parameters(qp)
     cpu_s, read_s, num_frames = 0.0, 0.0, 0
 
@@ -45,7 +49,7 @@ def encode_file(
         source = iter(reader)
         while True:
             started = time.process_time()
-            frames = [frame.without_chroma() for frame in islice(source, READ_AT_ONCE)]
+            frames = [frame if colour else frame.without_chroma() for frame in islice(source, READ_AT_ONCE)]
             read_s += time.process_time() - started
             if not frames:
                 return
@@ -54,7 +58,7 @@ def encode_file(
 
     with open_video(source, start=start, num_frames=frames) as reader, atomic_output(path) as temporary:
         size, rate = reader.info.size, reader.info.frame_rate
-        parts = encode_frames(_counted(reader), size, rate, codec, qp)
+        parts = encode_frames(_counted(reader), size, rate, codec, qp, colour=colour)
         with temporary.open("wb") as file:
             while True:
                 started = time.process_time()
@@ -68,12 +72,18 @@ def encode_file(
         "frames": num_frames,
         "bytes": num_bytes,
         "coding_cpu_s": cpu_s - read_s,
-        "config": _configuration(codec, qp, parameters),
+        "config": _configuration(codec, qp, parameters, codec.pixel_format(colour=colour)),
     }
 
 
 def encode_frames(
-    frames: Iterable[Frame], size: tuple[int, int], rate: Fraction, codec: AnchorCodec, qp: int
+    frames: Iterable[Frame],
+    size: tuple[int, int],
+    rate: Fraction,
+    codec: AnchorCodec,
+    qp: int,
+    *,
+    colour: bool = False,
 ) -> Iterator[bytes]:
     """Code frames, and give the parts of the file as they are made."""
     parameters = codec.encoder_parameters(qp)
@@ -83,12 +93,12 @@ def encode_frames(
             (frame.luma for frame in frames), size, rate, codec.preset, parameters
         )
         return
-    context = _open(codec, size, rate, parameters)
+    context = _open(codec, size, rate, parameters, codec.pixel_format(colour=colour))
     # AV1 has its sequence header in the first packet anyway.
     head = b"" if codec.file_format == "obu" else context.extradata or b""
     yield without_overhead(head, codec.file_format)
     for number, frame in enumerate(frames):
-        picture = picture_from_frame(frame, codec.pixel_format)
+        picture = picture_from_frame(frame, context.pix_fmt or "")
         picture.pts = number
         for packet in context.encode(picture):
             yield without_overhead(bytes(packet), codec.file_format, head)
@@ -97,7 +107,11 @@ def encode_frames(
 
 
 def _open(
-    codec: AnchorCodec, size: tuple[int, int], rate: Fraction, parameters: dict[str, str]
+    codec: AnchorCodec,
+    size: tuple[int, int],
+    rate: Fraction,
+    parameters: dict[str, str],
+    pixel_format: str,
 ) -> "VideoCodecContext":
     import av
     from av.codec.context import Flags
@@ -106,7 +120,7 @@ def _open(
     os.environ.setdefault("SVT_LOG", "1")  # SVT-AV1 reads it when it is opened: errors only
     context = av.CodecContext.create(codec.library, "w")
     context.width, context.height = size
-    context.pix_fmt = codec.pixel_format
+    context.pix_fmt = pixel_format
     context.framerate, context.time_base = rate, 1 / rate
     context.thread_count = 1
     context.flags |= Flags.global_header
@@ -131,14 +145,16 @@ def _check_available(codec: AnchorCodec) -> None:
         raise ConfigError(f"{codec.name}: this PyAV was built without the encoder {codec.library}")
 
 
-def _configuration(codec: AnchorCodec, qp: int, parameters: dict[str, str]) -> dict[str, Any]:
+def _configuration(
+    codec: AnchorCodec, qp: int, parameters: dict[str, str], pixel_format: str
+) -> dict[str, Any]:
     """Return what an encoder was told, and which it was."""
     import av
 
     return {
         "encoder": codec.library,
         "preset": codec.preset,
-        "pixel_format": codec.pixel_format,
+        "pixel_format": pixel_format,
         "qp": qp,
         "encoder_qp": codec.encoder_qp(qp),
         "parameters": parameters | ({"merange": "overwritten with -1"} if codec.zero_motion else {}),

@@ -5,10 +5,12 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 import pytest
 
@@ -68,6 +70,28 @@ def test_files_are_what_is_measured(
     inter = 0 if codec.structure == "intra" else num_frames - 1
     assert [row["type"] for row in rows] == ["intra"] * (num_frames - inter) + ["inter"] * inter
     assert (measured["width"], measured["height"]) == (width, height)
+
+
+@pytest.mark.parametrize("name", ["x264-medium", "x265-medium", "svtav1-6"])
+def test_chroma_is_coded_where_it_is_asked_for(tmp_path: Path, name: str) -> None:
+    """In colour the chroma is that of the original; without, whatever the original has, there is none."""
+    noise = np.random.default_rng(3).integers(60, 200, (2, 16, 24)).astype(np.uint8)
+    cb, cr = (cv2.GaussianBlur(plane, (0, 0), 3) for plane in noise)
+    clip, codec = tmp_path / "clip.mkv", ANCHOR_CODECS[name]
+    with create_video(clip, (48, 32), Fraction(25), luma_only=False) as writer:
+        for level in (100, 104, 108):
+            writer.write(Frame(np.full((32, 48), level, np.uint8), (cb, cr)))
+    psnrs_db, sizes = [], []
+    for colour in (False, True):
+        file = tmp_path / f"{colour}{codec.suffix}"
+        sizes.append(encode_file(clip, file, codec, 24, colour=colour)["bytes"])
+        totals = measure_file(file, clip, colour=colour)["totals"]
+        psnrs_db.append([totals.get(plane) for plane in ("psnr_cb_db", "psnr_cr_db")])
+    assert psnrs_db[0] == [None, None]
+    assert min(psnrs_db[1]) > 35
+    assert sizes[0] < sizes[1]
+    with pytest.raises(ConfigError, match="codes luma only"):
+        encode_file(clip, tmp_path / "x.264", ANCHOR_CODECS["x264-ippp-zero"], 24, colour=True)
 
 
 @EVERY_CODEC
