@@ -8,6 +8,7 @@ from functools import partial
 from threading import Lock
 from typing import Protocol
 
+from decoder.allowances import Allowance, GroupAllowance
 from decoder.no_feedback import NoFeedbackDecoder
 from decoder.side_information.extrapolation import LongTerm, TrackedExtrapolation
 from decoder.side_information.methods import METHODS
@@ -99,16 +100,19 @@ class GroupDecoder:
         encoder = encoder or RecordedGroup(task, self._config)
         frames: list[DecodedFrame] = []
         priors, order = self._decoder.new_priors(), _order(task, self._config)
+        allowance = GroupAllowance(self._told_bits(task))
         for levels_left, level in zip(range(len(order), 0, -1), order, strict=True):
             learned = [LearnedPriors.mean([priors]) for _ in level[1:]] + [priors]
+            allowed = allowance.begin_level([index for index, _ in level])
             steps = [
-                partial(encoder.drive, self._frame(task, known, (points, long_term), place, own))
-                for place, own in zip(level, learned, strict=True)
+                partial(encoder.drive, self._frame(task, known, (points, long_term), place, (own, may_ask)))
+                for place, own, may_ask in zip(level, learned, allowed, strict=True)
             ]
             rank = -levels_left, task.number
             with encoder.level(rank, len(level)):
                 decoded = self._team.run(steps, rank)
             priors = LearnedPriors.mean(learned)
+            allowance.end_level(sum(frame.crc_bits + frame.parity_bits for frame in decoded))
             known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
             frames += decoded
             if decoded[-1].index == task.last_index:
@@ -123,13 +127,21 @@ class GroupDecoder:
             _check_agreement(group.record, task.record)
         return group
 
+    def _told_bits(self, task: GroupTask) -> dict[int, int] | None:
+        """Return how much the encoder allows because of each frame, if it does not allow all."""
+        layout = self._decoder.layout
+        if not layout.limited:
+            return None
+        headers = map(layout.read_header, task.record.wyner_ziv)
+        return {index: header.told_bits or 0 for index, header in enumerate(headers, task.first_index)}
+
     def _frame(
         self,
         task: GroupTask,
         known: Known,
         geometry: tuple[Points, LongTerm | None],
         place: tuple[int, Around],
-        priors: LearnedPriors,
+        own: tuple[LearnedPriors, Allowance],
     ) -> FrameCoroutine:
         """Decode one frame, without any request where its record holds what an encoder chose."""
         (index, around), started = place, time.perf_counter()
@@ -141,7 +153,7 @@ class GroupDecoder:
         else:
             quantization = self._decoder.layout.read_header(payload)
             recorder = PunctureRecorder()
-            steps = self._decoder.decode(index, quantization, predict(), priors)
+            steps = self._decoder.decode(index, quantization, predict(), *own)
             frame = yield from recorder.watch(steps)
             frame = replace(frame, punctured=recorder.payload(payload[: len(quantization.header)]))
         return replace(frame, decode_s=time.perf_counter() - started)

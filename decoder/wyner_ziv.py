@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.allowances import Allowance
 from decoder.frame_state import FrameState, KnownBand
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import BandCost, DecodedFrame
@@ -86,11 +87,13 @@ class WynerZivDecoder:
         quantization: Quantization,
         prediction: Prediction,
         priors: LearnedPriors,
+        allowance: Allowance | None = None,
     ) -> FrameCoroutine:
         """Decode one frame."""
         planes = self._coder.decoder(self.layout.num_bits)
         state = FrameState(self.layout, prediction, self._config.wyner_ziv.noise_model)
-        return _Frame(self._config, self.layout, planes, priors, index).decode(quantization, state)
+        allowance = allowance or Allowance()
+        return _Frame(self._config, self.layout, planes, priors, allowance, index).decode(quantization, state)
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,7 @@ class _Frame:
     layout: FrameLayout
     plane_decoder: slepian_wolf.PlaneDecoder
     priors: LearnedPriors
+    allowance: Allowance
     index: int
 
     def decode(self, quantization: Quantization, state: FrameState) -> FrameCoroutine:
@@ -142,7 +146,7 @@ class _Frame:
         predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
         prefix = np.zeros(self.layout.num_bits, dtype=np.int64)
         lower, upper = quantizer.prefix_borders(prefix, planes, edges)
-        gain, results, multiplier = state.gain, [], quantization.multiplier
+        gain, results, multiplier, expected_bits = state.gain, [], quantization.multiplier, 0.0
         for plane in range(planes):
             missing = planes - plane - 1
             if multiplier > 0:
@@ -150,10 +154,14 @@ class _Frame:
                 worth = expected_refinement(prefix, missing + 1, edges, predicted, scale * gain, depth)
                 if not _is_worth_its_rate(worth, self.plane_decoder.cost, multiplier):
                     break
+                expected_bits = self.plane_decoder.cost.bits(float(worth.bits[0]))
+            if not self.allowance.begin(expected_bits):
+                break
             middle, _ = quantizer.prefix_borders(2 * prefix + 1, missing, edges)
             place, borders = (quantization.first_plane[band] + plane, band, plane), (lower, middle, upper)
             result = yield from self._decode_plane(place, borders, predicted, scale * gain, state)
             results.append(result)
+            self.allowance.end(expected_bits, result.parity_bits + result.crc_bits)
             prefix = 2 * prefix + result.bits
             lower, upper = quantizer.prefix_borders(prefix, missing, edges)
             if plane < NUM_FITTED_PLANES or missing == 0:

@@ -171,7 +171,7 @@ class _LiveEncoder:
         if not group.done:
             group.done = True
             if self._session.limiter is not None:
-                self._session.limiter.settle(group.number, self._bits_of(done))
+                self._session.limiter.settle(group.number, self._num_bits[done.slots])
             self._num_written = max(self._num_written, group.end_frame)
             num_frames = group.encoded.record.num_frames
             self._pace.done(num_frames)

@@ -1,16 +1,26 @@
 """Coding of groups of pictures at qualities that keep a bitrate, and limits of frames."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
-from dvc.config import MAX_QP, CodecConfig, Delivery, ParityBuffer
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.config import MAX_QP, CodecConfig, Delivery, Live, ParityBuffer
 from dvc.errors import ConfigError
 from dvc.video import Frame
+from dvc.wynerziv.lengths import LENGTH_CODE_BITS, length_code, length_of_code
 from dvc.wynerziv.payloads import EncodedFrame
 from encoder.groups import Group
-from encoder.rate_control.bitrate import BitrateController, QualityStep, RateLimits, keep_within
-from encoder.wyner_ziv import ExpectedBits
+from encoder.rate_control.bitrate import (
+    BitrateController,
+    ExpectedBits,
+    QualityStep,
+    RateLimits,
+    keep_within,
+)
 
 MAX_OPEN_GROUPS = 2
 """Of which it may be unknown what a decoder asks for."""
@@ -21,6 +31,7 @@ class CodedFrames(NamedTuple):
 
     key: bytes  # the key frame that ends the group; empty if none does
     wyner_ziv: tuple[EncodedFrame, ...]
+    limits: tuple[bytes, ...] = ()  # what headers tell of how much a live decoder may ask for
 
 
 class FrameCoders(NamedTuple):
@@ -31,6 +42,12 @@ class FrameCoders(NamedTuple):
     """Those of a group, which a key frame ends or not."""
     expect: Callable[[Group, tuple[EncodedFrame, ...], int], ExpectedBits]
     """Tells what these take, at the QP of the key frame."""
+
+
+def limited(config: CodecConfig, delivery: Delivery, limits: RateLimits) -> CodecConfig:
+    """Return the configuration of a stream within limits: a live decoder is told how much it may ask for."""
+    tells = isinstance(delivery, Live) and limits.bits_per_s is not None
+    return replace(config, wyner_ziv=replace(config.wyner_ziv, limited=True)) if tells else config
 
 
 class RateLimiter:
@@ -50,6 +67,7 @@ class RateLimiter:
         self._bitrate: BitrateController | None = None
         if limits.bits_per_s is not None:
             self._bitrate = BitrateController(limits.bits_per_s, config.video.frame_rate)
+        self._tells_limits = config.wyner_ziv.limited
         self._num_too_large = 0
 
     def code(self, group: Group, needs_key: bool, num_bits: int) -> CodedFrames:
@@ -60,27 +78,29 @@ class RateLimiter:
             return coded
         coded, tried, num_too_large = CodedFrames(b"", ()), QualityStep(0), 0
 
-        def expect(quality: QualityStep) -> tuple[int, float]:
+        def expect(quality: QualityStep) -> ExpectedBits:
             nonlocal coded, tried, num_too_large
             coded, expected, num_too_large = self._code_within(group, needs_key, quality)
             tried = quality
-            return num_bits + 8 * len(coded.key) + expected.certain, expected.estimated
+            return expected._replace(certain=num_bits + 8 * len(coded.key) + expected.certain)
 
         quality = self._bitrate.choose(len(group.wyner_ziv) + 1, expect)
         if quality != tried:
             expect(quality)
         self._num_too_large += num_too_large
-        return coded
+        if not self._tells_limits:
+            return coded
+        return coded._replace(limits=tuple(_limits(self._bitrate.allowed.tolist())))
 
     @property
     def max_open_groups(self) -> int | None:
         """Most groups that a live decoder may work at, if that is limited."""
         return None if self._bitrate is None else MAX_OPEN_GROUPS
 
-    def settle(self, number: int, num_bits: int) -> None:
-        """Count what a decoder has asked for of a group."""
+    def settle(self, number: int, asked: NDArray[np.int64]) -> None:
+        """Count what a decoder has asked for of the Wyner-Ziv frames of a group."""
         if self._bitrate is not None:
-            self._bitrate.settle(number, num_bits)
+            self._bitrate.settle(number, asked)
 
     def report(self) -> dict[str, int]:
         """Tell how the limits were kept."""
@@ -94,7 +114,7 @@ class RateLimiter:
         most = self._limits.bits_per_frame or math.inf
         key, key_qp = b"", quality.qp
         frames: tuple[EncodedFrame, ...] = ()
-        expected = ExpectedBits(0, 0.0, 0.0)
+        expected = ExpectedBits(0.0)
 
         def key_bits(coarser: int) -> float:
             nonlocal key, key_qp
@@ -112,3 +132,14 @@ class RateLimiter:
         kept = [keep_within(most, key_bits)] if needs_key else []
         kept.append(keep_within(most, most_bits))
         return CodedFrames(key, frames), expected, kept.count(False)
+
+
+def _limits(allowed: Sequence[float]) -> Iterator[bytes]:
+    """Yield what headers tell, together no more than is allowed."""
+    left = 0.0
+    for bits in allowed:
+        left += bits
+        code = length_code(left)
+        code -= length_of_code(code) > left
+        left -= length_of_code(code)
+        yield code.to_bytes(LENGTH_CODE_BITS // 8)

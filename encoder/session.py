@@ -1,5 +1,6 @@
 """The encoder of figure 5.1: frames in; key frames, tracks and parity out."""
 
+import operator
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -20,13 +21,13 @@ from encoder.groups import Group, cornered_groups, groups, tracked_groups
 from encoder.intra_decision import KeyFrameSpacing
 from encoder.long_term import FoundAgain, LongTermReferences
 from encoder.operations import predicted_positions
-from encoder.rate_control.bitrate import QualityStep, RateLimits
-from encoder.rate_limiter import FrameCoders, RateLimiter
+from encoder.rate_control.bitrate import ExpectedBits, QualityStep, RateLimits
+from encoder.rate_limiter import FrameCoders, RateLimiter, limited
 from encoder.report import EncoderStatistics
 from encoder.time_stamps import CodingClock
 from encoder.track_budget import encode_within_budget
 from encoder.tracking import PointTracker
-from encoder.wyner_ziv import ExpectedBits, wyner_ziv_encoder
+from encoder.wyner_ziv import wyner_ziv_encoder
 
 Progress = Callable[[int], None]
 """Called with the number of frames that have just been finished."""
@@ -76,11 +77,12 @@ class EncoderSession:
         clock: CodingClock | None = None,
         limits: RateLimits | None = None,
     ) -> None:
-        delivery = delivery or ParityBuffer()
+        delivery, limits = delivery or ParityBuffer(), limits or RateLimits()
+        config = limited(config, delivery, limits)
         self._wyner_ziv_encoder = wyner_ziv_encoder(config, delivery)
         self.statistics = EncoderStatistics(rate_control=self._wyner_ziv_encoder.work)
         self.limiter: RateLimiter | None = None
-        if limits is not None and not limits.is_none:
+        if not limits.is_none:
             coders = FrameCoders(self._code_key, self._code_wyner_ziv, self._expect)
             self.limiter = RateLimiter(config, delivery, limits, coders)
         self._key_encoder = KeyFrameEncoder(
@@ -185,12 +187,14 @@ class EncoderSession:
         if needs_key and not group.wyner_ziv:
             tracks = b""  # nothing is predicted by them
         if self.limiter is not None:
-            key, frames = self.limiter.code(group, needs_key, 8 * len(tracks))
+            key, frames, allowed = self.limiter.code(group, needs_key, 8 * len(tracks))
         else:
             key = self._code_key(group.key) if needs_key else b""
-            frames = self._code_wyner_ziv(group, needs_key)
+            frames, allowed = self._code_wyner_ziv(group, needs_key), ()
         with statistics.timing(wyner_ziv.cpu_field):
             payloads = wyner_ziv.payloads(group, frames)
+        if allowed:
+            payloads = tuple(map(operator.add, payloads, allowed))
         deviations = self._clock.deviations((*group.wyner_ziv, group.key))
         record = GopRecord(len(frames) + bool(key), key, tracks, payloads, None, long_term, deviations)
         if needs_key:

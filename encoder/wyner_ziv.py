@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +18,8 @@ from dvc.wynerziv.payloads import EncodedFrame, transform_frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder.groups import Group
 from encoder.intra_decision import MAX_ESTIMATED_LOST_SHARE, MAX_P_TYPE_LOST_SHARE
+from encoder.rate_control.bitrate import ExpectedBits
 from encoder.rate_control.controller import GroupPlan, RateController
-
-
-class ExpectedBits(NamedTuple):
-    """What the Wyner-Ziv frames of a group are expected to take."""
-
-    certain: int
-    estimated: float  # what a decoder would ask for beside that
-    most: float  # of one frame
 
 
 class WynerZivEncoder:
@@ -65,9 +58,9 @@ class WynerZivEncoder:
     def expect(self, group: Group, frames: Sequence[EncodedFrame], qp: int) -> ExpectedBits:
         """Tell what headers of the next group take, and by the QP of its key frame what else is estimated."""
         self._plan = self._controller.plan(group, frames, qp)
-        headers = [8 * len(frame.header) for frame in frames]
-        bits = self._plan.frame_bits()
-        return ExpectedBits(sum(headers), float(sum(bits) - sum(headers)), max(bits, default=0))
+        headers = np.array([8 * len(frame.header) for frame in frames])
+        bits, p_type = self._plan.frame_bits(), self._plan.p_type()
+        return ExpectedBits(float(headers.sum()), float(bits.max(initial=0.0)), bits - headers, p_type)
 
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
         """Return what answers requests for frames of this configuration."""
@@ -113,7 +106,7 @@ class RateControlledEncoder(WynerZivEncoder):
         """Choose what is sent of the frames of the next group, and tell what that takes."""
         self._plan = self._controller.plan(group, frames, qp)
         bits = self._plan.frame_bits()
-        return ExpectedBits(sum(bits), 0.0, max(bits, default=0))
+        return ExpectedBits(float(bits.sum()), float(bits.max(initial=0.0)))
 
     def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
         """Pack what is sent of the frames of a group, chosen here if it was not."""

@@ -36,6 +36,7 @@ FIELD_NUMBERS = {
     "wyner_ziv.noise_model": 25,
     "wyner_ziv.qp": 26,
     "wyner_ziv.priors": 28,
+    "wyner_ziv.limited": 29,
     "coder.name": 40,
     "coder.batch_percent": 41,
     "side_information.method": 56,

@@ -167,6 +167,8 @@ class WynerZivConfig(Section):
     # Priors of bits: as the correlation noise has them; or corrected by what was decoded, with neighbours, of
     # the frame itself and of those before that it is not decoded side by side with.
     priors: str = "learned"
+    # Whether each group tells how much may be asked for of its frames, for a bitrate.
+    limited: bool = False
 
     def _check_values(self) -> None:
         if self.levels and len(self.levels) != NUM_BANDS:
@@ -179,6 +181,8 @@ class WynerZivConfig(Section):
         check_choice("noise_model", self.noise_model, NOISE_MODELS)
         check_choice("priors", self.priors, PRIORS)
         check_range("qp", self.qp, 1, MAX_QP)
+        if self.limited and self.levels:
+            raise ConfigError("`limited` is for embedded quantisers, of which planes may be left out")
 
     @property
     def embedded(self) -> bool:

@@ -4,9 +4,8 @@ After the header it tells how many planes of each band are sent and how long the
 block of bands; then come the check bits and the syndrome of each block.
 """
 
-from bisect import bisect_left
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import chain
 from typing import Self
 
@@ -18,6 +17,7 @@ from dvc.errors import BitstreamError
 from dvc.slepian_wolf.crc import POLYNOMIALS
 from dvc.slepian_wolf.ldpc.graph import Sparsity, SyndromeGraph, block_code
 from dvc.wynerziv import _kernels
+from dvc.wynerziv.lengths import LENGTH_CODE_BITS, length_of_code, lengths
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout, Quantization, plane_digits, read_planes
 
@@ -31,31 +31,8 @@ _BLOCKS = (
     np.array([0, *(bands.stop for bands in BLOCKS)]),
     np.array([sparsity.numbers for sparsity in SPARSITY]),
 )
-LENGTH_CODE_BITS = 8
 MAX_BLOCK_BITS = 1 << 25
 """Bits of the planes of a block: belief propagation takes some hundred bytes of memory for each."""
-_LENGTHS_PER_OCTAVE = 16
-
-
-def syndrome_length(code: int) -> int:
-    """Return the length that a code stands for; inverse of `length_code`."""
-    if code == 0:
-        return 0
-    octave, step = divmod(code - 1, _LENGTHS_PER_OCTAVE)
-    return (_LENGTHS_PER_OCTAVE + step) << octave
-
-
-@cache
-def _lengths() -> tuple[int, ...]:
-    """Return the lengths of all codes."""
-    return tuple(map(syndrome_length, range(1 << LENGTH_CODE_BITS)))
-
-
-def length_code(num_bits: float) -> int:
-    """Return the code of the least length that is not below one."""
-    if num_bits <= 0:
-        return 0
-    return bisect_left(_lengths(), num_bits, 1, (1 << LENGTH_CODE_BITS) - 1)
 
 
 @dataclass(frozen=True)
@@ -71,7 +48,7 @@ class SentPlanes:
         first, depths = quantization.first_plane, self.depths
         bands = [range(first[band], first[band] + depths[band]) for band in BLOCKS[block] if depths[band]]
         planes = tuple(chain.from_iterable(bands))
-        length = syndrome_length(self.length_codes[block])
+        length = length_of_code(self.length_codes[block])
         if not (length and planes):
             return None
         return SyndromeGraph(num_bits, planes, length, seed, SPARSITY[block])
@@ -80,10 +57,10 @@ class SentPlanes:
 def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
     """Pack what is sent of a frame; inverse of `NoFeedbackFrame.read`."""
     digits = np.frombuffer(_digits(sent).encode(), np.uint8) & np.uint8(1)
-    lengths = [_lengths()[code] for code in sent.length_codes]
-    bits = np.empty(sum(lengths) + len(BLOCKS) * frame.layout.crc_bits, np.uint8)
+    sizes = [lengths()[code] for code in sent.length_codes]
+    bits = np.empty(sum(sizes) + len(BLOCKS) * frame.layout.crc_bits, np.uint8)
     num_bits = 0
-    if any(lengths) and any(sent.depths):
+    if any(sizes) and any(sent.depths):
         packed = frame.pack(max(band + 1 for band, depth in enumerate(sent.depths) if depth))
         num_bits = _kernels.write_blocks(
             packed,
@@ -91,7 +68,7 @@ def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
             np.array(frame.quantization.planes),
             np.array(sent.depths),
             _BLOCKS,
-            np.array(lengths),
+            np.array(sizes),
             block_code(frame.layout.num_bits, len(packed[0]), seed),
             bits,
         )
@@ -100,12 +77,12 @@ def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
 
 def payload_bits(frame: EncodedFrame, sent: SentPlanes) -> int:
     """Return the size of what `encode_payload` gives, in bits."""
-    lengths = [
-        syndrome_length(code)
+    sizes = [
+        length_of_code(code)
         for bands, code in zip(BLOCKS, sent.length_codes, strict=True)
         if code and any(sent.depths[bands.start : bands.stop])
     ]
-    num_bits = len(_digits(sent)) + sum(lengths) + frame.layout.crc_bits * len(lengths)
+    num_bits = len(_digits(sent)) + sum(sizes) + frame.layout.crc_bits * len(sizes)
     return 8 * (len(frame.header) + -(-num_bits // 8))
 
 

@@ -17,7 +17,7 @@ payload starts with its header.
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
 
@@ -30,6 +30,7 @@ from dvc.config.sections import MAX_BAND_PLANES, NUM_BANDS
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import CRC_BITS
 from dvc.wynerziv import _kernels, transform
+from dvc.wynerziv.lengths import length_of_code
 
 DC_RANGE = 1024.0
 LAMBDA_PER_SQUARED_STEP = 0.1
@@ -143,6 +144,7 @@ class Quantization:
     # index for `step_from_index` by band; DC has none where its range is given
     step_indices: dict[int, int]
     header: bytes  # all of this, as a frame's payload starts with it
+    told_bits: int | None = None  # what a group may ask for because of this frame; None: what it needs
 
     @cached_property
     def bands(self) -> tuple[int, ...]:
@@ -194,13 +196,14 @@ class FrameLayout:
     # most bit planes of the 16 bands, in zigzag order; 0 where a band is not sent
     max_planes: tuple[int, ...]
     crc_bits: int  # length of each plane's checksum
+    limited: bool = False  # whether headers tell how much may be asked for
 
     @classmethod
     def of(cls, config: CodecConfig) -> "FrameLayout":
         """Return the layout of a configuration."""
         video, quantised = config.video, config.wyner_ziv
         embedded = quantised.embedded
-        return cls(video.height, video.width, embedded, quantised.max_planes, CRC_BITS)
+        return cls(video.height, video.width, embedded, quantised.max_planes, CRC_BITS, quantised.limited)
 
     @cached_property
     def band_shape(self) -> tuple[int, int]:
@@ -232,11 +235,20 @@ class FrameLayout:
         try:
             if self.embedded:
                 index = reader.read_number(STEP_INDEX_BITS)
-                return self.of_step(index, read_planes(reader))
+                quantization = self.of_step(index, read_planes(reader))
+                return _with_limit(quantization, data) if self.limited else quantization
             bands = self._stepped_bands
             return self.over_range({band: reader.read_number(STEP_INDEX_BITS) for band in bands})
         except BitstreamError as err:
             raise BitstreamError(f"header of a Wyner-Ziv frame of {len(data)} bytes: {err}") from err
+
+
+def _with_limit(quantization: Quantization, data: bytes) -> Quantization:
+    """Read how much may be asked for, behind all else of a header."""
+    size = len(quantization.header) + 1
+    if len(data) < size:
+        raise BitstreamError("nothing tells how much may be asked for")
+    return replace(quantization, header=data[:size], told_bits=length_of_code(data[size - 1]))
 
 
 def _step_digits(index: int) -> str:

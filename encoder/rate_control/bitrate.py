@@ -11,8 +11,13 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import NamedTuple, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dvc.config import DEFAULT_QP, MAX_QP, WynerZivConfig
 from dvc.config.fields import check_range
+
+Floats = NDArray[np.float64]
 
 WINDOW_S = 2.0
 TOLERANCE = 0.05
@@ -25,9 +30,17 @@ OCTAVES_PER_STEP = 0.04, 0.015, 0.1
 MAX_RISE = 24
 """Steps from one group to the next: a new scene is owed, and paid for by those that follow."""
 MAX_TRIES = 5
-PAID_SHARE = 0.5
-"""Of what is owed, what the next group makes up for, where some of what others take is not known yet."""
 MAX_BITS = 10**12
+RATIOS = 0.25, 4.0
+"""Bounds of what decoders are taken to ask for over what is estimated."""
+LEAST_ALLOWED = 0.5
+"""Of what is expected, what a decoder may ask for, however much key frame and tracks take."""
+AIM = 1.15
+"""What decoders would ask for over what they take on the mean: most groups take all that is allowed then, and
+what saves the least is left out."""
+FULL_SHARE = 0.9
+"""Of what is allowed, from which on a decoder would have asked for more: `MORE` times what was assumed."""
+MORE = 1.03
 KEPT_SHARE = 0.8
 """Of what groups before have taken over what they were expected to, beside the latest: what those that follow
 are expected to be off."""
@@ -50,6 +63,16 @@ class RateLimits:
         for name in ("bits_per_s", "bits_per_frame"):
             if getattr(self, name) is not None:
                 check_range(name, getattr(self, name), 1, MAX_BITS)
+
+
+class ExpectedBits(NamedTuple):
+    """What the Wyner-Ziv frames of a group, or all of it, are expected to take."""
+
+    certain: float
+    most: float = 0.0  # of one frame
+    # What a decoder would ask for beside that, by frames in order of display; and which are P-type frames.
+    asked: Floats = np.zeros(0)
+    p_type: NDArray[np.bool_] = np.zeros(0, np.bool_)
 
 
 class QualityStep(NamedTuple):
@@ -75,68 +98,97 @@ class QualityStep(NamedTuple):
         return [replace(usual, qp=qp).step(distance) for qp, distance in pairs]
 
 
+class _OpenGroup(NamedTuple):
+    """A group of which it is not known what a decoder asks for."""
+
+    estimate: ExpectedBits
+    certain: float  # bits beyond its share of time
+    assumed: float  # bits that a decoder asks for
+    allowed: float
+
+
 class BitrateController:
-    """Chooses the quality of one group after the other."""
+    """Chooses the quality of one group after the other, and what decoders may ask for."""
 
     def __init__(self, bits_per_s: float, frame_rate: Fraction) -> None:
         self.most_owed = 0.0  # in bits: what a link of that rate had to hold back
+        self.allowed = np.zeros(0)  # bits that a decoder may ask for of each frame of the latest group
         self._bits_per_s, self._bits_per_frame = bits_per_s, bits_per_s / float(frame_rate)
         self._bound = 0.5 * TOLERANCE * WINDOW_S * bits_per_s
-        self.owed = 0.0  # in bits: what groups took beyond their share
-        # What decoders have asked for, and what was estimated, of late; at first as if that were right.
-        self._asked = self._estimated = START_S * bits_per_s
+        self._settled = 0.0  # in bits: what groups of which all is known took beyond their share
+        self._open: dict[int, _OpenGroup] = {}
+        # What decoders have asked for, and what was estimated, of late; at first as if that were right: of
+        # P-type frames and of others: the one estimate may be too high where the other is too low.
+        self._asked, self._estimated = np.full((2, 2), START_S * bits_per_s)
         self._number: int | None = None  # of the quality of the group before
         self._slope = OCTAVES_PER_STEP[0]
-        # Of groups whose bits are not known: what was assumed of what is estimated, and that.
-        self._expected: dict[int, tuple[float, float]] = {}
         self._num_groups = self._num_frames = 0
 
-    def choose(self, num_frames: int, expect: Callable[[QualityStep], tuple[int, float]]) -> QualityStep:
+    @property
+    def owed(self) -> float:
+        """What groups take beyond their share, as far as it is known and assumed, in bits."""
+        return self._settled + sum(group.certain + group.assumed for group in self._open.values())
+
+    def choose(self, num_frames: int, expect: Callable[[QualityStep], ExpectedBits]) -> QualityStep:
         """Choose the quality of the next group of so many frames.
 
-        `expect` tells what it would take at one: bits that are certain, and bits that are estimated, which
-        count as much as those of earlier groups have turned out to.
+        `expect` tells what it would take at one; bits that are estimated count as much as those of earlier
+        groups have turned out to.
         """
         start = START_S * self._bits_per_s if self._number is None else 0.0
-        paid = (PAID_SHARE if self._expected else 1.0) * self.owed
-        wanted = max(num_frames * self._bits_per_frame + start - paid, 1.0)
-        tried: dict[int, tuple[int, float]] = {}
+        share = num_frames * self._bits_per_frame + start
+        most_owed = self._settled + sum(group.certain + group.allowed for group in self._open.values())
+        most_bits = share + self._bound - most_owed
+        tried: dict[int, ExpectedBits] = {}
 
         def bits(number: int) -> float:
-            certain, estimated = tried[number] = expect(QualityStep.of(number))
-            return certain + self._ratio * estimated
+            tried[number] = expect(QualityStep.of(number))
+            return tried[number].certain + float(self._wished(tried[number]).sum()) / AIM
 
         number, most = self._number or STEPS * DEFAULT_QP, STEPS * MAX_QP
         if self._num_frames * self._bits_per_frame > WINDOW_S * self._bits_per_s:
             most = min(number + MAX_RISE, most)
-        search = Search(wanted, self._bound, self._slope)
+        search = Search(max(min(share - self.owed, most_bits), 1.0), self._bound, self._slope)
         number = search.run(bits, number, most)
         self._slope = search.slope
-        self.owed += search.found[number] - num_frames * self._bits_per_frame - start
-        self._note_owed(start)
-        estimated = tried[number][1]
-        if estimated:
-            self._expected[self._num_groups] = self._ratio * estimated, estimated
+        self._enter(tried[number], share, most_bits)
+        self.most_owed = max(self.most_owed, self.owed + start)
         self._num_groups += 1
         self._num_frames += num_frames
         self._number = number
         return QualityStep.of(number)
 
-    @property
-    def _ratio(self) -> float:
-        """What decoders ask for over what is estimated."""
-        return min(max(self._asked / max(self._estimated, 1.0), 0.25), 4.0)
+    def _wished(self, estimate: ExpectedBits) -> Floats:
+        """Return what a decoder would ask for of each frame if it were allowed to."""
+        ratios = np.clip(self._asked / self._estimated, *RATIOS)
+        wished: Floats = ratios[estimate.p_type.astype(np.int64)] * estimate.asked
+        return wished
 
-    def settle(self, group: int, num_bits: int) -> None:
-        """Count what a group has really taken of what was estimated."""
-        assumed, estimated = self._expected.pop(group, (0.0, 0.0))
-        self.owed += num_bits - assumed
-        self._note_owed()
-        self._asked = KEPT_SHARE * self._asked + (num_bits if estimated else 0)
-        self._estimated = KEPT_SHARE * self._estimated + estimated
+    def _enter(self, estimate: ExpectedBits, share: float, most_bits: float) -> None:
+        """Note what a group takes, and what a decoder may ask for of it."""
+        self.allowed = self._wished(estimate)
+        wished = float(self.allowed.sum())
+        if not wished:
+            self._settled += estimate.certain - share
+            return
+        allowed = max(most_bits - estimate.certain, LEAST_ALLOWED * wished)
+        self.allowed *= allowed / wished
+        certain = estimate.certain - share
+        self._open[self._num_groups] = _OpenGroup(estimate, certain, wished / AIM, allowed)
 
-    def _note_owed(self, start: float = 0.0) -> None:
-        self.most_owed = max(self.most_owed, self.owed + start)
+    def settle(self, number: int, asked: NDArray[np.int64]) -> None:
+        """Count what a decoder has really asked for of the frames of a group."""
+        if number not in self._open:
+            return
+        group, num_bits = self._open.pop(number), int(asked.sum())
+        # What was not taken does not come later.
+        self._settled = max(self._settled + group.certain + num_bits, -self._bound)
+        self.most_owed = max(self.most_owed, self.owed)
+        estimate = group.estimate
+        is_full = num_bits > FULL_SHARE * group.allowed
+        more = MORE * max(AIM * group.assumed / num_bits, 1.0) if is_full else 1.0
+        self._asked = KEPT_SHARE * self._asked + more * np.bincount(estimate.p_type, asked, 2)
+        self._estimated = KEPT_SHARE * self._estimated + np.bincount(estimate.p_type, estimate.asked, 2)
 
 
 class Search:

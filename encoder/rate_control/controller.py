@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import CodecConfig
+from dvc.config import MAX_GOP_LENGTH, CodecConfig
 from dvc.video.frames import Plane
 from dvc.wynerziv.hierarchy import group_order, reference_distance
-from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes, encode_payload, payload_bits, syndrome_length
+from dvc.wynerziv.lengths import length_of_code
+from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes, encode_payload, payload_bits
 from dvc.wynerziv.payloads import EncodedFrame
 from encoder.groups import Group
 from encoder.rate_control.needs import Choice, NeedEstimator
@@ -39,9 +40,18 @@ class GroupPlan(NamedTuple):
     chosen: tuple[ChosenFrame, ...]  # in coding order
     last: _Reference  # its last frame
 
-    def frame_bits(self) -> list[int]:
-        """Return what each frame takes, in coding order."""
-        return [payload_bits(self.frames[chosen.number], chosen.choice.sent) for chosen in self.chosen]
+    def frame_bits(self) -> NDArray[np.float64]:
+        """Return what each frame takes, in order of display."""
+        bits = np.zeros(len(self.frames))
+        for chosen in self.chosen:
+            bits[chosen.number] = payload_bits(self.frames[chosen.number], chosen.choice.sent)
+        return bits
+
+    def p_type(self) -> NDArray[np.bool_]:
+        """Tell which are P-type frames."""
+        p_type = np.zeros(len(self.frames), np.bool_)
+        p_type[[chosen.number for chosen in self.chosen if chosen.distance == MAX_GOP_LENGTH]] = True
+        return p_type
 
 
 class RateController:
@@ -78,7 +88,7 @@ class RateController:
         for bands, code in zip(BLOCKS, sent.length_codes, strict=True):
             if code:
                 num_planes = sum(sent.depths[bands.start : bands.stop])
-                self.work.num_syndrome_sums += num_planes * min(syndrome_length(code), num_bits)
+                self.work.num_syndrome_sums += num_planes * min(length_of_code(code), num_bits)
                 self.work.num_syndrome_places += num_bits
 
     def plan(self, group: Group, frames: Sequence[EncodedFrame], key_qp: int | None = None) -> "GroupPlan":

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import MAX_GOP_LENGTH, CodecConfig, EstimatedRate
-from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes, length_code
+from dvc.wynerziv.lengths import length_code
+from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes
 from dvc.wynerziv.quantizer import Quantization
 from encoder.rate_control import _kernels
 from encoder.rate_control.laplacian import FIRST_OCTAVE, PER_OCTAVE, PER_PLANE, laplacian_tables

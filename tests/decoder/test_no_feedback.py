@@ -11,7 +11,8 @@ from decoder.tasks import DecodedFrame
 from dvc.config import Qp, VideoConfig, codec_config
 from dvc.metrics import psnr_db
 from dvc.wynerziv import no_feedback, quantizer
-from dvc.wynerziv.no_feedback import NoFeedbackFrame, SentPlanes, encode_payload, length_code
+from dvc.wynerziv.lengths import length_code
+from dvc.wynerziv.no_feedback import NoFeedbackFrame, SentPlanes, encode_payload
 from dvc.wynerziv.payloads import EncodedFrame, quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout
 from tests.clips import moving_texture

@@ -1,7 +1,5 @@
 """Payloads of the no-feedback form: what is packed is unpacked; what cannot be is refused."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,13 +10,8 @@ from dvc._jit import python_twin
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf.ldpc.graph import syndrome
 from dvc.wynerziv import _kernels, quantizer
-from dvc.wynerziv.no_feedback import (
-    NoFeedbackFrame,
-    SentPlanes,
-    encode_payload,
-    length_code,
-    syndrome_length,
-)
+from dvc.wynerziv.lengths import length_code
+from dvc.wynerziv.no_feedback import NoFeedbackFrame, SentPlanes, encode_payload
 from dvc.wynerziv.payloads import EncodedFrame, quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout
 
@@ -71,18 +64,6 @@ def test_kernel_is_its_python(monkeypatch: pytest.MonkeyPatch) -> None:
     payload = encode_payload(FRAME, sent, SEED)
     monkeypatch.setattr(_kernels, "write_blocks", python_twin(_kernels.write_blocks))
     assert encode_payload(FRAME, sent, SEED) == payload
-
-
-def test_lengths_are_told_on_a_fine_scale() -> None:
-    """Every code is a longer syndrome than the one before, by 1/16 or 16 bits at most."""
-    lengths = [syndrome_length(code) for code in range(256)]
-    assert lengths[:3] == [0, 16, 17]
-    assert all(0 < after - before <= max(before / 16, 16) for before, after in itertools.pairwise(lengths))
-    for bits in (1, 16, 17, 100.5, 4095, 4097, 100_000):
-        code = length_code(bits)
-        assert syndrome_length(code - 1) < bits <= syndrome_length(code)
-    assert length_code(0) == 0
-    assert length_code(1e12) == 255
 
 
 @pytest.mark.parametrize("cut", range(0, 24, 3))

@@ -1,21 +1,25 @@
 """Bitrates are kept whatever groups take, as far as there are qualities that keep them."""
 
 import math
+from collections import deque
 from fractions import Fraction
 from itertools import accumulate
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.errors import ConfigError
 from encoder.rate_control.bitrate import (
+    AIM,
     MAX_RISE,
     START_S,
     STEPS,
     TOLERANCE,
     WINDOW_S,
     BitrateController,
+    ExpectedBits,
     QualityStep,
     RateLimits,
     keep_within,
@@ -54,7 +58,9 @@ def test_a_window_has_its_bitrate(lengths: list[int], random: st.DataObject) -> 
     controller, bits = BitrateController(BITS_PER_S, FRAME_RATE), []
     for length in lengths:
         complexity = 2.0 ** random.uniform(-0.5, 0.5)  # type: ignore[attr-defined]
-        quality = controller.choose(length, lambda q, n=length, c=complexity: (group_bits(q, n, c), 0.0))
+        quality = controller.choose(
+            length, lambda q, n=length, c=complexity: ExpectedBits(group_bits(q, n, c))
+        )
         bits.append(float(group_bits(quality, length, complexity)))
     assert all(abs(off) <= TOLERANCE for off in deviations(lengths, bits))
     assert controller.most_owed <= (START_S + TOLERANCE) * BITS_PER_S * 1.01
@@ -63,8 +69,8 @@ def test_a_window_has_its_bitrate(lengths: list[int], random: st.DataObject) -> 
 def test_quality_stays_where_it_may() -> None:
     """Groups that take their share at the quality of the one before have it."""
     controller = BitrateController(BITS_PER_S, FRAME_RATE)
-    controller.choose(1, lambda _: (160_000, 0.0))
-    found = [controller.choose(16, lambda _: (161_000, 0.0)) for _ in range(5)]
+    controller.choose(1, lambda _: ExpectedBits(160_000))
+    found = [controller.choose(16, lambda _: ExpectedBits(161_000)) for _ in range(5)]
     assert len(set(found)) == 1
 
 
@@ -74,7 +80,7 @@ def test_a_new_scene_is_paid_for_later() -> None:
     complexities[10] = 30.0
     owed = []
     for complexity in complexities:
-        quality = controller.choose(8, lambda q, c=complexity: (group_bits(q, 8, c), 0.0))
+        quality = controller.choose(8, lambda q, c=complexity: ExpectedBits(group_bits(q, 8, c)))
         numbers.append(number_of(quality))
         owed.append(controller.owed)
     assert numbers[10] - numbers[9] == MAX_RISE / STEPS
@@ -82,16 +88,53 @@ def test_a_new_scene_is_paid_for_later() -> None:
     assert abs(owed[-1]) <= 0.5 * TOLERANCE * WINDOW_S * BITS_PER_S
 
 
-def test_what_decoders_ask_for_is_learnt() -> None:
-    """Where they take half of what is estimated, later groups are expected to; errors are made up for."""
-    controller, lengths, bits = BitrateController(BITS_PER_S, FRAME_RATE), [16] * 40, []
-    for number, length in enumerate(lengths):
-        quality = controller.choose(length, lambda q: (2000, float(2 * group_bits(q, 16, 1.0))))
-        asked = group_bits(quality, 16, 1.0)
-        controller.settle(number, asked)
-        bits.append(2000.0 + asked)
-    assert all(abs(off) <= TOLERANCE for off in deviations(lengths, bits)[4:])
-    controller.settle(10**6, 0)  # a group of which nothing was estimated
+KEY_BITS, NUM_FRAMES, P_TYPE = 2000.0, 16, np.arange(16) == 15
+
+
+def live_group(controller: BitrateController, complexity: float, ratios: tuple[float, float]) -> list[int]:
+    """Choose the quality of a group; return what a decoder asks for, whose needs are off by these ratios."""
+    estimates: dict[QualityStep, ExpectedBits] = {}
+
+    def expect(quality: QualityStep) -> ExpectedBits:
+        frames = np.where(P_TYPE, 15.0, 1.0) * group_bits(quality, 16, complexity) / 30.0
+        estimates[quality] = ExpectedBits(KEY_BITS, 0.0, frames, P_TYPE)
+        return estimates[quality]
+
+    needs = estimates[controller.choose(NUM_FRAMES, expect)].asked * np.where(P_TYPE, *reversed(ratios))
+    share = min(controller.allowed.sum() / needs.sum(), 1.0)
+    return np.floor(share * needs).astype(np.int64).tolist()
+
+
+@pytest.mark.parametrize("ratios", [(0.6, 0.6), (1.4, 1.4), (1.3, 0.7)])
+def test_what_decoders_ask_for_is_learnt(ratios: tuple[float, float]) -> None:
+    """However much estimates are off, of P-type frames and of others."""
+    controller, bits = BitrateController(BITS_PER_S, FRAME_RATE), []
+    for number in range(60):
+        asked = live_group(controller, 1.0, ratios)
+        controller.settle(number, np.array(asked))
+        bits.append(KEY_BITS + sum(asked))
+    assert all(abs(off) <= TOLERANCE for off in deviations([NUM_FRAMES] * 60, bits)[16:])
+    found = controller._asked / controller._estimated
+    assert found[0] / found[1] == pytest.approx(ratios[0] / ratios[1], rel=0.15)
+    controller.settle(10**6, np.array([5]))  # a group of which nothing was estimated
+    assert controller.owed <= 0.5 * TOLERANCE * WINDOW_S * BITS_PER_S
+
+
+@settings(max_examples=50)
+@given(st.randoms(use_true_random=False))
+def test_no_window_takes_more_than_is_allowed(random: st.DataObject) -> None:
+    """Whatever decoders need, while two groups are open; and what they do not take is little."""
+    controller, bits, waiting = BitrateController(BITS_PER_S, FRAME_RATE), [], deque[list[int]]()
+    for number in range(50):
+        ratio = 2.0 ** random.uniform(-0.5, 0.5)  # type: ignore[attr-defined]
+        waiting.append(live_group(controller, 1.0, (ratio, ratio)))
+        bits.append(KEY_BITS + sum(waiting[-1]))
+        if len(waiting) == 2:
+            controller.settle(number - 1, np.array(waiting.popleft()))
+    found = deviations([NUM_FRAMES] * 50, bits)
+    assert max(found) <= TOLERANCE
+    assert sum(found) / len(found) > -2.0 * TOLERANCE
+    assert AIM > 1.0
 
 
 def test_steps_of_quality_begin_with_frames_that_predict_none() -> None:

@@ -8,7 +8,7 @@ import pytest
 from dvc._jit import python_twin
 from dvc.config import Qp, VideoConfig, codec_config
 from dvc.wynerziv import quantizer
-from dvc.wynerziv.no_feedback import syndrome_length
+from dvc.wynerziv.lengths import length_of_code
 from dvc.wynerziv.payloads import quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder.rate_control import _kernels
@@ -41,7 +41,7 @@ def chosen(expected: BlockErrors, margin_percent: int = 30, distance: int = 4) -
 
 def sizes(choice: Choice) -> tuple[int, int]:
     """Return planes and bits that are sent."""
-    return sum(choice.sent.depths), sum(map(syndrome_length, choice.sent.length_codes))
+    return sum(choice.sent.depths), sum(map(length_of_code, choice.sent.length_codes))
 
 
 def test_larger_errors_need_more() -> None:
@@ -78,7 +78,7 @@ CHOICES = {
 def test_choices_are_those_that_were_measured(residual: float, distance: int) -> None:
     """What pays, and how much margin what predicts others gets, is as it was when rates were measured."""
     sent = chosen(errors(residual), distance=distance).sent
-    lengths = tuple(map(syndrome_length, sent.length_codes))
+    lengths = tuple(map(length_of_code, sent.length_codes))
     assert (sent.depths[0], sum(sent.depths[1:]), *lengths) == CHOICES[residual, distance]
 
 
