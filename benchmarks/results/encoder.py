@@ -43,7 +43,8 @@ def own_cpu_s(report: dict[str, Any]) -> float:
     return float(report["coding_cpu_s"])
 
 
-def _own_run_s(source: Path, folder: Path, frames: int) -> float:
+def own_run_s(source: Path, folder: Path, frames: int) -> float:
+    """Return the processor time of the encoder without feedback for a clip."""
     return own_cpu_s(_encode(source, folder, frames, "--no-feedback"))
 
 
@@ -77,7 +78,7 @@ def times_ms(setting: Setting) -> dict[str, dict[str, float]]:
     for clip in setting.clips(CLIPS):
         video = looped(clip_source(clip).path, folder / f"{clip}.mkv", lengths[1])
         runs: dict[str, Callable[[int], float]] = {
-            OURS: partial(_own_run_s, video, folder),
+            OURS: partial(own_run_s, video, folder),
             **{peer: partial(anchor_cpu_s, video, folder, peer) for peer in PEERS},
         }
         times: dict[str, list[float]] = {name: [] for name in runs}
