@@ -1,13 +1,14 @@
 """Digests of what small encodings and decodings write: equal as long as a change leaves all bytes alone."""
 
 import hashlib
+import json
 import tempfile
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 
 from benchmarks.results.harness import run_module
-from dvc.rd.anchors.version import anchors_digest
+from dvc.rd.anchors.codecs import ANCHOR_CODECS
 
 _SIZE, _CODED_SIZE = "96x80", "128x96"
 
@@ -17,8 +18,25 @@ def _digest(paths: Iterable[Path]) -> str:
     return hashlib.sha256("".join(parts).encode()).hexdigest()[:16]
 
 
+@cache
+def anchors() -> str:
+    """Digest the files of all anchors for a rendered scene, and what is measured of them."""
+    from dvc.rd.anchors.decoding import measure_file
+    from dvc.rd.anchors.encoding import encode_file
+
+    with tempfile.TemporaryDirectory() as scratch:
+        video, files = Path(scratch) / "street.mkv", []
+        run_module("sequences", "render", "street", "--size", _CODED_SIZE, "--frames", 17, "--out", video)
+        for name, codec in ANCHOR_CODECS.items():
+            files += [Path(scratch) / f"{name}{codec.suffix}", Path(scratch) / f"{name}.json"]
+            encode_file(video, files[-2], codec, 28)
+            measured = measure_file(files[-2], video, zero_motion=codec.zero_motion)
+            files[-1].write_text(json.dumps(measured["per_frame"]), encoding="utf-8")
+        return _digest(files)
+
+
 def _codec(*options: object, **num_frames: int) -> Callable[[Path], str]:
-    """Code rendered scenes, decode them, and digest both streams, all frames and the anchors' own code."""
+    """Code rendered scenes, decode them, and digest both streams, all frames and what anchors write."""
 
     def _run(folder: Path) -> str:
         for scene, frames in num_frames.items():
@@ -28,7 +46,7 @@ def _codec(*options: object, **num_frames: int) -> Callable[[Path], str]:
             run_module("encoder", video, stream, *options, "--quiet")
             files = [] if "--no-feedback" in options else ["--punctured", punctured]
             run_module("decoder", stream, folder / f"{scene}.y4m", *files, "--quiet")
-        return _digest(folder.iterdir()) + anchors_digest()[:8]
+        return _digest(folder.iterdir()) + anchors()[:8]
 
     return _run
 
