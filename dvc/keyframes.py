@@ -42,6 +42,9 @@ _X264_PARAMETERS = {
     "sliced-threads": 0,
     "threads": 1,
 }
+CHROMA_QP_OFFSET = -4
+"""By which chroma is finer than luma: that of all frames between rests on it. Chosen on box, desk, river,
+stone, street and tree; `benchmarks.searches.settings --colour` searches."""
 _SAME_PARAMETER_SETS = {"stitchable": 1}
 """So that they do not depend on the QP, for a byte in each picture."""
 FAST_DECISIONS: Final = MappingProxyType({"subme": 5, "trellis": 0, "deadzone-intra": 7})
@@ -188,6 +191,8 @@ def _open_encoder(
     context.thread_count = 1
     context.flags |= Flags.global_header
     parameters = {**_X264_PARAMETERS, **further}
+    if not (luma_only or qp == "lossless"):
+        parameters["chroma-qp-offset"] = CHROMA_QP_OFFSET
     context.options = {
         "preset": "medium",
         "tune": "zerolatency",

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.errors import BitstreamError, VideoError
-from dvc.keyframes import FAST_DECISIONS, KeyFrameDecoder, KeyFrameEncoder, Qp
+from dvc.keyframes import CHROMA_QP_OFFSET, FAST_DECISIONS, KeyFrameDecoder, KeyFrameEncoder, Qp
 from dvc.metrics import psnr_db
 from dvc.video import Frame, chroma_shape, open_video
 from dvc.video.pixels import picture_from_frame
@@ -253,7 +253,8 @@ def x264_file_bytes(frames: list[Frame], qp: int, pixel_format: str) -> int:
     """Return the size of a plain all-intra H.264 file with the same settings."""
     file = io.BytesIO()
     with av.open(file, "w", format="h264") as container:
-        options = {"preset": "medium", "qp": str(qp), "x264-params": "keyint=1:psy=0:ipratio=1:threads=1"}
+        parameters = f"keyint=1:psy=0:ipratio=1:threads=1:chroma-qp-offset={CHROMA_QP_OFFSET}"
+        options = {"preset": "medium", "qp": str(qp), "x264-params": parameters}
         stream = container.add_stream("libx264", rate=15, options=options)
         stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, pixel_format
         for index, frame in enumerate(frames):

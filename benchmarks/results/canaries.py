@@ -43,7 +43,7 @@ def _codec(*options: object, **num_frames: int) -> Callable[[Path], str]:
             video, stream, punctured = (folder / f"{scene}{end}" for end in (".mkv", ".dvc", "-small.dvc"))
             sizes = "--size", _CODED_SIZE, "--frames", frames
             run_module("sequences", "render", scene, *sizes, "--out", video)
-            run_module("encoder", video, stream, *options, "--quiet")
+            run_module("encoder", video, stream, *options, "--luma-only", "--quiet")
             files = [] if "--no-feedback" in options else ["--punctured", punctured]
             run_module("decoder", stream, folder / f"{scene}.y4m", *files, "--quiet")
         return _digest(folder.iterdir()) + anchors()[:8]

@@ -5,9 +5,10 @@ and decodes clips as usual, and with each of the settings, those that are tried 
 values of the configuration (``gop.p_type_distance=4``, ``key.qp=-1`` relative to the usual) and constants
 of modules, for the encoder (``encoder.intra_decision.MAX_LOST_SHARE=0.6``,
 ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``); where groups end (``rule.lost_share=0.4``), and with
-``--no-feedback``, as files without feedback, the rate margin (``delivery.rate_margin_percent=40``). A row
-tells the change of rate less what the change of PSNR is worth on the clip's usual curve, in percent: the
-mean, its standard error, and that of each QP and clip.
+``--no-feedback``, as files without feedback, the rate margin (``delivery.rate_margin_percent=40``). With
+``--colour`` chroma is coded, too, and PSNR is (6 Y + Cb + Cr) / 8. A row tells the change of rate less what
+the change of PSNR is worth on the clip's usual curve, in percent: the mean, its standard error, and that of
+each QP and clip.
 """
 
 import argparse
@@ -40,7 +41,7 @@ from dvc.config import (
 )
 from dvc.metrics import psnr_db
 from dvc.stream import Form, StreamReader, StreamWriter
-from dvc.video import VideoInfo, open_video
+from dvc.video import Frame, VideoInfo, open_video
 from encoder.session import EncoderSession
 
 USUAL = ""
@@ -77,9 +78,12 @@ def divided(settings: str) -> tuple[dict[str, str], dict[str, str]]:
     return {name: text for name, text in given.items() if name not in constants}, constants
 
 
-def encoder_session(info: VideoInfo, qp: int, given: Mapping[str, str], delivery: Delivery) -> EncoderSession:
+def encoder_session(
+    info: VideoInfo, qp: int, given: Mapping[str, str], delivery: Delivery, luma_only: bool = True
+) -> EncoderSession:
     """Return an encoder of the default codec with some other values."""
-    video = VideoConfig(info.width, info.height, info.frame_rate.numerator, info.frame_rate.denominator, True)
+    rate = info.frame_rate
+    video = VideoConfig(info.width, info.height, rate.numerator, rate.denominator, luma_only)
     values: dict[str, dict[str, str]] = {}
     for name, text in given.items():
         section, field = name.split(".")
@@ -105,14 +109,22 @@ def _patched(name: str, text: str) -> Any:
     return mock.patch(name, _value(text, usual))
 
 
-def coded(place: Place, num_frames: int, delivery: Delivery) -> Coded:
+def frame_psnr_db(original: Frame, decoded: Frame) -> float:
+    """Return the PSNR of luma, or with chroma where it was coded."""
+    luma_db = psnr_db(original.luma, decoded.luma)
+    if original.chroma is None or decoded.chroma is None:
+        return luma_db
+    return (6.0 * luma_db + sum(map(psnr_db, original.chroma, decoded.chroma))) / 8.0
+
+
+def coded(place: Place, num_frames: int, delivery: Delivery, luma_only: bool = True) -> Coded:
     """Code a clip, and decode it."""
     of_config, constants = divided(place.settings)
     with ExitStack() as stack, open_video(clip_source(place.clip).path) as video:
         for name, text in constants.items():
             stack.enter_context(_patched(name, text))
         originals = list(islice(video, num_frames))
-        session, stream = encoder_session(video.info, place.qp, of_config, delivery), io.BytesIO()
+        session, stream = encoder_session(video.info, place.qp, of_config, delivery, luma_only), io.BytesIO()
         session.write(originals, stream, lambda _: None)
     reader, punctured = StreamReader(io.BytesIO(stream.getvalue())), io.BytesIO()
     form = reader.form if isinstance(delivery, EstimatedRate) else Form.PUNCTURED
@@ -120,8 +132,8 @@ def coded(place: Place, num_frames: int, delivery: Delivery) -> Coded:
         groups = list(decode_stream(reader.config, reader))
         for group in groups:
             writer.write_gop(group.record)
-    found = [frame.luma for group in groups for frame in group.frames]
-    psnrs_db = [psnr_db(original.luma, luma) for original, luma in zip(originals, found, strict=True)]
+    found = [frame for group in groups for frame in group.frames]
+    psnrs_db = [frame_psnr_db(*pair) for pair in zip(originals, found, strict=True)]
     failed = [frame.num_failed_planes > 0 for group in groups for frame in group.wyner_ziv]
     return Coded(len(punctured.getvalue()), float(np.mean(psnrs_db)), float(np.mean(failed or [False])))
 
@@ -158,6 +170,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--qp", nargs="+", type=int, default=[32, 38], help="two or more, for the curve")
     parser.add_argument("--frames", type=int, default=65)
     parser.add_argument("--no-feedback", action="store_true")
+    parser.add_argument("--colour", action="store_true")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args(words)
     delivery = EstimatedRate() if arguments.no_feedback else ParityBuffer()
@@ -171,7 +184,8 @@ def main(words: Sequence[str] | None = None) -> None:
         ProcessPoolExecutor(arguments.jobs, spawning) as pool,
         progress_bar("streams", len(places)) as progress,
     ):
-        results = pool.map(partial(coded, num_frames=arguments.frames, delivery=delivery), places)
+        options = {"num_frames": arguments.frames, "delivery": delivery, "luma_only": not arguments.colour}
+        results = pool.map(partial(coded, **options), places)
         for place, own in zip(places, results, strict=True):
             found[place] = own
             progress(1)
