@@ -13,10 +13,10 @@ from encoder import options
 if TYPE_CHECKING:
     from dvc.video import VideoInfo
     from dvc.video.sources import FrameStream
+    from encoder.frame_queue import FrameQueue
     from encoder.pacing import PacedFrames
     from encoder.segments import InputFrames, Segment
     from encoder.session import EncoderSession, Progress
-    from encoder.spool import FrameSpool
 
 SILENCE_S = 1.0  # being late by less is not worth a word
 
@@ -60,11 +60,11 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
     _load_libraries()
     baseline_bytes = resident_bytes()
     session = options.session(arguments, reader.info)
-    spool = options.spool(frames, arguments, live, session.config)
-    source = InputFrames(spool or frames)
+    queue = options.queue(frames, arguments, live, session.config)
+    source = InputFrames(queue or frames)
     try:
         if arguments.serve is not None:
-            decoder = _serve(session, source, arguments, progress, spool)
+            decoder = _serve(session, source, arguments, progress, queue)
         else:
             with source.stopping_at_signals() if live or arguments.segment else nullcontext():
                 if arguments.segment is None:
@@ -72,7 +72,7 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
                 else:
                     _write_segments(source, reader.info, arguments, progress, segments)
     finally:
-        if spool is not None and not spool.close():
+        if queue is not None and not queue.close():
             reader.leave_open()
         pace = (_pace(reader, frames) if live else {}) | decoder
     if arguments.json is not None and (segments or not arguments.segment):
@@ -147,16 +147,16 @@ def _serve(
     source: "InputFrames",
     arguments: argparse.Namespace,
     progress: "Progress",
-    spool: "FrameSpool | None",
+    queue: "FrameQueue | None",
 ) -> dict[str, object]:
     """Answer a decoder, also after an interrupt, which ends the frames; return how late it was."""
     from dvc.feedback import listen, parse_address
     from encoder.door import Door
+    from encoder.frame_queue import LeftOut
     from encoder.live import serve
     from encoder.pacing import DecoderPace
-    from encoder.spool import LeftOut
 
-    left_out = spool.left_out if spool is not None else LeftOut()
+    left_out = queue.left_out if queue is not None else LeftOut()
     pace = DecoderPace(session.config.video.frame_rate, _say, left_out)
     protection = options.protection(arguments)
     with listen(*parse_address(arguments.serve)) as listener:

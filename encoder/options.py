@@ -46,8 +46,8 @@ from encoder.rate_control.bitrate import TOLERANCE, WINDOW_S, RateLimits
 if TYPE_CHECKING:
     from dvc.feedback import Protection
     from dvc.video import Frame, VideoInfo
+    from encoder.frame_queue import FrameQueue
     from encoder.session import EncoderSession
-    from encoder.spool import FrameSpool
     from encoder.time_stamps import CodingClock
 
 PROG = "dvc-encode"
@@ -383,7 +383,7 @@ def _add_live(group: argparse._ArgumentGroup) -> None:
     cli.add_live(group, "--serve", text)
     cli.add_integer(
         group,
-        "--spool",
+        "--queue",
         (1, 10**6),
         "frames of a camera, a pipe or an address that wait in memory for a decoder that is slower (default:"
         " 64, fewer where they are larger than 1920x1080)",
@@ -398,7 +398,7 @@ def _add_live(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--leave-out",
         action="store_true",
-        help="when the spool is full, leave frames out, by whole groups, and count them; default: the source"
+        help="when the queue is full, leave frames out, by whole groups, and count them; default: the source"
         " waits",
     )
 
@@ -427,24 +427,24 @@ def protection(arguments: argparse.Namespace) -> "Protection":
     return Protection(True, token, tls, insecure=arguments.insecure)
 
 
-def spool(
+def queue(
     frames: "Iterable[Frame]", arguments: argparse.Namespace, live: bool, config: "CodecConfig"
-) -> "FrameSpool | None":
+) -> "FrameQueue | None":
     """Set up what holds the frames of a live source for a decoder that is slower; a file waits by itself."""
-    from encoder.spool import FrameSpool, default_frames
+    from encoder.frame_queue import FrameQueue, default_frames
 
     if arguments.serve is None or not live:
-        for option, value in (("--leave-out", arguments.leave_out), ("--spool", arguments.spool)):
+        for option, value in (("--leave-out", arguments.leave_out), ("--queue", arguments.queue)):
             if value:
                 raise ConfigError(
                     f"{option} is for --serve and a camera, a pipe or an address; all else waits"
                 )
         return None
     length, video = config.gop.length, config.video
-    max_frames = arguments.spool or default_frames(video.width * video.height, length)
+    max_frames = arguments.queue or default_frames(video.width * video.height, length)
     if arguments.leave_out and max_frames < length:
-        raise ConfigError(f"with --leave-out the spool must hold a group: --spool {length} or more")
-    return FrameSpool(frames, max_frames, length if arguments.leave_out else 0)
+        raise ConfigError(f"with --leave-out the queue must hold a group: --queue {length} or more")
+    return FrameQueue(frames, max_frames, length if arguments.leave_out else 0)
 
 
 def session(

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 
 from dvc.video import Frame
-from encoder.spool import LeftOut
+from encoder.frame_queue import LeftOut
 
 
 def lateness_s(late_s: float, busy_s: float, waited_s: float, interval_s: float) -> float:

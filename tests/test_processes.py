@@ -454,8 +454,8 @@ def test_frames_that_a_decoder_cannot_take_are_left_out_and_counted(tmp_path: Pa
     """A pipe that brings all at once: whole groups reach the decoder, at their times; others are reported."""
     raw = [plane for frame in moving_texture(60, 32, 48) for plane in (frame.luma, *(frame.chroma or ()))]
     options = ("--size", "48x32", "--frame-rate", 25, *CODING, "--serve", "127.0.0.1:0", "--leave-out")
-    spool = ("--spool", 16, "--json", tmp_path / "report.json")
-    with start("encoder", "-", *options, *spool, stdin=subprocess.PIPE) as encoder:
+    queue = ("--queue", 16, "--json", tmp_path / "report.json")
+    with start("encoder", "-", *options, *queue, stdin=subprocess.PIPE) as encoder:
         assert encoder.stdin is not None
         port = listening_port(encoder)
         with start("decoder", "--connect", f"127.0.0.1:{port}", tmp_path / "out.mkv") as decoder:

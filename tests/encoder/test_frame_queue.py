@@ -10,8 +10,8 @@ import pytest
 from dvc.config import Live, ParityBuffer, VideoConfig, codec_config
 from dvc.errors import VideoError
 from dvc.video import Frame
+from encoder.frame_queue import FrameQueue, default_frames
 from encoder.session import EncoderSession
-from encoder.spool import FrameSpool, default_frames
 from tests.clips import moving_texture
 from tests.waiting import wait_until
 
@@ -46,62 +46,62 @@ def wait_for_frames(source: Source, num_read: int) -> None:
     assert source.num_read == num_read
 
 
-def take(spool: FrameSpool, count: int) -> list[int | None]:
-    return [None if frame is None else NUMBERS[id(frame)] for frame in (next(spool) for _ in range(count))]
+def take(queue: FrameQueue, count: int) -> list[int | None]:
+    return [None if frame is None else NUMBERS[id(frame)] for frame in (next(queue) for _ in range(count))]
 
 
 def test_all_frames_come_in_order_and_then_the_end() -> None:
-    """None is lost where the source can wait, however small the spool."""
-    assert [NUMBERS[id(frame)] for frame in FrameSpool(FRAMES, 1) if frame] == list(range(40))
+    """None is lost where the source can wait, however small the queue."""
+    assert [NUMBERS[id(frame)] for frame in FrameQueue(FRAMES, 1) if frame] == list(range(40))
 
 
-def test_a_source_that_can_wait_is_read_no_further_than_the_spool_holds() -> None:
+def test_a_source_that_can_wait_is_read_no_further_than_the_queue_holds() -> None:
     """One frame is in hand, the others stay where they are."""
     source = Source()
     source.let_go(40)
-    spool = FrameSpool(source, 5)
+    queue = FrameQueue(source, 5)
     assert source.num_read == 0
-    assert take(spool, 1) == [0]
+    assert take(queue, 1) == [0]
     wait_for_frames(source, 7)
-    assert take(spool, 10) == list(range(1, 11))
+    assert take(queue, 10) == list(range(1, 11))
     wait_for_frames(source, 17)
-    assert (spool.left_out.frames, spool.left_out.gaps) == (0, 0)
-    assert spool.close()
+    assert (queue.left_out.frames, queue.left_out.gaps) == (0, 0)
+    assert queue.close()
 
 
 def test_frames_are_left_out_until_there_is_room_for_a_group() -> None:
     """What waits stays whole; the gap is marked once, and counted."""
     source = Source()
-    spool = FrameSpool(source, 6, 4)
+    queue = FrameQueue(source, 6, 4)
     source.let_go(1)
-    assert take(spool, 1) == [0]
+    assert take(queue, 1) == [0]
     source.let_go(10)  # six wait, four are left out
     wait_for_frames(source, 11)
-    assert take(spool, 3) == [1, 2, 3]
+    assert take(queue, 3) == [1, 2, 3]
     source.let_go(2)  # room for three is not enough for a group
     wait_for_frames(source, 13)
-    assert take(spool, 1) == [4]
+    assert take(queue, 1) == [4]
     source.let_go(5)  # four have room, the fifth does not
     wait_for_frames(source, 18)
-    assert take(spool, 7) == [5, 6, None, 13, 14, 15, 16]
-    assert (spool.left_out.frames, spool.left_out.gaps) == (7, 2)
+    assert take(queue, 7) == [5, 6, None, 13, 14, 15, 16]
+    assert (queue.left_out.frames, queue.left_out.gaps) == (7, 2)
 
 
 def test_what_the_source_fails_with_comes_after_its_frames() -> None:
     """Frames that were read before are not lost."""
     source = Source()
-    spool = FrameSpool(source, 10)
+    queue = FrameQueue(source, 10)
     source.let_go(1)
-    assert take(spool, 1) == [0]
+    assert take(queue, 1) == [0]
     source.let_go(3)
     wait_for_frames(source, 4)
     source.failure = VideoError("cable")
     source.let_go(1)
-    assert take(spool, 3) == [1, 2, 3]
+    assert take(queue, 3) == [1, 2, 3]
     with pytest.raises(VideoError, match="cable"):
-        next(spool)
+        next(queue)
     with pytest.raises(StopIteration):
-        next(spool)
+        next(queue)
 
 
 def test_large_frames_take_no_more_memory_unless_a_group_does() -> None:
@@ -112,15 +112,15 @@ def test_large_frames_take_no_more_memory_unless_a_group_does() -> None:
 
 
 def test_a_silent_source_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who closes the spool is told that a read goes on, and does not wait for it."""
-    monkeypatch.setattr("encoder.spool.MAX_CLOSING_S", 0.05)
+    """Who closes the queue is told that a read goes on, and does not wait for it."""
+    monkeypatch.setattr("encoder.frame_queue.MAX_CLOSING_S", 0.05)
     source = Source()
-    spool = FrameSpool(source, 10)
+    queue = FrameQueue(source, 10)
     source.let_go(1)
-    assert take(spool, 1) == [0]
-    assert not spool.close()
+    assert take(queue, 1) == [0]
+    assert not queue.close()
     source.let_go(1)
-    wait_until(spool.close)
+    wait_until(queue.close)
 
 
 @pytest.mark.parametrize("codec", ["2d", "3d-td", "3d-te"])

@@ -29,7 +29,7 @@ class LeftOut:
     gaps: int = 0
 
 
-class FrameSpool:
+class FrameQueue:
     """So many frames at most; where it is full the source waits, or frames are left out, by whole groups.
 
     Where frames are left out None stands in their place, once, and a group of pictures can be taken after it.
@@ -51,7 +51,7 @@ class FrameSpool:
 
     def __next__(self) -> Frame | None:
         if self._thread is None:  # nothing is read before it is asked for
-            self._thread = threading.Thread(target=self._read, name="spool", daemon=True)
+            self._thread = threading.Thread(target=self._read, name="frame queue", daemon=True)
             self._thread.start()
         with self._changed:
             while not self._frames and not self._ended:
