@@ -76,6 +76,7 @@ class SlowLink:
         self.forth = Direction(delay_s, bits_per_second)  # from the far end to who has connected last
         self.back = Direction(delay_s, bits_per_second)
         self.num_connections = 0
+        self.is_down = False  # whoever connects is sent away
         self._change = change
         self._far = host, port
         self._ends: set[socket.socket] = set()
@@ -89,6 +90,9 @@ class SlowLink:
                 near, _ = self._listening.accept()
             except OSError:
                 return
+            if self.is_down:
+                near.close()
+                continue
             self.num_connections += 1
             self.forth, self.back = self.forth.renewed(), self.back.renewed()
             work = self._pass_on, (near, self.forth, self.back)
@@ -103,6 +107,11 @@ class SlowLink:
         """End all connections where they are."""
         for end in tuple(self._ends):
             _shut(end)
+
+    def go_down(self) -> None:
+        """End all connections, and take none until it is up again."""
+        self.is_down = True
+        self.cut()
 
     def _pass_on(self, near: socket.socket, forth: Direction, back: Direction) -> None:
         """Pass on what one connection sends and gets, until both ends have said all."""

@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -153,21 +153,28 @@ def _serve(
     from dvc.feedback import listen, parse_address
     from encoder.door import Door
     from encoder.frame_queue import LeftOut
+    from encoder.groups_ahead import GroupsAhead
     from encoder.live import serve
     from encoder.pacing import DecoderPace
 
     left_out = queue.left_out if queue is not None else LeftOut()
     pace = DecoderPace(session.config.video.frame_rate, _say, left_out)
     protection = options.protection(arguments)
-    with listen(*parse_address(arguments.serve)) as listener:
+    with ExitStack() as stack:
+        spool = options.spool(arguments, _say)
+        ahead = None
+        if spool is not None and queue is not None:
+            ahead = GroupsAhead(stack.enter_context(spool), queue, session.config)
+        listener = stack.enter_context(listen(*parse_address(arguments.serve)))
         protection.check_exposure(listener.host)
         if protection.insecure and protection.is_none:
             _say("anybody may connect, and read and change what is sent: there is neither token nor TLS")
         _say(f"waiting for a decoder on {listener.name}")
-        with Door(listener, session.config, protection, arguments.timeout, arguments.patience, _say) as door:
-            link, endpoint = door.decoder()
-            with source.stopping_at_signals():
-                links = serve(session, source, link, progress, pace, endpoint, door.decoder)
+        door = Door(listener, session.config, protection, arguments.timeout, arguments.patience, _say)
+        stack.enter_context(door)
+        link, endpoint = door.decoder()
+        with source.stopping_at_signals():
+            links = serve(session, source, link, progress, pace, endpoint, door.decoder, ahead)
     if left_out.frames:
         _say(
             f"left out {left_out.frames} frames in {left_out.gaps} gap(s): the decoder takes fewer than come"
@@ -176,6 +183,7 @@ def _serve(
         "decoder_behind_s": round(pace.behind_s, 3),
         "most_frames_open": pace.most_frames_open,
         "left_out": asdict(left_out),
+        **({} if spool is None else {"spool": asdict(spool.report)}),
         **links,
     }
 

@@ -3,7 +3,7 @@
 import threading
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 from dvc.video import Frame
@@ -21,12 +21,26 @@ def default_frames(num_px: int, group_length: int) -> int:
     return max(group_length, min(MAX_FRAMES, MAX_PX // num_px))
 
 
+MAX_NAMED_GAPS = 10_000
+"""Gaps whose frames are named; further ones are counted."""
+
+
 @dataclass
 class LeftOut:
-    """How many frames of a source were left out, and in how many places."""
+    """How many frames of a source were left out, in how many places, and which."""
 
     frames: int = 0
     gaps: int = 0
+    named: list[list[int]] = field(default_factory=list)  # first and last of each gap, from 0
+
+    def add(self, number: int, begins_gap: bool) -> None:
+        """Count a frame."""
+        self.frames += 1
+        self.gaps += begins_gap
+        if self.gaps <= MAX_NAMED_GAPS:
+            if begins_gap:
+                self.named.append([number, number])
+            self.named[-1][1] = number
 
 
 class FrameQueue:
@@ -66,6 +80,11 @@ class FrameQueue:
             raise failure
         raise StopIteration
 
+    def holds(self, count: int) -> bool:
+        """Tell whether so many frames wait, or all that there will be."""
+        with self._changed:
+            return self._num_waiting >= count or self._ended
+
     def close(self) -> bool:
         """Take no more of the source; tell whether it is at rest, so that it can be closed."""
         with self._changed:
@@ -78,8 +97,8 @@ class FrameQueue:
     def _read(self) -> None:
         failure: BaseException | None = None
         try:
-            for frame in self._source:
-                if not self._keep(frame):
+            for number, frame in enumerate(self._source):
+                if not self._keep(number, frame):
                     break
         except BaseException as err:
             failure = err
@@ -87,15 +106,14 @@ class FrameQueue:
             self._failure, self._ended = failure, True
             self._changed.notify_all()
 
-    def _keep(self, frame: Frame) -> bool:
+    def _keep(self, number: int, frame: Frame) -> bool:
         """Put a frame with the others, or leave it out; tell whether more are wanted."""
         with self._changed:
             if self._group_length == 0:
                 while self._num_waiting >= self._max_frames and not self._closed:
                     self._changed.wait()
             elif self._num_waiting + (self._group_length if self._leaves_out else 1) > self._max_frames:
-                self.left_out.gaps += not self._leaves_out
-                self.left_out.frames += 1
+                self.left_out.add(number, not self._leaves_out)
                 self._leaves_out = True
                 return not self._closed
             if self._leaves_out:

@@ -1,5 +1,6 @@
 """Groups of pictures that a live encoder keeps for a decoder that comes in place of one that is gone."""
 
+import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -73,11 +74,16 @@ class KeptGroups:
                 start = place
         return start
 
-    def begin_again(self) -> list[KeptGroup]:
-        """Return what another decoder is sent first, from a key frame alone on; nothing without any."""
+    def begin_again(self, oldest_reference: float = math.inf) -> list[KeptGroup]:
+        """Return what another decoder is sent first, from a key frame alone on; nothing without any.
+
+        `oldest_reference`: number of the earliest group that one of those behind them is predicted from.
+        """
         groups = list(self._groups)[self._start(self._groups) :]
         while groups and not (
-            groups[0].has_key and all(group.oldest_reference >= groups[0].number for group in groups)
+            groups[0].has_key
+            and oldest_reference >= groups[0].number
+            and all(group.oldest_reference >= groups[0].number for group in groups)
         ):
             del groups[0]
         self._groups = deque(groups)

@@ -15,12 +15,15 @@ from dvc.slepian_wolf import RequestTable
 from dvc.slepian_wolf.requests import COUNT, SLOT
 from dvc.video import Frame
 from encoder.door import Entered, give_up
+from encoder.groups_ahead import GroupsAhead
 from encoder.kept_groups import KeptGroup, KeptGroups
 from encoder.pacing import DecoderPace
 from encoder.session import EncoderSession, Progress
 
 MAX_STALL_S = 3600.0
 """Longest time without progress: a decoder that is alive but does nothing is given up."""
+LOOK_S = 0.1
+"""Longest wait for a decoder where frames may come meanwhile, of which a group is encoded ahead."""
 
 
 @dataclass
@@ -47,21 +50,23 @@ def serve(
     pace: DecoderPace | None = None,
     endpoint: EncoderEndpoint | None = None,
     next_decoder: Callable[[], Entered] | None = None,
+    ahead: GroupsAhead | None = None,
 ) -> dict[str, object]:
     """Encode a sequence for a decoder at the other end of a link, answering its requests.
 
-    Where it does not come back, another one may in its place. Returns what the links went through.
+    Where it does not come back, another one may in its place. `ahead`: where groups wait that it has no room
+    for; else it is the frames that wait. Returns what the links went through.
     """
     endpoint = endpoint or EncoderEndpoint(session.config)
     quiet = DecoderPace(session.config.video.frame_rate, lambda _: None)
-    live = _LiveEncoder(session, frames, link, endpoint, progress, pace or quiet)
+    live = _LiveEncoder(session, frames, link, endpoint, progress, pace or quiet, ahead)
     try:
         with session.statistics.coding():
             while not live.run():
                 assert next_decoder is not None
                 live.begin_again(*next_decoder())
-    except FeedbackError:
-        raise
+    except FeedbackError as err:
+        raise FeedbackError(f"{err}{live.unfinished}") from err
     except (DvcError, KeyboardInterrupt) as err:
         give_up(live.link, live.endpoint, str(err) or "interrupted")
         raise
@@ -89,8 +94,10 @@ class _LiveEncoder:
         endpoint: EncoderEndpoint,
         progress: Progress,
         pace: DecoderPace,
+        ahead: GroupsAhead | None,
     ) -> None:
         self.link, self.endpoint, self.report = link, endpoint, LinkReport()
+        self._ahead, self._exhausted = ahead, False
         self._pace, self._session, self._progress = pace, session, progress
         self._source = session.groups(frames)
         gop = session.config.gop
@@ -113,10 +120,11 @@ class _LiveEncoder:
         self.link.close()
         self.report.bits_asked_again += sum(map(self._bits_of, self._open.values()))
         self.link, self.endpoint = link, endpoint
-        again = self._kept.begin_again()
+        again = self._kept_for_another()
         if not again:
             self._session.begin_again(self._num_groups)
-            again = self._kept.begin_again() if self._encode_next() else []
+            while not again and self._next_group():
+                again = self._kept_for_another()
         endpoint.first_frame = again[0].first_frame if again else self._num_frames
         if again:
             self._session.begin_again(again[0].number)
@@ -124,6 +132,18 @@ class _LiveEncoder:
             self.report.frames_lost.append([self._num_written, endpoint.first_frame - 1])
         self.report.groups_begun_again += len(again)
         self._begin(deque(again))
+
+    def _kept_for_another(self) -> list[KeptGroup]:
+        if self._ahead is None:
+            return self._kept.begin_again()
+        return self._kept.begin_again(self._ahead.oldest_reference)
+
+    @property
+    def unfinished(self) -> str:
+        """Name frames that were encoded, and that no decoder has said to have written."""
+        if self._num_written == self._num_frames:
+            return ""
+        return f"; frames {self._num_written} to {self._num_frames - 1} are not known to be decoded"
 
     def run(self) -> bool:
         """Serve a decoder; tell whether it has got all, so that no other one has come in its place."""
@@ -137,16 +157,22 @@ class _LiveEncoder:
 
     def _step(self, answering: ExitStack) -> None:
         wanted = self.endpoint.num_credits > 0 and not self._ended and self._has_room()
-        if wanted:
-            answering.close()
-            self._send_group()
-            self._progressed_s = time.monotonic()  # however long the source took
-            answering.enter_context(self._session.statistics.timing("parity_cpu_s"))
-        elif not self._ended:
+        if not wanted and not self._ended:
             self._pace.waits()
+        works_ahead = not (wanted or self._exhausted or self._ahead is None) and self._ahead.can_grow
+        if wanted or works_ahead:
+            answering.close()
+            self._encode_ahead() if works_ahead else self._send_group()
+            answering.enter_context(self._session.statistics.timing("parity_cpu_s"))
         self.link.send(self.endpoint.bytes_to_send())
-        if not wanted or self.link.has_received():
+        if self._is_ready(busy=wanted or works_ahead):
             self._take(self.endpoint.receive(self.link.receive()))
+
+    def _is_ready(self, busy: bool) -> bool:
+        """Tell whether to receive something, which may be waited for."""
+        if busy:
+            return self.link.has_received()
+        return self._ahead is None or self._exhausted or bool(self.link.wait(at_most_s=LOOK_S))
 
     def _has_room(self) -> bool:
         """Tell whether another group may be open."""
@@ -178,19 +204,33 @@ class _LiveEncoder:
             self._progress(num_frames)
         self._kept.drop_done()
 
-    def _encode_next(self) -> KeptGroup | None:
+    def _encode(self) -> KeptGroup | None:
         """Encode the next group of the source, if there is one."""
         group = next(self._source, None)
         if group is None:
+            self._exhausted = True
             return None
         kept = KeptGroup(self._num_groups, self._num_frames, self._session.encode(group))
         self._num_groups, self._num_frames = kept.number + 1, kept.end_frame
-        self._kept.add(kept)
-        self._pace.sent(kept.encoded.record.num_frames)
         return kept
 
+    def _encode_ahead(self) -> None:
+        group = self._encode()
+        if group is not None and self._ahead is not None:
+            with self._session.statistics.timing("writing_cpu_s"):
+                self._ahead.add(group)
+
+    def _next_group(self) -> KeptGroup | None:
+        """Return the next group that a decoder gets, if there is one."""
+        group = (self._ahead and self._ahead.take()) or self._encode()
+        if group is not None:
+            self._kept.add(group)
+            self._pace.sent(group.encoded.record.num_frames)
+        return group
+
     def _send_group(self) -> None:
-        group = self._again.popleft() if self._again else self._encode_next()
+        group = self._again.popleft() if self._again else self._next_group()
+        self._progressed_s = time.monotonic()  # however long the source took
         if group is None:
             self.endpoint.send_end()
             self._ended = True

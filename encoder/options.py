@@ -42,12 +42,14 @@ from dvc.config import (
 )
 from dvc.errors import ConfigError
 from encoder.rate_control.bitrate import TOLERANCE, WINDOW_S, RateLimits
+from encoder.spool import MAX_FILE_MIB, MAX_MEMORY_BYTES
 
 if TYPE_CHECKING:
     from dvc.feedback import Protection
     from dvc.video import Frame, VideoInfo
     from encoder.frame_queue import FrameQueue
     from encoder.session import EncoderSession
+    from encoder.spool import Spool
     from encoder.time_stamps import CodingClock
 
 PROG = "dvc-encode"
@@ -390,6 +392,20 @@ def _add_live(group: argparse._ArgumentGroup) -> None:
         metavar="FRAMES",
     )
     group.add_argument(
+        "--spool",
+        metavar="FILE",
+        help="encode what a camera, a pipe or an address sends while a decoder is slower, or away: groups of"
+        f" pictures that it has no room for wait in {MAX_MEMORY_BYTES >> 20} MiB of memory, and beyond that"
+        " in this file, which has no name while it is used and is gone at the end",
+    )
+    cli.add_integer(
+        group,
+        "--spool-size",
+        (1, 2**24),
+        f"most that waits in the file of --spool, in MiB; default: {MAX_FILE_MIB}",
+        metavar="MIB",
+    )
+    group.add_argument(
         "--tls-cert",
         metavar="FILE",
         help="talk over TLS, with this certificate (PEM: chain, and key if it is there)",
@@ -407,6 +423,8 @@ def check(arguments: argparse.Namespace) -> None:
     """Refuse outputs that make no sense, before anything is opened."""
     if (arguments.output is None) == (arguments.serve is None):
         raise ConfigError("give either OUTPUT or --serve HOST:PORT")
+    if arguments.spool_size is not None and arguments.spool is None:
+        raise ConfigError("--spool-size is for --spool")
     if arguments.segment is not None:
         if arguments.serve is not None:
             raise ConfigError("--segment is for files, not for --serve")
@@ -434,17 +452,27 @@ def queue(
     from encoder.frame_queue import FrameQueue, default_frames
 
     if arguments.serve is None or not live:
-        for option, value in (("--leave-out", arguments.leave_out), ("--queue", arguments.queue)):
-            if value:
+        for option in ("--leave-out", "--queue", "--spool"):
+            if getattr(arguments, option[2:].replace("-", "_")):
                 raise ConfigError(
                     f"{option} is for --serve and a camera, a pipe or an address; all else waits"
                 )
         return None
     length, video = config.gop.length, config.video
     max_frames = arguments.queue or default_frames(video.width * video.height, length)
-    if arguments.leave_out and max_frames < length:
-        raise ConfigError(f"with --leave-out the queue must hold a group: --queue {length} or more")
+    for option, value in (("--leave-out", arguments.leave_out), ("--spool", arguments.spool)):
+        if value and max_frames < length:
+            raise ConfigError(f"with {option} the queue must hold a group: --queue {length} or more")
     return FrameQueue(frames, max_frames, length if arguments.leave_out else 0)
+
+
+def spool(arguments: argparse.Namespace, say: "Callable[[str], None]") -> "Spool | None":
+    """Open the file in which groups wait, where there is to be one."""
+    from encoder.spool import Spool
+
+    if arguments.spool is None:
+        return None
+    return Spool(arguments.spool, (arguments.spool_size or MAX_FILE_MIB) << 20, say)
 
 
 def session(

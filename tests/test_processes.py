@@ -10,7 +10,7 @@ import subprocess
 import sys
 import termios
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass
@@ -396,11 +396,10 @@ def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], s
 
     The fourth is a Wyner-Ziv frame whose group has no end yet.
     """
-    raw = [plane for frame in moving_texture(5, 32, 48)[:4] for plane in (frame.luma, *(frame.chroma or ()))]
     options = ("--size", "48x32", "--frame-rate", 25, *CODING, "--serve", "127.0.0.1:0")
     encoder = start("encoder", "-", *options, stdin=subprocess.PIPE)
     assert encoder.stdin is not None
-    encoder.stdin.buffer.write(b"".join(plane.tobytes() for plane in raw))
+    encoder.stdin.buffer.write(raw_bytes(moving_texture(5, 32, 48)[:4]))
     encoder.stdin.flush()
     address = f"127.0.0.1:{listening_port(encoder)}"
     outputs = [name if name.startswith("--") else folder / name for name in names]
@@ -452,14 +451,13 @@ def test_interrupted_encoder_sends_its_end(tmp_path: Path, buffered: Run, number
 
 def test_frames_that_a_decoder_cannot_take_are_left_out_and_counted(tmp_path: Path) -> None:
     """A pipe that brings all at once: whole groups reach the decoder, at their times; others are reported."""
-    raw = [plane for frame in moving_texture(60, 32, 48) for plane in (frame.luma, *(frame.chroma or ()))]
     options = ("--size", "48x32", "--frame-rate", 25, *CODING, "--serve", "127.0.0.1:0", "--leave-out")
     queue = ("--queue", 16, "--json", tmp_path / "report.json")
     with start("encoder", "-", *options, *queue, stdin=subprocess.PIPE) as encoder:
         assert encoder.stdin is not None
         port = listening_port(encoder)
         with start("decoder", "--connect", f"127.0.0.1:{port}", tmp_path / "out.mkv") as decoder:
-            encoder.stdin.buffer.write(b"".join(plane.tobytes() for plane in raw))
+            encoder.stdin.buffer.write(raw_bytes(moving_texture(60, 32, 48)))
             encoder.stdin.close()
             encoder.stdin = None
             assert finish(decoder) == (0, "")
@@ -476,6 +474,66 @@ def test_frames_that_a_decoder_cannot_take_are_left_out_and_counted(tmp_path: Pa
     assert (
         sum(after - before > Fraction(1, 25) for before, after in pairwise(times_s)) >= left_out["gaps"] - 1
     )
+
+
+SPOOLING = """
+import sys, encoder.__main__, encoder.spool
+encoder.spool.MAX_MEMORY_BYTES = 1000
+sys.exit(encoder.__main__.main(sys.argv[1:]))
+"""
+"""An encoder that keeps next to nothing in memory."""
+
+
+@contextmanager
+def spooling(
+    folder: Path, frames: Sequence[Frame], *more: object
+) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str], SlowLink]]:
+    """Let an encoder have all frames by a pipe while its decoder is away, which was there for the first."""
+    options = ("--size", "48x32", "--frame-rate", 25, *CODING, "--serve", "127.0.0.1:0", "--patience", 60)
+    files = ("--spool", folder / "spool", "--json", folder / "report.json")
+    command = [sys.executable, "-c", SPOOLING, "-", *map(str, (*options, *files, *more))]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as encoder:
+        assert encoder.stdin is not None
+        with slow_link("127.0.0.1", listening_port(encoder), 0.001, 1e9) as link:
+            outputs = (folder / "out.y4m", "--punctured", folder / "out.dvc", "--patience", 60)
+            with start("decoder", "--connect", link.address, *outputs) as decoder:
+                try:
+                    encoder.stdin.buffer.write(raw_bytes(frames[:5]))
+                    encoder.stdin.flush()
+                    wait_until(lambda: link.back.num_bytes > 200, decoder.poll)
+                    link.go_down()
+                    encoder.stdin.buffer.write(raw_bytes(frames[5:]))
+                    encoder.stdin.flush()
+                    yield encoder, decoder, link
+                finally:
+                    decoder.kill()
+                    encoder.kill()
+
+
+def raw_bytes(frames: Iterable[Frame]) -> bytes:
+    """Return frames as a pipe brings them."""
+    return b"".join(plane.tobytes() for frame in frames for plane in (frame.luma, *(frame.chroma or ())))
+
+
+def test_what_a_decoder_misses_while_it_is_away_waits_on_disk(tmp_path: Path) -> None:
+    """More than may be open or wait in memory: it gets the frames, and the bits, that it would have got."""
+    frames = moving_texture(8, 32, 48) * 18
+    run_here("encoder", write_clip(tmp_path / "clip.y4m", frames), tmp_path / "whole.dvc", *CODING)
+    run_here("decoder", tmp_path / "whole.dvc", tmp_path / "whole.y4m", "--punctured", tmp_path / "small.dvc")
+    with spooling(tmp_path, frames) as (encoder, decoder, link):
+        assert encoder.stdin is not None
+        wait_until(lambda: is_waiting_for_more(encoder), encoder.poll)
+        link.is_down = False
+        encoder.stdin.close()
+        encoder.stdin = None
+        assert finish(decoder) == (0, "")
+        assert finish(encoder)[0] == 0
+    assert (tmp_path / "out.y4m").read_bytes() == (tmp_path / "whole.y4m").read_bytes()
+    assert (tmp_path / "out.dvc").read_bytes() == (tmp_path / "small.dvc").read_bytes()
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["spool"]["most_in_memory"] <= 1000 < report["spool"]["most_on_disk"]
+    assert (report["num_reconnections"], report["left_out"]["frames"]) == (1, 0)
+    assert not (tmp_path / "spool").exists()
 
 
 @pytest.mark.parametrize("cause", ["SIGINT", "SIGTERM", "death"])

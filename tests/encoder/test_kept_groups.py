@@ -91,6 +91,15 @@ def test_named_references_are_there() -> None:
     assert sequence.again() == [(7, 28, 1)]
 
 
+def test_groups_that_follow_may_name_what_is_kept_alone() -> None:
+    """Those that wait for a decoder are sent after it."""
+    for oldest_reference, begins in ((2, [2]), (4, [2]), (1, [])):
+        sequence = sent()
+        sequence.done(0, 1, 2, 3)
+        again = sequence.kept.begin_again(oldest_reference)
+        assert [group.number for group in again][:1] == begins
+
+
 def test_a_key_frame_alone_has_its_own_time_stamp() -> None:
     """The last one of its group, if it is off the constant rate."""
     for last, kept in ((5, Deviations(1000, (5,))), (0, None)):
