@@ -127,11 +127,18 @@ def _decode_live(arguments: argparse.Namespace) -> int:
 
     protection = options.protection(arguments)
     host, port = parse_address(arguments.connect)
+
+    def hinted(err: FeedbackError) -> str:
+        wants = isinstance(err, PeerClosedError) and protection.is_none
+        return f"{err}; it may want a token, or TLS" if wants else str(err)
+
+    def lost(err: FeedbackError) -> None:
+        _say(f"{hinted(err)}; trying again for {arguments.patience:g} s")
+
     try:
-        link = dial(host, port, arguments.timeout, protection, arguments.patience)
+        link = dial(host, port, arguments.timeout, protection, arguments.patience, lost)
     except PeerClosedError as err:
-        hint = "; it may want a token, or TLS" if protection.is_none else ""
-        raise FeedbackError(f"{err}{hint}") from err
+        raise FeedbackError(hinted(err)) from err
     with link:
         link.keep_alive()
         source = LiveSource(link)

@@ -29,6 +29,10 @@ class NobodyListensError(FeedbackError):
     """No program of the other side is at an address."""
 
 
+class UntrustedError(FeedbackError):
+    """The other side of the feedback channel is not the program, or not the one, that it should be."""
+
+
 class RefusedError(FeedbackError):
     """The other side of the feedback channel has said why it does not go on."""
 

@@ -64,9 +64,7 @@ class FrameQueue:
         return self
 
     def __next__(self) -> Frame | None:
-        if self._thread is None:  # nothing is read before it is asked for
-            self._thread = threading.Thread(target=self._read, name="frame queue", daemon=True)
-            self._thread.start()
+        self._begin()
         with self._changed:
             while not self._frames and not self._ended:
                 self._changed.wait()
@@ -80,8 +78,15 @@ class FrameQueue:
             raise failure
         raise StopIteration
 
+    def _begin(self) -> None:
+        """Read the source from now on; nothing is read before it is asked for."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._read, name="frame queue", daemon=True)
+            self._thread.start()
+
     def holds(self, count: int) -> bool:
         """Tell whether so many frames wait, or all that there will be."""
+        self._begin()
         with self._changed:
             return self._num_waiting >= count or self._ended
 

@@ -477,21 +477,26 @@ def test_frames_that_a_decoder_cannot_take_are_left_out_and_counted(tmp_path: Pa
 
 
 SPOOLING = """
-import sys, encoder.__main__, encoder.spool
-encoder.spool.MAX_MEMORY_BYTES = 1000
-sys.exit(encoder.__main__.main(sys.argv[1:]))
+import os, sys, encoder.__main__, encoder.spool
+encoder.spool.MAX_MEMORY_BYTES, pwrite = 1000, os.pwrite
+def write(file, data, at):
+    if at >= int(sys.argv[1]):
+        raise OSError(28, os.strerror(28))
+    return pwrite(file, data, at)
+os.pwrite = write
+sys.exit(encoder.__main__.main(sys.argv[2:]))
 """
-"""An encoder that keeps next to nothing in memory."""
+"""An encoder that keeps next to nothing in memory, on a disk that has so many bytes left."""
 
 
 @contextmanager
 def spooling(
-    folder: Path, frames: Sequence[Frame], *more: object
+    folder: Path, frames: Sequence[Frame], *more: object, disk_bytes: int = 2**30
 ) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str], SlowLink]]:
     """Let an encoder have all frames by a pipe while its decoder is away, which was there for the first."""
     options = ("--size", "48x32", "--frame-rate", 25, *CODING, "--serve", "127.0.0.1:0", "--patience", 60)
     files = ("--spool", folder / "spool", "--json", folder / "report.json")
-    command = [sys.executable, "-c", SPOOLING, "-", *map(str, (*options, *files, *more))]
+    command = [sys.executable, "-c", SPOOLING, *map(str, (disk_bytes, "-", *options, *files, *more))]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as encoder:
         assert encoder.stdin is not None
         with slow_link("127.0.0.1", listening_port(encoder), 0.001, 1e9) as link:
@@ -500,10 +505,13 @@ def spooling(
                 try:
                     encoder.stdin.buffer.write(raw_bytes(frames[:5]))
                     encoder.stdin.flush()
-                    wait_until(lambda: link.back.num_bytes > 200, decoder.poll)
+                    video = folder / "out.y4m.part"
+                    wait_until(lambda: video.exists() and frames_of(video), decoder.poll)
                     link.go_down()
-                    encoder.stdin.buffer.write(raw_bytes(frames[5:]))
-                    encoder.stdin.flush()
+                    for first in range(5, len(frames), 8):  # as a camera would: no more than it can take
+                        encoder.stdin.buffer.write(raw_bytes(frames[first : first + 8]))
+                        encoder.stdin.flush()
+                        wait_until(lambda: is_waiting_for_more(encoder), encoder.poll)
                     yield encoder, decoder, link
                 finally:
                     decoder.kill()
@@ -522,7 +530,6 @@ def test_what_a_decoder_misses_while_it_is_away_waits_on_disk(tmp_path: Path) ->
     run_here("decoder", tmp_path / "whole.dvc", tmp_path / "whole.y4m", "--punctured", tmp_path / "small.dvc")
     with spooling(tmp_path, frames) as (encoder, decoder, link):
         assert encoder.stdin is not None
-        wait_until(lambda: is_waiting_for_more(encoder), encoder.poll)
         link.is_down = False
         encoder.stdin.close()
         encoder.stdin = None
@@ -534,6 +541,48 @@ def test_what_a_decoder_misses_while_it_is_away_waits_on_disk(tmp_path: Path) ->
     assert report["spool"]["most_in_memory"] <= 1000 < report["spool"]["most_on_disk"]
     assert (report["num_reconnections"], report["left_out"]["frames"]) == (1, 0)
     assert not (tmp_path / "spool").exists()
+
+
+def test_frames_for_which_the_disk_has_no_room_are_named(tmp_path: Path) -> None:
+    """That it is full is said once; what was spooled before reaches the decoder."""
+    frames, options = moving_texture(8, 32, 48) * 30, ("--leave-out", "--queue", 64)
+    with spooling(tmp_path, frames, *options, disk_bytes=4000) as (encoder, decoder, link):
+        link.is_down = False
+        assert encoder.stdin is not None
+        encoder.stdin.close()
+        encoder.stdin = None
+        assert finish(decoder)[0] == 0
+        status, stderr = finish(encoder)
+    assert status == 0
+    assert stderr.count(f"cannot spool to {tmp_path}/spool any more: No space left on device") == 1
+    report = json.loads((tmp_path / "report.json").read_text())
+    left_out = report["left_out"]
+    assert left_out["frames"] == sum(last - first + 1 for first, last in left_out["named"]) > 0
+    assert 0 < report["spool"]["most_on_disk"] <= 5000
+    assert len(frames_of(tmp_path / "out.y4m")) == report["frames"] == len(frames) - left_out["frames"]
+
+
+def test_a_spool_that_cannot_be_written_is_refused_at_once(tmp_path: Path) -> None:
+    """Nobody waits for a decoder then; what has the name is not touched."""
+    (tmp_path / "there").write_bytes(b"precious")
+    for name, reason in (("there", "File exists"), ("none/spool", "No such file or directory")):
+        options = (
+            "--size",
+            "48x32",
+            "--frame-rate",
+            25,
+            "--serve",
+            "127.0.0.1:0",
+            "--spool",
+            tmp_path / name,
+        )
+        with start("encoder", "-", *options, stdin=subprocess.PIPE) as encoder:
+            assert encoder.stdin is not None
+            encoder.stdin.buffer.write(raw_bytes(moving_texture(1, 32, 48)))
+            encoder.stdin.close()
+            encoder.stdin = None
+            assert_refused(finish(encoder), f"cannot spool to {tmp_path / name}: {reason}")
+    assert (tmp_path / "there").read_bytes() == b"precious"
 
 
 @pytest.mark.parametrize("cause", ["SIGINT", "SIGTERM", "death"])

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Final
 
-from dvc.errors import ConfigError, FeedbackError
+from dvc.errors import ConfigError, FeedbackError, UntrustedError
 from dvc.feedback.protected_socket import Peer, ProtectedSocket, read_exactly
 
 MIN_TOKEN_BYTES: Final = 16
@@ -66,12 +66,12 @@ def authenticate(peer: Peer, token: bytes, listening: bool, within_s: float) -> 
 def _as_encoder(peer: Peer, token: bytes, deadline_s: float) -> bytes:
     for number in GREETING:  # byte by byte: who says anything else need not say it all
         if _read(peer, 1, deadline_s) != bytes([number]):
-            raise FeedbackError("the other side has no token")
+            raise UntrustedError("the other side has no token")
     theirs, own = _read(peer, NONCE_BYTES, deadline_s), secrets.token_bytes(NONCE_BYTES)
     nonces = theirs + own
     peer.sendall(own + _digest(token, _ENCODER, nonces))
     if not hmac.compare_digest(_read(peer, PROOF_BYTES, deadline_s), _digest(token, _DECODER, nonces)):
-        raise FeedbackError("the other side does not know the token")
+        raise UntrustedError("the other side does not know the token")
     return nonces
 
 
@@ -80,7 +80,7 @@ def _as_decoder(peer: Peer, token: bytes, deadline_s: float) -> bytes:
     peer.sendall(GREETING + own)
     nonces = own + _read(peer, NONCE_BYTES, deadline_s)
     if not hmac.compare_digest(_read(peer, PROOF_BYTES, deadline_s), _digest(token, _ENCODER, nonces)):
-        raise FeedbackError("the other side does not know the token")
+        raise UntrustedError("the other side does not know the token")
     peer.sendall(_digest(token, _DECODER, nonces))
     return nonces
 

@@ -12,9 +12,16 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import wait
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeVar
 
-from dvc.errors import DvcError, FeedbackError, NobodyListensError, RefusedError, SupersededError
+from dvc.errors import (
+    DvcError,
+    FeedbackError,
+    NobodyListensError,
+    RefusedError,
+    SupersededError,
+    UntrustedError,
+)
 from dvc.feedback.opening import NEW, SESSION_BYTES, Opening, checks, open_stream
 from dvc.feedback.protection import Protection
 from dvc.feedback.resumable import Checks, ResumableStream
@@ -26,6 +33,7 @@ MAX_KEPT_BYTES: Final = 2**26
 SIGN_OF_LIFE_S: Final = 0.25
 """Longest time in which nothing is sent; least patience of the other side is four times as long."""
 _RETRY_S: Final = 0.2
+_MAX_RETRY_S: Final = 2.0
 _ATTEMPT_S: Final = 5.0
 """Time to connect again, after which it is tried anew."""
 
@@ -372,22 +380,57 @@ def welcome(connection: Connection, asked: Opening, timeout_s: float, patience_s
     return link
 
 
+Opened = TypeVar("Opened")
+
+
 def dial(
     host: str,
     port: int,
     timeout_s: float = DEFAULT_TIMEOUT_S,
     protection: Protection | None = None,
     patience_s: float = 0.0,
+    lost: Callable[[FeedbackError], None] = lambda _: None,
 ) -> Link:
-    """Connect, as the decoder, to an encoder that listens, or will within the timeout, and begin a stream."""
+    """Connect, as the decoder, to an encoder that listens, or will within the timeout, and begin a stream.
+
+    Where the connection is lost before that, `lost` is told once, and it is tried again for so long.
+    """
 
     def reconnect(within_s: float) -> Connection:
         connection = connect(host, port, within_s, timeout_s)
         connection.protect(protection or Protection(False), within_s)
         return connection
 
-    connection = reconnect(timeout_s)
-    answer, begin = connection.talk(lambda peer: open_stream(peer, Opening(NEW), timeout_s))
+    def attempt(within_s: float) -> tuple[Connection, Opening, Checks]:
+        connection = reconnect(within_s)
+        return connection, *connection.talk(lambda peer: open_stream(peer, Opening(NEW), within_s))
+
+    connection, answer, begin = _patiently(attempt, timeout_s, patience_s, lost)
     link = Link(answer.session, timeout_s, patience_s, reconnect)
     link.start(connection, 0, begin)
     return link
+
+
+def _patiently(
+    attempt: Callable[[float], Opened],
+    timeout_s: float,
+    patience_s: float,
+    lost: Callable[[FeedbackError], None],
+) -> Opened:
+    """Try, and try again where a connection is lost, less and less often."""
+    first_s, pause_s, within_s = 0.0, _RETRY_S, timeout_s
+    while True:
+        try:
+            return attempt(within_s)
+        except (NobodyListensError, RefusedError, UntrustedError):
+            raise
+        except FeedbackError as err:
+            now_s = time.monotonic()
+            if not first_s and patience_s:
+                lost(err)
+            first_s = first_s or now_s
+            within_s = min(timeout_s, first_s + patience_s - now_s - pause_s)
+            if within_s <= 0.0:
+                raise
+            time.sleep(pause_s)
+            pause_s = min(2 * pause_s, _MAX_RETRY_S)

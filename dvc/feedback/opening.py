@@ -9,7 +9,7 @@ import zlib
 from dataclasses import dataclass
 from typing import Final
 
-from dvc.errors import FeedbackError, RefusedError
+from dvc.errors import FeedbackError, RefusedError, UntrustedError
 from dvc.feedback.protected_socket import Peer, read_exactly
 from dvc.feedback.resumable import Checks
 
@@ -42,7 +42,7 @@ def read_opening(peer: Peer, deadline_s: float) -> Opening:
     for number in GREETING:
         said += read_exactly(deadline_s, peer, 1, _PURPOSE)
         if said[-1] != number:
-            raise FeedbackError("the other side speaks another protocol")
+            raise UntrustedError("the other side speaks another protocol")
     body = read_exactly(deadline_s, peer, _BODY.size, _PURPOSE)
     check = read_exactly(deadline_s, peer, _CHECKSUM_BYTES, _PURPOSE)
     if zlib.crc32(said + body).to_bytes(_CHECKSUM_BYTES, "big") != check:

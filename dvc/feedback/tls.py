@@ -7,7 +7,7 @@ import threading
 import time
 from pathlib import Path
 
-from dvc.errors import ConfigError, FeedbackError
+from dvc.errors import ConfigError, FeedbackError, UntrustedError
 from dvc.feedback.protected_socket import MAX_READ_BYTES, Peer, ProtectedSocket, read_before
 
 _HEX_DIGITS = 64
@@ -72,12 +72,12 @@ class TlsSocket(ProtectedSocket):
                 self._incoming.write(read_before(deadline_s, self._peer, MAX_READ_BYTES, "TLS"))
             except ssl.SSLError as err:
                 self._flush()
-                raise FeedbackError(f"no TLS with the other side: {_reason(err)}") from err
+                raise UntrustedError(f"no TLS with the other side: {_reason(err)}") from err
         self._flush()
         if fingerprint is not None:
             certificate = self._tls.getpeercert(True) or b""
             if not hmac.compare_digest(hashlib.sha256(certificate).digest(), fingerprint):
-                raise FeedbackError("the certificate of the other side has another fingerprint")
+                raise UntrustedError("the certificate of the other side has another fingerprint")
         self._opened = self._open(b"")  # data may have come with the last of the handshake
 
     def _flush(self) -> None:

@@ -364,7 +364,9 @@ def connect(
                 raise NobodyListensError(f"nobody listens on {_shown((host, port))}") from err
             time.sleep(_RETRY_S)
         except OSError as err:
-            raise FeedbackError(f"cannot connect to {_shown((host, port))}: {err.strerror or err}") from err
+            raise NobodyListensError(
+                f"cannot connect to {_shown((host, port))}: {err.strerror or err}"
+            ) from err
 
 
 def _open_socket(host: str, port: int, use: Callable[[socket.socket, _Address], None]) -> socket.socket:
