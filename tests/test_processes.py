@@ -342,6 +342,22 @@ def test_strangers_end_nothing(folder: Path, clip: Path, buffered: Run) -> None:
     assert (folder / "after_strangers.y4m").read_bytes() == buffered.video.read_bytes()
 
 
+def test_a_first_connection_that_is_lost_is_tried_again(clip: Path, buffered: Run, tmp_path: Path) -> None:
+    """It is said once why, and what may be wrong; then all is as ever."""
+    with start("encoder", clip, *CODING, "--serve", "127.0.0.1:0") as encoder:
+        with slow_link("127.0.0.1", listening_port(encoder), 0.001, 1e9) as link:
+            link.is_down = True
+            with start("decoder", "--connect", link.address, tmp_path / "out.y4m") as decoder:
+                assert decoder.stderr is not None
+                said = decoder.stderr.readline()
+                assert "closed the connection" in said
+                assert said.endswith("; it may want a token, or TLS; trying again for 30 s\n")
+                link.is_down = False
+                assert finish(decoder) == (0, "")
+        assert finish(encoder) == (0, "")
+    assert (tmp_path / "out.y4m").read_bytes() == buffered.video.read_bytes()
+
+
 def test_a_token_lets_in_who_has_it(folder: Path, clip: Path, buffered: Run, tmp_path: Path) -> None:
     """Others end with one line, and the encoder waits on for a decoder that gets the same frames as ever."""
     for name in ("token", "other"):
@@ -349,7 +365,7 @@ def test_a_token_lets_in_who_has_it(folder: Path, clip: Path, buffered: Run, tmp
     token = ("--token-file", tmp_path / "token")
     with start("encoder", clip, *CODING, "--serve", "127.0.0.1:0", *token) as encoder:
         address = f"127.0.0.1:{listening_port(encoder)}"
-        for words in ((), ("--token-file", tmp_path / "other")):
+        for words in (("--patience", 0), ("--token-file", tmp_path / "other")):
             assert_refused(
                 finish(start("decoder", "--connect", address, tmp_path / "no.y4m", *words)), "token"
             )
@@ -373,13 +389,13 @@ def test_tls_shows_the_decoder_whose_encoder_it_is(
     trustme.CA().cert_pem.write_to_path(other)
     with start("encoder", clip, *CODING, "--serve", "127.0.0.1:0", "--tls-cert", chain) as encoder:
         address = f"127.0.0.1:{listening_port(encoder)}"
-        for words in ((), ("--tls-ca", other), ("--fingerprint", "0" * 64)):
+        for words in (("--patience", 0), ("--tls-ca", other), ("--fingerprint", "0" * 64)):
             refused = start("decoder", "--connect", address, tmp_path / "no.y4m", *words)
             assert_refused(finish(refused), "dvc-decode: ")
         run_here("decoder", "--connect", address, tmp_path / "yes.y4m", "--tls-ca", authority)
         status, stderr = finish(encoder)
     assert status == 0, stderr
-    assert stderr.count("dvc-encode: not a decoder: ") == 3
+    assert stderr.count("dvc-encode: not a decoder: ") == 3, stderr
     assert (tmp_path / "yes.y4m").read_bytes() == buffered.video.read_bytes()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.loopback import accepted
 from benchmarks.slow_link import SlowLink, slow_link
-from dvc.errors import FeedbackError, RefusedError, SupersededError
+from dvc.errors import FeedbackError, PeerClosedError, RefusedError, SupersededError, UntrustedError
 from dvc.feedback import Connection, Link, Listener, Protection, connect, dial, link, listen
 from dvc.feedback.opening import NEW, Opening, read_opening, refuse
 from tests.waiting import wait_until
@@ -261,6 +261,62 @@ def test_what_is_no_encoder_is_noticed(said: bytes) -> None:
         thread = opening_server(lambda c, _: c.talk(lambda peer: peer.sendall(said)), listener)
         with pytest.raises(FeedbackError, match=r"closed the connection|another protocol|changed on the way"):
             dial(listener.host, listener.port, 5.0)
+        thread.join()
+
+
+def losing_server(listener: Listener, said: list[bytes], ends: list[Link]) -> threading.Thread:
+    """Say something to one who connects after the other, and close; welcome the last."""
+
+    def serve() -> None:
+        for words in said:
+            with listener.accept(5.0) as connection:
+                connection.talk(lambda peer: read_opening(peer, time.monotonic() + 5.0))
+                connection.send(words)
+        ends.append(accepted(listener, 5.0, 5.0))
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    return thread
+
+
+def test_a_first_connection_that_is_lost_is_tried_again() -> None:
+    """However much of the answer had come; it is told once."""
+    told: list[FeedbackError] = []
+    ends: list[Link] = []
+    answer = Opening(bytes(range(16))).encode()
+    damaged = answer[:-1] + bytes([answer[-1] ^ 1])
+    with listen("127.0.0.1") as listener:
+        thread = losing_server(listener, [b"", answer[:20], damaged], ends)
+        far = dial(listener.host, listener.port, 5.0, patience_s=20.0, lost=told.append)
+        thread.join()
+        with far, ends[0] as near:
+            near.send(b"welcome")
+            assert got(far, 7) == b"welcome"
+            assert far.counts.num_reconnections == 0
+    assert [type(err) for err in told] == [PeerClosedError]
+
+
+def test_a_first_connection_is_not_tried_for_longer_than_patience_lasts() -> None:
+    """And not at all without any."""
+    for patience_s, num_told in ((0.0, 0), (0.5, 1)):
+        told: list[FeedbackError] = []
+        with listen("127.0.0.1") as listener, slow_link(listener.host, listener.port) as between:
+            between.is_down = True
+            host, _, port = between.address.rpartition(":")
+            with pytest.raises(FeedbackError, match=r"closed the connection|went away"):
+                dial(host, int(port), 5.0, patience_s=patience_s, lost=told.append)
+        assert len(told) == num_told
+
+
+@pytest.mark.parametrize("said", [b"HTTP/1.1 400 Bad Request\r\n", Opening(NEW, 4).encode() + b"full"])
+def test_who_is_no_encoder_or_refuses_is_asked_once(said: bytes) -> None:
+    """Patience would change nothing."""
+    with listen("127.0.0.1") as listener:
+        thread = opening_server(lambda c, _: c.talk(lambda peer: peer.sendall(said)), listener)
+        with pytest.raises(
+            (UntrustedError, RefusedError), match=r"another protocol|let this decoder in: full"
+        ):
+            dial(listener.host, listener.port, 5.0, patience_s=20.0)
         thread.join()
 
 
