@@ -42,7 +42,7 @@ from dvc.config import (
 )
 from dvc.errors import ConfigError
 from encoder.rate_control.bitrate import TOLERANCE, WINDOW_S, RateLimits
-from encoder.spool import MAX_FILE_MIB, MAX_MEMORY_BYTES
+from encoder.spool import FILE_MIB, MEMORY_MIB
 
 if TYPE_CHECKING:
     from dvc.feedback import Protection
@@ -395,16 +395,15 @@ def _add_live(group: argparse._ArgumentGroup) -> None:
         "--spool",
         metavar="FILE",
         help="encode what a camera, a pipe or an address sends while a decoder is slower, or away: groups of"
-        f" pictures that it has no room for wait in {MAX_MEMORY_BYTES >> 20} MiB of memory, and beyond that"
-        " in this file, which has no name while it is used and is gone at the end",
+        " pictures that it has no room for wait in memory, and beyond a bound in this file, which has no name"
+        " while it is used and is gone at the end",
     )
-    cli.add_integer(
-        group,
-        "--spool-size",
-        (1, 2**24),
-        f"most that waits in the file of --spool, in MiB; default: {MAX_FILE_MIB}",
-        metavar="MIB",
-    )
+    for option, least, default, where in (
+        ("--spool-size", 1, FILE_MIB, "the file of --spool"),
+        ("--spool-memory", 0, MEMORY_MIB, "memory with --spool"),
+    ):
+        text = f"most that waits in {where}, in MiB; default: {default}"
+        cli.add_integer(group, option, (least, 2**24), text, metavar="MIB")
     group.add_argument(
         "--tls-cert",
         metavar="FILE",
@@ -423,8 +422,9 @@ def check(arguments: argparse.Namespace) -> None:
     """Refuse outputs that make no sense, before anything is opened."""
     if (arguments.output is None) == (arguments.serve is None):
         raise ConfigError("give either OUTPUT or --serve HOST:PORT")
-    if arguments.spool_size is not None and arguments.spool is None:
-        raise ConfigError("--spool-size is for --spool")
+    for option, value in (("--spool-size", arguments.spool_size), ("--spool-memory", arguments.spool_memory)):
+        if value is not None and arguments.spool is None:
+            raise ConfigError(f"{option} is for --spool")
     if arguments.segment is not None:
         if arguments.serve is not None:
             raise ConfigError("--segment is for files, not for --serve")
@@ -472,7 +472,8 @@ def spool(arguments: argparse.Namespace, say: "Callable[[str], None]") -> "Spool
 
     if arguments.spool is None:
         return None
-    return Spool(arguments.spool, (arguments.spool_size or MAX_FILE_MIB) << 20, say)
+    memory_mib = MEMORY_MIB if arguments.spool_memory is None else arguments.spool_memory
+    return Spool(arguments.spool, (arguments.spool_size or FILE_MIB) << 20, memory_mib << 20, say)
 
 
 def session(

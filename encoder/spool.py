@@ -9,10 +9,8 @@ from typing import NamedTuple
 from dvc.errors import DvcError
 from dvc.files import Closing
 
-MAX_MEMORY_BYTES = 2**26
-"""Most that waits in memory."""
-MAX_FILE_MIB = 1024
-"""Most that waits in the file, where nobody says how much."""
+MEMORY_MIB, FILE_MIB = 64, 1024
+"""Most that waits in memory, and in the file, where nobody says how much."""
 
 
 @dataclass
@@ -35,9 +33,16 @@ class Spool(Closing):
     It is written round and round. Where it can be written no more, it takes nothing from then on.
     """
 
-    def __init__(self, path: str, max_file_bytes: int, say: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(
+        self,
+        path: str,
+        max_file_bytes: int,
+        max_memory_bytes: int,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self.report = SpoolReport()
-        self._path, self._max_file_bytes, self._say = path, max_file_bytes, say
+        self._path, self._say = path, say
+        self._max_file_bytes, self._max_memory_bytes = max_file_bytes, max_memory_bytes
         self._waiting: deque[bytes | _Place] = deque()
         self._start = self._end = self._memory_bytes = self._largest = 0
         try:
@@ -53,7 +58,7 @@ class Spool(Closing):
     def has_room(self) -> bool:
         """Whether there is room for as much as the most that came at a time."""
         left = self._max_file_bytes - (self._end - self._start)
-        return self._memory_bytes + self._largest <= MAX_MEMORY_BYTES or (
+        return self._memory_bytes + self._largest <= self._max_memory_bytes or (
             not self.report.failure and self._largest <= left
         )
 
@@ -61,7 +66,7 @@ class Spool(Closing):
         """Let something wait; it may go beyond the bound of memory where the file does not take it."""
         self._largest = max(self._largest, len(data))
         place = None
-        if self._memory_bytes + len(data) > MAX_MEMORY_BYTES:
+        if self._memory_bytes + len(data) > self._max_memory_bytes:
             place = self._write(data)
         self._waiting.append(place or data)
         self._memory_bytes += 0 if place else len(data)

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -66,6 +67,11 @@ class Decoded(NamedTuple):
         return cls(files.video.read_bytes(), files.punctured.read_bytes(), [row["bits"] for row in rows])
 
 
+def source_of(clip: str) -> Path:
+    """Return the file of a clip, which may be named itself."""
+    return Path(clip) if Path(clip).suffix else clip_source(clip).path
+
+
 def lumas(path: Path) -> list[bytes]:
     """Return the frames of a video, whatever its name."""
     whole = path.with_name("look.y4m")
@@ -93,21 +99,24 @@ class Ends:
     ) -> "Iterator[tuple[subprocess.Popen[str], str]]":
         """Run an encoder beside a block, which gets its address; it must end as it should."""
         words = [self._video, *self._options, "--serve", address, "--json", self.encoder_report]
-        with start("encoder", *words) as process:
+        with start("encoder", *words) as process, ThreadPoolExecutor(1) as listening:
             assert process.stderr is not None
             try:
-                yield process, process.stderr.readline().split()[-1]
-                _check_end(process, status)
+                address = process.stderr.readline().split()[-1]
+                end = listening.submit(check_end, process, status)  # whatever it says meanwhile
+                yield process, address
+                end.result()
             finally:
                 process.kill()
 
-    def decoder(self, address: str, files: Files) -> "subprocess.Popen[str]":
+    def decoder(self, address: str, files: Files, *more: object) -> "subprocess.Popen[str]":
         """Start a decoder."""
-        words = [files.video, "--punctured", files.punctured, "--json", files.report]
+        words = [*more, files.video, "--punctured", files.punctured, "--json", files.report]
         return start("decoder", "--connect", address, *words)
 
 
-def _check_end(process: "subprocess.Popen[str]", status: int) -> str:
+def check_end(process: "subprocess.Popen[str]", status: int) -> str:
+    """Wait for the end of a process, which must be as it should; return what it said."""
     _, said = process.communicate(timeout=ENDING_S)
     if process.returncode != status:
         raise SystemExit(f"an end has status {process.returncode}, not {status}: {said.strip()[-500:]}")
@@ -118,7 +127,7 @@ def uncut(ends: Ends, folder: Path) -> tuple[Decoded, int]:
     """Return what a run without losses comes to, and how many bytes pass."""
     files = Files.named(folder, "uncut")
     with ends.encoder() as (_, address), _linked(address) as link:
-        _check_end(ends.decoder(link.address, files), 0)
+        check_end(ends.decoder(link.address, files), 0)
         num_bytes = _passed(link)
     return Decoded.read(files), num_bytes
 
@@ -146,7 +155,7 @@ def run_with_losses(
     with ends.encoder() as (_, address), _linked(address, faults) as link:
         decoder = ends.decoder(link.address, files)
         threading.Thread(target=cut, args=(link, decoder), daemon=True).start()
-        _check_end(decoder, 0)
+        check_end(decoder, 0)
     said, back = report_of(ends.encoder_report), report_of(files.report)
     counts = {name: said[name] + back.get(name, 0) * (name == "bytes_sent_again") for name in _COUNTS}
     return Decoded.read(files), {**counts, "away_s": back["away_s"], "connections": link.num_connections}
@@ -182,7 +191,7 @@ def kill_decoder(ends: Ends, folder: Path, num_bytes: int, wanted: list[bytes]) 
         _wait_for(link, num_bytes, decoder)
         decoder.kill()
         decoder.communicate()
-        said = _check_end(ends.decoder(address, second), 0)
+        said = check_end(ends.decoder(address, second), 0)
     left, more = _left(first), lumas(second.video)
     begins = int(report_of(second.report)["first_frame"])
     if begins and f"begins with frame {begins}" not in said:
@@ -243,8 +252,7 @@ def main(words: Sequence[str] | None = None) -> int:
     arguments, options = parser.parse_known_args(words)
     folder: Path = arguments.out
     folder.mkdir(parents=True, exist_ok=True)
-    source = Path(arguments.clip) if Path(arguments.clip).suffix else clip_source(arguments.clip).path
-    video = looped(source, folder / "video.mkv", arguments.frames)
+    video = looped(source_of(arguments.clip), folder / "video.mkv", arguments.frames)
     ends, rng = Ends(video, folder, options), np.random.default_rng(arguments.seed)
     wanted, num_bytes = uncut(ends, folder)
     print(f"uncut: {num_bytes} bytes of the link, {len(wanted.punctured)} of the file", flush=True)

@@ -7,7 +7,6 @@ import pytest
 
 from dvc.config import DiscoverMatrix, Live, Qp, Quality, VideoConfig, codec_config
 from dvc.video import Frame
-from encoder import spool
 from encoder.frame_queue import FrameQueue
 from encoder.groups_ahead import GroupsAhead
 from encoder.kept_groups import KeptGroup
@@ -21,18 +20,15 @@ FRAMES = [Frame(frame.luma) for frame in moving_texture(17, 24, 32)]
 
 @pytest.mark.parametrize("memory_bytes", [0, 2**20])
 @pytest.mark.parametrize("quality", [Qp(24), DiscoverMatrix(8)], ids=["embedded", "over range"])
-def test_groups_come_back_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, memory_bytes: int, quality: Quality
-) -> None:
+def test_groups_come_back_whole(tmp_path: Path, memory_bytes: int, quality: Quality) -> None:
     """Records, planes and check bits; from memory as from the file."""
-    monkeypatch.setattr(spool, "MAX_MEMORY_BYTES", memory_bytes)
     config = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "3d-te", quality, Live())
     session = EncoderSession(config, Live())
     groups = [
         KeptGroup(number, number * 10, session.encode(group))
         for number, group in enumerate(session.groups(FRAMES))
     ]
-    with Spool(str(tmp_path / "spool"), 2**20) as held:
+    with Spool(str(tmp_path / "spool"), 2**20, memory_bytes) as held:
         ahead = GroupsAhead(held, FrameQueue(FRAMES, 20), session.config)
         for group in groups:
             ahead.add(group)
@@ -53,7 +49,7 @@ def test_groups_come_back_whole(
 def test_groups_are_encoded_ahead_when_their_frames_have_come(tmp_path: Path) -> None:
     """So that answers do not wait for a camera; and what the file cannot take is not encoded."""
     config = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
-    with Spool(str(tmp_path / "spool"), 2**20) as held:
+    with Spool(str(tmp_path / "spool"), 2**20, 0) as held:
         queue = FrameQueue(FRAMES, 20)
         ahead = GroupsAhead(held, queue, config)
         wait_until(lambda: ahead.can_grow)

@@ -9,23 +9,16 @@ import numpy as np
 import pytest
 
 from dvc.errors import DvcError
-from encoder import spool
 from encoder.spool import Spool
 
 MEMORY_BYTES, FILE_BYTES = 100, 1000
-
-
-@pytest.fixture(autouse=True)
-def small_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let little wait in memory."""
-    monkeypatch.setattr(spool, "MAX_MEMORY_BYTES", MEMORY_BYTES)
 
 
 def test_all_comes_in_order_from_memory_and_file(tmp_path: Path) -> None:
     """However often the file has been gone round; it has no name meanwhile, and bounds hold."""
     rng = np.random.default_rng(5)
     waiting: list[bytes] = []
-    with Spool(str(tmp_path / "spool"), FILE_BYTES) as held:
+    with Spool(str(tmp_path / "spool"), FILE_BYTES, MEMORY_BYTES) as held:
         assert list(tmp_path.iterdir()) == []
         for _ in range(2000):
             if held.has_room and rng.random() < 0.6:
@@ -44,12 +37,12 @@ def test_all_comes_in_order_from_memory_and_file(tmp_path: Path) -> None:
 
 def test_there_is_room_until_memory_and_file_are_full(tmp_path: Path) -> None:
     """For as much as came at a time before."""
-    with Spool(str(tmp_path / "spool"), FILE_BYTES) as held:
+    with Spool(str(tmp_path / "spool"), FILE_BYTES, MEMORY_BYTES) as held:
         count = 0
         while held.has_room:
             held.put(bytes(50))
             count += 1
-        assert count == (MEMORY_BYTES + FILE_BYTES) // 50
+        assert count == (MEMORY_BYTES + FILE_BYTES, MEMORY_BYTES) // 50
         held.put(bytes(50))  # all the same: in memory
         assert held.report.most_in_memory == MEMORY_BYTES + 50
         assert held.take() == bytes(50)
@@ -74,7 +67,7 @@ def failing(*results: Exception | int) -> Callable[..., int]:
 def test_a_disk_that_is_full_takes_nothing_any_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is said once; what waits comes all the same, and memory alone has room."""
     said: list[str] = []
-    with Spool(str(tmp_path / "spool"), FILE_BYTES, said.append) as held:
+    with Spool(str(tmp_path / "spool"), FILE_BYTES, MEMORY_BYTES, said.append) as held:
         for byte in b"abc":
             held.put(bytes([byte]) * 60)
         full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -91,7 +84,7 @@ def test_a_disk_that_is_full_takes_nothing_any_more(tmp_path: Path, monkeypatch:
 
 def test_a_file_that_has_lost_something_is_told(tmp_path: Path) -> None:
     """Whoever has cut it short."""
-    with Spool(str(tmp_path / "spool"), FILE_BYTES) as held:
+    with Spool(str(tmp_path / "spool"), FILE_BYTES, MEMORY_BYTES) as held:
         held.put(bytes(120))
         os.ftruncate(held._file, 7)
         with pytest.raises(DvcError, match=r"what was spooled to .*spool is gone"):
@@ -103,5 +96,5 @@ def test_files_that_cannot_be_made_are_refused(tmp_path: Path) -> None:
     (tmp_path / "there").write_bytes(b"precious")
     for name, reason in (("there", "File exists"), ("none/spool", "No such file"), (".", "File exists|Is a")):
         with pytest.raises(DvcError, match=rf"cannot spool to .*: ({reason})"):
-            Spool(str(tmp_path / name), FILE_BYTES)
+            Spool(str(tmp_path / name), FILE_BYTES, MEMORY_BYTES)
     assert (tmp_path / "there").read_bytes() == b"precious"

@@ -25,4 +25,4 @@ def test_ends_that_do_not_end_well_are_told() -> None:
     """With what they said."""
     process = lost_links.start("encoder", "nothing.mkv", "out.dvc")
     with pytest.raises(SystemExit, match=r"status 2, not 0: .*nothing.mkv"):
-        lost_links._check_end(process, 0)
+        lost_links.check_end(process, 0)

@@ -1,0 +1,165 @@
+"""Bad hellos while a good decoder works: whether it gets the same frames, and how much later.
+
+``python -m benchmarks.hostile.bad_hellos`` runs an encoder and a decoder that know a token, alone and while
+another process sends hellos that are none, spread over the time that the run alone took. What it takes with
+them is told as a ratio, for wall time, processor time of both ends, and that of the encoder's coding. Other
+options are the encoder's. ``--send HOST:PORT`` sends hellos alone.
+"""
+
+import argparse
+import os
+import resource
+import secrets
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.hostile.lost_links import Decoded, Ends, Files, check_end, source_of
+from benchmarks.results.encoder import looped
+from benchmarks.results.harness import report_of
+from dvc.feedback import parse_address
+from dvc.feedback.authentication import GREETING, NONCE_BYTES, PROOF_BYTES, authenticate
+from dvc.feedback.opening import NEW, SESSION_BYTES, Opening
+
+SILENT_EVERY = 200
+"""Hellos of which one is half a hello and then nothing, for as long as it is waited for."""
+_ANSWER_S = 2.0
+_HELLO_S = 10.0
+
+Say = Callable[[socket.socket, np.random.Generator], None]
+
+
+def _wrong_token(peer: socket.socket, _: np.random.Generator) -> None:
+    authenticate(peer, secrets.token_bytes(16), listening=False, within_s=_ANSWER_S)
+
+
+def _words(make: Callable[[np.random.Generator], bytes]) -> Say:
+    return lambda peer, rng: peer.sendall(make(rng))
+
+
+HELLOS: dict[str, Say] = {
+    "nothing": _words(lambda _: b""),
+    "random bytes": _words(lambda rng: rng.bytes(int(rng.integers(1, 2000)))),
+    "another protocol": _words(lambda _: b"GET / HTTP/1.1\r\nHost: camera\r\n\r\n"),
+    "TLS": _words(lambda rng: b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + rng.bytes(505)),
+    "no token": _words(lambda _: Opening(NEW).encode()),
+    "another's stream": _words(lambda rng: Opening(rng.bytes(SESSION_BYTES), 5).encode()),
+    "half a hello": _words(lambda rng: (GREETING + rng.bytes(NONCE_BYTES))[: int(rng.integers(1, 45))]),
+    "a guessed proof": _words(lambda rng: GREETING + rng.bytes(NONCE_BYTES + PROOF_BYTES)),
+    "wrong token": _wrong_token,
+}
+
+
+def send_hellos(address: tuple[str, int], count: int, seconds: float, seed: int) -> dict[str, int]:
+    """Send hellos, spread over some time; return how many of each kind were sent before nobody listened."""
+    rng, started_s = np.random.default_rng(seed), time.monotonic()
+    sent, silent = dict.fromkeys((*HELLOS, "silence"), 0), list[socket.socket]()
+    for number in range(count):
+        time.sleep(max(started_s + seconds * number / count - time.monotonic(), 0.0))
+        try:
+            peer = socket.create_connection(address, _ANSWER_S)
+        except OSError:
+            break
+        if number % SILENT_EVERY == SILENT_EVERY - 1:
+            peer.sendall(GREETING[:5])
+            silent.append(peer)
+            sent["silence"] += 1
+            continue
+        kind = list(HELLOS)[number % len(HELLOS)]
+        with peer, suppress(Exception):
+            HELLOS[kind](peer, rng)
+            peer.shutdown(socket.SHUT_WR)
+            while peer.recv(2**16):
+                pass
+        sent[kind] += 1
+    for peer in silent:
+        peer.close()
+    return sent
+
+
+class Taken(NamedTuple):
+    """What a run takes, in seconds."""
+
+    wall: float
+    ends: float  # of the processor, with all that they load
+    coding: float  # of the encoder's thread
+
+
+def _children_s() -> float:
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def good_run(
+    ends: Ends, files: Files, token: Sequence[object], hellos: Sequence[object]
+) -> tuple[Decoded, Taken]:
+    """Run both ends, beside hellos if there are options for them."""
+    before_s, sender = _children_s(), None
+    with ends.encoder() as (_, address):
+        started_s = time.monotonic()
+        decoder = ends.decoder(address, files, *token)
+        if hellos:
+            words = ["-m", __spec__.name, "--send", address, *map(str, hellos)]
+            sender = subprocess.Popen([sys.executable, *words])
+        check_end(decoder, 0)
+        wall_s = time.monotonic() - started_s
+    taken = Taken(wall_s, _children_s() - before_s, report_of(ends.encoder_report)["coding_cpu_s"])
+    if sender is not None and sender.wait():
+        raise SystemExit("hellos were not sent")
+    return Decoded.read(files), taken
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run what is asked for, and tell what it takes."""
+    parser = argparse.ArgumentParser("python -m benchmarks.hostile.bad_hellos", description=__doc__)
+    parser.add_argument("--clip", default="box", help="name of a clip, or a video file; default: box")
+    parser.add_argument("--frames", type=int, default=100, help="it is played forwards and backwards")
+    parser.add_argument("--count", type=int, default=10_000, help="of hellos; default: %(default)s")
+    parser.add_argument("--pairs", type=int, default=3, help="of runs, alone and not; default: %(default)s")
+    parser.add_argument("--send", type=parse_address, metavar="HOST:PORT", help="send hellos, no more")
+    parser.add_argument("--seconds", type=float, default=0.0, help="over which hellos are spread")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("out/bad_hellos"), help="folder of what is written")
+    arguments, options = parser.parse_known_args(words)
+    if arguments.send is not None:
+        os.nice(19)  # others' machines do not take this one's time
+        sent = send_hellos(arguments.send, arguments.count, arguments.seconds, arguments.seed)
+        print(f"{sum(sent.values())} hellos: {sent}", flush=True)
+        return 0
+    return _compare(arguments, options)
+
+
+def _compare(arguments: argparse.Namespace, options: Sequence[str]) -> int:
+    folder: Path = arguments.out
+    folder.mkdir(parents=True, exist_ok=True)
+    video = looped(source_of(arguments.clip), folder / "video.mkv", arguments.frames)
+    (folder / "token").write_text(secrets.token_hex(16))
+    token = ["--token-file", folder / "token"]
+    ends = Ends(video, folder, [*options, *token])
+    ratios, same = list[Taken](), True
+    for pair in range(arguments.pairs):
+        wanted, alone = good_run(ends, Files.named(folder, "alone"), token, [])
+        hellos = ["--count", arguments.count, "--seconds", alone.wall, "--seed", arguments.seed + pair]
+        found, beside = good_run(ends, Files.named(folder, "beside"), token, hellos)
+        same = same and found == wanted
+        ratios.append(Taken(*(b / a for a, b in zip(alone, beside, strict=True))))
+        print(f"alone {_told(alone)}; with hellos {_told(beside)}; ratio {_told(ratios[-1])}", flush=True)
+    middle = Taken(*map(median, zip(*ratios, strict=True)))
+    print(f"same frames and bits: {'yes' if same else 'no'}; median ratio {_told(middle)}", flush=True)
+    return 0 if same else 1
+
+
+def _told(taken: Taken) -> str:
+    return f"wall {taken.wall:.3f}, processor {taken.ends:.3f}, coding {taken.coding:.3f}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
