@@ -80,10 +80,12 @@ def lumas(path: Path) -> list[bytes]:
         return [frame.luma.tobytes() for frame in video]
 
 
-def start(module: str, *words: object) -> "subprocess.Popen[str]":
+def start(
+    module: str, *words: object, stdin: int | None = None, patience_s: int = PATIENCE_S
+) -> "subprocess.Popen[str]":
     """Start one end."""
-    command = [sys.executable, "-m", module, *map(str, words), "--patience", str(PATIENCE_S), "--quiet"]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", module, *map(str, words), "--patience", str(patience_s), "--quiet"]
+    return subprocess.Popen(command, stdin=stdin, stderr=subprocess.PIPE, text=True)
 
 
 class Ends:
