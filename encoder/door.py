@@ -17,6 +17,8 @@ HELLO_S = 5.0
 """Time that a peer has to say hello; until then it may be anybody."""
 MAX_GREETINGS = 8
 """Peers that are talked to at the same time until they have said hello; others wait."""
+PAUSE_S = 0.02
+"""Between two peers, so that strangers, however many, take a small share of the processor."""
 NOTICING_S = 1.0
 """Time to notice that a decoder is gone in whose place another one wants to come."""
 
@@ -70,6 +72,7 @@ class Door(Closing):
                 time.sleep(0.05)
                 continue
             threading.Thread(target=self._meet, args=(connection,), name="greeting", daemon=True).start()
+            time.sleep(PAUSE_S)
 
     def _meet(self, connection: Connection) -> None:
         deadline_s = time.monotonic() + HELLO_S

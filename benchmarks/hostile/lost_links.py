@@ -1,8 +1,8 @@
 """Live runs whose connection is lost, and ends that are killed: frames are the same, or missing ones named.
 
-``python -m benchmarks.hostile.lost_links --frames 5000 --cut-every 60`` is a soak test of an hour or more;
-``--runs 100`` cuts as many runs at random moments, ``--kills 20`` kills each end as often, and ``--faults N``
-cuts, flips, drops, repeats, moves and trickles about every N bytes. Other options are the encoder's.
+``python -m benchmarks.hostile.lost_links --runs 100`` cuts as many runs at random moments, ``--kills 20``
+kills each end as often, and ``--faults N`` cuts, flips, drops, repeats, moves and trickles about every N
+bytes. Other options are the encoder's.
 """
 
 import argparse

@@ -42,7 +42,7 @@ def test_there_is_room_until_memory_and_file_are_full(tmp_path: Path) -> None:
         while held.has_room:
             held.put(bytes(50))
             count += 1
-        assert count == (MEMORY_BYTES + FILE_BYTES, MEMORY_BYTES) // 50
+        assert count == (MEMORY_BYTES + FILE_BYTES) // 50
         held.put(bytes(50))  # all the same: in memory
         assert held.report.most_in_memory == MEMORY_BYTES + 50
         assert held.take() == bytes(50)
