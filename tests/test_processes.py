@@ -559,6 +559,29 @@ def test_what_a_decoder_misses_while_it_is_away_waits_on_disk(tmp_path: Path) ->
     assert not (tmp_path / "spool").exists()
 
 
+def test_another_decoder_gets_what_was_spooled_for_one_that_was_killed(tmp_path: Path) -> None:
+    """From a key frame on, before what that one had not written."""
+    frames = moving_texture(8, 32, 48) * 18
+    run_here("encoder", write_clip(tmp_path / "clip.y4m", frames), tmp_path / "whole.dvc", *CODING)
+    run_here("decoder", tmp_path / "whole.dvc", tmp_path / "whole.y4m")
+    with spooling(tmp_path, frames) as (encoder, decoder, link):
+        decoder.kill()
+        decoder.wait()
+        left = len(frames_of(tmp_path / "out.y4m.part"))
+        link.is_down = False
+        assert encoder.stdin is not None
+        encoder.stdin.close()
+        encoder.stdin = None
+        run_here("decoder", "--connect", link.address, tmp_path / "second.y4m")
+        assert finish(encoder)[0] == 0
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert (report["num_decoders"], report["frames_lost"]) == (2, [])
+    assert report["spool"]["most_on_disk"] > 0
+    second, whole = frames_of(tmp_path / "second.y4m"), frames_of(tmp_path / "whole.y4m")
+    assert len(whole) - left <= len(second) <= len(whole)
+    assert all(same_frame(*pair) for pair in zip(second, whole[-len(second) :], strict=True))
+
+
 def test_frames_for_which_the_disk_has_no_room_are_named(tmp_path: Path) -> None:
     """That it is full is said once; what was spooled before reaches the decoder."""
     frames, options = moving_texture(8, 32, 48) * 30, ("--leave-out", "--queue", 64)

@@ -3,11 +3,10 @@
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks.hostile import bad_hellos
-from benchmarks.hostile.bad_hellos import HELLOS, SILENT_EVERY, send_hellos
+from benchmarks.hostile.bad_hellos import HELLOS, send_hellos
 from dvc.config import VideoConfig, codec_config
 from dvc.feedback import Protection, listen
 from encoder.door import Door
@@ -28,7 +27,6 @@ def test_every_hello_is_sent_and_turned_away(monkeypatch: pytest.MonkeyPatch) ->
         assert sum(send_hellos(("127.0.0.1", listener.port), 5, 0.0, 1).values()) == 0  # nobody listens
     assert sent == dict.fromkeys(list(HELLOS)[:-1], 2) | {list(HELLOS)[-1]: 0, "silence": 2}
     assert all(line.startswith("not a decoder: ") for line in said)
-    assert len(HELLOS) < SILENT_EVERY
 
 
 @pytest.mark.slow
@@ -38,5 +36,7 @@ def test_a_good_decoder_notices_nothing(tmp_path: Path, capsys: pytest.CaptureFi
     words = ["--clip", clip, "--frames", 12, "--count", 20, "--pairs", 1, "--codec", "2d", "--out", tmp_path]
     assert bad_hellos.main([*map(str, words)]) == 0
     told = capsys.readouterr().out.splitlines()[-1]
-    assert told.startswith("same frames and bits: yes; median ratio wall ")
-    assert np.array([float(number) for number in re.findall(r"\d+\.\d+", told)]).shape == (3,)
+    ratio = r"\d+\.\d+"
+    assert re.fullmatch(
+        f"same frames and bits: yes; median ratio wall {ratio}, processor {ratio}, coding {ratio}", told
+    )
