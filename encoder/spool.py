@@ -51,9 +51,6 @@ class Spool(Closing):
         except OSError as err:
             raise DvcError(f"cannot spool to {path}: {err.strerror}") from err
 
-    def __len__(self) -> int:
-        return len(self._waiting)
-
     @property
     def has_room(self) -> bool:
         """Whether there is room for as much as the most that came at a time."""

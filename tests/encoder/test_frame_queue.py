@@ -85,6 +85,8 @@ def test_frames_are_left_out_until_there_is_room_for_a_group() -> None:
     wait_for_frames(source, 18)
     assert take(queue, 7) == [5, 6, None, 13, 14, 15, 16]
     assert (queue.left_out.frames, queue.left_out.gaps) == (7, 2)
+    assert sum(last - first + 1 for first, last in queue.left_out.named) == 7
+    assert queue.left_out.named[-1][1] == 12
 
 
 def test_what_the_source_fails_with_comes_after_its_frames() -> None:
@@ -153,3 +155,16 @@ def test_runs_of_frames_are_taken_as_they_come() -> None:
     config = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
     seen = [len(asked) for _ in EncoderSession(config).groups(_asking())]
     assert [length for length, _ in groupby(seen)][:4] == [1, 3, 5, 6]
+
+
+def test_what_waits_is_told_without_waiting_for_it() -> None:
+    """Whether so many frames have come, or the last ones."""
+    source = Source()
+    queue = FrameQueue(source, 10)
+    assert not queue.holds(2)
+    source.let_go(2)
+    wait_until(lambda: queue.holds(2))
+    assert not queue.holds(3)
+    source.failure = VideoError("gone")
+    source.let_go(1)
+    wait_until(lambda: queue.holds(3))
