@@ -24,7 +24,7 @@ from dvc import cli
 from dvc.config import MAX_QP
 from dvc.stream import StreamReader, StreamWriter
 from dvc.video import open_video
-from encoder.rate_control.bitrate import WINDOW_S
+from encoder.rate_control.limits import TOLERANCE, WINDOW_S
 
 QP_PER_OCTAVE = 6
 """About as many halve a stream: for the next try."""
@@ -110,7 +110,7 @@ def row(clip: Clip, bits_per_s: int, frame_rate: float, with_psnr: bool) -> str:
     size = stream.stat().st_size
     off = deviations(group_rates(stream), frame_rate, bits_per_s)
     worst = max(off, key=abs, default=math.nan)
-    within = np.mean([abs(one) <= 0.05 for one in off]) if off else math.nan
+    within = np.mean([abs(one) <= TOLERANCE for one in off]) if off else math.nan
     text = f"{bits_per_s}: worst {100 * worst:+.1f} %, {100 * within:.0f} % of {len(off)} within 5 %"
     if with_psnr:
         found_db = clip.psnr_db(stream)

@@ -41,7 +41,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.errors import ConfigError
-from encoder.rate_control.bitrate import TOLERANCE, WINDOW_S, RateLimits
+from encoder.rate_control.limits import TOLERANCE, WINDOW_S, RateLimits
 from encoder.spool import FILE_MIB, MEMORY_MIB
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ from encoder.rate_control.bitrate import (
     BitrateController,
     ExpectedBits,
     QualityStep,
-    RateLimits,
     keep_within,
 )
+from encoder.rate_control.limits import RateLimits
 
 MAX_OPEN_GROUPS = 2
 """Of which it may be unknown what a decoder asks for."""

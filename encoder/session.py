@@ -21,7 +21,8 @@ from encoder.groups import Group, cornered_groups, groups, tracked_groups
 from encoder.intra_decision import KeyFrameSpacing
 from encoder.long_term import FoundAgain, LongTermReferences
 from encoder.operations import predicted_positions
-from encoder.rate_control.bitrate import ExpectedBits, QualityStep, RateLimits
+from encoder.rate_control.bitrate import ExpectedBits, QualityStep
+from encoder.rate_control.limits import RateLimits
 from encoder.rate_limiter import FrameCoders, RateLimiter, limited
 from encoder.report import EncoderStatistics
 from encoder.time_stamps import CodingClock

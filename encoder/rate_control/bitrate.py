@@ -7,7 +7,7 @@ begins. So a group has the quality of the one before where this keeps what is ow
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import NamedTuple, Self
 
@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import DEFAULT_QP, MAX_QP, WynerZivConfig
-from dvc.config.fields import check_range
+from encoder.rate_control.limits import TOLERANCE, WINDOW_S
 
 Floats = NDArray[np.float64]
 
-WINDOW_S = 2.0
-TOLERANCE = 0.05
 START_S = 0.5
 """What the first key frame takes beyond its share: nothing comes sooner if less of it does."""
 STEPS = 4
@@ -30,7 +28,6 @@ OCTAVES_PER_STEP = 0.04, 0.015, 0.1
 MAX_RISE = 24
 """Steps from one group to the next: a new scene is owed, and paid for by those that follow."""
 MAX_TRIES = 5
-MAX_BITS = 10**12
 RATIOS = 0.25, 4.0
 """Bounds of what decoders are taken to ask for over what is estimated."""
 LEAST_ALLOWED = 0.5
@@ -44,25 +41,6 @@ MORE = 1.03
 KEPT_SHARE = 0.8
 """Of what groups before have taken over what they were expected to, beside the latest: what those that follow
 are expected to be off."""
-
-
-@dataclass(frozen=True)
-class RateLimits:
-    """What a stream may take."""
-
-    bits_per_s: int | None = None  # on the mean over `WINDOW_S`; None: quality is constant
-    bits_per_frame: int | None = None  # most of a frame; of what a decoder asks for, by estimate
-
-    @property
-    def is_none(self) -> bool:
-        """Whether nothing is limited."""
-        return self.bits_per_s is None and self.bits_per_frame is None
-
-    def __post_init__(self) -> None:
-        """Refuse limits that make no sense."""
-        for name in ("bits_per_s", "bits_per_frame"):
-            if getattr(self, name) is not None:
-                check_range(name, getattr(self, name), 1, MAX_BITS)
 
 
 class ExpectedBits(NamedTuple):

@@ -16,14 +16,12 @@ from encoder.rate_control.bitrate import (
     MAX_RISE,
     START_S,
     STEPS,
-    TOLERANCE,
-    WINDOW_S,
     BitrateController,
     ExpectedBits,
     QualityStep,
-    RateLimits,
     keep_within,
 )
+from encoder.rate_control.limits import TOLERANCE, WINDOW_S, RateLimits
 
 BITS_PER_S, FRAME_RATE = 300_000, Fraction(30)
 LENGTHS = st.lists(st.integers(4, 16), min_size=12, max_size=40)
