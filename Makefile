@@ -2,6 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 JOBS ?= 2
 COUNT ?= 3000
+SETS ?= $(wildcard ../shared/stereo)
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
@@ -75,8 +76,8 @@ results: $(INSTALLED)  ## measure the headline results of docs/results.md that a
 results-check: $(INSTALLED)  ## tell which results are those of this code
 	$(BIN)/python -m benchmarks.results --check
 
-reproduce: $(INSTALLED)  ## measure the tables and figures of the thesis, quickly, into results/thesis
-	$(BIN)/python -m dvc.rd reproduce thesis --out results/thesis --jobs $(JOBS)
+reproduce: $(INSTALLED)  ## measure the tables and figures of the thesis, quickly, into results/thesis; SETS=DIR: real sets
+	$(BIN)/python -m dvc.thesis --out results/thesis --jobs $(JOBS) $(if $(SETS),--data $(SETS))
 
 pictures: $(INSTALLED)  ## draw the pictures of docs/ again, and those of real clips in results/
 	$(BIN)/python -m benchmarks.pictures.scene

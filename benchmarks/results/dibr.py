@@ -4,16 +4,17 @@ from functools import cache
 
 from benchmarks.results.harness import Measured, Setting, mean_of
 from benchmarks.results.stereo import data_folder
-from dvc.dibr.stream.header import DisparityMethod
-from dvc.dibr.thesis.chapter4.curves import MAP_RATES, STANDARD, map_point, picture_points
-from dvc.dibr.thesis.chapter4.material import Material, load_material
-from dvc.dibr.thesis.curves import Point, curve, differences
-from dvc.dibr.thesis.scenes import Scene, load_scenes, scene_of_array
 from dvc.errors import DvcError
-from dvc.stereo.thesis.real_sets import PAIRS
+from dvc.thesis.chapter import Way
+from dvc.thesis.chapter3.as_written import METHODS_BY_WAY
+from dvc.thesis.chapter3.chapter import QUICK_BPP, REFERENCE_BPP
+from dvc.thesis.chapter3.curves import Point, curve, differences, reference_multipliers
+from dvc.thesis.chapter3.scenes import FREE_SCENES, Scene, scene_of_array
+from dvc.thesis.chapter4.chapter import MAP_RATES
+from dvc.thesis.chapter4.curves import map_point, picture_points, standard_point
+from dvc.thesis.chapter4.material import Material, material_of_set, motorcycle
+from dvc.thesis.real_sets import PAIRS
 
-LAMBDAS, QUICK_LAMBDAS = (1.2e-2, 4e-3, 1.5e-3, 4e-4), (1.2e-2, 4e-3)
-"""Lagrange multipliers of files of about 0.1 to 1 bit per pixel."""
 TEXTURE_DEPTH = ("teddy", "venus", "cones", "motorcycle")
 DEPTH_RATE = 0.04
 DEPTH = ("teddy", "cones", "venus", "motorcycle")
@@ -25,21 +26,21 @@ def _scene(name: str) -> Scene:
     if name in PAIRS:
         one = PAIRS[name]
         return scene_of_array(name, one.pair(data_folder(name)), one.labels)
-    (scene,) = load_scenes(None, [name])
-    return scene
+    return FREE_SCENES[name]()
 
 
 @cache
-def _curve(name: str, method: str, multipliers: tuple[float, ...]) -> list[Point]:
-    scene = _scene(name)
-    return curve(scene.views, scene.labels, DisparityMethod[method.upper()], multipliers)
+def _curve(name: str, method: str, rates_bpp: tuple[float, ...]) -> list[Point]:
+    views = _scene(name).views
+    multipliers = reference_multipliers(views, rates_bpp)
+    return curve(views, _scene(name).labels, METHODS_BY_WAY[Way.OURS][method], multipliers)
 
 
 def over_quadtree(setting: Setting, method: str, names: tuple[str, ...] = TEXTURE_DEPTH) -> Measured:
-    """Compare a way to code disparities of two views with quadtrees: BD-rate of whole files."""
-    multipliers, found = setting.choose(LAMBDAS, QUICK_LAMBDAS), {}
+    """Compare a way to code disparities with quadtrees of the same search: BD-rate of whole files."""
+    rates, found = setting.choose(REFERENCE_BPP, QUICK_BPP), {}
     for name in names[: setting.choose(len(names), 1)]:
-        both = differences(_curve(name, method, multipliers), _curve(name, "quadtree", multipliers))
+        both = differences(_curve(name, method, rates), _curve(name, "quadtree", rates))
         if both is None:
             raise DvcError(f"{name}: curves of {method} and of quadtrees have no PSNR in common")
         found[name] = both[1]
@@ -48,13 +49,12 @@ def over_quadtree(setting: Setting, method: str, names: tuple[str, ...] = TEXTUR
 
 @cache
 def _material(name: str) -> Material:
-    (found,) = load_material(None if name == "motorcycle" else data_folder(name), [name])
-    return found
+    return motorcycle() if name == "motorcycle" else material_of_set(name, data_folder(name))
 
 
 def _gain_db(name: str, rate_bpp: float) -> float:
-    shape_adaptive, standard = (map_point(_material(name), rate_bpp, *one) for one in ((), (STANDARD,)))
-    return shape_adaptive.psnr_db - standard.psnr_db
+    material = _material(name)
+    return map_point(material, rate_bpp).psnr_db - standard_point(material, rate_bpp).psnr_db
 
 
 def depth_gain(setting: Setting) -> Measured:
@@ -76,5 +76,5 @@ def picture_gain(setting: Setting) -> Measured:
     assert teddy.picture is not None
     edges = map_point(teddy, DEPTH_RATE).edges
     points = picture_points(teddy.picture, edges, setting.choose(PICTURE_RATES, QUICK_PICTURE_RATES))
-    gains = {f"{point.rate_bpp:g} bit/pixel": point.gain_db for point in points}
+    gains = {f"{point.rate_bpp:g} bit/pixel": point.chosen_db - point.standard_db for point in points}
     return Measured(max(gains.values()), gains)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.results.harness import Measured, Missing, Setting, run_module
 from dvc.pfm import read_pfm
-from dvc.stereo.thesis.opencv_baseline import semi_global_baseline
+from dvc.stereo.opencv_baseline import semi_global_baseline
 
 DATA = Path("..") / "shared" / "stereo"
 PAIRS = {

@@ -23,7 +23,7 @@ EXAMPLES = """\
   dvc-dibr decode pair.dibr --out decoded
   dvc-dibr render pair.dibr --view 0.5,0 --out between.png
   dvc-dibr view pair.dibr --out pair.html
-  dvc-dibr evaluate --out chapter3
+  dvc-dibr evaluate pair.dibr other.dibr --truth-image left.png
   dvc-dibr render pair.dibr --path 0,0 1,0 --frames 50 --out flight.mp4
 """
 

@@ -54,3 +54,15 @@ def _membrane(image: Floats, holes: Mask, depth: Floats, limit: Floats, guess: F
     for channel, target in zip(levels, right, strict=True):
         _kernels.solve_membrane(neighbours, diagonal, target, TOLERANCE, channel)
     return levels.T
+
+
+def poisson_filled(image: Floats, holes: Mask) -> Floats:
+    """Fill holes from all that surrounds them, near or far."""
+    if not holes.any() or holes.all():
+        return image
+    rows, columns = np.empty((2, *holes.shape), np.int64)
+    _kernels.nearest_drawn(holes, rows, columns)
+    flat = np.where(holes, EMPTY, 0.0)
+    filled = image.copy()
+    filled[holes] = _membrane(image, holes, flat, np.full(holes.shape, np.inf), image[rows, columns])
+    return filled

@@ -54,6 +54,14 @@ class Gallery:
     notes: Sequence[str] = field(default=())  # what a reader must know
 
 
+def markdown(table: Table) -> str:
+    """Write a table for documents."""
+    rule = ["---"] * table.num_names + ["---:"] * (len(table.head) - table.num_names)
+    lines = [table.head, rule, *table.rows]
+    body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return f"## {table.title}\n\n{table.caption}.\n\n{body}\n"
+
+
 def write_gallery(path: Path, gallery: Gallery) -> None:
     """Write the page as one file, which needs no other file and no network."""
     scripts = {"early": asset(SHARED, "early.js"), "script": asset(SHARED, "gallery.js")}

@@ -1,11 +1,9 @@
 """Command `dvc-rd`: rate-distortion experiments."""
 
 import argparse
-import shlex
 import signal
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +25,6 @@ EXAMPLES = """\
   dvc-rd compare results/before results/after                                 BD-rate of the one to the other
   dvc-rd compare results/scenes --curves 2D 3D-TE                             is the second one better?
   dvc-rd export results/scenes --csv points.csv                               a line per point
-  dvc-rd reproduce thesis --out results/thesis --jobs 2                       its tables and figures
 """
 
 
@@ -87,16 +84,6 @@ def _add_export(export: argparse.ArgumentParser) -> None:
     add("folder", type=Path, metavar="DIR", help="what `run --out` was given")
     add("--csv", required=True, metavar="FILE", help="file to write (-: stdout)")
     add("--frames", action="store_true", help="a line per frame instead of one per point")
-
-
-def _add_reproduce(reproduce: argparse.ArgumentParser) -> None:
-    add = reproduce.add_argument
-    add("what", choices=["thesis"], metavar="thesis")
-    add("--preset", choices=["quick", "full"], default="quick", help="minutes, or hours; default: quick")
-    add("--sequences", nargs="+", metavar="SEQUENCE", help="other sequences than those of the preset")
-    add("--frames", type=cli.integer(2, 10**6), metavar="N", help="of each sequence; default: 9, full: 17")
-    add("--no-page", dest="page", action="store_false", help="write no HTML page, only Markdown and pictures")
-    _add_measuring(reproduce)
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
@@ -285,26 +272,6 @@ def _write(name: str, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _reproduce(arguments: argparse.Namespace) -> int:
-    from dvc.rd.processes import ProcessGroup
-    from dvc.rd.thesis.reproduce import PRESETS, plan, preset_sequences, write_reproduction
-
-    preset = PRESETS[arguments.preset]
-    if arguments.frames is not None:
-        preset = replace(preset, frames=arguments.frames)
-    chosen = arguments.sequences or preset_sequences(preset, ProcessGroup())
-    points = plan(preset, chosen)
-    status = _measure(points, arguments)
-    words = ["dvc-rd", "reproduce", arguments.what, "--preset", arguments.preset]
-    if arguments.sequences:
-        words += ["--sequences", *(Path(name).name for name in arguments.sequences)]
-    if arguments.frames is not None:
-        words += ["--frames", str(arguments.frames)]
-    written = write_reproduction(arguments.out, shlex.join(words), points, page=arguments.page)
-    sys.stdout.write("".join(f"{path}\n" for path in written))
-    return status
-
-
 _SUBCOMMANDS = {
     "run": Subcommand("measure points", "Measure points.", _add_run, _run),
     "report": Subcommand(
@@ -324,12 +291,6 @@ _SUBCOMMANDS = {
         "Write points, or their frames, as comma-separated values.",
         _add_export,
         _export,
-    ),
-    "reproduce": Subcommand(
-        "all tables and figures of the thesis",
-        "Measure and write the tables and figures of the thesis; goes on where it stopped.",
-        _add_reproduce,
-        _reproduce,
     ),
 }
 

@@ -3,7 +3,7 @@
 import sys
 
 from dvc import subcommands
-from dvc.stereo.commands import evaluate, layers, reconstruct, rectify, reproduce, sprites
+from dvc.stereo.commands import evaluate, layers, reconstruct, rectify, sprites
 
 EXAMPLES = """\
   dvc-stereo rectify *.jpg --cameras auto --out rectified
@@ -17,7 +17,7 @@ main = subcommands.command(
     "dvc-stereo",
     "Stereo from planar camera arrays.",
     EXAMPLES,
-    subcommands.by_name((rectify, reconstruct, layers, sprites, evaluate, reproduce)),
+    subcommands.by_name((rectify, reconstruct, layers, sprites, evaluate)),
     "stereo",
 )
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.disparity.methods import METHODS, Representation
+from dvc.dibr.disparity.methods import METHODS, DisparityCodec, Representation
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.codec import DecodedReference
 from dvc.dibr.reference.header import ReferenceHeader
@@ -73,7 +73,9 @@ class Decoded:
         return self.header.labels.step / 2.0**self.resolution
 
 
-def decode(stream: Stream, num_layers: int | None = None, resolution: int = 0) -> Decoded:
+def decode(
+    stream: Stream, num_layers: int | None = None, resolution: int = 0, codec: DisparityCodec | None = None
+) -> Decoded:
     """Decode a stream.
 
     Parameters
@@ -84,6 +86,8 @@ def decode(stream: Stream, num_layers: int | None = None, resolution: int = 0) -
         Quality layers, at most; by default all there are.
     resolution : int, optional
         How many times pictures and disparities are halved.
+    codec : DisparityCodec, optional
+        Of the disparities, where an encoder was given another one than the header names.
 
     Returns
     -------
@@ -101,7 +105,8 @@ def decode(stream: Stream, num_layers: int | None = None, resolution: int = 0) -
     if num_layers is not None and not 1 <= num_layers <= header.num_layers:
         raise ConfigError(f"{num_layers} quality layers: the stream has {header.num_layers}")
     layers = stream.layers[:num_layers]
-    states, num_decoded, damage = _decode_layers(header, layers)
+    method = METHODS[header.method.name.lower()] if codec is None else codec
+    states, num_decoded, damage = _decode_layers(header, layers, method)
     if damage is None and (num_layers is None or len(layers) < num_layers):
         damage = stream.damage
     pairs = tuple(
@@ -125,13 +130,16 @@ class _State(NamedTuple):
     found: Representation
 
 
-def _decode_layers(header: Header, layers: Sequence[Layer]) -> tuple[list[_State], int, str | None]:
+def _decode_layers(
+    header: Header, layers: Sequence[Layer], codec: DisparityCodec
+) -> tuple[list[_State], int, str | None]:
     """Decode layer by layer; what cannot have been written ends it, unless that is the first one."""
     states: list[_State] = []
     for index, layer in enumerate(layers):
         before: Sequence[_State | None] = states or [None] * len(layer)
         try:
-            found = [_next_state(header, state, part) for state, part in zip(before, layer, strict=True)]
+            pairs = zip(before, layer, strict=True)
+            found = [_next_state(header, codec, state, part) for state, part in pairs]
             if len({state.reference.colour for state in found}) > 1:
                 raise BitstreamError("some pictures of the stream are gray and some are not")
         except BitstreamError as error:
@@ -142,9 +150,8 @@ def _decode_layers(header: Header, layers: Sequence[Layer]) -> tuple[list[_State
     return states, len(layers), None
 
 
-def _next_state(header: Header, before: _State | None, part: PairLayer) -> _State:
+def _next_state(header: Header, codec: DisparityCodec, before: _State | None, part: PairLayer) -> _State:
     """Decode a layer of one picture and its disparities."""
-    codec = METHODS[header.method.name.lower()]
     reference = ReferenceHeader.from_bytes(part.picture)
     if before is not None and replace(reference, points=before.reference.points) != before.reference:
         raise BitstreamError("its picture is coded in another way than that of the layer before")

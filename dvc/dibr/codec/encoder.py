@@ -75,6 +75,8 @@ class ViewEncoder:
         Quality layers.
     advance : callable
         Told 1 for each layer of a reference.
+    codec : DisparityCodec, optional
+        In place of that of the method; a decoder must be given it, too.
     """
 
     def __init__(
@@ -84,12 +86,13 @@ class ViewEncoder:
         method: DisparityMethod = DisparityMethod.L,
         num_layers: int = 1,
         advance: Callable[[int], None] = lambda _: None,
+        codec: DisparityCodec | None = None,
     ) -> None:
         check_memory(views.shape, labels.num_labels)
         exact = Header(views.shape, method, labels, views.references, num_layers, views.viewpoints)
         self.header, _ = decode_header(encode_header(exact))
         self.views, self.advance = views, advance
-        self.codec: DisparityCodec = METHODS[method.name.lower()]
+        self.codec: DisparityCodec = METHODS[method.name.lower()] if codec is None else codec
         self.codes: list[ReferenceCode] = []
         self._lowest_plane = lowest_plane_at(LARGEST_MULTIPLIER) + 1
 

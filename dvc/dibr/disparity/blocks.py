@@ -62,7 +62,7 @@ class BlockCodec:
         previous: BlockMap | None = None,
     ) -> bytes:
         """Write labels; see `DisparityCodec`."""
-        width = _bits_of_label(representation.num_labels)
+        width = bits_of_label(representation.num_labels)
         digits = representation.labels.ravel()[:, None] >> np.arange(width)[::-1] & 1
         return np.packbits(digits.astype(np.uint8)).tobytes()
 
@@ -75,7 +75,7 @@ class BlockCodec:
         previous: BlockMap | None = None,
     ) -> BlockMap:
         """Read labels; see `DisparityCodec`."""
-        width = _bits_of_label(num_labels)
+        width = bits_of_label(num_labels)
         blocks = -(-shape[0] // SIDE_PX), -(-shape[1] // SIDE_PX)
         count = blocks[0] * blocks[1] * width
         if len(payload) != -(-count // 8):
@@ -89,5 +89,6 @@ class BlockCodec:
         return BlockMap(labels.reshape(blocks), shape, num_labels)
 
 
-def _bits_of_label(num_labels: int) -> int:
+def bits_of_label(num_labels: int) -> int:
+    """Return how many bits a label takes in codes of fixed length."""
     return (num_labels - 1).bit_length()

@@ -55,6 +55,13 @@ def all_significant(shape: tuple[int, int], num_levels: int | None = None) -> li
     return [np.ones(size, np.uint8) for size in level_shapes(shape, num_levels)[1:]]
 
 
+def classes_or_all(
+    shape: tuple[int, int], significance: Sequence[Classes] | None, num_levels: int | None = None
+) -> Sequence[Classes]:
+    """Return classes of significance by level, where none are given those that forbid nothing."""
+    return all_significant(shape, num_levels) if significance is None else significance[:num_levels]
+
+
 def open_nodes(significance: Sequence[Classes]) -> list[NDArray[np.bool_]]:
     """Tell which nodes may have coefficients, or nodes below them that may."""
     opened: list[NDArray[np.bool_]] = []

@@ -17,6 +17,11 @@ from dvc.dibr.disparity.integer_transforms import Labels
 Floats = NDArray[np.float64]
 Plane = NDArray[np.float32]
 
+CREDITS = 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5
+"""Shares of the errors in holes to credit labels with that would cover them, one after the other."""
+MAX_FAILURES = 2
+"""How many tears or credits in a row may do no good before the others are left out."""
+
 
 class Holes(NamedTuple):
     """What is not drawn in one view."""
@@ -70,6 +75,14 @@ class Distortion(Protocol):
         ndarray of the same shape, float32
             The tensor.
         """
+
+
+def still_worth_covering(holes: Sequence[Holes], before: Sequence[Holes]) -> list[Holes]:
+    """Return holes of a map with those that were there before: these may open again."""
+    return [
+        now._replace(errors=np.where(now.errors > 0.0, now.errors, was.errors))
+        for now, was in zip(holes, before, strict=True)
+    ]
 
 
 def subtract_hole_errors(

@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 
 from dvc.dibr.disparity import _kernels
 from dvc.dibr.disparity.coding import Classes
-from dvc.dibr.disparity.distortion import Distortion, backward_error
+from dvc.dibr.disparity.distortion import (
+    CREDITS,
+    MAX_FAILURES,
+    Distortion,
+    Holes,
+    backward_error,
+    still_worth_covering,
+)
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import Labels, level_shapes
 from dvc.entropy import RangeCoder, context_counts
@@ -45,9 +52,11 @@ class Quadtree:
         return self.labels[:: 1 << level, :: 1 << level]
 
 
+@dataclass(frozen=True)
 class QuadtreeCodec:
     """Quadtrees of least error and bits (exactly, for the costs of labels and splits); no significance."""
 
+    has_credits: bool = False  # whether labels that would cover holes are tried, as with wavelets
     name = "quadtree"
     layered = False
 
@@ -60,24 +69,16 @@ class QuadtreeCodec:
         distortion: Distortion | None = None,
     ) -> Quadtree:
         """Prune the tree; see `DisparityCodec`."""
-        sums = _sums(tensor)
-        pixels = tensor.shape[0] * tensor.shape[1]
-        label_bits = np.full(tensor.shape[2], np.log2(tensor.shape[2]))
-        split_bits = np.tile(-np.log2([1.0 - _SPLIT_PRIOR, _SPLIT_PRIOR]), (len(sums), 1))
-        best, least = None, np.inf
+        search = _Search(self, tensor, multiplier, distortion)
         for _ in range(NUM_ITERATIONS):
-            tree = prune(sums, multiplier * label_bits, multiplier * split_bits)
-            error = (
-                distortion.measure(tree.labels)[0]
-                if distortion is not None
-                else backward_error(tensor, tree.labels)
-            )
-            cost = error + multiplier * 8 * len(self.encode(tree))
-            if cost < least - 1e-6 * pixels * multiplier:
-                best, least = tree, cost
-            label_bits, split_bits = _measured_bits(tree)
-        assert best is not None
-        return best
+            search.refine(search.latest)
+        num_failures = 0
+        for credit in CREDITS if self.has_credits and distortion is not None else ():
+            num_failures = 0 if search.refine(search.best, credit) else num_failures + 1
+            if num_failures == MAX_FAILURES:
+                break
+        assert search.best is not None
+        return search.best
 
     def encode(
         self,
@@ -106,6 +107,39 @@ class QuadtreeCodec:
         return tree
 
 
+class _Search:
+    """Trees of one tensor, each by the costs that another one has, and the best of all."""
+
+    def __init__(
+        self, codec: QuadtreeCodec, tensor: Tensor, multiplier: float, distortion: Distortion | None
+    ) -> None:
+        self._codec, self._tensor, self._multiplier = codec, tensor, multiplier
+        self._distortion, self._sums = distortion, square_sums(tensor)
+        self._least = np.inf
+        self._holes: list[Holes] = []
+        self.latest: Quadtree | None = None
+        self.best: Quadtree | None = None
+
+    def refine(self, start: Quadtree | None, credit: float = 0.0) -> bool:
+        """Find the best tree by the costs of another one, and keep it if it is the best so far."""
+        sums = self._sums
+        if credit > 0.0 and self._distortion is not None:
+            sums = square_sums(self._distortion.claimed(self._tensor, self._holes, credit))
+        label_bits, split_bits = _first_bits(sums) if start is None else _measured_bits(start)
+        tree = prune(sums, self._multiplier * label_bits, self._multiplier * split_bits)
+        error, holes = backward_error(self._tensor, tree.labels), list[Holes]()
+        if self._distortion is not None:
+            error, holes = self._distortion.measure(tree.labels)
+        if credit > 0.0:
+            holes = still_worth_covering(holes, self._holes)
+        cost = error + self._multiplier * 8 * len(self._codec.encode(tree))
+        self.latest = tree
+        is_better = cost < self._least - 1e-6 * tree.labels.size * self._multiplier
+        if is_better:
+            self.best, self._least, self._holes = tree, cost, holes
+        return is_better
+
+
 def prune(sums: Sequence[Tensor], label_costs: Floats, split_costs: Floats) -> Quadtree:
     """Find the tree of least errors and costs."""
     costs: list[Floats] = []
@@ -126,12 +160,13 @@ def prune(sums: Sequence[Tensor], label_costs: Floats, split_costs: Floats) -> Q
     alive: NDArray[Any] = np.ones(leaves[-1].shape, np.bool_)
     for level in reversed(range(len(splits))):
         splits[level] &= alive
-        alive = _spread(splits[level], leaves[level].shape)
-        labels = np.where(alive, leaves[level], _spread(labels, leaves[level].shape))
+        alive = spread(splits[level], leaves[level].shape)
+        labels = np.where(alive, leaves[level], spread(labels, leaves[level].shape))
     return Quadtree(labels.astype(np.int32), tuple(splits), sums[0].shape[2])
 
 
-def _sums(tensor: Tensor) -> list[Tensor]:
+def square_sums(tensor: Tensor) -> list[Tensor]:
+    """Return the errors of each label in squares of side 1, 2, 4, and so on."""
     sums = [tensor]
     while max(sums[-1].shape[:2]) > 1:
         sums.append(_sum_of_squares(sums[-1]))
@@ -147,8 +182,16 @@ def _sum_of_squares(values: NDArray[np.floating]) -> NDArray[np.floating]:
     return columns
 
 
-def _spread(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+def spread(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Give the values of squares to those of half the side."""
     return values.repeat(2, axis=0)[: shape[0]].repeat(2, axis=1)[:, : shape[1]]
+
+
+def _first_bits(sums: Sequence[Tensor]) -> tuple[Floats, Floats]:
+    """Return bits as `_measured_bits` does, of which nothing is known yet."""
+    num_labels = sums[0].shape[2]
+    split_bits = np.tile(-np.log2([1.0 - _SPLIT_PRIOR, _SPLIT_PRIOR]), (len(sums), 1))
+    return np.full(num_labels, np.log2(num_labels)), split_bits
 
 
 def _measured_bits(tree: Quadtree) -> tuple[Floats, Floats]:
@@ -162,7 +205,7 @@ def _measured_bits(tree: Quadtree) -> tuple[Floats, Floats]:
         split_bits[level + 1] = -np.log2([1.0 - share, share])
         side = 2 << level
         counts += np.bincount(tree.labels[::side, ::side][alive & ~split], minlength=tree.num_labels)
-        alive = _spread(split, tree.splits[level - 1].shape if level else tree.labels.shape)
+        alive = spread(split, tree.splits[level - 1].shape if level else tree.labels.shape)
     counts += np.bincount(tree.labels[alive], minlength=tree.num_labels)
     return -np.log2((counts + 0.5) / (counts.sum() + 0.5 * tree.num_labels)), split_bits
 
@@ -186,6 +229,6 @@ def _code(coder: RangeCoder, tree: Quadtree) -> Quadtree:
             _kernels.code_squares(state, counts, level, alphabet, alive[m], split[m], given[m], labels[m])
         if level:
             splits.append(split)
-            alive = _spread(split, shapes[level - 1])
-            labels = np.ascontiguousarray(_spread(labels, shapes[level - 1]))
+            alive = spread(split, shapes[level - 1])
+            labels = np.ascontiguousarray(spread(labels, shapes[level - 1]))
     return Quadtree(labels, tuple(splits[::-1]), tree.num_labels)

@@ -110,14 +110,23 @@ def significant_magnitudes(
 ) -> NDArray[np.int32]:
     """Return the magnitudes of coefficients that are significant, less what they are predicted to be."""
     magnitudes = []
-    for level, (high, classes) in enumerate(zip(tree.highs, significance, strict=True)):
-        size = high.shape
-        used = classes.repeat(2, axis=0).repeat(2, axis=1)[: size[0], : size[1]] > 0
-        if tree.transform is not L_TRANSFORM:
-            used[0::2, 0::2] = False
+    for level, (high, used) in enumerate(
+        zip(tree.highs, significant_places(tree, significance), strict=True)
+    ):
         difference = high if previous is None else high - previous.highs[level]
         magnitudes.append(np.abs(difference)[used])
     return np.concatenate(magnitudes) if magnitudes else np.empty(0, np.int32)
+
+
+def significant_places(tree: WaveletTree, significance: Sequence[Classes]) -> list[NDArray[np.bool_]]:
+    """Tell by level which coefficients are significant, of those that the transform has."""
+    places = []
+    for high, classes in zip(tree.highs, significance, strict=True):
+        used = classes.repeat(2, axis=0).repeat(2, axis=1)[: high.shape[0], : high.shape[1]] > 0
+        if tree.transform is not L_TRANSFORM:
+            used[0::2, 0::2] = False
+        places.append(used)
+    return places
 
 
 # ---- costs of the code itself ----

@@ -15,12 +15,19 @@ import numpy as np
 from dvc.dibr.disparity.coding import (
     Classes,
     Statistics,
-    all_significant,
+    classes_or_all,
     decode_tree,
     encode_tree,
     no_statistics,
 )
-from dvc.dibr.disparity.distortion import Distortion, Holes, backward_error
+from dvc.dibr.disparity.distortion import (
+    CREDITS,
+    MAX_FAILURES,
+    Distortion,
+    Holes,
+    backward_error,
+    still_worth_covering,
+)
 from dvc.dibr.disparity.dynamic_programming import optimise_tree
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import (
@@ -36,10 +43,6 @@ NUM_ITERATIONS = 2
 TEARS = 0.025, 0.05, 0.1, 0.2
 """Squared errors of pixels of holes, relative to the mean of the tensor, to choose from where it is known
 what comes of them."""
-CREDITS = 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5
-"""Shares of the errors in holes to credit labels with that would cover them, one after the other."""
-MAX_FAILURES = 2
-"""How many tears or credits in a row may do no good before the others are left out."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,7 @@ class WaveletCodec:
     ) -> bytes:
         """Write a tree; see `DisparityCodec`."""
         shape = (representation.highs[0] if representation.highs else representation.roots).shape
-        classes = self.classes((shape[0], shape[1]), significance)
+        classes = classes_or_all((shape[0], shape[1]), significance, self.num_levels)
         return encode_tree(representation, classes, previous)[0]
 
     def decode(
@@ -92,14 +95,8 @@ class WaveletCodec:
         previous: WaveletTree | None = None,
     ) -> WaveletTree:
         """Read a tree; see `DisparityCodec`."""
-        classes = self.classes(shape, significance)
+        classes = classes_or_all(shape, significance, self.num_levels)
         return decode_tree(payload, self.transform, shape, num_labels, classes, previous)
-
-    def classes(self, shape: tuple[int, int], significance: Sequence[Classes] | None) -> Sequence[Classes]:
-        """Return classes of significance by level, where none are given those that forbid nothing."""
-        if significance is None:
-            return all_significant(shape, self.num_levels)
-        return significance[: self.num_levels]
 
 
 class _Found(NamedTuple):
@@ -126,7 +123,8 @@ class _Search:
     ) -> None:
         shape = tensor.shape[0], tensor.shape[1]
         self._transform, self._tensor, self._multiplier = codec.transform, tensor, multiplier
-        self._classes, self._previous = codec.classes(shape, significance), previous
+        self._classes = classes_or_all(shape, significance, codec.num_levels)
+        self._previous = previous
         self._distortion = distortion
         self._error_of_tears = (
             float(tensor.mean(dtype=np.float64)) * distortion.parallax if distortion is not None else 0.0
@@ -158,11 +156,8 @@ class _Search:
         tree, _ = optimise_tree(self._transform, tensor, costs, self._previous)
         payload, statistics = encode_tree(tree, self._classes, self._previous)
         error, holes = self._measured(tree.disparity()) if is_candidate else (np.inf, [])
-        if credit > 0.0:  # what was a hole is still worth covering
-            holes = [
-                now._replace(errors=np.where(now.errors > 0.0, now.errors, was.errors))
-                for now, was in zip(holes, self.best.holes, strict=True)
-            ]
+        if credit > 0.0:
+            holes = still_worth_covering(holes, self.best.holes)
         cost = error + self._multiplier * 8 * len(payload)
         self.latest = _Found(tree, cost, statistics, tear, holes)
         is_better = cost < self.best.cost

@@ -28,7 +28,7 @@ REFINEMENTS = 3
 
 def semi_global_disparity(array: CameraArray, labels: DisparityLabels) -> Floats:
     """Match a left and a right view by OpenCV, holes filled."""
-    from dvc.stereo.thesis.opencv_baseline import semi_global_baseline
+    from dvc.stereo.opencv_baseline import semi_global_baseline
 
     baseline = array[1].position.m - array[0].position.m
     if baseline <= 0.0 or array[1].position.n != array[0].position.n or labels.lowest < 0.0:

@@ -16,7 +16,7 @@ positions of cameras need not be whole numbers. Readings of (2.21), where it lea
 * A value has the median colour of its voters; the first one inside the frame that of the reference view.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -140,7 +140,10 @@ def _neighbours(array: CameraArray, index: int) -> list[list[int]]:
 
 
 def layered_depth_image(
-    reconstruction: Reconstruction, *, advance: Callable[[int], None] = lambda _: None
+    reconstruction: Reconstruction,
+    voters: Sequence[NDArray[np.bool_]] | None = None,
+    *,
+    advance: Callable[[int], None] = lambda _: None,
 ) -> LayeredDepthImage:
     """Merge the surfaces of all cameras in the frame of the reference, (2.21).
 
@@ -148,6 +151,9 @@ def layered_depth_image(
     ----------
     reconstruction : Reconstruction
         Surfaces of at least one view.
+    voters : sequence of ndarray of shape (H, W), bool, optional
+        Which pixels of each camera vote; by default those that no neighbouring camera refutes. All do of the
+        reference.
     advance : callable, optional
         Told the number of steps that have just been finished; there are as many as views.
 
@@ -164,7 +170,7 @@ def layered_depth_image(
     array = reconstruction.array
     _check_magnitudes(reconstruction)
     reference = array[array.reference]
-    masks = unrefuted(reconstruction)
+    masks = unrefuted(reconstruction) if voters is None else list(voters)
     masks[array.reference] = reference.seen
     positions = np.array([np.subtract(view.position, reference.position) for view in array], np.float64)
     canvas = _canvas(reconstruction, masks, positions)

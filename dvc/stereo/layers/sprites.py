@@ -5,7 +5,8 @@ Readings of what the thesis leaves open:
 * Sprites are sought in depth, which is ``scale / (disparity + shift)`` in a rectified space (2.12). A
   difference of depth counts by how finely depth is resolved there, and for any such depth this ratio is
   ``|z - z'| / sqrt(r r') = |d - d'| / r_d``, with resolutions r, r' of the depths and r_d of the disparity:
-  differences of disparity are compared, and neither scale nor shift matter.
+  differences of disparity are compared, and neither scale nor shift matter. Or depths themselves are, in
+  units of their resolution at the median.
 * Up to half of `resolution` is smooth, above one and a half is a discontinuity, between is a small
   difference.
 * A sprite begins as the largest region of a watershed, in the first layer, of the distance to what is not
@@ -54,12 +55,16 @@ class SpriteSettings(NamedTuple):
         Least distance between two centres of regions of the watershed.
     min_values : int
         A sprite begins with at least this many values.
+    space : str
+        What is compared: ``disparity``, or ``depth``, whose resolution is that of the median disparity
+        everywhere.
     """
 
     rho_smooth: float = 0.2
     rho_small: float = 0.49
     peak_distance_px: int = 8
     min_values: int = 16
+    space: str = "disparity"
 
 
 DEFAULT_SETTINGS = SpriteSettings()
@@ -116,10 +121,11 @@ class SpriteSet:
 
 
 class _Layers:
-    """What is left of a layered depth image, with disparities in units of resolution."""
+    """What is left of a layered depth image, with disparities, or depths, in units of resolution."""
 
-    def __init__(self, image: LayeredDepthImage) -> None:
-        self.depth = image.disparity.astype(np.float64) / image.canvas.resolution
+    def __init__(self, image: LayeredDepthImage, space: str) -> None:
+        values = _depths(image) if space == "depth" else image.disparity.astype(np.float64)
+        self.depth = values / image.canvas.resolution
         self.alpha = image.occupied.copy()
         self.source = np.broadcast_to(np.arange(len(self.alpha))[:, None, None], self.alpha.shape).copy()
 
@@ -133,6 +139,14 @@ class _Layers:
                 values[index:-1, rows, columns] = values[index + 1 :, rows, columns]
             self.alpha[-1, rows, columns] = False
         return taken
+
+
+def _depths(image: LayeredDepthImage) -> NDArray[np.float64]:
+    """Return depths (2.12) behind a minus, scaled so that at the median they change as disparities do."""
+    scale, shift = image.canvas.depth_scale
+    median = float(np.median(image.disparity[image.occupied])) if image.occupied.any() else 1.0
+    disparity = np.where(image.occupied, image.disparity, np.float32(median))
+    return -image.canvas.depth_scale.depth(disparity) * (median + shift) ** 2 / scale
 
 
 def extract_sprites(
@@ -157,7 +171,7 @@ def extract_sprites(
     SpriteSet
         The sprites.
     """
-    layers = _Layers(image)
+    layers = _Layers(image, settings.space)
     sprites = []
     while layers.alpha[0].any():
         region = _largest_region(layers.depth[0], layers.alpha[0], settings)

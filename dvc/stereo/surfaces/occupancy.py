@@ -85,13 +85,17 @@ class Agreement(NamedTuple):
 
 
 def agreement(
-    array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], pair: tuple[int, int]
+    array: CameraArray,
+    labels: DisparityLabels,
+    maps: Sequence[Labels],
+    pair: tuple[int, int],
+    slack: int | None = None,
 ) -> Agreement:
-    """Tell where two cameras see one surface."""
+    """Tell where two cameras see one surface, up to some labels; by default up to `tolerance`."""
     own, other = pair
     found = Agreement(np.empty(array.shape, np.bool_), np.empty(array.shape, np.bool_))
     moved = shifts(labels, array[own].position, array[other].position)
-    near = tolerance(fineness(array, labels))
+    near = tolerance(fineness(array, labels)) if slack is None else slack
     _kernels.agree(maps[own], maps[other], array[other].seen, moved, near, *found)
     return found
 
@@ -99,16 +103,33 @@ def agreement(
 def supported(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Mask:
     """Keep the voxels of a camera that a horizontal and a vertical neighbour have, too (2.15)."""
     kept, found = array[index].seen, np.zeros(array.shape, np.bool_)
-    for direction in neighbours(array, index):
-        if direction:
-            others = [agreement(array, labels, maps, (index, k)) for k in direction]
-            agreeing, looking = (np.logical_or.reduce(masks) for masks in zip(*others, strict=True))
-            kept, found = kept & (agreeing | ~looking), found | agreeing
+    for agreeing, looking in _by_direction(array, labels, maps, index):
+        kept, found = kept & (agreeing | ~looking), found | agreeing
     kept = kept & found
     speckles = np.where(kept, maps[index], -2).astype(np.int16)
     cv2.filterSpeckles(speckles, -2, MIN_REGION_PX, tolerance(fineness(array, labels)))
     large: Mask = speckles != -2
     return kept & large
+
+
+def exactly_supported(
+    array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int
+) -> Mask:
+    """Do the same to the letter: labels are equal, and voxels outside a view are not occupied."""
+    agreeing = [pair.agreeing for pair in _by_direction(array, labels, maps, index, 0)]
+    kept: Mask = np.logical_and.reduce([array[index].seen, *agreeing])
+    return kept
+
+
+def _by_direction(
+    array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int, slack: int | None = None
+) -> list[Agreement]:
+    """Return what the horizontal neighbours of a camera say, and the vertical ones, where there are any."""
+    found = []
+    for direction in filter(None, neighbours(array, index)):
+        others = [agreement(array, labels, maps, (index, k), slack) for k in direction]
+        found.append(Agreement(*(np.logical_or.reduce(masks) for masks in zip(*others, strict=True))))
+    return found
 
 
 def seen_elsewhere(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Mask:

@@ -18,13 +18,11 @@ from dvc.multiview.volumes.combination import defined_costs, mean_costs, smaller
 from dvc.multiview.volumes.matching_costs import Band, MatchingCost, WeightedCosts
 from dvc.stereo.surfaces import _kernels
 from dvc.stereo.surfaces.occupancy import Neighbours, Occupancy, fineness, shifts
-from dvc.stereo.surfaces.settings import max_jump, tolerance
+from dvc.stereo.surfaces.settings import UNDEFINED_COST, max_jump, tolerance
 
 Volume = NDArray[np.float32]
 Labels = NDArray[np.int64]
 
-UNDEFINED_COST = 0.5
-"""Cost of a voxel of which nothing is known, as a share of the highest: above that of most good matches."""
 UNDEFINED_SHARE = 0.1
 """Share of a region below which what is known of it counts less than this."""
 
@@ -38,6 +36,8 @@ class Comparison:
     cost: MatchingCost  # of two views
     # whether the smaller cost of opposite neighbours counts (2.18), or their mean
     smaller_of_opposite: bool = True
+    # cost of a voxel of which nothing is known, as a share of the highest
+    undefined: float = UNDEFINED_COST
 
     @cached_property
     def fineness(self) -> float:
@@ -70,7 +70,7 @@ def photometric_cost(
         return _compared(comparison, (index, other), regions, occupancy, rows)
 
     total = reduce(mean_costs, (reduce(join, map(_costs, direction)) for direction in near if direction))
-    constant = UNDEFINED_COST * comparison.cost.highest
+    constant = comparison.undefined * comparison.cost.highest
     return defined_costs(total, constant, UNDEFINED_SHARE)
 
 

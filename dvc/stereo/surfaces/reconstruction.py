@@ -25,7 +25,13 @@ from dvc.multiview.volumes.matching_costs import COSTS, Band
 from dvc.stereo.surfaces import _kernels
 from dvc.stereo.surfaces.continuation import continued
 from dvc.stereo.surfaces.fusion import FUSION_ROUNDS, fused
-from dvc.stereo.surfaces.occupancy import Occupancy, neighbours, seen_elsewhere, supported
+from dvc.stereo.surfaces.occupancy import (
+    Occupancy,
+    exactly_supported,
+    neighbours,
+    seen_elsewhere,
+    supported,
+)
 from dvc.stereo.surfaces.photometric import Comparison, Regions, photometric_cost
 from dvc.stereo.surfaces.settings import StereoSettings, tolerance
 from dvc.stereo.surfaces.surface import Reconstruction, Surface
@@ -128,7 +134,7 @@ class _Solver:
     ) -> None:
         self.array, self.labels, self.settings = array, labels, settings
         self.pool, self.advance = pool, advance
-        self.comparison = Comparison(array, labels, COSTS[settings.cost])
+        self.comparison = Comparison(array, labels, COSTS[settings.cost], undefined=settings.undefined_cost)
         self.arms: dict[tuple[int, Window], Arms] = {}
         self.near = [neighbours(array, index) for index in range(len(array))]
         self.is_large = _is_large(array.shape, labels.num_labels)
@@ -183,10 +189,15 @@ class _Solver:
             self.advance(1)
         maps = [found.label for found in inferred]
 
+        test = exactly_supported if self.settings.agreement == "exact" else supported
+
         def _supported(index: int) -> Occupancy:
-            return Occupancy(maps[index], supported(self.array, self.labels, maps, index))
+            return Occupancy(maps[index], test(self.array, self.labels, maps, index))
 
         occupancy = list(self.pool.map(_supported, views))
+        if self.settings.filling == "inferred":
+            nothing = np.zeros(self.array.shape, np.int64)
+            return _State(occupancy, inferred, [label.astype(float) for label in maps], [nothing] * len(maps))
         filled = list(self.pool.map(lambda index: self._continued(occupancy, index), views))
         return _State(occupancy, inferred, filled, [_base(surface, self.labels) for surface in filled])
 
@@ -234,7 +245,7 @@ class _Solver:
         views = range(len(self.array))
         refined = [self._refined(state, index) for index in views]
         found = refined
-        if self.settings.occlusion == "explicit":
+        if self.settings.occlusion == "explicit" and self.settings.filling == "continued":
             for _ in range(FUSION_ROUNDS):
                 found = list(self.pool.map(partial(fused, self.array, self.labels, found), views))
         final = [np.floor(label + 0.5).astype(np.int64) for label in found]

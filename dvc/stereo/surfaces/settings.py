@@ -10,6 +10,10 @@ if TYPE_CHECKING:
 COST_NAMES = "census", "squared"
 INFERENCE_NAMES = "belief-propagation", "semi-global"
 OCCLUSION_NAMES = "explicit", "implicit", "none"
+AGREEMENT_NAMES = "near", "exact"
+FILLING_NAMES = "continued", "inferred"
+UNDEFINED_COST = 0.5
+"""Cost of a voxel of which nothing is known, as a share of the highest: above that of most good matches."""
 SLOPE, SMALL_JUMP = 0.2, 0.3
 """Cost of a change by a pixel of parallax from one pixel to the next, for messages and for scanlines."""
 
@@ -67,6 +71,16 @@ class StereoSettings:
         lambda_g of (2.13), in units of costs, and tau_1 of (2.16), in labels.
     sub_pixel : bool
         Whether disparities lie between those of the labels.
+    agreement : str
+        When a camera supports the surface of another (2.15), of `AGREEMENT_NAMES`: its label is near, where
+        it looks at all, and not in small regions only; or it is the same.
+    edge_strength : float
+        Smoothness between pixels of different colours, of 1 between those of one colour.
+    undefined_cost : float
+        Of voxels where no neighbour counts (2.20), as a share of the highest.
+    filling : str
+        What the surface is where no other camera supports it, of `FILLING_NAMES`: supported surfaces are
+        continued, and cameras correct each other; or what was inferred.
     """
 
     cost: str = "census"
@@ -77,6 +91,10 @@ class StereoSettings:
     geometric_weight: float = 0.0
     geometric_limit: float = 3.0
     sub_pixel: bool = False
+    agreement: str = "near"
+    edge_strength: float = 0.05
+    undefined_cost: float = UNDEFINED_COST
+    filling: str = "continued"
 
     def takes_smaller(self, iteration: int) -> bool:
         """Tell whether the smaller cost of opposite neighbours counts (2.18), or the mean of both.
@@ -137,4 +155,5 @@ class StereoSettings:
         scanlines = self.inference == "semi-global" or (iteration == 0 and self.cost != "squared")
         if scanlines:
             return SemiGlobal(small_jump=SMALL_JUMP / fineness)
-        return BeliefPropagation(slope=SLOPE / fineness, max_jump=max_jump(fineness))
+        steps = SLOPE / fineness, max_jump(fineness)
+        return BeliefPropagation(steps[0], max_jump=steps[1], edge_strength=self.edge_strength)

@@ -11,7 +11,15 @@ from dvc._jit import python_twin
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.stereo.surfaces import _kernels as kernels
 from dvc.stereo.surfaces import occupancy
-from dvc.stereo.surfaces.occupancy import Occupancy, agreement, neighbours, seen_elsewhere, shifts, supported
+from dvc.stereo.surfaces.occupancy import (
+    Occupancy,
+    agreement,
+    exactly_supported,
+    neighbours,
+    seen_elsewhere,
+    shifts,
+    supported,
+)
 from tests.reference import stereo_volumes as volumes
 from tests.stereo.plane_scenes import BACKGROUND, LABELS, SCENE, Plane, reconstruction_of, square_lattice
 
@@ -114,6 +122,20 @@ def test_support_is_that_of_volumes(rng: np.random.Generator, monkeypatch: pytes
     assert 0 < got.sum() < got.size
     pair = supported(array_at(*places[:2]), FEW, maps[:2], 0)
     np.testing.assert_array_equal(pair, volumes.with_support(mine, [others[1][0]], []).any(axis=2))
+
+
+def test_exact_support_is_the_printed_one(rng: np.random.Generator) -> None:
+    """Labels are equal, what lies outside a view is empty, brackets without cameras are left out (2.15)."""
+    places = [(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)]
+    maps = [rng.integers(1, 4, SHAPE) for _ in places]
+    all_seen = np.ones(SHAPE, bool)
+    others = [seen_by(Occupancy(label, all_seen), *at) for label, at in zip(maps, places, strict=True)]
+    mine = volumes.occupancy(maps[0], all_seen, FEW.num_labels)
+    cross = (mine & (others[1] | others[2]) & (others[3] | others[4])).any(axis=2)
+    np.testing.assert_array_equal(exactly_supported(array_at(*places), FEW, maps, 0), cross)
+    row = (mine & (others[1] | others[2])).any(axis=2)
+    np.testing.assert_array_equal(exactly_supported(array_at(*places[:3]), FEW, maps[:3], 0), row)
+    assert 0 < cross.sum() < row.sum() < row.size
 
 
 def test_nothing_agrees_with_what_is_empty() -> None:

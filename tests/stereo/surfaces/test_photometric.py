@@ -9,12 +9,12 @@ from dvc.multiview.volumes.aggregation import Window, cross_arms
 from dvc.multiview.volumes.matching_costs import COSTS, SQUARED_LIMIT, Band
 from dvc.stereo.surfaces.occupancy import Occupancy, neighbours
 from dvc.stereo.surfaces.photometric import (
-    UNDEFINED_COST,
     UNDEFINED_SHARE,
     Comparison,
     Regions,
     photometric_cost,
 )
+from dvc.stereo.surfaces.settings import UNDEFINED_COST
 from tests.reference import stereo_volumes as volumes
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of
 

@@ -1,1 +1,0 @@
-"""Figures and tables of chapter 3, measured again, on any views."""

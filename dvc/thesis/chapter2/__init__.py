@@ -1,0 +1,1 @@
+"""Chapter 2: stereo from planar camera arrays."""

@@ -1,0 +1,1 @@
+"""Chapter 3: joint estimation and coding of pictures and disparities."""

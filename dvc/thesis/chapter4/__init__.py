@@ -1,0 +1,1 @@
+"""Chapter 4: wavelets that stop at shared edges, on maps, pictures and signals."""

@@ -1,0 +1,1 @@
+"""Chapter 5: side information from the geometry of the scene."""
