@@ -29,7 +29,7 @@ from dvc.thesis.chapter3.curves import (
 )
 from dvc.thesis.chapter3.scenes import Scene, load_scene, scene_names
 
-REFERENCE_BPP, QUICK_BPP = (0.1, 0.25, 0.5, 0.75, 1.0), (0.1, 0.5, 1.0)
+REFERENCE_BPP, QUICK_BPP = (0.1, 0.25, 0.5, 0.75, 1.0), (0.1, 0.25, 0.5, 1.0)
 """Rates of the reference view that lambdas are chosen for."""
 NUM_LAYERS = 4
 EARLY_LEVELS = {"to one pixel": None, "5 levels": 5, "3 levels": 3}
