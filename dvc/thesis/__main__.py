@@ -23,7 +23,7 @@ where it stopped.
 """
 EXAMPLES = """\
   dvc-thesis --data ../shared/stereo --out results/thesis                     all chapters, quickly
-  dvc-thesis --chapter 2 --data ../shared/stereo --preset full --out thesis   all cameras: hours
+  dvc-thesis --chapter 2 --data ../shared/stereo --preset full --out thesis   up to 25 cameras
   dvc-thesis --chapter 3 --as thesis --data ../shared/stereo teddy --out thesis
   dvc-thesis --chapter 3 left.png right.png --disparities 0:60 --out own      own views, reference first
   dvc-thesis --chapter 4 disparity.pfm left.png --out own                     an own map and its picture
