@@ -95,8 +95,8 @@ class BitrateController:
         self._bound = 0.5 * TOLERANCE * WINDOW_S * bits_per_s
         self._settled = 0.0  # in bits: what groups of which all is known took beyond their share
         self._open: dict[int, _OpenGroup] = {}
-        # What decoders have asked for, and what was estimated, of late; at first as if that were right: of
-        # P-type frames and of others: the one estimate may be too high where the other is too low.
+        # What decoders have asked for of late, and what was estimated of that; at first as if it were right.
+        # Of P-type frames apart, whose estimates may be too high where those of others are too low.
         self._asked, self._estimated = np.full((2, 2), START_S * bits_per_s)
         self._number: int | None = None  # of the quality of the group before
         self._slope = OCTAVES_PER_STEP[0]
