@@ -2,7 +2,7 @@
 
 import pytest
 
-from decoder.allowances import CHECK_BITS, HEADROOM, Allowance, GroupAllowance
+from decoder.allowances import Allowance, GroupAllowance
 
 
 def bits_of(group: GroupAllowance, *frames: int) -> list[float]:
@@ -11,7 +11,7 @@ def bits_of(group: GroupAllowance, *frames: int) -> list[float]:
 
 def test_planes_begin_as_long_as_there_is_room_for_them() -> None:
     """What they were expected to cost counts until it is known what they did."""
-    allowance = Allowance(1000.0 + CHECK_BITS)
+    allowance = Allowance(1032.0)  # two checks of 16 bits are kept back
     assert allowance.begin(600.0)
     assert not allowance.begin(600.0)
     assert allowance.begin(400.0)
@@ -26,9 +26,9 @@ def test_planes_begin_as_long_as_there_is_room_for_them() -> None:
 def test_what_is_left_goes_to_later_frames() -> None:
     """Level by level, in the parts that the encoder tells; the last may ask for all of it."""
     group = GroupAllowance({8: 400, 4: 200, 12: 200, 2: 100, 6: 100})
-    assert bits_of(group, 8) == [pytest.approx(HEADROOM * 400)]
+    assert bits_of(group, 8) == [pytest.approx(1.25 * 400)]
     group.end_level(200)  # of 1000 800 are left, for frames of which 600 was told
-    assert bits_of(group, 4, 12) == [pytest.approx(HEADROOM * 800 / 3)] * 2
+    assert bits_of(group, 4, 12) == [pytest.approx(1.25 * 800 / 3)] * 2
     group.end_level(700)
     assert bits_of(group, 2, 6) == [pytest.approx(50.0)] * 2
 
