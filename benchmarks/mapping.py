@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from benchmarks.results.harness import SCENES, run_module
 from dvc.calibration.colmap import quiet
-from dvc.config import SFM_BACKENDS
+from dvc.config import MAPPERS
 from dvc.metrics import psnr_db
 from dvc.video import Frame, create_video, open_video
 from sfm.mapping.colmap_mapper import model_poses, run_colmap
@@ -234,7 +234,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("clips", nargs="*", metavar="CLIP", default=SCENES)
     parser.add_argument("--qp", type=int, metavar="N", help="map what the default codec has decoded")
     parser.add_argument("--step", type=int, default=1, metavar="N", help="take every N-th frame alone")
-    parser.add_argument("--mapper", choices=SFM_BACKENDS, default=SFM_BACKENDS[0])
+    parser.add_argument("--mapper", choices=MAPPERS, default=MAPPERS[0])
     parser.add_argument("--colmap", action="store_true", help="run COLMAP on all frames as well")
     parser.add_argument("--json", metavar="FILE", help="write all figures to a file")
     options = parser.parse_args(arguments)

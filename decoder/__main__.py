@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from decoder import options
 from dvc import cli
-from dvc.config import SFM_BACKENDS
+from dvc.config import MAPPERS
 from dvc.errors import (
     BitstreamError,
     ConfigError,
@@ -58,7 +58,7 @@ def _map_scene(arguments: argparse.Namespace, video: str) -> None:
         if not arguments.quiet:
             _say(message)
 
-    mapper = arguments.mapper or SFM_BACKENDS[0]
+    mapper = arguments.mapper or MAPPERS[0]
     _report(map_to_folder(video, arguments.scene, mapper, _report).summary)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from dvc import cli
-from dvc.config import FALLBACKS, SFM_BACKENDS
+from dvc.config import FALLBACKS, MAPPERS, SFM_BACKENDS
 from dvc.errors import ConfigError
 from dvc.limits import MAX_MEMORY_MIB
 
@@ -164,7 +164,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         " be .y4m or .mkv",
     )
     mapper = "whose mapper finds the cameras of --scene; default: native"
-    add("--mapper", choices=SFM_BACKENDS, help=mapper)
+    add("--mapper", choices=MAPPERS, help=mapper)
     add("--reference", metavar="ORIGINAL", help="the original video; used for nothing but PSNR")
     first = "frame of ORIGINAL that was coded first"
     cli.add_integer(group, "--reference-start", (0, 10**9), first, default=0, metavar="K")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.config import SFM_BACKENDS
+from dvc.config import MAPPERS, SFM_BACKENDS
 from dvc.errors import ConfigError, DvcError
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--quiet", action="store_true", help="print no summary and no progress")
     video = parser.add_argument_group("of a video")
     own = "whose mapper: the project's own or COLMAP's; default: native"
-    video.add_argument("--mapper", choices=SFM_BACKENDS, help=own)
+    video.add_argument("--mapper", choices=MAPPERS, help=own)
     pair = parser.add_argument_group("of two pictures")
     pair.add_argument(
         "--frames",
@@ -49,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar=("I", "J"),
         help="frame of A and frame of B; default: the first of each",
     )
-    own = "whose estimators: the project's own or COLMAP's; default: native"
+    own = "whose estimators: the project's own, COLMAP's, or the thesis's to the letter; default: native"
     pair.add_argument("--sfm", choices=SFM_BACKENDS, help=own)
     cli.add_integer(pair, "--seed", (0, 2**31 - 1), "seed of the random samples; default: 0", metavar="S")
     return parser
@@ -71,7 +71,7 @@ def _map(arguments: argparse.Namespace) -> int:
 
     check_folder(arguments.out)
     report: Callable[[str], None] | None = None if arguments.quiet else _report
-    scene = map_to_folder(arguments.first, arguments.out, arguments.mapper or SFM_BACKENDS[0], report)
+    scene = map_to_folder(arguments.first, arguments.out, arguments.mapper or MAPPERS[0], report)
     if not arguments.quiet:
         sys.stdout.write(scene.summary + "\n")
     return 0

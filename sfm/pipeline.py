@@ -49,7 +49,7 @@ def reconstruct(
     first, second : ndarray of shape (H, W), uint8
         Luma of the key frames.
     backend : str
-        Whose estimators find the cameras: ``native`` or ``colmap``.
+        Whose estimators find the cameras: ``native``, ``colmap`` or ``thesis``.
     seed : int
         Of everything random.
     settings : SfmSettings, optional
@@ -74,9 +74,10 @@ def reconstruct(
     if backend not in SFM_BACKENDS:
         raise ValueError(f"`backend` must be one of {', '.join(SFM_BACKENDS)}, got {backend!r}")
     tracked = tracked or Correspondences.empty()
-    return _reconstruct(
-        first, second, tracked, backend, np.random.default_rng(seed), settings or SfmSettings()
-    )
+    settings = settings or SfmSettings()
+    if backend == "thesis":
+        settings = settings.as_written()
+    return _reconstruct(first, second, tracked, backend, np.random.default_rng(seed), settings)
 
 
 def _reconstruct(

@@ -1,6 +1,6 @@
 """Parameters of the whole reconstruction, grouped by step."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from dvc.multiview.cameras import PixelFrame
 from sfm.cameras.bundle_adjustment import BundleAdjustmentSettings
@@ -12,6 +12,9 @@ from sfm.correspondences.matching import MatchingSettings
 from sfm.correspondences.propagation import PropagationSettings
 from sfm.estimation.degeneracy import DegeneracySettings
 from sfm.estimation.weak_calibration import WeakCalibrationSettings
+
+ALTERNATIONS = 100
+"""Most alternations where they are all that there is: the thesis tells no number."""
 
 
 @dataclass(frozen=True)
@@ -73,3 +76,12 @@ class SfmSettings:
     cameras: CameraSettings = field(default_factory=CameraSettings)
     trust: TrustSettings = field(default_factory=TrustSettings)
     colmap_max_error_px: float = 1.0  # largest error of an inlier for COLMAP's estimators
+
+    def as_written(self) -> "SfmSettings":
+        """Return these with cameras as section 5.2 of the thesis has them, to the letter."""
+        linear_program = SelfCalibrationSettings(
+            first_depth_ratio=None, dropped_share=0.0, max_dropped_share=0.0, free_unit=False
+        )
+        alternation = BundleAdjustmentSettings(num_alternations=ALTERNATIONS, max_iterations=0)
+        cameras = replace(self.cameras, self_calibration=linear_program, bundle_adjustment=alternation)
+        return replace(self, cameras=cameras)

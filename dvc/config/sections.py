@@ -11,7 +11,8 @@ from dvc.errors import ConfigError
 REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")
 FALLBACKS = ("block-motion", "tracks")
-SFM_BACKENDS = ("native", "colmap")
+SFM_BACKENDS = ("native", "colmap", "thesis")
+MAPPERS = SFM_BACKENDS[:2]
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
 PRIORS = ("laplacian", "learned")
 NUM_BANDS = 16
@@ -236,7 +237,7 @@ class SideInformationConfig(Section):
 class GeometryConfig(Section):
     """Structure from motion at the decoder, for methods of side information that need it."""
 
-    backend: str = "native"  # whose estimators: the project's own, or COLMAP's
+    backend: str = "native"  # whose estimators: the project's own, COLMAP's, or the thesis's to the letter
     path_regularity: float = 0.0  # weight of second differences of the camera's path, with respect to tracks
 
     def _check_values(self) -> None:

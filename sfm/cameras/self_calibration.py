@@ -24,19 +24,21 @@ OUTWEIGH = 3.0  # a change of a by 1 changes R by at most sqrt(3), and an invers
 class SelfCalibrationSettings:
     """Parameters of the self-calibration."""
 
-    # M, the ratio of the largest to the smallest depth, starts here, or at its lower bound if that is more
-    first_depth_ratio: float = 16.0
+    # M, the ratio of the largest to the smallest depth, starts here, or at its lower bound if that is more;
+    # None: at the ratio of all depths before
+    first_depth_ratio: float | None = 16.0
     depth_ratio_factor: float = 2.0  # growth of M while there is no solution
     max_depth_ratio: float = 4096.0  # largest M to try
     dropped_share: float = 0.05  # share of the points that may be dropped rather than let M grow
     max_dropped_share: float = 0.25  # share of the points that may be dropped at all
     min_num_points: int = 8  # points that must remain
+    free_unit: bool = True  # of depth; else that of the fundamental matrix, scaled to an R of unit size
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
         if not self.depth_ratio_factor > 1:
             raise ValueError(f"`depth_ratio_factor` must be above 1, got {self.depth_ratio_factor}")
-        if not 1 <= self.first_depth_ratio <= self.max_depth_ratio:
+        if self.first_depth_ratio is not None and not 1 <= self.first_depth_ratio <= self.max_depth_ratio:
             raise ValueError(f"`first_depth_ratio` must be in [1, max], got {self.first_depth_ratio}")
 
 
@@ -139,7 +141,8 @@ def _solve(
     """Let M grow until few enough points stand in the way of a solution."""
     # The ratio of a point's two depths does not depend on the plane at infinity: it bounds M from below.
     bounds = np.maximum(points.quotient, 1.0 / points.quotient)
-    ratio = max(settings.first_depth_ratio, float(np.quantile(bounds, 1.0 - settings.dropped_share)))
+    first = settings.first_depth_ratio or _ratio_of_depths(points)
+    ratio = max(first, float(np.quantile(bounds, 1.0 - settings.dropped_share)))
     while True:
         last = ratio * settings.depth_ratio_factor > settings.max_depth_ratio
         share = settings.max_dropped_share if last else settings.dropped_share
@@ -151,6 +154,13 @@ def _solve(
         if last:
             return None
         ratio *= settings.depth_ratio_factor
+
+
+def _ratio_of_depths(points: _Points) -> float:
+    """Return the largest over the smallest of all depths, of both cameras."""
+    depths = 1.0 / np.maximum(np.abs(points.inverse), MIN_UNIT)
+    largest, smallest = np.maximum(points.quotient, 1.0), np.minimum(points.quotient, 1.0)
+    return float(np.max(depths * largest) / np.min(depths * smallest))
 
 
 def _linear_program(
@@ -174,9 +184,11 @@ def _linear_program(
     matrix = hstack([shared, -identity, -slack]).tocsr()
     limit = np.concatenate([inverse, -inverse, away, -away])
     # Less than `dropped_share` of the points together cannot outweigh the entries of R.
-    price = OUTWEIGH / (settings.dropped_share * num)
+    price = OUTWEIGH / (max(settings.dropped_share, 1.0 / num) * num)
     cost = np.concatenate([np.zeros(4), np.ones(NUM_ENTRIES), np.full(num, price)])
-    ranges = [(None, None)] * 3 + [(MIN_UNIT, None)] + [(0.0, None)] * (NUM_ENTRIES + num)
+    unit = (MIN_UNIT, None) if settings.free_unit else (1.0, 1.0)
+    most = None if settings.max_dropped_share else 0.0
+    ranges = [(None, None)] * 3 + [unit] + [(0.0, None)] * NUM_ENTRIES + [(0.0, most)] * num
     solved = linprog(cost, A_ub=matrix, b_ub=limit, bounds=ranges, method="highs")
     if solved.x is None or not solved.success:
         return None

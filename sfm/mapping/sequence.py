@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 
-from dvc.config import SFM_BACKENDS
+from dvc.config import MAPPERS
 from dvc.video import Frame, open_video
 from sfm.mapping.colmap_mapper import colmap_pieces
 from sfm.mapping.dense import dense_pieces
@@ -42,8 +42,8 @@ def map_sequence(
     ValueError
         If there is no such mapper, or the frames differ in size.
     """
-    if mapper not in SFM_BACKENDS:
-        raise ValueError(f"`mapper` must be one of {', '.join(SFM_BACKENDS)}, got {mapper!r}")
+    if mapper not in MAPPERS:
+        raise ValueError(f"`mapper` must be one of {', '.join(MAPPERS)}, got {mapper!r}")
     tell = report or (lambda _: None)
     tell("tracking points")
     seen = track_sequence(frames())

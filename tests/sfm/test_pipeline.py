@@ -15,7 +15,7 @@ from sfm.estimation.epipolar import (
 )
 from sfm.model import Correspondences, Reconstruction
 from sfm.pipeline import coverage, reconstruct
-from sfm.settings import SfmSettings, TrustSettings
+from sfm.settings import ALTERNATIONS, SfmSettings, TrustSettings
 from tests.clips import moving_texture
 from tests.scenes_3d import camera_at, render
 from tests.sfm.textures import picture, texture
@@ -159,3 +159,12 @@ def test_wrong_arguments_are_refused() -> None:
         reconstruct(FIRST, FIRST[:-1])
     with pytest.raises(ValueError, match="backend"):
         reconstruct(FIRST, SECOND, backend="magic")
+
+
+def test_as_written_cameras_alternate_alone() -> None:
+    """No joint step, no point left out by the linear program; all else is as usual."""
+    usual, written = SfmSettings(), SfmSettings().as_written()
+    assert (written.cameras.bundle_adjustment.num_alternations, ALTERNATIONS) == (100, 100)
+    assert written.cameras.bundle_adjustment.max_iterations == 0
+    assert written.cameras.self_calibration.max_dropped_share == 0.0
+    assert replace(written, cameras=usual.cameras) == usual

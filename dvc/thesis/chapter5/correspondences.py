@@ -38,7 +38,8 @@ def _run(processes: ProcessGroup, program: str, words: Sequence[str]) -> None:
 
 
 def _drawn(processes: ProcessGroup, video: Path, apart: int, folder: Path) -> Picture:
-    _run(processes, "sfm", [str(video), str(video), "--frames", "0", str(apart), "--out", str(folder)])
+    how = ["--frames", "0", str(apart), "--sfm", "thesis", "--out", str(folder)]
+    _run(processes, "sfm", [str(video), str(video), *how])
     drawn = folder / "correspondences.png"
     if not drawn.is_file():
         raise DvcError("dvc-sfm finds no depth between the key frames")

@@ -1,7 +1,7 @@
 """What chapter 5 of the thesis compares: methods of side information, and rate-distortion curves."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from dvc.rd.points import Point
@@ -18,6 +18,8 @@ TURBO: Options = (("coder", "turbo"), ("noise-model", "coefficient"))
 """Classical turbo codes with punctured parity, and the noise of each coefficient by that of its band."""
 WITHOUT_MEMORY: Options = (("long-term", "0"),)
 """Every GOP ends with a key frame, and none is kept for others."""
+CAMERAS: Options = (("sfm", "thesis"),)
+"""What the decoder is told: self-calibration and bundle adjustment to the letter."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Method(NamedTuple):
             options=options,
             side_information=method,
         )
-        return next(sweep.points())
+        return _to_the_letter(next(sweep.points()), way)
 
 
 METHODS = (
@@ -91,6 +93,11 @@ ANCHORS = {
 """Codecs of figure 5.15, by the names that it has for them."""
 
 
+def _to_the_letter(point: Point, way: Way) -> Point:
+    has_cameras = way is Way.THESIS and point.side_information is not None
+    return replace(point, decoder=CAMERAS) if has_cameras else point
+
+
 def sweeps(sequence: str, preset: Preset, frames: int, way: Way) -> dict[str, list[Point]]:
     """Return the curves of figure 5.15 by name."""
     found = {}
@@ -109,7 +116,7 @@ def sweeps(sequence: str, preset: Preset, frames: int, way: Way) -> dict[str, li
                 options=tuple(sorted(options)),
                 side_information=None if codec == "2d" else "mesh",
             )
-        found[name] = list(sweep.points())
+        found[name] = [_to_the_letter(point, way) for point in sweep.points()]
     for name, anchor in ANCHORS.items():
         sweep = Sweep(
             (sequence,),

@@ -1,5 +1,7 @@
 """Quasi-Euclidean cameras: depths within bounds, and a second camera near the first."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,29 @@ def test_exact_scenes(kind: str, motion: float, sign: float) -> None:
     assert np.abs(scaled[:, :3] - identity).sum() <= 1.2 * np.abs(true[:, :3] - identity).sum() + 1e-9
     # Nearly Euclidean: inverse depths are nearly in proportion.
     assert np.corrcoef(1.0 / found.depths, 1.0 / scene.depths)[0, 1] > 0.98
+
+
+AS_WRITTEN = SelfCalibrationSettings(
+    first_depth_ratio=None, dropped_share=0.0, max_dropped_share=0.0, free_unit=False
+)
+
+
+def test_as_written_no_point_is_dropped_and_the_unit_is_given() -> None:
+    """All depths are in [1, M], M being from their own ratio on; one wrong point leaves no solution."""
+    scene = two_views(100)
+    found = self_calibration(scene.fundamental, scene.exact, FRAME, AS_WRITTEN)
+    assert found.success
+    assert found.kept.all()
+    assert 1.0 <= found.depths.min() <= found.depths.max() <= found.depth_ratio
+    assert np.corrcoef(1.0 / found.depths, 1.0 / scene.depths)[0, 1] > 0.98
+    free = self_calibration(scene.fundamental, scene.exact, FRAME)
+    assert found.depth_ratio != free.depth_ratio == SelfCalibrationSettings().first_depth_ratio
+    behind = scene.exact.second.copy()
+    epipole = FRAME.to_pixels(np.asarray(project(scene.camera, np.array([[0.0, 0, 0, 1]]))[0]))[0]
+    behind[0] = 2 * epipole - behind[0]
+    wrong = replace(scene.exact, second=behind)
+    assert self_calibration(scene.fundamental, wrong, FRAME).success
+    assert not self_calibration(scene.fundamental, wrong, FRAME, AS_WRITTEN).success
 
 
 def test_depths_keep_their_order_in_noise() -> None:

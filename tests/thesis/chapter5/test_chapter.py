@@ -86,6 +86,7 @@ def test_points_as_written_are_those_of_the_text() -> None:
             assert (point.codec, point.wz_q, point.qp, point.key_qp) == (codec, matrix, None, "auto")
             assert (options["coder"], options["noise-model"]) == ("turbo", "coefficient")
             assert point.side_information == (None if codec == "2d" else "mesh")
+            assert dict(point.decoder) == ({} if codec == "2d" else {"sfm": "thesis"})
             assert options.get("references", "keys") == "keys"
     assert curves["2D-DVC"][0].gop == 2
     assert curves["3D-DVC"][0].gop == curves["3D-DVC-TD"][0].gop == LOSSLESS_GOP == 10
