@@ -59,6 +59,7 @@ class NoFeedbackDecoder:
             frame=state.frame(),
             side_information=state.side_information,
             refined_side_information=state.refined_side_information(),
+            inverse_depth=state.inverse_depth,
             method=state.method,
             reason=state.reason,
             num_requests=0,

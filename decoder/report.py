@@ -48,8 +48,9 @@ class DecodeReport:
         self._delays_s: list[float] = []  # of frames of a live run
         self._num_messages = 0
 
-    def add(self, group: DecodedGroup) -> None:
-        """Enter a decoded group of pictures."""
+    def add(self, group: DecodedGroup) -> list[dict[str, Any]]:
+        """Enter a decoded group of pictures; return what is told of each of its frames."""
+        rows: list[dict[str, Any]] = []
         costs = gop_bits(group.record)
         times_s = enumerate(group.times_s(self._config.video), group.first_index)
         self._times_s += [time_s for index, time_s in times_s if self._is_wanted(index)]
@@ -81,15 +82,18 @@ class DecodeReport:
             row["side_information"] = frame.method
             row["side_information_reason"] = frame.reason
             row["decode_s"] = round(frame.decode_s, 6)
-            self._frames.append(row)
-        index = group.last.index
-        if group.key is not None and self._is_wanted(index):
-            row = {"index": index, "type": "key"}
-            row["bits"] = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
-            reference = self._original(index)
-            row["psnr_y_db"] = _psnr(None if reference is None else reference.luma, group.key.luma)
-            row |= _chroma_psnrs(reference, group.key)
-            self._frames.append(row)
+            rows.append(row)
+        if group.key is not None and self._is_wanted(group.last.index):
+            bits = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
+            rows.append(self._key_row(group.last.index, group.key, bits))
+        self._frames += rows
+        return rows
+
+    def _key_row(self, index: int, key: Frame, bits: dict[str, int]) -> dict[str, Any]:
+        reference = self._original(index)
+        psnr = _psnr(None if reference is None else reference.luma, key.luma)
+        row = {"index": index, "type": "key", "bits": bits, "psnr_y_db": psnr}
+        return row | _chroma_psnrs(reference, key)
 
     def _is_wanted(self, index: int) -> bool:
         return self._wanted is None or index in self._wanted

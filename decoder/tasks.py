@@ -83,6 +83,8 @@ class DecodedFrame:
     band_costs: tuple[BandCost, ...] = ()  # cost of each band of which planes were asked for
     punctured: bytes = b""  # payload of the punctured form
     decode_s: float = 0.0  # wall-clock time, in seconds
+    # Depth that it was predicted by, where there is a dense one, in the unit of a model of its group.
+    inverse_depth: NDArray[np.float16] | None = None
 
     @property
     def header_bits(self) -> int:

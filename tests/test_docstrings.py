@@ -33,7 +33,9 @@ def definitions() -> Iterator[tuple[str, Definition]]:
     """Yield all functions, classes and methods of the packages by their dotted names."""
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")):
-            module = path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".")
+            module = (
+                path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".").removesuffix(".__init__")
+            )
             for node in ast.parse(path.read_text(encoding="utf-8")).body:
                 if isinstance(node, Definition):
                     yield f"{module}.{node.name}", node

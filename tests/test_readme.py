@@ -71,7 +71,9 @@ def test_shell_commands_of_usage_run(tmp_path: Path) -> None:
     made = r"dvc-sequences|dvc-encode street.mkv (street|no-feedback).dvc"
     before = [line for block in blocks("sh") for line in block.splitlines() if re.match(made, line)]
     assert len(before) == 3
-    run_shell("\n".join([*before, *blocks("sh", USAGE[: USAGE.index(EXPERIMENTS)])]), tmp_path)
+    examples = [f"python - <<'END'\n{block}END" for block in blocks("python", USAGE)]
+    run_shell("\n".join([*before, *blocks("sh", USAGE[: USAGE.index(EXPERIMENTS)]), *examples]), tmp_path)
+    assert (tmp_path / "python.dvc").stat().st_size > 100
     assert {"motion.json", "scene.json", "predicted.mkv", "no-feedback.json"} < set(os.listdir(tmp_path))
 
 

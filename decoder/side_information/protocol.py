@@ -134,6 +134,8 @@ class Prediction:
         Improves the prediction while the frame is being decoded.
     alternatives : tuple of ndarray of shape (H, W), float64
         Other predictions of the frame, which may turn out better where this one is wrong.
+    inverse_depth : ndarray of shape (H, W), float64, or None
+        What the scene is like in the frame, where the method has a dense model, in the unit of that model.
     """
 
     luma: NDArray[np.float64]
@@ -145,6 +147,7 @@ class Prediction:
     expected_error: NDArray[np.float64] | None = None
     refiner: Refiner | None = None
     alternatives: tuple[NDArray[np.float64], ...] = ()
+    inverse_depth: NDArray[np.float64] | None = None
 
 
 class SideInformationMethod(Protocol):

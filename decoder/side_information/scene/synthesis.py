@@ -111,10 +111,11 @@ def _offsets(position: Floats, block: int) -> NDArray[np.int64]:
 def completed(
     prediction: Prediction, rendered: Interpolation, frames: Sequence[Frame], method: str
 ) -> Prediction:
-    """Add the chroma, and what refines a prediction, that follow from where its pixels come from."""
+    """Add the chroma, what refines a prediction, and depth, all by where its pixels come from."""
     return replace(
         prediction,
         chroma=warp_chroma(rendered, [frame.chroma for frame in frames]),
         method=method,
         refiner=BlockRefiner(frames, block_offsets(rendered, BLOCK), method),
+        inverse_depth=None if rendered.depth is None else rendered.depth.inverse_depth,
     )
