@@ -4,7 +4,7 @@ import argparse
 import socket
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext, suppress
 from typing import TYPE_CHECKING
 
 from decoder import options
@@ -24,20 +24,38 @@ if TYPE_CHECKING:
     from decoder.output import DecodedOutput
     from decoder.session import Reader
     from decoder.tasks import DecodedGroup
+    from decoder.view.decoding_view import DecodingView
+    from decoder.view.server import ViewServer
     from dvc.config import CodecConfig
 
 
 def _decode(arguments: argparse.Namespace) -> int:
     options.check(arguments)
-    try:
-        status = _decode_live(arguments) if arguments.connect else _decode_file(arguments)
-    except PartialOutputError:
+    with _page(arguments) as page:
+        try:
+            status = _decode_live(arguments, page) if arguments.connect else _decode_file(arguments, page)
+        except PartialOutputError:
+            if arguments.scene is not None:
+                _map_partial(arguments)
+            raise
         if arguments.scene is not None:
-            _map_partial(arguments)
-        raise
-    if arguments.scene is not None:
-        _map_scene(arguments, arguments.files[-1])
+            _map_scene(arguments, arguments.files[-1])
+        if page is not None:
+            _say(f"all is written; {page.address} stays until Ctrl-C")
+            with suppress(KeyboardInterrupt):
+                page.wait()
     return status
+
+
+def _page(arguments: argparse.Namespace) -> AbstractContextManager["ViewServer | None"]:
+    """Serve a page, where there is to be one."""
+    if not arguments.view:
+        return nullcontext()
+    from decoder.view.server import ViewServer
+
+    server = ViewServer(arguments.view_port or 0)
+    _say(f"watch at {server.address}")
+    return server
 
 
 def _map_partial(arguments: argparse.Namespace) -> None:
@@ -62,7 +80,8 @@ def _map_scene(arguments: argparse.Namespace, video: str) -> None:
     _report(map_to_folder(video, arguments.scene, mapper, _report).summary)
 
 
-def _decode_file(arguments: argparse.Namespace) -> int:
+def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> int:
+    from decoder.view.decoding_view import facts_of
     from dvc.stream import Form, open_stream
 
     path = arguments.files[0]
@@ -80,8 +99,9 @@ def _decode_file(arguments: argparse.Namespace) -> int:
         with ExitStack() as stack:
             groups = _decoded(config, reader, wanted, arguments, stack)
             form = Form.NO_FEEDBACK if reader.form == Form.NO_FEEDBACK else Form.PUNCTURED
-            output = _output(config, arguments, stack, wanted, form)
             num_frames = len(wanted) if wanted is not None else reader.num_frames or None
+            view = None if page is None else page.show(facts_of(config, path, num_frames))
+            output = _output(config, arguments, stack, wanted, form, view=view)
             failure = output.consume(groups, arguments.quiet, arguments.salvage, num_frames)
         if failure is not None:
             raise failure
@@ -120,9 +140,10 @@ def _naming(path: str) -> Iterator[None]:
         raise BitstreamError(f"{path}: {err}") from err
 
 
-def _decode_live(arguments: argparse.Namespace) -> int:
+def _decode_live(arguments: argparse.Namespace, page: "ViewServer | None") -> int:
     from decoder.live import LiveSource
     from decoder.session import decode_live
+    from decoder.view.decoding_view import facts_of
     from dvc.feedback import dial, parse_address
 
     protection = options.protection(arguments)
@@ -149,7 +170,10 @@ def _decode_live(arguments: argparse.Namespace) -> int:
             config = options.with_choices(source.config, arguments)
             with _stopped_by_signals() as stop, ExitStack() as stack:
                 groups = decode_live(config, source, arguments.jobs, stop, options.limits(arguments))
-                output = _output(config, arguments, stack, live=source)
+                view = None
+                if page is not None:
+                    view = page.show(facts_of(config, arguments.connect, None), lambda: source.num_asked)
+                output = _output(config, arguments, stack, live=source, view=view)
                 output.consume(groups, arguments.quiet)
         except (DvcError, KeyboardInterrupt) as err:
             with suppress(FeedbackError):  # it may have gone itself
@@ -179,6 +203,7 @@ def _output(
     form: str = "punctured",
     *,
     live: "LiveSource | None" = None,
+    view: "DecodingView | None" = None,
 ) -> "DecodedOutput":
     from decoder.output import DecodedOutput
     from dvc.stream import Form
@@ -203,6 +228,7 @@ def _output(
         wanted=wanted,
         form=Form(form),
         live=live,
+        view=view,
     )
 
 

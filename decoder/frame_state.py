@@ -62,7 +62,7 @@ class FrameState:
             self.expected_error = np.maximum(transform.forward(prediction.expected_error)[0], noise.MIN_SCALE)
         self.method, self.reason = prediction.method, prediction.reason
         self.side_information = transform.to_uint8(prediction.luma)
-        self.inverse_depth = None
+        self.camera, self.inverse_depth = prediction.camera, None
         if prediction.inverse_depth is not None:
             self.inverse_depth = prediction.inverse_depth.astype(np.float16)
         self._chroma, self._refiner = prediction.chroma, prediction.refiner

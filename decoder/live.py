@@ -41,6 +41,7 @@ class LiveSource:
     def __init__(self, link: Link) -> None:
         self.link = link
         self.endpoint = DecoderEndpoint()
+        self.num_asked = 0  # requests without an answer yet, held or sent
         self._events: deque[Event] = deque()
         self.flush()
         while not self._events:
@@ -126,7 +127,6 @@ class LiveGroups:
         self._events: list[Event] = []
         self._held = HeldRequests()
         self._holding: set[DecodingProcess] = set()  # whose requests these are
-        self._num_asked = 0  # held or sent
         self._arrived_s: dict[int, float] = {}
         self._num_messages = self._num_taken = 0
         self._damaged = False
@@ -152,7 +152,7 @@ class LiveGroups:
                         yield err
                 case ParityAnswer(frame, plane):
                     self._held.answered((frame, plane))
-                    self._num_asked -= 1
+                    self._source.num_asked -= 1
                     yield event
 
     def wait(self, processes: Sequence[DecodingProcess]) -> Iterator[DecodingProcess]:
@@ -160,7 +160,7 @@ class LiveGroups:
         self._source.flush()
         link = self._source.link
         idle = not any(process.num_running for process in processes)
-        patient = self._num_asked == len(self._held) and not idle
+        patient = self._source.num_asked == len(self._held) and not idle
         for ready in link.wait([*processes, *self._stop], patient, self._held_s()):
             if ready in self._stop:
                 raise KeyboardInterrupt
@@ -177,7 +177,7 @@ class LiveGroups:
 
     def ask(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
         """Hold requests until they are sent together."""
-        self._num_asked += len(requests)
+        self._source.num_asked += len(requests)
         self._held.add(requests)
         self._holding |= {process} if requests else set()
 

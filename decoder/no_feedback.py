@@ -60,6 +60,7 @@ class NoFeedbackDecoder:
             side_information=state.side_information,
             refined_side_information=state.refined_side_information(),
             inverse_depth=state.inverse_depth,
+            camera=state.camera,
             method=state.method,
             reason=state.reason,
             num_requests=0,

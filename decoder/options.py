@@ -23,6 +23,7 @@ EXAMPLES = """\
   dvc-decode street.dvc part.mkv --frames 40:48                 frames 40 to 47, no more groups than they need
   dvc-decode day-0003.dvc.part day.mkv --unfinished             what a recording holds that was cut off
   dvc-decode street.dvc street.mkv --scene map                  and the map: cameras, depth, points, a page
+  dvc-decode street.dvc street.mkv --view                       a page to watch it while it goes on
   dvc-decode recording day.mkv --dask tcp://127.0.0.1:8786      all segments in a folder, on a Dask cluster
   dvc-decode --connect 127.0.0.1:5000 out.mkv                   decode live from `dvc-encode --serve`
 """
@@ -163,6 +164,14 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         " to fly through it (docs/scene.md); of a live run that ends early, out of what there is; OUTPUT must"
         " be .y4m or .mkv",
     )
+    add(
+        "--view",
+        action="store_true",
+        help="serve a page to this machine that shows frames, predictions, depth, the camera's path and bits"
+        " while they are decoded, and after that until Ctrl-C",
+    )
+    port = "port of the page of --view (0: any that is free); default: 0"
+    cli.add_integer(group, "--view-port", (0, 65535), port, metavar="PORT")
     mapper = "whose mapper finds the cameras of --scene; default: native"
     add("--mapper", choices=MAPPERS, help=mapper)
     add("--reference", metavar="ORIGINAL", help="the original video; used for nothing but PSNR")
@@ -190,6 +199,8 @@ def check(arguments: argparse.Namespace) -> None:
             raise ConfigError(f"--{option} is for files, not for --connect, which keeps what was decoded")
     if arguments.connect and arguments.dask:
         raise ConfigError("--dask is for files, not for --connect, whose encoder waits for one decoder")
+    if arguments.view_port is not None and not arguments.view:
+        raise ConfigError("--view-port is for --view")
     _check_scene(arguments)
     outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
     inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]

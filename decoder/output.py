@@ -7,8 +7,10 @@ from dataclasses import asdict
 from typing import Any, BinaryIO
 
 from decoder.live import LiveSource
+from decoder.pictures import pictures_of
 from decoder.report import DecodeReport
 from decoder.tasks import DecodedGroup
+from decoder.view.decoding_view import DecodingView
 from dvc import cli
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, DvcError, PartialOutputError
@@ -33,8 +35,10 @@ class DecodedOutput:
         wanted: range | None = None,
         form: Form = Form.PUNCTURED,
         live: LiveSource | None = None,
+        view: DecodingView | None = None,
     ) -> None:
         kept = live is not None
+        self._view = view
         self._live = live  # so that it cannot be decoded again: what there is of it is kept
         self._path = video
         self._wanted = wanted
@@ -86,23 +90,21 @@ class DecodedOutput:
                 cli.write_json(self._report_path + to_file, self._to_dict())
 
     def _add(self, group: DecodedGroup, progress: cli.Advance) -> None:
-        shown = [(frame.index, frame.frame, Frame(frame.side_information)) for frame in group.wyner_ziv]
-        if group.key is not None:
-            shown.append((group.last.index, group.key, group.key))
-        for (index, decoded, predicted), time_s in zip(shown, group.times_s(self._config.video), strict=True):
-            if self._wanted is None or index in self._wanted:
-                self._video.write(decoded, time_s)
-                if self._side_information is not None:
-                    self._side_information.write(predicted, time_s)
-                self._num_frames += 1
-                progress(1, self._rate)
+        for picture in pictures_of(group, self._config.video, self._report.add(group)):
+            self._video.write(picture.frame, picture.time_s)
+            if self._side_information is not None:
+                shown = picture.frame if picture.predicted is None else Frame(picture.predicted)
+                self._side_information.write(shown, picture.time_s)
+            if self._view is not None:
+                self._view.add(picture, group.first_index)
+            self._num_frames += 1
+            progress(1, self._rate)
         if self._wanted is None:
             self._stream.write_gop(group.record)
             self._file.flush()  # what is finished is left where this process is killed
             self._num_coded += len(group.frames)
             kbps = 8e-3 * self._stream.num_bytes * self._frame_rate / self._num_coded
             self._rate = f"{kbps:.4g} kbit/s"
-        self._report.add(group)
 
     def _finish(self) -> None:
         self._stream.close()

@@ -85,6 +85,7 @@ class DecodedFrame:
     decode_s: float = 0.0  # wall-clock time, in seconds
     # Depth that it was predicted by, where there is a dense one, in the unit of a model of its group.
     inverse_depth: NDArray[np.float16] | None = None
+    camera: NDArray[np.float64] | None = None  # of the frame, in the basis of its group's model
 
     @property
     def header_bits(self) -> int:

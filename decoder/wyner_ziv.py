@@ -130,6 +130,7 @@ class _Frame:
             side_information=state.side_information,
             refined_side_information=state.refined_side_information(),
             inverse_depth=state.inverse_depth,
+            camera=state.camera,
             method=state.method,
             reason=state.reason,
             num_requests=check.num_requests + sum(result.num_requests for result in results),

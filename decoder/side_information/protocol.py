@@ -136,6 +136,8 @@ class Prediction:
         Other predictions of the frame, which may turn out better where this one is wrong.
     inverse_depth : ndarray of shape (H, W), float64, or None
         What the scene is like in the frame, where the method has a dense model, in the unit of that model.
+    camera : ndarray of shape (3, 4), float64, or None
+        Of the frame, in the basis of its group's model, where there is one.
     """
 
     luma: NDArray[np.float64]
@@ -148,6 +150,7 @@ class Prediction:
     refiner: Refiner | None = None
     alternatives: tuple[NDArray[np.float64], ...] = ()
     inverse_depth: NDArray[np.float64] | None = None
+    camera: NDArray[np.float64] | None = None
 
 
 class SideInformationMethod(Protocol):

@@ -34,13 +34,14 @@ def template(folder: Traversable, name: str) -> "Template":
     return environment.from_string(asset(folder, name))
 
 
-def content_policy(scripts: Iterable[str]) -> str:
-    """Return the policy of a page that runs these scripts and no others, and loads nothing."""
+def content_policy(scripts: Iterable[str], served: bool = False) -> str:
+    """Return the policy of a page that runs these scripts alone, and loads nothing but from its server."""
     digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in scripts)
     sources = " ".join(f"'sha256-{digest}'" for digest in digests)
+    loads = " 'self'" if served else ""
     return (
-        f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {sources}; "
-        "base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; img-src data: blob:{loads}; style-src 'unsafe-inline'; script-src {sources}; "
+        f"base-uri 'none'; form-action 'none'{'; connect-src' + loads if served else ''}"
     )
 
 

@@ -174,7 +174,8 @@ class TrackedSceneInterpolation:
             around, instant, tracks, rendered is None or group.geometry.model is None
         )
         if rendered is not None:
-            return completed(blend_tracked(alone, rendered), rendered, frames, self.name)
+            blended = replace(blend_tracked(alone, rendered), camera=group.geometry.camera(instant))
+            return completed(blended, rendered, frames, self.name)
         if warped is not None:
             alone = completed(alone, warped, frames, alone.method)
         return replace(alone, success=False, reason=reason)

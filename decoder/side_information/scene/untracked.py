@@ -86,7 +86,7 @@ class SceneInterpolation:
         if wanted is None:
             return replace(block_motion, success=False, reason="a camera lies at infinity")
         rendered = scene.interpolator.interpolate(wanted, position)
-        prediction = blend_guessed(block_motion, rendered, position)
+        prediction = replace(blend_guessed(block_motion, rendered, position), camera=camera.camera)
         return completed(prediction, rendered, (before.frame, after.frame), self.name)
 
     def _scene_between(self, before: ReferenceFrame, after: ReferenceFrame) -> _Scene:

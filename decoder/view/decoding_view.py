@@ -1,0 +1,143 @@
+"""What a page shows of a decoding run: figures of its latest frames, and pictures of fewer."""
+
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.pictures import DecodedPicture
+from dvc.config import CodecConfig
+from dvc.page.drawing import colour_disparity
+
+NUM_ROWS = 1000
+"""Latest frames whose figures are kept."""
+MAX_PICTURE_PX = 2**24
+"""Pixels of the latest frames that are kept as pictures, one frame at least."""
+DIFFERENCE_GAIN = 4
+"""Differences from the prediction are drawn so many times as large."""
+KINDS = ("decoded", "predicted", "difference", "depth")
+TOLD = ("index", "type", "bits", "psnr_y_db", "side_information", "side_information_reason", "decode_s")
+"""Of the report, what the page shows of a frame."""
+DEPTH_SHARE = 0.02
+"""Share of the nearest and of the farthest pixels that get the colour of the ends."""
+QUALITY = 88
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What is known of a sequence before anything is decoded."""
+
+    name: str  # of the stream, or the address of its encoder
+    facts: str
+    frame_rate: float
+    total: int | None  # frames, where that is known
+
+
+def facts_of(config: CodecConfig, name: str, num_frames: int | None) -> Facts:
+    """Return what the configuration tells."""
+    video, key = config.video, config.key
+    told = [f"{video.width}x{video.height} at {float(video.frame_rate):g} Hz", f"codec {config.codec}"]
+    told += [f"side information {config.side_information.method}", "luma" if video.luma_only else "colour"]
+    told += ["lossless key frames" if key.lossless else f"key frames of QP {key.qp}"]
+    return Facts(name, ", ".join(told), float(video.frame_rate), num_frames)
+
+
+class DecodingView:
+    """Keeps what a page shows; one thread adds, others ask."""
+
+    def __init__(self, facts: Facts, requests_in_flight: Callable[[], int] | None = None) -> None:
+        self._facts, self._requests = asdict(facts), requests_in_flight
+        self._rows: deque[dict[str, Any]] = deque(maxlen=NUM_ROWS)
+        self._pictures: OrderedDict[int, DecodedPicture] = OrderedDict()
+        self._num_frames, self._bits = 0, Counter[str]()
+        self._finished = False
+        self._lock = Lock()
+
+    def add(self, picture: DecodedPicture, group: int) -> None:
+        """Enter a decoded picture of a group of pictures."""
+        told = {name: picture.report[name] for name in TOLD if name in picture.report}
+        centre = None if picture.camera is None else _centre(picture.camera)
+        pixels = picture.frame.width * picture.frame.height
+        with self._lock:
+            self._rows.append(
+                {**told, "group": group, "centre": centre, "has_depth": picture.inverse_depth is not None}
+            )
+            self._pictures[picture.report["index"]] = picture
+            while len(self._pictures) > max(MAX_PICTURE_PX // pixels, 1):
+                self._pictures.popitem(last=False)
+            self._num_frames += 1
+            self._bits.update(picture.report["bits"])
+
+    def finish(self) -> None:
+        """Note that nothing more will come."""
+        self._finished = True
+
+    def state(self, after: int) -> dict[str, Any]:
+        """Return the figures, with those of frames behind one."""
+        with self._lock:
+            return {
+                **self._facts,
+                "num_frames": self._num_frames,
+                "bits": dict(self._bits),
+                "finished": self._finished,
+                "requests_in_flight": None if self._requests is None else self._requests(),
+                "first_picture": next(iter(self._pictures), None),
+                "rows": [row for row in self._rows if row["index"] > after],
+            }
+
+    def jpeg(self, index: int, kind: str) -> bytes | None:
+        """Return a picture of a frame, if there is one."""
+        import cv2
+
+        with self._lock:
+            picture = self._pictures.get(index)
+        drawn = None if picture is None else _drawn(picture, kind)
+        if drawn is None:
+            return None
+        return bytes(cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
+
+
+def _drawn(picture: DecodedPicture, kind: str) -> Picture | None:
+    if kind == "decoded":
+        return _bgr(picture)
+    if kind == "depth":
+        return None if picture.inverse_depth is None else _coloured(picture.inverse_depth)
+    if picture.predicted is None:
+        return None
+    if kind == "predicted":
+        return picture.predicted
+    difference = picture.frame.luma.astype(np.int16) - picture.predicted
+    return np.clip(128 + DIFFERENCE_GAIN * difference, 0, 255).astype(np.uint8)
+
+
+def _bgr(picture: DecodedPicture) -> Picture:
+    import cv2
+
+    frame = picture.frame
+    if frame.chroma is None:
+        return frame.luma
+    size = frame.width, frame.height
+    cb, cr = (cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR) for plane in frame.chroma)
+    full = cv2.cvtColor(np.dstack([frame.luma, cr, cb]), cv2.COLOR_YCrCb2BGR)
+    return np.asarray(full, np.uint8)
+
+
+def _coloured(inverse_depth: NDArray[np.float16]) -> Picture:
+    disparity = inverse_depth.astype(np.float64)
+    known = disparity[np.isfinite(disparity)]
+    ends = np.quantile(known, (DEPTH_SHARE, 1 - DEPTH_SHARE)) if known.size else (0.0, 1.0)
+    return colour_disparity(disparity, float(ends[0]), float(ends[1]))
+
+
+def _centre(camera: NDArray[np.float64]) -> list[float] | None:
+    """Return where a camera is, if that is not infinitely far."""
+    try:
+        centre = -np.linalg.solve(camera[:, :3], camera[:, 3])
+    except np.linalg.LinAlgError:
+        return None
+    return [float(value) for value in centre] if np.isfinite(centre).all() else None

@@ -1,0 +1,138 @@
+"""The server of the page: this machine alone may ask, for the page, figures and pictures."""
+
+import json
+import re
+from collections.abc import Callable
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from threading import BoundedSemaphore, Event, Thread
+from urllib.parse import urlsplit
+
+from decoder.view.decoding_view import DIFFERENCE_GAIN, KINDS, DecodingView, Facts
+from dvc.errors import ConfigError
+from dvc.files import Closing
+from dvc.page.document import SHARED, asset, content_policy, template
+
+HOST = "127.0.0.1"
+MAX_CONNECTIONS = 16
+"""That are answered at a time; others are closed."""
+SILENCE_S = 10.0
+"""Longest wait for a request."""
+TEMPLATES = resources.files("decoder.view") / "templates"
+PICTURE = re.compile(rf"/pictures/([0-9]{{1,9}})/({'|'.join(KINDS)})\.jpg")
+STATE = re.compile(r"after=(-1|[0-9]{1,9})")
+Answer = tuple[str, bytes]
+
+
+class ViewServer(Closing):
+    """Serves a page of what a view holds, as soon as it has one."""
+
+    def __init__(self, port: int = 0) -> None:
+        self._view: DecodingView | None = None
+        try:
+            self._server = _Server((HOST, port), _handler(self))
+        except OSError as err:
+            raise ConfigError(f"cannot serve a page on {HOST}:{port}: {err.strerror}") from err
+        self._thread = Thread(target=self._server.serve_forever, args=(0.1,), daemon=True)
+        self._thread.start()
+
+    @property
+    def address(self) -> str:
+        """Address of the page."""
+        return f"http://{self.name}/"
+
+    @property
+    def name(self) -> str:
+        """Host and port."""
+        return f"{HOST}:{self._server.server_port}"
+
+    def show(self, facts: Facts, requests_in_flight: Callable[[], int] | None = None) -> DecodingView:
+        """Return what takes the pictures that are served from now on."""
+        self._view = DecodingView(facts, requests_in_flight)
+        return self._view
+
+    def wait(self) -> None:
+        """Go on serving until an interrupt."""
+        if self._view is not None:
+            self._view.finish()
+        Event().wait()
+
+    def close(self) -> None:
+        """End it."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def answer(self, path: str) -> Answer | None:
+        """Return the kind and the bytes of what is asked for, if there is such a thing."""
+        place = urlsplit(path)
+        if place.path == "/":
+            return "text/html; charset=utf-8", _page().encode()
+        if self._view is None:
+            return None
+        if place.path == "/state" and (wanted := STATE.fullmatch(place.query)):
+            return "application/json", json.dumps(self._view.state(int(wanted[1]))).encode()
+        if wanted := PICTURE.fullmatch(place.path):
+            jpeg = self._view.jpeg(int(wanted[1]), wanted[2])
+            return None if jpeg is None else ("image/jpeg", jpeg)
+        return None
+
+
+class _Server(ThreadingHTTPServer):
+    """A bounded number of threads."""
+
+    daemon_threads = True
+
+    def __init__(self, *arguments: object) -> None:
+        self._free = BoundedSemaphore(MAX_CONNECTIONS)
+        super().__init__(*arguments)  # type: ignore[arg-type]
+
+    def process_request(self, request: object, client_address: object) -> None:
+        if self._free.acquire(blocking=False):
+            super().process_request(request, client_address)  # type: ignore[arg-type]
+        else:
+            self.shutdown_request(request)  # type: ignore[arg-type]
+
+    def process_request_thread(self, request: object, client_address: object) -> None:
+        try:
+            super().process_request_thread(request, client_address)  # type: ignore[arg-type]
+        finally:
+            self._free.release()
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say nothing of those who go away."""
+
+
+def _handler(server: ViewServer) -> type[BaseHTTPRequestHandler]:
+    class Handler(BaseHTTPRequestHandler):
+        timeout = SILENCE_S
+
+        def do_GET(self) -> None:
+            # A page of another origin whose name leads here would have that name.
+            if self.headers.get("Host") != server.name:
+                self.send_error(HTTPStatus.FORBIDDEN)
+                return
+            found = server.answer(self.path)
+            if found is None:
+                self.send_error(HTTPStatus.NOT_FOUND)
+                return
+            kind, content = found
+            self.send_response(HTTPStatus.OK)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(content)))
+            self.send_header("Cache-Control", "no-store")
+            self.send_header("X-Content-Type-Options", "nosniff")
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, format: str, *arguments: object) -> None:
+            """Say nothing: the terminal is for the command."""
+
+    return Handler
+
+
+def _page() -> str:
+    scripts = {"early": asset(SHARED, "early.js"), "script": asset(TEMPLATES, "view.js")}
+    policy = content_policy(scripts.values(), served=True)
+    css = asset(SHARED, "base.css") + asset(TEMPLATES, "view.css")
+    return template(TEMPLATES, "view.html.j2").render(css=css, policy=policy, gain=DIFFERENCE_GAIN, **scripts)
