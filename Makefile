@@ -48,7 +48,7 @@ test-nojit: $(INSTALLED)  ## run the tests of the kernels as plain Python
 
 test-bounds: $(INSTALLED)  ## run kernels under bounds checks on frozen streams and COUNT mutations a kind (an hour)
 	$(CHECKED) $(BIN)/python -m benchmarks.hostile.bounds
-	$(CHECKED) $(BIN)/python -m pytest -q -n $(JOBS) -k to_the_frozen tests/test_golden.py tests/dibr/test_golden.py
+	$(CHECKED) $(BIN)/python -m pytest -q -n $(JOBS) -k to_the_frozen tests/test_golden.py tests/depthcodec/test_golden.py
 	$(CHECKED) $(BIN)/python -m benchmarks.hostile --jobs $(JOBS) --count $(COUNT)
 
 fuzz: $(INSTALLED)  ## try COUNT mutations a kind that nobody has tried, under bounds checks, and keep what does harm

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.dibr.codec.rendering import picture_of, render
-from dvc.dibr.depth_image.decoder import decode
-from dvc.dibr.depth_image.depth_codes import DepthOptions, code_edges
-from dvc.dibr.depth_image.depth_scale import DepthScale
-from dvc.dibr.depth_image.encoder import DepthImage, PictureOptions, encode_to_size
-from dvc.dibr.depth_image.stream import DepthImageStream, decode_stream, encode_stream
-from dvc.dibr.edges.chain_code import EdgeCode
-from dvc.dibr.edges.extraction import edges_of_jumps
-from dvc.dibr.wavelets.edge_maps import EdgeMaps
+from dvc.depthcodec.depth_image.decoder import decode
+from dvc.depthcodec.depth_image.depth_codes import DepthOptions, code_edges
+from dvc.depthcodec.depth_image.depth_scale import DepthScale
+from dvc.depthcodec.depth_image.encoder import DepthImage, PictureOptions, encode_to_size
+from dvc.depthcodec.depth_image.stream import DepthImageStream, decode_stream, encode_stream
+from dvc.depthcodec.rendering import picture_of, render
 from dvc.errors import BitstreamError
+from dvc.imagecodec.edges.chain_code import EdgeCode
+from dvc.imagecodec.edges.extraction import edges_of_jumps
+from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
 from dvc.multiview.camera_array import LatticePosition
 
 _HEIGHT, _WIDTH = 37, 50

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.dibr.codec.rendering import picture_of
-from dvc.dibr.layered.decoder import decode
-from dvc.dibr.layered.encoder import encode_to_size
-from dvc.dibr.layered.pieces import Kind, Pieces
-from dvc.dibr.layered.rendering import render
-from dvc.dibr.layered.stream import decode_stream, encode_stream
+from dvc.depthcodec.layered.decoder import decode
+from dvc.depthcodec.layered.encoder import encode_to_size
+from dvc.depthcodec.layered.pieces import Kind, Pieces
+from dvc.depthcodec.layered.rendering import render
+from dvc.depthcodec.layered.stream import decode_stream, encode_stream
+from dvc.depthcodec.rendering import picture_of
 from dvc.errors import BitstreamError
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition
 from dvc.stereo.layers.canvas import Canvas, Frame

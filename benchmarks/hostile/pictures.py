@@ -6,12 +6,12 @@ from functools import cache
 import numpy as np
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.dibr.codec.decoder import decode
-from dvc.dibr.codec.encoder import ViewEncoder
-from dvc.dibr.codec.rendering import picture_of, render
-from dvc.dibr.codec.views import Views
-from dvc.dibr.stream.header import DisparityMethod, decode_header
-from dvc.dibr.stream.layers import PairLayer, decode_stream, encode_layer
+from dvc.depthcodec.container.header import DisparityMethod, decode_header
+from dvc.depthcodec.container.layers import PairLayer, decode_stream, encode_layer
+from dvc.depthcodec.prediction.decoder import decode
+from dvc.depthcodec.prediction.encoder import ViewEncoder
+from dvc.depthcodec.prediction.views import Views
+from dvc.depthcodec.rendering import picture_of, render
 from dvc.errors import BitstreamError
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint, between

@@ -24,7 +24,17 @@ from benchmarks.mutants.named import NAMED, named_change
 from benchmarks.mutants.operators import OPERATORS, Change, changes
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("encoder", "decoder", "dvc/slepian_wolf", "dvc/wynerziv", "dvc/dibr", "dvc/stereo", "sfm")
+PACKAGES = (
+    "encoder",
+    "decoder",
+    "dvc/slepian_wolf",
+    "dvc/wynerziv",
+    "dvc/imagecodec",
+    "dvc/depthcodec",
+    "dvc/viewer",
+    "dvc/stereo",
+    "sfm",
+)
 CODEC = ("encoder", "decoder", "dvc/config", "dvc/slepian_wolf", "dvc/wynerziv", "sfm")
 """What the canaries are coded with."""
 COMMAND_LINES = ("__main__.py", "options.py", "commands")

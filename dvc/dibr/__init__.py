@@ -1,1 +1,1 @@
-"""Views and their depth, coded together: streams from which any view can be rendered (chapters 3 and 4)."""
+"""Command `dvc-dibr`: subcommands, as `dvc.subcommands` takes them."""

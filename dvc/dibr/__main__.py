@@ -3,7 +3,7 @@
 import sys
 
 from dvc import subcommands
-from dvc.dibr.commands import (
+from dvc.dibr import (
     decode,
     encode,
     encode_depth,

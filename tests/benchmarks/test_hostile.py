@@ -28,9 +28,9 @@ from benchmarks.hostile import (
     workers,
 )
 from dvc.bits import decode_varint
-from dvc.dibr.depth_image.stream import decode_stream as decode_depth_image
-from dvc.dibr.layered.stream import decode_stream as decode_pieces
-from dvc.dibr.stream.layers import decode_stream
+from dvc.depthcodec.container.layers import decode_stream
+from dvc.depthcodec.depth_image.stream import decode_stream as decode_depth_image
+from dvc.depthcodec.layered.stream import decode_stream as decode_pieces
 from dvc.errors import BitstreamError
 from dvc.feedback.messages import TYPES
 from dvc.stream import RecordType, StreamReader

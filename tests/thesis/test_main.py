@@ -8,7 +8,7 @@ import pytest
 
 from dvc.pfm import write_pfm
 from dvc.thesis.__main__ import main
-from tests.dibr.depth_maps import texture, two_discs
+from tests.depthcodec.depth_maps import texture, two_discs
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.codec.decoder import PictureAndDisparity
-from dvc.dibr.codec.views import Picture
-from dvc.dibr.disparity.blocks import BlockCodec
-from dvc.dibr.disparity.fixed_quadtree import FixedQuadtreeCodec
-from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM
-from dvc.dibr.disparity.laplacian_codec import LaplacianCodec
-from dvc.dibr.disparity.methods import METHODS, DisparityCodec
-from dvc.dibr.disparity.quadtree import QuadtreeCodec
-from dvc.dibr.stream.header import DisparityMethod
+from dvc.depthcodec.container.header import DisparityMethod
+from dvc.depthcodec.rendering import PictureAndDisparity
+from dvc.depthcodec.trees.blocks import BlockCodec
+from dvc.depthcodec.trees.fixed_quadtree import FixedQuadtreeCodec
+from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM, S_TRANSFORM
+from dvc.depthcodec.trees.laplacian_codec import LaplacianCodec
+from dvc.depthcodec.trees.methods import METHODS, DisparityCodec
+from dvc.depthcodec.trees.quadtree import QuadtreeCodec
+from dvc.imagecodec.colour import Picture
 from dvc.multiview.hole_filling import poisson_filled
 from dvc.multiview.viewpoints import Viewpoint, warp_between
 from dvc.thesis.chapter import Way

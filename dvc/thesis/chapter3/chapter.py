@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dvc.dibr.codec.encoder import ViewEncoder
-from dvc.dibr.codec.views import views_of_array
-from dvc.dibr.disparity.integer_transforms import L_TRANSFORM
-from dvc.dibr.disparity.laplacian_codec import LaplacianCodec
-from dvc.dibr.disparity.wavelet_codec import WaveletCodec
-from dvc.dibr.peers.comparison import all_peers, within
-from dvc.dibr.stream.header import DisparityMethod
+from dvc.depthcodec.container.header import DisparityMethod
+from dvc.depthcodec.prediction.encoder import ViewEncoder
+from dvc.depthcodec.prediction.views import views_of_array
+from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM
+from dvc.depthcodec.trees.laplacian_codec import LaplacianCodec
+from dvc.depthcodec.trees.wavelet_codec import WaveletCodec
 from dvc.page.plotting import Line, line_plot
+from dvc.peers.comparison import all_peers, within
 from dvc.thesis.chapter import Chapter, Figure, Made, Step, Task, Value, Way
 from dvc.thesis.chapter3 import pictures, tables
 from dvc.thesis.chapter3.as_written import METHODS_BY_WAY, PLAIN_QUADTREE, READINGS, Method

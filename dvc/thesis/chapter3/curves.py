@@ -5,18 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvc.dibr.codec.decoder import Decoded, PictureAndDisparity, decode
-from dvc.dibr.codec.encoder import Encoded, ViewEncoder
-from dvc.dibr.codec.rendering import picture_of, render
-from dvc.dibr.codec.views import Picture, Views
-from dvc.dibr.disparity.methods import DisparityCodec
-from dvc.dibr.peers.quality import Quality, quality_of
-from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import ReferenceCode, multipliers_around
-from dvc.dibr.stream.layers import Stream, decode_stream
+from dvc.depthcodec.container.layers import Stream, decode_stream
+from dvc.depthcodec.prediction.decoder import Decoded, decode
+from dvc.depthcodec.prediction.encoder import Encoded, ViewEncoder
+from dvc.depthcodec.prediction.views import Views
+from dvc.depthcodec.rendering import PictureAndDisparity, picture_of, render
+from dvc.depthcodec.trees.methods import DisparityCodec
 from dvc.errors import RdCurveError
+from dvc.imagecodec import codec as picture_codec
+from dvc.imagecodec.codec import PictureCode, multipliers_around
+from dvc.imagecodec.colour import Picture
 from dvc.metrics import bd_psnr, bd_rate
 from dvc.multiview.camera_array import DisparityLabels
+from dvc.peers.quality import Quality, quality_of
 from dvc.thesis.chapter import Way
 from dvc.thesis.chapter3.as_written import Method, render_planes
 
@@ -52,12 +53,12 @@ class Point:
 
 def reference_multipliers(views: Views, rates_bpp: Sequence[float]) -> list[float]:
     """Return the multipliers at which the reference view takes given rates."""
-    code = reference_codec.encode(views.pictures[views.references[0]])
+    code = picture_codec.encode(views.pictures[views.references[0]])
     num_pixels = views.shape[0] * views.shape[1]
     return [_multiplier_of(code, rate * num_pixels / 8.0) for rate in rates_bpp]
 
 
-def _multiplier_of(code: ReferenceCode, num_bytes: float) -> float:
+def _multiplier_of(code: PictureCode, num_bytes: float) -> float:
     multipliers = multipliers_around([code], num_bytes)
     return min(
         multipliers,
@@ -100,7 +101,7 @@ def rendered_views(views: Views, decoded: Decoded, way: Way) -> tuple[Picture, .
 
 
 def _bytes_after(stream: Stream, num_layers: int) -> int:
-    from dvc.dibr.stream.layers import encode_layer
+    from dvc.depthcodec.container.layers import encode_layer
 
     return sum(len(encode_layer(layer)) for layer in stream.layers[num_layers:])
 

@@ -6,17 +6,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.codec.decoder import decode
-from dvc.dibr.codec.encoder import Encoded
-from dvc.dibr.codec.views import Picture as View
-from dvc.dibr.codec.views import Views
-from dvc.dibr.disparity.coding import all_significant
-from dvc.dibr.disparity.dynamic_programming import optimise_tree
-from dvc.dibr.disparity.error_tensor import error_tensor
-from dvc.dibr.disparity.integer_transforms import L_TRANSFORM
-from dvc.dibr.disparity.methods import DisparityCodec
-from dvc.dibr.disparity.rate_model import laplacian_costs
-from dvc.dibr.stream.layers import decode_stream
+from dvc.depthcodec.container.layers import decode_stream
+from dvc.depthcodec.prediction.decoder import decode
+from dvc.depthcodec.prediction.encoder import Encoded
+from dvc.depthcodec.prediction.views import Views
+from dvc.depthcodec.trees.coding import all_significant
+from dvc.depthcodec.trees.dynamic_programming import optimise_tree
+from dvc.depthcodec.trees.error_tensor import error_tensor
+from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM
+from dvc.depthcodec.trees.methods import DisparityCodec
+from dvc.depthcodec.trees.rate_model import laplacian_costs
+from dvc.imagecodec.colour import Picture as View
 from dvc.multiview.camera_array import DisparityLabels
 from dvc.multiview.viewpoints import warp_between
 from dvc.page.drawing import Picture, colour_disparity, in_rows, with_title

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dvc.array_files import load_array, parse_disparities, read_positions
-from dvc.dibr.codec.views import Views, views_of_array
+from dvc.depthcodec.prediction.views import Views, views_of_array
 from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.thesis.chapter import Task

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from dvc.dibr.peers.quality import PeerResult
 from dvc.page.gallery import Table
+from dvc.peers.quality import PeerResult
 from dvc.thesis.chapter3.curves import Curves, Point
 
 _TITLES = {"l": "L", "s": "S", "blocks": "8x8 blocks"}

@@ -1,9 +1,9 @@
 """Chapter 4 as it is written: one map of edges for all rates, and the transforms that it compares."""
 
-from dvc.dibr.depth_image.depth_codes import CodedEdges, code_edges
-from dvc.dibr.edge_selection.selection import ladder, select
-from dvc.dibr.edges.chain_code import EdgeCode
-from dvc.dibr.wavelets.edge_maps import EdgeMaps
+from dvc.depthcodec.depth_image.depth_codes import CodedEdges, code_edges
+from dvc.imagecodec.edges.chain_code import EdgeCode
+from dvc.imagecodec.edges.selection import ladder, select
+from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
 from dvc.thesis.chapter4.material import Material
 
 EDGES_BPP = 0.015

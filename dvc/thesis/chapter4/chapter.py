@@ -5,7 +5,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from dvc.dibr.wavelets.edge_maps import EdgeMaps
+from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
 from dvc.page.plotting import Line, line_plot
 from dvc.thesis.chapter import Chapter, Figure, Made, Step, Task, Value, Way
 from dvc.thesis.chapter4 import pictures, tables

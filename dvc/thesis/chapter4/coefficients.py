@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.depth_image.depth_codes import DepthOptions
-from dvc.dibr.depth_image.depth_scale import Plane
-from dvc.dibr.wavelets.edge_maps import EdgeMaps
-from dvc.dibr.wavelets.lifting import Pyramid, most_levels
-from dvc.dibr.wavelets.transform import Transform
+from dvc.depthcodec.depth_image.depth_codes import DepthOptions
+from dvc.depthcodec.depth_image.depth_scale import Plane
+from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
+from dvc.imagecodec.wavelets.lifting import Pyramid, most_levels
+from dvc.imagecodec.wavelets.transform import Transform
 
 STEP = 1 / 64
 """Of the quantiser whose output has the entropy, in parts of the range of the map."""

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvc.dibr.codec.views import Picture
-from dvc.dibr.depth_image.decoder import decode, decode_plane
-from dvc.dibr.depth_image.depth_codes import CodedEdges, DepthOptions, code_edges
-from dvc.dibr.depth_image.depth_scale import Plane
-from dvc.dibr.depth_image.encoder import code_picture, encode_to_size
-from dvc.dibr.depth_image.stream import decode_stream
-from dvc.dibr.wavelets.edge_maps import EdgeMaps
-from dvc.dibr.wavelets.lifting import most_levels
+from dvc.depthcodec.depth_image.decoder import decode, decode_plane
+from dvc.depthcodec.depth_image.depth_codes import CodedEdges, DepthOptions, code_edges
+from dvc.depthcodec.depth_image.depth_scale import Plane
+from dvc.depthcodec.depth_image.encoder import code_picture, encode_to_size
+from dvc.depthcodec.depth_image.stream import decode_stream
 from dvc.errors import ConfigError
+from dvc.imagecodec.colour import Picture
+from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
+from dvc.imagecodec.wavelets.lifting import most_levels
 from dvc.metrics import psnr_db
 from dvc.thesis.chapter4.material import Material
 

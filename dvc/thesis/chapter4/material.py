@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dvc.dibr.codec.views import Picture, luma
-from dvc.dibr.depth_image.depth_maps import default_hole, filled, read_depth_map
-from dvc.dibr.depth_image.depth_scale import DepthScale, Plane
-from dvc.dibr.depth_image.encoder import DepthImage
+from dvc.depthcodec.depth_image.depth_maps import default_hole, filled, read_depth_map
+from dvc.depthcodec.depth_image.depth_scale import DepthScale, Plane
+from dvc.depthcodec.depth_image.encoder import DepthImage
 from dvc.errors import ConfigError, DvcError
+from dvc.imagecodec.colour import Picture, luma
 from dvc.picture_files import read_picture
 from dvc.thesis.chapter import Task
 from dvc.thesis.real_sets import PAIRS

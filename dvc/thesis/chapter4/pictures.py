@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.depth_image.depth_scale import Plane
-from dvc.dibr.wavelets.edge_maps import EdgeMaps
+from dvc.depthcodec.depth_image.depth_scale import Plane
+from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
 from dvc.page.drawing import Picture, colour_disparity, in_rows, with_title
 from dvc.page.plotting import COLOURS, SUFFIXES, contents, new_figure
 from dvc.thesis.chapter4.coefficients import HighBands

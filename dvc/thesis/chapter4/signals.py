@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.wavelets import lifting, shape_adaptive
-from dvc.dibr.wavelets.edge_maps import EdgeMaps
+from dvc.imagecodec.wavelets import lifting, shape_adaptive
+from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
 
 Samples = NDArray[np.float64]
 

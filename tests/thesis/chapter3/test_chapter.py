@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.dibr.codec.decoder import PictureAndDisparity, decode
-from dvc.dibr.codec.encoder import ViewEncoder
-from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, level_shapes
-from dvc.dibr.disparity.laplacian_codec import LaplacianCodec
-from dvc.dibr.disparity.wavelet_codec import WaveletCodec
-from dvc.dibr.stream.header import DisparityMethod
-from dvc.dibr.stream.layers import decode_stream
+from dvc.depthcodec.container.header import DisparityMethod
+from dvc.depthcodec.container.layers import decode_stream
+from dvc.depthcodec.prediction.decoder import decode
+from dvc.depthcodec.prediction.encoder import ViewEncoder
+from dvc.depthcodec.rendering import PictureAndDisparity
+from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM, level_shapes
+from dvc.depthcodec.trees.laplacian_codec import LaplacianCodec
+from dvc.depthcodec.trees.wavelet_codec import WaveletCodec
 from dvc.multiview.camera_array import ArrayView, CameraArray, LatticePosition
 from dvc.picture_files import write_png
 from dvc.thesis.__main__ import main
@@ -22,7 +23,7 @@ from dvc.thesis.chapter3.as_written import METHODS_BY_WAY, PLAIN_QUADTREE, Metho
 from dvc.thesis.chapter3.chapter import CHAPTER, EARLY_LEVELS
 from dvc.thesis.chapter3.curves import curve, layered_points, reference_multipliers
 from dvc.thesis.chapter3.scenes import Scene, everywhere_valid, load_scene
-from tests.dibr.plane_views import FAR, LABELS, NEAR, planes
+from tests.depthcodec.plane_views import FAR, LABELS, NEAR, planes
 from tests.stereo.data import REAL_SETS, real_set
 
 SCENE = Scene("views", planes(64, 80), LABELS)

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.dibr.edges.chain_code import EdgeCode
-from dvc.dibr.edges.extraction import edges_of_jumps
-from dvc.dibr.wavelets.edge_maps import EdgeMaps
+from dvc.imagecodec.edges.chain_code import EdgeCode
+from dvc.imagecodec.edges.extraction import edges_of_jumps
+from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
 from dvc.thesis.chapter import Task
 from dvc.thesis.chapter4 import as_written
 from dvc.thesis.chapter4.as_written import EDGES_BPP, LINEAR, ORDERS, fixed_edges
@@ -17,7 +17,7 @@ from dvc.thesis.chapter4.curves import largest_gain, map_curve, map_point, pictu
 from dvc.thesis.chapter4.material import Material, load_material
 from dvc.thesis.chapter4.pictures import EDGE_COLOUR, with_edges
 from dvc.thesis.chapter4.signals import EDGES, NUM_LEVELS, largest_high, piecewise_signal, signal_bands
-from tests.dibr.depth_maps import texture, two_discs
+from tests.depthcodec.depth_maps import texture, two_discs
 from tests.stereo.data import REAL_SETS, real_set
 
 DISCS = two_discs()

@@ -1,0 +1,233 @@
+"""The encoder of depth maps, and of pictures with depth maps, for streams of a given length."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.bits import encode_varint
+from dvc.depthcodec.depth_image.decoder import decode_plane
+from dvc.depthcodec.depth_image.depth_codes import (
+    CodedEdges,
+    DepthCandidate,
+    DepthOptions,
+    best_at,
+    code_with_edges,
+    code_with_selections,
+)
+from dvc.depthcodec.depth_image.depth_scale import DepthScale, Plane
+from dvc.depthcodec.depth_image.stream import (
+    DepthImageStream,
+    PlaneCode,
+    encode_stream,
+    header_bytes,
+    part_bytes,
+)
+from dvc.errors import ConfigError
+from dvc.imagecodec import codec as picture_codec
+from dvc.imagecodec.colour import luma
+from dvc.imagecodec.edges.chain_code import EdgeCode
+from dvc.imagecodec.header import PictureHeader
+from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
+
+Picture = NDArray[np.uint8]
+
+DEPTH_SHARE = 0.2
+"""Part of the bytes that a depth map has beside its picture, as in the thesis."""
+
+_SHARES = np.arange(0.02, 0.62, 0.02)
+_PEAK = 255.0
+_NO_EDGES = CodedEdges(None, EdgeCode.ADAPTIVE, b"")
+
+
+@dataclass(frozen=True, eq=False)
+class DepthImage:
+    """What is coded.
+
+    Attributes
+    ----------
+    depth : ndarray of shape (H, W), float64
+        The map, all finite.
+    scale : DepthScale
+        Of its numbers.
+    picture : ndarray of shape (H, W) or (H, W, 3), uint8, or None
+        Gray, or red, green and blue.
+    """
+
+    depth: Plane
+    scale: DepthScale
+    picture: Picture | None = None
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """How a picture is coded beside its depth map.
+
+    Attributes
+    ----------
+    order : int
+        Of the extrapolation at edges.
+    depth_share : float or None
+        Part of the bytes that the map has; None: that at which rendered views are best for small steps aside.
+    """
+
+    order: int = 0
+    depth_share: float | None = DEPTH_SHARE
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedDepthImage:
+    """A stream, and where its bytes go.
+
+    Attributes
+    ----------
+    data : bytes
+        The file.
+    stream : DepthImageStream
+        What it holds.
+    edges : EdgeMaps or None
+        Edges, if there are any.
+    part_bytes : dict of str to int
+        Of `header` (lengths and checksum included), `edges`, `depth` and `image`.
+    """
+
+    data: bytes
+    stream: DepthImageStream
+    edges: EdgeMaps | None
+    part_bytes: dict[str, int]
+
+
+def encode_to_size(
+    image: DepthImage,
+    max_bytes: int,
+    edges: CodedEdges | None = _NO_EDGES,
+    depth_options: DepthOptions | None = None,
+    picture_options: PictureOptions | None = None,
+    advance: Callable[[int], None] = lambda _: None,
+) -> EncodedDepthImage:
+    """Code a depth map, with or without its picture, as well as a number of bytes allows.
+
+    Parameters
+    ----------
+    image : DepthImage
+        What is coded.
+    max_bytes : int
+        Longest file.
+    edges : CodedEdges, optional
+        Where transforms stop, by default nowhere; None: where it is worth the bits.
+    depth_options : DepthOptions, optional
+        How the map is transformed.
+    picture_options : PictureOptions, optional
+        How the picture is coded.
+    advance : callable, optional
+        Called, where edges are selected, with how many of `depth_codes.NUM_STEPS` are done.
+
+    Returns
+    -------
+    EncodedDepthImage
+        The stream.
+
+    Raises
+    ------
+    ConfigError
+        If not even header and edges fit.
+    """
+    options, beside = depth_options or DepthOptions(), picture_options or PictureOptions()
+    room = _room(image, max_bytes, edges)
+    candidates = _candidates(image, room, edges, options, beside, advance)
+    most = room
+    if image.picture is not None:
+        share = beside.depth_share or _best_share(image, candidates, room, options)
+        most = max(round(share * room), 0 if edges is None else len(edges.data))
+    found = best_at(candidates, most)
+    assert found is not None, "the code without edges, or with those given, fits"
+    picture, picture_edges = None, False
+    if image.picture is not None:
+        left = room - len(found.edges.data) - len(found.plane.data)
+        picture, picture_edges = code_picture(image.picture, found.edges.maps, left, options, beside.order)
+    shape = image.depth.shape[0], image.depth.shape[1]
+    stream = DepthImageStream(
+        shape, image.scale, found.edges.data, found.edges.code, found.plane, picture, picture_edges
+    )
+    return EncodedDepthImage(encode_stream(stream), stream, found.edges.maps, part_bytes(stream))
+
+
+def _room(image: DepthImage, max_bytes: int, edges: CodedEdges | None) -> int:
+    """Bytes for edges and code."""
+    overhead = _overhead(image, max_bytes)
+    least = 0 if edges is None else len(edges.data)
+    if max_bytes - overhead < least:
+        raise ConfigError(f"{max_bytes} bytes are too few: header and edges take {overhead + least}")
+    return max_bytes - overhead
+
+
+def _candidates(
+    image: DepthImage,
+    room: int,
+    edges: CodedEdges | None,
+    options: DepthOptions,
+    beside: PictureOptions,
+    advance: Callable[[int], None],
+) -> list[DepthCandidate]:
+    """The map with the edges that are given, or with several selections."""
+    largest = 1.0 if image.picture is None else beside.depth_share or float(_SHARES[-1])
+    most = int(largest * room)
+    if edges is None:
+        return code_with_selections(image.depth, image.scale, most, options, advance)
+    return [code_with_edges(image.depth, image.scale, edges, max(most, len(edges.data)), options)]
+
+
+def _overhead(image: DepthImage, max_bytes: int) -> int:
+    """Bytes that are neither edges nor code, at most."""
+    shape = image.depth.shape[0], image.depth.shape[1]
+    nothing = PlaneCode(PictureHeader(0, 0), 0, b"")
+    empty = DepthImageStream(
+        shape, image.scale, b"", EdgeCode.ADAPTIVE, nothing, nothing if image.picture is not None else None
+    )
+    num_parts = 2 if image.picture is None else 3
+    return header_bytes(empty) + num_parts * (len(encode_varint(max_bytes)) - 1)
+
+
+def code_picture(
+    picture: Picture,
+    edges: EdgeMaps | None,
+    num_bytes: int,
+    options: DepthOptions,
+    order: int,
+    is_free: bool = True,
+) -> tuple[PlaneCode, bool]:
+    """Code a picture with the edges of its map, or without where that is better."""
+    shape = picture.shape[0], picture.shape[1]
+    levels = np.asarray(picture, np.float64)
+    tried = [None] if edges is None else [None, edges] if is_free else [edges]
+    found: list[tuple[float, PlaneCode, bool]] = []
+    for maps in tried:
+        code = picture_codec.encode(
+            levels, num_bytes, options.num_levels, options.wavelet, options.adaptive, maps, order
+        )
+        header, data = code.cut(num_bytes)
+        plane = PlaneCode(header, order, data)
+        decoded = decode_plane(plane, maps, shape).picture()
+        error = float(np.mean((decoded - levels) ** 2))
+        found.append((error, plane, maps is not None))
+    _, plane, with_edges = min(found, key=lambda one: one[0])
+    return plane, with_edges
+
+
+def _best_share(
+    image: DepthImage, candidates: Sequence[DepthCandidate], room: int, options: DepthOptions
+) -> float:
+    """Part of the bytes of a map at which views from one unit of m and n aside have the least error."""
+    assert image.picture is not None
+    gray = np.asarray(luma(image.picture), np.float64)
+    multipliers = [float(np.mean(np.diff(gray, axis=axis) ** 2)) for axis in (0, 1)]
+    weight = 0.5 * sum(multipliers) * image.scale.factor**2
+    code = picture_codec.encode(gray, room, options.num_levels, options.wavelet, options.adaptive, None, 0)
+    costs = []
+    for share in _SHARES:
+        bits = 8.0 * (1.0 - share) * room / gray.size
+        picture_mse = float(np.interp(bits, code.bits_per_pixel, code.mse)) * _PEAK**2
+        depth_mse = min(candidate.mse_at(share * room) for candidate in candidates)
+        costs.append(picture_mse + weight * depth_mse)
+    return float(_SHARES[int(np.argmin(costs))])

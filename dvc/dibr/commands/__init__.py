@@ -1,1 +1,0 @@
-"""Subcommands of `dvc-dibr`: modules as `dvc.subcommands` takes them."""

@@ -1,0 +1,72 @@
+"""`dvc-dibr encode-image`: a picture and its depth map to a stream."""
+
+import argparse
+
+from dvc import cli
+from dvc.dibr import depth_images
+from dvc.dibr.options import add_json
+from dvc.errors import ConfigError
+
+SUMMARY = "a picture with its depth map to a stream"
+DESCRIPTION = """\
+Code a picture and its depth map by wavelets that stop at the contours of the map, which both share. Any view
+from near by can be rendered from the stream.
+"""
+EXAMPLES = """\
+  dvc-dibr encode-image left.png --depth disparity.pfm scene.dibr --bpp 0.5
+  dvc-dibr encode-image left.png --depth quarters.png --depth-scale 0.25 scene.dibr --bpp 0.5
+  dvc-dibr encode-image colour.png --depth depth8.png --near-far 2:50 scene.dibr --bpp 0.5
+"""
+AUTOMATIC = "auto"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the subcommand takes."""
+    parser.add_argument("image", metavar="IMAGE", help="the picture")
+    parser.add_argument("out", metavar="OUT.dibr", help="stream to write")
+    text = "its disparities, or depth: .pfm, or grey levels of 8 or 16 bits"
+    parser.add_argument("--depth", metavar="MAP", required=True, help=text)
+    depth_images.add_scale_options(parser)
+    depth_images.add_codec_options(parser)
+    order = "degree of the polynomials that continue the picture at edges, 0 to 3"
+    cli.add_integer(parser, "--order-image", (0, 3), order, default=0, metavar="K")
+    share = (
+        "part of the bits that edges and depth have, or auto: that which is best for views from near by; "
+        "default: 0.2"
+    )
+    parser.add_argument("--depth-share", type=parse_share, default=0.2, metavar="S", help=share)
+    parser.add_argument("--gray", action="store_true", help="code luma alone")
+    add_json(parser)
+    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+
+
+def parse_share(text: str) -> float | None:
+    """Read a share."""
+    if text == AUTOMATIC:
+        return None
+    share = cli.parse_positive(text)
+    if share >= 1.0:
+        raise argparse.ArgumentTypeError(f"expected a share between 0 and 1, or {AUTOMATIC}, got {text!r}")
+    return share
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Encode."""
+    from dvc.depthcodec.depth_image.decoder import decode
+    from dvc.depthcodec.depth_image.encoder import DepthImage, PictureOptions
+    from dvc.imagecodec.colour import luma
+    from dvc.picture_files import read_picture
+
+    depth_images.check_files(arguments, [arguments.image, arguments.depth])
+    picture = read_picture(arguments.image)
+    found, scale = depth_images.read_map(arguments.depth, arguments)
+    if picture.shape[:2] != found.depth.shape:
+        sizes = [f"{shape[1]}x{shape[0]}" for shape in (picture.shape, found.depth.shape)]
+        raise ConfigError(f"{arguments.depth}: {sizes[1]}, but {arguments.image} is {sizes[0]}")
+    is_gray = arguments.gray or bool((picture == picture[:, :, :1]).all())
+    image = DepthImage(found.depth, scale, luma(picture) if is_gray else picture)
+    options = PictureOptions(arguments.order_image, arguments.depth_share)
+    encoded = depth_images.encode(arguments, image, options)
+    entries = depth_images.figures(encoded, decode(encoded.stream), found, picture)
+    depth_images.report(arguments, entries)
+    return 0

@@ -1,0 +1,151 @@
+"""`dvc-dibr evaluate`: rates, bits by part, and quality of streams of any kind."""
+
+import argparse
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dvc import cli
+from dvc.dibr.options import (
+    add_json,
+    add_memory,
+    json_files,
+    naming,
+    read_stream,
+    render_view,
+    warn,
+)
+from dvc.errors import ConfigError
+
+if TYPE_CHECKING:
+    from dvc.depthcodec.container.layers import Stream
+    from dvc.depthcodec.layered.stream import LayeredStream
+    from dvc.page.gallery import Table
+
+SUMMARY = "streams beside each other"
+DESCRIPTION = "Tell rates, bits by part, and PSNR against the truth, of streams of any kind."
+EXAMPLES = """\
+  dvc-dibr evaluate a.dibr b.dibr --truth-depth disparity.pfm
+  dvc-dibr evaluate layers-*.dibr --truth-image left.png --out curves
+"""
+PARTS = "header", "edges", "depth", "image"
+_NOTHING = "-"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the subcommand takes."""
+    parser.add_argument("streams", nargs="+", metavar="STREAM", help="whole or cut")
+    parser.add_argument("--truth-depth", metavar="MAP", help="map of the streams")
+    parser.add_argument("--truth-image", metavar="IMAGE", help="picture of the streams")
+    parser.add_argument("--out", metavar="DIR", help="folder to write curves to, new or empty")
+    add_memory(parser)
+    add_json(parser)
+    parser.add_argument("--quiet", action="store_true", help="print no table")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Evaluate streams."""
+    from dvc.dibr.stream_curves import write_page
+    from dvc.files import atomic_folder
+    from dvc.page.gallery import markdown
+
+    truths = [path for path in (arguments.truth_depth, arguments.truth_image) if path is not None]
+    out = [] if arguments.out is None else [arguments.out]
+    cli.check_outputs([*arguments.streams, *truths], [*out, *json_files(arguments)])
+    with ExitStack() as stack:
+        folder = stack.enter_context(atomic_folder(arguments.out)) if out else None
+        entries = {}
+        for path in arguments.streams:
+            entries[path] = stream_quality(path, arguments)
+            warn(path, entries[path]["damage"])
+        if folder is not None:
+            write_page(folder, entries, _table(entries))
+    if arguments.json is not None:
+        cli.write_json(arguments.json, entries)
+    if arguments.json != "-" and not arguments.quiet:
+        sys.stdout.write(markdown(_table(entries)))
+    return 0
+
+
+def stream_quality(path: str, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Decode a stream and tell what it takes and how good it is."""
+    from dvc.depthcodec.container.layers import Stream
+    from dvc.depthcodec.depth_image import decoder
+    from dvc.depthcodec.depth_image.depth_maps import read_truth as read_true_depth
+    from dvc.depthcodec.depth_image.stream import DepthImageStream
+    from dvc.dibr.depth_images import quality
+    from dvc.dibr.info import stream_figures
+    from dvc.dibr.render import read_truth
+    from dvc.imagecodec.colour import luma
+    from dvc.metrics import psnr_db
+
+    truth_depth, truth_image = arguments.truth_depth, arguments.truth_image
+    stream = read_stream(path, arguments.max_memory)
+    with naming(path):
+        figures = stream_figures(stream, Path(path).stat().st_size)
+    shape = figures["height"], figures["width"]
+    entries = {"kind": figures.get("kind", "views" if isinstance(stream, Stream) else "map")}
+    entries |= {name: figures[name] for name in ("stream_bytes", "bpp", "width", "height", "damage")}
+    picture = None if truth_image is None else read_truth(truth_image, shape)
+    if not isinstance(stream, DepthImageStream):
+        if truth_depth is not None:
+            raise ConfigError(f"{path}: --truth-depth is for streams of one depth map")
+        is_of_views = isinstance(stream, Stream)
+        entries["bits"] = _bits_of_views(figures) if is_of_views else figures["bits"]
+        if picture is not None:
+            with naming(path):
+                found = psnr_db(luma(_reference_of(stream)), luma(picture))
+            entries["psnr_image_db"] = found if found < float("inf") else None
+        return entries
+    depth = None if truth_depth is None else read_true_depth(truth_depth)
+    if depth is not None and depth.depth.shape != shape:
+        size = f"{depth.depth.shape[1]}x{depth.depth.shape[0]}"
+        raise ConfigError(f"{truth_depth}: {size}, but {path} is {shape[1]}x{shape[0]}")
+    entries |= {"bits": figures["bits"], "edge_elements": figures["edge_elements"]}
+    with naming(path):
+        decoded = decoder.decode(stream)
+    return entries | quality(decoded, depth, picture)
+
+
+def _reference_of(stream: "Stream | LayeredStream") -> Any:
+    """The reference view of a stream."""
+    from dvc.depthcodec.container.layers import Stream
+    from dvc.depthcodec.layered import decoder as layered
+    from dvc.depthcodec.prediction.decoder import decode
+    from dvc.depthcodec.rendering import picture_of
+
+    if isinstance(stream, Stream):
+        return decode(stream).pairs[0].picture
+    decoded = layered.decode(stream)
+    return picture_of(render_view(decoded, decoded.viewpoints[0]))
+
+
+def _bits_of_views(figures: dict[str, Any]) -> dict[str, int]:
+    """Bits of a stream of views, with the names that streams of one map have; layers add up."""
+    image = 8 * sum(layer["picture_bytes"] for layer in figures["layers"])
+    depth = 8 * sum(layer["disparity_bytes"] for layer in figures["layers"])
+    return {"header": 8 * figures["stream_bytes"] - image - depth, "edges": 0, "depth": depth, "image": image}
+
+
+def _table(entries: dict[str, dict[str, Any]]) -> "Table":
+    from dvc.page.gallery import Table
+
+    head = ("stream", "bytes", "bpp", *(f"{part} [bits]" for part in PARTS), "depth [dB]", "image [dB]")
+    rows = [
+        (
+            Path(path).name,
+            str(one["stream_bytes"]),
+            f"{one['bpp']:.4f}",
+            *(str(one["bits"][part]) for part in PARTS),
+            _decibels(one.get("psnr_depth_db")),
+            _decibels(one.get("psnr_image_db")),
+        )
+        for path, one in entries.items()
+    ]
+    caption = "Bits by part as far as they are there; PSNR of maps, with their range as peak, and of luma"
+    return Table("Streams", caption, head, tuple(rows))
+
+
+def _decibels(value: float | None) -> str:
+    return _NOTHING if value is None else f"{value:.2f}"

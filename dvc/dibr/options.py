@@ -1,0 +1,178 @@
+"""What several subcommands share: options, viewpoints as they are typed, streams as files."""
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dvc import array_files, cli
+from dvc.errors import BitstreamError, ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from dvc.depthcodec.container.layers import Stream
+    from dvc.depthcodec.depth_image.stream import DepthImageStream
+    from dvc.depthcodec.layered.decoder import DecodedPieces
+    from dvc.depthcodec.layered.stream import LayeredStream
+    from dvc.depthcodec.rendering import DecodedViews
+    from dvc.multiview.camera_array import LatticePosition
+    from dvc.multiview.view_synthesis import SynthesisedView
+    from dvc.multiview.viewpoints import Viewpoint
+
+DEPTH_IMAGE_VERSION, LAYERED_VERSION = 3, 4
+"""As in the rooms of these streams, which are loaded where they are needed."""
+MAX_LAYERS = 32
+"""As in `dvc.depthcodec.container.header`, which is not loaded for help."""
+MAX_MIB = 2048
+"""As in `dvc.depthcodec.container.limits`."""
+MULTIPLIERS = 1e-8, 10.0
+"""As in `dvc.imagecodec.codec`, smallest and largest."""
+
+
+def add_stream(parser: argparse.ArgumentParser) -> None:
+    """Add the stream that a subcommand reads."""
+    parser.add_argument("path", metavar="IN.dibr", help="stream, whole or cut")
+    add_memory(parser)
+
+
+def add_memory(parser: argparse.ArgumentParser) -> None:
+    """Add the option that bounds what decoding takes."""
+    text = (
+        f"memory that decoding may take; default: {MAX_MIB}, and pixels in proportion to the stream's bytes"
+    )
+    cli.add_integer(parser, "--max-memory", (1, 2**20), text, metavar="MIB")
+
+
+def add_layers(parser: argparse.ArgumentParser) -> None:
+    """Add the option that leaves quality layers out."""
+    text = "decode the first K quality layers; default: all"
+    cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), text, metavar="K")
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the option that writes figures."""
+    text = "write the figures; - for standard output, in place of text"
+    parser.add_argument("--json", metavar="FILE", help=text)
+
+
+def json_files(arguments: argparse.Namespace) -> list[str | Path]:
+    """Return the file of `add_json` for `dvc.cli.check_outputs`."""
+    return [] if arguments.json in (None, "-") else [arguments.json]
+
+
+def parse_view(text: str) -> "LatticePosition | int":
+    """Read where a view is taken from."""
+    if re.fullmatch(r"\d{1,3}", text):
+        return int(text)
+    try:
+        return array_files.parse_position(text)
+    except argparse.ArgumentTypeError as err:
+        raise argparse.ArgumentTypeError(f"{err}, or a number of a view") from None
+
+
+def parse_multiplier(text: str) -> float:
+    """Read a Lagrange multiplier."""
+    multiplier = cli.parse_positive(text)
+    if not MULTIPLIERS[0] <= multiplier <= MULTIPLIERS[1]:
+        raise argparse.ArgumentTypeError(
+            f"expected a lambda from {MULTIPLIERS[0]:g} to {MULTIPLIERS[1]:g}, got {text!r}"
+        )
+    return multiplier
+
+
+def viewpoint_of(viewpoints: "Sequence[Viewpoint]", view: "LatticePosition | int") -> "Viewpoint":
+    """Return the viewpoint that was typed."""
+    from dvc.multiview.camera_array import LatticePosition
+
+    if not isinstance(view, LatticePosition):
+        if view >= len(viewpoints):
+            raise ConfigError(f"view {view}: the stream has 0 to {len(viewpoints) - 1}")
+        return viewpoints[view]
+    if not isinstance(viewpoints[0], LatticePosition):
+        raise ConfigError(
+            f"view {view.m:g},{view.n:g}: the cameras of the stream stand on no lattice; "
+            f"numbers from 0 to {len(viewpoints) - 1} are accepted"
+        )
+    return view
+
+
+@contextmanager
+def naming(path: str) -> Iterator[None]:
+    """Put the name of a file before what is wrong with its stream."""
+    try:
+        yield
+    except BitstreamError as err:
+        raise BitstreamError(f"{path}: {err}") from None
+
+
+def read_stream(path: str, max_mib: int | None = None) -> "Stream | DepthImageStream | LayeredStream":
+    """Read a stream of any kind."""
+    from dvc.depthcodec.container.header import MAGIC
+    from dvc.depthcodec.container.layers import decode_stream
+
+    data = Path(path).read_bytes()
+    version = data[len(MAGIC)] if data.startswith(MAGIC) and len(data) > len(MAGIC) else 0
+    with naming(path):
+        if version == DEPTH_IMAGE_VERSION:
+            from dvc.depthcodec.depth_image import stream as depth_image
+
+            return depth_image.decode_stream(data, max_mib)
+        if version == LAYERED_VERSION:
+            from dvc.depthcodec.layered import stream as layered
+
+            return layered.decode_stream(data, max_mib)
+        return decode_stream(data, max_mib)
+
+
+def decode_views(arguments: argparse.Namespace, resolution: int = 0) -> "DecodedViews | DecodedPieces":
+    """Decode a stream of any kind, to be rendered."""
+    from dvc.depthcodec.container.layers import Stream
+    from dvc.depthcodec.depth_image.stream import DepthImageStream
+    from dvc.depthcodec.prediction.decoder import decode
+
+    path, num_layers = arguments.path, arguments.quality_layers
+    stream = read_stream(path, arguments.max_memory)
+    if isinstance(stream, Stream):
+        with naming(path):
+            return decode(stream, num_layers, resolution)
+    if num_layers is not None:
+        raise ConfigError(f"--quality-layers: {path} has none, but can be cut anywhere")
+    if isinstance(stream, DepthImageStream):
+        from dvc.depthcodec.depth_image import decoder as depth_image
+
+        if stream.picture is None:
+            raise ConfigError(f"{path}: a depth map alone; there is no picture to render")
+        with naming(path):
+            return depth_image.decode(stream, resolution)
+    return decode_pieces(path, stream)
+
+
+def decode_pieces(path: str, stream: "LayeredStream") -> "DecodedPieces":
+    """Decode a stream of layers or sprites."""
+    from dvc.depthcodec.layered.decoder import decode
+
+    with naming(path):
+        return decode(stream)
+
+
+def render_view(
+    decoded: "DecodedViews | DecodedPieces", viewpoint: "Viewpoint", blend: str = "distance"
+) -> "SynthesisedView":
+    """Render a view of a decoded stream of any kind."""
+    from dvc.depthcodec.layered import rendering as layered
+    from dvc.depthcodec.layered.decoder import DecodedPieces
+    from dvc.depthcodec.rendering import Blend, render
+
+    if isinstance(decoded, DecodedPieces):
+        return layered.render(decoded, viewpoint)
+    return render(decoded, viewpoint, Blend(blend))
+
+
+def warn(path: str, damage: str | None) -> None:
+    """Say on standard error what is missing of a stream."""
+    if damage is not None:
+        sys.stderr.write(f"dvc-dibr: {path}: {cli.one_line(damage)}; what precedes it is decoded\n")

@@ -1,1 +1,0 @@
-"""Pictures of a reference view as embedded streams."""
