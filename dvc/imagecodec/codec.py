@@ -21,9 +21,16 @@ from dvc.imagecodec.spiht.coder import DecodedCoefficients
 from dvc.imagecodec.spiht.significance import significance_maps
 from dvc.imagecodec.spiht.trees import Band, Forest, Shape, scatter, zerotrees
 from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
-from dvc.imagecodec.wavelets.lifting import WAVELETS, Pyramid, low_band_gain, most_levels, scale_shapes
-from dvc.imagecodec.wavelets.shape_adaptive import Mask, mask_pyramid
-from dvc.imagecodec.wavelets.transform import Transform
+from dvc.imagecodec.wavelets.lifting import (
+    WAVELETS,
+    Mask,
+    Pyramid,
+    Transform,
+    low_band_gain,
+    mask_pyramid,
+    most_levels,
+    scale_shapes,
+)
 
 STEP = 0.25
 """Of the quantiser once all bit planes are read, in steps of 8-bit intensities."""
@@ -105,18 +112,7 @@ class Cuttable(Protocol):
     """What can be cut at a multiplier."""
 
     def bytes_at_multiplier(self, multiplier: float) -> int:
-        """Return where to cut so that the last bits were worth a multiplier.
-
-        Parameters
-        ----------
-        multiplier : float
-            Mean squared error per bit per pixel.
-
-        Returns
-        -------
-        int
-            Length in bytes.
-        """
+        """Return where to cut so that the last bits were worth a multiplier."""
 
 
 def multipliers_around(codes: Sequence[Cuttable], num_bytes: float) -> tuple[float, float]:

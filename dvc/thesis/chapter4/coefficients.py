@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from dvc.depthcodec.depth_image.depth_codes import DepthOptions
 from dvc.depthcodec.depth_image.depth_scale import Plane
 from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
-from dvc.imagecodec.wavelets.lifting import Pyramid, most_levels
-from dvc.imagecodec.wavelets.transform import Transform
+from dvc.imagecodec.wavelets.lifting import Pyramid, Transform, most_levels
 
 STEP = 1 / 64
 """Of the quantiser whose output has the entropy, in parts of the range of the map."""

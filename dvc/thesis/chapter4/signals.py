@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.imagecodec.wavelets import lifting, shape_adaptive
 from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
+from dvc.imagecodec.wavelets.lifting import Transform
 
 Samples = NDArray[np.float64]
 
@@ -47,8 +47,8 @@ def signal_bands() -> SignalBands:
     found = [
         [details.vertical[:, 0] for details in pyramid.details]
         for pyramid in (
-            lifting.analyse(column, NUM_LEVELS),
-            shape_adaptive.analyse(column, edges, NUM_LEVELS, ORDER),
+            Transform(NUM_LEVELS).analyse(column),
+            Transform(NUM_LEVELS, edges=edges, order=ORDER).analyse(column),
         )
     ]
     return SignalBands(column[:, 0], *found)

@@ -18,8 +18,7 @@ from dvc.imagecodec.edges.selection import (
     select,
 )
 from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
-from dvc.imagecodec.wavelets.lifting import WAVELETS
-from dvc.imagecodec.wavelets.shape_adaptive import analyse
+from dvc.imagecodec.wavelets.lifting import WAVELETS, Transform
 from tests.depthcodec.depth_maps import two_discs
 
 WEIGHTS = WAVELETS["9/7"]
@@ -28,7 +27,7 @@ MODEL = np.array([MULTIPLIER, SIGNIFICANCE_BITS, BITS_PER_OCTAVE])
 
 def plain_cost(plane, edges, num_levels, order):
     total = 0.0
-    for details in analyse(plane, edges, num_levels, order).details:
+    for details in Transform(num_levels, edges=edges, order=order).analyse(plane).details:
         for band in details.bands:
             for magnitude in np.abs(band).ravel():
                 bits = SIGNIFICANCE_BITS + BITS_PER_OCTAVE * np.log2(max(magnitude, 1.0))

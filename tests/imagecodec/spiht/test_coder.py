@@ -10,7 +10,7 @@ from dvc.imagecodec.spiht import _kernels as kernels
 from dvc.imagecodec.spiht import coder
 from dvc.imagecodec.spiht.significance import significance_maps
 from dvc.imagecodec.spiht.trees import Forest, zerotrees
-from dvc.imagecodec.wavelets.lifting import Details, Pyramid, analyse, most_levels, scale_shapes
+from dvc.imagecodec.wavelets.lifting import Details, Pyramid, Transform, most_levels, scale_shapes
 from tests.reference import entropy as entropy_twin
 from tests.reference.spiht import SpihtTwin
 
@@ -98,7 +98,7 @@ def test_small_streams_as_plain_python() -> None:
     """The kernels do the same as Python functions: a golden stream, cut and whole."""
     forest = zerotrees([(5, 6)], [2])
     values = np.array([((7 * k) % 23 - 11) * (1 + (k % 5 == 0) * 9) for k in range(30)], float).reshape(5, 6)
-    coefficients = forest.gather([analyse(values, 2)])
+    coefficients = forest.gather([Transform(2).analyse(values)])
     code = coder.encode(forest, coefficients)
     decoded = coder.decode(forest, code.data, code.num_planes)
     assert np.array_equal(decoded.values, np.trunc(coefficients).astype(np.int32))
@@ -108,7 +108,7 @@ def test_small_streams_as_plain_python() -> None:
 
 def masked_forest(shape: tuple[int, int], num_levels: int, keep: float, seed: int) -> Forest:
     rng = np.random.default_rng(seed)
-    empty = analyse(np.zeros(shape), num_levels)
+    empty = Transform(num_levels).analyse(np.zeros(shape))
 
     def draw(band: np.ndarray) -> np.ndarray:
         return (rng.random(band.shape) < keep).astype(float)
