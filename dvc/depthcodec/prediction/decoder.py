@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from dvc.depthcodec.container.header import Header
 from dvc.depthcodec.container.layers import Layer, PairLayer, Stream
 from dvc.depthcodec.rendering import PictureAndDisparity
-from dvc.depthcodec.trees.methods import METHODS, DisparityCodec, Representation
+from dvc.depthcodec.trees.disparity_codec import DisparityCodec, Representation
+from dvc.depthcodec.trees.methods import METHODS
 from dvc.errors import BitstreamError, ConfigError
 from dvc.imagecodec import codec as picture_codec
 from dvc.imagecodec.codec import DecodedPicture

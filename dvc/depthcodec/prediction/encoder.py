@@ -16,8 +16,9 @@ from dvc.depthcodec.prediction.decoder import significance_classes
 from dvc.depthcodec.prediction.forward_errors import ForwardErrors
 from dvc.depthcodec.prediction.memory import check_memory
 from dvc.depthcodec.prediction.views import Views
+from dvc.depthcodec.trees.disparity_codec import DisparityCodec
 from dvc.depthcodec.trees.error_tensor import Tensor, error_tensor
-from dvc.depthcodec.trees.methods import METHODS, DisparityCodec
+from dvc.depthcodec.trees.methods import METHODS
 from dvc.imagecodec import codec as picture_codec
 from dvc.imagecodec.codec import (
     LARGEST_MULTIPLIER,

@@ -4,9 +4,7 @@ The code of pictures can be cut at any byte, that of disparities follows from a 
 pictures get what disparities leave, and disparities the multiplier of pictures of that length, repeatedly.
 """
 
-from typing import Protocol
-
-from dvc.depthcodec.prediction.encoder import Encoded
+from dvc.depthcodec.prediction.encoder import Encoded, ViewEncoder
 from dvc.errors import ConfigError
 from dvc.imagecodec.codec import LARGEST_MULTIPLIER
 
@@ -19,41 +17,7 @@ GROWTH = 0.7, 3.0
 MAX_STEPS = 8
 
 
-class SizedEncoder(Protocol):
-    """What encodes views at a multiplier; see `dvc.depthcodec.prediction.encoder.ViewEncoder`."""
-
-    def encode(self, multiplier: float, picture_bytes: int | None = None) -> Encoded:
-        """Encode; see `ViewEncoder.encode`.
-
-        Parameters
-        ----------
-        multiplier : float
-            Of the last layer.
-        picture_bytes : int, optional
-            How long the code of all pictures is.
-
-        Returns
-        -------
-        Encoded
-            The stream.
-        """
-
-    def multiplier_of_pictures(self, num_bytes: int) -> float:
-        """Return a multiplier; see `ViewEncoder.multiplier_of_pictures`.
-
-        Parameters
-        ----------
-        num_bytes : int
-            Length of the code of all pictures.
-
-        Returns
-        -------
-        float
-            The multiplier.
-        """
-
-
-def encode_to_size(encoder: SizedEncoder, max_bytes: int) -> Encoded:
+def encode_to_size(encoder: ViewEncoder, max_bytes: int) -> Encoded:
     """Encode views to a stream of some length."""
     best: Encoded | None = None
     picture_bytes, growth = int(PICTURE_SHARE * max_bytes), 1.0 / PICTURE_SHARE

@@ -455,10 +455,8 @@ def pass_down_s(errors, level, nodes, highs, children):
 # ---- coding ----
 
 NUM_LEVELS = 6  # that contexts tell apart; coarser ones share the last
-NUM_CLASSES = 4  # of significance
-NUM_PLACES = (
-    5  # what the neighbours of a sample say: 0: as predicted; then one or more differ a little or much
-)
+NUM_CLASSES = 2  # of significance
+NUM_PLACES = 5  # what neighbours of a sample say: 0: as predicted; then one or more differ a little or much
 LITTLE = 2  # labels
 NUM_DISTANCES = 5  # of a candidate from the prediction: 1, 2 to 3, 4 to 7, ...
 NUM_COEFFICIENT_KINDS = NUM_CLASSES * NUM_PLACES

@@ -5,12 +5,11 @@ References
 [Maitre2008] Section 3.4: the simplest codec to compare with.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dvc.depthcodec.trees.coding import Classes
+from dvc.depthcodec.trees.disparity_codec import DisparityCodec, Known
 from dvc.depthcodec.trees.distortion import Distortion
 from dvc.depthcodec.trees.error_tensor import Tensor
 from dvc.depthcodec.trees.integer_transforms import Labels
@@ -28,65 +27,40 @@ class BlockMap:
     num_labels: int  # how many labels there are
 
     def disparity(self, level: int = 0) -> Labels:
-        """Return the map of labels, every 2^level-th pixel; see `Representation`."""
-        full = self.labels.repeat(SIDE_PX, axis=0)[: self.shape[0]].repeat(SIDE_PX, axis=1)[
-            :, : self.shape[1]
-        ]
-        return full[:: 1 << level, :: 1 << level]
+        """Return the map of labels, every 2^level-th pixel."""
+        full = self.labels.repeat(SIDE_PX, axis=0).repeat(SIDE_PX, axis=1)
+        return full[: self.shape[0] : 1 << level, : self.shape[1] : 1 << level]
 
 
-class BlockCodec:
+class BlockCodec(DisparityCodec):
     """Blocks of least squared error; neither lambda nor significance play a part."""
 
     name = "blocks"
-    layered = False
 
-    def optimise(
-        self,
-        tensor: Tensor,
-        multiplier: float,
-        significance: Sequence[Classes] | None = None,
-        previous: BlockMap | None = None,
-        distortion: Distortion | None = None,
+    def _best(
+        self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
     ) -> BlockMap:
-        """Choose labels; see `DisparityCodec`."""
         sums = np.add.reduceat(tensor, np.arange(0, tensor.shape[0], SIDE_PX), axis=0)
         sums = np.add.reduceat(sums, np.arange(0, tensor.shape[1], SIDE_PX), axis=1)
         shape = tensor.shape[0], tensor.shape[1]
         return BlockMap(sums.argmin(axis=2).astype(np.int32), shape, tensor.shape[2])
 
-    def encode(
-        self,
-        representation: BlockMap,
-        significance: Sequence[Classes] | None = None,
-        previous: BlockMap | None = None,
-    ) -> bytes:
-        """Write labels; see `DisparityCodec`."""
+    def _write(self, representation: BlockMap, known: Known) -> bytes:
         width = bits_of_label(representation.num_labels)
         digits = representation.labels.ravel()[:, None] >> np.arange(width)[::-1] & 1
         return np.packbits(digits.astype(np.uint8)).tobytes()
 
-    def decode(
-        self,
-        payload: bytes,
-        shape: tuple[int, int],
-        num_labels: int,
-        significance: Sequence[Classes] | None = None,
-        previous: BlockMap | None = None,
-    ) -> BlockMap:
-        """Read labels; see `DisparityCodec`."""
+    def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> BlockMap:
         width = bits_of_label(num_labels)
         blocks = -(-shape[0] // SIDE_PX), -(-shape[1] // SIDE_PX)
         count = blocks[0] * blocks[1] * width
         if len(payload) != -(-count // 8):
             raise BitstreamError(f"the labels of blocks are {len(payload)} bytes, not {-(-count // 8)}")
-        digits = np.unpackbits(np.frombuffer(payload, np.uint8))[:count].reshape(blocks[0] * blocks[1], width)
-        labels = (digits.astype(np.int32) << np.arange(width, dtype=np.int32)[::-1]).sum(
-            axis=1, dtype=np.int32
-        )
+        digits = np.unpackbits(np.frombuffer(payload, np.uint8))[:count].reshape(*blocks, width)
+        labels = (digits @ (1 << np.arange(width)[::-1])).astype(np.int32)
         if labels.size and labels.max() >= num_labels:
             raise BitstreamError(f"a block has label {labels.max()} of {num_labels}")
-        return BlockMap(labels.reshape(blocks), shape, num_labels)
+        return BlockMap(labels, shape, num_labels)
 
 
 def bits_of_label(num_labels: int) -> int:

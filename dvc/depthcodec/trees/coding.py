@@ -14,22 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.depthcodec.trees import _kernels
-from dvc.depthcodec.trees.integer_transforms import (
-    S_TRANSFORM,
-    IntegerTransform,
-    Labels,
-    WaveletTree,
-    level_shapes,
-)
+from dvc.depthcodec.trees.integer_transforms import S_TRANSFORM, Labels, WaveletTree, level_shapes
 from dvc.entropy import RangeCoder, context_counts
 from dvc.entropy.binarisation import MAX_DECISIONS
 from dvc.entropy.binarisation import NUM_EXPONENTS as _EXPONENTS
 from dvc.entropy.mixing import Mixture, logistic_tables
 
 Classes = NDArray[np.uint8]
-
-MAX_CLASS = _kernels.NUM_CLASSES - 1
-"""Highest class of significance."""
+"""Of nodes: 1 where the reference is significant, else 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,37 +84,17 @@ def split_nodes(tree: WaveletTree, predictions: Sequence[Labels]) -> list[NDArra
 def encode_tree(
     tree: WaveletTree, significance: Sequence[Classes], previous: WaveletTree | None = None
 ) -> tuple[bytes, Statistics]:
-    """Write a tree; inverse of `decode_tree`."""
+    """Write a tree, and count what was coded."""
     coder = RangeCoder.writer()
-    shape = (tree.highs[0] if tree.highs else tree.roots).shape
-    _, statistics = _code_tree(coder, tree, (shape[0], shape[1]), significance, previous)
+    _, statistics = code_tree(coder, tree, significance, previous)
     return coder.to_bytes(shortest=True), statistics
 
 
-def decode_tree(
-    payload: bytes,
-    transform: IntegerTransform,
-    shape: tuple[int, int],
-    num_labels: int,
-    significance: Sequence[Classes],
-    previous: WaveletTree | None = None,
-) -> WaveletTree:
-    """Read a tree; inverse of `encode_tree`."""
-    shapes = level_shapes(shape, len(significance))
-    highs = tuple(np.zeros(size, np.int32) for size in shapes[:-1])
-    empty = WaveletTree(transform, num_labels, np.zeros(shapes[-1], np.int32), highs)
-    coder = RangeCoder.reader(payload)
-    tree, _ = _code_tree(coder, empty, shape, significance, previous)
-    coder.check()
-    return tree
-
-
-def _code_tree(
+def code_tree(
     coder: RangeCoder,
     tree: WaveletTree,
-    shape: tuple[int, int],
     significance: Sequence[Classes],
-    previous: WaveletTree | None,
+    previous: WaveletTree | None = None,
 ) -> tuple[WaveletTree, Statistics]:
     """Code a tree, and return that which was written or read."""
     num_levels = len(tree.highs)

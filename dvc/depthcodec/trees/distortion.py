@@ -19,8 +19,6 @@ Plane = NDArray[np.float32]
 
 CREDITS = 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5
 """Shares of the errors in holes to credit labels with that would cover them, one after the other."""
-MAX_FAILURES = 2
-"""How many tears or credits in a row may do no good before the others are left out."""
 
 
 class Holes(NamedTuple):
@@ -32,49 +30,16 @@ class Holes(NamedTuple):
 
 
 class Distortion(Protocol):
-    """What maps cause in the rendered views.
-
-    Attributes
-    ----------
-    parallax : float
-        Motion per label in px, mean of all views with the reference.
-    """
+    """What maps cause in the rendered views."""
 
     parallax: float
+    """Motion per label in px, mean of all views with the reference."""
 
     def measure(self, labels: Labels) -> tuple[float, list[Holes]]:
-        """Return the error of a map.
-
-        Parameters
-        ----------
-        labels : ndarray of shape (H, W), int32
-            The map.
-
-        Returns
-        -------
-        float
-            Squared error: summed over pixels, mean of all views with the reference.
-        list of Holes
-            Of each view.
-        """
+        """Return the squared error of a map (of all pixels, mean of views and reference), and its holes."""
 
     def claimed(self, tensor: Tensor, holes: Sequence[Holes], weight: float) -> Tensor:
-        """Return a tensor in which labels that would cover a hole have less error.
-
-        Parameters
-        ----------
-        tensor : ndarray of shape (H, W, labels), float32
-            Error tensor.
-        holes : sequence of Holes
-            Of the views, as from `measure`; errors of former holes may be there, too.
-        weight : float
-            Share of them that is subtracted.
-
-        Returns
-        -------
-        ndarray of the same shape, float32
-            The tensor.
-        """
+        """Return a tensor in which labels that would cover a hole have less error, by a share of its own."""
 
 
 def still_worth_covering(holes: Sequence[Holes], before: Sequence[Holes]) -> list[Holes]:

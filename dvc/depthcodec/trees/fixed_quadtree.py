@@ -6,14 +6,13 @@ References
 Process. 3(3), 1994.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.depthcodec.trees.blocks import bits_of_label
-from dvc.depthcodec.trees.coding import Classes
+from dvc.depthcodec.trees.disparity_codec import DisparityCodec, Known
 from dvc.depthcodec.trees.distortion import Distortion
 from dvc.depthcodec.trees.error_tensor import Tensor
 from dvc.depthcodec.trees.integer_transforms import level_shapes
@@ -24,33 +23,22 @@ SPLIT_BITS = 1.0
 """Of telling whether a square is split; single pixels are not asked."""
 
 
-class FixedQuadtreeCodec:
-    """Quadtrees with a bit for each split and labels of fixed length; see `DisparityCodec`."""
+class FixedQuadtreeCodec(DisparityCodec):
+    """Quadtrees with a bit for each split and labels of fixed length."""
 
     name = "quadtree"
-    layered = False
 
-    def optimise(
-        self,
-        tensor: Tensor,
-        multiplier: float,
-        significance: Sequence[Classes] | None = None,
-        previous: Quadtree | None = None,
-        distortion: Distortion | None = None,
+    def _best(
+        self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
     ) -> Quadtree:
-        """Prune the tree, exactly for these codes; see `DisparityCodec`."""
+        """Prune the tree, exactly for these codes."""
         sums = square_sums(tensor)
         split_bits = np.full((len(sums), 2), SPLIT_BITS)
         split_bits[0] = 0.0
         label_bits = np.full(tensor.shape[2], float(bits_of_label(tensor.shape[2])))
         return prune(sums, multiplier * label_bits, multiplier * split_bits)
 
-    def encode(
-        self,
-        representation: Quadtree,
-        significance: Sequence[Classes] | None = None,
-        previous: Quadtree | None = None,
-    ) -> bytes:
+    def _write(self, representation: Quadtree, known: Known) -> bytes:
         """Write squares of one size after the other: which are split, and the labels of the others."""
         tree, parts = representation, []
         digits = np.arange(bits_of_label(tree.num_labels))[::-1]
@@ -64,15 +52,7 @@ class FixedQuadtreeCodec:
                 alive = spread(split, _below(tree, level))
         return np.packbits(np.concatenate(parts).astype(np.uint8)).tobytes()
 
-    def decode(
-        self,
-        payload: bytes,
-        shape: tuple[int, int],
-        num_labels: int,
-        significance: Sequence[Classes] | None = None,
-        previous: Quadtree | None = None,
-    ) -> Quadtree:
-        """Read the tree; see `DisparityCodec`."""
+    def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> Quadtree:
         bits, place = np.unpackbits(np.frombuffer(payload, np.uint8)), 0
         shapes = level_shapes(shape)
         width = bits_of_label(num_labels)

@@ -116,6 +116,21 @@ class WaveletTree:
             highs.append(high)
         return cls(transform, num_labels, low, tuple(highs))
 
+    @classmethod
+    def constant(
+        cls, transform: IntegerTransform, shape: tuple[int, int], num_labels: int, num_levels: int
+    ) -> "WaveletTree":
+        """Return the tree whose coefficients are all 0."""
+        *sizes, coarsest = level_shapes(shape, num_levels)
+        highs = tuple(np.zeros(size, np.int32) for size in sizes)
+        return cls(transform, num_labels, np.zeros(coarsest, np.int32), highs)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+        rows, columns = (self.highs[0] if self.highs else self.roots).shape
+        return rows, columns
+
     def levels(self) -> list[Labels]:
         """Return the low-pass coefficients of all levels, by synthesis."""
         levels = [self.roots]

@@ -19,15 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.depthcodec.trees import _kernels
-from dvc.depthcodec.trees.coding import Classes
-from dvc.depthcodec.trees.distortion import (
-    CREDITS,
-    MAX_FAILURES,
-    Distortion,
-    Holes,
-    backward_error,
-    still_worth_covering,
-)
+from dvc.depthcodec.trees.disparity_codec import Candidates, DisparityCodec, Known, climb
+from dvc.depthcodec.trees.distortion import CREDITS, Distortion
 from dvc.depthcodec.trees.error_tensor import Tensor
 from dvc.depthcodec.trees.integer_transforms import Labels, level_shapes
 from dvc.entropy import RangeCoder, context_counts
@@ -47,97 +40,50 @@ class Quadtree:
     splits: tuple[NDArray[np.bool_], ...]
     num_labels: int  # how many labels there are
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+        return self.labels.shape[0], self.labels.shape[1]
+
     def disparity(self, level: int = 0) -> Labels:
-        """Return the map of labels, every 2^level-th pixel; see `Representation`."""
+        """Return the map of labels, every 2^level-th pixel."""
         return self.labels[:: 1 << level, :: 1 << level]
 
 
 @dataclass(frozen=True)
-class QuadtreeCodec:
+class QuadtreeCodec(DisparityCodec):
     """Quadtrees of least error and bits (exactly, for the costs of labels and splits); no significance."""
 
     has_credits: bool = False  # whether labels that would cover holes are tried, as with wavelets
     name = "quadtree"
-    layered = False
 
-    def optimise(
-        self,
-        tensor: Tensor,
-        multiplier: float,
-        significance: Sequence[Classes] | None = None,
-        previous: Quadtree | None = None,
-        distortion: Distortion | None = None,
+    def _best(
+        self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
     ) -> Quadtree:
-        """Prune the tree; see `DisparityCodec`."""
-        search = _Search(self, tensor, multiplier, distortion)
+        """Prune the tree, by the costs of another one, a few times."""
+        tried: Candidates[Quadtree] = Candidates(tensor, multiplier, distortion)
+        latest: Quadtree | None = None
+
+        def _refine(start: Quadtree | None, sums: Sequence[Tensor], credit: float) -> bool:
+            nonlocal latest
+            label_bits, split_bits = _first_bits(sums) if start is None else _measured_bits(start)
+            latest = prune(sums, multiplier * label_bits, multiplier * split_bits)
+            return tried.offer(latest, len(self._write(latest, known)), credit)
+
+        sums = square_sums(tensor)
         for _ in range(NUM_ITERATIONS):
-            search.refine(search.latest)
-        num_failures = 0
-        for credit in CREDITS if self.has_credits and distortion is not None else ():
-            num_failures = 0 if search.refine(search.best, credit) else num_failures + 1
-            if num_failures == MAX_FAILURES:
-                break
-        assert search.best is not None
-        return search.best
+            _refine(latest, sums, 0.0)
+        if self.has_credits and distortion is not None:
+            climb(CREDITS, lambda credit: _refine(tried.best, square_sums(tried.tensor(credit)), credit))
+        assert tried.best is not None
+        return tried.best
 
-    def encode(
-        self,
-        representation: Quadtree,
-        significance: Sequence[Classes] | None = None,
-        previous: Quadtree | None = None,
-    ) -> bytes:
-        """Write the tree; see `DisparityCodec`."""
-        coder = RangeCoder.writer()
-        _code(coder, representation)
-        return coder.to_bytes(shortest=True)
+    def _empty(self, shape: tuple[int, int], num_labels: int, known: Known) -> Quadtree:
+        splits = tuple(np.zeros(size, np.bool_) for size in level_shapes(shape)[1:])
+        return Quadtree(np.zeros(shape, np.int32), splits, num_labels)
 
-    def decode(
-        self,
-        payload: bytes,
-        shape: tuple[int, int],
-        num_labels: int,
-        significance: Sequence[Classes] | None = None,
-        previous: Quadtree | None = None,
-    ) -> Quadtree:
-        """Read the tree; see `DisparityCodec`."""
-        empty = tuple(np.zeros(size, np.bool_) for size in level_shapes(shape)[1:])
-        coder = RangeCoder.reader(payload)
-        tree = _code(coder, Quadtree(np.zeros(shape, np.int32), empty, num_labels))
-        coder.check()
-        return tree
-
-
-class _Search:
-    """Trees of one tensor, each by the costs that another one has, and the best of all."""
-
-    def __init__(
-        self, codec: QuadtreeCodec, tensor: Tensor, multiplier: float, distortion: Distortion | None
-    ) -> None:
-        self._codec, self._tensor, self._multiplier = codec, tensor, multiplier
-        self._distortion, self._sums = distortion, square_sums(tensor)
-        self._least = np.inf
-        self._holes: list[Holes] = []
-        self.latest: Quadtree | None = None
-        self.best: Quadtree | None = None
-
-    def refine(self, start: Quadtree | None, credit: float = 0.0) -> bool:
-        """Find the best tree by the costs of another one, and keep it if it is the best so far."""
-        sums = self._sums
-        if credit > 0.0 and self._distortion is not None:
-            sums = square_sums(self._distortion.claimed(self._tensor, self._holes, credit))
-        label_bits, split_bits = _first_bits(sums) if start is None else _measured_bits(start)
-        tree = prune(sums, self._multiplier * label_bits, self._multiplier * split_bits)
-        error, holes = backward_error(self._tensor, tree.labels), list[Holes]()
-        if self._distortion is not None:
-            error, holes = self._distortion.measure(tree.labels)
-        if credit > 0.0:
-            holes = still_worth_covering(holes, self._holes)
-        cost = error + self._multiplier * 8 * len(self._codec.encode(tree))
-        self.latest = tree
-        is_better = cost < self._least - 1e-6 * tree.labels.size * self._multiplier
-        if is_better:
-            self.best, self._least, self._holes = tree, cost, holes
-        return is_better
+    def _code(self, coder: RangeCoder, representation: Quadtree, known: Known) -> Quadtree:
+        return _code(coder, representation)
 
 
 def prune(sums: Sequence[Tensor], label_costs: Floats, split_costs: Floats) -> Quadtree:
@@ -215,7 +161,7 @@ def _code(coder: RangeCoder, tree: Quadtree) -> Quadtree:
     num_digits = (tree.num_labels - 1).bit_length()
     counts = context_counts(np.full(len(tree.splits) + 1 + (1 << num_digits), 50))
     counts[: len(tree.splits) + 1] = context_counts(30)
-    shapes = level_shapes((tree.labels.shape[0], tree.labels.shape[1]))
+    shapes = level_shapes(tree.shape)
     alphabet = _kernels.Alphabet(len(shapes), num_digits, tree.num_labels)
     alive: NDArray[Any] = np.ones(shapes[-1], np.bool_)
     splits: list[NDArray[np.bool_]] = []

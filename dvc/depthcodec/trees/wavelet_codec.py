@@ -6,37 +6,19 @@ it is known what maps cause when other views are rendered from them, differences
 their bits, as those open holes, and labels that cover a hole less: by how much is tried.
 """
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from dvc.depthcodec.trees.coding import (
-    Classes,
-    Statistics,
-    classes_or_all,
-    decode_tree,
-    encode_tree,
-    no_statistics,
-)
-from dvc.depthcodec.trees.distortion import (
-    CREDITS,
-    MAX_FAILURES,
-    Distortion,
-    Holes,
-    backward_error,
-    still_worth_covering,
-)
+from dvc.depthcodec.trees.coding import Statistics, code_tree, encode_tree, no_statistics
+from dvc.depthcodec.trees.disparity_codec import Candidates, DisparityCodec, Known, climb
+from dvc.depthcodec.trees.distortion import CREDITS, Distortion
 from dvc.depthcodec.trees.dynamic_programming import optimise_tree
 from dvc.depthcodec.trees.error_tensor import Tensor
-from dvc.depthcodec.trees.integer_transforms import (
-    IntegerTransform,
-    Labels,
-    WaveletTree,
-    level_shapes,
-)
+from dvc.depthcodec.trees.integer_transforms import IntegerTransform, Labels, WaveletTree
 from dvc.depthcodec.trees.rate_model import code_costs, kinds_of
+from dvc.entropy import RangeCoder
 
 NUM_ITERATIONS = 2
 """How often costs and tree follow from each other before tears are tried."""
@@ -46,7 +28,7 @@ what comes of them."""
 
 
 @dataclass(frozen=True)
-class WaveletCodec:
+class TreeCodec(DisparityCodec):
     """Trees of L or S coefficients."""
 
     transform: IntegerTransform  # L or S
@@ -54,126 +36,87 @@ class WaveletCodec:
     layered = True
 
     @property
-    def name(self) -> str:
+    def name(self) -> str:  # type: ignore[override]
         """As options call it."""
         return self.transform.name
 
-    def optimise(
-        self,
-        tensor: Tensor,
-        multiplier: float,
-        significance: Sequence[Classes] | None = None,
-        previous: WaveletTree | None = None,
-        distortion: Distortion | None = None,
+    def _empty(self, shape: tuple[int, int], num_labels: int, known: Known) -> WaveletTree:
+        return WaveletTree.constant(self.transform, shape, num_labels, len(known.classes))
+
+
+@dataclass(frozen=True)
+class WaveletCodec(TreeCodec):
+    """Trees whose code is adaptive."""
+
+    def _best(
+        self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
     ) -> WaveletTree:
-        """Find the best tree; see `DisparityCodec`."""
-        search = _Search(self, tensor, multiplier, significance, previous, distortion)
+        """Find the best tree."""
+        search = _Search(self.transform, tensor, multiplier, known, distortion)
         for step in range(NUM_ITERATIONS):
             search.refine(search.latest, is_candidate=distortion is None or step == NUM_ITERATIONS - 1)
         if distortion is not None:
-            search.climb((tear, 0.0) for tear in TEARS)
-            search.climb((search.best.tear, credit) for credit in CREDITS)
+            climb(TEARS, lambda tear: search.refine(search.best, tear))
+            climb(CREDITS, lambda credit: search.refine(search.best, search.best.tear, credit))
         return search.best.tree
 
-    def encode(
-        self,
-        representation: WaveletTree,
-        significance: Sequence[Classes] | None = None,
-        previous: WaveletTree | None = None,
-    ) -> bytes:
-        """Write a tree; see `DisparityCodec`."""
-        shape = (representation.highs[0] if representation.highs else representation.roots).shape
-        classes = classes_or_all((shape[0], shape[1]), significance, self.num_levels)
-        return encode_tree(representation, classes, previous)[0]
-
-    def decode(
-        self,
-        payload: bytes,
-        shape: tuple[int, int],
-        num_labels: int,
-        significance: Sequence[Classes] | None = None,
-        previous: WaveletTree | None = None,
-    ) -> WaveletTree:
-        """Read a tree; see `DisparityCodec`."""
-        classes = classes_or_all(shape, significance, self.num_levels)
-        return decode_tree(payload, self.transform, shape, num_labels, classes, previous)
+    def _code(self, coder: RangeCoder, representation: WaveletTree, known: Known) -> WaveletTree:
+        return code_tree(coder, representation, *known)[0]
 
 
 class _Found(NamedTuple):
-    """A tree: what it costs and is made of, with which tears it was found, and what is worth covering."""
+    """A tree, what it is made of, and with which tears it was found."""
 
     tree: WaveletTree
-    cost: float
     statistics: Statistics
     tear: float
-    holes: list[Holes]
+
+    @property
+    def num_labels(self) -> int:
+        return self.tree.num_labels
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.tree.shape
+
+    def disparity(self, level: int = 0) -> Labels:
+        return self.tree.disparity(level)
 
 
 class _Search:
-    """Trees of one tensor, each by the costs that the last one had, and the best of all."""
+    """Trees of one tensor, each by the costs that another one had, and the best of all."""
 
     def __init__(
         self,
-        codec: WaveletCodec,
+        transform: IntegerTransform,
         tensor: Tensor,
         multiplier: float,
-        significance: Sequence[Classes] | None,
-        previous: WaveletTree | None,
+        known: Known,
         distortion: Distortion | None,
     ) -> None:
-        shape = tensor.shape[0], tensor.shape[1]
-        self._transform, self._tensor, self._multiplier = codec.transform, tensor, multiplier
-        self._classes = classes_or_all(shape, significance, codec.num_levels)
-        self._previous = previous
-        self._distortion = distortion
-        self._error_of_tears = (
-            float(tensor.mean(dtype=np.float64)) * distortion.parallax if distortion is not None else 0.0
-        )
-        if previous is None:
-            previous = _constant(codec.transform, shape, tensor.shape[2], len(self._classes))
-        nothing = no_statistics(len(self._classes))
-        self.latest = self.best = _Found(previous, np.inf, nothing, 0.0, [])
+        self._transform, self._multiplier, self._known = transform, multiplier, known
+        self._tried: Candidates[_Found] = Candidates(tensor, multiplier, distortion)
+        parallax = 0.0 if distortion is None else distortion.parallax
+        self._error_of_tears = float(tensor.mean(dtype=np.float64)) * parallax
+        height, width, num_labels = tensor.shape
+        nothing = WaveletTree.constant(transform, (height, width), num_labels, len(known.classes))
+        self.latest = _Found(known.previous or nothing, no_statistics(len(known.classes)), 0.0)
 
-    def climb(self, steps: Iterable[tuple[float, float]]) -> None:
-        """Refine the best tree with tears and credits, until several in a row do no good."""
-        num_failures = 0
-        for tear, credit in steps:
-            num_failures = 0 if self.refine(self.best, tear, credit) else num_failures + 1
-            if num_failures == MAX_FAILURES:
-                break
+    @property
+    def best(self) -> _Found:
+        """The tree of the least cost."""
+        return self._tried.best or self.latest
 
     def refine(
         self, start: _Found, tear: float = 0.0, credit: float = 0.0, *, is_candidate: bool = True
     ) -> bool:
         """Find the best tree by the costs of another one, and keep it if it is the best so far."""
-        tensor = self._tensor
-        if credit > 0.0 and self._distortion is not None:
-            tensor = self._distortion.claimed(tensor, self.best.holes, credit)
-        kinds = kinds_of(start.tree, self._classes, self._previous)
+        classes, previous = self._known
+        kinds = kinds_of(start.tree, classes, previous)
         costs = code_costs(
-            self._multiplier, start.tree.num_labels, start.statistics, kinds, tear * self._error_of_tears
+            self._multiplier, start.num_labels, start.statistics, kinds, tear * self._error_of_tears
         )
-        tree, _ = optimise_tree(self._transform, tensor, costs, self._previous)
-        payload, statistics = encode_tree(tree, self._classes, self._previous)
-        error, holes = self._measured(tree.disparity()) if is_candidate else (np.inf, [])
-        if credit > 0.0:
-            holes = still_worth_covering(holes, self.best.holes)
-        cost = error + self._multiplier * 8 * len(payload)
-        self.latest = _Found(tree, cost, statistics, tear, holes)
-        is_better = cost < self.best.cost
-        if is_better:
-            self.best = self.latest
-        return is_better
-
-    def _measured(self, labels: Labels) -> tuple[float, list[Holes]]:
-        if self._distortion is None:
-            return backward_error(self._tensor, labels), []
-        return self._distortion.measure(labels)
-
-
-def _constant(
-    transform: IntegerTransform, shape: tuple[int, int], num_labels: int, num_levels: int
-) -> WaveletTree:
-    sizes = level_shapes(shape, num_levels)
-    highs = tuple(np.zeros(size, np.int32) for size in sizes[:-1])
-    return WaveletTree(transform, num_labels, np.zeros(sizes[-1], np.int32), highs)
+        tree, _ = optimise_tree(self._transform, self._tried.tensor(credit), costs, previous)
+        payload, statistics = encode_tree(tree, classes, previous)
+        self.latest = _Found(tree, statistics, tear)
+        return is_candidate and self._tried.offer(self.latest, len(payload), credit)

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from dvc.depthcodec.container.header import DisparityMethod
 from dvc.depthcodec.rendering import PictureAndDisparity
 from dvc.depthcodec.trees.blocks import BlockCodec
+from dvc.depthcodec.trees.disparity_codec import DisparityCodec
 from dvc.depthcodec.trees.fixed_quadtree import FixedQuadtreeCodec
 from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM, S_TRANSFORM
 from dvc.depthcodec.trees.laplacian_codec import LaplacianCodec
-from dvc.depthcodec.trees.methods import METHODS, DisparityCodec
+from dvc.depthcodec.trees.methods import METHODS
 from dvc.depthcodec.trees.quadtree import QuadtreeCodec
 from dvc.imagecodec.colour import Picture
 from dvc.multiview.hole_filling import poisson_filled

@@ -10,7 +10,7 @@ from dvc.depthcodec.prediction.decoder import Decoded, decode
 from dvc.depthcodec.prediction.encoder import Encoded, ViewEncoder
 from dvc.depthcodec.prediction.views import Views
 from dvc.depthcodec.rendering import PictureAndDisparity, picture_of, render
-from dvc.depthcodec.trees.methods import DisparityCodec
+from dvc.depthcodec.trees.disparity_codec import DisparityCodec
 from dvc.errors import RdCurveError
 from dvc.imagecodec import codec as picture_codec
 from dvc.imagecodec.codec import PictureCode, multipliers_around

@@ -11,10 +11,10 @@ from dvc.depthcodec.prediction.decoder import decode
 from dvc.depthcodec.prediction.encoder import Encoded
 from dvc.depthcodec.prediction.views import Views
 from dvc.depthcodec.trees.coding import all_significant
+from dvc.depthcodec.trees.disparity_codec import DisparityCodec
 from dvc.depthcodec.trees.dynamic_programming import optimise_tree
 from dvc.depthcodec.trees.error_tensor import error_tensor
 from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM
-from dvc.depthcodec.trees.methods import DisparityCodec
 from dvc.depthcodec.trees.rate_model import laplacian_costs
 from dvc.imagecodec.colour import Picture as View
 from dvc.multiview.camera_array import DisparityLabels

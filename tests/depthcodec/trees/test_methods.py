@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from dvc.depthcodec.trees.disparity_codec import DisparityCodec
 from dvc.depthcodec.trees.distortion import Holes
 from dvc.depthcodec.trees.error_tensor import error_tensor
 from dvc.depthcodec.trees.fixed_quadtree import SPLIT_BITS, FixedQuadtreeCodec
@@ -18,7 +19,7 @@ from dvc.depthcodec.trees.integer_transforms import (
     level_shapes,
 )
 from dvc.depthcodec.trees.laplacian_codec import LaplacianCodec
-from dvc.depthcodec.trees.methods import METHODS, DisparityCodec
+from dvc.depthcodec.trees.methods import METHODS
 from dvc.depthcodec.trees.quadtree import QuadtreeCodec
 from dvc.depthcodec.trees.wavelet_codec import WaveletCodec
 from dvc.errors import BitstreamError
@@ -56,7 +57,7 @@ def step_edge(
 
 def random_significance(seed: int, shape: tuple[int, int]) -> list[NDArray[np.uint8]]:
     rng = np.random.default_rng(seed)
-    return [rng.choice(4, size, p=(0.6, 0.2, 0.1, 0.1)).astype(np.uint8) for size in level_shapes(shape)[1:]]
+    return [rng.choice(2, size, p=(0.6, 0.4)).astype(np.uint8) for size in level_shapes(shape)[1:]]
 
 
 @NAMES

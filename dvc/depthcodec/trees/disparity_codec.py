@@ -1,0 +1,147 @@
+"""What finds, writes and reads disparity maps of one kind, and what decides among the maps that it finds."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from dvc.depthcodec.trees.coding import Classes, classes_or_all
+from dvc.depthcodec.trees.distortion import Distortion, Holes, backward_error, still_worth_covering
+from dvc.depthcodec.trees.error_tensor import Tensor
+from dvc.depthcodec.trees.integer_transforms import Labels
+from dvc.entropy import RangeCoder
+
+MAX_FAILURES = 2
+"""How many tears or credits in a row may do no good before the others are left out."""
+_LEAST_GAIN_BITS = 1e-6
+"""By which a map is better than another one, per pixel."""
+
+
+class Representation(Protocol):
+    """A disparity map that can be written."""
+
+    @property
+    def num_labels(self) -> int:
+        """Labels are from 0 to ``num_labels - 1``."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+
+    def disparity(self, level: int = 0) -> Labels:
+        """Return the map of labels; each level halves both sides."""
+
+
+class Known(NamedTuple):
+    """What a decoder knows before it reads a map."""
+
+    # of each node of level j + 1 = 1, 2, ..., by the decoded reference: where it is 0, coefficients below are
+    # as predicted
+    classes: Sequence[Classes]
+    previous: Any = None  # representation of the quality layer before, of the same kind and size
+
+
+class DisparityCodec:
+    """Finds, writes and reads representations of one kind; what it does not need to know may be left out."""
+
+    name: str
+    layered = False
+    """Whether a representation can be coded as the difference to a previous one."""
+    num_levels: int | None = None
+    """How often the map is halved; None: down to one pixel."""
+
+    def optimise(
+        self,
+        tensor: Tensor,
+        multiplier: float,
+        significance: Sequence[Classes] | None = None,
+        previous: Any = None,
+        distortion: Distortion | None = None,
+    ) -> Any:
+        """Find the representation of least errors and bits, of which each is worth `multiplier`."""
+        shape = tensor.shape[0], tensor.shape[1]
+        return self._best(tensor, multiplier, self._known(shape, significance, previous), distortion)
+
+    def encode(
+        self, representation: Any, significance: Sequence[Classes] | None = None, previous: Any = None
+    ) -> bytes:
+        """Write a representation; inverse of `decode`."""
+        return self._write(representation, self._known(representation.shape, significance, previous))
+
+    def decode(
+        self,
+        payload: bytes,
+        shape: tuple[int, int],
+        num_labels: int,
+        significance: Sequence[Classes] | None = None,
+        previous: Any = None,
+    ) -> Any:
+        """Read a representation: any, if the payload is damaged, but of valid labels."""
+        return self._read(payload, shape, num_labels, self._known(shape, significance, previous))
+
+    def _known(self, shape: tuple[int, int], significance: Sequence[Classes] | None, previous: Any) -> Known:
+        return Known(classes_or_all(shape, significance, self.num_levels), previous)
+
+    def _best(self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None) -> Any:
+        """Find a representation; errors that it causes are those of `distortion`, or else of the tensor."""
+        raise NotImplementedError
+
+    def _write(self, representation: Any, known: Known) -> bytes:
+        coder = RangeCoder.writer()
+        self._code(coder, representation, known)
+        return coder.to_bytes(shortest=True)
+
+    def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> Any:
+        coder = RangeCoder.reader(payload)
+        found = self._code(coder, self._empty(shape, num_labels, known), known)
+        coder.check()
+        return found
+
+    def _code(self, coder: RangeCoder, representation: Any, known: Known) -> Any:
+        """Code a representation, and return that which was written or read."""
+        raise NotImplementedError
+
+    def _empty(self, shape: tuple[int, int], num_labels: int, known: Known) -> Any:
+        """Return what is read into."""
+        raise NotImplementedError
+
+
+Found = TypeVar("Found", bound=Representation)
+
+
+class Candidates(Generic[Found]):
+    """Representations of one tensor that were tried, and the best of them by what it causes and costs."""
+
+    def __init__(self, tensor: Tensor, multiplier: float, distortion: Distortion | None) -> None:
+        self._tensor, self._multiplier, self._distortion = tensor, multiplier, distortion
+        self._least = np.inf
+        self._holes: list[Holes] = []
+        self.best: Found | None = None
+
+    def tensor(self, credit: float) -> Tensor:
+        """Return the tensor in which labels that would cover holes of the best one have less error."""
+        if credit == 0.0 or self._distortion is None:
+            return self._tensor
+        return self._distortion.claimed(self._tensor, self._holes, credit)
+
+    def offer(self, found: Found, num_bytes: int, credit: float = 0.0) -> bool:
+        """Keep a representation if it is the best so far."""
+        labels = found.disparity()
+        error, holes = backward_error(self._tensor, labels), list[Holes]()
+        if self._distortion is not None:
+            error, holes = self._distortion.measure(labels)
+        cost = error + self._multiplier * 8 * num_bytes
+        is_better = cost < self._least - _LEAST_GAIN_BITS * labels.size * self._multiplier
+        if is_better:
+            holes = still_worth_covering(holes, self._holes) if credit > 0.0 else holes
+            self.best, self._least, self._holes = found, cost, holes
+        return is_better
+
+
+def climb(steps: Iterable[Any], refine: Callable[[Any], bool]) -> None:
+    """Refine what is the best by one step after the other, until several in a row do no good."""
+    num_failures = 0
+    for step in steps:
+        num_failures = 0 if refine(step) else num_failures + 1
+        if num_failures == MAX_FAILURES:
+            break
