@@ -6,10 +6,15 @@ from functools import cache
 import numpy as np
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.depthcodec.container.header import DisparityMethod, decode_header
-from dvc.depthcodec.container.layers import PairLayer, decode_stream, encode_layer
 from dvc.depthcodec.prediction.decoder import decode
 from dvc.depthcodec.prediction.encoder import ViewEncoder
+from dvc.depthcodec.prediction.stream import (
+    DisparityMethod,
+    PairLayer,
+    decode_header,
+    decode_stream,
+    encode_layer,
+)
 from dvc.depthcodec.prediction.views import Views
 from dvc.depthcodec.rendering import picture_of, render
 from dvc.errors import BitstreamError

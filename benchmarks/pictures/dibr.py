@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
 from benchmarks.results.harness import run_module
 from benchmarks.results.stereo import data_folder
-from dvc.depthcodec.container.header import DisparityMethod
+from dvc.depthcodec.prediction.stream import DisparityMethod
 
 PROG = "python -m benchmarks.pictures.dibr"
 EXAMPLES = """\

@@ -20,11 +20,11 @@ from dvc.dibr.options import (
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from dvc.depthcodec.container.layers import Stream
     from dvc.depthcodec.depth_image.decoder import DecodedDepthImage
     from dvc.depthcodec.depth_image.stream import DepthImageStream
     from dvc.depthcodec.layered.stream import LayeredStream
     from dvc.depthcodec.prediction.decoder import Decoded
+    from dvc.depthcodec.prediction.stream import Stream
     from dvc.depthcodec.rendering import PictureAndDisparity
 
 SUMMARY = "a stream to pictures and disparities"
@@ -79,8 +79,8 @@ def _write(
     arguments: argparse.Namespace, stream: "Stream | DepthImageStream | LayeredStream"
 ) -> dict[str, Any]:
     """Decode a stream, write it, and return what is known of it."""
-    from dvc.depthcodec.container.layers import Stream
     from dvc.depthcodec.depth_image.stream import DepthImageStream
+    from dvc.depthcodec.prediction.stream import Stream
 
     if isinstance(stream, Stream):
         with naming(arguments.path):

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import array_files, cli
-from dvc.dibr.options import MAX_LAYERS, add_json, json_files, parse_multiplier
+from dvc.depthcodec.limits import MAX_LAYERS
+from dvc.dibr.options import add_json, json_files, parse_multiplier
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -144,9 +145,9 @@ def _encoded(
     arguments: argparse.Namespace, views: "Views", labels: "DisparityLabels"
 ) -> tuple["ViewEncoder", "Encoded"]:
     """Encode at the lambda or rate that is wanted."""
-    from dvc.depthcodec.container.header import DisparityMethod
     from dvc.depthcodec.prediction.encoder import ViewEncoder
     from dvc.depthcodec.prediction.rate_control import encode_to_size
+    from dvc.depthcodec.prediction.stream import DisparityMethod
 
     method = DisparityMethod[arguments.disparity.upper()]
     num_layers = arguments.quality_layers

@@ -19,8 +19,8 @@ from dvc.dibr.options import (
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from dvc.depthcodec.container.layers import Stream
     from dvc.depthcodec.layered.stream import LayeredStream
+    from dvc.depthcodec.prediction.stream import Stream
     from dvc.page.gallery import Table
 
 SUMMARY = "streams beside each other"
@@ -70,10 +70,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def stream_quality(path: str, arguments: argparse.Namespace) -> dict[str, Any]:
     """Decode a stream and tell what it takes and how good it is."""
-    from dvc.depthcodec.container.layers import Stream
     from dvc.depthcodec.depth_image import decoder
     from dvc.depthcodec.depth_image.depth_maps import read_truth as read_true_depth
     from dvc.depthcodec.depth_image.stream import DepthImageStream
+    from dvc.depthcodec.prediction.stream import Stream
     from dvc.dibr.depth_images import quality
     from dvc.dibr.info import stream_figures
     from dvc.dibr.render import read_truth
@@ -110,9 +110,9 @@ def stream_quality(path: str, arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _reference_of(stream: "Stream | LayeredStream") -> Any:
     """The reference view of a stream."""
-    from dvc.depthcodec.container.layers import Stream
     from dvc.depthcodec.layered import decoder as layered
     from dvc.depthcodec.prediction.decoder import decode
+    from dvc.depthcodec.prediction.stream import Stream
     from dvc.depthcodec.rendering import picture_of
 
     if isinstance(stream, Stream):

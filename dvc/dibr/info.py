@@ -10,15 +10,12 @@ from dvc.dibr.options import add_json, add_stream, json_files, naming, read_stre
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from dvc.depthcodec.container.header import Header
-    from dvc.depthcodec.container.layers import Stream
     from dvc.depthcodec.depth_image.stream import DepthImageStream
     from dvc.depthcodec.layered.stream import LayeredStream
+    from dvc.depthcodec.prediction.stream import Header, Stream
     from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
     from dvc.multiview.viewpoints import Viewpoint
 
-RESTORED_BYTES = 9
-"""Of the streams of pieces, which the header of the whole stream tells."""
 SUMMARY = "what a stream says of itself"
 DESCRIPTION = "Print the header of a stream and its layers, whole or damaged."
 EXAMPLES = """\
@@ -60,8 +57,8 @@ def _figures_and_text(
     stream: "Stream | DepthImageStream | LayeredStream",
 ) -> "tuple[dict[str, Any], Callable[[dict[str, Any]], str]]":
     """What a stream says, and how that is printed."""
-    from dvc.depthcodec.container.layers import Stream
     from dvc.depthcodec.depth_image.stream import DepthImageStream
+    from dvc.depthcodec.prediction.stream import Stream
 
     if isinstance(stream, Stream):
         return _views_figures(stream), _text
@@ -132,7 +129,6 @@ def layered_figures(stream: "LayeredStream") -> dict[str, Any]:
         entries = rectangle._asdict()
         if piece is not None and piece.picture is not None:
             parts = part_bytes(piece)
-            parts["header"] -= RESTORED_BYTES
             entries |= {"bits": {name: 8 * size for name, size in parts.items()}}
             bits = {name: bits[name] + 8 * size for name, size in parts.items()}
         pieces.append(entries)
@@ -202,7 +198,7 @@ def _is_coloured(stream: "Stream") -> bool:
 
 
 def _layer_figures(stream: "Stream") -> list[dict[str, int]]:
-    from dvc.depthcodec.container.layers import encode_layer
+    from dvc.depthcodec.prediction.stream import encode_layer
 
     return [
         {

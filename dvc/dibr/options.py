@@ -5,32 +5,25 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import array_files, cli
+from dvc.depthcodec.limits import MAX_LAYERS, MAX_MIB
 from dvc.errors import BitstreamError, ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from dvc.depthcodec.container.layers import Stream
     from dvc.depthcodec.depth_image.stream import DepthImageStream
     from dvc.depthcodec.layered.decoder import DecodedPieces
     from dvc.depthcodec.layered.stream import LayeredStream
+    from dvc.depthcodec.prediction.stream import Stream
     from dvc.depthcodec.rendering import DecodedViews
     from dvc.multiview.camera_array import LatticePosition
     from dvc.multiview.view_synthesis import SynthesisedView
     from dvc.multiview.viewpoints import Viewpoint
-
-DEPTH_IMAGE_VERSION, LAYERED_VERSION = 3, 4
-"""As in the rooms of these streams, which are loaded where they are needed."""
-MAX_LAYERS = 32
-"""As in `dvc.depthcodec.container.header`, which is not loaded for help."""
-MAX_MIB = 2048
-"""As in `dvc.depthcodec.container.limits`."""
-MULTIPLIERS = 1e-8, 10.0
-"""As in `dvc.imagecodec.codec`, smallest and largest."""
 
 
 def add_stream(parser: argparse.ArgumentParser) -> None:
@@ -76,10 +69,12 @@ def parse_view(text: str) -> "LatticePosition | int":
 
 def parse_multiplier(text: str) -> float:
     """Read a Lagrange multiplier."""
+    from dvc.imagecodec.codec import LARGEST_MULTIPLIER, SMALLEST_MULTIPLIER
+
     multiplier = cli.parse_positive(text)
-    if not MULTIPLIERS[0] <= multiplier <= MULTIPLIERS[1]:
+    if not SMALLEST_MULTIPLIER <= multiplier <= LARGEST_MULTIPLIER:
         raise argparse.ArgumentTypeError(
-            f"expected a lambda from {MULTIPLIERS[0]:g} to {MULTIPLIERS[1]:g}, got {text!r}"
+            f"expected a lambda from {SMALLEST_MULTIPLIER:g} to {LARGEST_MULTIPLIER:g}, got {text!r}"
         )
     return multiplier
 
@@ -111,28 +106,22 @@ def naming(path: str) -> Iterator[None]:
 
 def read_stream(path: str, max_mib: int | None = None) -> "Stream | DepthImageStream | LayeredStream":
     """Read a stream of any kind."""
-    from dvc.depthcodec.container.header import MAGIC
-    from dvc.depthcodec.container.layers import decode_stream
+    from dvc.depthcodec.container import Body, body_of
 
     data = Path(path).read_bytes()
-    version = data[len(MAGIC)] if data.startswith(MAGIC) and len(data) > len(MAGIC) else 0
     with naming(path):
-        if version == DEPTH_IMAGE_VERSION:
-            from dvc.depthcodec.depth_image import stream as depth_image
-
-            return depth_image.decode_stream(data, max_mib)
-        if version == LAYERED_VERSION:
-            from dvc.depthcodec.layered import stream as layered
-
-            return layered.decode_stream(data, max_mib)
-        return decode_stream(data, max_mib)
+        body = body_of(data)
+        room = {Body.VIEWS: "prediction", Body.DEPTH_IMAGE: "depth_image", Body.PIECES: "layered"}[body]
+        module = import_module(f"dvc.depthcodec.{room}.stream")
+        found: Stream | DepthImageStream | LayeredStream = module.decode_stream(data, max_mib)
+    return found
 
 
 def decode_views(arguments: argparse.Namespace, resolution: int = 0) -> "DecodedViews | DecodedPieces":
     """Decode a stream of any kind, to be rendered."""
-    from dvc.depthcodec.container.layers import Stream
     from dvc.depthcodec.depth_image.stream import DepthImageStream
     from dvc.depthcodec.prediction.decoder import decode
+    from dvc.depthcodec.prediction.stream import Stream
 
     path, num_layers = arguments.path, arguments.quality_layers
     stream = read_stream(path, arguments.max_memory)

@@ -18,8 +18,6 @@ import pytest
 from numpy.typing import NDArray
 
 from dvc.calibration.cameras import Camera
-from dvc.depthcodec.container.header import DisparityMethod
-from dvc.depthcodec.container.layers import decode_stream
 from dvc.depthcodec.depth_image import stream as depth_image_stream
 from dvc.depthcodec.depth_image.decoder import decode as decode_depth_image
 from dvc.depthcodec.depth_image.depth_codes import DepthOptions, code_edges
@@ -32,6 +30,7 @@ from dvc.depthcodec.layered.encoder import encode_to_size as encode_pieces
 from dvc.depthcodec.prediction.calibrated import labels_of_depths, views_of_cameras
 from dvc.depthcodec.prediction.decoder import decode
 from dvc.depthcodec.prediction.encoder import ViewEncoder
+from dvc.depthcodec.prediction.stream import DisparityMethod, decode_stream
 from dvc.depthcodec.prediction.views import Views, views_of_pictures
 from dvc.environment import baseline_environment
 from dvc.imagecodec.edges.chain_code import EdgeCode
@@ -118,7 +117,7 @@ def record(data: bytes) -> dict[str, Any]:
 
 def decoded_arrays(data: bytes) -> list[list[Arrays]]:
     """Return pictures, disparities and masks of each pair or piece, at each layer and resolution."""
-    return {1: _views, 3: _depth_image, 4: _pieces}[data[4]](data)
+    return {1: _views, 3: _depth_image, 5: _pieces}[data[4]](data)
 
 
 def _views(data: bytes) -> list[list[Arrays]]:
@@ -208,7 +207,7 @@ def test_frozen_streams_are_of_their_kinds() -> None:
     assert streams["two-references"].header.references == (0, 2)
     assert streams["s-layers-odd"].header.shape == (29, 51)
     kinds = {name: (FOLDER / f"{name}.dibr").read_bytes()[4] for name in LATER}
-    assert [kinds[name] for name in LATER] == [3, 3, 3, 4, 4]
+    assert [kinds[name] for name in LATER] == [3, 3, 3, 5, 5]
     canny = depth_image_stream.decode_stream((FOLDER / "map-canny-odd.dibr").read_bytes())
     assert (canny.edge_code, canny.depth.header.wavelet, canny.shape) == (EdgeCode.FIXED, "5/3", (61, 75))
     assert not isinstance(streams["calibrated"].header.viewpoints[0], LatticePosition)

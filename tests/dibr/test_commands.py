@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dvc.depthcodec.container.layers import PairLayer, decode_stream, encode_layer, encode_stream
+from dvc.depthcodec.prediction.stream import PairLayer, decode_stream, encode_layer, encode_stream
 from dvc.pfm import read_pfm
 from dvc.video import open_video
 from tests.depthcodec.scenes import FAR, FOCAL_PX, NEAR, cameras, true_disparity, write_views

@@ -4,14 +4,7 @@ import argparse
 
 import pytest
 
-from dvc.depthcodec.container import header, limits
 from dvc.dibr import options
-from dvc.imagecodec import codec
-
-
-def test_limits_are_those_of_the_codec():
-    assert (options.MAX_LAYERS, options.MAX_MIB) == (header.MAX_LAYERS, limits.MAX_MIB)
-    assert (codec.SMALLEST_MULTIPLIER, codec.LARGEST_MULTIPLIER) == options.MULTIPLIERS
 
 
 @pytest.mark.parametrize("text", ["1e-300", "1e300", "0", "-1", "nan", "x"])

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page
 
-from dvc.depthcodec.container.layers import decode_stream
 from dvc.depthcodec.layered.pieces import pieces_of_layers, pieces_of_sprites
 from dvc.depthcodec.prediction.decoder import Decoded, decode
+from dvc.depthcodec.prediction.stream import decode_stream
 from dvc.depthcodec.rendering import picture_of, render
 from dvc.dibr.__main__ import main
 from dvc.metrics import psnr_db

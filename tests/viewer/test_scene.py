@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.depthcodec.container.layers import decode_stream
 from dvc.depthcodec.layered.pieces import pieces_of_layers, pieces_of_sprites
 from dvc.depthcodec.prediction.decoder import decode
+from dvc.depthcodec.prediction.stream import decode_stream
 from dvc.multiview.camera_array import LatticePosition
 from dvc.stereo.layers.layered_depth_image import layered_depth_image
 from dvc.stereo.layers.sprites import extract_sprites

@@ -6,26 +6,22 @@ after its edges has the same share of both.
 
 import math
 import struct
-import zlib
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.bits import decode_varint, encode_varint
-from dvc.depthcodec.container.header import MAGIC, MAX_NUMBER, MAX_PIXELS
-from dvc.depthcodec.container.limits import Extent, check_extent
+from dvc.bits import encode_varint
+from dvc.depthcodec import container
 from dvc.depthcodec.depth_image.depth_scale import DepthScale, decode_extent, encode_extent
+from dvc.depthcodec.limits import Extent, check_extent
 from dvc.errors import BitstreamError
 from dvc.imagecodec.edges.chain_code import EdgeCode
 from dvc.imagecodec.header import PictureHeader
 
-FORMAT_VERSION = 3
 MAX_BYTES = 2**31
 """Of edges, of depth and of a picture."""
-_FIXED = struct.Struct("<4sBBHHfH")
-_SCALE = struct.Struct("<2f")
-_CHECK_BYTES = 4
+_FLAGS, _SIZE, _RANGE, _SCALE = (struct.Struct(f"<{fields}") for fields in ("B", "2H", "fH", "2f"))
 _PICTURE, _ADAPTIVE_EDGES, _PICTURE_EDGES, _SCALED = 1, 2, 4, 8
 _DEPTH_ORDER_SHIFT, _PICTURE_ORDER_SHIFT, _ORDER_MASK = 4, 6, 3
 _MASKED = 0x80
@@ -59,13 +55,23 @@ class DepthImageStream:
 
 def encode_stream(stream: DepthImageStream) -> bytes:
     """Return the bytes of a stream."""
+    data = container.begin(container.Body.DEPTH_IMAGE) + _encode_body(stream, _SIZE.pack(*stream.shape[::-1]))
+    return data + container.checksum(data)
+
+
+def encode_piece(stream: DepthImageStream) -> bytes:
+    """Return the bytes of a piece of another stream, which tells its size; inverse of `decode_piece`."""
+    data = _encode_body(stream, b"")
+    return data + container.checksum(data)
+
+
+def _encode_body(stream: DepthImageStream, size: bytes) -> bytes:
     depth, picture, scale = stream.depth, stream.picture, stream.scale
     is_scaled = (scale.factor, scale.offset) != (1.0, 0.0)
     flags = _PICTURE * (picture is not None) | _ADAPTIVE_EDGES * (stream.edge_code is EdgeCode.ADAPTIVE)
     flags |= _PICTURE_EDGES * stream.picture_edges | _SCALED * is_scaled | depth.order << _DEPTH_ORDER_SHIFT
     flags |= (picture.order if picture else 0) << _PICTURE_ORDER_SHIFT
-    extent = encode_extent(scale.extent)
-    data = _FIXED.pack(MAGIC, FORMAT_VERSION, flags, *stream.shape[::-1], scale.lowest, extent)
+    data = _FLAGS.pack(flags) + size + _RANGE.pack(scale.lowest, encode_extent(scale.extent))
     data += _SCALE.pack(scale.factor, scale.offset) if is_scaled else b""
     colour = picture is not None and picture.header.colour
     first, *rest = replace(depth.header, colour=colour).to_bytes()
@@ -73,30 +79,45 @@ def encode_stream(stream: DepthImageStream) -> bytes:
     data += picture.header.to_bytes()[1:] if picture else b""
     parts = [stream.edges, depth.data, *([picture.data] if picture else [])]
     data += b"".join(encode_varint(len(part)) for part in parts) + stream.edges
-    data += _interleave(depth.data, picture.data if picture else b"")
-    return data + zlib.crc32(data).to_bytes(_CHECK_BYTES, "little")
+    return data + _interleave(depth.data, picture.data if picture else b"")
 
 
 def decode_stream(data: bytes, max_mib: float | None = None) -> DepthImageStream:
     """Read a stream, or the beginning of one."""
-    stream, sizes, position = _decode_header(data)
-    size = stream.shape[0] * stream.shape[1]
-    check_extent(Extent(size, size, size * (1 + (stream.picture is not None))), len(data), max_mib)
-    num_edges, num_depth, num_picture = sizes
-    end = position + num_edges + num_depth + num_picture
-    if len(data) < position + num_edges:
+    reader = container.Reader.of_body(data, container.Body.DEPTH_IMAGE)
+    (flags,), (width, height) = reader.fields(_FLAGS), reader.fields(_SIZE)
+    if not 0 < height * width <= container.MAX_PIXELS:
+        raise BitstreamError(_IMPOSSIBLE)
+    size, has_picture = height * width, bool(flags & _PICTURE)
+    found = _decode_body(reader, flags, (height, width))
+    check_extent(Extent(size, size, size * (1 + has_picture)), len(data), max_mib)
+    return found
+
+
+def decode_piece(data: bytes, shape: tuple[int, int]) -> DepthImageStream:
+    """Read a piece of another stream, or the beginning of one."""
+    reader = container.Reader(data)
+    (flags,) = reader.fields(_FLAGS)
+    return _decode_body(reader, flags, shape)
+
+
+def _decode_body(reader: container.Reader, flags: int, shape: tuple[int, int]) -> DepthImageStream:
+    stream, (num_edges, num_depth, num_picture) = _decode_header(reader, flags, shape)
+    data, start = reader.data, reader.position
+    end = start + num_edges + num_depth + num_picture
+    if len(data) < start + num_edges:
         raise BitstreamError(f"the stream ends within its edges, after {len(data)} bytes")
-    if len(data) >= end + _CHECK_BYTES:
-        if zlib.crc32(data[:end]).to_bytes(_CHECK_BYTES, "little") != data[end : end + _CHECK_BYTES]:
-            raise BitstreamError("the stream is damaged")
-        damage = f"{len(data) - end - _CHECK_BYTES} bytes follow" if len(data) > end + _CHECK_BYTES else None
+    if len(data) >= end + container.CHECK_BYTES:
+        reader.bytes(end - start)
+        reader.check("the stream is damaged")
+        damage = f"{len(data) - reader.position} bytes follow" if len(data) > reader.position else None
     else:
-        damage = f"the stream ends after {len(data)} of {end + _CHECK_BYTES} bytes"
-    edges = data[position : position + num_edges]
-    depth_data, picture_data = _separate(data[position + num_edges : end], num_depth, num_picture)
+        damage = f"the stream ends after {len(data)} of {end + container.CHECK_BYTES} bytes"
+    edges = data[start : start + num_edges]
+    depth_data, picture_data = _separate(data[start + num_edges : end], num_depth, num_picture)
     picture = replace(stream.picture, data=picture_data) if stream.picture else None
     depth = replace(stream.depth, data=depth_data)
-    header = min(len(data), end + _CHECK_BYTES) - num_edges - len(depth_data) - len(picture_data)
+    header = min(len(data), end + container.CHECK_BYTES) - num_edges - len(depth_data) - len(picture_data)
     return replace(stream, edges=edges, depth=depth, picture=picture, damage=damage, num_header_bytes=header)
 
 
@@ -118,63 +139,36 @@ def part_bytes(stream: DepthImageStream) -> dict[str, int]:
     }
 
 
-def _decode_header(data: bytes) -> tuple[DepthImageStream, tuple[int, int, int], int]:
-    """Read what precedes the edges: a stream without data, their lengths, and where they begin."""
-    cut = f"the stream ends within its header, after {len(data)} bytes"
-    if not data.startswith(MAGIC[: max(len(data), 1)]):
-        raise BitstreamError("not a stream of texture and depth: it does not begin with DIBR")
-    if len(data) < _FIXED.size:
-        raise BitstreamError(cut)
-    _, version, flags, width, height, lowest, extent = _FIXED.unpack_from(data)
-    if version != FORMAT_VERSION:
-        raise BitstreamError(f"the stream is of version {version}; {FORMAT_VERSION} is accepted")
-    position = _FIXED.size + _SCALE.size * bool(flags & _SCALED)
-    if len(data) < position:
-        raise BitstreamError(cut)
-    numbers = _SCALE.unpack_from(data, _FIXED.size) if flags & _SCALED else (1.0, 0.0)
-    scale = DepthScale(lowest, decode_extent(extent), *numbers)
-    if not (0 < height * width <= MAX_PIXELS and _is_moderate(scale)):
-        raise BitstreamError("the header of the stream cannot have been written")
-    has_picture = bool(flags & _PICTURE)
-    planes = data[position : position + PictureHeader.SIZE]
-    position += PictureHeader.SIZE
-    more = data[position : position + 2] if has_picture else b""
-    position += 2 * has_picture
-    if len(data) < position:
-        raise BitstreamError(cut)
-    first = planes[0] & ~_MASKED
-    depth_header = replace(PictureHeader.from_bytes(bytes([first]) + planes[1:]), colour=False)
-    picture_header = PictureHeader.from_bytes(bytes([first]) + more) if has_picture else None
-    sizes = [0, 0, 0]
-    for number in range(2 + has_picture):
-        sizes[number], position = _decode_size(data, position, cut)
-    orders = flags >> _DEPTH_ORDER_SHIFT & _ORDER_MASK, flags >> _PICTURE_ORDER_SHIFT & _ORDER_MASK
-    stream = DepthImageStream(
-        (height, width),
-        scale,
-        b"",
-        EdgeCode(int(bool(flags & _ADAPTIVE_EDGES))),
-        PlaneCode(depth_header, orders[0], b""),
-        PlaneCode(picture_header, orders[1], b"") if picture_header else None,
-        bool(flags & _PICTURE_EDGES),
-        bool(planes[0] & _MASKED),
+def _decode_header(
+    reader: container.Reader, flags: int, shape: tuple[int, int]
+) -> tuple[DepthImageStream, tuple[int, int, int]]:
+    """Read what precedes the edges: a stream without data, and their lengths."""
+    lowest, extent = reader.fields(_RANGE)
+    scale = DepthScale(
+        lowest, decode_extent(extent), *(reader.fields(_SCALE) if flags & _SCALED else (1.0, 0.0))
     )
-    return stream, (sizes[0], sizes[1], sizes[2]), position
+    first, *planes = reader.bytes(PictureHeader.SIZE)
+    depth_header = PictureHeader.from_bytes(bytes([first & ~_MASKED, *planes]))
+    has_picture, picture = bool(flags & _PICTURE), None
+    orders = flags >> _DEPTH_ORDER_SHIFT & _ORDER_MASK, flags >> _PICTURE_ORDER_SHIFT & _ORDER_MASK
+    if has_picture:
+        header = PictureHeader.from_bytes(bytes([first & ~_MASKED]) + reader.bytes(PictureHeader.SIZE - 1))
+        picture = PlaneCode(header, orders[1], b"")
+    sizes = reader.varint(), reader.varint(), reader.varint() if has_picture else 0
+    if not _is_moderate(scale) or max(sizes) > MAX_BYTES:
+        raise BitstreamError(_IMPOSSIBLE)
+    depth = PlaneCode(replace(depth_header, colour=False), orders[0], b"")
+    code = EdgeCode(int(bool(flags & _ADAPTIVE_EDGES)))
+    is_shared, is_masked = bool(flags & _PICTURE_EDGES), bool(first & _MASKED)
+    return DepthImageStream(shape, scale, b"", code, depth, picture, is_shared, is_masked), sizes
 
 
-def _decode_size(data: bytes, position: int, cut: str) -> tuple[int, int]:
-    try:
-        size, position = decode_varint(data, position)
-    except BitstreamError:
-        raise BitstreamError(cut) from None
-    if size > MAX_BYTES:
-        raise BitstreamError("the header of the stream cannot have been written")
-    return size, position
+_IMPOSSIBLE = "the header of the stream cannot have been written"
 
 
 def _is_moderate(scale: DepthScale) -> bool:
     numbers = scale.lowest, scale.extent, scale.factor, scale.offset
-    are_small = all(math.isfinite(number) and abs(number) <= 2.0 * MAX_NUMBER for number in numbers)
+    are_small = all(math.isfinite(number) and abs(number) <= 2.0 * container.MAX_NUMBER for number in numbers)
     return are_small and scale.extent >= 0.0
 
 

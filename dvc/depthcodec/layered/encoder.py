@@ -17,10 +17,10 @@ from dvc.depthcodec.depth_image.depth_codes import (
 )
 from dvc.depthcodec.depth_image.depth_scale import NUM_LEVELS, DepthScale, Plane
 from dvc.depthcodec.depth_image.encoder import DEPTH_SHARE
-from dvc.depthcodec.depth_image.stream import DepthImageStream, PlaneCode
+from dvc.depthcodec.depth_image.stream import DepthImageStream, PlaneCode, encode_piece
 from dvc.depthcodec.layered.pieces import Pieces
 from dvc.depthcodec.layered.rate import Choices, allot
-from dvc.depthcodec.layered.stream import Rectangle, encode_header, encode_stream, piece_bytes
+from dvc.depthcodec.layered.stream import Rectangle, encode_header, encode_stream
 from dvc.errors import ConfigError
 from dvc.imagecodec import codec as picture_codec
 from dvc.imagecodec.codec import PictureCode, multipliers_around
@@ -218,7 +218,7 @@ def _overhead(scene: Pieces, codings: Sequence[_Coding], max_bytes: int) -> int:
         empty = DepthImageStream(
             coding.shape, _extent(scene), nothing.data, EdgeCode.ADAPTIVE, nothing, nothing, masked=True
         )
-        total += len(codings) * (len(piece_bytes(empty)) - 3 * max_bytes)
+        total += len(codings) * (len(encode_piece(empty)) - 3 * max_bytes)
     return total
 
 

@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.depthcodec.container.header import Header
-from dvc.depthcodec.container.layers import Layer, PairLayer, Stream
+from dvc.depthcodec.prediction.stream import Header, Layer, PairLayer, Stream
 from dvc.depthcodec.rendering import PictureAndDisparity
-from dvc.depthcodec.trees.disparity_codec import DisparityCodec, Representation
+from dvc.depthcodec.trees.disparity_codec import DisparityCodec
 from dvc.depthcodec.trees.methods import METHODS
 from dvc.errors import BitstreamError, ConfigError
 from dvc.imagecodec import codec as picture_codec
@@ -110,7 +109,7 @@ class _State(NamedTuple):
     reference: PictureHeader
     data: bytes
     decoded: DecodedPicture
-    found: Representation
+    found: Any
 
 
 def _decode_layers(
@@ -119,7 +118,7 @@ def _decode_layers(
     """Decode layer by layer; what cannot have been written ends it, unless that is the first one."""
     states: list[_State] = []
     for index, layer in enumerate(layers):
-        before: Sequence[_State | None] = states or [None] * len(layer)
+        before: list[_State | None] = [*states] or [None] * len(layer)
         try:
             pairs = zip(before, layer, strict=True)
             found = [_next_state(header, codec, state, part) for state, part in pairs]

@@ -10,11 +10,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dvc.depthcodec.container.header import DisparityMethod, Header, decode_header, encode_header
-from dvc.depthcodec.container.layers import Layer, PairLayer, encode_stream
 from dvc.depthcodec.prediction.decoder import significance_classes
 from dvc.depthcodec.prediction.forward_errors import ForwardErrors
 from dvc.depthcodec.prediction.memory import check_memory
+from dvc.depthcodec.prediction.stream import (
+    DisparityMethod,
+    Header,
+    Layer,
+    PairLayer,
+    decode_header,
+    encode_header,
+    encode_stream,
+)
 from dvc.depthcodec.prediction.views import Views
 from dvc.depthcodec.trees.disparity_codec import DisparityCodec
 from dvc.depthcodec.trees.error_tensor import Tensor, error_tensor

@@ -1,7 +1,7 @@
 """What finds, writes and reads disparity maps of one kind, and what decides among the maps that it finds."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,21 +17,6 @@ _LEAST_GAIN_BITS = 1e-6
 """By which a map is better than another one, per pixel."""
 
 
-class Representation(Protocol):
-    """A disparity map that can be written."""
-
-    @property
-    def num_labels(self) -> int:
-        """Labels are from 0 to ``num_labels - 1``."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the map."""
-
-    def disparity(self, level: int = 0) -> Labels:
-        """Return the map of labels; each level halves both sides."""
-
-
 class Known(NamedTuple):
     """What a decoder knows before it reads a map."""
 
@@ -42,7 +27,7 @@ class Known(NamedTuple):
 
 
 class DisparityCodec:
-    """Finds, writes and reads representations of one kind; what it does not need to know may be left out."""
+    """Finds, writes and reads representations of one kind; these have `shape` and `disparity(level)`."""
 
     name: str
     layered = False
@@ -106,7 +91,7 @@ class DisparityCodec:
         raise NotImplementedError
 
 
-Found = TypeVar("Found", bound=Representation)
+Found = TypeVar("Found")
 
 
 class Candidates(Generic[Found]):
@@ -124,9 +109,8 @@ class Candidates(Generic[Found]):
             return self._tensor
         return self._distortion.claimed(self._tensor, self._holes, credit)
 
-    def offer(self, found: Found, num_bytes: int, credit: float = 0.0) -> bool:
+    def offer(self, found: Found, labels: Labels, num_bytes: int, credit: float = 0.0) -> bool:
         """Keep a representation if it is the best so far."""
-        labels = found.disparity()
         error, holes = backward_error(self._tensor, labels), list[Holes]()
         if self._distortion is not None:
             error, holes = self._distortion.measure(labels)

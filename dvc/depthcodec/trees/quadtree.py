@@ -68,7 +68,7 @@ class QuadtreeCodec(DisparityCodec):
             nonlocal latest
             label_bits, split_bits = _first_bits(sums) if start is None else _measured_bits(start)
             latest = prune(sums, multiplier * label_bits, multiplier * split_bits)
-            return tried.offer(latest, len(self._write(latest, known)), credit)
+            return tried.offer(latest, latest.labels, len(self._write(latest, known)), credit)
 
         sums = square_sums(tensor)
         for _ in range(NUM_ITERATIONS):

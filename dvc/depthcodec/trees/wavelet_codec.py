@@ -16,7 +16,7 @@ from dvc.depthcodec.trees.disparity_codec import Candidates, DisparityCodec, Kno
 from dvc.depthcodec.trees.distortion import CREDITS, Distortion
 from dvc.depthcodec.trees.dynamic_programming import optimise_tree
 from dvc.depthcodec.trees.error_tensor import Tensor
-from dvc.depthcodec.trees.integer_transforms import IntegerTransform, Labels, WaveletTree
+from dvc.depthcodec.trees.integer_transforms import IntegerTransform, WaveletTree
 from dvc.depthcodec.trees.rate_model import code_costs, kinds_of
 from dvc.entropy import RangeCoder
 
@@ -71,17 +71,6 @@ class _Found(NamedTuple):
     statistics: Statistics
     tear: float
 
-    @property
-    def num_labels(self) -> int:
-        return self.tree.num_labels
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.tree.shape
-
-    def disparity(self, level: int = 0) -> Labels:
-        return self.tree.disparity(level)
-
 
 class _Search:
     """Trees of one tensor, each by the costs that another one had, and the best of all."""
@@ -114,9 +103,9 @@ class _Search:
         classes, previous = self._known
         kinds = kinds_of(start.tree, classes, previous)
         costs = code_costs(
-            self._multiplier, start.num_labels, start.statistics, kinds, tear * self._error_of_tears
+            self._multiplier, start.tree.num_labels, start.statistics, kinds, tear * self._error_of_tears
         )
         tree, _ = optimise_tree(self._transform, self._tried.tensor(credit), costs, previous)
         payload, statistics = encode_tree(tree, classes, previous)
         self.latest = _Found(tree, statistics, tear)
-        return is_candidate and self._tried.offer(self.latest, len(payload), credit)
+        return is_candidate and self._tried.offer(self.latest, tree.disparity(), len(payload), credit)

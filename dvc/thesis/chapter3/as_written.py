@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.depthcodec.container.header import DisparityMethod
+from dvc.depthcodec.prediction.stream import DisparityMethod
 from dvc.depthcodec.rendering import PictureAndDisparity
 from dvc.depthcodec.trees.blocks import BlockCodec
 from dvc.depthcodec.trees.disparity_codec import DisparityCodec

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dvc.depthcodec.container.header import DisparityMethod
 from dvc.depthcodec.prediction.encoder import ViewEncoder
+from dvc.depthcodec.prediction.stream import DisparityMethod
 from dvc.depthcodec.prediction.views import views_of_array
 from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM
 from dvc.depthcodec.trees.laplacian_codec import LaplacianCodec

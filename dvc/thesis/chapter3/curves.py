@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvc.depthcodec.container.layers import Stream, decode_stream
 from dvc.depthcodec.prediction.decoder import Decoded, decode
 from dvc.depthcodec.prediction.encoder import Encoded, ViewEncoder
+from dvc.depthcodec.prediction.stream import Stream, decode_stream
 from dvc.depthcodec.prediction.views import Views
 from dvc.depthcodec.rendering import PictureAndDisparity, picture_of, render
 from dvc.depthcodec.trees.disparity_codec import DisparityCodec
@@ -101,7 +101,7 @@ def rendered_views(views: Views, decoded: Decoded, way: Way) -> tuple[Picture, .
 
 
 def _bytes_after(stream: Stream, num_layers: int) -> int:
-    from dvc.depthcodec.container.layers import encode_layer
+    from dvc.depthcodec.prediction.stream import encode_layer
 
     return sum(len(encode_layer(layer)) for layer in stream.layers[num_layers:])
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.depthcodec.container.layers import decode_stream
 from dvc.depthcodec.prediction.decoder import decode
 from dvc.depthcodec.prediction.encoder import Encoded
+from dvc.depthcodec.prediction.stream import decode_stream
 from dvc.depthcodec.prediction.views import Views
 from dvc.depthcodec.trees.coding import all_significant
 from dvc.depthcodec.trees.disparity_codec import DisparityCodec

@@ -86,7 +86,7 @@ def test_other_versions_and_files_are_refused() -> None:
     with pytest.raises(BitstreamError, match="DIBR"):
         decode_stream(b"none")
     with pytest.raises(BitstreamError, match="header"):
-        decode_stream(b"DIBR\x04")
+        decode_stream(b"DIBR\x05")
 
 
 @given(st.data())

@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
-from dvc.depthcodec.container.header import DisparityMethod, decode_header
-from dvc.depthcodec.container.layers import PairLayer, Stream, decode_stream, encode_layer, encode_stream
 from dvc.depthcodec.prediction.decoder import Decoded, decode
 from dvc.depthcodec.prediction.encoder import ViewEncoder, layer_multipliers
+from dvc.depthcodec.prediction.stream import (
+    DisparityMethod,
+    PairLayer,
+    Stream,
+    decode_header,
+    decode_stream,
+    encode_layer,
+    encode_stream,
+)
 from dvc.depthcodec.prediction.views import Views
 from dvc.errors import BitstreamError
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from dvc.depthcodec.container.layers import decode_stream
 from dvc.depthcodec.prediction.decoder import decode
 from dvc.depthcodec.prediction.encoder import Encoded, ViewEncoder
 from dvc.depthcodec.prediction.rate_control import MAX_STEPS, TOLERANCE, encode_to_size
+from dvc.depthcodec.prediction.stream import decode_stream
 from dvc.depthcodec.prediction.views import Views
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.depthcodec.container.header import DisparityMethod
-from dvc.depthcodec.container.layers import decode_stream
 from dvc.depthcodec.prediction.decoder import decode
 from dvc.depthcodec.prediction.encoder import ViewEncoder
+from dvc.depthcodec.prediction.stream import DisparityMethod, decode_stream
 from dvc.depthcodec.rendering import PictureAndDisparity
 from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM, level_shapes
 from dvc.depthcodec.trees.laplacian_codec import LaplacianCodec

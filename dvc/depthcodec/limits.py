@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 from dvc.errors import BitstreamError
 
+MAX_LAYERS = 32
+"""Quality layers of a stream."""
 MAX_MIB = 2048
 """Memory that decoding and rendering may take."""
 FREE_PIXELS = 1024 * 768

@@ -1,28 +1,28 @@
-"""The header of a stream: what its pictures are, and where their cameras stand."""
+"""Streams of views: a header that tells where their cameras stand, and quality layers that can be cut off.
+
+Each layer adds to the pictures and disparities of those before, and has a checksum.
+"""
 
 import struct
-import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
+from dvc.bits import encode_varint
+from dvc.depthcodec import container
+from dvc.depthcodec.limits import MAX_LAYERS, Extent, check_extent
 from dvc.errors import BitstreamError, ConfigError
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint
 
-MAGIC = b"DIBR"
-FORMAT_VERSION = 1
 MAX_SIDE = 2**16 - 1
-MAX_PIXELS = 2**24
 MAX_LABELS = 2**15 - 1
 MAX_VIEWS = 255
-MAX_LAYERS = 32
-MAX_NUMBER = 1e12
-"""Of what describes cameras and disparities; anything beyond is no measurement."""
-_FIXED = struct.Struct("<4sBBHHffHBBB")
-_CRC_BYTES = 4
+_FIXED = struct.Struct("<BHHffHBBB")
 _CALIBRATED, _METHOD_SHIFT = 1, 1
 _POSITION = struct.Struct("<2f")
 _CAMERA = struct.Struct("<11f")
@@ -51,12 +51,14 @@ class Header:
 
     def __post_init__(self) -> None:
         height, width = self.shape
-        if not (0 < height <= MAX_SIDE and 0 < width <= MAX_SIDE and height * width <= MAX_PIXELS):
-            raise ConfigError(f"views of {width}x{height}: up to {MAX_PIXELS} pixels are accepted")
+        if not (
+            min(self.shape) > 0 and max(self.shape) <= MAX_SIDE and height * width <= container.MAX_PIXELS
+        ):
+            raise ConfigError(f"views of {width}x{height}: up to {container.MAX_PIXELS} pixels are accepted")
         lowest, step, num_labels = self.labels
         if not 1 <= num_labels <= MAX_LABELS:
             raise ConfigError(f"{num_labels} disparities: 1 to {MAX_LABELS} are accepted")
-        if not (abs(lowest) <= MAX_NUMBER and 0.0 < step <= MAX_NUMBER):
+        if not (abs(lowest) <= container.MAX_NUMBER and 0.0 < step <= container.MAX_NUMBER):
             raise ConfigError(f"disparities from {lowest} in steps of {step}: positive steps are accepted")
         for name, value, highest in (
             ("quality layers", self.num_layers, MAX_LAYERS),
@@ -73,40 +75,31 @@ def encode_header(header: Header) -> bytes:
     is_calibrated = isinstance(header.viewpoints[0], CalibratedViewpoint)
     flags = _CALIBRATED * is_calibrated | header.method << _METHOD_SHIFT
     sizes = header.num_layers, len(header.references), len(header.viewpoints)
-    fixed = _FIXED.pack(MAGIC, FORMAT_VERSION, flags, width, height, *header.labels, *sizes)
+    fixed = _FIXED.pack(flags, width, height, *header.labels, *sizes)
     views = b"".join(_encode_viewpoint(viewpoint) for viewpoint in header.viewpoints)
-    data = fixed + bytes(header.references) + views
-    return data + zlib.crc32(data).to_bytes(_CRC_BYTES, "little")
+    data = container.begin(container.Body.VIEWS) + fixed + bytes(header.references) + views
+    return data + container.checksum(data)
 
 
 def decode_header(data: bytes) -> tuple[Header, int]:
     """Read a header; inverse of `encode_header` but for the precision of its numbers."""
-    if not data.startswith(MAGIC[: max(len(data), 1)]):
-        raise BitstreamError("not a stream of texture and depth: it does not begin with DIBR")
-    if len(data) < _FIXED.size:
-        raise BitstreamError(f"the stream ends within its header, after {len(data)} bytes")
-    _, version, flags, width, height, lowest, step, num_labels, *sizes = _FIXED.unpack_from(data)
-    if version != FORMAT_VERSION:
-        raise BitstreamError(f"the stream is of version {version}; {FORMAT_VERSION} is accepted")
+    reader = container.Reader.of_body(data, container.Body.VIEWS)
+    flags, width, height, lowest, step, num_labels, *sizes = reader.fields(_FIXED)
     num_layers, num_references, num_views = sizes
+    references = tuple(reader.bytes(num_references))
     layout = _CAMERA if flags & _CALIBRATED else _POSITION
-    views = _FIXED.size + num_references
-    end = views + num_views * layout.size
-    if len(data) < end + _CRC_BYTES:
-        raise BitstreamError(f"the stream ends within its header, after {len(data)} bytes")
-    if zlib.crc32(data[:end]).to_bytes(_CRC_BYTES, "little") != data[end : end + _CRC_BYTES]:
-        raise BitstreamError("the header of the stream is damaged")
-    viewpoints = tuple(_decode_viewpoint(numbers) for numbers in layout.iter_unpack(data[views:end]))
-    references = tuple(data[_FIXED.size : views])
+    cameras = [reader.fields(layout) for _ in range(num_views)]
+    reader.check("the header of the stream is damaged")
     try:
         method = DisparityMethod(flags >> _METHOD_SHIFT)
         labels = DisparityLabels(lowest, step, num_labels)
+        viewpoints = tuple(map(_decode_viewpoint, cameras))
         header = Header((height, width), method, labels, references, num_layers, viewpoints)
     except (ConfigError, ValueError) as error:
         raise BitstreamError(f"the header of the stream cannot have been written: {error}") from None
     if max(references) >= num_views:
         raise BitstreamError("the header of the stream names a reference that is not among its views")
-    return header, end + _CRC_BYTES
+    return header, reader.position
 
 
 def _encode_viewpoint(viewpoint: Viewpoint) -> bytes:
@@ -118,7 +111,7 @@ def _encode_viewpoint(viewpoint: Viewpoint) -> bytes:
 
 
 def _decode_viewpoint(numbers: tuple[float, ...]) -> Viewpoint:
-    if not all(abs(number) <= MAX_NUMBER for number in numbers):
+    if not all(abs(number) <= container.MAX_NUMBER for number in numbers):
         raise BitstreamError("the header of the stream has a camera that is nowhere")
     if len(numbers) == len(LatticePosition._fields):
         return LatticePosition(*numbers)
@@ -127,3 +120,58 @@ def _decode_viewpoint(numbers: tuple[float, ...]) -> Viewpoint:
         raise BitstreamError("the header of the stream has a camera that is singular")
     rotation = cv2.Rodrigues(np.array(numbers[5:8]))[0]
     return CalibratedViewpoint(intrinsic, np.column_stack([rotation, numbers[8:11]]))
+
+
+class PairLayer(NamedTuple):
+    """What a layer adds to a picture and its disparities."""
+
+    picture: bytes  # code of each; empty: nothing
+    disparity: bytes
+
+
+Layer = tuple[PairLayer, ...]
+"""One entry for each reference."""
+
+
+class Stream(NamedTuple):
+    """A stream, as far as it can be read."""
+
+    header: Header  # what it is
+    layers: tuple[Layer, ...]  # the layers that are there and whole, in order
+    damage: str | None = None  # why there are no more of them, if there should be
+
+
+def encode_stream(header: Header, layers: Sequence[Layer]) -> bytes:
+    """Return the bytes of a stream."""
+    return encode_header(header) + b"".join(encode_layer(layer) for layer in layers)
+
+
+def encode_layer(layer: Layer) -> bytes:
+    """Return the bytes of a layer."""
+    data = b"".join(encode_varint(len(part)) + part for pair in layer for part in pair)
+    return data + container.checksum(data)
+
+
+def decode_stream(data: bytes, max_mib: float | None = None) -> Stream:
+    """Read a stream; layers that are cut or damaged are left out, with all after them."""
+    header, position = decode_header(data)
+    layers: list[Layer] = []
+    damage = None
+    while len(layers) < header.num_layers and damage is None:
+        reader = container.Reader(data, position, "it")
+        try:
+            parts = [reader.bytes(reader.varint()) for _ in range(2 * len(header.references))]
+            reader.check(f"it is damaged, between bytes {position} and {reader.position}")
+        except BitstreamError as error:
+            damage = f"layer {len(layers) + 1} of {header.num_layers}: {error}"
+            continue
+        layers.append(tuple(map(PairLayer, parts[::2], parts[1::2])))
+        position = reader.position
+    if not layers:
+        raise BitstreamError(str(damage))
+    if damage is None and position != len(data):
+        damage = f"{len(data) - position} bytes follow the last layer"
+    size = header.shape[0] * header.shape[1]
+    held = size * len(header.references)
+    check_extent(Extent(size, held, held * len(layers)), len(data), max_mib)
+    return Stream(header, tuple(layers), damage)

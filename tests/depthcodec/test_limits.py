@@ -8,16 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.depthcodec.container.header import DisparityMethod, Header
-from dvc.depthcodec.container.layers import PairLayer, Stream, decode_stream, encode_stream
-from dvc.depthcodec.container.limits import FREE_PIXELS, MAX_MIB, Extent, check_extent
 from dvc.depthcodec.depth_image import stream as depth_image
 from dvc.depthcodec.depth_image.depth_scale import DepthScale
 from dvc.depthcodec.depth_image.stream import DepthImageStream, PlaneCode
 from dvc.depthcodec.layered import stream as layered
 from dvc.depthcodec.layered.pieces import Kind
 from dvc.depthcodec.layered.stream import Rectangle
+from dvc.depthcodec.limits import FREE_PIXELS, MAX_MIB, Extent, check_extent
 from dvc.depthcodec.prediction.decoder import decode
+from dvc.depthcodec.prediction.stream import (
+    DisparityMethod,
+    Header,
+    PairLayer,
+    Stream,
+    decode_stream,
+    encode_stream,
+)
 from dvc.entropy import RangeCoder
 from dvc.errors import BitstreamError
 from dvc.imagecodec import codec as picture_codec

@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.depthcodec.container.header import DisparityMethod, Header, decode_header, encode_header
-from dvc.depthcodec.container.layers import PairLayer, decode_stream, encode_layer, encode_stream
+from dvc.depthcodec.prediction.stream import (
+    DisparityMethod,
+    Header,
+    PairLayer,
+    decode_header,
+    decode_stream,
+    encode_header,
+    encode_layer,
+    encode_stream,
+)
 from dvc.errors import BitstreamError, ConfigError
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint
