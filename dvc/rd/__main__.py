@@ -25,6 +25,7 @@ EXAMPLES = """\
   dvc-rd compare results/before results/after                                 BD-rate of the one to the other
   dvc-rd compare results/scenes --curves 2D 3D-TE                             is the second one better?
   dvc-rd export results/scenes --csv points.csv                               a line per point
+  dvc-rd import theirs.csv --out results/scenes                               points of others beside ours
 """
 
 
@@ -84,6 +85,18 @@ def _add_export(export: argparse.ArgumentParser) -> None:
     add("folder", type=Path, metavar="DIR", help="what `run --out` was given")
     add("--csv", required=True, metavar="FILE", help="file to write (-: stdout)")
     add("--frames", action="store_true", help="a line per frame instead of one per point")
+
+
+def _add_import(command: argparse.ArgumentParser) -> None:
+    add = command.add_argument
+    add(
+        "points",
+        type=Path,
+        metavar="FILE.csv",
+        help="a line per point, under the names of the columns: sequence, codec, rate_kbps, psnr_y_db, and"
+        " those of docs/rd.md; or opendvc: points of openDVC",
+    )
+    add("--out", type=Path, required=True, metavar="DIR", help="what `run --out` was given, or a new folder")
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
@@ -261,6 +274,16 @@ def _export(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _import(arguments: argparse.Namespace) -> int:
+    from dvc.rd.imported import beside_nothing, import_points
+
+    points = import_points(arguments.points, arguments.out)
+    sys.stderr.write(f"{PROG}: {len(points)} points imported\n")
+    for name in beside_nothing(points, arguments.out):
+        sys.stderr.write(f"{PROG}: nothing is measured in {arguments.out} on these frames of {name}\n")
+    return 0
+
+
 def _write(name: str, text: str) -> None:
     """Write a file in one piece, or to standard output."""
     if name == "-":
@@ -291,6 +314,12 @@ _SUBCOMMANDS = {
         "Write points, or their frames, as comma-separated values.",
         _add_export,
         _export,
+    ),
+    "import": Subcommand(
+        "take over points that others have measured",
+        "Take over points that others have measured, for report, compare and export.",
+        _add_import,
+        _import,
     ),
 }
 

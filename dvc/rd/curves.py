@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
-from dvc.rd.point_result import PointResult
+from dvc.rd.point_result import IMPORTED, PointResult
 from dvc.rd.points import ANCHORS, INTRA
 from dvc.rd.reference_rows import REFERENCE_LABELS
 
@@ -99,6 +99,8 @@ def _label(result: PointResult) -> str:
     if result.data["codec"] in REFERENCE_LABELS:
         return REFERENCE_LABELS[result.data["codec"]]
     options = result.data["options"]
+    if result.data["codec"] == IMPORTED:
+        return str(options["options"]["curve"])
     given = sorted(options["options"].items()) + sorted(options.get("decoder", {}).items())
     extra = [name if value == "true" else f"{name} {value}" for name, value in given]
     if options.get("qp") is not None:
@@ -114,7 +116,7 @@ def _label(result: PointResult) -> str:
 
 def _curve(label: str, points: list[PointResult]) -> Curve:
     ordered = sorted(points, key=lambda point: (point.rate_kbps, point.psnr_y_db))
-    is_anchor = points[0].data["codec"] in (*ANCHORS.values(), *REFERENCE_LABELS)
+    is_anchor = points[0].data["codec"] in (*ANCHORS.values(), *REFERENCE_LABELS, IMPORTED)
     return Curve(label, is_anchor, tuple(ordered))
 
 

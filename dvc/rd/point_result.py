@@ -10,6 +10,8 @@ from dvc.config import VARIANTS
 SHARES = ("key", "intra", "inter", "parity", "crc", "tracks", "header", "stream")
 """What bits can be, in the order in which shares are shown."""
 LETTERS = {"key": "k", "intra": "k", "wz": "w", "inter": "p"}
+IMPORTED = "imported"
+"""Codec of points that others have measured; see `dvc.rd.imported`."""
 DECIMALS = {"psnr": 2, "initial": 2, "refined": 2, "requests": 0, "decode": 3, "kbits": 3}
 
 
@@ -38,6 +40,8 @@ class PointResult:
     def label(self) -> str:
         """Name of the point on its curve, such as ``Q4, key QP 34`` or ``QP 28``."""
         key = self.data["key"]
+        if self.data["codec"] == IMPORTED:
+            return self.level
         if not self.has_level:
             return "lossless" if key.get("lossless") else f"QP {key['qp']}"
         return f"{self.level}, {'lossless keys' if key.get('lossless') else 'key QP ' + str(key['qp'])}"
@@ -52,6 +56,8 @@ class PointResult:
     def level(self) -> str:
         """Preset such as ``Q4``, or quality such as ``QP 28``; an intra codec's is that of its key frames."""
         options = self.data["options"]
+        if self.data["codec"] == IMPORTED:
+            return str(options["options"]["point"])
         if options.get("wz_q") is not None:
             return f"Q{options['wz_q']}"
         qp = options.get("qp")

@@ -9,7 +9,7 @@ from typing import Any
 
 from dvc import cli
 from dvc.errors import DvcError
-from dvc.rd.point_result import PointResult
+from dvc.rd.point_result import IMPORTED, PointResult
 from dvc.rd.points import SCHEMA, Task
 from dvc.rd.provenance import values_digest
 
@@ -27,6 +27,8 @@ _REQUIRED: dict[str, dict[str, type | tuple[type, ...]]] = {
     "key": {"qp": int},
     "times": {"encode_cpu_s": _NUMBER, "decode_cpu_s": _NUMBER},
 }
+_UNKNOWN = {"qp", "encode_cpu_s", "decode_cpu_s"}
+"""What imported points may lack."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -47,6 +49,8 @@ def read_result(path: Path) -> PointResult:
         values = data.get(section)
         for name, kind in entries.items():
             value = values.get(name) if isinstance(values, dict) else None
+            if value is None and name in _UNKNOWN and data["codec"] == IMPORTED and isinstance(values, dict):
+                continue
             if not isinstance(value, kind) or isinstance(value, bool) is not (kind is bool):
                 raise DvcError(f"{path.name}: damaged result: {section}.{name} is missing or wrong")
     if data["totals"]["rate_kbps"] <= 0:
@@ -133,10 +137,11 @@ def _details(data: dict[str, Any]) -> dict[str, bool]:
     counts = list(bits.values())
     return {
         "totals.bits": all(type(count) is int and count >= 0 for count in counts) and sum(counts) > 0,
-        "options.options": all(isinstance(value, str) for value in options["options"].values()),
+        "options.options": all(isinstance(value, str) for value in options["options"].values())
+        and (data["codec"] != IMPORTED or {"curve", "point"} <= options["options"].keys()),
         "options.wz_q": options.get("wz_q") is None or type(options["wz_q"]) is int,
         "options.qp": options.get("qp") is None or type(options["qp"]) is int,
-        "times": all(_is_number(value) for value in data["times"].values()),
+        "times": all(_is_number(value) or value is None for value in data["times"].values()),
         "sequence": min(data["sequence"]["width"], data["sequence"]["height"]) > 0,
         "per_frame": isinstance(frames, list)
         and all(isinstance(frame, dict) and isinstance(frame.get("type"), str) for frame in frames)

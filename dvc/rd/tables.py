@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.curves import Curve
-from dvc.rd.point_result import PointResult
+from dvc.rd.point_result import IMPORTED, PointResult
 from dvc.rd.reference_rows import REFERENCE_LABELS
 
 Cell = Callable[[PointResult], str]
@@ -54,7 +54,12 @@ def preface(results: Sequence[PointResult]) -> str:
 
 def measured_text(results: Sequence[PointResult]) -> str:
     """Say what was measured, when, and by which code."""
-    results = [r for r in results if r.data["codec"] not in REFERENCE_LABELS]
+    others = [r.data["code"]["version"] for r in results if r.data["codec"] == IMPORTED]
+    sources = escaped(", ".join(sorted({*others})))
+    imported = f"{len(others)} points were not measured here: rates and PSNRs are those of {sources}."
+    results = [r for r in results if r.data["codec"] not in (*REFERENCE_LABELS, IMPORTED)]
+    if not results:
+        return imported
     codes = sorted(
         {(r.data["code"]["version"], r.data["code"].get("commit") or "no commit") for r in results}
     )
@@ -63,12 +68,13 @@ def measured_text(results: Sequence[PointResult]) -> str:
     code = escaped(", ".join(f"dvc3d {version} ({commit})" for version, commit in codes))
     mixed = f" The points come from {len(digests)} versions of the code." if len(digests) > 1 else ""
     period = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
-    return f"{len(results)} points, measured {period} with {code}.{mixed}"
+    told = f"{len(results)} points, measured {period} with {code}.{mixed}"
+    return f"{told} {imported}" if others else told
 
 
 def code_digests(results: Sequence[PointResult]) -> set[str]:
     """Return the versions of the code that made points of the project's own codecs."""
-    others = {*ANCHOR_CODECS, *REFERENCE_LABELS}
+    others = {*ANCHOR_CODECS, *REFERENCE_LABELS, IMPORTED}
     return {result.data["code"]["digest"] for result in results if result.data["codec"] not in others}
 
 
@@ -112,6 +118,11 @@ def _level(point: PointResult) -> str:
     return point.level if point.has_level else NOTHING
 
 
+def _key_qp(point: PointResult) -> str:
+    key = point.data["key"]
+    return "lossless" if key.get("lossless") else NOTHING if key["qp"] is None else str(key["qp"])
+
+
 def _encode_ms(kind: str) -> Cell:
     def cell(point: PointResult) -> str:
         value = point.type_ms(kind)
@@ -122,7 +133,7 @@ def _encode_ms(kind: str) -> Cell:
 
 COLUMNS: dict[str, Cell] = {
     "level": _level,
-    "key QP": lambda point: "lossless" if point.data["key"].get("lossless") else str(point.data["key"]["qp"]),
+    "key QP": _key_qp,
     "rate [kbit/s]": _total("rate_kbps", "{:.1f}"),
     "PSNR [dB]": _total("psnr_y_db", "{:.2f}"),
     "key PSNR": _total("key_psnr_y_db", "{:.2f}"),

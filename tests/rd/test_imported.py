@@ -1,0 +1,156 @@
+"""Points that others have measured, beside ours."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dvc.rd import imported
+from dvc.rd.__main__ import main
+from dvc.rd.curves import experiments
+from dvc.rd.results import POINTS_FOLDER, read_results
+from dvc.rd.tables import preface
+from tests.rd.made_up import write_results
+
+HEAD = "sequence,codec,rate_kbps,psnr_y_db,frames"
+SIZE = "width,height,frames_per_s"
+
+
+def write_points(folder: Path, *lines: str) -> str:
+    """Write a file of points."""
+    path = folder / "theirs.csv"
+    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    return str(path)
+
+
+def test_points_stand_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Points of a sequence that was measured are a curve of its experiment, which compare and report show."""
+    ours = write_results(tmp_path / "ours")
+    lines = [
+        "# from a paper",
+        HEAD,
+        "clip,Theirs,50,29,3",
+        "clip,Theirs,100,32.5,3",
+        "clip,Theirs,180,35.5,3",
+    ]
+    assert main(["import", write_points(tmp_path, *lines), "--out", str(ours)]) == 0
+    assert capsys.readouterr().err == "dvc-rd: 3 points imported\n"
+    (experiment,) = experiments(read_results(ours))
+    curve = {curve.label: curve for curve in experiment.curves}["Theirs"]
+    assert curve.is_anchor
+    assert (curve.rates_kbps, curve.psnrs_y_db) == ([50.0, 100.0, 180.0], [29.0, 32.5, 35.5])
+    assert [point.label for point in curve.points] == ["50 kbit/s", "100 kbit/s", "180 kbit/s"]
+    assert main(["compare", str(ours), "--against", "Theirs"]) == 0
+    assert "| clip | 2D-DVC, GOP 2 | Theirs | +" in capsys.readouterr().out
+    assert main(["report", str(ours)]) == 0
+    report = (ours / "report.md").read_text(encoding="utf-8")
+    assert "### clip, Theirs" in report
+    assert "4 points, measured 2026-01-31" in report
+    assert "3 points were not measured here: rates and PSNRs are those of theirs.csv." in report
+    assert "Theirs" in (ours / "report.html").read_text(encoding="utf-8")
+
+
+def test_other_frames_stand_by_themselves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Points on frames that nothing was measured on need the size, and the command says so."""
+    ours = write_results(tmp_path / "ours")
+    points = write_points(tmp_path, f"{HEAD},{SIZE}", "clip,Theirs,50,29,7,64,48,25")
+    assert main(["import", points, "--out", str(ours)]) == 0
+    assert f"nothing is measured in {ours} on these frames of clip\n" in capsys.readouterr().err
+    assert len(experiments(read_results(ours))) == 2
+
+
+def test_points_of_opendvc(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They come with the package, alone need nothing else, and have less rate than intra."""
+    folder = tmp_path / "new" / "folder"
+    assert main(["import", "opendvc", "--out", str(folder)]) == 0
+    results = read_results(folder)
+    assert {result.label for result in results} >= {"Q1, key QP 40", "Q8, key QP 25"}
+    assert preface(results).startswith(
+        "12 points were not measured here: rates and PSNRs are those of JM 18.5, "
+    )
+    capsys.readouterr()
+    assert main(["compare", str(folder), "--against", "JM"]) == 0
+    assert "| foreman_qcif15 | openDVC | JM 18.5 intra | -" in capsys.readouterr().out
+    assert main(["report", str(folder)]) == 0
+
+
+def test_what_was_exported_can_be_imported(tmp_path: Path) -> None:
+    """Curves of another folder come over with their labels, rates and frames."""
+    ours, table, theirs = write_results(tmp_path / "ours"), tmp_path / "points.csv", tmp_path / "theirs"
+    assert main(["export", str(ours), "--csv", str(table)]) == 0
+    assert main(["import", str(table), "--out", str(theirs)]) == 0
+    (before,), (after,) = experiments(read_results(ours)), experiments(read_results(theirs))
+    assert after.key == before.key
+    curves = [{curve.label: curve.rates_kbps for curve in one.curves} for one in (before, after)]
+    assert curves[0] == curves[1]
+
+
+def test_importing_again_replaces(tmp_path: Path) -> None:
+    """A corrected file leaves none of the old points of its curves; other curves stay."""
+    lines = [
+        f"{HEAD},{SIZE}",
+        "clip,A,50,29,3,64,48,25",
+        "clip,A,90,31,3,64,48,25",
+        "clip,B,50,28,3,64,48,25",
+    ]
+    assert main(["import", write_points(tmp_path, *lines), "--out", str(tmp_path)]) == 0
+    assert (
+        main(["import", write_points(tmp_path, lines[0], "clip,A,55,29,3,64,48,25"), "--out", str(tmp_path)])
+        == 0
+    )
+    (experiment,) = experiments(read_results(tmp_path))
+    assert {curve.label: curve.rates_kbps for curve in experiment.curves} == {"A": [55.0], "B": [50.0]}
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ([], "no column sequence, codec, rate_kbps, psnr_y_db"),
+        (["sequence,codec,rate_kbps", "clip,A,1"], "no column psnr_y_db"),
+        ([HEAD], "no points"),
+        ([HEAD, "clip,A,1,30"], "line 2: 4 cells under 5 columns"),
+        ([HEAD, "# two", "clip,,1,30,3"], "line 3: codec is empty"),
+        ([HEAD, "clip,A,x,30,3"], "line 2: rate_kbps must be a number above 0, got 'x'"),
+        ([HEAD, "clip,A,nan,30,3"], "line 2: rate_kbps must be a number above 0, got 'nan'"),
+        ([HEAD, "clip,A,1,-3,3"], "line 2: psnr_y_db must be a number above 0, got '-3'"),
+        ([HEAD, "clip,A,1e300,30,3"], "line 2: rate_kbps must be a number above 0"),
+        ([HEAD, "clip,A,1,30,0"], "line 2: frames must be a whole number from 1 on, got '0'"),
+        ([HEAD, "clip,A,1,30,3"], "line 2: width must be a whole number from 1 on, got ''"),
+        ([f"{HEAD},luma_only", "clip,A,1,30,3,no"], "line 2: luma_only must be true or false, got 'no'"),
+        ([f"{HEAD},{SIZE}", *["clip,A,1,30,3,64,48,25"] * 2], "line 3: the same point a second time"),
+        ([HEAD, '"clip,A,1,30,3'], "line 2: unexpected end of data"),
+    ],
+)
+def test_damaged_files_are_refused(
+    lines: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line says what is wrong, where; nothing is written."""
+    assert main(["import", write_points(tmp_path, *lines), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"dvc-rd: theirs.csv: {told}")
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_that_cannot_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file that is missing, no text or without end is refused."""
+    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe")
+    monkeypatch.setattr(imported, "MAX_CHARACTERS", 1000)
+    for name in ("missing.csv", "bytes.csv", "/dev/zero"):
+        assert main(["import", str(tmp_path / name), "--out", str(tmp_path)]) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert ["cannot be read" in line for line in told] == [True, True, False]
+    assert told[2] == "dvc-rd: /dev/zero: more than 1000 characters"
+
+
+def test_damaged_imported_results_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A result that has lost the name of its curve is not shown."""
+    assert main(["import", "opendvc", "--out", str(tmp_path)]) == 0
+    path = min((tmp_path / POINTS_FOLDER).iterdir())
+    data = json.loads(path.read_text(encoding="utf-8"))
+    del data["options"]["options"]["curve"]
+    path.write_text(json.dumps(data), encoding="utf-8")
+    assert len(read_results(tmp_path)) == 11
+    assert "options.options is wrong; left out" in caplog.text
