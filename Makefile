@@ -6,6 +6,7 @@ SETS ?= $(wildcard ../shared/stereo)
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+DOCS_INSTALLED := $(VENV)/.docs-installed
 # Kernels that check bounds lie by themselves, and are the same for all clones.
 CHECKED := NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(or $(XDG_CACHE_HOME),$(HOME)/.cache)/dvc3d/checked-kernels
 
@@ -13,7 +14,7 @@ CHECKED := NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(or $(XDG_CACHE_HOME),$(HOME)/.c
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help venv browser demo kernels test test-all test-nojit test-bounds fuzz canaries streams mutants check reproduce pictures format results results-check clean
+.PHONY: help venv browser demo kernels test test-all test-nojit test-bounds fuzz canaries streams mutants check reproduce pictures format results results-check docs clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -72,6 +73,14 @@ check: $(INSTALLED)  ## check format, lint, types, layers and spelling (docstrin
 
 results: $(INSTALLED)  ## measure the headline results of docs/results.md that are not of this code (two hours)
 	$(BIN)/python -m benchmarks.results --jobs $(JOBS)
+
+docs: $(DOCS_INSTALLED)  ## build the documentation site in out/docs; its tutorials are executed
+	$(BIN)/dvc-compile --jobs $(JOBS)
+	$(BIN)/python -m sphinx -q -W --keep-going -c docs/site -b html docs out/docs
+
+$(DOCS_INSTALLED): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,docs]'
+	@touch $@
 
 results-check: $(INSTALLED)  ## tell which results are those of this code
 	$(BIN)/python -m benchmarks.results --check

@@ -21,7 +21,7 @@ MODULES = [
     for path in sorted((ROOT / package).rglob("*.py"))
     if ">>>" in path.read_text(encoding="utf-8")
 ]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SCRIPTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 
@@ -45,7 +45,7 @@ def main_of(command: str) -> Callable[[list[str]], int]:
 
 def command_lines(text: str) -> list[list[str]]:
     """Return the commands of this project in the code blocks of a document, as words."""
-    blocks = re.findall(r"^```\w*\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^```[^\n]*\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
     lines = [
         shlex.split(line.rstrip(" &"), comments=True)
         for block in blocks

@@ -23,7 +23,7 @@ SMALLER = {
 }
 EXPERIMENTS, ARRAYS = "\n## Experiments\n", "\n## Camera arrays\n"
 MEASURED = {"docs/rd.svg"}  # written by measurements
-DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def blocks(language: str, text: str = README) -> list[str]:

@@ -1,0 +1,57 @@
+"""Chapters of the thesis: terms with their modules, from the glossary, and figures, from `dvc.thesis`."""
+
+import importlib
+import re
+
+from docutils import nodes
+from docutils.parsers.rst import Directive
+from docutils.statemachine import StringList
+from sources import DOCS
+from sphinx.application import Sphinx
+
+THESIS = "[Maitre2008]"
+_PLACE = re.compile(r"(?<![\d.])(\d)\.(\d+)(?:\.(\d+))?")
+
+
+def terms(chapter: int) -> list[tuple[str, str, str, str]]:
+    """Return place, term, meaning and modules of what the glossary has of a chapter, in its order."""
+    rows = []
+    for line in (DOCS / "glossary.md").read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+        if len(cells) == 4 and THESIS in cells[3]:
+            place = cells[3].partition(THESIS)[2].strip().rstrip("|").strip()
+            found = [(int(a), int(b), int(c or 0)) for a, b, c in _PLACE.findall(place)]
+            if found and found[0][0] == chapter:
+                rows.append(("Eq" in place[:2], found[0], (place, cells[0], cells[1], cells[2])))
+    return [row for _, _, row in sorted(rows)]
+
+
+def chapter_text(number: int) -> str:
+    """Write the tables of a chapter."""
+    chapter = importlib.import_module(f"dvc.thesis.chapter{number}.chapter").CHAPTER
+    lines = ["| place | what | meaning | module |", "| --- | --- | --- | --- |"]
+    lines += ["| " + " | ".join(row) + " |" for row in terms(number)]
+    lines += ["", f"## Figures of `dvc-thesis --chapter {number}`", ""]
+    lines += ["| figure | shows | instead |", "| --- | --- | --- |"]
+    lines += [f"| {one.number} | {one.shows} | {one.instead} |" for one in chapter.figures]
+    lines += ["", "## What the text leaves open, and how it is read", ""]
+    return "\n".join([*lines, *(f"* {reading}" for reading in chapter.readings), ""])
+
+
+class ChapterTables(Directive):
+    """Tables of a chapter."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Write the tables."""
+        node = nodes.section()
+        lines = chapter_text(int(self.arguments[0])).splitlines()
+        self.state.nested_parse(StringList(lines, "chapter"), 0, node, match_titles=True)
+        return node.children
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register with Sphinx."""
+    app.add_directive("chapter", ChapterTables)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
