@@ -112,7 +112,7 @@ def _drawn(picture: DecodedPicture, kind: str) -> Picture | None:
     if kind == "predicted":
         return picture.predicted
     difference = picture.frame.luma.astype(np.int16) - picture.predicted
-    return np.clip(128 + DIFFERENCE_GAIN * difference, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(128 + DIFFERENCE_GAIN * difference, 0, 255), np.uint8)
 
 
 def _bgr(picture: DecodedPicture) -> Picture:
