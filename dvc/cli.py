@@ -37,10 +37,25 @@ class ArgumentParser(argparse.ArgumentParser):
         )
         # Values such as -1,2 and -4:3 are no options.
         self._negative_number_matcher = re.compile(r"-\.?\d")
+        if " " not in prog:  # not of subcommands
+            text = "print the versions of the program and of its main libraries, and exit"
+            self.add_argument("--version", action=_PrintVersions, nargs=0, help=text)
 
     def error(self, message: str) -> NoReturn:
         """Print one line and exit with status 2."""
         self.exit(EXIT_BAD_INPUT, f"{self.prog}: {one_line(message)}\n")
+
+
+class _PrintVersions(argparse.Action):
+    """Looks the versions up only where they are wanted."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from dvc import __version__
+        from dvc.versions import library_versions
+
+        libraries = [f"{name} {version}" for name, version in library_versions().items()]
+        sys.stdout.write(f"{parser.prog} of dvc3d {__version__}; {', '.join(libraries)}\n")
+        parser.exit()
 
 
 def one_line(text: object) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import decoder.__main__
+import dvc
 import encoder.__main__
 from dvc import cli
 from dvc.config import DEFAULT_CODEC, VARIANTS
@@ -401,6 +402,16 @@ def test_help_is_quick_and_has_examples(module: str) -> None:
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert "examples:" in shown
     assert shown.splitlines()[-1] == "LOADED"
+
+
+def test_version_tells_the_libraries(capsys: pytest.CaptureFixture[str]) -> None:
+    """Programs say what they rest on; subcommands leave it to their command."""
+    with pytest.raises(SystemExit) as ended:
+        encoder.__main__.main(["--version"])
+    told = capsys.readouterr().out
+    assert not ended.value.code
+    assert told.startswith(f"dvc-encode of dvc3d {dvc.__version__}; av ")
+    assert f"numpy {np.__version__}" in told
 
 
 def test_help_tells_the_defaults_of_the_variants(capsys: pytest.CaptureFixture[str]) -> None:
