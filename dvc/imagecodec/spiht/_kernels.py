@@ -29,12 +29,18 @@ NUM_FIELDS = 9
 MOST_CHILDREN = 9
 """Of a node: bands have up to one row and column more than twice those of the band above."""
 
-# Where the contexts of a kind of decision begin in each of three tables, and its weights.
-_COEFFICIENT = (0, 256, 512, 0)
-_SET = (1024, 1280, 1536, 24)
-_REFINEMENT = (1920, 1984, 2048, 56)
-_SIGN = (2112, 2176, 2240, 60)
-NUM_CONTEXTS, NUM_WEIGHTS = 2304, 64
+# Contexts of a coefficient, a set, a refinement and a sign, in each of three tables, and weights of these.
+_SIZES = (256, 256, 512, 24), (256, 256, 384, 32), (64, 64, 64, 4), (64, 64, 64, 4)
+NUM_CONTEXTS, NUM_WEIGHTS = sum(sum(sizes[:3]) for sizes in _SIZES), sum(sizes[3] for sizes in _SIZES)
+
+
+def _starts(kind: int) -> tuple[int, int, int, int]:
+    """Where the contexts of a kind of decision begin in each table, and its weights."""
+    first, weights = sum(sum(sizes[:3]) for sizes in _SIZES[:kind]), sum(sizes[3] for sizes in _SIZES[:kind])
+    return first, first + _SIZES[kind][0], first + sum(_SIZES[kind][:2]), weights
+
+
+_COEFFICIENT, _SET, _REFINEMENT, _SIGN = (_starts(kind) for kind in range(4))
 
 FREE_DECISIONS, DECISIONS_PER_BYTE = 2**20, 1024
 """Most that bytes stand for. Pictures of 2048x2048 take 20 to 160 a byte even if they are only a ramp.
