@@ -1,20 +1,22 @@
 """`dvc-dibr decode`: a stream to pictures and disparities."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.dibr.depth_images import add_hole_options
+from dvc.dibr.depth_images import QUALITIES, add_hole_options
 from dvc.dibr.options import (
-    add_json,
+    add_figures,
     add_layers,
     add_stream,
+    check_size,
     decode_pieces,
+    in_decibels,
     json_files,
     naming,
     read_stream,
+    tell,
     warn,
 )
 from dvc.errors import ConfigError
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
     from dvc.depthcodec.layered.stream import LayeredStream
     from dvc.depthcodec.prediction.decoder import Decoded
     from dvc.depthcodec.prediction.stream import Stream
-    from dvc.depthcodec.rendering import PictureAndDisparity
 
 SUMMARY = "a stream to pictures and disparities"
 DESCRIPTION = """\
@@ -54,8 +55,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth-depth", metavar="MAP", help=truth)
     parser.add_argument("--truth-image", metavar="IMAGE", help="see there")
     add_hole_options(parser, "0 in pictures")
-    add_json(parser)
-    parser.add_argument("--quiet", action="store_true", help="print no summary")
+    add_figures(parser, "print no summary")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -68,10 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
     stream = read_stream(arguments.path, arguments.max_memory)
     figures = _write(arguments, stream)
     warn(arguments.path, figures["damage"])
-    if arguments.json is not None:
-        cli.write_json(arguments.json, figures)
-    if arguments.json != "-" and not arguments.quiet:
-        sys.stdout.write(f"{arguments.out}: {figures['width']}x{figures['height']}, {_told(figures)}\n")
+    text = f"{arguments.out}: {figures['width']}x{figures['height']}, {_told(figures)}\n"
+    tell(arguments, figures, text)
     return 0
 
 
@@ -82,13 +80,14 @@ def _write(
     from dvc.depthcodec.depth_image.stream import DepthImageStream
     from dvc.depthcodec.prediction.stream import Stream
 
-    if isinstance(stream, Stream):
-        with naming(arguments.path):
-            return _views(arguments, stream)
-    if isinstance(stream, DepthImageStream):
-        with naming(arguments.path):
+    with naming(arguments.path):
+        if isinstance(stream, DepthImageStream):
             return _depth_image(arguments, stream)
-    return _layered(arguments, stream)
+        if arguments.truth_depth is not None or arguments.truth_image is not None:
+            raise ConfigError(
+                "--truth-depth and --truth-image are for streams of one depth map; see render --truth"
+            )
+        return _views(arguments, stream) if isinstance(stream, Stream) else _layered(arguments, stream)
 
 
 def _told(figures: dict[str, Any]) -> str:
@@ -96,9 +95,7 @@ def _told(figures: dict[str, Any]) -> str:
         return f"{figures['decoded_layers']} of {figures['quality_layers']} quality layers"
     if "kind" in figures:
         return f"{figures['num_decoded']} of {figures['num_pieces']} {figures['kind']}"
-    names = {"psnr_depth_db": "depth", "psnr_image_db": "image"}
-    known = [f"{name} {figures[key]:.2f} dB" for key, name in names.items() if figures.get(key) is not None]
-    return ", ".join([f"{figures['edge_elements']} edges", *known])
+    return ", ".join([f"{figures['edge_elements']} edges", *in_decibels(figures, QUALITIES)])
 
 
 def _views(arguments: argparse.Namespace, stream: "Stream") -> dict[str, Any]:
@@ -106,16 +103,14 @@ def _views(arguments: argparse.Namespace, stream: "Stream") -> dict[str, Any]:
     from dvc.depthcodec.prediction.decoder import decode
     from dvc.files import atomic_folder
     from dvc.index_files import write_index
+    from dvc.picture_files import write_png
 
-    if arguments.truth_depth is not None or arguments.truth_image is not None:
-        raise ConfigError(
-            "--truth-depth and --truth-image are for streams of one depth map; see render --truth"
-        )
     decoded = decode(stream, arguments.quality_layers, arguments.resolution)
     figures = _figures(decoded)
     with atomic_folder(arguments.out) as folder:
         for number, pair in enumerate(decoded.pairs):
-            _write_pair(folder, suffix_of(number), pair)
+            write_png(folder / f"reference{suffix_of(number)}.png", blue_first(pair.picture))
+            _write_disparity(folder, suffix_of(number), pair.disparity)
         write_index(folder / INDEX, _FORMAT, _VERSION, figures)
     return figures
 
@@ -129,7 +124,6 @@ def _depth_image(arguments: argparse.Namespace, stream: "DepthImageStream") -> d
     from dvc.files import atomic_folder
     from dvc.imagecodec.edges.files import write_edges
     from dvc.index_files import write_index
-    from dvc.page.drawing import colour_disparity
     from dvc.pfm import write_pfm
     from dvc.picture_files import write_png
 
@@ -144,12 +138,9 @@ def _depth_image(arguments: argparse.Namespace, stream: "DepthImageStream") -> d
         "resolution": decoded.resolution,
         **_quality(arguments, decoded),
     }
-    disparity = decoded.disparity
     with atomic_folder(arguments.out) as folder:
         write_pfm(folder / "depth.pfm", decoded.depth.astype(np.float32))
-        write_pfm(folder / "disparity.pfm", disparity.astype(np.float32))
-        preview = colour_disparity(disparity, float(disparity.min()), float(disparity.max()))
-        write_png(folder / "preview-disparity.png", preview)
+        _write_disparity(folder, "", decoded.disparity)
         write_edges(folder / "edges.png", decoded.edges)
         if decoded.picture is not None:
             write_png(folder / "image.png", blue_first(decoded.picture))
@@ -163,10 +154,6 @@ def _layered(arguments: argparse.Namespace, stream: "LayeredStream") -> dict[str
     from dvc.dibr.info import layered_figures
     from dvc.files import atomic_folder
 
-    if arguments.truth_depth is not None or arguments.truth_image is not None:
-        raise ConfigError(
-            "--truth-depth and --truth-image are for streams of one depth map; see render --truth"
-        )
     if arguments.quality_layers is not None or arguments.resolution:
         raise ConfigError("--quality-layers and --resolution are not for layers and sprites")
     decoded = decode_pieces(arguments.path, stream)
@@ -185,19 +172,13 @@ def _quality(arguments: argparse.Namespace, decoded: "DecodedDepthImage") -> dic
     shape = decoded.depth.shape
     if arguments.truth_depth is not None:
         found = read_with_holes(arguments.truth_depth, arguments)
-        _check_size(arguments.truth_depth, found.depth.shape, shape)
+        check_size(arguments.truth_depth, found.depth.shape, shape, "what was decoded")
     if arguments.truth_image is not None:
         picture = read_picture(arguments.truth_image)
-        _check_size(arguments.truth_image, picture.shape, shape)
+        check_size(arguments.truth_image, picture.shape, shape, "what was decoded")
         if decoded.picture is None:
             raise ConfigError("--truth-image: the stream is of a depth map alone")
     return quality(decoded, found, picture)
-
-
-def _check_size(path: str, shape: tuple[int, ...], wanted: tuple[int, ...]) -> None:
-    if shape[:2] != wanted:
-        sizes = [f"{size[1]}x{size[0]}" for size in (shape, wanted)]
-        raise ConfigError(f"{path}: {sizes[0]}, but what was decoded is {sizes[1]}")
 
 
 def suffix_of(number: int) -> str:
@@ -205,16 +186,15 @@ def suffix_of(number: int) -> str:
     return f"-{number}" if number else ""
 
 
-def _write_pair(folder: Path, suffix: str, pair: "PictureAndDisparity") -> None:
+def _write_disparity(folder: Path, suffix: str, disparity: Any) -> None:
     import numpy as np
 
     from dvc.page.drawing import colour_disparity
     from dvc.pfm import write_pfm
     from dvc.picture_files import write_png
 
-    write_png(folder / f"reference{suffix}.png", blue_first(pair.picture))
-    write_pfm(folder / f"disparity{suffix}.pfm", pair.disparity.astype(np.float32))
-    preview = colour_disparity(pair.disparity, float(pair.disparity.min()), float(pair.disparity.max()))
+    write_pfm(folder / f"disparity{suffix}.pfm", disparity.astype(np.float32))
+    preview = colour_disparity(disparity, float(disparity.min()), float(disparity.max()))
     write_png(folder / f"preview-disparity{suffix}.png", preview)
 
 

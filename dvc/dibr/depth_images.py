@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.dibr.options import json_files
+from dvc.dibr.options import in_decibels, json_files, naming_rate, tell, write_stream
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ TRANSFORMS = "shape-adaptive", "standard"
 EDGES = "auto", "canny", "none"
 WAVELETS = "9/7", "5/3"
 SUFFIX = ".dibr"
+QUALITIES = {"psnr_depth_db": "depth", "psnr_image_db": "image"}
 
 
 def add_codec_options(parser: argparse.ArgumentParser) -> None:
@@ -102,7 +103,6 @@ def encode(
     from dvc.depthcodec.depth_image.depth_codes import NUM_STEPS, DepthOptions
     from dvc.depthcodec.depth_image.encoder import encode_to_size
     from dvc.depthcodec.depth_image.stream import MAX_BYTES
-    from dvc.files import atomic_output
     from dvc.imagecodec.wavelets.lifting import most_levels
 
     shape = image.depth.shape[0], image.depth.shape[1]
@@ -113,13 +113,10 @@ def encode(
     max_bytes = int(min(arguments.bpp * num_pixels / 8.0, MAX_BYTES))
     edges = _edges(arguments, image.depth)
     is_quiet = arguments.quiet or edges is not None
-    with cli.progress_bar("selections of edges", NUM_STEPS, is_quiet) as advance:
-        try:
-            encoded = encode_to_size(image, max_bytes, edges, options, picture_options, advance)
-        except ConfigError as err:
-            raise ConfigError(f"--bpp {arguments.bpp:g} of {num_pixels} pixels: {err}") from None
-    with atomic_output(arguments.out) as temporary:
-        temporary.write_bytes(encoded.data)
+    bar = cli.progress_bar("selections of edges", NUM_STEPS, is_quiet)
+    with bar as advance, naming_rate(arguments.bpp, num_pixels):
+        encoded = encode_to_size(image, max_bytes, edges, options, picture_options, advance)
+    write_stream(arguments.out, encoded.data)
     return encoded
 
 
@@ -136,11 +133,8 @@ def _edges(arguments: argparse.Namespace, depth: Any) -> "CodedEdges | None":
         return code_edges(EdgeMaps.none(depth.shape))
     if arguments.edges == "auto":
         return None
-    if arguments.edges == "canny":
-        return code_edges(canny_edges(depth))
-    if arguments.edges == "none":
-        return code_edges(EdgeMaps.none(depth.shape))
-    return code_edges(read_edges(arguments.edges, depth.shape))
+    kinds = {"canny": lambda: canny_edges(depth), "none": lambda: EdgeMaps.none(depth.shape)}
+    return code_edges(kinds.get(arguments.edges, lambda: read_edges(arguments.edges, depth.shape))())
 
 
 def figures(
@@ -185,16 +179,7 @@ def quality(
 
 def report(arguments: argparse.Namespace, entries: dict[str, Any]) -> None:
     """Write figures where they are wanted."""
-    import sys
-
-    if arguments.json is not None:
-        cli.write_json(arguments.json, entries)
-    if arguments.json == "-" or arguments.quiet:
-        return
-    names = {"psnr_depth_db": "depth", "psnr_image_db": "image"}
-    known = [f"{name} {entries[key]:.2f} dB" for key, name in names.items() if entries.get(key) is not None]
     bits, edges = 8 * entries["stream_bytes"], entries["bits"]["edges"]
     share = f"{bits} bits, {edges} of them {entries['edge_elements']} edges"
-    sys.stdout.write(
-        "; ".join([f"{arguments.out}: {entries['bpp']:.4f} bits per pixel, {share}", *known]) + "\n"
-    )
+    text = f"{arguments.out}: {entries['bpp']:.4f} bits per pixel, {share}"
+    tell(arguments, entries, "; ".join([text, *in_decibels(entries, QUALITIES)]) + "\n")

@@ -1,13 +1,12 @@
 """`dvc-dibr encode`: views to a stream."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import array_files, cli
 from dvc.depthcodec.limits import MAX_LAYERS
-from dvc.dibr.options import add_json, json_files, parse_multiplier
+from dvc.dibr.options import add_figures, json_files, naming_rate, parse_multiplier, tell, write_stream
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -52,8 +51,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     references = "views that are coded as well, with disparities of their own"
     parser.add_argument("--references", nargs="+", default=(), metavar="VIEW", help=references)
     parser.add_argument("--gray", action="store_true", help="code luma alone")
-    add_json(parser)
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+    add_figures(parser, "show no progress and print no summary")
 
 
 def parse_depths(text: str) -> tuple[float, float, int | None]:
@@ -71,8 +69,6 @@ def parse_depths(text: str) -> tuple[float, float, int | None]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Encode."""
-    from dvc.files import atomic_output
-
     *paths, out = arguments.paths
     if Path(out).suffix.lower() != SUFFIX:
         raise ConfigError(f"the last name must be that of the stream and end in {SUFFIX}, got {out}")
@@ -80,16 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
     cli.check_outputs([*paths, *tables], [out, *json_files(arguments)])
     views, labels = _views(arguments, paths)
     encoder, encoded = _encoded(arguments, views, labels)
-    with atomic_output(out) as temporary:
-        temporary.write_bytes(encoded.data)
+    write_stream(out, encoded.data)
     figures = _figures(encoder, encoded)
-    if arguments.json is not None:
-        cli.write_json(arguments.json, figures)
-    if arguments.json != "-" and not arguments.quiet:
-        share = f"{100 * encoded.disparity_share:.1f} % of it disparities"
-        sys.stdout.write(
-            f"{out}: {figures['bpp']:.4f} bits per pixel, {share}; lambda {encoded.multiplier:.3g}\n"
-        )
+    share = f"{100 * encoded.disparity_share:.1f} % of it disparities; lambda {encoded.multiplier:.3g}"
+    tell(arguments, figures, f"{out}: {figures['bpp']:.4f} bits per pixel, {share}\n")
     return 0
 
 
@@ -158,10 +148,8 @@ def _encoded(
         if known:
             return encoder, encoder.encode(arguments.multiplier)
         num_pixels = views.shape[0] * views.shape[1]
-        try:
+        with naming_rate(arguments.bpp, num_pixels):
             return encoder, encode_to_size(encoder, int(arguments.bpp * num_pixels / 8.0))
-        except ConfigError as err:
-            raise ConfigError(f"--bpp {arguments.bpp:g} of {num_pixels} pixels: {err}") from None
 
 
 def _figures(encoder: "ViewEncoder", encoded: "Encoded") -> dict[str, Any]:

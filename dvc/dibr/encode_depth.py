@@ -3,7 +3,7 @@
 import argparse
 
 from dvc.dibr import depth_images
-from dvc.dibr.options import add_json
+from dvc.dibr.options import add_figures
 
 SUMMARY = "a depth map to a stream"
 DESCRIPTION = """\
@@ -22,8 +22,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", metavar="OUT.dibr", help="stream to write")
     depth_images.add_codec_options(parser)
     depth_images.add_scale_options(parser)
-    add_json(parser)
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+    add_figures(parser, "show no progress and print no summary")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,8 +4,7 @@ import argparse
 
 from dvc import cli
 from dvc.dibr import depth_images
-from dvc.dibr.options import add_json
-from dvc.errors import ConfigError
+from dvc.dibr.options import add_figures, check_size, parse_share
 
 SUMMARY = "a picture with its depth map to a stream"
 DESCRIPTION = """\
@@ -34,20 +33,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "part of the bits that edges and depth have, or auto: that which is best for views from near by; "
         "default: 0.2"
     )
-    parser.add_argument("--depth-share", type=parse_share, default=0.2, metavar="S", help=share)
+    parser.add_argument("--depth-share", type=parse_share_or_auto, default=0.2, metavar="S", help=share)
     parser.add_argument("--gray", action="store_true", help="code luma alone")
-    add_json(parser)
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+    add_figures(parser, "show no progress and print no summary")
 
 
-def parse_share(text: str) -> float | None:
-    """Read a share."""
-    if text == AUTOMATIC:
-        return None
-    share = cli.parse_positive(text)
-    if share >= 1.0:
-        raise argparse.ArgumentTypeError(f"expected a share between 0 and 1, or {AUTOMATIC}, got {text!r}")
-    return share
+def parse_share_or_auto(text: str) -> float | None:
+    """Read a share, or that it is to be chosen."""
+    return None if text == AUTOMATIC else parse_share(text)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -60,9 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     depth_images.check_files(arguments, [arguments.image, arguments.depth])
     picture = read_picture(arguments.image)
     found, scale = depth_images.read_map(arguments.depth, arguments)
-    if picture.shape[:2] != found.depth.shape:
-        sizes = [f"{shape[1]}x{shape[0]}" for shape in (picture.shape, found.depth.shape)]
-        raise ConfigError(f"{arguments.depth}: {sizes[1]}, but {arguments.image} is {sizes[0]}")
+    check_size(arguments.depth, found.depth.shape, picture.shape[:2], arguments.image)
     is_gray = arguments.gray or bool((picture == picture[:, :, :1]).all())
     image = DepthImage(found.depth, scale, luma(picture) if is_gray else picture)
     options = PictureOptions(arguments.order_image, arguments.depth_share)

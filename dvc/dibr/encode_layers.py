@@ -2,12 +2,19 @@
 
 import argparse
 import math
-import sys
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
 from dvc.dibr.depth_images import SUFFIX, WAVELETS
-from dvc.dibr.options import add_json, json_files
+from dvc.dibr.options import (
+    add_figures,
+    in_decibels,
+    json_files,
+    naming_rate,
+    parse_share,
+    tell,
+    write_stream,
+)
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -46,42 +53,27 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--keep", choices=KEEP, default=KEEP[0], help=keep)
     parser.add_argument("--gray", action="store_true", help="code luma alone")
-    add_json(parser)
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
-
-
-def parse_share(text: str) -> float:
-    """Read a share."""
-    share = cli.parse_positive(text)
-    if share >= 1.0:
-        raise argparse.ArgumentTypeError(f"expected a share between 0 and 1, got {text!r}")
-    return share
+    add_figures(parser, "show no progress and print no summary")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Encode."""
     from dvc.depthcodec.layered.pieces import read_pieces
-    from dvc.files import atomic_output
 
     if not arguments.out.lower().endswith(SUFFIX):
         raise ConfigError(f"the name of the stream must end in {SUFFIX}, got {arguments.out}")
     cli.check_outputs([arguments.folder], [arguments.out, *json_files(arguments)])
     scene = read_pieces(arguments.folder)
     encoded, coded = _encode(arguments, scene)
-    with atomic_output(arguments.out) as temporary:
-        temporary.write_bytes(encoded.data)
+    write_stream(arguments.out, encoded.data)
     entries = figures(encoded, coded, scene)
-    if arguments.json is not None:
-        cli.write_json(arguments.json, entries)
-    if arguments.json != "-" and not arguments.quiet:
-        names = {"psnr_disparity_db": "disparity", "psnr_image_db": "colour", "psnr_views_db": "views"}
-        known = [f"{name} {entries[key]:.2f} dB" for key, name in names.items() if entries[key] is not None]
-        text = (
-            f"{entries['num_pieces']} {entries['kind']} of {entries['num_given']}, "
-            f"{entries['bpp']:.4f} bits per pixel, "
-            f"{entries['bits']['edges']} of {8 * entries['stream_bytes']} bits for masks and edges"
-        )
-        sys.stdout.write("; ".join([f"{arguments.out}: {text}", *known]) + "\n")
+    names = {"psnr_disparity_db": "disparity", "psnr_image_db": "colour", "psnr_views_db": "views"}
+    text = (
+        f"{arguments.out}: {entries['num_pieces']} {entries['kind']} of {entries['num_given']}, "
+        f"{entries['bpp']:.4f} bits per pixel, "
+        f"{entries['bits']['edges']} of {8 * entries['stream_bytes']} bits for masks and edges"
+    )
+    tell(arguments, entries, "; ".join([text, *in_decibels(entries, names)]) + "\n")
     return 0
 
 
@@ -101,14 +93,12 @@ def _encode(arguments: argparse.Namespace, scene: "Pieces") -> "tuple[EncodedPie
     )
     max_bytes, keeps_all = int(arguments.bpp * num_pixels / 8.0), arguments.keep == KEEP[1]
     total = len(scene.pieces) if keeps_all else MOST_TRIALS
-    with cli.progress_bar("pieces" if keeps_all else "trials", total, arguments.quiet) as advance:
-        try:
-            if keeps_all:
-                return encode_to_size(scene, max_bytes, options, advance), scene
-            found = encode_best(scene, max_bytes, options, advance)
-            return found.encoded, found.scene
-        except ConfigError as err:
-            raise ConfigError(f"--bpp {arguments.bpp:g} of {num_pixels} pixels: {err}") from None
+    bar = cli.progress_bar("pieces" if keeps_all else "trials", total, arguments.quiet)
+    with bar as advance, naming_rate(arguments.bpp, num_pixels):
+        if keeps_all:
+            return encode_to_size(scene, max_bytes, options, advance), scene
+        found = encode_best(scene, max_bytes, options, advance)
+        return found.encoded, found.scene
 
 
 def figures(encoded: "EncodedPieces", coded: "Pieces", scene: "Pieces") -> dict[str, Any]:

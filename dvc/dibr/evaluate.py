@@ -1,19 +1,20 @@
 """`dvc-dibr evaluate`: rates, bits by part, and quality of streams of any kind."""
 
 import argparse
-import sys
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
 from dvc.dibr.options import (
-    add_json,
+    add_figures,
     add_memory,
+    check_size,
     json_files,
     naming,
     read_stream,
     render_view,
+    tell,
     warn,
 )
 from dvc.errors import ConfigError
@@ -40,8 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth-image", metavar="IMAGE", help="picture of the streams")
     parser.add_argument("--out", metavar="DIR", help="folder to write curves to, new or empty")
     add_memory(parser)
-    add_json(parser)
-    parser.add_argument("--quiet", action="store_true", help="print no table")
+    add_figures(parser, "print no table")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -61,10 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
             warn(path, entries[path]["damage"])
         if folder is not None:
             write_page(folder, entries, _table(entries))
-    if arguments.json is not None:
-        cli.write_json(arguments.json, entries)
-    if arguments.json != "-" and not arguments.quiet:
-        sys.stdout.write(markdown(_table(entries)))
+    tell(arguments, entries, markdown(_table(entries)))
     return 0
 
 
@@ -99,9 +96,8 @@ def stream_quality(path: str, arguments: argparse.Namespace) -> dict[str, Any]:
             entries["psnr_image_db"] = found if found < float("inf") else None
         return entries
     depth = None if truth_depth is None else read_true_depth(truth_depth)
-    if depth is not None and depth.depth.shape != shape:
-        size = f"{depth.depth.shape[1]}x{depth.depth.shape[0]}"
-        raise ConfigError(f"{truth_depth}: {size}, but {path} is {shape[1]}x{shape[0]}")
+    if depth is not None:
+        check_size(truth_depth, depth.depth.shape, shape, path)
     entries |= {"bits": figures["bits"], "edge_elements": figures["edge_elements"]}
     with naming(path):
         decoded = decoder.decode(stream)

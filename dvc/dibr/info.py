@@ -1,11 +1,10 @@
 """`dvc-dibr info`: what a stream says of itself."""
 
 import argparse
-import sys
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.dibr.options import add_json, add_stream, json_files, naming, read_stream
+from dvc.dibr.options import add_figures, add_stream, json_files, naming, read_stream, tell
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,7 +26,7 @@ EXAMPLES = """\
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the subcommand takes."""
     add_stream(parser)
-    add_json(parser)
+    add_figures(parser, None)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -39,10 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     with naming(arguments.path):
         figures = stream_figures(stream, Path(arguments.path).stat().st_size)
         _, text = _figures_and_text(stream)
-    if arguments.json is not None:
-        cli.write_json(arguments.json, figures)
-    if arguments.json != "-":
-        sys.stdout.write(text(figures))
+    tell(arguments, figures, text(figures))
     return 0
 
 

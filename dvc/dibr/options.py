@@ -3,19 +3,17 @@
 import argparse
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dvc import array_files, cli
 from dvc.depthcodec.limits import MAX_LAYERS, MAX_MIB
 from dvc.errors import BitstreamError, ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from dvc.depthcodec.depth_image.stream import DepthImageStream
     from dvc.depthcodec.layered.decoder import DecodedPieces
     from dvc.depthcodec.layered.stream import LayeredStream
@@ -46,10 +44,57 @@ def add_layers(parser: argparse.ArgumentParser) -> None:
     cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), text, metavar="K")
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add the option that writes figures."""
+def add_figures(parser: argparse.ArgumentParser, quiet: str | None) -> None:
+    """Add the option that writes figures, and the one that has nothing printed in their place."""
     text = "write the figures; - for standard output, in place of text"
     parser.add_argument("--json", metavar="FILE", help=text)
+    if quiet is not None:
+        parser.add_argument("--quiet", action="store_true", help=quiet)
+
+
+def tell(arguments: argparse.Namespace, figures: dict[str, Any], text: str) -> None:
+    """Write figures where they are wanted, and what they say in words unless that is not."""
+    if arguments.json is not None:
+        cli.write_json(arguments.json, figures)
+    if arguments.json != "-" and not getattr(arguments, "quiet", False):
+        sys.stdout.write(text)
+
+
+def in_decibels(figures: dict[str, Any], names: dict[str, str]) -> list[str]:
+    """Return the figures that are known, by the names that they have in text."""
+    return [f"{name} {figures[key]:.2f} dB" for key, name in names.items() if figures.get(key) is not None]
+
+
+def check_size(path: str, shape: Sequence[int], wanted: Sequence[int], what: str) -> None:
+    """Refuse a picture of another size than it must have."""
+    if tuple(shape[:2]) != tuple(wanted):
+        sizes = [f"{size[1]}x{size[0]}" for size in (shape, wanted)]
+        raise ConfigError(f"{path}: {sizes[0]}, but {what} is {sizes[1]}")
+
+
+def write_stream(path: str, data: bytes) -> None:
+    """Write a stream as a whole, or not at all."""
+    from dvc.files import atomic_output
+
+    with atomic_output(path) as temporary:
+        temporary.write_bytes(data)
+
+
+@contextmanager
+def naming_rate(bpp: float, num_pixels: int) -> Iterator[None]:
+    """Put a rate before what it is too low for."""
+    try:
+        yield
+    except ConfigError as err:
+        raise ConfigError(f"--bpp {bpp:g} of {num_pixels} pixels: {err}") from None
+
+
+def parse_share(text: str) -> float:
+    """Read a share."""
+    share = cli.parse_positive(text)
+    if share >= 1.0:
+        raise argparse.ArgumentTypeError(f"expected a share between 0 and 1, got {text!r}")
+    return share
 
 
 def json_files(arguments: argparse.Namespace) -> list[str | Path]:
@@ -79,7 +124,7 @@ def parse_multiplier(text: str) -> float:
     return multiplier
 
 
-def viewpoint_of(viewpoints: "Sequence[Viewpoint]", view: "LatticePosition | int") -> "Viewpoint":
+def viewpoint_of(viewpoints: Sequence["Viewpoint"], view: "LatticePosition | int") -> "Viewpoint":
     """Return the viewpoint that was typed."""
     from dvc.multiview.camera_array import LatticePosition
 

@@ -2,20 +2,22 @@
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
 from dvc.dibr.options import (
-    add_json,
+    add_figures,
     add_layers,
     add_stream,
+    check_size,
     decode_views,
+    in_decibels,
     json_files,
     parse_view,
     render_view,
+    tell,
     viewpoint_of,
     warn,
 )
@@ -58,8 +60,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--blend", choices=BLENDS, default=BLENDS[0], help=blend)
     truth = "picture taken there: tells PSNR and SSIM"
     parser.add_argument("--truth", metavar="VIEW", help=truth)
-    add_json(parser)
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+    add_figures(parser, "show no progress and print no summary")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -73,10 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         figures |= _video(arguments, decoded)
     warn(arguments.path, decoded.damage)
-    if arguments.json is not None:
-        cli.write_json(arguments.json, figures | {"damage": decoded.damage})
-    if arguments.json != "-" and not arguments.quiet:
-        sys.stdout.write(f"{arguments.out}: {_text(figures)}\n")
+    tell(arguments, figures | {"damage": decoded.damage}, f"{arguments.out}: {_text(figures)}\n")
     return 0
 
 
@@ -126,9 +124,7 @@ def read_truth(path: str, shape: tuple[int, int]) -> "NDArray[np.uint8]":
     from dvc.picture_files import read_picture
 
     truth = read_picture(path)
-    if truth.shape[:2] != shape:
-        sizes = [f"{size[1]}x{size[0]}" for size in (truth.shape, shape)]
-        raise ConfigError(f"{path}: {sizes[0]}, but the stream is {sizes[1]}")
+    check_size(path, truth.shape, shape, "the stream")
     return truth
 
 
@@ -193,6 +189,6 @@ def _text(figures: dict[str, Any]) -> str:
         return f"{figures['frames']} frames of {size}"
     text = f"{size}, {100 * figures['filled_share']:.1f} % filled"
     names = {"psnr_db": "PSNR", "psnr_visible_db": "visible", "psnr_filled_db": "filled"}
-    known = [f"{title} {figures[key]:.2f} dB" for key, title in names.items() if figures.get(key) is not None]
+    known = in_decibels(figures, names)
     known += [f"SSIM {figures['ssim']:.4f}"] if figures.get("ssim") is not None else []
     return "; ".join([text, *known])

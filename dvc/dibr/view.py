@@ -1,19 +1,19 @@
 """`dvc-dibr view`: a decoded scene as a page in which the viewpoint is moved by hand."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
 from dvc.dibr.options import (
-    add_json,
+    add_figures,
     add_layers,
     add_memory,
     decode_views,
     json_files,
     parse_view,
     render_view,
+    tell,
     viewpoint_of,
     warn,
 )
@@ -55,8 +55,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "where the page shows PSNR"
     )
     parser.add_argument("--truth", nargs="+", default=[], metavar="[M,N=|K=]VIEW", help=truth)
-    add_json(parser)
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+    add_figures(parser, "show no progress and print no summary")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -77,14 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
         scene, caption = _stream(arguments, truths)
     write_page(arguments.out, scene, caption)
     figures = _figures(arguments.out, scene, caption)
-    if arguments.json is not None:
-        cli.write_json(arguments.json, figures)
-    if arguments.json != "-" and not arguments.quiet:
-        known = [f"{value:.2f} dB" for value in caption.qualities if value is not None]
-        quality = f"; PSNR {', '.join(known)}" if known else ""
-        sys.stdout.write(
-            f"{arguments.out}: {figures['page_bytes']} bytes, {figures['sources']} sources{quality}\n"
-        )
+    known = [f"{value:.2f} dB" for value in caption.qualities if value is not None]
+    quality = f"; PSNR {', '.join(known)}" if known else ""
+    text = f"{arguments.out}: {figures['page_bytes']} bytes, {figures['sources']} sources{quality}\n"
+    tell(arguments, figures, text)
     return 0
 
 
