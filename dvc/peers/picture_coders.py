@@ -73,12 +73,6 @@ def _avif(picture: Picture, level: int) -> bytes:
     return _saved(picture, "AVIF", quality=level, subsampling="4:0:0", max_threads=1)
 
 
-def _avif_slow(picture: Picture, level: int) -> bytes:
-    """Code as AVIF as well as libaom can, for PSNR; takes seconds."""
-    options = {"speed": 0, "advanced": {"tune": "psnr"}}
-    return _saved(picture, "AVIF", quality=level, subsampling="4:0:0", max_threads=1, codec="aom", **options)
-
-
 def _jpeg2000(picture: Picture, level: int) -> bytes:
     """Code as JPEG 2000, 9/7, one layer; ratios fall with the level."""
     ratio = JPEG2000_STEP ** (JPEG2000_LEVELS - level)
@@ -98,6 +92,5 @@ def _saved(picture: Picture, file_format: str, **options: object) -> bytes:
 
 
 AVIF = PictureCoder("AVIF", AVIF_LEVELS, _avif)
-AVIF_SLOW = PictureCoder("AVIF, slowest", AVIF_LEVELS, _avif_slow)
 JPEG2000 = PictureCoder("JPEG 2000", JPEG2000_LEVELS, _jpeg2000)
 PICTURE_CODERS = AVIF, JPEG2000

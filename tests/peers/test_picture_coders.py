@@ -5,13 +5,12 @@ import pytest
 from skimage.data import camera
 
 from dvc.metrics import psnr_db
-from dvc.peers.intra_frames import X265_INTRA
 from dvc.peers.picture_coders import AVIF, JPEG2000, Ladder, PictureCoder
 
 PICTURE = np.ascontiguousarray(camera()[100:228, 200:356])
 
 
-@pytest.mark.parametrize("coder", [AVIF, JPEG2000, X265_INTRA], ids=lambda coder: coder.name)
+@pytest.mark.parametrize("coder", [AVIF, JPEG2000], ids=lambda coder: coder.name)
 def test_best_quality_that_fits(coder: PictureCoder) -> None:
     """Files fit, one more level does not, and more bytes make better pictures."""
     ladder = Ladder(coder, PICTURE)
