@@ -20,21 +20,12 @@ NEAR_VIEW = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PictureAndDisparity:
-    """A decoded reference.
+    """A decoded reference."""
 
-    Attributes
-    ----------
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8
-        Gray, or red, green and blue.
-    disparity : ndarray of shape (H, W), float64
-        In pixels of the picture per unit of m and n; of calibrated cameras, inverse depth.
-    viewpoint : Viewpoint
-        Of its camera.
-    """
-
-    picture: NDArray[np.uint8]
+    picture: NDArray[np.uint8]  # gray, or red, green and blue; (H, W) or (H, W, 3)
+    # in pixels of the picture per unit of m and n; of calibrated cameras, inverse depth; (H, W)
     disparity: Floats
-    viewpoint: Viewpoint
+    viewpoint: Viewpoint  # of its camera
 
 
 class DecodedViews(Protocol):

@@ -23,30 +23,14 @@ ORIGIN = LatticePosition(0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class DecodedDepthImage:
-    """A decoded stream.
+    """A decoded stream."""
 
-    Attributes
-    ----------
-    stream : DepthImageStream
-        What was decoded.
-    depth : ndarray of shape (H, W), float64
-        The map, in its own numbers.
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8, or None
-        Gray, or red, green and blue.
-    edges : EdgeMaps
-        Of the full resolution.
-    resolution : int
-        How many times map and picture are halved.
-    mask : ndarray of shape (h, w), bool, or None
-        Where there is anything; None: everywhere.
-    """
-
-    stream: DepthImageStream
-    depth: Plane
-    picture: NDArray[np.uint8] | None
-    edges: EdgeMaps
-    resolution: int
-    mask: Mask | None = None
+    stream: DepthImageStream  # what was decoded
+    depth: Plane  # the map, in its own numbers; (H, W)
+    picture: NDArray[np.uint8] | None  # gray, or red, green and blue; (H, W) or (H, W, 3)
+    edges: EdgeMaps  # of the full resolution
+    resolution: int  # how many times map and picture are halved
+    mask: Mask | None = None  # where there is anything; None: everywhere; (h, w)
 
     @property
     def disparity(self) -> Plane:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc.depthcodec.depth_image.decoder import decode_plane
 from dvc.depthcodec.depth_image.depth_scale import DepthScale, Plane
@@ -157,3 +158,42 @@ def best_at(candidates: Sequence[DepthCandidate], num_bytes: int) -> DepthCode |
     """Return the code of the least squared error."""
     found = [code for candidate in candidates if (code := candidate.cut(num_bytes)) is not None]
     return min(found, key=lambda code: code.mse, default=None)
+
+
+PictureCandidate = tuple[PictureCode, EdgeMaps | None, bool]
+"""A picture coded with some edges, to be cut; these; and whether they are those of its map, too."""
+
+
+def code_pictures(
+    picture: NDArray[np.uint8],
+    stops: Sequence[tuple[EdgeMaps | None, bool]],
+    max_bytes: int,
+    options: DepthOptions,
+    order: int,
+    mask: Mask | None = None,
+) -> list[PictureCandidate]:
+    """Code a picture with several edges."""
+    levels, how = np.asarray(picture, np.float64), (options.num_levels, options.wavelet, options.adaptive)
+    return [
+        (picture_codec.encode(levels, max_bytes, *how, maps, order, mask=mask), maps, shared)
+        for maps, shared in stops
+    ]
+
+
+def best_picture_at(
+    picture: NDArray[np.uint8],
+    candidates: Sequence[PictureCandidate],
+    num_bytes: int,
+    order: int,
+    mask: Mask | None = None,
+) -> tuple[PlaneCode, bool]:
+    """Return the code of the least squared error, and whether it has the edges of the map."""
+    found: list[tuple[float, PlaneCode, bool]] = []
+    for code, maps, shared in candidates:
+        header, data = code.cut(num_bytes)
+        plane = PlaneCode(header, order, data)
+        decoded = decode_plane(plane, maps, (picture.shape[0], picture.shape[1]), 0, mask).picture()
+        error = decoded.astype(np.float64) - picture
+        found.append((float(np.mean((error if mask is None else error[mask]) ** 2)), plane, shared))
+    _, plane, shared = min(found, key=lambda one: one[0])
+    return plane, shared

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.bits import encode_varint
-from dvc.depthcodec.depth_image.decoder import decode_plane
 from dvc.depthcodec.depth_image.depth_codes import (
     CodedEdges,
     DepthCandidate,
     DepthOptions,
     best_at,
+    best_picture_at,
+    code_pictures,
     code_with_edges,
     code_with_selections,
 )
@@ -43,59 +44,31 @@ _NO_EDGES = CodedEdges(None, EdgeCode.ADAPTIVE, b"")
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
-    """What is coded.
+    """What is coded."""
 
-    Attributes
-    ----------
-    depth : ndarray of shape (H, W), float64
-        The map, all finite.
-    scale : DepthScale
-        Of its numbers.
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8, or None
-        Gray, or red, green and blue.
-    """
-
-    depth: Plane
-    scale: DepthScale
-    picture: Picture | None = None
+    depth: Plane  # the map, all finite; (H, W)
+    scale: DepthScale  # of its numbers
+    picture: Picture | None = None  # gray, or red, green and blue; (H, W) or (H, W, 3)
 
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """How a picture is coded beside its depth map.
+    """How a picture is coded beside its depth map."""
 
-    Attributes
-    ----------
-    order : int
-        Of the extrapolation at edges.
-    depth_share : float or None
-        Part of the bytes that the map has; None: that at which rendered views are best for small steps aside.
-    """
-
-    order: int = 0
+    order: int = 0  # of the extrapolation at edges
+    # part of the bytes that the map has; None: that at which rendered views are best for small
+    # steps aside
     depth_share: float | None = DEPTH_SHARE
 
 
 @dataclass(frozen=True, eq=False)
 class EncodedDepthImage:
-    """A stream, and where its bytes go.
+    """A stream, and where its bytes go."""
 
-    Attributes
-    ----------
-    data : bytes
-        The file.
-    stream : DepthImageStream
-        What it holds.
-    edges : EdgeMaps or None
-        Edges, if there are any.
-    part_bytes : dict of str to int
-        Of `header` (lengths and checksum included), `edges`, `depth` and `image`.
-    """
-
-    data: bytes
-    stream: DepthImageStream
-    edges: EdgeMaps | None
-    part_bytes: dict[str, int]
+    data: bytes  # the file
+    stream: DepthImageStream  # what it holds
+    edges: EdgeMaps | None  # edges, if there are any
+    part_bytes: dict[str, int]  # of `header` (lengths and checksum included), `edges`, `depth` and `image`
 
 
 def encode_to_size(
@@ -198,21 +171,11 @@ def code_picture(
     is_free: bool = True,
 ) -> tuple[PlaneCode, bool]:
     """Code a picture with the edges of its map, or without where that is better."""
-    shape = picture.shape[0], picture.shape[1]
-    levels = np.asarray(picture, np.float64)
-    tried = [None] if edges is None else [None, edges] if is_free else [edges]
-    found: list[tuple[float, PlaneCode, bool]] = []
-    for maps in tried:
-        code = picture_codec.encode(
-            levels, num_bytes, options.num_levels, options.wavelet, options.adaptive, maps, order
-        )
-        header, data = code.cut(num_bytes)
-        plane = PlaneCode(header, order, data)
-        decoded = decode_plane(plane, maps, shape).picture()
-        error = float(np.mean((decoded - levels) ** 2))
-        found.append((error, plane, maps is not None))
-    _, plane, with_edges = min(found, key=lambda one: one[0])
-    return plane, with_edges
+    without: list[tuple[EdgeMaps | None, bool]] = [(None, False)] if edges is None or is_free else []
+    stops = without if edges is None else [*without, (edges, True)]
+    return best_picture_at(
+        picture, code_pictures(picture, stops, num_bytes, options, order), num_bytes, order
+    )
 
 
 def _best_share(

@@ -14,18 +14,10 @@ from dvc.stereo.layers.sprites import Sprite
 
 @dataclass(frozen=True, eq=False)
 class DecodedPieces:
-    """A decoded stream.
+    """A decoded stream."""
 
-    Attributes
-    ----------
-    scene : Pieces
-        What it holds.
-    damage : str or None
-        What is missing of it.
-    """
-
-    scene: Pieces
-    damage: str | None
+    scene: Pieces  # what it holds
+    damage: str | None  # what is missing of it
 
     @property
     def shape(self) -> tuple[int, int]:

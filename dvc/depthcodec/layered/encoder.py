@@ -6,13 +6,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.depthcodec.depth_image.decoder import decode_plane
 from dvc.depthcodec.depth_image.depth_codes import (
     DepthCandidate,
     DepthCode,
     DepthOptions,
+    PictureCandidate,
     best_at,
+    best_picture_at,
     code_edges,
+    code_pictures,
     code_with_selections,
 )
 from dvc.depthcodec.depth_image.depth_scale import NUM_LEVELS, DepthScale, Plane
@@ -22,8 +24,7 @@ from dvc.depthcodec.layered.pieces import Pieces
 from dvc.depthcodec.layered.rate import Choices, allot
 from dvc.depthcodec.layered.stream import Rectangle, encode_header, encode_stream
 from dvc.errors import ConfigError
-from dvc.imagecodec import codec as picture_codec
-from dvc.imagecodec.codec import PictureCode, multipliers_around
+from dvc.imagecodec.codec import multipliers_around
 from dvc.imagecodec.colour import luma
 from dvc.imagecodec.edges.chain_code import EdgeCode
 from dvc.imagecodec.edges.masks import border
@@ -44,45 +45,23 @@ _DEPTH_WEIGHT = (_PEAK / NUM_LEVELS) ** 2
 
 @dataclass(frozen=True)
 class LayeredOptions:
-    """How pieces are coded.
+    """How pieces are coded."""
 
-    Attributes
-    ----------
-    depth : DepthOptions
-        How maps are transformed, at most so many times.
-    picture_order : int
-        Of the extrapolation at edges in pictures.
-    depth_share : float
-        Part of the bytes that edges and depth have, if masks leave it to them.
-    gray : bool
-        Code luma alone.
-    """
-
+    # how maps are transformed, at most so many times
     depth: DepthOptions = field(default_factory=DepthOptions)
-    picture_order: int = 0
-    depth_share: float = DEPTH_SHARE
-    gray: bool = False
+    picture_order: int = 0  # of the extrapolation at edges in pictures
+    depth_share: float = DEPTH_SHARE  # part of the bytes that edges and depth have, if masks leave it to them
+    gray: bool = False  # code luma alone
 
 
 @dataclass(frozen=True, eq=False)
 class EncodedPieces:
-    """A stream, and where its bytes go.
+    """A stream, and where its bytes go."""
 
-    Attributes
-    ----------
-    data : bytes
-        The file.
-    edge_elements : int
-        Edges of all pieces, borders of masks among them.
-    part_bytes : dict of str to int
-        Of `header` (of the stream and of its pieces), `edges`, `depth` and `image`.
-    multiplier : float
-        Squared error that a bit of the pictures was worth, in squared levels of all pixels together.
-    """
-
-    data: bytes
-    edge_elements: int
-    part_bytes: dict[str, int]
+    data: bytes  # the file
+    edge_elements: int  # edges of all pieces, borders of masks among them
+    part_bytes: dict[str, int]  # of `header` (of the stream and of its pieces), `edges`, `depth` and `image`
+    # squared error that a bit of the pictures was worth, in squared levels of all pixels together
     multiplier: float
 
 
@@ -260,26 +239,13 @@ def _code_pictures(
     codings: Sequence[_Coding], edges: Sequence[EdgeMaps | None], room: int, order: int
 ) -> tuple[list[tuple[PlaneCode, bool]], float]:
     """Code all pictures at one multiplier; return it, and which share the edges of their maps."""
-    found: list[list[tuple[PictureCode, EdgeMaps, bool]]] = []
+    found: list[list[PictureCandidate]] = []
     for coding, maps in zip(codings, edges, strict=True):
-        mask, options = coding.piece.mask, coding.options
-        outline = border(mask)
-        variants = [(outline, False)]
+        outline = border(coding.piece.mask)
+        stops: list[tuple[EdgeMaps | None, bool]] = [(outline, False)]
         if maps is not None and maps.count() > outline.count():
-            variants.append((maps, True))
-        found.append([])
-        for stops, shared in variants:
-            code = picture_codec.encode(
-                coding.picture.astype(np.float64),
-                room,
-                options.num_levels,
-                options.wavelet,
-                options.adaptive,
-                stops,
-                order,
-                mask=mask,
-            )
-            found[-1].append((code, stops, shared))
+            stops.append((maps, True))
+        found.append(code_pictures(coding.picture, stops, room, coding.options, order, coding.piece.mask))
     choices = [
         Choices(tuple(code for code, _, _ in one), (0,) * len(one), coding.weight)
         for coding, one in zip(codings, found, strict=True)
@@ -287,22 +253,7 @@ def _code_pictures(
     lengths = allot(choices, room)
     assert lengths is not None, "nothing at all always fits"
     best = [
-        _best_picture(coding, one, length, order)
+        best_picture_at(coding.picture, one, length, order, coding.piece.mask)
         for coding, one, length in zip(codings, found, lengths, strict=True)
     ]
     return best, multipliers_around(choices, _NEARLY_ALL * room)[1] * _PEAK**2
-
-
-def _best_picture(
-    coding: _Coding, codes: Sequence[tuple[PictureCode, EdgeMaps, bool]], length: int, order: int
-) -> tuple[PlaneCode, bool]:
-    """The code of the least error at a length."""
-    found = []
-    for code, stops, shared in codes:
-        header, data = code.cut(length)
-        plane = PlaneCode(header, order, data)
-        decoded = decode_plane(plane, stops, coding.shape, 0, coding.piece.mask).picture()
-        error = (decoded.astype(np.float64) - coding.picture)[coding.piece.mask]
-        found.append((float(np.mean(error**2)), plane, shared))
-    _, plane, shared = min(found, key=lambda one: one[0])
-    return plane, shared

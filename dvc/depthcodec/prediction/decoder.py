@@ -22,27 +22,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """A decoded stream.
+    """A decoded stream."""
 
-    Attributes
-    ----------
-    header : Header
-        What the stream says of itself.
-    pairs : tuple of PictureAndDisparity
-        One for each reference.
-    num_layers : int
-        Quality layers that were decoded.
-    resolution : int
-        How many times pictures are halved.
-    damage : str or None
-        Why there are fewer layers than there should be.
-    """
-
-    header: Header
-    pairs: tuple[PictureAndDisparity, ...]
-    num_layers: int
-    resolution: int
-    damage: str | None
+    header: Header  # what the stream says of itself
+    pairs: tuple[PictureAndDisparity, ...]  # one for each reference
+    num_layers: int  # quality layers that were decoded
+    resolution: int  # how many times pictures are halved
+    damage: str | None  # why there are fewer layers than there should be
 
     @property
     def viewpoints(self) -> tuple[Viewpoint, ...]:

@@ -45,21 +45,11 @@ MULTIPLIER_SHARES = tuple(0.8 + 0.05 * step for step in range(9))
 
 
 class Encoded(NamedTuple):
-    """A stream and what it is made of.
+    """A stream and what it is made of."""
 
-    Attributes
-    ----------
-    data : bytes
-        The file.
-    multiplier : float
-        Squared error (intensities from 0 to 1) that the last bit of a pixel was worth.
-    header_bytes, picture_bytes, disparity_bytes : int
-        Parts of the file; the first with lengths and checksums of layers.
-    """
-
-    data: bytes
-    multiplier: float
-    header_bytes: int
+    data: bytes  # the file
+    multiplier: float  # squared error (intensities from 0 to 1) that the last bit of a pixel was worth
+    header_bytes: int  # parts of the file; the first with lengths and checksums of layers
     picture_bytes: int
     disparity_bytes: int
 

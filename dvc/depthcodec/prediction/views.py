@@ -13,21 +13,11 @@ from dvc.multiview.viewpoints import Viewpoint, distance
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """Pictures of one scene.
+    """Pictures of one scene."""
 
-    Attributes
-    ----------
-    pictures : tuple of ndarray of shape (H, W) or (H, W, 3), uint8
-        Gray, or red, green and blue; all alike.
-    viewpoints : tuple of Viewpoint
-        Of each, of one kind.
-    references : tuple of int
-        Numbers of the views that are coded; the others are predicted.
-    """
-
-    pictures: tuple[Picture, ...]
-    viewpoints: tuple[Viewpoint, ...]
-    references: tuple[int, ...] = (0,)
+    pictures: tuple[Picture, ...]  # gray, or red, green and blue; all alike; tuple of (H, W) or (H, W, 3)
+    viewpoints: tuple[Viewpoint, ...]  # of each, of one kind
+    references: tuple[int, ...] = (0,)  # numbers of the views that are coded; the others are predicted
 
     def __post_init__(self) -> None:
         if len(self.pictures) < 2 or len(self.pictures) != len(self.viewpoints):
@@ -43,18 +33,7 @@ class Views:
         return self.pictures[0].shape[0], self.pictures[0].shape[1]
 
     def predicted_from(self, reference: int) -> list[int]:
-        """Return the views that a reference is to predict.
-
-        Parameters
-        ----------
-        reference : int
-            Number of the view.
-
-        Returns
-        -------
-        list of int
-            All that are not nearer to another reference, without itself.
-        """
+        """Return the views that a reference is to predict: all that are not nearer to another one."""
         views = []
         for view, viewpoint in enumerate(self.viewpoints):
             reach = {other: distance(self.viewpoints[other], viewpoint) for other in self.references}
@@ -64,22 +43,7 @@ class Views:
 
 
 def views_of_array(array: CameraArray, references: Sequence[int] = (0,), *, gray: bool = False) -> Views:
-    """Return the views of a camera array.
-
-    Parameters
-    ----------
-    array : CameraArray
-        At least two views.
-    references : sequence of int, optional
-        Numbers of those that are coded.
-    gray : bool, optional
-        Luma alone, as where no picture has any colour.
-
-    Returns
-    -------
-    Views
-        The same pictures.
-    """
+    """Return the views of a camera array."""
     return views_of_pictures(
         [view.image for view in array], [view.position for view in array], references, gray=gray
     )
@@ -92,24 +56,7 @@ def views_of_pictures(
     *,
     gray: bool = False,
 ) -> Views:
-    """Return views; where no picture has any colour, of luma alone.
-
-    Parameters
-    ----------
-    pictures : sequence of ndarray of shape (H, W) or (H, W, 3), uint8
-        At least two.
-    viewpoints : sequence of Viewpoint
-        One for each, of one kind.
-    references : sequence of int, optional
-        Numbers of those that are coded.
-    gray : bool, optional
-        Luma alone in any case.
-
-    Returns
-    -------
-    Views
-        The same pictures.
-    """
+    """Return views; where no picture has any colour, of luma alone."""
     gray = gray or all(picture.ndim == 2 or not np.ptp(picture, axis=2).any() for picture in pictures)
     kept = tuple(luma(picture) if gray else picture for picture in pictures)
     return Views(kept, tuple(viewpoints), tuple(references))
