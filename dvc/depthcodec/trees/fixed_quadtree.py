@@ -15,8 +15,8 @@ from dvc.depthcodec.trees.blocks import bits_of_label
 from dvc.depthcodec.trees.disparity_codec import DisparityCodec, Known
 from dvc.depthcodec.trees.distortion import Distortion
 from dvc.depthcodec.trees.error_tensor import Tensor
-from dvc.depthcodec.trees.integer_transforms import level_shapes
-from dvc.depthcodec.trees.quadtree import Quadtree, prune, spread, square_sums
+from dvc.depthcodec.trees.integer_transforms import level_shapes, spread
+from dvc.depthcodec.trees.quadtree import Quadtree, prune, square_sums
 from dvc.errors import BitstreamError
 
 SPLIT_BITS = 1.0

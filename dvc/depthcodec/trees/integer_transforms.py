@@ -11,19 +11,20 @@ References
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dvc.imagecodec.wavelets.lifting import most_levels, scale_shapes
 
 Labels = NDArray[np.int32]
 
 
 def level_shapes(shape: tuple[int, int], num_levels: int | None = None) -> list[tuple[int, int]]:
     """Return the sizes of all levels."""
-    shapes = [shape]
-    while max(shapes[-1]) > 1 and (num_levels is None or len(shapes) <= num_levels):
-        shapes.append((-(-shapes[-1][0] // 2), -(-shapes[-1][1] // 2)))
-    return shapes
+    most = most_levels(shape)
+    return scale_shapes(shape, most if num_levels is None else min(num_levels, most))
 
 
 @dataclass(frozen=True)
@@ -78,15 +79,16 @@ def _analyse_plane_l(samples: Labels) -> tuple[Labels, Labels]:
             total[: part.shape[0], : part.shape[1]] += part
             count[: part.shape[0], : part.shape[1]] += 1
     low = total // count
-    return low, samples - _repeated(low, samples.shape)
+    return low, samples - spread(low, samples.shape)
 
 
 def _synthesise_plane_l(low: Labels, high: Labels) -> Labels:
-    return _repeated(low, high.shape) + high
+    return np.asarray(spread(low, high.shape) + high)
 
 
-def _repeated(low: Labels, shape: tuple[int, ...]) -> Labels:
-    return low.repeat(2, axis=0)[: shape[0]].repeat(2, axis=1)[:, : shape[1]]
+def spread(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Give the values of nodes to their children, of which there are so many."""
+    return values.repeat(2, axis=0)[: shape[0]].repeat(2, axis=1)[:, : shape[1]]
 
 
 L_TRANSFORM = IntegerTransform("l", _analyse_plane_l, _synthesise_plane_l)

@@ -22,7 +22,7 @@ from dvc.depthcodec.trees import _kernels
 from dvc.depthcodec.trees.disparity_codec import Candidates, DisparityCodec, Known, climb
 from dvc.depthcodec.trees.distortion import CREDITS, Distortion
 from dvc.depthcodec.trees.error_tensor import Tensor
-from dvc.depthcodec.trees.integer_transforms import Labels, level_shapes
+from dvc.depthcodec.trees.integer_transforms import Labels, level_shapes, spread
 from dvc.entropy import RangeCoder, context_counts
 
 Floats = NDArray[np.float64]
@@ -126,11 +126,6 @@ def _sum_of_squares(values: NDArray[np.floating]) -> NDArray[np.floating]:
     columns = rows[:, 0::2].copy()
     columns[:, : values.shape[1] // 2] += rows[:, 1::2]
     return columns
-
-
-def spread(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Give the values of squares to those of half the side."""
-    return values.repeat(2, axis=0)[: shape[0]].repeat(2, axis=1)[:, : shape[1]]
 
 
 def _first_bits(sums: Sequence[Tensor]) -> tuple[Floats, Floats]:

@@ -23,6 +23,7 @@ from dvc.depthcodec.trees.integer_transforms import (
     IntegerTransform,
     WaveletTree,
     level_shapes,
+    spread,
 )
 
 Floats = NDArray[np.float64]
@@ -69,7 +70,7 @@ def laplacian_costs(
     flags = np.array([[np.inf, 0.0]], np.float32)
     costs = []
     for size, classes in zip(level_shapes(shape, len(significance)), significance, strict=False):
-        kind = np.minimum(classes, 1).repeat(2, axis=0).repeat(2, axis=1)[: size[0], : size[1]]
+        kind = spread(np.minimum(classes, 1), size)
         none = np.full((*size, 2), _kernels.NONE, np.int32)
         costs.append(
             LevelCosts(
@@ -122,7 +123,7 @@ def significant_places(tree: WaveletTree, significance: Sequence[Classes]) -> li
     """Tell by level which coefficients are significant, of those that the transform has."""
     places = []
     for high, classes in zip(tree.highs, significance, strict=True):
-        used = classes.repeat(2, axis=0).repeat(2, axis=1)[: high.shape[0], : high.shape[1]] > 0
+        used = spread(classes, high.shape) > 0
         if tree.transform is not L_TRANSFORM:
             used[0::2, 0::2] = False
         places.append(used)
