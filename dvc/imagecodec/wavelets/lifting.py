@@ -29,7 +29,7 @@ Plane = NDArray[np.float64]
 
 Mask = NDArray[np.bool_]
 
-_ROWS_AT_ONCE = 32  # pairs of them
+_SAMPLES_AT_ONCE = 2**17  # that rows are merged of: planes may be large
 MAX_ORDER = 3
 """Highest degree of the polynomials."""
 
@@ -142,9 +142,9 @@ class Transform:
         for k, details in reversed(list(enumerate(pyramid.details))):
             (top, width), (bottom, right) = low.shape, details.diagonal.shape
             plane, maps = np.empty((top + bottom, width + right)), scales[k]
-            for start in range(0, len(plane), 2 * _ROWS_AT_ONCE):  # planes may be large
-                rows = slice(start, start + 2 * _ROWS_AT_ONCE)
-                pairs = slice(start // 2, start // 2 + _ROWS_AT_ONCE)
+            number = max(_SAMPLES_AT_ONCE // (2 * plane.shape[1]), 1)
+            for first in range(0, top, number):
+                pairs, rows = slice(first, first + number), slice(2 * first, 2 * (first + number))
                 across = np.empty(plane[rows].shape[::-1])
                 across.T[0::2, 0::2], across.T[0::2, 1::2] = low[pairs], details.horizontal[pairs]
                 across.T[1::2, 0::2], across.T[1::2, 1::2] = details.vertical[pairs], details.diagonal[pairs]
