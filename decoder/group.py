@@ -70,9 +70,7 @@ class GroupDecoder:
     ) -> None:
         method = config.side_information.method
         if method not in METHODS:
-            raise BitstreamError(
-                f"unknown side-information method {method!r}; there are {', '.join(METHODS)}"
-            )
+            raise BitstreamError(METHODS.missing(repr(method)))
         self._config = config
         self._method = METHODS[method](config)
         self._extrapolation = TrackedExtrapolation()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from dvc import cli
 from dvc.config import FALLBACKS, MAPPERS, SFM_BACKENDS
 from dvc.errors import ConfigError
+from dvc.extensions import SCENE_INTERPOLATORS, SIDE_INFORMATION, installed
 from dvc.limits import MAX_MEMORY_MIB
 
 if TYPE_CHECKING:
@@ -113,10 +114,12 @@ def _frame_slice(text: str) -> slice:
 
 def _add_prediction(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("prediction, instead of as the stream says").add_argument
+    ours = "mci", "blocks", "mesh", "depth", "fused"
+    methods = dict.fromkeys([*ours, *installed(SIDE_INFORMATION), *installed(SCENE_INTERPOLATORS)])
     add(
         "--side-information",
         metavar="METHOD",
-        help="predict with METHOD (mci, blocks, mesh, depth, fused) instead of what the stream names",
+        help=f"predict with METHOD ({', '.join(methods)}) instead of what the stream names",
     )
     add(
         "--sfm",
@@ -257,7 +260,7 @@ def with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "Codec
         from decoder.side_information.methods import METHODS
 
         if method not in METHODS:
-            raise ConfigError(f"--side-information must be one of {', '.join(METHODS)}, got {method!r}")
+            raise ConfigError(f"--side-information: {METHODS.missing(repr(method))}")
         config = replace(config, side_information=replace(config.side_information, method=method))
     if arguments.track_corrections is not None:
         prediction = replace(config.side_information, track_corrections=arguments.track_corrections)

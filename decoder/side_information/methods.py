@@ -12,13 +12,18 @@ from decoder.side_information.scene.mesh import MeshInterpolator
 from decoder.side_information.scene.tracked import TrackedSceneInterpolation
 from decoder.side_information.scene.untracked import SceneInterpolation
 from dvc.config import CodecConfig
+from dvc.extensions import SCENE_INTERPOLATORS, SIDE_INFORMATION, Registry
 
-INTERPOLATORS: dict[str, SceneInterpolatorType] = {
-    AveragedDepthInterpolator.name: AveragedDepthInterpolator,
-    BlockInterpolator.name: BlockInterpolator,
-    MeshInterpolator.name: MeshInterpolator,
-    FusedInterpolator.name: FusedInterpolator,
-}
+Method = Callable[[CodecConfig], SideInformationMethod]
+INTERPOLATORS: Registry[SceneInterpolatorType] = Registry(
+    SCENE_INTERPOLATORS,
+    {
+        AveragedDepthInterpolator.name: AveragedDepthInterpolator,
+        BlockInterpolator.name: BlockInterpolator,
+        MeshInterpolator.name: MeshInterpolator,
+        FusedInterpolator.name: FusedInterpolator,
+    },
+)
 """How the motion between key frames is modelled from a scene, by the name of the method."""
 
 
@@ -36,8 +41,8 @@ def _scene(method: str, config: CodecConfig) -> SideInformationMethod:
     return TrackedSceneInterpolation(interpolator, config)
 
 
-METHODS: dict[str, Callable[[CodecConfig], SideInformationMethod]] = {
-    BlockMotionInterpolation.name: _block_motion,
-    **{name: partial(_scene, name) for name in INTERPOLATORS},
-}
+METHODS: Registry[Method] = Registry(
+    SIDE_INFORMATION,
+    {BlockMotionInterpolation.name: _block_motion, **{name: partial(_scene, name) for name in INTERPOLATORS}},
+)
 """How to build each method from the configuration, by the name that the configuration uses."""

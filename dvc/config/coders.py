@@ -1,9 +1,11 @@
 """Coders of bit planes that a decoder asks, each with settings of its own."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Self
 
 from dvc.config.fields import Section, check_choice, check_range
+from dvc.extensions import PLANE_CODERS, Registry
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,18 @@ class TurboConfig(CoderConfig):
     """The classical pair of recursive convolutional codes, punctured; it has no settings."""
 
 
-CODERS: dict[str, type[CoderConfig]] = {"cascade": CascadeConfig, "turbo": TurboConfig}
+@cache
+def _extension(name: str) -> type[CoderConfig]:
+    """Return the settings of a coder that another package registers: none."""
+    return type(name, (CoderConfig,), {"__reduce__": lambda self: (_build_extension, (name,))})
+
+
+def _build_extension(name: str) -> CoderConfig:
+    return _extension(name)()
+
+
+CODERS: Registry[type[CoderConfig]] = Registry(
+    PLANE_CODERS, {"cascade": CascadeConfig, "turbo": TurboConfig}, _extension
+)
 """All coders by name."""
 DEFAULT_CODER = "cascade"

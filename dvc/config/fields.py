@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any, Self, TypeGuard, get_type_hints
 
 from dvc.errors import ConfigError
+from dvc.extensions import Registry
 
 
 def shown(value: object) -> str:
@@ -29,6 +30,8 @@ def check_range(name: str, value: float, low: float, high: float) -> None:
 def check_choice(name: str, value: str, choices: Collection[str]) -> None:
     """Refuse a name that is not one of those there are."""
     if value not in choices:
+        if isinstance(choices, Registry):
+            raise ConfigError(choices.missing(shown(value)))
         raise ConfigError(f"`{name}` must be one of {', '.join(choices)}, got {shown(value)}")
 
 

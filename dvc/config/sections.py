@@ -1,19 +1,23 @@
 """The sections of the codec configuration: one frozen dataclass per part of the codec."""
 
 import math
-import re
 from dataclasses import dataclass
 from fractions import Fraction
 
+from dvc import extensions
 from dvc.config.fields import Section, check_choice, check_range, shown
 from dvc.errors import ConfigError
+from dvc.extensions import Registry
 
 REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")
 FALLBACKS = ("block-motion", "tracks")
 SFM_BACKENDS = ("native", "colmap", "thesis")
 MAPPERS = SFM_BACKENDS[:2]
-NOISE_MODELS = ("frame", "band", "coefficient", "local")
+NOISE_MODELS: Registry[object] = Registry(
+    extensions.NOISE_MODELS, dict.fromkeys(("frame", "band", "coefficient", "local"))
+)
+"""Names of what `dvc.wynerziv.noise` has."""
 PRIORS = ("laplacian", "learned")
 NUM_BANDS = 16
 MAX_SIDE_PX = 16384
@@ -55,8 +59,6 @@ DISCOVER_LEVELS = (
     (128, 64, 32, 16, 64, 32, 16, 8, 32, 16, 8, 4, 16, 8, 4, 0),
 )
 """Levels of each band for Q1 to Q8, in raster order of the 4x4 block; 0 where a band is not sent."""
-
-_NAME = re.compile(r"[a-z0-9_-]{1,32}")
 
 
 @dataclass(frozen=True)
@@ -226,7 +228,7 @@ class SideInformationConfig(Section):
     fallback: str = "tracks"
 
     def _check_values(self) -> None:
-        if not _NAME.fullmatch(self.method):
+        if not extensions.NAME.fullmatch(self.method):
             raise ConfigError(
                 f"`method` must be 1 to 32 of the characters a-z 0-9 _ -, got {shown(self.method)}"
             )

@@ -1,6 +1,7 @@
 """All coders of planes that a decoder asks, by their configuration."""
 
-from dvc.config import CascadeConfig, CodecConfig
+from dvc.config import CascadeConfig, CodecConfig, TurboConfig
+from dvc.extensions import PLANE_CODERS, load
 from dvc.slepian_wolf.cascade.coder import CascadeCoder
 from dvc.slepian_wolf.protocol import PlaneCoder
 from dvc.slepian_wolf.turbo.coder import TurboCoder
@@ -21,4 +22,7 @@ def plane_coder(config: CodecConfig) -> PlaneCoder:
     """
     if isinstance(config.coder, CascadeConfig):
         return CascadeCoder(config.coder, config.seed)
-    return TurboCoder(config.seed)
+    if isinstance(config.coder, TurboConfig):
+        return TurboCoder(config.seed)
+    coder: PlaneCoder = load(PLANE_CODERS, config.coder.name)(config.seed)
+    return coder

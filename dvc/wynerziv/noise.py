@@ -19,9 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from dvc.extensions import NOISE_MODELS, Registry
 from dvc.wynerziv.quantizer import power_of_two
 
 Array = NDArray[np.float64]
+NoiseModel = Callable[[Array], Array]
 
 MIN_SCALE = 0.3
 """Smallest scale: rounding of the samples alone makes about this error."""
@@ -63,12 +65,10 @@ def _local_scale(residual: Array) -> Array:
     return MIN_SCALE + 0.3 * band + 0.5 * neighbourhood + 0.3 * magnitude
 
 
-MODELS: dict[str, Callable[[Array], Array]] = {
-    "frame": _frame_scale,
-    "band": _band_scale,
-    "coefficient": _coefficient_scale,
-    "local": _local_scale,
-}
+MODELS: Registry[NoiseModel] = Registry(
+    NOISE_MODELS,
+    {"frame": _frame_scale, "band": _band_scale, "coefficient": _coefficient_scale, "local": _local_scale},
+)
 """By the name that the configuration uses: from the residual, of shape (bands, rows, columns), which is the
 transform of half the difference of the compensated references, to the scale of each coefficient."""
 

@@ -188,7 +188,7 @@ def test_sizes_of_planes() -> None:
         ("geometry", "path_regularity", float("inf"), "finite"),
         ("geometry", "path_regularity", 2**1328, "finite number, got a number of 1329 bits"),
         ("geometry", "path_regularity", -1, "from 0.0"),
-        ("coder", "name", "ldpc", "one of cascade, turbo, got 'ldpc'"),
+        ("coder", "name", "ldpc", "plane coder 'ldpc' is not installed; there are cascade, turbo"),
         ("coder", "batch_percent", 101, "`batch_percent` must be from 0 to 100"),
         ("side_information", "method", "../x", "`method`"),
         ("side_information", "method", "", "`method`"),

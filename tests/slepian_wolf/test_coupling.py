@@ -11,8 +11,8 @@ from dvc.config import CascadeConfig
 from dvc.slepian_wolf import NeighbourCoupling, PlaneResult, drive
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
 from dvc.slepian_wolf.cascade.reconciliation import PlaneReconciliation
+from dvc.testing.plane_exchange import Bits, PlaneSource
 from tests.coders import SEED, coder_of
-from tests.reference.plane_exchange import Bits, PlaneSource
 from tests.reference.wynerziv_priors import coupled_llr
 
 SETTINGS = CascadeConfig()

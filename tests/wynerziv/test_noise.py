@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc._jit import python_twin
+from dvc.testing.noise_models import NoiseModelContract
 from dvc.wynerziv import _kernels, noise
 from tests.reference import wynerziv_noise as reference
 
@@ -115,20 +116,13 @@ def test_fit_gain_keeps_its_expectation_without_evidence() -> None:
     assert noise.fit_gain(nothing, nothing, nothing, nothing, expected=2.0) == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("name", noise.MODELS)
-def test_scales_follow_the_residual(name: str) -> None:
-    """On a Laplacian residual each model finds about its scale, and never less on a larger residual."""
-    residual = np.random.default_rng(3).laplace(0.0, 5.0, (16, 30, 40))
-    scale = noise.MODELS[name](residual)
-    assert scale.shape == residual.shape
-    assert scale.mean() == pytest.approx(5.0, rel=0.35)
-    assert (noise.MODELS[name](2.0 * residual) >= scale).all()
+class TestModels(NoiseModelContract):
+    """All models."""
 
-
-@pytest.mark.parametrize("name", noise.MODELS)
-def test_identical_references_give_the_smallest_scale(name: str) -> None:
-    """No residual leaves the floor that rounding makes."""
-    np.testing.assert_allclose(noise.MODELS[name](np.zeros((16, 2, 3))), noise.MIN_SCALE)
+    @pytest.fixture(params=noise.MODELS)
+    def model(self, request: pytest.FixtureRequest) -> noise.NoiseModel:
+        """Return a model."""
+        return noise.MODELS[request.param]
 
 
 def test_band_scale_is_constant_in_each_band() -> None:

@@ -9,14 +9,13 @@ from dvc import array_files, cli
 from dvc.errors import ConfigError
 from dvc.stereo.commands.options import add_export_options, add_truth_options, check_outputs, read_truth_of
 from dvc.stereo.commands.views import rectified_views
-from dvc.stereo.surfaces.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES
+from dvc.stereo.surfaces.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES, StereoSettings
 
 if TYPE_CHECKING:
     from dvc.multiview.camera_array import CameraArray, DisparityLabels
     from dvc.stereo.output.report import Truth
     from dvc.stereo.rectification.rectified_array import RectifiedArray
     from dvc.stereo.rectification.rectified_space import Rectification
-    from dvc.stereo.surfaces.settings import StereoSettings
     from dvc.stereo.surfaces.surface import Reconstruction
 
 
@@ -53,7 +52,7 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--inference",
         choices=INFERENCE_NAMES,
-        default=INFERENCE_NAMES[0],
+        default=StereoSettings.inference,
         help="messages between neighbours, or scanlines alone: faster; default: %(default)s",
     )
     group.add_argument(
@@ -109,7 +108,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> "StereoSettings":
-    from dvc.stereo.surfaces.settings import StereoSettings
 
     return StereoSettings(
         cost=arguments.cost,

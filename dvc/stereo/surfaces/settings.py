@@ -1,14 +1,20 @@
 """Parameters of a reconstruction: one set for all scenes, chosen on several."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from dvc.extensions import INFERENCE, Registry
 
 if TYPE_CHECKING:
     from dvc.multiview.volumes.aggregation import Window
     from dvc.multiview.volumes.inference import Inference
 
 COST_NAMES = "census", "squared"
-INFERENCE_NAMES = "belief-propagation", "semi-global"
+INFERENCE_NAMES: "Registry[Callable[[], Inference] | None]" = Registry(
+    INFERENCE, dict.fromkeys(("belief-propagation", "semi-global"))
+)
+"""Ours, which settings make, and what is installed, with what makes it."""
 OCCLUSION_NAMES = "explicit", "implicit", "none"
 AGREEMENT_NAMES = "near", "exact"
 FILLING_NAMES = "continued", "inferred"
@@ -152,6 +158,9 @@ class StereoSettings:
         from dvc.multiview.volumes.belief_propagation import BeliefPropagation
         from dvc.multiview.volumes.inference import SemiGlobal
 
+        make = INFERENCE_NAMES[self.inference]
+        if make is not None:
+            return make()
         scanlines = self.inference == "semi-global" or (iteration == 0 and self.cost != "squared")
         if scanlines:
             return SemiGlobal(small_jump=SMALL_JUMP / fineness)

@@ -4,8 +4,8 @@ import numpy as np
 
 from benchmarks.searches.requests import Plane, met, row
 from dvc.slepian_wolf.cascade.coder import CascadeDecoder
+from dvc.testing.plane_exchange import noisy
 from tests.golden_streams import FOLDER
-from tests.reference.plane_exchange import noisy
 
 
 def test_more_at_a_time_takes_fewer_requests() -> None:

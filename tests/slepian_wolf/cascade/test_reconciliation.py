@@ -5,8 +5,8 @@ import pytest
 
 from dvc.config import CascadeConfig
 from dvc.slepian_wolf import PlaneCoder, PlaneResult, drive, joint_check
+from dvc.testing.plane_exchange import PlaneSource, exchange, noisy
 from tests.coders import coder_of
-from tests.reference.plane_exchange import PlaneSource, exchange, noisy
 
 CASCADE, SINGLE = coder_of("cascade"), coder_of("cascade", CascadeConfig(0))
 AMPLE = coder_of("cascade", CascadeConfig(20))

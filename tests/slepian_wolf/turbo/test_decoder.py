@@ -6,8 +6,8 @@ import pytest
 from dvc.slepian_wolf.turbo.codes import CLASSICAL
 from dvc.slepian_wolf.turbo.decoder import TurboDecoder
 from dvc.slepian_wolf.turbo.encoder import encode_planes
+from dvc.testing.plane_exchange import noisy
 from tests.coders import SEED
-from tests.reference.plane_exchange import noisy
 
 
 def _crossover(entropy: float) -> float:

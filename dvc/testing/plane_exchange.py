@@ -19,6 +19,7 @@ class PlaneSource:
         self.asked: set[tuple[int, int]] = set()
 
     def answer(self, request: ParityRequest) -> Bits:
+        """Answer a request, and check that no bit is asked for twice."""
         key = request.plane, request.kind
         assert request.start == self._charged.get(key, 0)
         self._charged[key] = request.start + request.count
@@ -26,7 +27,7 @@ class PlaneSource:
         if request.kind == "joint":
             check = joint_check(np.stack([crc(self._planes[p], CRC_BITS) for p in request.positions]))
             return check[: request.count]
-        source = self._planes[request.plane]
+        source: Bits = self._planes[request.plane]
         if request.kind == "crc":
             source = crc(source, CRC_BITS)
         elif request.kind == "parity":
@@ -35,13 +36,15 @@ class PlaneSource:
             )
             assert bool(request.positions) == self._coder.by_positions
         if not request.positions:
-            return source[request.start : request.start + request.count]
+            released: Bits = source[request.start : request.start + request.count]
+            return released
         size = self._planes.shape[1]
         wanted = {(request.plane, request.code * size + position) for position in request.positions}
         assert len(wanted) == request.count
         assert not wanted & self.asked
         self.asked |= wanted
-        return source[list(request.positions)]
+        chosen: Bits = source[list(request.positions)]
+        return chosen
 
     def _parity_of(self, plane: int, code: int) -> Bits:
         if (plane, code) not in self._parity:

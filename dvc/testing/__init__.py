@@ -1,0 +1,6 @@
+"""Contracts of what can be extended: tests that authors run on their own classes, and we on ours."""
+
+import pytest
+
+for _name in ("noise_models", "plane_coders", "plane_exchange", "side_information"):
+    pytest.register_assert_rewrite(f"dvc.testing.{_name}")

@@ -1,0 +1,45 @@
+"""Contracts of all extensions that are installed: ``pytest --pyargs dvc.testing``."""
+
+import pytest
+
+from decoder.side_information.methods import METHODS
+from dvc import extensions
+from dvc.slepian_wolf import PlaneCoder
+from dvc.testing.noise_models import NoiseModelContract
+from dvc.testing.plane_coders import PlaneCoderContract
+from dvc.testing.side_information import Make, SideInformationContract
+from dvc.wynerziv.noise import MODELS, NoiseModel
+
+METHOD_NAMES = [
+    *extensions.installed(extensions.SIDE_INFORMATION),
+    *extensions.installed(extensions.SCENE_INTERPOLATORS),
+]
+SEED = 1
+
+
+class TestSideInformation(SideInformationContract):
+    """Methods, and scene interpolators as methods."""
+
+    @pytest.fixture(params=METHOD_NAMES)
+    def make(self, request: pytest.FixtureRequest) -> Make:
+        """Return what builds a method."""
+        return METHODS[request.param]
+
+
+class TestPlaneCoders(PlaneCoderContract):
+    """Coders of planes."""
+
+    @pytest.fixture(params=extensions.installed(extensions.PLANE_CODERS))
+    def coder(self, request: pytest.FixtureRequest) -> PlaneCoder:
+        """Return a coder."""
+        coder: PlaneCoder = extensions.load(extensions.PLANE_CODERS, request.param)(SEED)
+        return coder
+
+
+class TestNoiseModels(NoiseModelContract):
+    """Models of correlation noise."""
+
+    @pytest.fixture(params=extensions.installed(extensions.NOISE_MODELS))
+    def model(self, request: pytest.FixtureRequest) -> NoiseModel:
+        """Return a model."""
+        return MODELS[request.param]

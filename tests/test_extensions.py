@@ -1,0 +1,166 @@
+"""Extensions: what other packages register is found by name, tested, and asked for by streams."""
+
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import decoder.__main__
+import encoder.__main__
+from decoder.side_information.methods import INTERPOLATORS, METHODS
+from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
+from dvc import extensions
+from dvc.config import CODERS, NOISE_MODELS, VideoConfig, codec_config, decode_config, encode_config
+from dvc.errors import ConfigError
+from dvc.slepian_wolf import plane_coder
+from dvc.stereo.surfaces.settings import StereoSettings
+from dvc.wynerziv.noise import MODELS
+from tests.clips import moving_texture, write_clip
+
+MODULE = """
+from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
+from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
+from dvc.config import CascadeConfig
+from dvc.multiview.volumes.inference import SemiGlobal
+from dvc.slepian_wolf.cascade.coder import CascadeCoder
+from dvc.wynerziv.noise import MODELS
+
+
+def still(config):
+    return BlockMotionInterpolation()
+
+
+class Near(AveragedDepthInterpolator):
+    name = "near"
+
+
+def calm(residual):
+    return MODELS["band"](residual)
+
+
+def hasty(seed):
+    return CascadeCoder(CascadeConfig(30), seed)
+
+
+Smooth = SemiGlobal
+"""
+ENTRY_POINTS = """
+[dvc3d.side_information]
+still = made_up_blocks:still
+mci = made_up_blocks:still
+Not A Name = made_up_blocks:still
+broken = made_up_blocks:missing
+[dvc3d.scene_interpolators]
+near = made_up_blocks:Near
+[dvc3d.noise_models]
+calm = made_up_blocks:calm
+[dvc3d.plane_coders]
+hasty = made_up_blocks:hasty
+[dvc3d.inference]
+smooth = made_up_blocks:Smooth
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write what an installer leaves of a package with an extension of each kind."""
+    folder = tmp_path_factory.mktemp("installed")
+    (folder / "made_up_blocks.py").write_text(MODULE)
+    data = folder / "made_up-1.0.dist-info"
+    data.mkdir()
+    (data / "METADATA").write_text("Metadata-Version: 2.1\nName: made-up\nVersion: 1.0\n")
+    (data / "entry_points.txt").write_text(ENTRY_POINTS)
+    return folder
+
+
+@pytest.fixture
+def extended(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Put that package on the path."""
+    monkeypatch.syspath_prepend(folder)
+    extensions.installed.cache_clear()
+    yield
+    monkeypatch.undo()
+    extensions.installed.cache_clear()
+    sys.modules.pop("made_up_blocks", None)
+
+
+@pytest.mark.usefixtures("extended")
+def test_names_are_known_without_an_import(capsys: pytest.CaptureFixture[str]) -> None:
+    """Help has the names; nothing of the extension is imported for that, nor to look for one of ours."""
+    for main in (encoder.__main__.main, decoder.__main__.main):
+        with pytest.raises(SystemExit):
+            main(["--help"])
+    told = "".join(capsys.readouterr().out.split())
+    assert "{cascade,turbo,hasty}" in told
+    assert "{frame,band,coefficient,local,calm}" in told
+    assert "(mci,blocks,mesh,depth,fused,broken,still,near)" in told
+    assert list(MODELS) == list(NOISE_MODELS)
+    assert "near" in INTERPOLATORS
+    assert "made_up_blocks" not in sys.modules
+
+
+@pytest.mark.usefixtures("extended")
+def test_what_is_registered_is_used() -> None:
+    """Each kind is made as its group says; names of ours stay ours."""
+    video = VideoConfig(64, 48, 25, 1)
+    config = codec_config(video, coder=CODERS["hasty"](), wyner_ziv={"noise_model": "calm"})
+    assert config.coder.name == "hasty"
+    assert plane_coder(config).by_positions
+    assert MODELS["calm"].__module__ == "made_up_blocks"
+    assert type(METHODS["still"](config)).__name__ == "BlockMotionInterpolation"
+    assert METHODS["mci"].__module__ == "decoder.side_information.methods"
+    assert INTERPOLATORS["near"] is not AveragedDepthInterpolator
+    assert type(StereoSettings(inference="smooth").inference_method(0, 1.0)).__name__ == "SemiGlobal"
+    assert decode_config(encode_config(config)) == config
+    assert pickle.loads(pickle.dumps(config)) == config
+
+
+@pytest.mark.usefixtures("extended")
+def test_extensions_that_cannot_be_imported_are_told() -> None:
+    """The message names the package."""
+    with pytest.raises(ConfigError, match="extension 'broken' of made-up cannot be imported"):
+        METHODS["broken"]
+
+
+def run(module: str, *words: str, path: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a program, with a folder on the path of Python."""
+    environment = os.environ | ({} if path is None else {"PYTHONPATH": str(path)})
+    command = [sys.executable, "-m", module, *words]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=250, check=False)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "decoding", "needed"),
+    [
+        (["--coder", "hasty"], [], "plane coder 'hasty' is not installed; there are cascade, turbo"),
+        (["--noise-model", "calm"], [], "noise model 'calm' is not installed; there are frame, band,"),
+        ([], ["--side-information", "still"], "side information 'still' is not installed; there are mci, "),
+    ],
+)
+def test_streams_say_what_they_need(
+    encoding: list[str], decoding: list[str], needed: str, folder: Path, tmp_path: Path
+) -> None:
+    """A decoder with the extension decodes; one without it ends in a line that names it."""
+    clip = str(write_clip(tmp_path / "clip.mkv", moving_texture(3, 32, 48)))
+    stream, small, output = (str(tmp_path / name) for name in ("a.dvc", "small.dvc", "out.mkv"))
+    coded = run("encoder", clip, stream, "--codec", "2d", "--qp", "40", "--quiet", *encoding, path=folder)
+    assert coded.returncode == 0, coded.stderr
+    decoded = run("decoder", stream, output, "--punctured", small, "--quiet", *decoding, path=folder)
+    assert decoded.returncode == 0, decoded.stderr
+    refused = run("decoder", small, str(tmp_path / "again.mkv"), "--quiet")
+    assert refused.returncode == 2
+    assert needed in refused.stderr
+    assert refused.stderr.count("\n") == 1
+    assert not (tmp_path / "again.mkv").exists()
+
+
+def test_contracts_of_what_is_installed(folder: Path, tmp_path: Path) -> None:
+    """`pytest --pyargs dvc.testing` tests each extension, and tells one that fails."""
+    words = ["-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "--pyargs", "dvc.testing", "-k"]
+    good = run("pytest", *words, "calm or hasty and sure", path=folder)
+    assert good.returncode == 0, good.stdout
+    assert run("pytest", *words, "broken and constant", path=folder).returncode == 1
