@@ -62,6 +62,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     startup = Path(app.doctreedir) / "ipython" / "profile_default" / "startup"
     startup.mkdir(parents=True, exist_ok=True)
     shutil.copy(DOCS / "site" / "shell.py", startup)
+    (startup.parent / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 40\n")
     os.environ["IPYTHONDIR"] = str(startup.parents[1])
     app.connect("source-read", _read, priority=100)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -4,7 +4,9 @@ import pytest
 
 from decoder.side_information.methods import METHODS
 from dvc import extensions
+from dvc.multiview.volumes.inference import Inference
 from dvc.slepian_wolf import PlaneCoder
+from dvc.testing.inference import InferenceContract
 from dvc.testing.noise_models import NoiseModelContract
 from dvc.testing.plane_coders import PlaneCoderContract
 from dvc.testing.side_information import Make, SideInformationContract
@@ -34,6 +36,16 @@ class TestPlaneCoders(PlaneCoderContract):
         """Return a coder."""
         coder: PlaneCoder = extensions.load(extensions.PLANE_CODERS, request.param)(SEED)
         return coder
+
+
+class TestInference(InferenceContract):
+    """Inference of labels."""
+
+    @pytest.fixture(params=extensions.installed(extensions.INFERENCE))
+    def method(self, request: pytest.FixtureRequest) -> Inference:
+        """Return a method."""
+        method: Inference = extensions.load(extensions.INFERENCE, request.param)()
+        return method
 
 
 class TestNoiseModels(NoiseModelContract):

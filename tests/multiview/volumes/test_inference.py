@@ -10,11 +10,10 @@ from dvc._jit import python_twin
 from dvc.multiview.volumes import _kernels as kernels
 from dvc.multiview.volumes.belief_propagation import BeliefPropagation
 from dvc.multiview.volumes.inference import Inference, SemiGlobal, chosen
+from dvc.testing.inference import InferenceContract
 
 SHAPE = (6, 8)
-METHODS = [SemiGlobal(), BeliefPropagation()]
 NOTHING = np.zeros(SHAPE, np.int64)
-BLACK = np.zeros((*SHAPE, 3), np.uint8)
 
 
 @pytest.fixture(params=["compiled", "python"])
@@ -73,41 +72,11 @@ def test_few_labels_have_no_rival(count: int) -> None:
     assert ((found.margin > 1e6) == (count < 3)).all()
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: type(method).__name__)
-def test_single_wrong_labels_are_smoothed_away(method: Inference, rng: np.random.Generator) -> None:
-    """A surface of two levels comes out of noisy costs, with the jump where colours change."""
-    shape, count = (30, 40), 9
-    truth = np.where(np.indices(shape)[1] < 19, 2, 6)
-    image = np.repeat(np.where(truth == 2, 60, 180)[:, :, None], 3, axis=2).astype(np.uint8)
-    distance = np.abs(np.arange(count) - truth[:, :, None])
-    cost = np.clip(np.minimum(0.4 * distance, 1.0) + rng.normal(0.4, 0.35, distance.shape), 0, 2)
-    flat = np.zeros(shape, np.int64)
-    alone = (cost.argmin(axis=2) != truth).mean()
-    found = method.infer(cost.astype(np.float32), image, flat, flat)
-    assert alone > 0.3
-    assert (abs(found.label - truth) > 1).mean() < 0.02
-    assert (found.label != truth).mean() < 0.6 * alone
-    assert found.label.dtype == np.int64
-    assert np.abs(found.offset).max() <= 0.5
-    assert found.margin.min() >= 0.0
+class TestMethods(InferenceContract):
+    """All methods."""
 
-
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: type(method).__name__)
-def test_one_label_is_all_there_is(method: Inference, rng: np.random.Generator) -> None:
-    """A range of one label gives it, counted from the origin."""
-    cost = rng.random((*SHAPE, 1)).astype(np.float32)
-    found = method.infer(cost, BLACK, NOTHING, NOTHING + 4)
-    assert (found.label == 4).all()
-    assert not found.offset.any()
-
-
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: type(method).__name__)
-@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 3)])
-def test_small_views(method: Inference, shape: tuple[int, int], rng: np.random.Generator) -> None:
-    """Views of a line or a pixel have labels, too."""
-    cost = rng.random((*shape, 4)).astype(np.float32)
-    nothing = np.zeros(shape, np.int64)
-    found = method.infer(cost, np.zeros((*shape, 3), np.uint8), nothing, nothing)
-    assert found.label.shape == shape
-    if shape == (1, 1):
-        assert found.label[0, 0] == cost.argmin()
+    @pytest.fixture(params=[SemiGlobal(), BeliefPropagation()], ids=lambda method: type(method).__name__)
+    def method(self, request: pytest.FixtureRequest) -> Inference:
+        """Return a method."""
+        method: Inference = request.param
+        return method
