@@ -144,7 +144,7 @@ def test_documents_name_modules_that_exist(document: Path) -> None:
     missing = [path for path in paths if not (ROOT / path).exists()]
     for name in re.findall(r"`((?:dvc|encoder|decoder|sfm|sequences|benchmarks)(?:\.\w+)+)`", text):
         parts = name.split(".")
-        stems = [ROOT.joinpath(*parts[:count]) for count in range(len(parts), 1, -1)]
+        stems = [ROOT.joinpath(*parts[:count]) for count in range(len(parts), 0, -1)]
         if parts[-1] != "py" and not any(
             stem.is_dir() or stem.with_suffix(".py").exists() for stem in stems[:2]
         ):
