@@ -10,6 +10,13 @@ if TYPE_CHECKING:
     from dvc.multiview.volumes.aggregation import Window
     from dvc.multiview.volumes.inference import Inference
 
+TUNING_PAIRS = (
+    *("tsukuba", "venus", "teddy", "cones"),
+    *("Adirondack_Q", "Baby1", "Bowling2", "Flowerpots", "Lampshade1"),
+    *("Monopoly", "Playroom_Q", "Rocks1", "barn1", "sawtooth"),
+)
+TEST_PAIRS = "Aloe", "Cloth3", "Midd1", "Pipes_Q", "Recycle_Q", "Wood2", "bull"
+"""Pairs of Middlebury that settings were chosen on, and those that were looked at once, afterwards."""
 COST_NAMES = "census", "squared"
 INFERENCE_NAMES: "Registry[Callable[[], Inference] | None]" = Registry(
     INFERENCE, dict.fromkeys(("belief-propagation", "semi-global"))
