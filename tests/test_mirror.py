@@ -19,8 +19,8 @@ def _mirrored(path: Path) -> PurePosixPath:
     return module.with_name(f"test_{module.stem.strip('_')}.py")
 
 
-WITHOUT_TESTS = {PurePosixPath(), PurePosixPath("benchmarks/pictures")}
-"""Pictures are looked at."""
+WITHOUT_TESTS = {PurePosixPath(), PurePosixPath("benchmarks/pictures"), PurePosixPath("testing")}
+"""Pictures are looked at, and contracts are tests themselves (`tests/contracts`)."""
 
 MODULES = {
     _mirrored(path)

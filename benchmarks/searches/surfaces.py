@@ -109,15 +109,12 @@ def _area(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[Any]:
 
 def best_baseline(pairs: Sequence[Pair]) -> tuple[SemiGlobalSettings, list[list[float]]]:
     """Return the settings of StereoSGBM with the fewest bad pixels, and their bad pixels of each pair."""
-    found = [
-        [
-            pair.bad_percent(
-                semi_global_baseline(*(view.image for view in pair.array), float(pair.highest), own)
-            )
-            for pair in pairs
-        ]
-        for own in GRID
-    ]
+
+    def bad(pair: Pair, own: SemiGlobalSettings) -> list[float]:
+        left, right = (view.image for view in pair.array)
+        return pair.bad_percent(semi_global_baseline(left, right, float(pair.highest), own))
+
+    found = [[bad(pair, own) for pair in pairs] for own in GRID]
     best = int(np.argmin([np.mean(own, axis=0)[:2].sum() for own in found]))
     return GRID[best], found[best]
 

@@ -12,6 +12,19 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 
 
+class PlaneWindow(NamedTuple):
+    """What planes are fitted to, around each pixel."""
+
+    radius_px: int
+    spacing_px: int  # between the pixels that count, a divisor of the radius
+    # labels by which the farthest pixel may differ, a third of them beside the centre
+    tolerance: float
+    levels: float  # sum of differences of colour that divides the weight by e
+    continued_weight: float  # of a pixel that no other camera supports
+    stiffness_px2: float  # variance that is added to that of the pixels, so that slopes are not of noise
+    most: float  # labels by which a pixel changes
+
+
 class Surface(NamedTuple):
     """Labels of a camera's surface, and where they are supported."""
 
@@ -60,6 +73,41 @@ def add_distance(own, supported, origin, strength, limit, cost):
                 for k in range(cost.shape[2]):
                     distance = abs(origin[y, x] + k - own[y, x])
                     cost[y, x, k] += strength * np.float32(min(distance, limit))
+
+
+@kernel
+def fit_planes(label, supported, image, window, refined):
+    """Replace labels by the plane through neighbours of like label and colour."""
+    radius, spacing, tolerance, levels, continued, stiffness, most = window
+    height, width = label.shape
+    by_level = np.exp(-np.arange(3 * 256) / levels)
+    for y in range(height):
+        for x in range(width):
+            s = sx = sy = sr = xx = xy = yy = xr = yr = 0.0
+            for i in range(max(y - radius, (y - radius) % spacing), min(y + radius + 1, height), spacing):
+                for j in range(max(x - radius, (x - radius) % spacing), min(x + radius + 1, width), spacing):
+                    dx, dy, rise = j - x, i - y, label[i, j] - label[y, x]
+                    if abs(rise) > tolerance * (1.0 + 2.0 * max(abs(dx), abs(dy)) / radius) / 3.0:
+                        continue
+                    difference = 0
+                    for channel in range(3):
+                        difference += abs(np.int64(image[i, j, channel]) - np.int64(image[y, x, channel]))
+                    weight = by_level[difference] * (1.0 if supported[i, j] else continued)
+                    s += weight
+                    sx += weight * dx
+                    sy += weight * dy
+                    sr += weight * rise
+                    xx += weight * dx * dx
+                    xy += weight * dx * dy
+                    yy += weight * dy * dy
+                    xr += weight * dx * rise
+                    yr += weight * dy * rise
+            xx, yy = xx - sx * sx / s + stiffness * s, yy - sy * sy / s + stiffness * s
+            xy, xr, yr = xy - sx * sy / s, xr - sx * sr / s, yr - sy * sr / s
+            determinant = xx * yy - xy * xy
+            slope_x, slope_y = (xr * yy - yr * xy) / determinant, (yr * xx - xr * xy) / determinant
+            change = (sr - slope_x * sx - slope_y * sy) / s
+            refined[y, x] = label[y, x] + min(max(change, -most), most)
 
 
 @kernel

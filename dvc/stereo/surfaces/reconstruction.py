@@ -51,6 +51,12 @@ OVERLAP_ROWS = 80
 """Rows by which strips reach into each other: as far as the arms of pixels."""
 BASE_MEDIAN_PX = 5
 """Side of the median that frees a base surface of single wrong labels."""
+PLANE_RADIUS_PX, PLANE_SPACING_PX = 14, 2
+"""Window of the planes that give disparities between those of the labels, and of the pixels that count."""
+PLANE_TOLERANCE_PX, MOST_REFINED_PX = 2.25, 0.75
+"""Parallax by which the farthest pixel of a plane may differ, and by which a pixel changes."""
+PLANE_LEVELS, CONTINUED_WEIGHT, STIFFNESS_PX2 = 40.0, 0.2, 0.5
+"""See `_kernels.PlaneWindow`; all of planes was chosen on `settings.TUNING_PAIRS`."""
 CLEAR_MARGIN = 0.5
 """Margin of a label, in units of the costs, at which its confidence is 1 - 1/e."""
 EXPOSURE_RATIO = 1.06
@@ -243,7 +249,7 @@ class _Solver:
     def surfaces(self, state: _State) -> tuple[Surface, ...]:
         """Turn labels into disparities; what no camera agrees on counts as occluded."""
         views = range(len(self.array))
-        refined = [self._refined(state, index) for index in views]
+        refined = list(self.pool.map(partial(self._refined, state), views))
         found = refined
         if self.settings.occlusion == "explicit" and self.settings.filling == "continued":
             for _ in range(FUSION_ROUNDS):
@@ -265,8 +271,15 @@ class _Solver:
         label = state.filled[index]
         if not self.settings.sub_pixel:
             return label
-        offset = np.where(state.occupancy[index].supported, state.inferred[index].offset, 0.0)
-        return np.clip(label + offset, 0.0, self.labels.num_labels - 1.0)
+        kept = state.occupancy[index].supported
+        between = label + np.where(kept, state.inferred[index].offset, 0.0)
+        refined, fineness = np.empty(label.shape), self.comparison.fineness
+        labels = PLANE_TOLERANCE_PX * fineness, MOST_REFINED_PX * fineness
+        window = PLANE_RADIUS_PX, PLANE_SPACING_PX, labels[0], PLANE_LEVELS, CONTINUED_WEIGHT, STIFFNESS_PX2
+        _kernels.fit_planes(
+            between, kept, self.array[index].image, _kernels.PlaneWindow(*window, labels[1]), refined
+        )
+        return np.clip(refined, 0.0, self.labels.num_labels - 1.0)
 
 
 def _is_large(shape: tuple[int, int], num_labels: int) -> bool:
