@@ -211,7 +211,9 @@ class Connection(Closing):
     def _error(self, silence: str, err: OSError) -> FeedbackError:
         if isinstance(err, TimeoutError):
             return FeedbackError(f"the other side ({self.name}) {silence} for {self._timeout_s:g} s")
-        return FeedbackError(f"the other side ({self.name}) went away: {err.strerror or err}")
+        closed = isinstance(err, ConnectionResetError | BrokenPipeError)  # by who has not read all
+        kind = PeerClosedError if closed else FeedbackError
+        return kind(f"the other side ({self.name}) went away: {err.strerror or err}")
 
     def close(self) -> None:
         """Close the connection; what was sent still arrives, if the peer reads it within a second."""

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import pytest
 
 from dvc.config import VideoConfig, codec_config
-from dvc.errors import ConfigError, FeedbackError
+from dvc.errors import ConfigError, FeedbackError, PeerClosedError
 from dvc.feedback import (
     Connection,
     DecoderEndpoint,
@@ -174,7 +174,7 @@ def test_a_peer_that_goes_away_is_noticed() -> None:
             far.receive()
     with pair() as (near, far):
         far._socket.close()
-        with pytest.raises(FeedbackError, match="went away"):
+        with pytest.raises(PeerClosedError, match="went away"):
             near.send(bytes(2**25))
 
 
