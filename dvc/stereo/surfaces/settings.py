@@ -16,7 +16,7 @@ TUNING_PAIRS = (
     *("Monopoly", "Playroom_Q", "Rocks1", "barn1", "sawtooth"),
 )
 TEST_PAIRS = "Aloe", "Cloth3", "Midd1", "Pipes_Q", "Recycle_Q", "Wood2", "bull"
-"""Pairs of Middlebury that settings were chosen on, and others, which several trials were compared on, too."""
+"""Pairs of Middlebury that settings were chosen on, and others, which several trials were compared on."""
 COST_NAMES = "census", "squared"
 INFERENCE_NAMES: "Registry[Callable[[], Inference] | None]" = Registry(
     INFERENCE, dict.fromkeys(("belief-propagation", "semi-global"))
