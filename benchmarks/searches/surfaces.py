@@ -155,16 +155,26 @@ def summary(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]]) 
     ]
 
 
+def add_pair_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says which pairs are reconstructed."""
+    parser.add_argument("--pairs", nargs="+", default=list(TUNING_PAIRS), metavar="NAME")
+    parser.add_argument("--halve", action="store_true", help="pairs of half the size: quicker")
+    parser.add_argument("--jobs", type=int, default=2)
+
+
+def chosen_pairs(arguments: argparse.Namespace) -> tuple[list[str], list[Pair]]:
+    """Return the names of the pairs that are asked for, and the pairs."""
+    names = list(TEST_PAIRS) if arguments.pairs == ["test"] else arguments.pairs
+    return names, [halved(read_pair(name)) if arguments.halve else read_pair(name) for name in names]
+
+
 def main(words: Sequence[str] | None = None) -> None:
     """Print a row for each pair."""
     parser = argparse.ArgumentParser("python -m benchmarks.searches.surfaces", description=__doc__)
-    parser.add_argument("--pairs", nargs="+", default=list(TUNING_PAIRS), metavar="NAME")
+    add_pair_options(parser)
     parser.add_argument("--set", nargs="*", default=[], metavar="FIELD=VALUE")
-    parser.add_argument("--halve", action="store_true", help="pairs of half the size: quicker")
-    parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args(words)
-    names = list(TEST_PAIRS) if arguments.pairs == ["test"] else arguments.pairs
-    pairs = [halved(read_pair(name)) if arguments.halve else read_pair(name) for name in names]
+    names, pairs = chosen_pairs(arguments)
     baseline, theirs = best_baseline(pairs)
     print(f"{baseline}\n{'':14} {'>1 all':>13} {'>1 seen':>13} {'>.5 all':>13} {'>.5 seen':>13}", flush=True)
     ours = []

@@ -1,7 +1,7 @@
 """Disparity maps against the truth, by the rule of the Middlebury evaluation (version 2)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ class Evaluation:
     # pixels that are farther off than a threshold, in per cent, by threshold in pixels
     bad_percent: dict[float, float]
     mean_absolute_error_px: float | None  # over the pixels with a finite disparity; None where there is none
+    # area under the sparsification curve, and that of the best order, in per cent, by threshold in pixels
+    sparsification: dict[float, tuple[float, float]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-safe values; thresholds become text such as "0.5"."""
@@ -35,6 +37,10 @@ class Evaluation:
             "num_without_value": self.num_without_value,
             "bad_percent": bad,
             "mean_absolute_error_px": self.mean_absolute_error_px,
+            "sparsification": {
+                f"{threshold:g}": {"area_percent": area, "ideal_area_percent": ideal}
+                for threshold, (area, ideal) in self.sparsification.items()
+            },
         }
 
 
@@ -43,8 +49,9 @@ def evaluate(
     truth: Floats,
     mask: NDArray[np.bool_] | None = None,
     thresholds: Sequence[float] = (1.0,),
+    confidence: NDArray[np.number] | None = None,
 ) -> Evaluation:
-    """Compare disparities with the truth."""
+    """Compare disparities with the truth, and the order of their confidence with that of their errors."""
     error, counted = disparity_error(disparity, truth, mask)
     errors = error[counted]
     if not errors.size:
@@ -56,7 +63,25 @@ def evaluate(
         int(np.count_nonzero(~known)),
         {threshold: 100.0 * float(np.mean(errors > threshold)) for threshold in thresholds},
         float(errors[known].mean()) if known.any() else None,
+        {}
+        if confidence is None
+        else {threshold: sparsification(errors > threshold, confidence[counted]) for threshold in thresholds},
     )
+
+
+def sparsification(bad: NDArray[np.bool_], confidence: NDArray[np.number]) -> tuple[float, float]:
+    """Return the area under the sparsification curve and that of the best order, in per cent.
+
+    The mean, over all numbers of pixels that the surest are, of the bad ones among them.
+    """
+    _, rank = np.unique(-confidence.astype(np.float64), return_inverse=True)
+    # pixels that are equally sure come in any order: each is as bad as their mean
+    count = np.bincount(rank)
+    wrong = np.bincount(rank[bad], minlength=count.size)
+    orders: tuple[Floats, Floats] = np.repeat(wrong / count, count), np.sort(bad).astype(np.float64)
+    kept = np.arange(1, bad.size + 1)
+    area, ideal = (100.0 * float(np.mean(np.cumsum(order) / kept)) for order in orders)
+    return area, ideal
 
 
 def disparity_error(

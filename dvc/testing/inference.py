@@ -30,7 +30,6 @@ class InferenceContract:
         assert (found.label != truth).mean() < 0.6 * alone
         assert found.label.dtype == np.int64
         assert np.abs(found.offset).max() <= 0.5
-        assert found.margin.min() >= 0.0
 
     def test_one_label_is_all_there_is(self, method: Inference) -> None:
         """A range of one label gives it, counted from the origin."""

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dvc.errors import ConfigError, DvcError
 from dvc.pfm import write_pfm
 from dvc.stereo.__main__ import main
-from dvc.stereo.evaluation import disparity_error, evaluate, read_mask, read_truth
+from dvc.stereo.evaluation import disparity_error, evaluate, read_mask, read_truth, sparsification
 from tests.stereo.data import real_set
 
 TRUTH = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, np.nan]])
@@ -43,6 +43,26 @@ def test_mask_chooses_pixels() -> None:
     assert counted.sum() == 2
     assert error[counted].tolist() == [3.0, 3.0]
     assert not error[~counted].any()
+
+
+def test_sparsification_is_the_mean_over_all_shares() -> None:
+    """The surest first: two good ones, then two bad ones, is ideal; the other way round is worst."""
+    bad = np.array([True, False, True, False])
+    ideal = 100.0 * (0 + 0 + 1 / 3 + 1 / 2) / 4
+    assert sparsification(bad, np.array([0.1, 0.9, 0.2, 0.8])) == pytest.approx((ideal, ideal))
+    worst = 100.0 * (1 + 1 + 2 / 3 + 1 / 2) / 4
+    assert sparsification(bad, np.array([200, 20, 255, 0], np.uint8)) == pytest.approx((worst, ideal))
+    assert sparsification(bad, np.zeros(4)) == pytest.approx((50.0, ideal))
+
+
+def test_confidence_is_judged_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the five pixels that count, two are bad by more than 1 px; the surest is one of them."""
+    found, truth = write_case(tmp_path)
+    cv2.imwrite(str(tmp_path / "sure.png"), np.array([[9, 8, 255], [0, 7, 255]], np.uint8))
+    options = ["--truth", str(truth), "--truth-scale", "4", "--thresholds", "1"]
+    assert main(["evaluate", str(found), *options, "--confidence", str(tmp_path / "sure.png")]) == 0
+    area, ideal = 20.0 * (1 + 1 / 2 + 1 / 3 + 1 / 4 + 2 / 5), 20.0 * (1 / 4 + 2 / 5)
+    assert f"area by confidence > 1 px {area:.2f} % (ideal {ideal:.2f})" in capsys.readouterr().out
 
 
 @given(st.floats(0.0, 5.0), st.floats(0.01, 5.0))
@@ -131,6 +151,7 @@ def test_command_prints_a_line_and_draws(tmp_path: Path, capsys: pytest.CaptureF
         (["--truth-unknown", "x"], "expected a number"),
         (["--json", "nowhere/x.json"], "its folder does not exist"),
         (["--error-map", "map.pfm"], "is also an input"),
+        (["--confidence", "small.png"], "not an eight-bit grey picture of 3x2"),
     ],
 )
 def test_bad_input_is_one_line(

@@ -339,8 +339,8 @@ def exchange(cost, strengths, messages, slope, limit, parity):
 
 
 @kernel
-def choose(total, label, offset, margin):
-    """Label of smallest cost, place of the parabola's minimum beside it, and by how much it beats others."""
+def choose(total, label, offset):
+    """Label of smallest cost, and place of the parabola's minimum beside it."""
     height, width, count = total.shape
     for y in range(height):
         for x in range(width):
@@ -355,8 +355,3 @@ def choose(total, label, offset, margin):
                 after = total[y, x, best + 1] - total[y, x, best]
                 if max(before, after) > 0.0:
                     offset[y, x] = 0.5 * (before - after) / max(before, after)
-            second = np.float32(1e30)
-            for k in range(count):
-                if abs(k - best) > 1:
-                    second = min(second, total[y, x, k])
-            margin[y, x] = second - total[y, x, best]

@@ -21,11 +21,10 @@ class Inferred(NamedTuple):
 
     label: Labels  # the best one
     offset: NDArray[np.float32]  # where between its neighbours the smallest cost lies, from -0.5 to 0.5
-    margin: NDArray[np.float32]  # by how much it beats all that are not its neighbours, in units of the costs
 
     def rows(self, kept: slice) -> "Inferred":
         """Return some rows."""
-        return Inferred(self.label[kept], self.offset[kept], self.margin[kept])
+        return Inferred(self.label[kept], self.offset[kept])
 
 
 class Inference(Protocol):
@@ -65,15 +64,14 @@ class SemiGlobal:
         small, large = round(self.small_jump * UNITS), round(self.large_jump * UNITS)
         red, green, blue = np.moveaxis(image.astype(np.int64), 2, 0)
         luma = ((299 * red + 587 * green + 114 * blue + 500) // 1000).astype(np.uint8)
-        hypothesis, confidence = semi_global((cost * UNITS).astype(np.int16), luma, small, large)
+        hypothesis, _ = semi_global((cost * UNITS).astype(np.int16), luma, small, large)
         label = np.floor(hypothesis + 0.5).astype(np.int64)
-        margin = np.float32(1.0 / UNITS) * confidence.astype(np.float32)
-        return Inferred(label + origin, (hypothesis - label).astype(np.float32), margin)
+        return Inferred(label + origin, (hypothesis - label).astype(np.float32))
 
 
 def chosen(total: Volume, origin: Labels) -> Inferred:
     """Choose the best label of each pixel."""
     shape = total.shape[:2]
-    inferred = Inferred(np.empty(shape, np.int64), np.empty(shape, np.float32), np.empty(shape, np.float32))
+    inferred = Inferred(np.empty(shape, np.int64), np.empty(shape, np.float32))
     _kernels.choose(total, *inferred)
     return inferred._replace(label=inferred.label + origin)

@@ -13,6 +13,7 @@ SUMMARY = "a disparity map against the truth"
 DESCRIPTION = "Bad pixels and mean absolute error of a disparity map."
 EXAMPLES = """\
   dvc-stereo evaluate surfaces/disparity-left.pfm --truth disp2.png --truth-scale 4 --mask nonocc.png
+  dvc-stereo evaluate disparity-l.pfm --truth truth.pfm --confidence confidence-l.png
   dvc-stereo evaluate map.pfm --truth disp.png --truth-scale 1024 --truth-offset -16 --truth-unknown none
   dvc-stereo evaluate disparity.pfm --truth truth.pfm --thresholds 0.03,0.07 --json -
 """
@@ -29,6 +30,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", metavar="FILE", help="write the figures; - for standard output, in place of text"
     )
+    confidence = "8-bit picture: tell how well it orders errors, as the area under the sparsification curve"
+    parser.add_argument("--confidence", metavar="PNG", help=confidence)
     parser.add_argument("--error-map", metavar="PNG", help="draw which pixels are bad by more than 1 px")
 
 
@@ -47,15 +50,19 @@ def run(arguments: argparse.Namespace) -> int:
 
     from dvc.page.drawing import colour_error
     from dvc.pfm import read_pfm
-    from dvc.picture_files import write_png
+    from dvc.picture_files import read_plane, write_png
     from dvc.stereo.evaluation import disparity_error, evaluate
 
     outputs = [name for name in (arguments.json, arguments.error_map) if name not in (None, "-")]
-    inputs = [arguments.path, arguments.truth, *([arguments.mask] if arguments.mask else [])]
+    maps = [name for name in (arguments.mask, arguments.confidence) if name is not None]
+    inputs = [arguments.path, arguments.truth, *maps]
     cli.check_outputs(inputs, outputs)
     disparity = read_pfm(arguments.path)
     truth, mask = read_truth_of(arguments)
-    found = evaluate(disparity, truth, mask, arguments.thresholds)
+    sure = None
+    if arguments.confidence is not None:
+        sure = read_plane(Path(arguments.confidence), 1, disparity.shape)
+    found = evaluate(disparity, truth, mask, arguments.thresholds, sure)
     if arguments.error_map is not None:
         write_png(Path(arguments.error_map), colour_error(*disparity_error(disparity, truth, mask)))
     if arguments.json is not None:
@@ -68,5 +75,9 @@ def run(arguments: argparse.Namespace) -> int:
 def evaluation_text(found: "Evaluation") -> str:
     """Tell figures in one line."""
     bad = ", ".join(f"{percent:.2f} % > {threshold:g} px" for threshold, percent in found.bad_percent.items())
+    orders = [
+        f"; area by confidence > {threshold:g} px {area:.2f} % (ideal {ideal:.2f})"
+        for threshold, (area, ideal) in found.sparsification.items()
+    ]
     error = "none" if found.mean_absolute_error_px is None else f"{found.mean_absolute_error_px:.3f} px"
-    return f"bad pixels: {bad}; mean absolute error {error} ({found.num_pixels} pixels)"
+    return f"bad pixels: {bad}; mean absolute error {error} ({found.num_pixels} pixels)" + "".join(orders)

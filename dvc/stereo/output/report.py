@@ -156,7 +156,7 @@ def _group(name: str, image: Picture, surface: Surface, coloured: Picture, error
         Shown("view", image),
         Shown("disparity", coloured, "near is bright"),
         Shown("occluded", occluded, "white is seen in no other view"),
-        Shown("confidence", confidence, "white is clear"),
+        Shown("confidence", confidence, "white is sure"),
     ]
     if error is not None:
         shown.append(Shown("error", error, "orange beyond 0.5 px, red beyond 1 px; grey does not count"))

@@ -132,10 +132,12 @@ def _by_direction(
     return found
 
 
-def seen_elsewhere(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Mask:
-    """Tell which points of a camera's surface any other camera sees."""
+def seen_elsewhere(
+    array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int, slack: int | None = None
+) -> Mask:
+    """Tell which points of a camera's surface any other camera sees; up to `tolerance`, or so many labels."""
     found = np.zeros(array.shape, np.bool_)
     for other in range(len(array)):
         if other != index:
-            found |= agreement(array, labels, maps, (index, other)).agreeing
+            found |= agreement(array, labels, maps, (index, other), slack).agreeing
     return found

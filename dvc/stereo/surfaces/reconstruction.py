@@ -23,6 +23,7 @@ from dvc.multiview.volumes.aggregation import Arms, Window, cross_arms
 from dvc.multiview.volumes.inference import Inferred
 from dvc.multiview.volumes.matching_costs import COSTS, Band
 from dvc.stereo.surfaces import _kernels
+from dvc.stereo.surfaces.confidence import confidence, evidence
 from dvc.stereo.surfaces.continuation import continued
 from dvc.stereo.surfaces.fusion import FUSION_ROUNDS, fused
 from dvc.stereo.surfaces.occupancy import (
@@ -33,7 +34,7 @@ from dvc.stereo.surfaces.occupancy import (
     supported,
 )
 from dvc.stereo.surfaces.photometric import Comparison, Regions, photometric_cost
-from dvc.stereo.surfaces.settings import StereoSettings, tolerance
+from dvc.stereo.surfaces.settings import StereoSettings
 from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 Labels = NDArray[np.int64]
@@ -57,8 +58,6 @@ PLANE_TOLERANCE_PX, MOST_REFINED_PX = 2.25, 0.75
 """Parallax by which the farthest pixel of a plane may differ, and by which a pixel changes."""
 PLANE_LEVELS, CONTINUED_WEIGHT, STIFFNESS_PX2 = 40.0, 0.2, 0.5
 """See `_kernels.PlaneWindow`; all of planes was chosen on `settings.TUNING_PAIRS`."""
-CLEAR_MARGIN = 0.5
-"""Margin of a label, in units of the costs, at which its confidence is 1 - 1/e."""
 EXPOSURE_RATIO = 1.06
 """Ratio of the mean levels of two views above which their exposures differ."""
 
@@ -249,20 +248,16 @@ class _Solver:
     def surfaces(self, state: _State) -> tuple[Surface, ...]:
         """Turn labels into disparities; what no camera agrees on counts as occluded."""
         views = range(len(self.array))
-        refined = list(self.pool.map(partial(self._refined, state), views))
-        found = refined
+        found = list(self.pool.map(partial(self._refined, state), views))
         if self.settings.occlusion == "explicit" and self.settings.filling == "continued":
             for _ in range(FUSION_ROUNDS):
                 found = list(self.pool.map(partial(fused, self.array, self.labels, found), views))
         final = [np.floor(label + 0.5).astype(np.int64) for label in found]
-        near = tolerance(self.comparison.fineness)
 
         def _surface(index: int) -> Surface:
-            clear = 1.0 - np.exp(-state.inferred[index].margin / CLEAR_MARGIN)
-            kept = state.occupancy[index].supported & (np.abs(found[index] - refined[index]) <= near)
-            confidence = np.where(kept, clear, 0.0).astype(np.float32)
             seen = seen_elsewhere(self.array, self.labels, final, index)
-            return Surface(self.labels.disparity(found[index]).astype(np.float32), ~seen, confidence)
+            sure = confidence(evidence(self.array, self.labels, final, index))
+            return Surface(self.labels.disparity(found[index]).astype(np.float32), ~seen, sure)
 
         return tuple(self.pool.map(_surface, views))
 
@@ -328,8 +323,7 @@ def _repeated(plane: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
 def _joined(parts: Sequence[Inferred], strips: Sequence[slice]) -> Inferred:
     assert len(parts) == len(strips)
     label = np.concatenate([part.label for part in parts])
-    offset, margin = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
-    return Inferred(label, offset, margin)
+    return Inferred(label, np.concatenate([part.offset for part in parts]))
 
 
 def _base(filled: Floats, labels: DisparityLabels) -> Labels:

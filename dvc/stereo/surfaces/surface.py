@@ -20,7 +20,7 @@ class Surface:
     occluded : ndarray of shape (H, W), bool
         Seen by no other camera: the disparity is that of what lies around and behind.
     confidence : ndarray of shape (H, W), float32
-        From 0 to 1: how clearly the disparity beats others.
+        Probability that the disparity is right within a pixel of parallax between neighbours.
     """
 
     disparity: NDArray[np.float32]

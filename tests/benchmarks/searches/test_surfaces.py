@@ -30,12 +30,12 @@ def test_bad_pixels_are_shares_of_what_counts() -> None:
 
 def test_settings_are_changed_for_a_while() -> None:
     """Fields of the settings by their names, constants by their full names, nothing else."""
-    before = reconstruction.CLEAR_MARGIN
+    before = reconstruction.PLANE_LEVELS
     with ExitStack() as stack:
-        settings = changed(["sub_pixel=True", "dvc.stereo.surfaces.reconstruction.CLEAR_MARGIN=0.7"], stack)
+        settings = changed(["sub_pixel=True", "dvc.stereo.surfaces.reconstruction.PLANE_LEVELS=0.7"], stack)
         assert settings.sub_pixel
-        assert reconstruction.CLEAR_MARGIN == 0.7
-    assert before == reconstruction.CLEAR_MARGIN
+        assert reconstruction.PLANE_LEVELS == 0.7
+    assert before == reconstruction.PLANE_LEVELS
 
 
 def test_pairs_are_apart() -> None:
