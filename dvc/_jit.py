@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import cache as cached
+from functools import wraps
 from hashlib import sha1
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+import numpy.ma  # numba asks for it when a kernel first gets an array
 from numba.core import caching, codegen
 from numba.core.runtime.nrt import rtsys
 
@@ -166,21 +168,25 @@ def loaded_bytes() -> int:
 
 
 def _time_loading(compiled: Any) -> None:
-    """Let the clock run while a kernel, with all that it calls, is loaded or compiled."""
-    compile_now: Callable[[Any], Any] = compiled.compile
+    """Let the clock run while a kernel, with all that it calls, is looked up, and loaded or compiled."""
 
-    def timed(signature: Any) -> Any:
-        if _CLOCK.running:
-            return compile_now(signature)
-        started, held, _CLOCK.running = time.thread_time(), resident_bytes(), True
-        try:
-            return compile_now(signature)
-        finally:
-            _CLOCK.num_bytes += max(resident_bytes() - held, 0)
-            _CLOCK.seconds += time.thread_time() - started
-            _CLOCK.running = False
+    def timed(done: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(done)
+        def run(*arguments: Any, **named: Any) -> Any:
+            if _CLOCK.running:
+                return done(*arguments, **named)
+            started, held, _CLOCK.running = time.thread_time(), resident_bytes(), True
+            try:
+                return done(*arguments, **named)
+            finally:
+                _CLOCK.num_bytes += max(resident_bytes() - held, 0)
+                _CLOCK.seconds += time.thread_time() - started
+                _CLOCK.running = False
 
-    compiled.compile = timed
+        return run
+
+    compiled.compile = timed(compiled.compile)
+    compiled._compile_for_args = timed(compiled._compile_for_args)  # a call with arguments of new types
 
 
 def _stamps(function: Callable[..., Any]) -> list[str]:
