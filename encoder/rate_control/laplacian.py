@@ -1,6 +1,5 @@
 """Laplacians in bins: squared error of the means of the bins, by how wide these are."""
 
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -17,6 +16,7 @@ FIRST_OCTAVE = -14
 NUM_PLACES = PER_OCTAVE * 34
 _NUM_OFFSETS = 4  # of the bins against the middle of the Laplacian
 _REACH = 14.0  # in scales
+_FAR = 1e3
 _FINE = 8.0  # scales over width from which on formulas for fine bins are exact enough
 
 
@@ -31,18 +31,17 @@ def _moments(edge: Floats) -> tuple[Floats, Floats, Floats]:
     )
 
 
-def _in_bins(width: float) -> float:
-    """Return the squared error over the variance, for bins of a width in scales."""
-    if width < 1.0 / _FINE:
-        return width * width / 24.0
+def _in_bins(widths: Floats) -> Floats:
+    """Return the squared error over the variance, for bins of widths in scales."""
     offsets = (np.arange(_NUM_OFFSETS) + 0.5) / _NUM_OFFSETS
-    edges = np.full((_NUM_OFFSETS, 2 * math.ceil(_REACH / width) + 3), 1e3)
-    edges[:, 0] = -1e3
-    edges[:, 1:-1] = (np.arange(edges.shape[1] - 2) - edges.shape[1] // 2 + 1 + offsets[:, None]) * width
-    error = 0.0
-    for moments in zip(*map(np.diff, _moments(edges)), strict=True):
-        mass, first, second = (moment[moments[0] > 0] for moment in moments)
-        error += float((second - first * first / mass).sum()) / _NUM_OFFSETS
+    reach = np.ceil(_REACH / widths)[:, None, None]
+    number = np.arange(-reach.max(), reach.max() + 1.0)
+    edges = (number + offsets[:, None]) * widths[:, None, None]
+    edges = np.where(np.abs(number) <= reach, edges, np.copysign(_FAR, number))
+    beyond = np.full((*edges.shape[:2], 1), _FAR)
+    edges = np.concatenate([-beyond, edges, beyond], axis=2)
+    mass, first, second = (np.diff(moment) for moment in _moments(edges))
+    error: Floats = (second - first * first / np.where(mass > 0, mass, 1.0)).sum(axis=2).mean(axis=1)
     return error / 2.0
 
 
@@ -51,4 +50,9 @@ def laplacian_tables() -> Floats:
     """Tabulate Laplacians in bins, on the mean over all offsets of the bins."""
     octave, eighth = np.divmod(np.arange(NUM_PLACES), PER_OCTAVE)
     variances = 2.0 ** (octave + FIRST_OCTAVE) * (1.0 + (eighth + 0.5) / PER_OCTAVE)
-    return np.stack([variances, [_in_bins(float(width)) for width in np.sqrt(2.0 / variances)]])
+    widths = np.sqrt(2.0 / variances)
+    errors = widths * widths / 24.0  # where bins are fine
+    for k in range(0, NUM_PLACES, PER_OCTAVE):  # whose numbers of bins are alike
+        if widths[k] >= 1.0 / _FINE:
+            errors[k : k + PER_OCTAVE] = _in_bins(widths[k : k + PER_OCTAVE])
+    return np.stack([variances, errors])

@@ -120,10 +120,13 @@ def bit_orders(num_bits: int, seed: int) -> BitOrders:
     """Return the orders in which bits of a plane meet syndrome bits."""
     positions = bit_positions(num_bits, seed)
     differences = (positions[:, _kernels.PAIRS[:, 0]] - positions[:, _kernels.PAIRS[:, 1]]).T
-    by_difference = differences.argsort(axis=1, kind="stable").astype(np.int32)
+    number = np.arange(num_bits, dtype=np.int32)
+    by_difference = np.sort((differences.astype(np.int64) << 32) + number, axis=1).astype(np.int32)
     counts = [np.bincount(line + num_bits, minlength=2 * num_bits) for line in differences]
     first = np.cumsum(counts, axis=1).astype(np.int32)
-    return BitOrders(positions, positions.T.argsort(axis=1).astype(np.int32), by_difference, first)
+    bits = np.empty(positions.shape[::-1], np.int32)
+    np.put_along_axis(bits, positions.T, number[None], axis=1)
+    return BitOrders(positions, bits, by_difference, first)
 
 
 class Code(NamedTuple):
