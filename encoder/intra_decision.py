@@ -33,17 +33,21 @@ until the next key frame rests on it. Chosen on box, desk, river and statue."""
 
 
 def lost_shares(
-    path: Floats, size: tuple[int, int], p_type_distance: int, leaving_weight: float = LEAVING_WEIGHT
-) -> list[float]:
+    path: Floats, size: tuple[int, int], p_type_distance: int, *leaving_weights: float
+) -> list[list[float]]:
     """Return which share of the points is lost on the way to each P-type frame from the one before.
 
     `path` (N, T, 2) tells where points are in each frame, of `size` (width, height); nan once they are lost.
+    There is a list for each weight of points that leave the frame.
     """
-    known = np.isfinite(path[:, :, 0])
-    weights = np.where(_leave(path, known, size), leaving_weight, 1.0)
     instants = [0, *p_type_instants(0, path.shape[1] - 1, p_type_distance)]
-    counts = [(known[:, k].sum(), weights @ (known[:, k] & ~known[:, n])) for k, n in pairwise(instants)]
-    return [float(lost / num_known) if num_known else 1.0 for num_known, lost in counts]
+    known = np.isfinite(path[:, :, 0])
+    leave, counts = _leave(path, known, size), known.sum(axis=0).tolist()
+    ways = [(counts[k], known[:, k] & ~known[:, n]) for k, n in pairwise(instants)]
+    return [
+        [float(weights @ lost / count) if count else 1.0 for count, lost in ways]
+        for weights in (np.where(leave, weight, 1.0) for weight in leaving_weights)
+    ]
 
 
 def _leave(path: Floats, known: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.bool_]:
@@ -74,8 +78,8 @@ class KeyFrameSpacing:
         spared = self._begun and self._num_frames + length <= self._gop.intra_period
         if spared and group.tracks and group.path is not None:
             size, distance = (group.key.width, group.key.height), self._gop.p_type_distance
-            weighted = sum(lost_shares(group.path, size, distance))
-            most = max(lost_shares(group.path, size, distance, leaving_weight=1.0))
+            shares, unweighted = lost_shares(group.path, size, distance, LEAVING_WEIGHT, 1.0)
+            weighted, most = sum(shares), max(unweighted)
             spared = self._is_cheap(weighted, most) or self._is_cheap(weighted, most, find())
         else:
             spared = False

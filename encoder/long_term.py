@@ -114,10 +114,11 @@ class LongTermReferences:
         """Choose the key frame that looks most like a frame, but for a shift, which is told in pixels."""
         oldest = number - self._config.gop.long_term_window
         self._kept = [key for key in self._kept if key.number >= oldest]
-        thumbnail = Thumbnail.of(last)
-        looks = [(*thumbnail.shift_to(key.thumbnail), key) for key in self._kept if key.number < number - 1]
-        if not looks:
+        earlier = [key for key in self._kept if key.number < number - 1]
+        if not earlier:
             return None
+        thumbnail = Thumbnail.of(last)
+        looks = [(*thumbnail.shift_to(key.thumbnail), key) for key in earlier]
         difference, (dx, dy), key = min(looks, key=lambda look: look[0])
         if difference > MAX_DIFFERENCE * thumbnail.contrast:
             return None

@@ -88,7 +88,7 @@ def endings(clip: str, qp: int, num_frames: int) -> Iterator[tuple[Ending, ...]]
         path, key = ended.group.path, ended.group.key
         if path is not None and not ended.key_bits:
             size, cost = (key.width, key.height), (ended.bits - keyed.bits) / keyed.key_bits
-            shares = [sum(lost_shares(path, size, P_TYPE_DISTANCE, weight)) for weight in WEIGHTS]
+            shares = map(sum, lost_shares(path, size, P_TYPE_DISTANCE, *WEIGHTS))
             yield tuple(Ending(clip, share, cost) for share in shares)
 
 

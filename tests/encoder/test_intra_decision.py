@@ -40,9 +40,9 @@ def test_shares_are_of_the_points_that_were_there() -> None:
     path = np.full((8, 5, 2), 8.0)
     path[:4, 1:] = np.nan
     path[:7, 3:] = np.nan
-    assert lost_shares(path, SIZE, 2) == [0.5, 0.75]
-    assert lost_shares(path, SIZE, 4) == [0.875]
-    assert lost_shares(path[:0], SIZE, 4) == [1.0]
+    assert lost_shares(path, SIZE, 2, 1.0) == [[0.5, 0.75]]
+    assert lost_shares(path, SIZE, 4, 1.0, 0.5) == [[0.875], [0.875]]
+    assert lost_shares(path[:0], SIZE, 4, 1.0) == [[1.0]]
 
 
 def test_points_that_leave_the_picture_count_less() -> None:
@@ -54,10 +54,10 @@ def test_points_that_leave_the_picture_count_less() -> None:
     path[3, :, 0] = 12.0, 18.0, 24.0, 30.0
     path[:, 3] = np.nan
     path[:, :, 1] += 20.0
-    shares = [lost_shares(path[[k]], (64, 64), 4)[0] for k in range(4)]
+    shares = [lost_shares(path[[k]], (64, 64), 4, LEAVING_WEIGHT)[0][0] for k in range(4)]
     assert shares == [1.0, 1.0, LEAVING_WEIGHT, 1.0]
     path[0, 2, 0] = 14.0
-    assert lost_shares(path[:1], (64, 64), 4) == [LEAVING_WEIGHT]
+    assert lost_shares(path[:1], (64, 64), 4, LEAVING_WEIGHT, 1.0) == [[LEAVING_WEIGHT], [1.0]]
 
 
 @pytest.mark.parametrize(
