@@ -3,6 +3,7 @@
 import operator
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import groupby
 from typing import BinaryIO, cast
 
@@ -229,7 +230,7 @@ class EncoderSession:
         gop, wyner_ziv = self.config.gop, self.config.wyner_ziv
         p_type_distance = 0 if needs_key else gop.p_type_distance
         distances = reference_distances(len(originals), gop.references != "keys", p_type_distance)
-        steps = [wyner_ziv.step(distance) for distance in distances]
+        steps = [*map(cache(wyner_ziv.step), distances)]
         if quality is not None:
             steps = quality.steps(wyner_ziv, distances)
         with self.statistics.timing("transform_cpu_s"):

@@ -17,7 +17,7 @@ from dvc.keyframes import KeyFrameDecoder, KeyFrameEncoder
 from dvc.limits import MAX_FRAMES, Limits
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
-from dvc.wynerziv.quantizer import FrameLayout
+from dvc.wynerziv.quantizer import quantization_of_step
 
 
 def bomb(width: int, height: int, gop: int, num_gops: int) -> bytes:
@@ -27,7 +27,7 @@ def bomb(width: int, height: int, gop: int, num_gops: int) -> bytes:
     video = VideoConfig(width, height, 25, 1, luma_only=True)
     key_config = {"parameter_sets": keys.parameter_sets}
     config = codec_config(video, "2d", Qp(51), gop={"length": gop}, key=key_config)
-    empty = FrameLayout.of(config).of_step(0, (0,) * 16).header
+    empty = quantization_of_step(0, (0,) * 16).header
     file = io.BytesIO()
     with StreamWriter(file, config, "buffered") as writer:
         writer.write_gop(GopRecord(1, key))

@@ -5,7 +5,7 @@ block of bands; then come the check bits and the syndrome of each block.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import chain
 from typing import Self
 
@@ -56,23 +56,24 @@ class SentPlanes:
 
 def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
     """Pack what is sent of a frame; inverse of `NoFeedbackFrame.read`."""
-    digits = np.frombuffer(_digits(sent).encode(), np.uint8) & np.uint8(1)
+    digits = _digits(sent).encode()
     sizes = [lengths()[code] for code in sent.length_codes]
-    bits = np.empty(sum(sizes) + len(BLOCKS) * frame.layout.crc_bits, np.uint8)
-    num_bits = 0
+    bits = np.empty(len(digits) + sum(sizes) + len(BLOCKS) * frame.layout.crc_bits, np.uint8)
+    bits[: len(digits)] = np.frombuffer(digits, np.uint8) & 1
+    num_bits = len(digits)
     if any(sizes) and any(sent.depths):
         packed = frame.pack(max(band + 1 for band, depth in enumerate(sent.depths) if depth))
-        num_bits = _kernels.write_blocks(
+        num_bits += _kernels.write_blocks(
             packed,
             POLYNOMIALS[frame.layout.crc_bits],
-            np.array(frame.quantization.planes),
+            frame.quantization.plane_counts,
             np.array(sent.depths),
             _BLOCKS,
             np.array(sizes),
             block_code(frame.layout.num_bits, len(packed[0]), seed),
-            bits,
+            bits[len(digits) :],
         )
-    return frame.header + pack_bits([digits, bits[:num_bits]])
+    return frame.header + pack_bits([bits[:num_bits]])
 
 
 def payload_bits(frame: EncodedFrame, sent: SentPlanes) -> int:
@@ -86,6 +87,7 @@ def payload_bits(frame: EncodedFrame, sent: SentPlanes) -> int:
     return 8 * (len(frame.header) + -(-num_bits // 8))
 
 
+@lru_cache(maxsize=256)
 def _digits(sent: SentPlanes) -> str:
     """Spell what is sent of a frame."""
     return plane_digits(sent.depths) + "".join(f"{code:0{LENGTH_CODE_BITS}b}" for code in sent.length_codes)

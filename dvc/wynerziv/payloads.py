@@ -50,7 +50,7 @@ def _quantize_embedded(
 ) -> tuple[Quantization, Packing]:
     step = quantizer.step_from_index(step_index)
     planes = quantizer.embedded_planes(extremes, step)
-    quantization = layout.of_step(step_index, tuple(planes.tolist()))
+    quantization = quantizer.quantization_of_step(step_index, tuple(planes.tolist()))
 
     def _pack(num_bands: int) -> Words:
         words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)

@@ -18,7 +18,7 @@ payload starts with its header.
 import math
 from bisect import bisect_left
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 
 import numpy as np
@@ -95,6 +95,7 @@ def embedded_edges(band: int, planes: int, step: float) -> NDArray[np.float64]:
 _ORIGINS = np.array(
     [[embedded_origin(band, planes) for planes in range(MAX_BAND_PLANES + 1)] for band in range(NUM_BANDS)]
 )
+_FIRST_ORIGIN = np.arange(NUM_BANDS) * (MAX_BAND_PLANES + 1)
 
 
 def embedded_planes(extremes: NDArray[np.int16], step: float) -> NDArray[np.int64]:
@@ -106,7 +107,7 @@ def embedded_planes(extremes: NDArray[np.int16], step: float) -> NDArray[np.int6
 
 def embedded_origins(planes: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return `embedded_origin` of all bands."""
-    return _ORIGINS[np.arange(NUM_BANDS), planes]
+    return _ORIGINS.take(_FIRST_ORIGIN + planes)
 
 
 def to_planes(bins: NDArray[np.int64], planes: int) -> NDArray[np.uint8]:
@@ -171,7 +172,12 @@ class Quantization:
         index = self.step_indices.get(band)
         return None if index is None else step_from_index(index)
 
-    @property
+    @cached_property
+    def plane_counts(self) -> NDArray[np.int64]:
+        """The same as `planes`, for compiled callers."""
+        return np.array(self.planes)
+
+    @cached_property
     def multiplier(self) -> float:
         """Squared error that a bit must save, or its plane is not asked for; 0: all are."""
         step = self.step(0)
@@ -184,6 +190,13 @@ class Quantization:
             assert step is not None
             return embedded_edges(band, self.planes[band], step)
         return bin_edges(1 << self.planes[band], step)
+
+
+@lru_cache(maxsize=256)
+def quantization_of_step(step_index: int, planes: tuple[int, ...]) -> Quantization:
+    """Return quantisers with embedded bins of one width."""
+    header = pack_digits(_step_digits(step_index) + plane_digits(planes))
+    return Quantization(True, planes, dict.fromkeys(range(transform.NUM_BANDS), step_index), header)
 
 
 @dataclass(frozen=True)
@@ -220,11 +233,6 @@ class FrameLayout:
         header = pack_digits("".join(_step_digits(step_indices[band]) for band in self._stepped_bands))
         return Quantization(False, self.max_planes, step_indices, header)
 
-    def of_step(self, step_index: int, planes: tuple[int, ...]) -> Quantization:
-        """Return quantisers with embedded bins of one width."""
-        header = pack_digits(_step_digits(step_index) + plane_digits(planes))
-        return Quantization(True, planes, dict.fromkeys(range(transform.NUM_BANDS), step_index), header)
-
     @property
     def _stepped_bands(self) -> tuple[int, ...]:
         return tuple(band for band, planes in enumerate(self.max_planes) if planes and band > 0)
@@ -235,7 +243,7 @@ class FrameLayout:
         try:
             if self.embedded:
                 index = reader.read_number(STEP_INDEX_BITS)
-                quantization = self.of_step(index, read_planes(reader))
+                quantization = quantization_of_step(index, read_planes(reader))
                 return _with_limit(quantization, data) if self.limited else quantization
             bands = self._stepped_bands
             return self.over_range({band: reader.read_number(STEP_INDEX_BITS) for band in bands})

@@ -7,20 +7,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import MAX_GOP_LENGTH, CodecConfig
-from dvc.video.frames import Plane
 from dvc.wynerziv.hierarchy import group_order, reference_distance
 from dvc.wynerziv.lengths import length_of_code
 from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes, encode_payload, payload_bits
 from dvc.wynerziv.payloads import EncodedFrame
 from encoder.groups import Group
 from encoder.rate_control.needs import Choice, NeedEstimator
-from encoder.rate_control.sampled_blocks import BlockErrors, BlockSampler, RateControlWork
+from encoder.rate_control.sampled_blocks import (
+    BlockErrors,
+    BlockSampler,
+    RateControlWork,
+    Words,
+    overlapping_words,
+)
 
 
 class _Reference(NamedTuple):
     """A frame that others are predicted from."""
 
-    luma: Plane  # before coding
+    words: Words  # before coding
     noise: NDArray[np.float32]  # that coding adds
 
 
@@ -103,26 +108,26 @@ class RateController:
     ) -> Iterator[ChosenFrame]:
         """Choose what is sent, frame by frame, and note what is known of them as references."""
         gop, lumas = self._config.gop, [frame.luma for frame in (*group.wyner_ziv, group.key)]
-        last = len(lumas)
+        last, words = len(lumas), [*map(overlapping_words, lumas)]
         if self._before is not None:
             known[0] = self._before
         if len(frames) < last:
-            known[last] = _Reference(lumas[-1], self._sampler.intra_noise(lumas[-1], key_step))
+            known[last] = _Reference(words[-1], self._sampler.intra_noise(lumas[-1], key_step))
         p_type_distance = gop.p_type_distance if len(frames) == last else 0
         for index, around in (
             group_order(0, last, gop.references != "keys", p_type_distance) if frames else ()
         ):
             references = [instant for instant in around if instant is not None]
             errors = self._sampler.errors(
-                lumas[index - 1],
-                [known[instant].luma for instant in references],
+                words[index - 1],
+                [known[instant].words for instant in references],
                 [known[instant].noise for instant in references],
                 _positions(group, (index, *references)),
             )
             frame = frames[index - 1]
             distance, num_bits = reference_distance(around), frame.layout.num_bits
             choice = self._needs.choose(frame.quantization, errors, distance, num_bits)
-            known[index] = _Reference(lumas[index - 1], choice.noise)
+            known[index] = _Reference(words[index - 1], choice.noise)
             yield ChosenFrame(index - 1, distance, errors, choice)
 
 

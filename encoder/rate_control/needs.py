@@ -79,7 +79,7 @@ class NeedEstimator:
 
     def __init__(self, config: CodecConfig, rate_margin_percent: int) -> None:
         self._wyner_ziv = config.wyner_ziv
-        self._share = cache(self._margin_share)
+        self._worth = cache(self._worth_of)
         self._margins = EstimatedRate.rate_margin_percent / 100.0, rate_margin_percent / 100.0
 
     def choose(self, quantization: Quantization, errors: BlockErrors, distance: int, num_bits: int) -> Choice:
@@ -87,7 +87,7 @@ class NeedEstimator:
         residual, noise = errors.residual, errors.noise
         if not residual.size:  # too small a picture to tell
             residual, noise = np.full((16, 1), _UNKNOWN, np.float32), np.zeros((16, 1), np.float32)
-        step, planes = quantization.step(0), np.array(quantization.planes)
+        step, planes = quantization.step(0), quantization.plane_counts
         assert step is not None
         costs = np.empty((len(planes), 2, max(quantization.planes) + 1))
         depths, lengths = np.empty_like(planes), np.empty(len(BLOCKS))
@@ -98,8 +98,8 @@ class NeedEstimator:
         codes = tuple(map(length_code, lengths.tolist()))
         return Choice(SentPlanes(tuple(depths.tolist()), codes), left, costs)
 
-    def _worth(self, multiplier: float, distance: int) -> _kernels.Worth:
-        (usual, margin), share = self._margins, self._share(distance)
+    def _worth_of(self, multiplier: float, distance: int) -> _kernels.Worth:
+        (usual, margin), share = self._margins, self._margin_share(distance)
         factors = _FACTORS[int(distance > MAX_GOP_LENGTH // 2)]
         return _kernels.Worth(multiplier, BITS_PER_BIT, factors, _LEAST, (share * usual, share * margin))
 

@@ -16,6 +16,7 @@ from dvc.wynerziv import transform
 from encoder.rate_control import _kernels
 
 Floats = NDArray[np.float32]
+Words = NDArray[np.uint64]
 
 BLOCK_PX = _kernels.SIDE
 SPACING_PX = 16
@@ -77,20 +78,23 @@ class BlockSampler:
 
     def errors(
         self,
-        luma: Plane,
-        references: Sequence[Plane],
+        words: Words,
+        references: Sequence[Words],
         noises: Sequence[Floats],
         positions: NDArray[np.float64],
     ) -> BlockErrors:
-        """Measure the residual of a frame against the mean of its references, moved as points have moved."""
+        """Measure the residual of a frame against the mean of its references, moved as points have moved.
+
+        Frames are given by their `overlapping_words`.
+        """
         self.work.num_blocks += self.num_blocks
         self.work.num_moved += self.num_blocks * len(references)
         residual, noise = np.empty((2, transform.NUM_BANDS, self.num_blocks), np.float32)
         if self.num_blocks:
             bits = max(len(positions) - 1, 1).bit_length()
             self.work.num_distances += _kernels.block_errors(
-                _words(luma),
-                tuple(map(_words, references)),
+                words,
+                tuple(references),
                 tuple(noises),
                 positions,
                 _kernels.Sampling(
@@ -103,12 +107,10 @@ class BlockSampler:
         return BlockErrors(residual, noise)
 
 
-def _words(luma: Plane) -> NDArray[np.uint64]:
-    """Return eight samples from each place on as words that overlap."""
+def overlapping_words(luma: Plane) -> Words:
+    """Return eight samples from each place on as words that overlap; none of pictures that are narrower."""
     height, width = luma.shape
-    samples = np.ascontiguousarray(luma)
-    words: NDArray[np.uint64] = np.ndarray(
-        (height, width - BLOCK_PX + 1), np.uint64, samples, strides=(width, 1)
-    )
+    shape = height, max(width - BLOCK_PX + 1, 0)
+    words: Words = np.ndarray(shape, np.uint64, np.ascontiguousarray(luma), strides=(width, 1))
     words.flags.writeable = False
     return words

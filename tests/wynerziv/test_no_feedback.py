@@ -103,7 +103,7 @@ def test_any_bytes_are_read_or_refused(data: bytes, after_header: bool) -> None:
 def test_blocks_that_would_take_all_memory_are_refused() -> None:
     """A few bytes may not promise planes without end."""
     layout = FrameLayout(8192, 8192, True, (0,) * 16, 16)
-    quantization = layout.of_step(0, (12,) * 16)
+    quantization = quantizer.quantization_of_step(0, (12,) * 16)
     payload = (
         quantization.header
         + np.packbits(

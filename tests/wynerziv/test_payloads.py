@@ -72,7 +72,7 @@ def test_header_round_trip(layout: FrameLayout, data: st.DataObject) -> None:
     """What a frame's quantisers are survives, whatever follows the header."""
     if layout.embedded:
         planes = tuple(data.draw(st.tuples(*[st.integers(0, MAX_BAND_PLANES)] * 16)))
-        quantization = layout.of_step(data.draw(step_indices), planes)
+        quantization = quantizer.quantization_of_step(data.draw(step_indices), planes)
     else:
         bands = [band for band, planes in enumerate(layout.max_planes) if planes and band]
         quantization = layout.over_range({band: data.draw(step_indices) for band in bands})

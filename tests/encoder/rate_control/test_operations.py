@@ -17,7 +17,7 @@ from encoder.rate_control.sampled_blocks import (
     SPACING_PX,
     BlockSampler,
     RateControlWork,
-    _words,
+    overlapping_words,
 )
 from tests.clips import moving_texture
 from tests.counting import Data, Tally, counting
@@ -51,7 +51,7 @@ def test_moved_blocks() -> None:
     _kernels.nearest_points(positions, _kernels.Sampling(grid, SPACING_PX, 1e4, bits), keys)
     given = 1, grid, SPACING_PX, bits, Data(keys, tally), Data(motion, tally)
     counting(_kernels.blend_motion, tally)(Data(positions, tally), *given)
-    still, words = np.zeros_like(motion), Data(_words(FRAMES[0]), tally)
+    still, words = np.zeros_like(motion), Data(overlapping_words(FRAMES[0]), tally)
     given = words, Data(still, tally), grid, SPACING_PX, Data(no_lines(), tally)
     counting(_kernels.subtract_moved, tally)(*given)
     noise = (Data(np.ones((transform.NUM_BANDS, COUNT), np.float32), tally) for _ in range(2))
@@ -62,7 +62,7 @@ def test_moved_blocks() -> None:
 def test_residuals() -> None:
     """Differences, their energies by bands, and where these stand in the tables."""
     tally, grid = Tally(), SAMPLER._grid
-    words, counted = Data(_words(FRAMES[1]), tally), Data(no_lines(), tally)
+    words, counted = Data(overlapping_words(FRAMES[1]), tally), Data(no_lines(), tally)
     counting(_kernels.cut_blocks, tally)(words, grid, SPACING_PX, 4, counted)
     energies = Data(np.zeros((transform.NUM_BANDS, COUNT), np.float32), tally)
     counting(_kernels.energies, tally)(counted, grid, _WEIGHTS, transform.ORDER, 0.25, energies)

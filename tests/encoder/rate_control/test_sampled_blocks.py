@@ -6,7 +6,7 @@ import pytest
 from dvc._jit import python_twin
 from dvc.wynerziv import transform
 from encoder.rate_control import _kernels
-from encoder.rate_control.sampled_blocks import BLOCK_PX, SPACING_PX, BlockSampler, _words
+from encoder.rate_control.sampled_blocks import BLOCK_PX, SPACING_PX, BlockSampler, overlapping_words
 from tests.clips import moving_texture
 
 SHAPE = (48, 64)
@@ -44,7 +44,9 @@ def test_what_moves_with_the_points_leaves_nothing() -> None:
         ("still", points((0.0, 0.0))),
         ("none", NONE),
     ):
-        found[name] = sampler.errors(frame, [reference], [silence()], places)
+        found[name] = sampler.errors(
+            overlapping_words(frame), [overlapping_words(reference)], [silence()], places
+        )
     inner = np.arange(BLOCKS).reshape(3, 4)[:, :3].ravel()
     assert found["moved"].residual[:, inner].max() == 0.0
     assert found["still"].residual[:, inner].min() > 1.0
@@ -53,7 +55,7 @@ def test_what_moves_with_the_points_leaves_nothing() -> None:
 
 def test_points_that_are_not_known_everywhere_do_not_count() -> None:
     """Neither in the frame nor in a reference."""
-    frames = [frame.luma for frame in moving_texture(2, *SHAPE)]
+    frames = [overlapping_words(frame.luma) for frame in moving_texture(2, *SHAPE)]
     given = points((2.5, -1.0))
     expected = BlockSampler(SHAPE).errors(frames[1], frames[:1], [silence()], given[7:])
     given[:3, 0], given[3:7, 1] = np.nan, np.nan
@@ -65,7 +67,8 @@ def test_residuals_are_those_of_the_transform() -> None:
     """Mean squares by bands in blocks of 8x8 samples, of the mean of two references at rest."""
     frames = [frame.luma for frame in moving_texture(3, *SHAPE)]
     noises = [np.full((16, BLOCKS), of, np.float32) for of in (3.0, 5.0)]
-    found = BlockSampler(SHAPE).errors(frames[1], frames[::2], noises, np.empty((0, 3, 2)))
+    words = [*map(overlapping_words, frames)]
+    found = BlockSampler(SHAPE).errors(words[1], words[::2], noises, np.empty((0, 3, 2)))
     mean = (frames[0].astype(np.float64) + frames[2]) / 2
     np.testing.assert_allclose(found.residual, sampled(frames[1] - mean), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found.noise, 2.0)  # of the mean of two that are independent
@@ -73,9 +76,9 @@ def test_residuals_are_those_of_the_transform() -> None:
 
 def test_noise_comes_from_where_the_blocks_come_from() -> None:
     """From the sampled block that is nearest there, at the borders as well."""
-    luma = np.zeros(SHAPE, np.uint8)
+    words = overlapping_words(np.zeros(SHAPE, np.uint8))
     noise = np.tile(np.arange(BLOCKS, dtype=np.float32), (16, 1))
-    found = BlockSampler(SHAPE).errors(luma, [luma], [noise], points((16.0, -15.0)))
+    found = BlockSampler(SHAPE).errors(words, [words], [noise], points((16.0, -15.0)))
     rows, columns = np.divmod(np.arange(BLOCKS), 4)
     expected = 4 * np.maximum(rows - 1, 0) + np.minimum(columns + 1, 3)
     np.testing.assert_array_equal(found.noise, np.tile(expected, (16, 1)))
@@ -101,7 +104,8 @@ def test_blocks_that_are_not_whole_are_left_out(shape: tuple[int, int]) -> None:
     expected = len(range(0, shape[0] - 7, 16)) * len(range(0, shape[1] - 7, 16))
     assert sampler.num_blocks == expected
     assert sampler.intra_noise(luma, 8.0).shape == (16, expected)
-    found = sampler.errors(luma, [luma], [np.zeros((16, expected), np.float32)], NONE)
+    words = overlapping_words(luma)
+    found = sampler.errors(words, [words], [np.zeros((16, expected), np.float32)], NONE)
     assert found.residual.shape == (16, expected)
 
 
@@ -109,7 +113,7 @@ def test_blocks_that_are_not_whole_are_left_out(shape: tuple[int, int]) -> None:
 def test_words_at_borders_repeat_them() -> None:
     """From any place on, as of a picture with a border around it."""
     image = np.random.default_rng(6).integers(0, 256, (9, 11), dtype=np.uint8)
-    padded, words = np.pad(image, 20, mode="edge"), _words(image)
+    padded, words = np.pad(image, 20, mode="edge"), overlapping_words(image)
     for y in range(-3, 13):
         for x in range(-12, 23):
             word = np.uint64(python_twin(_kernels.word_at)(words, y, x))
@@ -131,8 +135,8 @@ def test_kernels_are_their_python() -> None:
     calls = [
         (_kernels.nearest_points, (spots, _kernels.Sampling(grid, 16, 100.0, 3)), ((2, 3, 8), np.int32)),
         (_kernels.blend_motion, (spots % 7, 1, grid, 16, 2, near), ((6, 2), np.int64)),
-        (_kernels.cut_blocks, (_words(image), grid, 16, 8), lines),
-        (_kernels.subtract_moved, (_words(image), motion, grid, 16), lines),
+        (_kernels.cut_blocks, (overlapping_words(image), grid, 16, 8), lines),
+        (_kernels.subtract_moved, (overlapping_words(image), motion, grid, 16), lines),
         (
             _kernels.intra_errors,
             (image, corners, 20.0, 0.3, transform.SCALE, transform.ORDER),
