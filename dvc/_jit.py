@@ -186,7 +186,8 @@ def _time_loading(compiled: Any) -> None:
         return run
 
     compiled.compile = timed(compiled.compile)
-    compiled._compile_for_args = timed(compiled._compile_for_args)  # a call with arguments of new types
+    compiled._compile_for_args = timed(compiled._compile_for_args)  # for arguments of new types
+    compiled.typeof_pyval = timed(compiled.typeof_pyval)  # for arguments of types never met before
 
 
 def _stamps(function: Callable[..., Any]) -> list[str]:
