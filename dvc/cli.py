@@ -59,8 +59,15 @@ class _PrintVersions(argparse.Action):
 
 
 def one_line(text: object) -> str:
-    """Fold a message into one line."""
-    return " ".join(str(text).split())
+    """Fold a message into one line; what a terminal would obey, such as escapes, shows as question marks."""
+    return "".join(c if c.isprintable() else "?" for c in " ".join(str(text).split()))
+
+
+class _OneLine(logging.Formatter):
+    """What is logged, in one line."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return one_line(super().format(record))
 
 
 class Terminated(KeyboardInterrupt):
@@ -106,7 +113,9 @@ def stopping_at_signals(stop: Callable[[], None]) -> Iterator[None]:
 
 def run(prog: str, command: Callable[[], int]) -> int:
     """Run a command; expected failures become one line on stderr and an exit status."""
-    logging.basicConfig(level=logging.WARNING, format=f"{prog}: %(message)s", stream=sys.stderr)
+    log = logging.StreamHandler(sys.stderr)
+    log.setFormatter(_OneLine(f"{prog}: %(message)s"))
+    logging.basicConfig(level=logging.WARNING, handlers=[log])
     try:
         with _cleaning_up_when_terminated():
             return command()

@@ -390,6 +390,12 @@ def test_json_goes_to_standard_output(desk: Path, capsys: pytest.CaptureFixture[
     assert report["config"]["gop"].items() >= {"length": 16, "references": "hierarchical"}.items()
 
 
+def test_messages_have_nothing_that_a_terminal_obeys(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A name with an escape or a line feed is told in one line of printable characters."""
+    assert decode("\x1b[31mno\nsuch\u202e.dvc", "o.y4m") == 2
+    assert "?[31mno such?.dvc" in one_line_of(capsys)
+
+
 @pytest.mark.parametrize("module", ["encoder", "decoder"])
 def test_help_is_quick_and_has_examples(module: str) -> None:
     """Help shows examples, and loads neither numpy nor any compiled library."""

@@ -5,6 +5,7 @@ import io
 import re
 from collections.abc import Callable, Iterable, Sequence
 
+from dvc import cli
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.curves import Curve
 from dvc.rd.point_result import IMPORTED, PointResult
@@ -23,7 +24,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def escaped(text: str) -> str:
     """Write a text so that it is neither markup nor the end of a cell or line."""
-    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
+    return cli.one_line(text).replace("|", "\\|").replace("<", "&lt;")
 
 
 def fenced(lines: Sequence[str]) -> str:

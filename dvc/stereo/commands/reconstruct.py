@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_previews(folder, found, truth, arguments.jobs)
         _write_shapes(shapes, found, rectification)
     for warning in found.figures["warnings"]:
-        sys.stderr.write(f"dvc-stereo: {warning}\n")
+        sys.stderr.write(f"dvc-stereo: {cli.one_line(warning)}\n")
     if arguments.json is not None:
         cli.write_json(arguments.json, found.figures)
     if not arguments.quiet and arguments.json != "-":
