@@ -1,5 +1,6 @@
 """Line plots that the colour-blind can read, as bytes that are the same for the same numbers."""
 
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
@@ -50,7 +51,9 @@ def contents(figure: "Figure", suffix: str) -> bytes:
     """Return a figure as a file."""
     written = BytesIO()
     metadata = {"Date": None} if suffix == ".svg" else {}
-    figure.savefig(written, format=suffix[1:], dpi=DPI, metadata=metadata)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # names in letters that the font has not
+        figure.savefig(written, format=suffix[1:], dpi=DPI, metadata=metadata)
     return written.getvalue()
 
 

@@ -5,7 +5,7 @@ from dvc.page.plotting import SUFFIXES, Line, line_plot
 
 def test_the_same_lines_give_the_same_bytes() -> None:
     """Both forms are there, names stand in the SVG, and nothing depends on the time."""
-    lines = [Line("first", [0.1, 0.2], [30.0, 31.0]), Line("_cost in $", [0.1, 0.3], [29.0, 30.5])]
+    lines = [Line("first", [0.1, 0.2], [30.0, 31.0]), Line("_cost in $ \u540d", [0.1, 0.3], [29.0, 30.5])]
     drawn = line_plot(lines, "title", "rate", "PSNR")
     assert set(drawn) == set(SUFFIXES)
     assert drawn == line_plot(lines, "title", "rate", "PSNR")
