@@ -93,8 +93,9 @@ def _add_import(command: argparse.ArgumentParser) -> None:
         "points",
         type=Path,
         metavar="FILE.csv",
-        help="a line per point, under the names of the columns: sequence, codec, rate_kbps, psnr_y_db, and"
-        " those of docs/rd.md; or opendvc: points of openDVC",
+        help="a line per point, under the names of the columns: sequence, codec, rate_kbps, psnr_y_db, frames"
+        " (how many), and those of docs/rd.md, such as width, height and frames_per_s where nothing in DIR"
+        " is of these frames; or opendvc: points of openDVC",
     )
     add("--out", type=Path, required=True, metavar="DIR", help="what `run --out` was given, or a new folder")
 
@@ -261,7 +262,7 @@ def _show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
     drawn = Table(*head)
     for row in rows:
-        drawn.add_row(*(Text(cell) for cell in row))
+        drawn.add_row(*(Text(cli.one_line(cell)) for cell in row))
     Console().print(drawn)
 
 
@@ -280,7 +281,8 @@ def _import(arguments: argparse.Namespace) -> int:
     points = import_points(arguments.points, arguments.out)
     sys.stderr.write(f"{PROG}: {len(points)} points imported\n")
     for name in beside_nothing(points, arguments.out):
-        sys.stderr.write(f"{PROG}: nothing is measured in {arguments.out} on these frames of {name}\n")
+        told = cli.one_line(f"nothing is measured in {arguments.out} on these frames of {name}")
+        sys.stderr.write(f"{PROG}: {told}\n")
     return 0
 
 

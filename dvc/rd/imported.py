@@ -20,7 +20,7 @@ MAX_CHARACTERS: Final = 2**24
 """Of a file."""
 TOTALS: Final = ("key_psnr_y_db", "wz_psnr_y_db", "si_psnr_y_db", "refined_si_psnr_y_db")
 """Columns that become totals of the same name, where they hold a number."""
-_REQUIRED: Final = ("sequence", "codec", "rate_kbps", "psnr_y_db")
+_REQUIRED: Final = ("sequence", "codec", "rate_kbps", "psnr_y_db", "frames")
 _TRUTHS: Final = {"": True, "true": True, "false": False}
 _MAX_PX, _MAX_DB = 2**16, 1000.0
 
@@ -115,6 +115,8 @@ def _point(row: Mapping[str, str], source: str, measured: Mapping[_Key, Any]) ->
     for name in ("sequence", "codec"):
         if not row[name]:
             raise ValueError(f"{name} is empty")
+        if not row[name].isprintable():
+            raise ValueError(f"{name} has characters that cannot be shown")
     totals = {"rate_kbps": _number(row, "rate_kbps", MAX_NUMBER / 1e6)}
     names = ["psnr_y_db", *(name for name in TOTALS if row.get(name))]
     totals |= {name: _number(row, name, _MAX_DB) for name in names}
@@ -123,7 +125,7 @@ def _point(row: Mapping[str, str], source: str, measured: Mapping[_Key, Any]) ->
         raise ValueError(f"luma_only must be true or false, got {luma_only!r}")
     first, frames = _whole(row, "first_frame", 0, 0), _whole(row, "frames", 1)
     key = _Key(row["sequence"], first, frames, _TRUTHS[luma_only])
-    sequence = measured.get(key) or _sequence(row)
+    sequence = measured.get(key) or _sequence(row, key)
     qp = _whole(row, "qp", -100) if row.get("qp") else None
     told = {
         "curve": row.get("curve") or row["codec"],
@@ -167,8 +169,11 @@ def _result(
     }
 
 
-def _sequence(row: Mapping[str, str]) -> dict[str, Any]:
+def _sequence(row: Mapping[str, str], key: _Key) -> dict[str, Any]:
     """Return what a row says of a sequence that was not measured here."""
+    if missing := [name for name in ("width", "height", "frames_per_s") if not row.get(name)]:
+        where = f"frames {key.first_frame} to {key.first_frame + key.frames - 1} of {key.sequence}"
+        raise ValueError(f"{', '.join(missing)} must be given, as nothing is measured here on {where}")
     size = {name: _whole(row, name, 1, most=_MAX_PX) for name in ("width", "height")}
     digest = row.get("sequence_digest") or values_digest([IMPORTED, row["sequence"]])
     frames_per_s = _number(row, "frames_per_s", 1e6)

@@ -105,7 +105,7 @@ def test_importing_again_replaces(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "told"),
     [
-        ([], "no column sequence, codec, rate_kbps, psnr_y_db"),
+        ([], "no column sequence, codec, rate_kbps, psnr_y_db, frames"),
         (["sequence,codec,rate_kbps", "clip,A,1"], "no column psnr_y_db"),
         ([HEAD], "no points"),
         ([HEAD, "clip,A,1,30"], "line 2: 4 cells under 5 columns"),
@@ -115,7 +115,16 @@ def test_importing_again_replaces(tmp_path: Path) -> None:
         ([HEAD, "clip,A,1,-3,3"], "line 2: psnr_y_db must be a number above 0, got '-3'"),
         ([HEAD, "clip,A,1e300,30,3"], "line 2: rate_kbps must be a number above 0"),
         ([HEAD, "clip,A,1,30,0"], "line 2: frames must be a whole number from 1 on, got '0'"),
-        ([HEAD, "clip,A,1,30,3"], "line 2: width must be a whole number from 1 on, got ''"),
+        (["sequence,codec,rate_kbps,psnr_y_db", "clip,A,1,30"], "no column frames"),
+        ([HEAD, "clip,\x1b[31mA,1,30,3"], "line 2: codec has characters that cannot be shown"),
+        (
+            [HEAD, "clip,A,1,30,3"],
+            "line 2: width, height, frames_per_s must be given, as nothing is measured here",
+        ),
+        (
+            [f"{HEAD},{SIZE}", "clip,A,1,30,3,64,x,25"],
+            "line 2: height must be a whole number from 1 on, got 'x'",
+        ),
         ([f"{HEAD},luma_only", "clip,A,1,30,3,no"], "line 2: luma_only must be true or false, got 'no'"),
         ([f"{HEAD},{SIZE}", *["clip,A,1,30,3,64,48,25"] * 2], "line 3: the same point a second time"),
         ([HEAD, '"clip,A,1,30,3'], "line 2: unexpected end of data"),
