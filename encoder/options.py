@@ -63,7 +63,7 @@ EXAMPLES = """\
   dvc-encode rtsp://camera/main day-%04d.dvc --segment 60    a file a minute; Ctrl-C finishes the last
   ffmpeg -i in.ts -pix_fmt yuv420p -f yuv4mpegpipe - | dvc-encode - out.dvc --input-format y4m
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
-  dvc-encode /dev/video0 --serve :5000 --leave-out    what the decoder cannot take is left out
+  dvc-encode /dev/video0 --serve 0.0.0.0:5000 --token-file token --leave-out    through a network
 """
 
 LONG_DELAY_PERCENT = 20
@@ -381,7 +381,10 @@ def _add_source(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_live(group: argparse._ArgumentGroup) -> None:
-    text = "answer one decoder over TCP instead of writing a file (port 0: any free one)"
+    text = (
+        "answer one decoder over TCP instead of writing a file (no HOST: on this machine alone; 0.0.0.0: on"
+        " all its networks, by token or TLS; port 0: any free one)"
+    )
     cli.add_live(group, "--serve", text)
     cli.add_integer(
         group,

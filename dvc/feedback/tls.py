@@ -39,8 +39,8 @@ def decoder_context(authorities: str | Path | None) -> ssl.SSLContext:
 
 
 def parse_fingerprint(text: str) -> bytes:
-    """Read the SHA-256 of a certificate: 64 hexadecimal digits, with or without colons."""
-    digits = text.replace(":", "")
+    """Read the SHA-256 of a certificate: 64 hexadecimal digits, colons or not; or a line of openssl."""
+    digits = text.rpartition("=")[2].strip().replace(":", "")
     if len(digits) != _HEX_DIGITS or not all(digit in "0123456789abcdefABCDEF" for digit in digits):
         raise ConfigError(f"a fingerprint is {_HEX_DIGITS} hexadecimal digits, got {text[:80]!r}")
     return bytes.fromhex(digits)

@@ -185,6 +185,7 @@ def test_certificates_and_fingerprints_are_checked(certificates: Certificates, t
         encoder_context(certificates.authority)  # has no key
     shown = certificates.fingerprint.hex(":").upper()
     assert parse_fingerprint(shown) == certificates.fingerprint
+    assert parse_fingerprint(f"sha256 Fingerprint={shown}\n") == certificates.fingerprint
     for text in ("", "12:34", "g" * 64):
         with pytest.raises(ConfigError, match="64 hexadecimal digits"):
             parse_fingerprint(text)
