@@ -125,7 +125,7 @@ def run(prog: str, command: Callable[[], int]) -> int:
     except DvcError as err:
         message = one_line(err)
     except OSError as err:
-        message = one_line(f"{err.filename}: {err.strerror}" if err.filename else err)
+        message = one_line(f"{err.filename}: {err.strerror}" if err.filename else err.strerror or err)
     except MemoryError:
         message = "out of memory"
     except Terminated:

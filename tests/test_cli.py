@@ -439,10 +439,15 @@ def test_expected_errors_become_one_line(capsys: pytest.CaptureFixture[str]) -> 
         raise error
 
     assert cli.run("x", lambda: 0) == 0
-    for error in (DvcError("two\nlines"), OSError(28, "No space left", "f"), MemoryError()):
+    for error in (
+        DvcError("two\nlines"),
+        OSError(28, "No space left", "f"),
+        OSError(28, "Full"),
+        MemoryError(),
+    ):
         assert cli.run("x", lambda error=error: fail(error)) == 2
     assert cli.run("x", lambda: fail(KeyboardInterrupt())) == 130
-    expected = "x: two lines\nx: f: No space left\nx: out of memory\nx: interrupted\n"
+    expected = "x: two lines\nx: f: No space left\nx: Full\nx: out of memory\nx: interrupted\n"
     assert capsys.readouterr().err == expected
     with pytest.raises(ZeroDivisionError):
         cli.run("x", lambda: fail(ZeroDivisionError()))
