@@ -53,10 +53,12 @@ class Entry:
         """Return a finite number."""
         return self._number(self.value(key), key, above)
 
-    def _number(self, value: object, key: str, above: float = -math.inf) -> float:
+    def _number(
+        self, value: object, key: str, above: float = -math.inf, largest: float = MAX_NUMBER
+    ) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.refuse(f"{key!r} is no number")
-        if not abs(value) <= MAX_NUMBER or not value > above:
+        if not abs(value) <= largest or not value > above:
             self.refuse(f"{key!r} is out of range")
         return float(value)
 
@@ -77,6 +79,13 @@ class Entry:
         if not isinstance(values, list) or not 1 <= len(values) <= most:
             self.refuse(f"{key!r} is no list of 1 to {most}")
         return [Entry(self.path, value, f"{key} {index}") for index, value in enumerate(values)]
+
+    def vector(self, key: str, size: int, largest: float = MAX_NUMBER) -> NDArray[np.float64]:
+        """Return some finite numbers."""
+        values = self.value(key)
+        if not isinstance(values, list) or len(values) != size:
+            self.refuse(f"{key!r} is no list of {size} numbers")
+        return np.array([self._number(value, key, largest=largest) for value in values], np.float64)
 
     def matrix(self, key: str, size: int) -> NDArray[np.float64]:
         """Return a square matrix that can be inverted."""

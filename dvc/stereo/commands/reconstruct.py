@@ -14,7 +14,7 @@ from dvc.stereo.surfaces.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_
 if TYPE_CHECKING:
     from dvc.multiview.camera_array import CameraArray, DisparityLabels
     from dvc.stereo.output.report import Truth
-    from dvc.stereo.rectification.rectified_array import RectifiedArray
+    from dvc.stereo.rectification.rectified_folder import RectifiedViews
     from dvc.stereo.rectification.rectified_space import Rectification
     from dvc.stereo.surfaces.surface import Reconstruction
 
@@ -27,12 +27,14 @@ EXAMPLES = """\
   dvc-stereo reconstruct *.png --views views.csv --disparities 0:16 --out surfaces --ply surfaces.ply
   dvc-stereo reconstruct im2.png im6.png --disparities 0:60 --truth disp2.png --truth-scale 4 --out teddy
   dvc-stereo reconstruct *.jpg --cameras auto --out surfaces
+  dvc-stereo reconstruct rectified --out surfaces
 """
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the subcommand takes."""
-    parser.add_argument("paths", nargs="+", metavar="VIEW", help="picture of a camera")
+    views = "picture of a camera; or the folder that `dvc-stereo rectify` has written"
+    parser.add_argument("paths", nargs="+", metavar="VIEW", help=views)
     array_files.add_array_options(parser)
     array_files.add_camera_option(parser)
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
@@ -89,9 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
             found = reconstruct(array, labels, settings, jobs=arguments.jobs, advance=advance)
         found = reported(found, truth, warnings)
         if rectified is not None:
-            from dvc.stereo.rectification.rectified_folder import rectification_index, write_original_views
+            from dvc.stereo.rectification.rectified_folder import write_original_views
 
-            found.figures["rectification"] = rectification_index(rectified)
+            found.figures["rectification"] = rectified.index
             write_original_views(folder, found, rectified.rectification)
         write_reconstruction(folder, found, arguments.jobs)
         write_previews(folder, found, truth, arguments.jobs)
@@ -120,18 +122,33 @@ def _settings(arguments: argparse.Namespace) -> "StereoSettings":
 
 def _views(
     arguments: argparse.Namespace,
-) -> tuple["CameraArray", "DisparityLabels", "RectifiedArray | None"]:
+) -> tuple["CameraArray", "DisparityLabels", "RectifiedViews | None"]:
     """Read the views, and rectify them where cameras are given; find disparities where none are."""
-    positions = array_files.positions_of(arguments, arguments.paths)
-    if arguments.cameras is None:
-        array = array_files.load_array(arguments.paths, positions)
-        labels, rectified = arguments.disparities or _found_labels(array), None
+    rectified = _rectified(arguments)
+    if rectified is None:
+        array = array_files.load_array(arguments.paths, array_files.positions_of(arguments, arguments.paths))
+        labels = arguments.disparities or _found_labels(array)
     else:
-        rectified = rectified_views(arguments, positions)
         array, labels = rectified.array, arguments.disparities or rectified.labels
     if labels is None:
         raise ConfigError("too few points match to find the range of disparities: give --disparities MIN:MAX")
     return array, labels, rectified
+
+
+def _rectified(arguments: argparse.Namespace) -> "RectifiedViews | None":
+    """Read a folder of rectified views, or make them where cameras are given."""
+    folders = [path for path in arguments.paths if Path(path).is_dir()]
+    if not folders and arguments.cameras is None:
+        return None
+    from dvc.stereo.rectification.rectified_folder import as_views, read_rectified
+
+    if not folders:
+        return as_views(rectified_views(arguments, array_files.positions_of(arguments, arguments.paths)))
+    if len(arguments.paths) > 1:
+        raise ConfigError(f"{folders[0]}: a folder of rectified views stands alone")
+    if arguments.cameras or arguments.lattice or arguments.views:
+        raise ConfigError(f"{folders[0]} says where its cameras stand: no --cameras, --lattice or --views")
+    return read_rectified(Path(folders[0]))
 
 
 def _found_labels(array: "CameraArray") -> "DisparityLabels | None":

@@ -1,6 +1,7 @@
 """Rectified views as a folder, and what a reconstruction of them says of the original pictures."""
 
 import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.index_files import write_index
-from dvc.multiview.camera_array import CameraArray
+from dvc.calibration.cameras import LARGEST, Camera, camera_from_matrices
+from dvc.errors import DvcError
+from dvc.index_files import MAX_SIDE, Entry, read_index, read_labels, write_index
+from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.pfm import write_pfm
-from dvc.picture_files import write_png
+from dvc.picture_files import read_picture, read_plane, write_png
+from dvc.stereo.rectification.lattice import Lattice
 from dvc.stereo.rectification.rectified_array import RectifiedArray
 from dvc.stereo.rectification.rectified_space import Rectification
 from dvc.stereo.rectification.resampling import metric_depth, to_original_view
@@ -19,10 +23,27 @@ from dvc.stereo.surfaces.surface import Reconstruction
 
 INDEX = "rectification.json"
 FORMAT, VERSION = "dvc3d rectification", 1
+MAX_VIEWS = 1 << 15
 _MAX_SHOWN = 12
 _PREVIEW_WIDTH_PX = 1600
 _NUM_LINES = 8
 _COLOURS = ((0, 255, 255), (255, 255, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class RectifiedViews:
+    """Rectified views, the disparities to try, and how they were made: in memory, and as `INDEX` has it."""
+
+    array: CameraArray
+    labels: DisparityLabels | None
+    rectification: Rectification
+    index: dict[str, Any]
+
+
+def as_views(rectified: RectifiedArray) -> RectifiedViews:
+    """Return what `read_rectified` would read of a folder of these views."""
+    index = rectification_index(rectified)
+    return RectifiedViews(rectified.array, rectified.labels, rectified.rectification, index)
 
 
 def write_rectified(folder: Path, rectified: RectifiedArray) -> None:
@@ -35,6 +56,49 @@ def write_rectified(folder: Path, rectified: RectifiedArray) -> None:
     (folder / "views.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     write_png(folder / "preview.png", preview(rectified.array))
     write_index(folder / INDEX, FORMAT, VERSION, rectification_index(rectified))
+
+
+def read_rectified(folder: Path) -> RectifiedViews:
+    """Read a folder that `write_rectified` has written."""
+    index = read_index(folder / INDEX, FORMAT, VERSION, "dvc-stereo rectify")
+    entries = index.entries("views", MAX_VIEWS)
+    size = index.integer("width", 1, MAX_SIDE), index.integer("height", 1, MAX_SIDE)
+    positions = tuple(LatticePosition(entry.number("m"), entry.number("n")) for entry in entries)
+    if len(positions) < 2 or len(set(positions)) < len(positions):
+        index.refuse("fewer than two views, or two have one position")
+    lattice, (x0, y0) = index.entry("lattice"), index.vector("offset_px", 2)
+    steps = (lattice.vector(key, 3, LARGEST) for key in ("origin", "v1", "v2"))
+    rectification = Rectification(
+        tuple(_read_camera(entry) for entry in entries),
+        Lattice(*steps),
+        positions,
+        index.number("focal_length_px", 0.0),
+        index.number("middle_disparity"),
+        (float(x0), float(y0)),
+        index.number("disparity_shift"),
+        size,
+    )
+    stems = [Path(entry.file("file").name).stem for entry in entries]
+    views = [_read_view(folder, *named, size) for named in zip(stems, positions, strict=True)]
+    labels = None if index.value("disparities") is None else read_labels(index.entry("disparities"))
+    return RectifiedViews(CameraArray(tuple(views)), labels, rectification, index.others("format", "version"))
+
+
+def _read_camera(entry: Entry) -> Camera:
+    size = entry.integer("width", 1, MAX_SIDE), entry.integer("height", 1, MAX_SIDE)
+    K, R, t = entry.matrix("K", 3), entry.matrix("R", 3), entry.vector("t", 3, LARGEST)
+    made = camera_from_matrices(entry.text("file"), K, R, t, size)
+    k1, k2, p1, p2 = (float(value) for value in entry.vector("distortion", 4))
+    return replace(made, distortion=(k1, k2, p1, p2))
+
+
+def _read_view(folder: Path, name: str, position: LatticePosition, size: tuple[int, int]) -> ArrayView:
+    path, shape = folder / f"view-{name}.png", size[::-1]
+    valid = read_plane(folder / f"valid-{name}.png", 1, shape) > 127
+    image = read_picture(path)
+    if image.shape[:2] != shape:
+        raise DvcError(f"{path}: {image.shape[1]}x{image.shape[0]}, expected {size[0]}x{size[1]}")
+    return ArrayView(name, image, position, None if valid.all() else valid)
 
 
 def rectification_index(rectified: RectifiedArray) -> dict[str, Any]:

@@ -110,9 +110,7 @@ class Rectification:
         return _applied(self.rectified_from_view(index), self.cameras[index].undistorted(points))
 
     def view_points(self, index: int, points: Floats) -> Floats:
-        """Return where points of a rectified picture lie in the original one; inverse of `rectified_points`.
-        Return where points of a rectified picture lie in the original one; inverse of `rectified_points`.
-        """
+        """Return where points of a rectified picture lie in its original; inverse of `rectified_points`."""
         homography = np.linalg.inv(self.rectified_from_view(index))
         homography = homography * np.sign(np.linalg.det(homography))
         return self.cameras[index].distorted(_applied(homography, points))
@@ -179,6 +177,7 @@ class Rectification:
             "width": self.size[0],
             "height": self.size[1],
             "focal_length_px": self.focal_length_px,
+            "middle_disparity": self.middle_disparity,
             "offset_px": list(self.offset),
             "disparity_shift": self.disparity_shift,
             "lattice": {

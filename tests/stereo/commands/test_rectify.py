@@ -97,6 +97,45 @@ def test_reconstruct_gives_both_frames_and_metric_depth(toy: Path, tmp_path: Pat
         assert view["file"] == path.name
 
 
+def test_folder_of_rectified_views_is_as_good_as_the_cameras(
+    toy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`rectify`, then `reconstruct` of its folder: the files of `reconstruct --cameras`."""
+    pair, cameras = (toy / "toy-0-0.png", toy / "toy-1-0.png"), ("--cameras", "cameras.json")
+    out = [tmp_path / name for name in ("rectified", "two", "one")]
+    assert run("rectify", *pair, *cameras, "--out", out[0], "--quiet") == 0
+    assert run("reconstruct", out[0], "--out", out[1], "--quiet") == 0
+    assert run("reconstruct", *pair, *cameras, "--out", out[2], "--quiet") == 0
+    assert {path.name for path in out[1].iterdir()} == {path.name for path in out[2].iterdir()}
+    for name in ("depth-toy-0-0.pfm", "original-disparity-toy-1-0.pfm", "valid-toy-0-0.png"):
+        assert (out[1] / name).read_bytes() == (out[2] / name).read_bytes()
+    capsys.readouterr()
+    index = out[0] / "rectification.json"
+    whole = json.loads(index.read_text())
+    for changed, message in (
+        ({"lattice": {}}, "no 'origin'"),
+        ({"views": whole["views"][:1]}, "fewer than two views"),
+        ({"width": 7}, "not an eight-bit grey picture of 7x"),
+        ({"offset_px": [1.0]}, "'offset_px' is no list of 2 numbers"),
+    ):
+        index.write_text(json.dumps({**whole, **changed}))
+        check_refused([out[0]], message, tmp_path / "none", capsys)
+    index.unlink()
+    check_refused([out[0]], "No such file", tmp_path / "none", capsys)
+    check_refused([out[0], pair[0]], "stands alone", tmp_path / "none", capsys)
+    check_refused([out[0], *cameras], "no --cameras", tmp_path / "none", capsys)
+
+
+def check_refused(
+    arguments: list[object], message: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("reconstruct", *arguments, "--out", out) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not out.exists()
+
+
 def test_rectified_input_keeps_its_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Parallel cameras: the pictures stay as they are, and only the depth is added."""
     rng = np.random.default_rng(0)
