@@ -1,7 +1,9 @@
 """Rectification of calibrated cameras: their lattice, and a common crop of their pictures."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,12 +23,16 @@ from dvc.stereo.rectification.rectified_space import Rectification
 
 Floats = NDArray[np.float64]
 
-MAX_GROWTH = 2.0
-"""Of a side of the rectified pictures over that of the originals; what lies beyond is cropped."""
+MAX_GROWTH = 1.25
+"""Of the pixels of a rectified picture over those of an original; beyond, it is cropped and made smaller."""
+LEAST_COVERED = 0.15
+"""Share of a row or column that pictures cover, on the mean, beyond which nothing is cropped."""
 USUAL_PARALLAX = 0.25
 """Of the nearest point between the farthest cameras, in widths of a picture, where no depth is known."""
 POSITION_TOLERANCE_PX = 0.25
 """Cameras count as standing on the lattice if this changes no parallax by more."""
+_CELLS = 128
+_INWARDS = np.diag([1, 1, -1, -1])
 
 
 def rectify(
@@ -114,29 +120,50 @@ def usual_disparity(positions: Sequence[LatticePosition], width: int) -> float:
 
 
 def _cropped(bare: Rectification) -> Rectification:
-    """Choose offset and shift so that the middles of the pictures meet, and a window round all pictures."""
+    """Choose offset and shift so that the middles of the pictures meet, a window round them, its scale."""
     places = np.array(bare.positions)
     borders = [bare.border(index) for index in range(len(bare.cameras))]
     middles = np.stack([_middle_of_view(bare, index) for index in range(len(bare.cameras))])
     spread = places - places.mean(axis=0)
     shift = -float((spread * middles).sum() / (spread**2).sum())
-    moved = [border + place * shift for border, place in zip(borders, places, strict=True)]
-    low, high = (end(np.concatenate(moved), axis=0) for end in (np.min, np.max))
-    target = (middles + places * shift).mean(axis=0)
-    largest = np.max([camera.size for camera in bare.cameras], axis=0)
-    room = 0.5 * (MAX_GROWTH * largest - 1)
-    low, high = np.maximum(low, target - room), np.minimum(high, target + room)
-    width, height = (int(side) for side in np.ceil(high - low - 1e-3).astype(np.int64) + 1)
-    return Rectification(
-        bare.cameras,
-        bare.lattice,
-        bare.positions,
-        bare.focal_length_px,
-        bare.middle_disparity,
-        (-float(low[0]), -float(low[1])),
-        shift,
-        (width, height),
+    hulls = [
+        cv2.convexHull((border + place * shift).astype(np.float32))[:, 0]
+        for border, place in zip(borders, places, strict=True)
+    ]
+    num_pixels = float(np.mean([np.prod(camera.size) for camera in bare.cameras]))
+    shown = float(np.mean([cv2.contourArea(hull) for hull in hulls]))
+    low, high = _window(hulls, MAX_GROWTH * max(num_pixels, shown))
+    growth = float(np.prod(high - low)) / num_pixels
+    scale = min(1.0, np.sqrt(MAX_GROWTH / growth))
+    width, height = (int(side) for side in np.ceil(scale * (high - low) - 1e-3).astype(np.int64) + 1)
+    return replace(
+        bare,
+        focal_length_px=scale * bare.focal_length_px,
+        middle_disparity=scale * bare.middle_disparity,
+        offset=(-scale * float(low[0]), -scale * float(low[1])),
+        disparity_shift=scale * shift,
+        size=(width, height),
     )
+
+
+def _window(hulls: Sequence[NDArray[np.float32]], most: float) -> tuple[Floats, Floats]:
+    """Return the corners of a window round pictures, without sides that few of them cover if it is large."""
+    corners = np.concatenate(hulls).astype(np.float64)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    cell = (high - low) / _CELLS
+    covered = np.zeros((_CELLS, _CELLS))
+    for hull in hulls:
+        mask = np.zeros((_CELLS, _CELLS), np.uint8)
+        covered += cv2.fillConvexPoly(mask, np.floor((hull - low) / cell).astype(np.int32), 1) / len(hulls)
+    left, top, right, bottom = 0, 0, _CELLS, _CELLS
+    while (right - left) * (bottom - top) * np.prod(cell) > most:
+        inner = covered[top:bottom, left:right]
+        shares = inner[:, 0].mean(), inner[0].mean(), inner[:, -1].mean(), inner[-1].mean()
+        side = int(np.argmin(shares))
+        if shares[side] >= LEAST_COVERED:
+            break
+        left, top, right, bottom = np.add((left, top, right, bottom), _INWARDS[side])
+    return low + cell * (left, top), low + cell * (right, bottom)
 
 
 def _middle_of_view(rectification: Rectification, index: int) -> Floats:
