@@ -2,6 +2,8 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 JOBS ?= 2
 COUNT ?= 3000
+HOURS ?= 1
+RUNS ?= 1000
 SETS ?= $(wildcard ../shared/stereo)
 VENV := .venv
 BIN := $(VENV)/bin
@@ -14,7 +16,7 @@ CHECKED := NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(or $(XDG_CACHE_HOME),$(HOME)/.c
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help venv browser demo kernels test test-all test-nojit test-bounds fuzz canaries streams mutants check reproduce pictures format results results-check docs clean
+.PHONY: help venv browser demo kernels test test-all test-nojit test-bounds fuzz cuts canaries streams mutants check reproduce pictures format results results-check docs clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -52,8 +54,11 @@ test-bounds: $(INSTALLED)  ## run kernels under bounds checks on frozen streams 
 	$(CHECKED) $(BIN)/python -m pytest -q -n $(JOBS) -k to_the_frozen tests/test_golden.py tests/depthcodec/test_golden.py
 	$(CHECKED) $(BIN)/python -m benchmarks.hostile --jobs $(JOBS) --count $(COUNT)
 
-fuzz: $(INSTALLED)  ## try COUNT mutations a kind that nobody has tried, under bounds checks, and keep what does harm
-	$(CHECKED) $(BIN)/python -m benchmarks.hostile --jobs $(JOBS) --count $(COUNT) --random --finds tests/golden/finds
+fuzz: $(INSTALLED)  ## try for HOURS what nobody has tried, under bounds checks, keep what does harm, and write down how much it was
+	$(CHECKED) $(BIN)/python -m benchmarks.hostile --jobs $(JOBS) --hours $(HOURS) --finds tests/golden/finds
+
+cuts: $(INSTALLED)  ## cut live runs at random moments until RUNS were tried in all; goes on where it ended
+	$(BIN)/python -m benchmarks.hostile.cuts --runs $(RUNS)
 
 canaries: $(INSTALLED)  ## store bytes and PSNR of small encodings anew, after a change of the encoder that is meant
 	DVC_REGENERATE=1 $(BIN)/python -m pytest -q tests/test_canaries.py

@@ -33,4 +33,6 @@ def read_pfm(path: str | Path) -> NDArray[np.float32]:
     if len(content) - start != 4 * width * height:
         raise VideoError(f"{path}: {width}x{height} values announced, {(len(content) - start) / 4:g} found")
     plane = np.frombuffer(content, dtype="<f4" if scale < 0 else ">f4", offset=start)
-    return plane.reshape(height, width)[::-1].astype(np.float32)
+    plane = plane.reshape(height, width)[::-1].astype(np.float32)
+    plane[np.isnan(plane)] = np.nan  # others, which signal, warn wherever they are used
+    return plane

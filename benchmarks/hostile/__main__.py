@@ -6,24 +6,22 @@ is written to a folder by ``--finds``; what lies in `tests/golden/finds` is trie
 """
 
 import argparse
-import secrets
 import sys
-from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
-from benchmarks.hostile.attempts import kinds
-from benchmarks.hostile.batches import GOOD, KINDS, Try, run, run_batch, stop
+from benchmarks.hostile.batches import KINDS, run, run_batch, stop
+from benchmarks.hostile.campaign import fuzz, keep, tell
+from benchmarks.hostile.parts import FIRST, FUZZING, Tried
 from dvc import cli
 
 PROG = "python -m benchmarks.hostile"
 EXAMPLES = """\
   python -m benchmarks.hostile                               3,000 mutations of each kind
-  python -m benchmarks.hostile --count 200 --random          others at each run
+  python -m benchmarks.hostile --hours 2      others for two hours, and write down what was tried
   python -m benchmarks.hostile --kind buffered --first 4711 --count 1   one mutation again
 """
-_MOST = 10**9
 _FEW = 100
 """Mutations of a kind for which no process is worth its start."""
 
@@ -32,8 +30,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = cli.ArgumentParser(PROG, "Mutate streams and live messages.", EXAMPLES)
     parser.add_argument("--kind", choices=KINDS, action="append", help="default: all")
-    parser.add_argument("--first", type=cli.integer(0, 2 * _MOST), default=0, metavar="N", help="default: 0")
-    parser.add_argument("--random", action="store_true", help="begin at a number that is drawn, and say it")
+    parser.add_argument("--first", type=cli.integer(0, 3 * FIRST), default=0, metavar="N", help="default: 0")
+    parser.add_argument("--hours", type=cli.parse_positive, metavar="H", help="try so long what is new")
+    parser.add_argument("--state", type=Path, default=FUZZING, help=f"of --hours; default: {FUZZING.name}")
     parser.add_argument(
         "--count", type=cli.integer(1, 10**7), default=3000, metavar="N", help="of each kind; default: 3000"
     )
@@ -50,10 +49,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    if arguments.random:
-        arguments.first = secrets.randbelow(_MOST)
-        print(f"--first {arguments.first}")
     harmful, chosen = 0, arguments.kind or KINDS
+    if arguments.hours is not None:
+        tried = Tried.read(arguments.state)
+        harmful = fuzz(tried, chosen, arguments.hours, arguments.jobs, arguments.finds)
+        return cli.EXIT_BAD_INPUT if harmful else 0
     num_parts = len(chosen) if arguments.count > _FEW else min(arguments.jobs, len(chosen))
     numbers = range(arguments.first, arguments.first + arguments.count)
     parts = [[(kind, n) for kind in chosen[k::num_parts] for n in numbers] for k in range(num_parts)]
@@ -64,28 +64,14 @@ def _run(arguments: argparse.Namespace) -> int:
         work = {pool.submit(run, part, progress): part for part in parts}
         try:
             for done in as_completed(work):
-                harmful += _tell(work[done], done.result(), arguments.finds)
+                bad = tell(work[done], done.result())
+                keep(bad, arguments.finds)
+                harmful += len(bad)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             stop()
             raise
     return cli.EXIT_BAD_INPUT if harmful else 0
-
-
-def _tell(tries: Sequence[Try], outcomes: Sequence[str], finds: Path | None) -> int:
-    """Print outcomes by kinds, and keep what did harm; return how many did."""
-    found = list(zip(tries, outcomes, strict=True))
-    for chosen in dict.fromkeys(kind for kind, _ in tries):
-        counts = Counter(text for (kind, _), text in found if kind == chosen and text in GOOD)
-        good = ", ".join(f"{count} {text}" for text, count in counts.most_common())
-        print(f"{chosen}: {good}", flush=True)
-        for (kind, number), text in found:
-            if kind == chosen and text not in GOOD:
-                print(f"  {number}: {text}", flush=True)
-                if finds is not None:
-                    (finds / kind).mkdir(parents=True, exist_ok=True)
-                    (finds / kind / f"{number}.bin").write_bytes(kinds()[kind].damaged(number))
-    return sum(text not in GOOD for text in outcomes)
 
 
 if __name__ == "__main__":

@@ -4,11 +4,15 @@ import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.hostile.cameras import damaged_cameras, try_cameras
+from benchmarks.hostile import folders, recordings, tables
+from benchmarks.hostile.cameras import good_cameras, read_cameras
 from benchmarks.hostile.depth_images import damaged_depth_images, try_depth_images
+from benchmarks.hostile.files import Files, damaged_files, mutate_text, try_files
+from benchmarks.hostile.handshakes import damaged_handshake, try_handshake
 from benchmarks.hostile.layered_pieces import damaged_pieces, try_pieces
 from benchmarks.hostile.material import (
     Luma,
@@ -165,6 +169,12 @@ def _live(attempt: Callable[[str, bytes], str], codec: str) -> Kind:
     return Kind(lambda number: str(number).encode(), partial(attempt, codec), 7 * 48 * 64)
 
 
+def _of_files(
+    good: Callable[[], Sequence[Files]], read: Callable[[Path], bool], change: Change = mutate_text
+) -> Kind:
+    return Kind(lambda number: damaged_files(good(), number, change), partial(try_files, read))
+
+
 def _payloads() -> Kind:
     """Return streams of all kinds that are frozen, in one of whose parts is nothing."""
     names = sorted(path.stem for path in STREAMS.glob("*.dvc"))
@@ -212,5 +222,13 @@ def kinds() -> dict[str, Kind]:
         "pictures": Kind(damaged_pictures, try_pictures),
         "depth-images": Kind(damaged_depth_images, try_depth_images),
         "layers": Kind(damaged_pieces, try_pieces),
-        "cameras": Kind(damaged_cameras, try_cameras),
+        "cameras": _of_files(good_cameras, read_cameras),
+        "maps": _of_files(folders.good_maps, folders.read_maps),
+        "folders": _of_files(folders.good_folders, folders.read_folders),
+        "tables": _of_files(tables.good_tables, tables.read_tables),
+        "videos": _of_files(recordings.good_videos, recordings.read_videos),
+        "recordings": _of_files(
+            recordings.good_recordings, recordings.read_recordings, recordings.mutate_segment
+        ),
+        "handshakes": Kind(damaged_handshake, try_handshake),
     }

@@ -41,12 +41,16 @@ def max_bytes(num_pixels: int) -> int:
     return (192 << 20) + (num_pixels << 10)
 
 
+class TooLong(BaseException):
+    """A block takes too long; nothing that takes errors for bad input takes this for one."""
+
+
 @contextmanager
 def _limited_time(seconds: float) -> Iterator[None]:
-    """Raise `TimeoutError` in a block that takes too long."""
+    """Raise `TooLong` in a block that does."""
 
     def _ring(_signal: int, _frame: FrameType | None) -> None:
-        raise TimeoutError
+        raise TooLong
 
     previous = signal.signal(signal.SIGALRM, _ring)
     signal.setitimer(signal.ITIMER_REAL, seconds)
@@ -78,18 +82,19 @@ def run_batch(tries: Sequence[Try]) -> Iterator[str]:
                     chosen.outcome(chosen.damaged(number))  # loads kernels, and makes what is mutated
                 stop_idle_processes()  # others inherit the limit
                 before = kind
-            outcome = _outcome(chosen, number)
+            outcome = outcome_of(chosen, chosen.damaged(number))
             # Kernels that nothing has called before take time and memory as well: only once.
-            yield outcome if outcome in GOOD else _outcome(chosen, number)
+            yield outcome if outcome in GOOD else outcome_of(chosen, chosen.damaged(number))
 
 
-def _outcome(kind: Kind, number: int) -> str:
-    seconds, most = max_seconds(kind.num_pixels), max_bytes(kind.num_pixels)
+def outcome_of(kind: Kind, damaged: bytes) -> str:
+    """Tell what damaged input does, within limits that grow with its size."""
+    size = kind.num_pixels + len(damaged)  # every byte counts as a pixel
+    seconds, most = max_seconds(size), max_bytes(size)
     try:
-        damaged = kind.damaged(number)
         with _limited_memory(most), _limited_time(seconds):
             return kind.outcome(damaged)
-    except TimeoutError:
+    except TooLong:
         return f"hang: more than {seconds:.0f} s"
     except MemoryError:
         return f"allocation of more than {most >> 20} MiB"

@@ -1,14 +1,13 @@
-"""Files of cameras: JSON, Middlebury's calibration and COLMAP models; their mutations, and their reader."""
+"""Files of cameras: JSON, Middlebury's calibration and COLMAP models, and their reader."""
 
 import json
-import tempfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.hostile.mutations import mutate
+from benchmarks.hostile.files import Files
 from dvc.calibration.camera_files import load_cameras
-from dvc.errors import DvcError
 
 _NAMES = "a.png", "b.png"
 _PICTURE = np.zeros((120, 160), np.uint8)
@@ -32,37 +31,19 @@ _COLMAP = {
     "rigs.txt": "1 1 CAMERA 1\n",
     "frames.txt": "1 1 1 0 0 0 0 0 0 1 CAMERA 1 1\n2 1 1 0 0 0 -1 0 0 1 CAMERA 1 2\n",
 }
-_SEPARATOR = b"\0file\0"
 
 
-def _files() -> tuple[dict[str, bytes], ...]:
+@cache
+def good_cameras() -> tuple[Files, ...]:
     """Return good inputs: the files of each."""
     colmap = {name: text.encode() for name, text in _COLMAP.items()}
     json_file = json.dumps({"cameras": _CAMERAS, "points": [[0.5, 0.25, 7.0]]}).encode()
     return {"cameras.json": json_file}, {"calib.txt": _MIDDLEBURY.encode()}, colmap
 
 
-def damaged_cameras(number: int) -> bytes:
-    """Return files of which one is damaged, one after the other with their names."""
-    rng, files = np.random.default_rng(number), dict(_files()[number % 3])
-    chosen = sorted(files)[int(rng.integers(len(files)))]
-    files[chosen] = mutate(files[chosen], rng)
-    return _SEPARATOR.join(name.encode() + b"\0" + data for name, data in files.items())
-
-
-def try_cameras(damaged: bytes) -> str:
-    """Read cameras; what is read is finite."""
-    with tempfile.TemporaryDirectory() as folder:
-        paths = []
-        for part in damaged.split(_SEPARATOR):
-            name, _, data = part.partition(b"\0")
-            paths.append(Path(folder) / name.decode())
-            paths[-1].write_bytes(data)
-        source = paths[0] if len(paths) == 1 else Path(folder)
-        try:
-            views = load_cameras(source, _NAMES, [_PICTURE] * len(_NAMES))
-        except DvcError:
-            return "refused"
+def read_cameras(folder: Path) -> bool:
+    """Read cameras; tell whether they are finite."""
+    paths = list(folder.iterdir())
+    views = load_cameras(paths[0] if len(paths) == 1 else folder, _NAMES, [_PICTURE] * len(_NAMES))
     matrices = [(view.K, view.R, view.t) for view in views.cameras]
-    whole = all(np.isfinite(matrix).all() for camera in matrices for matrix in camera)
-    return "decoded" if whole else "cameras that are not finite"
+    return all(np.isfinite(matrix).all() for camera in matrices for matrix in camera)

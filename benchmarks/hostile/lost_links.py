@@ -30,7 +30,7 @@ from dvc.video import open_video
 
 PATIENCE_S = 20
 ENDING_S = 86400.0
-_OPENED_BYTES = 400
+OPENED_BYTES = 400
 """Passed before which a decoder may not be in: it does not come back then."""
 _COUNTS = ("num_reconnections", "bytes_sent_again", "groups_begun_again", "bits_asked_again")
 
@@ -91,8 +91,11 @@ def start(
 class Ends:
     """Encoders and decoders of a video."""
 
-    def __init__(self, video: Path, folder: Path, options: Sequence[object]) -> None:
+    def __init__(
+        self, video: Path, folder: Path, options: Sequence[object], ending_s: float = ENDING_S
+    ) -> None:
         self._video, self._folder, self._options = video, folder, options
+        self.ending_s = ending_s  # how long they may take
         self.encoder_report = folder / "encoder.json"
 
     @contextmanager
@@ -105,7 +108,9 @@ class Ends:
             assert process.stderr is not None
             try:
                 address = process.stderr.readline().split()[-1]
-                end = listening.submit(check_end, process, status)  # whatever it says meanwhile
+                end = listening.submit(
+                    check_end, process, status, self.ending_s
+                )  # whatever it says meanwhile
                 yield process, address
                 end.result()
             finally:
@@ -117,9 +122,9 @@ class Ends:
         return start("decoder", "--connect", address, *words)
 
 
-def check_end(process: "subprocess.Popen[str]", status: int) -> str:
+def check_end(process: "subprocess.Popen[str]", status: int, within_s: float = ENDING_S) -> str:
     """Wait for the end of a process, which must be as it should; return what it said."""
-    _, said = process.communicate(timeout=ENDING_S)
+    _, said = process.communicate(timeout=within_s)
     if process.returncode != status:
         raise SystemExit(f"an end has status {process.returncode}, not {status}: {said.strip()[-500:]}")
     return said
@@ -157,7 +162,10 @@ def run_with_losses(
     with ends.encoder() as (_, address), _linked(address, faults) as link:
         decoder = ends.decoder(link.address, files)
         threading.Thread(target=cut, args=(link, decoder), daemon=True).start()
-        check_end(decoder, 0)
+        try:
+            check_end(decoder, 0, ends.ending_s)
+        finally:
+            decoder.kill()
     said, back = report_of(ends.encoder_report), report_of(files.report)
     counts = {name: said[name] + back.get(name, 0) * (name == "bytes_sent_again") for name in _COUNTS}
     return Decoded.read(files), {**counts, "away_s": back["away_s"], "connections": link.num_connections}
@@ -177,7 +185,7 @@ def cut_every(pause_s: float) -> Callable[[SlowLink, "subprocess.Popen[str]"], N
     """Return what cuts a link so often."""
 
     def cut(link: SlowLink, decoder: "subprocess.Popen[str]") -> None:
-        _wait_for(link, _OPENED_BYTES, decoder)
+        _wait_for(link, OPENED_BYTES, decoder)
         while decoder.poll() is None:
             time.sleep(pause_s)
             link.cut()
@@ -259,7 +267,7 @@ def main(words: Sequence[str] | None = None) -> int:
     wanted, num_bytes = uncut(ends, folder)
     print(f"uncut: {num_bytes} bytes of the link, {len(wanted.punctured)} of the file", flush=True)
     frames = lumas(folder / "uncut.y4m")
-    moments = rng.integers(_OPENED_BYTES, num_bytes, (3, max(arguments.runs, arguments.kills))).tolist()
+    moments = rng.integers(OPENED_BYTES, num_bytes, (3, max(arguments.runs, arguments.kills))).tolist()
     cuts = [cut_once(moment) for moment in moments[0][: arguments.runs]]
     if arguments.cut_every:
         cuts.append(cut_every(arguments.cut_every))

@@ -3,6 +3,7 @@
 import ast
 import hashlib
 import sys
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -36,9 +37,9 @@ def tree_hash(folder: Path) -> str:
     return _object_hash(b"tree", b"".join(parts))
 
 
-def own_code(*modules: str) -> str:
-    """Digest the modules that measure a result, whatever their comments, docstrings and layout."""
-    parts = []
+def own_code(*modules: str, files: Sequence[bytes] = ()) -> str:
+    """Digest the modules that measure a result, whatever their comments, docstrings and layout; and files."""
+    parts = [hashlib.sha256(data).hexdigest() for data in files]
     for name in sorted(modules):
         tree = ast.parse(Path(str(sys.modules[name].__file__)).read_bytes())
         for node in ast.walk(tree):

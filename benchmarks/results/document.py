@@ -63,8 +63,9 @@ def entry_of(row: Row, measured: Measured, wall_s: float) -> Entry:
 
 
 def row_code(row: Row) -> str:
-    """Digest the code of the measurement."""
-    return own_code(row.module, _HARNESS)
+    """Digest the code of the measurement, and the files that it reads."""
+    files = [path.read_bytes() for path in row.files if path.exists()]
+    return own_code(row.module, _HARNESS, files=files)
 
 
 def machine() -> str:

@@ -1,14 +1,20 @@
-"""Mutated input: how much of it did harm."""
+"""Mutated input and cut live runs: how much was tried, and how much of it did harm."""
 
 import re
 import subprocess
 import sys
+from pathlib import Path
 
-from benchmarks.results.harness import Measured, Setting
+from benchmarks.hostile.attempts import kinds
+from benchmarks.hostile.batches import GOOD, outcome_of
+from benchmarks.hostile.parts import CUTS, FUZZING, Tried
+from benchmarks.results.code import ROOT
+from benchmarks.results.harness import Measured, Missing, Setting
 from dvc.errors import DvcError
 
 COUNT, QUICK_COUNT = 400, 5
 """Mutations of each kind; issues ask for more, by `python -m benchmarks.hostile`."""
+FINDS = ROOT / "tests" / "golden" / "finds"
 
 
 def harmful(setting: Setting) -> Measured:
@@ -22,3 +28,38 @@ def harmful(setting: Setting) -> Measured:
     bad = re.findall(r"^ +\d+: .*", done.stdout, flags=re.MULTILINE)
     note = f"{count * len(kinds)} mutations of {len(kinds)} kinds: {', '.join(kind for kind, _ in kinds)}"
     return Measured(float(len(bad)), {}, None, note)
+
+
+def hours_fuzzed(_: Setting) -> Measured:
+    """Tell how long mutations that nobody had tried were tried, in all parts."""
+    tried = _tried(FUZZING)
+    note = (
+        f"{tried.inputs.total()} mutations, {len(tried.finds)} did harm when they were found: {tried.told()}"
+    )
+    return Measured(tried.hours, {}, None, note)
+
+
+def finds_left(_: Setting) -> Measured:
+    """Count what did harm in those hours and does so still."""
+    tried = _tried(FUZZING)
+    harmful = [name for name in tried.finds if not _is_mended(name)]
+    return Measured(float(len(harmful)), {}, None, ", ".join(harmful) or f"of {len(tried.finds)}")
+
+
+def _is_mended(name: str) -> bool:
+    """Tell whether a find, which is kept as a file, is refused or decoded now."""
+    path = FINDS / f"{name}.bin"
+    return path.exists() and outcome_of(kinds()[path.parent.name], path.read_bytes()) in GOOD
+
+
+def same_after_cuts(_: Setting) -> Measured:
+    """Count live runs that were cut at a random moment and gave the same frames and bits as uncut ones."""
+    tried = _tried(CUTS)
+    runs = tried.inputs.total()
+    return Measured(float(runs - len(tried.finds)), {}, None, f"of {runs}: {tried.told()}")
+
+
+def _tried(path: Path) -> Tried:
+    if not path.exists():
+        raise Missing(f"there is no {path.name}")
+    return Tried.read(path)

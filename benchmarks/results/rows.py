@@ -3,7 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
+from benchmarks.hostile.parts import CUTS, FUZZING
 from benchmarks.results import curves, dibr, encoder, hostile, live, stereo
 from benchmarks.results.harness import Measured, Setting
 
@@ -22,6 +24,7 @@ class Row:
     at_most: float | None = None  # target
     at_least: float | None = None
     canaries: tuple[str, ...] = CODEC  # configurations whose output it depends on
+    files: tuple[Path, ...] = ()  # that it is read from
 
     @property
     def target(self) -> str:
@@ -257,6 +260,32 @@ ROWS = (
         "{:.0f}",
         at_most=0.0,
         canaries=("default", "texture-depth", "depth-map"),
+    ),
+    Row(
+        "hostile/campaign",
+        "hours of mutations that nobody had tried, by code that checks bounds (`make fuzz`)",
+        hostile.hours_fuzzed,
+        "{:.1f} h",
+        at_least=8.0,
+        canaries=(),
+        files=(FUZZING,),
+    ),
+    Row(
+        "hostile/finds",
+        "such mutations that did harm, and do so still",
+        hostile.finds_left,
+        "{:.0f}",
+        at_most=0.0,
+        files=(FUZZING,),
+    ),
+    Row(
+        "hostile/cuts",
+        "live runs that were cut at a random moment and gave the same frames and bits (`make cuts`)",
+        hostile.same_after_cuts,
+        "{:.0f}",
+        at_least=1000.0,
+        canaries=(),
+        files=(CUTS,),
     ),
 )
 """In the order in which they are shown where none is missed."""

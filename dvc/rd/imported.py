@@ -142,7 +142,10 @@ def _result(
     key: _Key, sequence: dict[str, Any], qp: int | None, told: dict[str, str], totals: dict[str, float]
 ) -> dict[str, Any]:
     duration_s = key.frames / sequence["frames_per_s"]
-    num_bits = max(8, round(1000 * totals["rate_kbps"] * duration_s))
+    bits = 1000 * totals["rate_kbps"] * duration_s
+    if not max(bits, duration_s) < MAX_NUMBER:
+        raise ValueError(f"{key.frames} frames, {sequence['frames_per_s']:g} a second, last too long")
+    num_bits = max(8, round(bits))
     return {
         "schema": SCHEMA,
         "sequence": sequence,

@@ -167,10 +167,10 @@ def test_harm_is_told() -> None:
     def harm(damaged: bytes) -> str:
         if damaged == b"3":
             return "an undamaged group is lost"
-        raise (TimeoutError, MemoryError, ZeroDivisionError("by zero"))[int(damaged)]
+        raise (batches.TooLong, MemoryError, ZeroDivisionError("by zero"))[int(damaged)]
 
     kind = attempts.Kind(lambda number: str(number).encode(), harm)
-    outcomes = {number: batches._outcome(kind, number) for number in range(4)}
+    outcomes = {number: batches.outcome_of(kind, kind.damaged(number)) for number in range(4)}
     assert outcomes[0].startswith("hang")
     assert outcomes[1].startswith("allocation")
     assert "ZeroDivisionError" in outcomes[2]
@@ -180,10 +180,10 @@ def test_harm_is_told() -> None:
 def test_time_and_memory_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     """What takes more than its size accounts for does not go on for ever, nor get all that it asks for."""
     kind = attempts.Kind(lambda _: b"", lambda _: str(np.ones(2**30)[-1]), num_pixels=1)
-    assert batches._outcome(kind, 0).startswith("allocation")
+    assert batches.outcome_of(kind, b"").startswith("allocation")
     monkeypatch.setattr(batches, "max_seconds", lambda _: 0.01)
     kind = attempts.Kind(lambda _: b"", lambda _: "refused" * Event().wait(60.0))
-    assert batches._outcome(kind, 0).startswith("hang")
+    assert batches.outcome_of(kind, b"").startswith("hang")
 
 
 def test_memory_is_limited_beyond_what_the_process_holds_itself(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -127,6 +127,10 @@ def test_importing_again_replaces(tmp_path: Path) -> None:
         ),
         ([f"{HEAD},luma_only", "clip,A,1,30,3,no"], "line 2: luma_only must be true or false, got 'no'"),
         ([f"{HEAD},{SIZE}", *["clip,A,1,30,3,64,48,25"] * 2], "line 3: the same point a second time"),
+        (
+            [f"{HEAD},{SIZE}", "clip,A,1,30,3,64,48,1e-308"],
+            "line 2: 3 frames, 1e-308 a second, last too long",
+        ),
         ([HEAD, '"clip,A,1,30,3'], "line 2: unexpected end of data"),
     ],
 )

@@ -68,4 +68,5 @@ def filled(depth: Plane) -> Plane:
     plane = np.where(known, depth, middle).astype(np.float32)
     found = cv2.inpaint(plane, (~known).astype(np.uint8), INPAINT_RADIUS, cv2.INPAINT_TELEA)
     low, high = float(depth[known].min()), float(depth[known].max())
-    return np.where(known, depth, np.clip(np.asarray(found, np.float64), low, high))
+    # Where numbers are near the largest of single precision, what is between them is none.
+    return np.where(known, depth, np.clip(np.nan_to_num(found.astype(np.float64), nan=middle), low, high))

@@ -1,0 +1,95 @@
+"""Tables, specifications and results of experiments, clouds of points, tokens; their readers."""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.hostile.files import Files, written
+from dvc.array_files import read_positions
+from dvc.errors import DvcError
+from dvc.feedback.authentication import MIN_TOKEN_BYTES, read_token
+from dvc.rd.imported import import_points
+from dvc.rd.reference_rows import read_reference_rows
+from dvc.rd.results import read_results
+from dvc.rd.specification import build_sweep, expand, read_spec
+from sfm.output.point_cloud import read_ply, write_ply
+
+_SPEC = """[defaults]
+sequences = ["box", "desk"]
+frames = 9
+[[sweep]]
+qp = "22-34:4"
+no_feedback = true
+options = {coder = "ldpc", long-term = true}
+[[sweep]]
+wz_q = [1, 4]
+key_qp = "28"
+anchors = ["x264-medium"]
+"""
+_POINTS = """# measured elsewhere
+sequence,codec,point,qp,rate_kbps,psnr_y_db,width,height,frames_per_s,frames,first_frame,luma_only
+foreman,other,"Q1, key",40,47.7,27.93,176,144,15,150,0,true
+foreman,other,Q2,36,61.5,29.1,176,144,15,150,0,true
+"""
+_ROWS = """clip,codec,entropy,chroma,qp,frames,bits_total,kbps30,psnr_y
+box,jm95-intra,cabac,none,28,3,24000,240.0,33.5
+box,jm95-ippp-zero,cabac,none,32,3,6000,60.0,30.0
+"""
+_LATTICE = "file,m,n\na.png,0,0\nb.png,1,0.5\n"
+
+
+@cache
+def good_tables() -> tuple[Files, ...]:
+    """Return positions, points of others, rows, a specification, a result, a cloud of points, and a token."""
+    made = written(lambda folder: _import(folder, _POINTS))
+    name, result = next(iter(made.items()))
+    positions = np.random.default_rng(6).normal(size=(9, 3))
+    return (
+        {"lattice.csv": _LATTICE.encode()},
+        {"points.csv": _POINTS.encode()},
+        {"rows.csv": _ROWS.encode()},
+        {"sweep.toml": _SPEC.encode()},
+        {name: result},
+        written(lambda folder: write_ply(folder / "cloud.ply", positions, np.zeros((9, 3), np.uint8), "")),
+        {"token": b"a token of some length\n"},
+    )
+
+
+def _import(folder: Path, text: str) -> None:
+    """Leave the results of points in a folder."""
+    (folder / "in.csv").write_text(text, encoding="utf-8")
+    import_points(folder / "in.csv", folder)
+    (folder / "in.csv").unlink()
+    for path in (folder / "points").iterdir():
+        path.rename(folder / path.name)
+
+
+def read_tables(folder: Path) -> bool:
+    """Read the one that is there."""
+    (path,) = folder.iterdir()
+    return _READERS.get(path.name, _read_result)(path)
+
+
+def _read_result(path: Path) -> bool:
+    (path.parent / "points").mkdir()
+    path.rename(path.parent / "points" / path.name)
+    return all(np.isfinite(result.rate_kbps) for result in read_results(path.parent))
+
+
+def _read_cloud(path: Path) -> bool:
+    try:
+        return read_ply(path)[0].shape[1:] == (3,)
+    except ValueError as err:
+        raise DvcError(str(err)) from err
+
+
+_READERS: dict[str, Callable[[Path], bool]] = {
+    "lattice.csv": lambda path: bool(np.isfinite(list(read_positions(path).values())).all()),
+    "points.csv": lambda path: len(import_points(path, path.parent)) > 0,
+    "rows.csv": lambda path: all(row.frames > 0 for row in read_reference_rows(path)),
+    "sweep.toml": lambda path: len(expand([build_sweep(sweep) for sweep in read_spec(path)])) > 0,
+    "cloud.ply": _read_cloud,
+    "token": lambda path: len(read_token(path)) >= MIN_TOKEN_BYTES,
+}
