@@ -1,18 +1,20 @@
 """What every model of correlation noise must do."""
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 import pytest
 
 from dvc.wynerziv.noise import MIN_SCALE, NoiseModel
 
 
-class NoiseModelContract:
+class NoiseModelContract(ABC):
     """Tests of a model; a class derived from this one says which, by the fixture `model`."""
 
+    @abstractmethod
     @pytest.fixture
     def model(self) -> NoiseModel:
         """Return the model."""
-        raise NotImplementedError
 
     def test_scales_follow_the_residual(self, model: NoiseModel) -> None:
         """On a Laplacian residual it finds about its scale, and never less on a larger residual."""

@@ -1,5 +1,6 @@
 """What finds, writes and reads disparity maps of one kind, and what decides among the maps that it finds."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -26,7 +27,7 @@ class Known(NamedTuple):
     previous: Any = None  # representation of the quality layer before, of the same kind and size
 
 
-class DisparityCodec:
+class DisparityCodec(ABC):
     """Finds, writes and reads representations of one kind; these have `shape` and `disparity(level)`."""
 
     name: str
@@ -67,9 +68,21 @@ class DisparityCodec:
     def _known(self, shape: tuple[int, int], significance: Sequence[Classes] | None, previous: Any) -> Known:
         return Known(classes_or_all(shape, significance, self.num_levels), previous)
 
+    @abstractmethod
     def _best(self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None) -> Any:
         """Find a representation; errors that it causes are those of `distortion`, or else of the tensor."""
-        raise NotImplementedError
+
+    @abstractmethod
+    def _write(self, representation: Any, known: Known) -> bytes:
+        """Write a representation, with what the decoder knows."""
+
+    @abstractmethod
+    def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> Any:
+        """Read a representation; inverse of `_write`."""
+
+
+class RangeCodedDisparities(DisparityCodec):
+    """A codec that writes and reads in one pass, by the range coder."""
 
     def _write(self, representation: Any, known: Known) -> bytes:
         coder = RangeCoder.writer()
@@ -82,13 +95,13 @@ class DisparityCodec:
         coder.check()
         return found
 
+    @abstractmethod
     def _code(self, coder: RangeCoder, representation: Any, known: Known) -> Any:
         """Code a representation, and return that which was written or read."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _empty(self, shape: tuple[int, int], num_labels: int, known: Known) -> Any:
         """Return what is read into."""
-        raise NotImplementedError
 
 
 Found = TypeVar("Found")

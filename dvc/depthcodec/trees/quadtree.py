@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.depthcodec.trees import _kernels
-from dvc.depthcodec.trees.disparity_codec import Candidates, DisparityCodec, Known, climb
+from dvc.depthcodec.trees.disparity_codec import Candidates, Known, RangeCodedDisparities, climb
 from dvc.depthcodec.trees.distortion import CREDITS, Distortion
 from dvc.depthcodec.trees.error_tensor import Tensor
 from dvc.depthcodec.trees.integer_transforms import Labels, level_shapes, spread
@@ -51,7 +51,7 @@ class Quadtree:
 
 
 @dataclass(frozen=True)
-class QuadtreeCodec(DisparityCodec):
+class QuadtreeCodec(RangeCodedDisparities):
     """Quadtrees of least error and bits (exactly, for the costs of labels and splits); no significance."""
 
     has_credits: bool = False  # whether labels that would cover holes are tried, as with wavelets

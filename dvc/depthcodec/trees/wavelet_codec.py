@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dvc.depthcodec.trees.coding import Statistics, code_tree, encode_tree, no_statistics
-from dvc.depthcodec.trees.disparity_codec import Candidates, DisparityCodec, Known, climb
+from dvc.depthcodec.trees.disparity_codec import Candidates, Known, RangeCodedDisparities, climb
 from dvc.depthcodec.trees.distortion import CREDITS, Distortion
 from dvc.depthcodec.trees.dynamic_programming import optimise_tree
 from dvc.depthcodec.trees.error_tensor import Tensor
@@ -28,7 +28,7 @@ what comes of them."""
 
 
 @dataclass(frozen=True)
-class TreeCodec(DisparityCodec):
+class TreeCodec(RangeCodedDisparities):
     """Trees of L or S coefficients."""
 
     transform: IntegerTransform  # L or S
