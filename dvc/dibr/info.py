@@ -110,8 +110,7 @@ def _depth_image_text(figures: dict[str, Any]) -> str:
         f"{sharing}",
         "bits: " + ", ".join(f"{name} {size}" for name, size in bits.items()),
     ]
-    lines += [] if figures["damage"] is None else [f"damaged: {figures['damage']}"]
-    return "".join(f"{line}\n" for line in lines)
+    return _ended(lines, figures["damage"])
 
 
 def layered_figures(stream: "LayeredStream") -> dict[str, Any]:
@@ -160,8 +159,12 @@ def _layered_text(figures: dict[str, Any]) -> str:
         f"{sum(piece.get('bits', {}).values())} bits"
         for number, piece in enumerate(figures["pieces"], 1)
     ]
-    lines += [] if figures["damage"] is None else [f"damaged: {figures['damage']}"]
-    return "".join(f"{line}\n" for line in lines)
+    return _ended(lines, figures["damage"])
+
+
+def _ended(lines: list[str], damage: str | None) -> str:
+    """Return a report of some lines, the last of which tells of damage."""
+    return "".join(f"{line}\n" for line in (*lines, *([] if damage is None else [f"damaged: {damage}"])))
 
 
 def header_figures(header: "Header") -> dict[str, Any]:
@@ -223,5 +226,4 @@ def _text(figures: dict[str, Any]) -> str:
         f"{layer['disparity_bytes']} of disparities"
         for number, layer in enumerate(figures["layers"], 1)
     ]
-    lines += [] if figures["damage"] is None else [f"damaged: {figures['damage']}"]
-    return "".join(f"{line}\n" for line in lines)
+    return _ended(lines, figures["damage"])

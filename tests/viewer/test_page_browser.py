@@ -1,12 +1,10 @@
 """The page of the viewer in a browser: what it draws, how it is moved by hand, what it misses."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page
 
 from dvc.depthcodec.layered.pieces import pieces_of_layers, pieces_of_sprites
@@ -17,25 +15,28 @@ from dvc.dibr.__main__ import main
 from dvc.metrics import psnr_db
 from dvc.multiview.camera_array import LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint
-from dvc.picture_files import read_picture
 from dvc.stereo.layers.layered_depth_image import layered_depth_image
 from dvc.stereo.layers.sprites import extract_sprites
 from dvc.viewer.canvases import scene_of_pieces
 from dvc.viewer.page import Caption, write_page
 from dvc.viewer.scene import Bounds, Scene, source_of
 from tests.browser import wait_until
+from tests.drawn_pages import (
+    TIMEOUT_MS,
+    TOLD,
+    Opened,
+    lose_context,
+    opened_pages,
+    restore_context,
+    saved_picture,
+)
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "dibr"
-TIMEOUT_MS = 60_000
 READY = "document.documentElement.classList.contains('ready')"
-MESSAGE = "document.getElementById('message')"
-TOLD = f"!{MESSAGE}.hidden && !{MESSAGE}.textContent.startsWith('Unpacking')"
 INTRINSIC = np.array([[60.0, 0.0, 30.0], [0.0, 60.0, 20.0], [0.0, 0.0, 1.0]])
 APART = np.column_stack([np.eye(3), [-1.0, 0.0, 0.0]])
 NO_WEBGL = "HTMLCanvasElement.prototype.getContext = () => null;"
-
-Opened = Callable[..., Page]
 
 
 @pytest.fixture(scope="module")
@@ -76,45 +77,15 @@ def flat_scene(*viewpoints: Viewpoint) -> Scene:
 
 @pytest.fixture
 def opened(graphics_browser: Browser, pages: Path) -> Iterator[Opened]:
-    """Return what opens a page; at the end none has logged anything or asked for anything."""
-    complaints: list[str] = []
-    requests: list[str] = []
-    contexts = []
-
-    def open_page(name: str, script: str = "", until: str = READY, **options: Any) -> Page:
-        context = graphics_browser.new_context(**{"viewport": {"width": 640, "height": 720}, **options})
-        contexts.append(context)
-        page = context.new_page()
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("request", lambda request: requests.append(request.url))
-        if script:
-            page.add_init_script(script)
-        page.goto((pages / f"{name}.html").as_uri(), timeout=TIMEOUT_MS)
-        wait_until(page, until)
-        return page
-
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert complaints == []
-    assert [url for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    """Return what opens a page."""
+    with opened_pages(graphics_browser, pages, READY, (640, 720)) as opening:
+        yield opening
 
 
 def go(page: Page, m: float, n: float) -> None:
     for name, value in (("m", m), ("n", n)):
         page.fill(f"#at-{name}", repr(value))
         page.press(f"#at-{name}", "Enter")
-
-
-def saved(page: Page, by_pointer: bool = False) -> NDArray[np.uint8]:
-    """Return the picture that the page saves, shape (H, W, 3); a pointer takes a second to get there."""
-    with page.expect_download() as download:
-        if by_pointer:
-            page.click("#save")
-        else:
-            page.dispatch_event("#save", "click")
-    return read_picture(download.value.path())
 
 
 def place(page: Page) -> tuple[float, float, float]:
@@ -129,7 +100,7 @@ def decoded(name: str) -> Decoded:
 def agreement_db(page: Page, stream: Decoded, viewpoint: Viewpoint) -> tuple[float, ...]:
     """Return PSNR of the page's picture against the renderer's: where something was seen, and everywhere."""
     view = render(stream, viewpoint)
-    wanted, found = picture_of(view), saved(page)
+    wanted, found = picture_of(view), saved_picture(page)
     wanted = np.broadcast_to(wanted.reshape(*wanted.shape[:2], -1), found.shape)
     everywhere = np.ones_like(view.drawn)
     return tuple(psnr_db(found[where], wanted[where]) for where in (view.drawn, everywhere))
@@ -140,7 +111,7 @@ def test_streams_look_as_they_are_rendered(opened: Opened, name: str) -> None:
     """The first view is the decoded picture; others agree with the renderer, and holes nearly."""
     page, stream = opened(name), decoded(name)
     first = picture_of(render(stream, stream.pairs[0].viewpoint))
-    np.testing.assert_array_equal(saved(page, by_pointer=True), first)
+    np.testing.assert_array_equal(saved_picture(page, by_pointer=True), first)
     for place in ((0.5, 0.0), (1.0, 0.0), (0.3, 0.1)):
         go(page, *place)
         seen_db, all_db = agreement_db(page, stream, LatticePosition(*place))
@@ -163,17 +134,17 @@ def test_layers_and_sprites_show_what_cameras_saw(opened: Opened, name: str) -> 
     """The reference is there as it was, and views of other cameras, holes and all, nearly as they were."""
     page = opened(name)
     views = {view.position: view.image for view in reconstruction_of(SCENE, square_lattice(1), LABELS).array}
-    np.testing.assert_array_equal(saved(page), views[LatticePosition(0.0, 0.0)])
+    np.testing.assert_array_equal(saved_picture(page), views[LatticePosition(0.0, 0.0)])
     for place in ((1.0, 0.0), (-1.0, 1.0)):
         go(page, *place)
-        found = saved(page)
+        found = saved_picture(page)
         assert (np.abs(found.astype(int) - views[LatticePosition(*place)]).max(axis=2) <= 2).mean() > 0.97
 
 
 def test_viewpoint_is_moved_by_pointer_keys_wheel_and_touch(opened: Opened) -> None:
     """Each of them moves it and the picture with it, within the bounds, and a reset brings it back."""
     page = opened("colour", has_touch=True)
-    first = saved(page)
+    first = saved_picture(page)
     canvas = page.locator("#view")
     box = canvas.bounding_box()
     assert box is not None
@@ -186,7 +157,7 @@ def test_viewpoint_is_moved_by_pointer_keys_wheel_and_touch(opened: Opened) -> N
     assert m > 0.0
     assert n > 0.0
     assert closer == 0.0
-    assert not np.array_equal(saved(page), first)
+    assert not np.array_equal(saved_picture(page), first)
     page.mouse.move(x, y)
     page.mouse.wheel(0, -300)
     wait_until(page, "Number(document.getElementById('at-closer').value) > 0")
@@ -200,7 +171,7 @@ def test_viewpoint_is_moved_by_pointer_keys_wheel_and_touch(opened: Opened) -> N
     page.keyboard.press("-")
     page.keyboard.press("Home")
     assert place(page) == (0.0, 0.0, 0.0)
-    np.testing.assert_array_equal(saved(page), first)
+    np.testing.assert_array_equal(saved_picture(page), first)
     page.touchscreen.tap(x, y)
     assert place(page) == (0.0, 0.0, 0.0)
 
@@ -233,9 +204,9 @@ def test_holes_are_marked_or_filled(opened: Opened) -> None:
     page, stream = opened("colour"), decoded("colour")
     go(page, 1.0, 0.0)
     drawn = render(stream, LatticePosition(1.0, 0.0)).drawn
-    filled = saved(page).astype(int)
+    filled = saved_picture(page).astype(int)
     page.check("#mark")
-    marked = np.abs(saved(page).astype(int) - filled).max(axis=2) > 0
+    marked = np.abs(saved_picture(page).astype(int) - filled).max(axis=2) > 0
     assert marked[~drawn].mean() > 0.9
     assert marked[drawn].mean() < 0.02
 
@@ -243,13 +214,13 @@ def test_holes_are_marked_or_filled(opened: Opened) -> None:
 def test_depth_and_grid_are_shown(opened: Opened) -> None:
     """Depth is bright where it is near; the grid darkens surfaces between its lines."""
     page, stream = opened("colour"), decoded("colour")
-    picture = saved(page).astype(float)
+    picture = saved_picture(page).astype(float)
     page.check("#depth")
-    brightness = saved(page).astype(float).sum(axis=2)
+    brightness = saved_picture(page).astype(float).sum(axis=2)
     disparity = stream.pairs[0].disparity
     assert np.corrcoef(brightness.ravel(), disparity.ravel())[0, 1] > 0.8
     page.check("#lines")
-    assert saved(page)[4::8, 4::8].mean() < 0.5 * picture.mean()
+    assert saved_picture(page)[4::8, 4::8].mean() < 0.5 * picture.mean()
     page.locator("#view").focus()
     page.keyboard.press("v")
     assert page.locator("#picture").is_checked()
@@ -259,28 +230,23 @@ def test_depth_and_grid_are_shown(opened: Opened) -> None:
 def test_middle_is_held_in_place(opened: Opened, name: str) -> None:
     """A plane before the cameras stays where it is, if that is wanted, and moves if not."""
     page = opened(name)
-    before = saved(page).astype(int)
+    before = saved_picture(page).astype(int)
     go(page, 0.5, 0.2)
-    assert np.abs(saved(page) - before)[8:-8, 8:-8].mean() > 10.0
+    assert np.abs(saved_picture(page) - before)[8:-8, 8:-8].mean() > 10.0
     page.locator("#view").focus()
     page.keyboard.press("h")
-    assert np.abs(saved(page) - before)[8:-8, 8:-8].max() <= 2
+    assert np.abs(saved_picture(page) - before)[8:-8, 8:-8].max() <= 2
 
 
 def test_context_that_is_lost_comes_back(opened: Opened) -> None:
     """The page says that it has nothing to draw with, and draws again as soon as it has."""
     page = opened("colour")
-    before = saved(page)
-    page.evaluate(
-        "window.taken = document.getElementById('view').getContext('webgl2')"
-        ".getExtension('WEBGL_lose_context'); taken.loseContext()"
-    )
-    wait_until(page, TOLD)
+    before = saved_picture(page)
+    lose_context(page)
     assert not page.evaluate(READY)
     assert page.locator("#still").is_visible()
-    page.evaluate("taken.restoreContext()")
-    wait_until(page, f"{READY} && document.getElementById('message').hidden")
-    np.testing.assert_array_equal(saved(page), before)
+    restore_context(page, READY)
+    np.testing.assert_array_equal(saved_picture(page), before)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,7 @@
 """The page of a map in a browser: what is drawn at cameras and between them, how it is moved."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -11,22 +10,18 @@ from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page
 
 from dvc.metrics import psnr_db
-from dvc.picture_files import read_picture
 from sfm.mapping.scene_map import MapPiece, SceneMap
 from sfm.output.flight.page import write_flight
 from tests.browser import wait_until
+from tests.drawn_pages import TOLD, Opened, lose_context, opened_pages, restore_context, saved_picture
 from tests.sfm.plane_map import frames_of, intrinsics_of, map_of, piece_of, pose_at, view
 
-TIMEOUT_MS = 60_000
 SIZE = (97, 73)
 CLASSES = "document.documentElement.classList"
 SETTLED = f"{CLASSES}.contains('ready') && {CLASSES}.contains('settled')"
-MESSAGE = "document.getElementById('message')"
-TOLD = f"!{MESSAGE}.hidden && !{MESSAGE}.textContent.startsWith('Unpacking')"
 BACKGROUND = np.array([16, 18, 21])
 HOSTILE = '"></script><script>window.stolen = 1</script>'
 
-Opened = Callable[..., Page]
 Picture = NDArray[np.uint8]
 
 
@@ -55,29 +50,9 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def opened(graphics_browser: Browser, pages: Path) -> Iterator[Opened]:
-    """Return what opens a page; at the end none has logged anything or asked for anything."""
-    complaints: list[str] = []
-    requests: list[str] = []
-    contexts = []
-
-    def open_page(name: str, until: str = SETTLED, script: str = "", **options: Any) -> Page:
-        context = graphics_browser.new_context(**{"viewport": {"width": 480, "height": 460}, **options})
-        contexts.append(context)
-        page = context.new_page()
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("request", lambda request: requests.append(request.url))
-        if script:
-            page.add_init_script(script)
-        page.goto((pages / f"{name}.html").as_uri(), timeout=TIMEOUT_MS)
-        wait_until(page, until)
-        return page
-
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert complaints == []
-    assert [url for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    """Return what opens a page."""
+    with opened_pages(graphics_browser, pages, SETTLED, (480, 460)) as opening:
+        yield opening
 
 
 def go(page: Page, index: int) -> None:
@@ -97,9 +72,7 @@ def settle(page: Page) -> None:
 
 def saved(page: Page) -> Picture:
     settle(page)
-    with page.expect_download() as download:
-        page.dispatch_event("#save", "click")
-    return read_picture(download.value.path())
+    return saved_picture(page)
 
 
 def seen(page: Page) -> Picture:
@@ -276,13 +249,8 @@ def test_context_that_is_lost_comes_back(opened: Opened) -> None:
     page = opened("points")
     go(page, 3)
     before = saved(page)
-    page.evaluate(
-        "window.taken = document.getElementById('view').getContext('webgl2')"
-        ".getExtension('WEBGL_lose_context'); taken.loseContext()"
-    )
-    wait_until(page, TOLD)
-    page.evaluate("taken.restoreContext()")
-    wait_until(page, f"{SETTLED} && {MESSAGE}.hidden")
+    lose_context(page)
+    restore_context(page, SETTLED)
     np.testing.assert_array_equal(saved(page), before)
 
 
