@@ -14,6 +14,7 @@ import numpy as np
 
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
+from benchmarks.results.live import serving
 from dvc.multiview.cameras import PixelFrame
 from dvc.video import Frame, create_video
 from tests.clips import moving_texture, write_clip
@@ -39,7 +40,14 @@ class Golden:
     @property
     def forms(self) -> tuple[str, ...]:
         """Return the forms that it is frozen in."""
+        if self.is_live:
+            return ("punctured",)
         return ("no-feedback",) if "--no-feedback" in self.coding else ("buffered", "punctured")
+
+    @property
+    def is_live(self) -> bool:
+        """Whether it is what a decoder took of an encoder, which told how much it may ask for."""
+        return "--bitrate" in self.coding
 
     def path(self, form: str) -> Path:
         """Return where it lies."""
@@ -67,6 +75,7 @@ GOLDEN = [
     moving_texture_stream("qp", (48, 32), 9, HIERARCHICAL),
     moving_texture_stream("long-delay", (48, 32), 9, f"{HIERARCHICAL} --long-delay"),
     Golden("2d-time-stamps", (48, 32), 5, "--codec 2d --wz-q 4", "mci", uneven=True),
+    Golden("2d-limited", (48, 32), 17, "--codec 2d --gop 4 --luma-only --bitrate 40k", "mci"),
     scene("colour", (104, 88), " --gop 3 --wz-q 5"),
     scene("td-luma", (104, 88), "-td --gop 3 --wz-q 6 --luma-only"),
     scene("td-all", (104, 88), "-td --gop 3 --references all --wz-q 1"),
@@ -145,7 +154,13 @@ def decode(golden: Golden, form: str, folder: Path) -> tuple[dict[str, Any], lis
 def make(golden: Golden, folder: Path) -> dict[str, Any]:
     """Encode a clip, and decode it to see what is needed of the stream; return the records."""
     clip, form = source(golden, folder), golden.forms[0]
-    assert encoder.main([str(clip), str(golden.path(form)), *golden.coding.split(), "--quiet"]) == 0
+    options = golden.coding.split()
+    if golden.is_live:
+        with serving(clip, folder, options) as address:
+            words = ["--connect", address, str(folder / "live.y4m"), "--punctured", str(golden.path(form))]
+            assert decoder.main([*words, "--quiet"]) == 0
+    else:
+        assert encoder.main([str(clip), str(golden.path(form)), *options, "--quiet"]) == 0
     found = {golden.path(form).name: decode(golden, form, folder)[0]}
     for other in golden.forms[1:]:
         (folder / "punctured.dvc").rename(golden.path(other))
