@@ -46,15 +46,21 @@ class Closing(ABC):
 
 
 class SyncedFile(io.BufferedWriter):
-    """A file to write from its beginning; what a write was given is on the disk when it returns."""
+    """A file to write from its beginning; what a write was given is in the file when it returns.
 
-    def __init__(self, path: Path, mode: str = "w") -> None:
+    It is on the disk, too, unless that is not to be waited for.
+    """
+
+    def __init__(self, path: Path, mode: str = "w", *, waits: bool = True) -> None:
         super().__init__(io.FileIO(os.fspath(path), mode))
+        self._waits = waits
 
     def write(self, data: "ReadableBuffer") -> int:
-        """Write bytes, and wait until the disk has them."""
+        """Write bytes, and wait until the file or the disk has them."""
         count = super().write(data)
         self.flush()
+        if not self._waits:
+            return count
         try:
             os.fsync(self.fileno())
         except OSError as err:

@@ -111,10 +111,10 @@ def _say(text: str) -> None:
 def _write(
     session: "EncoderSession", source: "InputFrames", output: str, progress: "Progress", live: bool
 ) -> None:
-    """Write a stream; of a live source up to where it fails, for it cannot be read again."""
+    """Write a stream; of a live source up to where it fails, and to the disk, for it cannot be read again."""
     from dvc.files import SyncedFile, atomic_output
 
-    with atomic_output(output, visible=True) as temporary, SyncedFile(temporary) as file:
+    with atomic_output(output, visible=True) as temporary, SyncedFile(temporary, waits=live) as file:
         session.write(source, file, progress)
         if not live:
             source.raise_failure()

@@ -176,6 +176,19 @@ def test_synced_writes_to_what_cannot_be_synced() -> None:
         assert file.write(b"data") == 4
 
 
+@pytest.mark.parametrize("waits", [True, False])
+def test_synced_waits_for_the_disk_where_it_shall(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waits: bool
+) -> None:
+    """What was written shows in any case."""
+    synced: list[int] = []
+    monkeypatch.setattr(os, "fsync", synced.append)
+    with SyncedFile(tmp_path / "out.bin", waits=waits) as file:
+        file.write(b"data")
+        assert (tmp_path / "out.bin").read_bytes() == b"data"
+        assert len(synced) == waits
+
+
 def test_full_disk_is_one_clear_error(tmp_path: Path) -> None:
     """A full disk names the target, not the temporary file."""
     message = r"^cannot write .*out\.bin: No space left on device$"
