@@ -36,6 +36,25 @@ def is_lost_for_good(units):
 
 # ---- point sets ----
 
+GRID_EXPONENTS, DISTANCES = 8, 256
+"""How many there are of each."""
+
+
+@kernel
+def grid_exponent(points):
+    """Return by which power of two all coordinates can be divided."""
+    exponent = GRID_EXPONENTS - 1
+    for i in range(points.shape[0]):
+        while (points[i, 0] | points[i, 1]) & ((1 << exponent) - 1):
+            exponent -= 1
+    return exponent
+
+
+@kernel
+def code_grid(coder, exponent, distance):
+    """Code which places points can have, and which distance they keep."""
+    return code_uniform(coder, GRID_EXPONENTS, exponent), code_uniform(coder, DISTANCES, distance)
+
 
 @kernel
 def min_distance(points, limit):

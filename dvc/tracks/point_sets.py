@@ -18,9 +18,6 @@ from dvc.tracks import _kernels
 
 Integers = NDArray[np.int64]
 
-_GRID_EXPONENTS = 8
-_DISTANCES = 256
-
 
 @dataclass(frozen=True)
 class SamplingGrid:
@@ -34,17 +31,17 @@ class SamplingGrid:
     @classmethod
     def of(cls, sets: list[Integers], num_columns: int, num_rows: int) -> Self:
         """Find what point sets have in common."""
-        every = np.concatenate([np.zeros((0, 2), np.int64), *sets])
-        joined = int(np.bitwise_or.reduce(every, axis=None)) | 1 << (_GRID_EXPONENTS - 1)
-        exponent = (joined & -joined).bit_length() - 1
-        distances = [int(_kernels.min_distance(points >> exponent, _DISTANCES - 1)) for points in sets]
-        return cls(num_columns, num_rows, exponent, min(distances, default=_DISTANCES - 1))
+        exponents = [int(_kernels.grid_exponent(points)) for points in sets]
+        exponent = min(exponents, default=_kernels.GRID_EXPONENTS - 1)
+        most = _kernels.DISTANCES - 1
+        distances = [int(_kernels.min_distance(points >> exponent, most)) for points in sets]
+        return cls(num_columns, num_rows, exponent, min(distances, default=most))
 
     def code(self, coder: RangeCoder) -> Self:
         """Code the grid and the distance."""
-        exponent = coder.uniform(_GRID_EXPONENTS, self.grid_exponent)
-        min_distance = coder.uniform(_DISTANCES, self.min_distance)
-        return replace(self, grid_exponent=exponent, min_distance=min_distance)
+        exponent, distance = _kernels.code_grid(coder.room_for(2), self.grid_exponent, self.min_distance)
+        coder.check()
+        return replace(self, grid_exponent=int(exponent), min_distance=int(distance))
 
     @property
     def grid_columns(self) -> int:

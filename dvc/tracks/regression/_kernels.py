@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
 from dvc.entropy.mixing import SQUASH, STRETCH, STRETCH_LIMIT, TABLE_SIZE
-from dvc.entropy.range_coder import FAILED, code_decision, has_room
-from dvc.tracks._kernels import LOST
+from dvc.entropy.range_coder import FAILED, code_decision, code_uniform, has_room
+from dvc.tracks._kernels import DISTANCES, LOST, code_grid, code_points, grid_exponent, min_distance
 
 OUTSIDE = -1
+MAX_CELLS = 2**18
+"""Cells of a grid up to which first positions are coded as such."""
+_MAX_GUARD = 256
 NUM_FEATURES = 10
 NUM_NEIGHBOURS = 8
 NUM_STAGES, NUM_NODES = 5, 25
@@ -162,6 +165,26 @@ def code_occupancy(coder, points, free, distance, told):
     return k == count
 
 
+@kernel
+def code_first(coder, points, taken, sides, told):
+    """Code where tracks begin, away from where those are that are taken; tell whether there was room."""
+    exponent = grid_exponent(points)
+    distance = min_distance(points >> exponent, DISTANCES - 1)
+    exponent, distance = code_grid(coder, exponent, distance)
+    columns, rows = ((sides[0] - 1) >> exponent) + 1, ((sides[1] - 1) >> exponent) + 1
+    cells = points >> exponent
+    if distance == 0 or columns * rows > MAX_CELLS:
+        fits = code_points(coder, cells, columns, rows, distance)
+    else:
+        nearest = np.int64(np.sqrt(min_square(points, taken) >> 2 * exponent))
+        guard = code_uniform(coder, _MAX_GUARD, min(nearest, _MAX_GUARD - 1))
+        free = np.ones((columns, rows), np.bool_)
+        take_guarded(free, taken, guard, exponent)
+        fits = code_occupancy(coder, cells, free, distance, told)
+    points[:] = cells << exponent
+    return fits
+
+
 # ---- order and neighbours ----
 
 
@@ -208,6 +231,24 @@ def nearest_before(first, reach, neighbours, weights):
                 neighbours[i, k], weights[i, k] = j, weight
                 if neighbours[i, NUM_NEIGHBOURS - 1] >= 0:
                     farthest = squares[neighbours[i, NUM_NEIGHBOURS - 1]]
+
+
+@kernel
+def begin_motion(given, tracks, reach, level):
+    """Put tracks after those that are given, far apart in turn; return their order, all, and their motion."""
+    order = spread_order(tracks.shape[0])
+    count = given.shape[0] + order.size
+    units = np.empty((count, given.shape[1], 2), np.int64)
+    units[: given.shape[0]] = given
+    for k in range(order.size):
+        units[given.shape[0] + k] = tracks[order[k]]
+    first = units[:, 0].astype(np.float64)
+    neighbours, weights = np.empty((count, NUM_NEIGHBOURS), np.int64), np.zeros((count, NUM_NEIGHBOURS))
+    nearest_before(first, reach, neighbours, weights)
+    learned, magnitude = np.zeros(NUM_LEARNED), np.full(count, level)
+    learned[LEVEL] = level
+    motion = Motion(first, first.copy(), np.zeros((count, 2)), magnitude, neighbours, weights, learned)
+    return order, units, motion
 
 
 # ---- residuals ----

@@ -20,9 +20,9 @@ from dvc.entropy import RangeCoder
 from dvc.entropy.mixing import SQUASH, STRETCH_LIMIT, TABLE_SIZE, logistic_tables
 from dvc.errors import BitstreamError
 from dvc.tracks._kernels import LOST
-from dvc.tracks.point_sets import SamplingGrid, code_points, num_positions
+from dvc.tracks.point_sets import num_positions
 from dvc.tracks.regression import _kernels
-from dvc.tracks.regression._kernels import Models, Motion
+from dvc.tracks.regression._kernels import Models
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -31,15 +31,12 @@ NUM_FEATURES, NUM_NEIGHBOURS = _kernels.NUM_FEATURES, _kernels.NUM_NEIGHBOURS
 """What a track's motion is linear in, and how many tracks near it are asked for their errors."""
 ROW_FEATURES = _kernels.STRIDE
 """Features in a row of the covariance, zeros at its end included."""
-MAX_CELLS = 2**18
-"""Cells of a grid up to which first positions are coded as such."""
 
 _LOST = ((1.0, 4.0), (1.0, 16.0), (1.0, 26.0))
 _LOST_BACKWARD = ((1.0, 4.0), (1.0, 9.0), (1.0, 9.0))
 _POINTS_TOLD = ((2.0, 4.0), (3.6, 4.0), (4.4, 4.0), (5.2, 4.0))
 _LEVEL = 0.6
 _AREA_OF_REACH = 69
-_MAX_GUARD = 256
 
 
 def code_tracks(
@@ -51,7 +48,7 @@ def code_tracks(
     models = _models()
     none = np.empty((0, forward.shape[1], 2), np.int64)
     sent = _code_direction(coder, models, none, forward[:num_forward], config)
-    given = sent[sent[:, -1, 0] != LOST, ::-1]
+    given = np.ascontiguousarray(sent[sent[:, -1, 0] != LOST, ::-1])
     models = models._replace(losses=np.array(_LOST_BACKWARD))
     return sent, _code_direction(coder, models, given, backward[:num_backward], config)
 
@@ -80,8 +77,9 @@ def _code_direction(
     if len(tracks) == 0:
         return tracks
     tracks = tracks.copy()
-    given_first = np.ascontiguousarray(given[:, 0])
-    tracks[:, 0] = _code_first(coder, tracks[:, 0], given_first, num_positions(config))
+    first, taken = (np.ascontiguousarray(some[:, 0]) for some in (tracks, given))
+    _code_first(coder, first, taken, num_positions(config))
+    tracks[:, 0] = first
     return _code_motion(coder, models, given, tracks, config)
 
 
@@ -90,9 +88,8 @@ def _code_motion(
 ) -> Integers:
     """Code where tracks go from where they begin, which is known."""
     sides = num_positions(config)
-    order = _kernels.spread_order(len(tracks))
-    units = np.concatenate([given, tracks[order]])
-    motion = _start(units[:, 0], sides)
+    reach = max(sides[0] * sides[1] / _AREA_OF_REACH, 1.0)
+    order, units, motion = _kernels.begin_motion(given, tracks, reach, _LEVEL)
     picture = _kernels.Picture(np.array(sides), float(2**config.tracks.subpixel_bits))
     t = 1
     while t < units.shape[1]:
@@ -101,41 +98,14 @@ def _code_motion(
         coder.check()
         if t == _kernels.OUTSIDE:
             raise BitstreamError("a track leaves the frame")
-    coded = np.empty_like(units[len(given) :])
+    coded: Integers = np.empty_like(units[len(given) :])
     coded[order] = units[len(given) :]
     return coded
 
 
-def _code_first(coder: RangeCoder, points: Integers, taken: Integers, sides: tuple[int, int]) -> Integers:
+def _code_first(coder: RangeCoder, points: Integers, taken: Integers, sides: tuple[int, int]) -> None:
     """Code where tracks begin, away from where those are that are given."""
-    grid = SamplingGrid.of([points], *sides).code(coder)
-    if grid.min_distance == 0 or grid.grid_columns * grid.grid_rows > MAX_CELLS:
-        return code_points(coder, points, grid)
-    cells = np.ascontiguousarray(points >> grid.grid_exponent)
-    guard = coder.uniform(_MAX_GUARD, _guard(points, taken, grid.grid_exponent))
-    free = np.ones((grid.grid_columns, grid.grid_rows), np.bool_)
-    _kernels.take_guarded(free, taken, guard, grid.grid_exponent)
-    state = coder.room_for(free.size)
-    if not _kernels.code_occupancy(state, cells, free, grid.min_distance, np.array(_POINTS_TOLD)):
+    state = coder.room_for(min(sides[0] * sides[1], _kernels.MAX_CELLS) + 2 * len(points) + 3)
+    if not _kernels.code_first(state, points, taken, sides, np.array(_POINTS_TOLD)):
         raise BitstreamError("a frame has no room for its points")
     coder.check()
-    return cells << grid.grid_exponent
-
-
-def _guard(points: Integers, taken: Integers, exponent: int) -> int:
-    """Return the largest distance, on the grid, that points keep from those that are given; 0: none are."""
-    square = int(_kernels.min_square(points, taken)) >> 2 * exponent
-    return min(int(np.sqrt(square)), _MAX_GUARD - 1)
-
-
-def _start(first: Integers, sides: tuple[int, int]) -> Motion:
-    count, (width, height) = len(first), sides
-    places = first.astype(np.float64)
-    neighbours = np.empty((count, _kernels.NUM_NEIGHBOURS), np.int64)
-    weights = np.zeros(neighbours.shape)
-    reach = max(width * height / _AREA_OF_REACH, 1.0)
-    _kernels.nearest_before(places, reach, neighbours, weights)
-    learned = np.zeros(_kernels.NUM_LEARNED)
-    learned[_kernels.LEVEL] = _LEVEL
-    still, magnitude = np.zeros((count, 2)), np.full(count, _LEVEL)
-    return Motion(places, places.copy(), still, magnitude, neighbours, weights, learned)
