@@ -55,10 +55,18 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--as", dest="way", choices=AS, default=BOTH, help="whose methods; default: %(default)s")
     add(
-        "--preset", choices=["quick", "full"], default="quick", help="minutes, or hours; default: %(default)s"
+        "--preset",
+        choices=["quick", "full"],
+        default="quick",
+        help="minutes a chapter, or hours; default: %(default)s",
     )
     add("--out", type=Path, required=True, metavar="DIR", help="results; what is there is kept")
-    add("--data", type=Path, metavar="DIR", help="folder with the folders of the real sets")
+    add(
+        "--data",
+        type=Path,
+        metavar="DIR",
+        help="folder with the folders of the real sets; default: rendered ones",
+    )
     add("--disparities", metavar="MIN:MAX", help="chapter 3, own views: disparities, in pixels")
     add("--frames", type=cli.integer(2, 10**6), metavar="N", help="chapter 5: of each sequence")
     cli.add_integer(parser, "--jobs", (1, 256), "processor cores that may be used", default=1)
