@@ -23,7 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the subcommand takes."""
     parser.add_argument("image", metavar="IMAGE", help="the picture")
     parser.add_argument("out", metavar="OUT.dibr", help="stream to write")
-    text = "its disparities, or depth: .pfm, or grey levels of 8 or 16 bits"
+    text = "its disparities, or inverse depth (--near-far), never distances: .pfm, or 8 or 16 bits of grey"
     parser.add_argument("--depth", metavar="MAP", required=True, help=text)
     depth_images.add_scale_options(parser)
     depth_images.add_codec_options(parser)
