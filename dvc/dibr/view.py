@@ -78,7 +78,9 @@ def run(arguments: argparse.Namespace) -> int:
     figures = _figures(arguments.out, scene, caption)
     known = [f"{value:.2f} dB" for value in caption.qualities if value is not None]
     quality = f"; PSNR {', '.join(known)}" if known else ""
-    text = f"{arguments.out}: {figures['page_bytes']} bytes, {figures['sources']} sources{quality}\n"
+    count = figures["sources"]
+    sources = f"{count} source{'' if count == 1 else 's'}"
+    text = f"{arguments.out}: {figures['page_bytes']} bytes, {sources}{quality}\n"
     tell(arguments, figures, text)
     return 0
 

@@ -52,6 +52,12 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return line
 
 
+def test_summary_counts(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """One source is no sources."""
+    assert run("view", stream, "--out", "page.html") == 0
+    assert re.fullmatch(r"page\.html: \d+ bytes, 1 source\n", capsys.readouterr().out)
+
+
 def test_page_is_one_file_that_loads_nothing(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
     """It names no other place, its policy allows none, and the figures are those of the stream."""
     assert run("view", stream, "--out", "page.html", "--json", "-") == 0
