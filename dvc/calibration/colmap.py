@@ -14,18 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.calibration.cameras import CalibratedViews, Camera, camera_from_matrices
-from dvc.calibration.feature_matching import Features
+from dvc.calibration.two_views import two_views
 from dvc.errors import ConfigError, DvcError
 
 Floats = NDArray[np.float64]
 Size = tuple[int, int]
 
-FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 25))
-"""Of two views: focal lengths tried, in units of the longer side of the picture."""
-USUAL_FOCAL_LENGTH = 1.2
-"""Taken where the pictures do not say better."""
+MIN_FOCAL_LENGTH, MAX_FOCAL_LENGTH = 0.6, 3.0
+"""Of lenses, in units of the longer side of the picture."""
 SEED = 0
-MAX_ERROR_PX = 1.5
 MIN_MATCHES = 30
 _PIXEL_CENTRE = 0.5
 _MAX_K1 = 0.5
@@ -54,7 +51,7 @@ def estimate_cameras(names: Sequence[str], pictures: Sequence[NDArray[np.uint8]]
     if len(shapes) > 1:
         raise ConfigError("cameras can be estimated from pictures of one size only")
     if len(pictures) == 2:
-        return _two_views(names, pictures)
+        return two_views(names, pictures)
     height, width = pictures[0].shape[:2]
     with tempfile.TemporaryDirectory() as folder, quiet():
         numbered = [f"{index:06d}.png" for index in range(len(pictures))]
@@ -179,84 +176,6 @@ def _plausible(model: Any) -> bool:
     """Tell whether the intrinsics have stayed where those of lenses are."""
     for camera in model.cameras.values():
         focal = camera.mean_focal_length() / max(camera.width, camera.height)
-        if not (FOCAL_LENGTHS[0] <= focal <= FOCAL_LENGTHS[-1] and abs(camera.params[3]) <= _MAX_K1):
+        if not (MIN_FOCAL_LENGTH <= focal <= MAX_FOCAL_LENGTH and abs(camera.params[3]) <= _MAX_K1):
             return False
     return True
-
-
-def _two_views(names: Sequence[str], pictures: Sequence[NDArray[np.uint8]]) -> CalibratedViews:
-    """Find the relative pose under that focal length which suits the matches best."""
-    first, second = Features(pictures[0]).match(Features(pictures[1]))
-    height, width = pictures[0].shape[:2]
-    poses = [
-        (ratio, *pose)
-        for ratio in FOCAL_LENGTHS
-        if (pose := _relative_pose(first, second, (width, height), ratio)) is not None
-    ]
-    if not poses:
-        raise DvcError(
-            f"the cameras of these two views cannot be estimated: {len(first)} points match, "
-            "too few of them consistently; give them by --cameras FILE"
-        )
-    least = min(cost for _, _, _, cost in poses)
-    likely = [pose for pose in poses if pose[3] <= 1.01 * least]
-    ratio, motion, inliers, _ = min(likely, key=lambda entry: abs(np.log(entry[0] / USUAL_FOCAL_LENGTH)))
-    K = _intrinsics((width, height), ratio)
-    cameras = (
-        Camera(names[0], K, np.eye(3), np.zeros(3), (width, height)),
-        Camera(names[1], K, motion[:, :3], motion[:, 3], (width, height)),
-    )
-    points = _triangulated(cameras, first[inliers], second[inliers])
-    return CalibratedViews(cameras, points)
-
-
-def _intrinsics(size: Size, ratio: float) -> Floats:
-    focal = ratio * max(size)
-    return np.array([[focal, 0.0, 0.5 * (size[0] - 1)], [0.0, focal, 0.5 * (size[1] - 1)], [0.0, 0.0, 1.0]])
-
-
-def _relative_pose(
-    first: Floats, second: Floats, size: Size, ratio: float
-) -> tuple[Floats, NDArray[np.bool_], float] | None:
-    """Return ``[R | t]``, the inliers, and the sum of truncated squared Sampson distances."""
-    import pycolmap
-
-    if len(first) < MIN_MATCHES:
-        return None
-    focal = ratio * max(size)
-    parameters = [focal, 0.5 * size[0], 0.5 * size[1]]
-    camera = pycolmap.Camera(model="SIMPLE_PINHOLE", params=parameters, width=size[0], height=size[1])
-    points = first + _PIXEL_CENTRE, second + _PIXEL_CENTRE
-    ransac = pycolmap.RANSACOptions(max_error=MAX_ERROR_PX, random_seed=SEED, num_threads=1)
-    answer = pycolmap.estimate_relative_pose(camera, points[0], camera, points[1], ransac)
-    if answer is None or np.count_nonzero(answer["inlier_mask"]) < MIN_MATCHES:
-        return None
-    refined = pycolmap.refine_relative_pose(
-        answer["cam2_from_cam1"], camera, points[0], camera, points[1], answer["inlier_mask"]
-    )
-    rigid = answer["cam2_from_cam1"] if refined is None else refined["cam2_from_cam1"]
-    pose = np.asarray(rigid.matrix(), dtype=np.float64)
-    distance2 = _squared_sampson_distances(pose, _intrinsics(size, ratio), first, second)
-    cost = float(np.minimum(distance2, MAX_ERROR_PX**2).sum())
-    return pose, distance2 < MAX_ERROR_PX**2, cost
-
-
-def _squared_sampson_distances(pose: Floats, K: Floats, first: Floats, second: Floats) -> Floats:
-    x, y, z = pose[:, 3]
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    inverse = np.linalg.inv(K)
-    F = inverse.T @ cross @ pose[:, :3] @ inverse
-    a, b = (np.column_stack([points, np.ones(len(points))]) for points in (first, second))
-    lines, back = a @ F.T, b @ F
-    gradient = (lines[:, :2] ** 2).sum(axis=1) + (back[:, :2] ** 2).sum(axis=1)
-    return np.asarray((b * lines).sum(axis=1) ** 2 / np.maximum(gradient, 1e-300))
-
-
-def _triangulated(cameras: tuple[Camera, Camera], first: Floats, second: Floats) -> Floats:
-    """Return the points of the world that lie before both cameras."""
-    found = cv2.triangulatePoints(cameras[0].projection, cameras[1].projection, first.T, second.T)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        points = (found[:3] / found[3]).T
-    depths = [points @ camera.R[2] + camera.t[2] for camera in cameras]
-    kept = np.isfinite(points).all(axis=1) & (depths[0] > 0.0) & (depths[1] > 0.0)
-    return np.asarray(points[kept], dtype=np.float64)

@@ -18,7 +18,8 @@ Floats = NDArray[np.float64]
 
 ROW_TOLERANCE_PX = 2.0
 """Matches farther than this from where (2.5) allows them are wrong."""
-QUANTILES = 0.01, 0.99
+QUANTILES, INNER_QUANTILES = (0.01, 0.99), (0.05, 0.95)
+"""The former, but not farther from the latter than these are from each other: a few matches are wrong."""
 FAR_MARGIN, NEAR_MARGIN, MARGIN_PX = 0.15, 0.35, 1.0
 """Added to the range of known disparities: in parts of it, and in pixels. The nearest points are few."""
 MIN_MATCHES = 20
@@ -78,8 +79,8 @@ def check_disparities(array: CameraArray, labels: DisparityLabels, jobs: int = 1
 
 def range_of(disparities: Floats) -> tuple[float, float]:
     """Return the range of known disparities."""
-    lowest, highest = np.quantile(disparities, QUANTILES)
-    return float(lowest), float(highest)
+    lowest, low, high, highest = np.quantile(disparities, sorted(QUANTILES + INNER_QUANTILES))
+    return float(max(lowest, 2.0 * low - high)), float(min(highest, 2.0 * high - low))
 
 
 def suggested_labels(lowest: float, highest: float) -> DisparityLabels:

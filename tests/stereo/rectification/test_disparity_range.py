@@ -6,7 +6,13 @@ import numpy as np
 
 from dvc.calibration.feature_matching import Features
 from dvc.multiview.camera_array import LatticePosition
-from dvc.stereo.rectification.disparity_range import RowMatches, range_of_matches, row_matches
+from dvc.stereo.rectification.disparity_range import (
+    RowMatches,
+    range_of,
+    range_of_matches,
+    row_matches,
+    suggested_labels,
+)
 
 
 class Seen:
@@ -53,3 +59,17 @@ def test_few_matches_give_no_range() -> None:
     assert range_of_matches(RowMatches(values[1:], np.zeros(19))) is None
     assert RowMatches(values, np.array([3.0, -4.0])).rms_px == np.sqrt(12.5)
     assert RowMatches(values[:0], np.zeros(0)).rms_px is None
+
+
+def test_wrong_matches_hardly_widen_the_range() -> None:
+    """Three in a hundred are far off on each side: at most three times as wide."""
+    true = np.linspace(20.0, 60.0, 188)
+    wrong = np.concatenate([np.full(6, -3000.0), np.full(6, 5000.0)])
+    np.testing.assert_allclose(range_of(true), (20.4, 59.6), atol=0.05)
+    lowest, highest = range_of(np.concatenate([true, wrong]))
+    assert -20.0 < lowest <= 20.4
+    assert 59.6 <= highest < 100.0
+    labels = suggested_labels(*range_of(true))
+    assert 10.0 < labels.lowest < 15.0
+    assert 70.0 < labels.highest < 77.0
+    assert labels.step == 1.0
