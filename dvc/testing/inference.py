@@ -1,20 +1,13 @@
 """What every inference of labels from costs must do."""
 
-from abc import ABC, abstractmethod
-
 import numpy as np
 import pytest
 
 from dvc.multiview.volumes.inference import Inference
 
 
-class InferenceContract(ABC):
+class InferenceContract:
     """Tests of a method; a class derived from this one says which, by the fixture `method`."""
-
-    @abstractmethod
-    @pytest.fixture
-    def method(self) -> Inference:
-        """Return the method."""
 
     def test_single_wrong_labels_are_smoothed_away(self, method: Inference) -> None:
         """A surface of two levels comes out of noisy costs, with the jump where colours change."""

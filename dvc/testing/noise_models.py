@@ -1,20 +1,13 @@
 """What every model of correlation noise must do."""
 
-from abc import ABC, abstractmethod
-
 import numpy as np
 import pytest
 
 from dvc.wynerziv.noise import MIN_SCALE, NoiseModel
 
 
-class NoiseModelContract(ABC):
+class NoiseModelContract:
     """Tests of a model; a class derived from this one says which, by the fixture `model`."""
-
-    @abstractmethod
-    @pytest.fixture
-    def model(self) -> NoiseModel:
-        """Return the model."""
 
     def test_scales_follow_the_residual(self, model: NoiseModel) -> None:
         """On a Laplacian residual it finds about its scale, and never less on a larger residual."""

@@ -1,6 +1,5 @@
 """What every coder of planes must do, whatever it is given."""
 
-from abc import ABC, abstractmethod
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +9,8 @@ from dvc.slepian_wolf import ParityRequest, PlaneCoder, drive, side_by_side
 from dvc.testing.plane_exchange import Bits, PlaneSource, exchange, noisy
 
 
-class PlaneCoderContract(ABC):
+class PlaneCoderContract:
     """Tests of a coder; a class derived from this one says which, by the fixture `coder`."""
-
-    @abstractmethod
-    @pytest.fixture
-    def coder(self) -> PlaneCoder:
-        """Return the coder."""
 
     def test_garbage_side_information_ends_exactly(self, coder: PlaneCoder) -> None:
         """LLRs that have nothing to do with the bits cost at most two bits per bit."""

@@ -1,6 +1,5 @@
 """What every side-information method must do, whatever it is given."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -74,13 +73,8 @@ def check_chroma(chroma: tuple[Plane, Plane] | None, like: Frame) -> None:
         assert plane.shape == chroma_shape(*like.luma.shape)
 
 
-class SideInformationContract(ABC):
+class SideInformationContract:
     """Tests of a method; a class derived from this one says what makes it, by the fixture `make`."""
-
-    @abstractmethod
-    @pytest.fixture
-    def make(self) -> Make:
-        """Return what builds the method from a configuration: its class, mostly."""
 
     @pytest.fixture(params=CODECS)
     def build(self, request: pytest.FixtureRequest, make: Make) -> Build:
