@@ -7,6 +7,7 @@ from pathlib import Path
 
 from benchmarks.results import document, fill, plot
 from benchmarks.results.code import code_digest
+from benchmarks.results.constraints import write_constraints
 from benchmarks.results.harness import FOLDER, Missing, Setting
 from benchmarks.results.rows import BY_NAME, ROWS, Row
 from dvc import cli
@@ -96,6 +97,7 @@ def _measure(rows: list[Row], setting: Setting, *, again: bool) -> int:
         if not setting.quick:
             entries[row.name] = document.entry_of(row, measured, wall_s)
             document.write_document(entries)
+            write_constraints()
     if not setting.quick:
         show(setting)
     return cli.EXIT_BAD_INPUT if failures else 0
