@@ -74,5 +74,9 @@ def test_other_builds_compile_nothing(source: Path, tmp_path: Path) -> None:
         assert [name for name in wheel.namelist() if "__pycache__" in name] == []
     shutil.unpack_archive(built("build_sdist", source, tmp_path), tmp_path)
     (unpacked,) = tmp_path.glob("dvc3d-*/")
-    assert (unpacked / "wheel_backend.py").is_file()
-    assert (unpacked / "dvc" / "kernels.txt").is_file()
+    assert all((unpacked / name).is_file() for name in FILES)
+    shipped = [path for package in PACKAGES for path in (source / package).rglob("*.*") if path.is_file()]
+    lacking = {
+        path.relative_to(source) for path in shipped if not (unpacked / path.relative_to(source)).exists()
+    }
+    assert {path for path in lacking if "__pycache__" not in path.parts} == set()
