@@ -42,6 +42,7 @@ def test_all_extras_of_users_are_in_one() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("constrained", [False, True], ids=["newest", "of the results"])
 @pytest.mark.parametrize("python", PYTHONS)
 def test_all_is_there_as_wheels(python: str, constrained: bool, tmp_path: Path) -> None:
