@@ -103,7 +103,8 @@ def test_what_git_ignores_is_not_copied_into_images() -> None:
     """Nor are git's own files: an image is made of what is in the repository."""
     ignored = (ROOT / ".gitignore").read_text(encoding="utf-8").split()
     found = {
-        line.removeprefix("**/") for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").split()
+        line.removeprefix("**/")
+        for line in (ROOT / ".ci" / "Dockerfile.dockerignore").read_text(encoding="utf-8").split()
     }
     assert {name.removeprefix("/") for name in ignored} | {".git/"} <= found
 

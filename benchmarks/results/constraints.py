@@ -7,10 +7,8 @@ from pathlib import Path
 from benchmarks.results.code import ROOT
 from dvc.files import atomic_output
 
-CONSTRAINTS = ROOT / "constraints.txt"
-_HEAD = (
-    "# Results were measured with these: pip install -c constraints.txt '.[all]'. Written by make results.\n"
-)
+CONSTRAINTS = ROOT / "docs" / "constraints.txt"
+_HEAD = "# What results were measured with: pip install -c docs/constraints.txt '.[all]', by make results\n"
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 _FOR_DEVELOPERS = re.compile(r"extra == ['\"](docs|test|check)['\"]")
 
