@@ -23,6 +23,7 @@ from dvc.calibration.cameras import (
     camera_from_matrices,
     decomposed,
 )
+from dvc.calibration.feature_matching import Features
 from dvc.errors import ConfigError
 
 Floats = NDArray[np.float64]
@@ -34,13 +35,16 @@ _NOTHING = np.zeros((0, 3))
 
 
 def load_cameras(
-    source: str | Path, paths: Sequence[str | Path], pictures: Sequence[Picture]
+    source: str | Path,
+    paths: Sequence[str | Path],
+    pictures: Sequence[Picture],
+    features: Sequence[Features] = (),
 ) -> CalibratedViews:
-    """Read the cameras of pictures, or estimate them."""
+    """Read the cameras of pictures, or estimate them, by features that are known already where they are."""
     names = [Path(path).name for path in paths]
     sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
     if str(source) == AUTO:
-        return colmap.estimate_cameras(names, pictures)
+        return colmap.estimate_cameras(names, pictures, features)
     source = Path(source)
     if source.is_dir():
         return colmap.read_model(source, names, sizes)

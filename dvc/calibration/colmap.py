@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.calibration.cameras import CalibratedViews, Camera, camera_from_matrices
+from dvc.calibration.feature_matching import Features
 from dvc.calibration.two_views import two_views
 from dvc.errors import ConfigError, DvcError
 
@@ -45,13 +46,15 @@ def read_model(folder: Path, names: Sequence[str], sizes: Sequence[Size]) -> Cal
     return _views(model, names, sizes, str(place))
 
 
-def estimate_cameras(names: Sequence[str], pictures: Sequence[NDArray[np.uint8]]) -> CalibratedViews:
+def estimate_cameras(
+    names: Sequence[str], pictures: Sequence[NDArray[np.uint8]], features: Sequence[Features] = ()
+) -> CalibratedViews:
     """Estimate cameras from plain pictures that one camera, or one kind of camera, has taken."""
     shapes = {picture.shape for picture in pictures}
     if len(shapes) > 1:
         raise ConfigError("cameras can be estimated from pictures of one size only")
     if len(pictures) == 2:
-        return two_views(names, pictures)
+        return two_views(names, pictures, features)
     height, width = pictures[0].shape[:2]
     with tempfile.TemporaryDirectory() as folder, quiet():
         numbered = [f"{index:06d}.png" for index in range(len(pictures))]

@@ -1,6 +1,7 @@
 """Points that two pictures share: SIFT features, matched both ways."""
 
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import cv2
 import numpy as np
@@ -22,10 +23,16 @@ class Features:
         detector = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=LEAST_CONTRAST)
         keypoints, descriptors = detector.detectAndCompute(grey, None)
         self.points: Floats = np.array([point.pt for point in keypoints], np.float64).reshape(-1, 2)
+        self._matches = WeakKeyDictionary[Features, tuple[Floats, Floats]]()  # known already
         self._descriptors = np.zeros((0, 128), np.float32) if descriptors is None else _rooted(descriptors)
 
     def match(self, other: "Features") -> tuple[Floats, Floats]:
         """Match with another picture."""
+        if other not in self._matches:
+            self._matches[other] = self._matched(other)
+        return self._matches[other]
+
+    def _matched(self, other: "Features") -> tuple[Floats, Floats]:
         forward, backward = self._nearest(other), other._nearest(self)
         pairs = [(a, b) for a, b in forward.items() if backward.get(b) == a]
         index = np.array(pairs, dtype=np.int64).reshape(-1, 2)

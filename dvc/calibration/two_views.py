@@ -42,10 +42,13 @@ class _Pose:
         return first, Camera(names[1], K, self.R, self.t, size)
 
 
-def two_views(names: Sequence[str], pictures: Sequence[NDArray[np.uint8]]) -> CalibratedViews:
+def two_views(
+    names: Sequence[str], pictures: Sequence[NDArray[np.uint8]], features: Sequence[Features] = ()
+) -> CalibratedViews:
     """Estimate the cameras of two pictures that one camera, or one kind of camera, has taken."""
     height, width = pictures[0].shape[:2]
-    return cameras_of_matches(names, (width, height), *Features(pictures[0]).match(Features(pictures[1])))
+    first, second = features or [Features(picture) for picture in pictures]
+    return cameras_of_matches(names, (width, height), *first.match(second))
 
 
 def cameras_of_matches(names: Sequence[str], size: Size, first: Floats, second: Floats) -> CalibratedViews:

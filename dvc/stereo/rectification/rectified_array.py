@@ -104,10 +104,10 @@ def rectified_array(
     if positions is not None and len(positions) != len(paths):
         raise ConfigError(f"{len(paths)} views and {len(positions)} positions: one for each is needed")
     pictures = read_pictures(paths)
-    views = load_cameras(cameras, paths, pictures)
-    features = []
-    if with_matches or len(pictures) == 2 or not len(views.points):
-        features = [Features(picture) for picture in pictures]
+    features = [Features(picture) for picture in pictures] if with_matches or len(pictures) == 2 else []
+    views = load_cameras(cameras, paths, pictures, features)
+    if not len(views.points):
+        features = features or [Features(picture) for picture in pictures]
     given = views.cameras
     if len(pictures) == 2 and not keep_cameras and str(cameras) != AUTO:
         refined = refined_pair(given, *features[0].match(features[1]))
