@@ -36,8 +36,9 @@ def coding(golden: Golden, folder: Path) -> list[list[object]]:
     """Return how a frozen stream is made, and decoded."""
     (folder / golden.name).mkdir()
     made = folder / golden.name / "made.dvc"
+    encoding = ["encoder", source(golden, folder / golden.name), made, *golden.coding.split(), "--quiet"]
     return [
-        ["encoder", source(golden, folder / golden.name), made, *golden.coding.split(), "--quiet"],
+        *([] if golden.is_live else [encoding]),
         *(["decoder", golden.path(form), folder / "video.y4m", "--quiet"] for form in golden.forms[:1]),
     ]
 

@@ -177,7 +177,7 @@ class Quantization:
         """The same as `planes`, for compiled callers."""
         return np.array(self.planes)
 
-    @cached_property
+    @property
     def multiplier(self) -> float:
         """Squared error that a bit must save, or its plane is not asked for; 0: all are."""
         step = self.step(0)

@@ -38,8 +38,8 @@ def _in_bins(widths: Floats) -> Floats:
     number = np.arange(-reach.max(), reach.max() + 1.0)
     edges = (number + offsets[:, None]) * widths[:, None, None]
     edges = np.where(np.abs(number) <= reach, edges, np.copysign(_FAR, number))
-    beyond = np.full((*edges.shape[:2], 1), _FAR)
-    edges = np.concatenate([-beyond, edges, beyond], axis=2)
+    outside = np.full((*edges.shape[:2], 1), _FAR)
+    edges = np.concatenate([-outside, edges, outside], axis=2)
     mass, first, second = (np.diff(moment) for moment in _moments(edges))
     error: Floats = (second - first * first / np.where(mass > 0, mass, 1.0)).sum(axis=2).mean(axis=1)
     return error / 2.0
