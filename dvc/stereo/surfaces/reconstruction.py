@@ -25,6 +25,7 @@ from dvc.multiview.volumes.matching_costs import COSTS, Band
 from dvc.stereo.surfaces import _kernels
 from dvc.stereo.surfaces.confidence import confidence, evidence
 from dvc.stereo.surfaces.continuation import continued
+from dvc.stereo.surfaces.exposure import EXPOSURE_RATIO, gains, with_gains
 from dvc.stereo.surfaces.fusion import FUSION_ROUNDS, fused
 from dvc.stereo.surfaces.occupancy import (
     Occupancy,
@@ -58,8 +59,8 @@ PLANE_TOLERANCE_PX, MOST_REFINED_PX = 2.25, 0.75
 """Parallax by which the farthest pixel of a plane may differ, and by which a pixel changes."""
 PLANE_LEVELS, CONTINUED_WEIGHT, STIFFNESS_PX2 = 40.0, 0.2, 0.5
 """See `_kernels.PlaneWindow`; all of planes was chosen on `settings.TUNING_PAIRS`."""
-EXPOSURE_RATIO = 1.06
-"""Ratio of the mean levels of two views above which their exposures differ."""
+LEAST_SIDE_PX, EXPOSURE_ROUNDS = 120, 2
+"""Shorter side of the views, halved as often, that tell exposures; how often these are compared."""
 
 DEFAULT_SETTINGS = StereoSettings()
 
@@ -109,7 +110,7 @@ def reconstruct(
         If there are so many labels that views as wide cannot be inferred in a few gigabytes.
     """
     with ThreadPoolExecutor(jobs) as pool:
-        solver = _Solver(_equally_exposed(array), labels, settings, pool, advance)
+        solver = _Solver(array, labels, settings, pool, advance).equally_exposed()
         state, changes = solver.solve()
         surfaces = solver.surfaces(state)
     figures = {"iterations": len(changes), "changed": [round(change, 6) for change in changes]}
@@ -153,6 +154,20 @@ class _Solver:
                 f"that views {array.shape[1]} pixels wide need: larger steps or smaller views are accepted"
             )
 
+    def equally_exposed(self) -> "_Solver":
+        """Give all views the exposure of the reference, as surfaces of small views tell it."""
+        small, labels, array = self.array, self.labels, self.array
+        while min(small.shape) >= 2 * LEAST_SIDE_PX:
+            small, labels = CameraArray(tuple(map(_half, small))), _half_range(labels)
+        once = replace(self.settings, max_iterations=1)
+        for _ in range(EXPOSURE_ROUNDS):
+            state, _ = _Solver(small, labels, once, self.pool, lambda _: None).solve()
+            found = gains(small, labels, state.occupancy[small.reference])
+            if max(found.max(), 1.0 / found.min()) <= EXPOSURE_RATIO:
+                break
+            small, array = with_gains(small, found), with_gains(array, found)
+        return _Solver(array, self.labels, self.settings, self.pool, self.advance)
+
     def solve(self) -> tuple[_State, list[float]]:
         """Iterate until nothing changes; return what is known then, and what share each iteration changed."""
         state = self._coarse() if self.is_large else None
@@ -169,9 +184,8 @@ class _Solver:
     def _coarse(self) -> _State:
         """What views of half the size tell."""
         labels = self.labels
-        halved = DisparityLabels(0.5 * labels.lowest, labels.step, _halved(labels.num_labels))
         views = tuple(_half(view) for view in self.array)
-        solver = _Solver(CameraArray(views), halved, self.settings, self.pool, self.advance)
+        solver = _Solver(CameraArray(views), _half_range(labels), self.settings, self.pool, self.advance)
         state, _ = solver.solve()
         filled = [_doubled(surface, self.array.shape, labels) for surface in state.filled]
         bases = [_base(surface, labels) for surface in filled]
@@ -286,6 +300,10 @@ def _halved(num_labels: int) -> int:
     return num_labels // 2 + 1
 
 
+def _half_range(labels: DisparityLabels) -> DisparityLabels:
+    return DisparityLabels(0.5 * labels.lowest, labels.step, _halved(labels.num_labels))
+
+
 def _strips(shape: tuple[int, int], num_labels: int) -> list[slice]:
     """Cut the rows of a view; a strip with its overlap is at most of `MAX_CELLS`, if it can be."""
     height, width = shape
@@ -337,17 +355,3 @@ def _changed(before: _State, after: _State) -> float:
     """Share of all pixels whose label has changed by more than one."""
     pairs = zip(before.filled, after.filled, strict=True)
     return float(np.mean([(np.abs(a - b) > 1.0).mean() for a, b in pairs]))
-
-
-def _equally_exposed(array: CameraArray) -> CameraArray:
-    """Give all views the mean level of the reference, where exposures differ."""
-    means = [float(view.image.mean()) for view in array]
-    wanted = means[array.reference]
-    views = []
-    for view, mean in zip(array, means, strict=True):
-        ratio = max(wanted, 1.0) / max(mean, 1.0)
-        if max(ratio, 1.0 / ratio) <= EXPOSURE_RATIO:
-            ratio = 1.0
-        levels = np.clip(np.floor(view.image * ratio + 0.5), 0, 255).astype(np.uint8)
-        views.append(ArrayView(view.name, levels, view.position, view.valid))
-    return CameraArray(tuple(views))
