@@ -10,6 +10,7 @@ References
 Workshops, 2011: census and levels, each through ``1 - exp(-x / scale)``.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -47,8 +48,9 @@ class WeightedCosts(NamedTuple):
 class MatchingCost(Protocol):
     """Compares two views."""
 
-    highest: float
-    """No cost is above it."""
+    @property
+    def highest(self) -> float:
+        """No cost is above it."""
 
     def __call__(
         self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
@@ -56,10 +58,16 @@ class MatchingCost(Protocol):
         """Compare some rows of a view with another."""
 
 
+@dataclass(frozen=True)
 class CensusCost:
-    """Robust distance of census bits and of levels [Mei2011]: for views of different exposure, too."""
+    """Robust distance of census bits and of levels [Mei2011], or of bits alone, which exposure does not alter."""
 
-    highest = 2.0
+    has_levels: bool = True
+
+    @property
+    def highest(self) -> float:
+        """No cost is above it."""
+        return 2.0 if self.has_levels else 1.0
 
     def __call__(
         self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
@@ -69,7 +77,7 @@ class CensusCost:
         bits = np.stack([census(picture) for picture in others])
         count = (2 * CENSUS_RADIUS_PX + 1) ** 2
         census_table = _robust(np.arange(count), CENSUS_SCALE)
-        level_table = _robust(np.arange(3 * 256) / 3.0, LEVEL_SCALE)
+        level_table = _robust(np.arange(3 * 256) / 3.0, LEVEL_SCALE if self.has_levels else np.inf)
         costs = _empty(view, band, rows)
         image = view.image.astype(np.float32)
         pictures = (image, census(image)), (others, bits, other.seen)

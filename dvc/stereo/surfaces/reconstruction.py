@@ -21,7 +21,7 @@ from dvc.errors import ConfigError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.multiview.volumes.aggregation import Arms, Window, cross_arms
 from dvc.multiview.volumes.inference import Inferred
-from dvc.multiview.volumes.matching_costs import COSTS, Band
+from dvc.multiview.volumes.matching_costs import COSTS, Band, CensusCost
 from dvc.stereo.surfaces import _kernels
 from dvc.stereo.surfaces.confidence import confidence, evidence
 from dvc.stereo.surfaces.continuation import continued
@@ -161,8 +161,9 @@ class _Solver:
             small, labels = CameraArray(tuple(map(_half, small))), _half_range(labels)
         once = replace(self.settings, max_iterations=1)
         for _ in range(EXPOSURE_ROUNDS):
-            state, _ = _Solver(small, labels, once, self.pool, lambda _: None).solve()
-            found = gains(small, labels, state.occupancy[small.reference])
+            solver = _Solver(small, labels, once, self.pool, lambda _: None)
+            solver.comparison = replace(solver.comparison, cost=CensusCost(has_levels=False))
+            found = gains(small, labels, solver.solve()[0].occupancy[small.reference])
             if max(found.max(), 1.0 / found.min()) <= EXPOSURE_RATIO:
                 break
             small, array = with_gains(small, found), with_gains(array, found)
