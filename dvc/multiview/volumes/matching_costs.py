@@ -60,7 +60,7 @@ class MatchingCost(Protocol):
 
 @dataclass(frozen=True)
 class CensusCost:
-    """Robust distance of census bits and of levels [Mei2011], or of bits alone, which exposure does not alter."""
+    """Robust distance of census bits and of levels [Mei2011], or of bits alone, for differing exposures."""
 
     has_levels: bool = True
 
