@@ -696,7 +696,7 @@ Served = tuple[subprocess.Popen[str], RawLink]
 @pytest.fixture
 def served(clip: Path) -> Iterator[Served]:
     """An encoder that waits with a patience of one second, and a link to it that has said hello."""
-    options = ("--serve", "127.0.0.1:0", "--timeout", 1, "--patience", 0, *CODING)
+    options = ("--serve", "127.0.0.1:0", "--timeout", 3, "--patience", 0, *CODING)
     with start("encoder", clip, *options) as encoder:
         with socket.create_connection(("127.0.0.1", listening_port(encoder)), PATIENCE_S) as peer:
             link = RawLink.of_decoder(peer)
@@ -708,7 +708,7 @@ def served(clip: Path) -> Iterator[Served]:
 def test_encoder_gives_up_on_a_silent_decoder(served: Served) -> None:
     """A decoder that says hello and nothing more is given up after the timeout."""
     encoder, _ = served
-    assert_refused(finish(encoder), "is silent for 1 s")
+    assert_refused(finish(encoder), "is silent for 3 s")
 
 
 @pytest.mark.parametrize("words", ["broke the feedback protocol", "changed on the way"])
