@@ -1,7 +1,7 @@
 """Cameras of two plain pictures: the relative pose and the focal length on which most matches agree."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -62,8 +62,11 @@ def cameras_of_matches(names: Sequence[str], size: Size, first: Floats, second: 
         )
     pose = min(found, key=lambda entry: entry[1])[0]
     inliers = np.abs(_sampson_distances(pose, size, first, second)) < MAX_ERROR_PX
-    cameras = pose.cameras(names, size)
-    return CalibratedViews(cameras, _triangulated(cameras, first[inliers], second[inliers]))
+    views = []
+    for t in (pose.t, -pose.t):  # epipolar lines do not tell which; points lie before the cameras
+        cameras = replace(pose, t=t).cameras(names, size)
+        views.append(CalibratedViews(cameras, _triangulated(cameras, first[inliers], second[inliers])))
+    return max(views, key=lambda found: len(found.points))
 
 
 def _intrinsics(size: Size, ratio: float) -> Floats:

@@ -1,9 +1,13 @@
 """Cameras of two pictures from points that they share: known cameras, noise and wrong matches."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dvc.calibration import two_views as two_view_cameras
 from dvc.calibration.cameras import Camera
 from dvc.calibration.feature_matching import Features
 from dvc.calibration.two_views import cameras_of_matches, two_views
@@ -51,6 +55,24 @@ def test_cameras_and_depths_are_found(ratio: float, seed: int) -> None:
     share = found.points[:, 2] / depth[100 + nearest, 0]
     assert np.mean(np.abs(share / np.median(share) - 1.0) < 0.05) > 0.85
     assert len(found.points) > 280
+
+
+def test_points_lie_before_the_cameras_from_whatever_side_they_are_looked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Epipolar lines are the same for the opposite direction, where a start may be; depths are not."""
+    rng, true, consensus = np.random.default_rng(4), pair_of_cameras(1.0), two_view_cameras._consensus
+
+    def opposite(*given: Any) -> Any:
+        start = consensus(*given)
+        return None if start is None else replace(start, t=-start.t)
+
+    points = rng.uniform((-2.0, -1.5, 5.0), (2.0, 1.5, 9.0), (200, 3))
+    matches = [seen(camera, points) for camera in true]
+    monkeypatch.setattr(two_view_cameras, "_consensus", opposite)
+    found = cameras_of_matches(NAMES, SIZE, *matches)
+    assert found.cameras[1].t @ true[1].t > 0.0
+    assert len(found.points) > 150
 
 
 def test_matches_without_a_common_geometry_are_refused() -> None:
