@@ -20,6 +20,7 @@ SCENE_INTERPOLATORS = "dvc3d.scene_interpolators"
 NOISE_MODELS = "dvc3d.noise_models"
 PLANE_CODERS = "dvc3d.plane_coders"
 INFERENCE = "dvc3d.inference"
+DISPARITY_CODECS = "dvc3d.disparity_codecs"
 """Groups of entry points."""
 
 
@@ -45,23 +46,23 @@ def load(group: str, name: str) -> Any:
 class Registry(Mapping[str, T], Generic[T]):
     """What there is by name: our own, then what is installed; names of ours cannot be taken."""
 
-    def __init__(self, group: str, own: Mapping[str, T], make: Callable[[str], T] | None = None) -> None:
-        self._group, self._own = group, own
+    def __init__(self, group: str, own: dict[str, T], make: Callable[[str], T] | None = None) -> None:
+        self._group, self.own = group, own
         self._make = make or (lambda name: load(group, name))
 
     def __getitem__(self, name: str) -> T:
-        if name in self._own:
-            return self._own[name]
+        if name in self.own:
+            return self.own[name]
         if name not in installed(self._group):
             raise KeyError(name)
         return self._make(name)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._own or name in installed(self._group)
+        return name in self.own or name in installed(self._group)
 
     def __iter__(self) -> Iterator[str]:
-        yield from self._own
-        yield from (name for name in installed(self._group) if name not in self._own)
+        yield from self.own
+        yield from (name for name in installed(self._group) if name not in self.own)
 
     def __len__(self) -> int:
         return sum(1 for _ in self)

@@ -1,5 +1,6 @@
 """Extensions: what other packages register is found by name, tested, and asked for by streams."""
 
+import json
 import os
 import pickle
 import subprocess
@@ -15,7 +16,9 @@ from decoder.side_information.methods import INTERPOLATORS, METHODS
 from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
 from dvc import extensions
 from dvc.config import CODERS, NOISE_MODELS, VideoConfig, codec_config, decode_config, encode_config
+from dvc.depthcodec.trees.methods import METHODS as DISPARITY_CODECS
 from dvc.errors import ConfigError
+from dvc.picture_files import write_png
 from dvc.slepian_wolf import plane_coder
 from dvc.stereo.surfaces.settings import StereoSettings
 from dvc.wynerziv.noise import MODELS
@@ -25,6 +28,7 @@ MODULE = """
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
 from dvc.config import CascadeConfig
+from dvc.depthcodec.trees.blocks import BlockCodec
 from dvc.multiview.volumes.inference import SemiGlobal
 from dvc.slepian_wolf.cascade.coder import CascadeCoder
 from dvc.wynerziv.noise import MODELS
@@ -47,6 +51,7 @@ def hasty(seed):
 
 
 Smooth = SemiGlobal
+Squares = BlockCodec
 """
 ENTRY_POINTS = """
 [dvc3d.side_information]
@@ -62,6 +67,8 @@ calm = made_up_blocks:calm
 hasty = made_up_blocks:hasty
 [dvc3d.inference]
 smooth = made_up_blocks:Smooth
+[dvc3d.disparity_codecs]
+squares = made_up_blocks:Squares
 """
 
 
@@ -114,6 +121,7 @@ def test_what_is_registered_is_used() -> None:
     assert type(METHODS["still"](config)).__name__ == "BlockMotionInterpolation"
     assert METHODS["mci"].__module__ == "decoder.side_information.methods"
     assert INTERPOLATORS["near"] is not AveragedDepthInterpolator
+    assert type(DISPARITY_CODECS["squares"]).__name__ == "BlockCodec"
     assert type(StereoSettings(inference="smooth").inference_method(0, 1.0)).__name__ == "SemiGlobal"
     assert decode_config(encode_config(config)) == config
     assert pickle.loads(pickle.dumps(config)) == config
@@ -158,9 +166,28 @@ def test_streams_say_what_they_need(
     assert not (tmp_path / "again.mkv").exists()
 
 
+def test_streams_of_views_say_what_they_need(folder: Path, tmp_path: Path) -> None:
+    """A decoder with the codec of disparities renders; one without it ends in a line that names it."""
+    names = [str(tmp_path / name) for name in ("left.png", "right.png")]
+    picture = moving_texture(1, 24, 40)[0].luma
+    for name, shift in zip(names, (0, 2), strict=True):
+        write_png(Path(name), picture[:, shift : shift + 32])
+    stream, view = str(tmp_path / "pair.dibr"), str(tmp_path / "decoded")
+    words = ["encode", *names, stream, "--disparities", "0:4", "--bpp", "2", "--disparity", "squares"]
+    coded = run("dvc.dibr", *words, path=folder)
+    assert coded.returncode == 0, coded.stderr
+    told = run("dvc.dibr", "info", stream, "--json", "-", path=folder)
+    assert json.loads(told.stdout)["disparity"] == "squares"
+    assert run("dvc.dibr", "decode", stream, "--out", view, path=folder).returncode == 0
+    refused = run("dvc.dibr", "decode", stream, "--out", str(tmp_path / "again"))
+    assert refused.returncode == 2
+    assert "disparity codec 'squares' is not installed; there are l, s, quadtree, blocks" in refused.stderr
+    assert refused.stderr.count("\n") == 1
+
+
 def test_contracts_of_what_is_installed(folder: Path, tmp_path: Path) -> None:
     """`pytest --pyargs dvc.testing` tests each extension, and tells one that fails."""
     words = ["-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "--pyargs", "dvc.testing", "-k"]
-    good = run("pytest", *words, "calm or smooth or hasty and sure", path=folder)
+    good = run("pytest", *words, "calm or smooth or squares or hasty and sure", path=folder)
     assert good.returncode == 0, good.stdout
     assert run("pytest", *words, "broken and constant", path=folder).returncode == 1

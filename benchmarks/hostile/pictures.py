@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 
 from benchmarks.hostile.mutations import mutate, nearest
+from dvc.depthcodec.names import OWN_NAMES
 from dvc.depthcodec.prediction.decoder import decode
 from dvc.depthcodec.prediction.encoder import ViewEncoder
 from dvc.depthcodec.prediction.stream import (
-    DisparityMethod,
     PairLayer,
     decode_header,
     decode_stream,
@@ -30,7 +30,7 @@ _CRC_BYTES = 4
 def good_streams() -> tuple[bytes, ...]:
     """Encode small views in all ways."""
     streams = []
-    for number, method in enumerate(DisparityMethod):
+    for number, method in enumerate(OWN_NAMES):
         for calibrated in (False, True):
             coloured = (number + calibrated) % 2 == 1
             views = _views(coloured, calibrated, references=(0, 2) if number % 3 == 0 else (0,))

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
 from benchmarks.results.harness import run_module
 from benchmarks.results.stereo import data_folder
-from dvc.depthcodec.prediction.stream import DisparityMethod
+from dvc.depthcodec.names import OWN_NAMES
 
 PROG = "python -m benchmarks.pictures.dibr"
 EXAMPLES = """\
@@ -44,7 +44,7 @@ def _chapter(name: str, options: Sequence[object]) -> Path:
 def _without_first_row(path: Path) -> Picture:
     """Read panels in rows, one for each method, without those of the reference view above them."""
     picture = np.asarray(cv2.imread(str(path)), np.uint8)
-    rows = len(DisparityMethod) + 1
+    rows = len(OWN_NAMES) + 1
     return picture[-(-picture.shape[0] // rows) :]
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from dvc import array_files, cli
 from dvc.depthcodec.limits import MAX_LAYERS
+from dvc.depthcodec.names import DEFAULT, NUMBERS
 from dvc.dibr.options import add_figures, json_files, naming_rate, parse_multiplier, tell, write_stream
 from dvc.errors import ConfigError
 
@@ -25,7 +26,6 @@ EXAMPLES = """\
   dvc-dibr encode *.png out.dibr --views views.csv --disparities -4:12 --bpp 0.3 --quality-layers 7
   dvc-dibr encode a.png b.png c.png out.dibr --cameras cameras.json --depths 2:50 --bpp 0.5 --references c.png
 """
-METHODS = "l", "s", "quadtree", "blocks"
 SUFFIX = ".dibr"
 
 
@@ -46,7 +46,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     multiplier = "Lagrange multiplier: squared error (intensities from 0 to 1) that a bit per pixel is worth"
     rate.add_argument("--lambda", dest="multiplier", type=parse_multiplier, metavar="L", help=multiplier)
     method = "how disparities are coded; default: %(default)s"
-    parser.add_argument("--disparity", choices=METHODS, default=METHODS[0], help=method)
+    parser.add_argument("--disparity", choices=NUMBERS, default=DEFAULT, help=method)
     cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), "layers that can be cut off", default=1)
     references = "views that are coded as well, with disparities of their own"
     parser.add_argument("--references", nargs="+", default=(), metavar="VIEW", help=references)
@@ -137,14 +137,12 @@ def _encoded(
     """Encode at the lambda or rate that is wanted."""
     from dvc.depthcodec.prediction.encoder import ViewEncoder
     from dvc.depthcodec.prediction.rate_control import encode_to_size
-    from dvc.depthcodec.prediction.stream import DisparityMethod
 
-    method = DisparityMethod[arguments.disparity.upper()]
     num_layers = arguments.quality_layers
     known = arguments.multiplier is not None
     total = num_layers * len(views.references) if known else None
     with cli.progress_bar("layers" if known else "rate: layers", total, arguments.quiet) as advance:
-        encoder = ViewEncoder(views, labels, method, num_layers, advance)
+        encoder = ViewEncoder(views, labels, arguments.disparity, num_layers, advance)
         if known:
             return encoder, encoder.encode(arguments.multiplier)
         num_pixels = views.shape[0] * views.shape[1]
@@ -166,7 +164,7 @@ def _figures(encoder: "ViewEncoder", encoded: "Encoded") -> dict[str, Any]:
         "lambda": encoded.multiplier,
         "bits": {name: 8 * size for name, size in parts.items()},
         "disparity_share": encoded.disparity_share,
-        "disparity": header.method.name.lower(),
+        "disparity": header.method,
         "quality_layers": header.num_layers,
         "labels": header.labels._asdict(),
         "references": list(header.references),

@@ -173,7 +173,7 @@ def header_figures(header: "Header") -> dict[str, Any]:
     return {
         "width": width,
         "height": height,
-        "disparity": header.method.name.lower(),
+        "disparity": header.method,
         "labels": header.labels._asdict(),
         "references": list(header.references),
         "quality_layers": header.num_layers,

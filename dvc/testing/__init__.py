@@ -2,5 +2,12 @@
 
 import pytest
 
-for _name in ("inference", "noise_models", "plane_coders", "plane_exchange", "side_information"):
+for _name in (
+    "disparity_codecs",
+    "inference",
+    "noise_models",
+    "plane_coders",
+    "plane_exchange",
+    "side_information",
+):
     pytest.register_assert_rewrite(f"dvc.testing.{_name}")

@@ -4,8 +4,11 @@ import pytest
 
 from decoder.side_information.methods import METHODS
 from dvc import extensions
+from dvc.depthcodec.trees.disparity_codec import DisparityCodec
+from dvc.depthcodec.trees.methods import METHODS as DISPARITY_CODECS
 from dvc.multiview.volumes.inference import Inference
 from dvc.slepian_wolf import PlaneCoder
+from dvc.testing.disparity_codecs import DisparityCodecContract
 from dvc.testing.inference import InferenceContract
 from dvc.testing.noise_models import NoiseModelContract
 from dvc.testing.plane_coders import PlaneCoderContract
@@ -46,6 +49,15 @@ class TestInference(InferenceContract):
         """Return a method."""
         method: Inference = extensions.load(extensions.INFERENCE, request.param)()
         return method
+
+
+class TestDisparityCodecs(DisparityCodecContract):
+    """Codecs of disparity maps."""
+
+    @pytest.fixture(params=extensions.installed(extensions.DISPARITY_CODECS))
+    def codec(self, request: pytest.FixtureRequest) -> DisparityCodec:
+        """Return a codec."""
+        return DISPARITY_CODECS[request.param]
 
 
 class TestNoiseModels(NoiseModelContract):

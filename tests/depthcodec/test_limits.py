@@ -17,7 +17,6 @@ from dvc.depthcodec.layered.stream import Rectangle
 from dvc.depthcodec.limits import FREE_PIXELS, MAX_MIB, Extent, check_extent
 from dvc.depthcodec.prediction.decoder import decode
 from dvc.depthcodec.prediction.stream import (
-    DisparityMethod,
     Header,
     PairLayer,
     Stream,
@@ -41,7 +40,7 @@ LABELS = DisparityLabels(0.0, 1.0, 4)
 def _bomb(references: int, side: int, layers: int = 1) -> bytes:
     """A stream of colour pictures that holds nothing but its header and empty layers."""
     views = tuple(LatticePosition(float(m), 0.0) for m in range(references))
-    header = Header((side, side), DisparityMethod.L, LABELS, tuple(range(references)), layers, views)
+    header = Header((side, side), "l", LABELS, tuple(range(references)), layers, views)
     pair = PairLayer(PictureHeader(6, 1, True).to_bytes(), b"")
     return encode_stream(header, [(pair,) * references] * layers)
 

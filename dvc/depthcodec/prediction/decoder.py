@@ -73,7 +73,7 @@ def decode(
     if num_layers is not None and not 1 <= num_layers <= header.num_layers:
         raise ConfigError(f"{num_layers} quality layers: the stream has {header.num_layers}")
     layers = stream.layers[:num_layers]
-    method = METHODS[header.method.name.lower()] if codec is None else codec
+    method = METHODS[header.method] if codec is None else codec
     states, num_decoded, damage = _decode_layers(header, layers, method)
     if damage is None and (num_layers is None or len(layers) < num_layers):
         damage = stream.damage

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dvc.depthcodec.names import DEFAULT
 from dvc.depthcodec.prediction.decoder import significance_classes
 from dvc.depthcodec.prediction.forward_errors import ForwardErrors
 from dvc.depthcodec.prediction.memory import check_memory
 from dvc.depthcodec.prediction.stream import (
-    DisparityMethod,
     Header,
     Layer,
     PairLayer,
@@ -68,8 +68,8 @@ class ViewEncoder:
         The pictures.
     labels : DisparityLabels
         Disparities to choose from, of single precision.
-    method : DisparityMethod
-        How they are coded.
+    method : str
+        How they are coded: `l`, `s`, `quadtree`, `blocks`, or what is installed.
     num_layers : int
         Quality layers.
     advance : callable
@@ -82,7 +82,7 @@ class ViewEncoder:
         self,
         views: Views,
         labels: DisparityLabels,
-        method: DisparityMethod = DisparityMethod.L,
+        method: str = DEFAULT,
         num_layers: int = 1,
         advance: Callable[[int], None] = lambda _: None,
         codec: DisparityCodec | None = None,
@@ -91,7 +91,7 @@ class ViewEncoder:
         exact = Header(views.shape, method, labels, views.references, num_layers, views.viewpoints)
         self.header, _ = decode_header(encode_header(exact))
         self.views, self.advance = views, advance
-        self.codec: DisparityCodec = METHODS[method.name.lower()] if codec is None else codec
+        self.codec: DisparityCodec = METHODS[method] if codec is None else codec
         self.codes: list[PictureCode] = []
         self._lowest_plane = lowest_plane_at(LARGEST_MULTIPLIER) + 1
 

@@ -6,15 +6,16 @@ Each layer adds to the pictures and disparities of those before, and has a check
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from dvc.bits import encode_varint
+from dvc.config.fields import check_choice, shown
 from dvc.depthcodec import container
 from dvc.depthcodec.limits import MAX_LAYERS, Extent, check_extent
+from dvc.depthcodec.names import EXTENSION, NUMBERS
 from dvc.errors import BitstreamError, ConfigError
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint
@@ -28,21 +29,12 @@ _POSITION = struct.Struct("<2f")
 _CAMERA = struct.Struct("<11f")
 
 
-class DisparityMethod(IntEnum):
-    """How disparities are coded."""
-
-    L = 0
-    S = 1
-    QUADTREE = 2
-    BLOCKS = 3
-
-
 @dataclass(frozen=True, eq=False)
 class Header:
     """What a decoder must know before the first layer."""
 
     shape: tuple[int, int]  # height and width of the views
-    method: DisparityMethod  # how disparities are coded
+    method: str  # how disparities are coded, one of `NUMBERS`
     # disparities in pixels per unit of m and n; of calibrated cameras, inverse depths
     labels: DisparityLabels
     references: tuple[int, ...]  # numbers of the views whose pictures are coded
@@ -55,6 +47,7 @@ class Header:
             min(self.shape) > 0 and max(self.shape) <= MAX_SIDE and height * width <= container.MAX_PIXELS
         ):
             raise ConfigError(f"views of {width}x{height}: up to {container.MAX_PIXELS} pixels are accepted")
+        check_choice("disparity", self.method, NUMBERS)
         lowest, step, num_labels = self.labels
         if not 1 <= num_labels <= MAX_LABELS:
             raise ConfigError(f"{num_labels} disparities: 1 to {MAX_LABELS} are accepted")
@@ -73,9 +66,12 @@ def encode_header(header: Header) -> bytes:
     """Return the bytes of a header."""
     height, width = header.shape
     is_calibrated = isinstance(header.viewpoints[0], CalibratedViewpoint)
-    flags = _CALIBRATED * is_calibrated | header.method << _METHOD_SHIFT
+    number = NUMBERS[header.method]
+    flags = _CALIBRATED * is_calibrated | number << _METHOD_SHIFT
     sizes = header.num_layers, len(header.references), len(header.viewpoints)
     fixed = _FIXED.pack(flags, width, height, *header.labels, *sizes)
+    if number == EXTENSION:
+        fixed += encode_varint(len(header.method)) + header.method.encode()
     views = b"".join(_encode_viewpoint(viewpoint) for viewpoint in header.viewpoints)
     data = container.begin(container.Body.VIEWS) + fixed + bytes(header.references) + views
     return data + container.checksum(data)
@@ -86,12 +82,14 @@ def decode_header(data: bytes) -> tuple[Header, int]:
     reader = container.Reader.of_body(data, container.Body.VIEWS)
     flags, width, height, lowest, step, num_labels, *sizes = reader.fields(_FIXED)
     num_layers, num_references, num_views = sizes
+    method = _decode_method(reader, flags >> _METHOD_SHIFT)
     references = tuple(reader.bytes(num_references))
     layout = _CAMERA if flags & _CALIBRATED else _POSITION
     cameras = [reader.fields(layout) for _ in range(num_views)]
     reader.check("the header of the stream is damaged")
+    if NUMBERS.get(method) != flags >> _METHOD_SHIFT:
+        raise BitstreamError(NUMBERS.missing(shown(method)))
     try:
-        method = DisparityMethod(flags >> _METHOD_SHIFT)
         labels = DisparityLabels(lowest, step, num_labels)
         viewpoints = tuple(map(_decode_viewpoint, cameras))
         header = Header((height, width), method, labels, references, num_layers, viewpoints)
@@ -100,6 +98,13 @@ def decode_header(data: bytes) -> tuple[Header, int]:
     if max(references) >= num_views:
         raise BitstreamError("the header of the stream names a reference that is not among its views")
     return header, reader.position
+
+
+def _decode_method(reader: container.Reader, number: int) -> str:
+    """Read how disparities are coded."""
+    if number == EXTENSION:
+        return reader.bytes(reader.varint()).decode("ascii", "replace")
+    return next((name for name, own in NUMBERS.own.items() if own == number), str(number))
 
 
 def _encode_viewpoint(viewpoint: Viewpoint) -> bytes:

@@ -28,13 +28,24 @@ class Known(NamedTuple):
 
 
 class DisparityCodec(ABC):
-    """Finds, writes and reads representations of one kind; these have `shape` and `disparity(level)`."""
+    """Finds, writes and reads disparity maps of one kind.
+
+    Representations have the attribute `shape`, rows and columns of the map, and the method `disparity(level)`
+    that returns labels of every 2^level-th pixel. A subclass has `_best`, `_write` and `_read`.
+
+    Attributes
+    ----------
+    name : str
+        What messages call it.
+    layered : bool
+        Whether a representation can be coded as the difference to a previous one.
+    num_levels : int or None
+        How often the map is halved; None: down to one pixel.
+    """
 
     name: str
     layered = False
-    """Whether a representation can be coded as the difference to a previous one."""
     num_levels: int | None = None
-    """How often the map is halved; None: down to one pixel."""
 
     def optimise(
         self,
@@ -44,14 +55,47 @@ class DisparityCodec(ABC):
         previous: Any = None,
         distortion: Distortion | None = None,
     ) -> Any:
-        """Find the representation of least errors and bits, of which each is worth `multiplier`."""
+        """Find the representation of least errors and bits.
+
+        Parameters
+        ----------
+        tensor : ndarray of shape (H, W, L), float32
+            Squared error of each label at each pixel, intensities from 0 to 1 (3.6).
+        multiplier : float
+            Error that a bit is worth.
+        significance : sequence of ndarray, uint8, optional
+            For each level from 1 on, where the decoded reference says that coefficients below may differ from
+            what is predicted (3.3): not 0; by default everywhere.
+        previous : representation, optional
+            That of the quality layer before.
+        distortion : Distortion, optional
+            Measures what a map causes in rendered views; by default the tensor does.
+
+        Returns
+        -------
+        representation
+            The best that was found.
+        """
         shape = tensor.shape[0], tensor.shape[1]
         return self._best(tensor, multiplier, self._known(shape, significance, previous), distortion)
 
     def encode(
         self, representation: Any, significance: Sequence[Classes] | None = None, previous: Any = None
     ) -> bytes:
-        """Write a representation; inverse of `decode`."""
+        """Write a representation; inverse of `decode`.
+
+        Parameters
+        ----------
+        representation : representation
+            As `optimise` finds them.
+        significance, previous : optional
+            As `optimise` takes them.
+
+        Returns
+        -------
+        bytes
+            The code.
+        """
         return self._write(representation, self._known(representation.shape, significance, previous))
 
     def decode(
@@ -62,7 +106,29 @@ class DisparityCodec(ABC):
         significance: Sequence[Classes] | None = None,
         previous: Any = None,
     ) -> Any:
-        """Read a representation: any, if the payload is damaged, but of valid labels."""
+        """Read a representation: any, if the payload is damaged, but of valid labels.
+
+        Parameters
+        ----------
+        payload : bytes
+            The code.
+        shape : tuple of two int
+            Rows and columns of the map.
+        num_labels : int
+            How many labels there are.
+        significance, previous : optional
+            As the encoder took them.
+
+        Returns
+        -------
+        representation
+            The map.
+
+        Raises
+        ------
+        BitstreamError
+            If the code cannot have been written.
+        """
         return self._read(payload, shape, num_labels, self._known(shape, significance, previous))
 
     def _known(self, shape: tuple[int, int], significance: Sequence[Classes] | None, previous: Any) -> Known:

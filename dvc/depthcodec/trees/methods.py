@@ -5,11 +5,16 @@ from dvc.depthcodec.trees.disparity_codec import DisparityCodec
 from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM, S_TRANSFORM
 from dvc.depthcodec.trees.quadtree import QuadtreeCodec
 from dvc.depthcodec.trees.wavelet_codec import WaveletCodec
+from dvc.extensions import DISPARITY_CODECS, Registry, load
 
-METHODS: dict[str, DisparityCodec] = {
-    "l": WaveletCodec(L_TRANSFORM),
-    "s": WaveletCodec(S_TRANSFORM),
-    "quadtree": QuadtreeCodec(),
-    "blocks": BlockCodec(),
-}
-"""By the name that options have for them."""
+METHODS: Registry[DisparityCodec] = Registry(
+    DISPARITY_CODECS,
+    {
+        "l": WaveletCodec(L_TRANSFORM),
+        "s": WaveletCodec(S_TRANSFORM),
+        "quadtree": QuadtreeCodec(),
+        "blocks": BlockCodec(),
+    },
+    lambda name: load(DISPARITY_CODECS, name)(),
+)
+"""By the name that options have for them; those of other packages are made when they are asked for."""

@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.depthcodec.prediction.stream import DisparityMethod
 from dvc.depthcodec.rendering import PictureAndDisparity
 from dvc.depthcodec.trees.blocks import BlockCodec
 from dvc.depthcodec.trees.disparity_codec import DisparityCodec
@@ -29,21 +28,21 @@ PLAIN_QUADTREE = "quadtree without credits"
 class Method:
     """A way to code disparities, and the kind of stream that it is written as."""
 
-    kind: DisparityMethod
+    kind: str
     codec: DisparityCodec
 
 
 METHODS_BY_WAY: Mapping[Way, Mapping[str, Method]] = {
     Way.THESIS: {
-        "l": Method(DisparityMethod.L, LaplacianCodec(L_TRANSFORM)),
-        "s": Method(DisparityMethod.S, LaplacianCodec(S_TRANSFORM)),
-        "quadtree": Method(DisparityMethod.QUADTREE, FixedQuadtreeCodec()),
-        "blocks": Method(DisparityMethod.BLOCKS, BlockCodec()),
+        "l": Method("l", LaplacianCodec(L_TRANSFORM)),
+        "s": Method("s", LaplacianCodec(S_TRANSFORM)),
+        "quadtree": Method("quadtree", FixedQuadtreeCodec()),
+        "blocks": Method("blocks", BlockCodec()),
     },
     Way.OURS: {
-        **{name: Method(DisparityMethod[name.upper()], codec) for name, codec in METHODS.items()},
-        "quadtree": Method(DisparityMethod.QUADTREE, QuadtreeCodec(has_credits=True)),
-        PLAIN_QUADTREE: Method(DisparityMethod.QUADTREE, QuadtreeCodec()),
+        **{name: Method(name, codec) for name, codec in METHODS.own.items()},
+        "quadtree": Method("quadtree", QuadtreeCodec(has_credits=True)),
+        PLAIN_QUADTREE: Method("quadtree", QuadtreeCodec()),
     },
 }
 """Ways to code disparities by name; as written none of them knows what is rendered."""

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dvc.depthcodec.prediction.encoder import ViewEncoder
-from dvc.depthcodec.prediction.stream import DisparityMethod
 from dvc.depthcodec.prediction.views import views_of_array
 from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM
 from dvc.depthcodec.trees.laplacian_codec import LaplacianCodec
@@ -176,7 +175,7 @@ def _decompositions(name: str, task: Task, way: Way) -> Made:
     scene, found = measured.scene, {}
     make = LaplacianCodec if way is Way.THESIS else WaveletCodec
     for label, num_levels in EARLY_LEVELS.items():
-        method = Method(DisparityMethod.L, make(L_TRANSFORM, num_levels))
+        method = Method("l", make(L_TRANSFORM, num_levels))
         multiplier = measured.multipliers[measured.middle]
         (found[label],) = curve(scene.views, scene.labels, method, [multiplier], way)
     values = [

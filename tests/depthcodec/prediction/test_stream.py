@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.depthcodec.prediction.stream import (
-    DisparityMethod,
     Header,
     PairLayer,
     decode_header,
@@ -31,7 +30,7 @@ LAYERS = [
 def _header(**changes):
     values = {
         "shape": (375, 450),
-        "method": DisparityMethod.S,
+        "method": "s",
         "labels": DisparityLabels(-3.5, 0.25, 60),
         "references": (0, 2),
         "num_layers": 2,

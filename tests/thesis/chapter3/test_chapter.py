@@ -9,7 +9,7 @@ import pytest
 
 from dvc.depthcodec.prediction.decoder import decode
 from dvc.depthcodec.prediction.encoder import ViewEncoder
-from dvc.depthcodec.prediction.stream import DisparityMethod, decode_stream
+from dvc.depthcodec.prediction.stream import decode_stream
 from dvc.depthcodec.rendering import PictureAndDisparity
 from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM, level_shapes
 from dvc.depthcodec.trees.laplacian_codec import LaplacianCodec
@@ -84,7 +84,7 @@ def test_stopping_early_stores_more_roots(make: type[LaplacianCodec] | type[Wave
     """Where the tree ends earlier it has more roots, and its stream decodes, too."""
     sizes = []
     for num_levels in (None, 2):
-        method = Method(DisparityMethod.L, make(L_TRANSFORM, num_levels))
+        method = Method("l", make(L_TRANSFORM, num_levels))
         (point,) = curve(SCENE.views, LABELS, method, (2e-3,))
         sizes.append(point.disparity_bytes)
     assert sizes[1] > sizes[0]
