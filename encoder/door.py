@@ -19,6 +19,9 @@ MAX_GREETINGS = 8
 """Peers that are talked to at the same time until they have said hello; others wait."""
 PAUSE_S = 0.02
 """Between two peers, so that strangers, however many, take a small share of the processor."""
+MAX_TOLD = 5
+"""Lines about strangers as they come; one more may be every `TOLD_APART_S`, others are counted."""
+TOLD_APART_S = 10.0
 NOTICING_S = 1.0
 """Time to notice that a decoder is gone in whose place another one wants to come."""
 
@@ -46,6 +49,7 @@ class Door(Closing):
         self._links: dict[bytes, Link] = {}  # of decoders that may come back, those that have entered last
         self._inside: Link | None = None
         self._lock = threading.Lock()
+        self._lines_left, self._lines_since_s, self._num_untold = float(MAX_TOLD), time.monotonic(), 0
         self._room = threading.BoundedSemaphore(MAX_GREETINGS)
         self._closed = False
         threading.Thread(target=self._listen, name="door", daemon=True).start()
@@ -86,7 +90,7 @@ class Door(Closing):
         except DvcError as err:
             connection.close_within(0.0)
             if not self._closed:
-                self._say(f"not a decoder: {err}; still waiting")
+                self._tell(err)
         finally:
             self._room.release()
 
@@ -129,6 +133,20 @@ class Door(Closing):
                 give_up(link, EncoderEndpoint(self._config), err)
             link.close()
             raise
+
+    def _tell(self, err: DvcError) -> None:
+        """Say that somebody was turned away, or count it where many are."""
+        with self._lock:
+            now_s = time.monotonic()
+            earned = (now_s - self._lines_since_s) / TOLD_APART_S
+            self._lines_left, self._lines_since_s = min(self._lines_left + earned, MAX_TOLD), now_s
+            if self._lines_left < 1.0:
+                self._num_untold += 1
+                return
+            self._lines_left -= 1.0
+            others = f" ({self._num_untold} others since the last line)" if self._num_untold else ""
+            self._num_untold = 0
+        self._say(f"not a decoder: {err}; still waiting{others}")
 
     def _turn_away(self, connection: Connection, reason: FeedbackError) -> None:
         connection.talk(lambda peer: refuse(peer, str(reason)))

@@ -13,7 +13,7 @@ from dvc.errors import FeedbackError, RefusedError, SupersededError
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Link, Protection, connect, dial, listen
 from dvc.feedback.opening import NEW, Opening, open_stream
 from encoder import door
-from encoder.door import MAX_GREETINGS, Door
+from encoder.door import MAX_GREETINGS, MAX_TOLD, Door
 from tests.waiting import wait_until
 
 CONFIG = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
@@ -78,12 +78,32 @@ def test_strangers_hold_up_nobody(words: bytes, monkeypatch: pytest.MonkeyPatch)
 def test_only_so_many_strangers_are_talked_to_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever comes after them has a turn when they have been turned away."""
     monkeypatch.setattr(door, "HELLO_S", 0.5)
+    monkeypatch.setattr(door, "MAX_TOLD", MAX_GREETINGS)
     with opened() as (entrance, host, port, said):
         strangers = [socket.create_connection((host, port)) for _ in range(MAX_GREETINGS)]
         with greeting(dial(host, port, 5.0)), entrance.decoder()[0]:
             wait_until(lambda: len(said) == MAX_GREETINGS)
         for stranger in strangers:
             stranger.close()
+
+
+def test_strangers_are_counted_where_there_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first are told of one by one; of others there is a line now and then."""
+    monkeypatch.setattr(door, "TOLD_APART_S", 1e9)
+    with opened() as (entrance, host, port, said):
+        for _ in range(MAX_TOLD + 3):
+            with dial(host, port, 5.0) as far:
+                far.send(b"\x01\x01\x06")
+                with pytest.raises(FeedbackError, match="gave up"):
+                    until_it_fails(far, DecoderEndpoint())
+        wait_until(lambda: entrance._num_untold == 3)
+        assert len(said) == MAX_TOLD
+        monkeypatch.setattr(door, "TOLD_APART_S", 0.01)
+        time.sleep(0.02)
+        with dial(host, port, 5.0) as far:
+            far.send(b"\x01\x01\x06")
+            wait_until(lambda: len(said) > MAX_TOLD)
+    assert said[-1].endswith("still waiting (3 others since the last line)")
 
 
 def test_a_hello_in_pieces_is_taken() -> None:
