@@ -83,7 +83,10 @@ def read_map(path: str, arguments: argparse.Namespace) -> tuple["DepthMap", "Dep
 
     near_far = getattr(arguments, "near_far", None)
     found = read_with_holes(path, arguments, near_far is None)
-    return found, scale_of(found, getattr(arguments, "depth_scale", 1.0), near_far)
+    try:
+        return found, scale_of(found, getattr(arguments, "depth_scale", 1.0), near_far)
+    except ConfigError as err:
+        raise ConfigError(f"{path}: {err}") from None
 
 
 def read_with_holes(path: str, arguments: argparse.Namespace, has_holes: bool = True) -> "DepthMap":

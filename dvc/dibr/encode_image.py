@@ -1,6 +1,7 @@
 """`dvc-dibr encode-image`: a picture and its depth map to a stream."""
 
 import argparse
+import sys
 
 from dvc import cli
 from dvc.dibr import depth_images
@@ -54,6 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     picture = read_picture(arguments.image)
     found, scale = depth_images.read_map(arguments.depth, arguments)
     check_size(arguments.depth, found.depth.shape, picture.shape[:2], arguments.image)
+    if arguments.near_far is None:
+        _warn_of_reach(arguments.depth, abs(scale.disparity(found.depth)).max(), picture.shape[1])
     is_gray = arguments.gray or bool((picture == picture[:, :, :1]).all())
     image = DepthImage(found.depth, scale, luma(picture) if is_gray else picture)
     options = PictureOptions(arguments.order_image, arguments.depth_share)
@@ -61,3 +64,12 @@ def run(arguments: argparse.Namespace) -> int:
     entries = depth_images.figures(encoded, decode(encoded.stream), found, picture)
     depth_images.report(arguments, entries)
     return 0
+
+
+def _warn_of_reach(path: str, reach_px: float, width: int) -> None:
+    """Say on standard error that disparities are wider than the picture."""
+    if reach_px > width:
+        sys.stderr.write(
+            f"dvc-dibr: {path}: disparities of up to {reach_px:.0f} pixels, the picture is {width} wide;"
+            " --depth-scale tells how many a number stands for\n"
+        )

@@ -43,6 +43,11 @@ def find_source(sequence: str, cache: Path, processes: ProcessGroup) -> Source:
     return Source(entry["name"], path, input_digest(path))
 
 
+def check_source(sequence: str, processes: ProcessGroup) -> None:
+    """Refuse a name that no original has."""
+    _ask(processes, "info", "--json", "--", sequence)
+
+
 def available_clips(processes: ProcessGroup) -> list[str]:
     """List the clips of the folder of video files."""
     return [entry["name"] for entry in _ask(processes, "list", "--json") if entry["kind"] == "file"]

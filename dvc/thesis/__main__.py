@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import cli
+from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
     from dvc.thesis.chapter import Chapter, Task, Way
@@ -93,6 +94,9 @@ def _work(arguments: argparse.Namespace) -> int:
 def _task(arguments: argparse.Namespace, chapter: "Chapter") -> "Task":
     from dvc.thesis.chapter import Task
 
+    for name in arguments.chosen:
+        if Path(name).suffix and not Path(name).exists():
+            raise ConfigError(f"{name}: no such file")
     return Task(
         arguments.out / f"chapter{chapter.number}",
         arguments.data,

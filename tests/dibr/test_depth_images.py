@@ -138,6 +138,16 @@ def test_a_picture_with_its_map_is_rendered_and_looked_at(capsys: pytest.Capture
     assert cv2.imread("d/image.png").shape == (64, 80, 3)
 
 
+def test_disparities_wider_than_the_picture_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """A scale was forgotten, most likely; what is within the picture needs no line."""
+    for options, told in ((("map16.png",), "map16.png: disparities of up to "), (("map.pfm",), "")):
+        words = ["encode-image", "picture.png", "--depth", *options, "out.dibr", "--bpp", "1", "--quiet"]
+        assert run(*words) == 0
+        line = capsys.readouterr().err
+        assert told in line
+        assert line.count("\n") == bool(told)
+
+
 def test_gray_and_automatic_shares(capsys: pytest.CaptureFixture[str]) -> None:
     told = answer(
         capsys, "encode-image", "picture.png", "--depth", "map.pfm", "out.dibr", "--bpp", "2", "--gray",

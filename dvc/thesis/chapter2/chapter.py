@@ -172,6 +172,8 @@ def _layers(found: Reconstruction, way: Way) -> LayeredDepthImage:
 def _steps(task: Task) -> list[Step]:
     steps = [Step("two-planes", _two_planes), Step("toy", _toy)]
     if task.data is None:
+        if task.chosen:
+            raise ConfigError(f"{task.chosen[0]}: real sets are those of a folder, --data")
         return steps
     check_sets(task.data, task.chosen or tuple(PAIRS))
     unknown = [name for name in task.chosen if name not in PAIRS]

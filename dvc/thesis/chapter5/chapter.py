@@ -11,7 +11,7 @@ from dvc.rd.point_result import PointResult
 from dvc.rd.points import Point
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.results import read_results
-from dvc.rd.sources import available_clips, default_cache, source_name
+from dvc.rd.sources import available_clips, check_source, default_cache, source_name
 from dvc.rd.sweep import run_points
 from dvc.thesis.chapter import Chapter, Figure, Made, Step, Task, Value, Way
 from dvc.thesis.chapter5 import pictures
@@ -137,6 +137,8 @@ def _correspondences(sequence: str, task: Task, way: Way) -> Made:
 def _steps(task: Task) -> list[Step]:
     preset = FULL if task.full else QUICK
     sequences = task.chosen
+    for sequence in sequences:
+        check_source(sequence, ProcessGroup())
     if not sequences:
         available = available_clips(ProcessGroup())
         sequences = (*preset.scenes, *(name for name in preset.clips if name in available))
