@@ -110,7 +110,8 @@ def reconstruct(
         If there are so many labels that views as wide cannot be inferred in a few gigabytes.
     """
     with ThreadPoolExecutor(jobs) as pool:
-        solver = _Solver(array, labels, settings, pool, advance).equally_exposed()
+        solver = _Solver(array, labels, settings, pool, advance)
+        solver = solver.equally_exposed() if settings.exposures else solver
         state, changes = solver.solve()
         surfaces = solver.surfaces(state)
     figures = {"iterations": len(changes), "changed": [round(change, 6) for change in changes]}

@@ -94,6 +94,8 @@ class StereoSettings:
     filling : str
         What the surface is where no other camera supports it, of `FILLING_NAMES`: supported surfaces are
         continued, and cameras correct each other; or what was inferred.
+    exposures : bool
+        Whether views are first given the exposure of the reference, as far as what both see tells it.
     """
 
     cost: str = "census"
@@ -108,6 +110,7 @@ class StereoSettings:
     edge_strength: float = 0.05
     undefined_cost: float = UNDEFINED_COST
     filling: str = "continued"
+    exposures: bool = True
 
     def takes_smaller(self, iteration: int) -> bool:
         """Tell whether the smaller cost of opposite neighbours counts (2.18), or the mean of both.

@@ -21,6 +21,7 @@ THESIS = StereoSettings(
     geometric_limit=GEOMETRIC_LIMIT,
     edge_strength=1.0,
     undefined_cost=UNDEFINED_COST,
+    exposures=False,
 )
 SETTINGS = {Way.THESIS: THESIS, Way.OURS: StereoSettings()}
 SPRITES = {Way.THESIS: SpriteSettings(space="depth"), Way.OURS: SpriteSettings()}

@@ -84,6 +84,7 @@ def test_settings_are_those_that_are_written() -> None:
     """The figures of the text, and what stands for what it leaves open."""
     assert (THESIS.cost, THESIS.max_iterations, THESIS.min_change) == ("squared", 5, 0.0)
     assert (THESIS.agreement, THESIS.filling, THESIS.edge_strength) == ("exact", "inferred", 1.0)
+    assert not THESIS.exposures
     assert (THESIS.geometric_weight, THESIS.geometric_limit, THESIS.undefined_cost) == (0.1, 3.0, 0.2)
     assert SPRITES[Way.THESIS].space == "depth"
 
