@@ -16,7 +16,7 @@ CHECKED := NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(or $(XDG_CACHE_HOME),$(HOME)/.c
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help venv browser demo kernels test test-all test-nojit test-bounds fuzz cuts canaries streams mutants check reproduce pictures format results results-check docs clean
+.PHONY: help venv browser demo kernels test test-all test-nojit coverage test-bounds fuzz cuts canaries streams mutants check reproduce pictures format results results-check docs clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -48,6 +48,13 @@ test-all: browser kernels  ## run the long studies too, and every frozen stream 
 
 test-nojit: $(INSTALLED)  ## run the tests of the kernels as plain Python
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m nojit
+
+coverage: $(INSTALLED)  ## tell which lines of the packages tests run, kernels as plain Python (half an hour)
+	rm -rf out/coverage
+	$(BIN)/python -m coverage run -m pytest -m "not slow" -n $(JOBS) --dist worksteal
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m coverage run -m pytest -m nojit
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report
 
 test-bounds: $(INSTALLED)  ## run kernels under bounds checks on frozen streams and COUNT mutations a kind (an hour)
 	$(CHECKED) $(BIN)/python -m benchmarks.hostile.bounds
