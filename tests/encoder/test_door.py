@@ -10,13 +10,28 @@ import pytest
 
 from dvc.config import VideoConfig, codec_config
 from dvc.errors import FeedbackError, RefusedError, SupersededError
-from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Link, Protection, connect, dial, listen
+from dvc.feedback import (
+    DecoderEndpoint,
+    EncoderEndpoint,
+    Link,
+    Protection,
+    connect,
+    dial,
+    listen,
+    transport,
+)
 from dvc.feedback.opening import NEW, Opening, open_stream
 from encoder import door
 from encoder.door import MAX_GREETINGS, MAX_TOLD, Door
 from tests.waiting import wait_until
 
 CONFIG = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
+
+
+@pytest.fixture(autouse=True)
+def _ends_close_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where one thread closes both ends, the first would wait for the second."""
+    monkeypatch.setattr(transport, "_LINGER_S", 0.1)
 
 
 @contextmanager
