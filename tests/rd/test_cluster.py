@@ -48,7 +48,7 @@ def workers() -> Iterator[LocalCluster]:
 
 
 def _points(clip: Path) -> list[Point]:
-    return [Point(str(clip), "2d", None, str(qp), 1) for qp in QPS]
+    return [Point(str(clip), "2d", None, str(qp), 1, proof=False) for qp in QPS]
 
 
 def _results(folder: Path) -> list[dict[str, Any]]:
