@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from dvc._jit import python_twin
 from dvc.video import Frame, chroma_shape
 from dvc.video.frames import Plane
 from tests import browser as browsers
+from tests.twins import Choose
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -38,6 +40,12 @@ def _environment_stays() -> Iterator[None]:
     yield
     changed = {name for name, _ in before.items() ^ os.environ.items()}
     assert not {name for name in changed if name.startswith(LIBRARIES)}
+
+
+@pytest.fixture(params=["compiled", "python"])
+def choose(request: pytest.FixtureRequest) -> Choose:
+    """Return what turns a kernel into the function under test."""
+    return python_twin if request.param == "python" else lambda kernel: kernel
 
 
 @pytest.fixture(scope="session")

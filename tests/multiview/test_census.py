@@ -1,23 +1,13 @@
 """Census bits, compiled and as Python, against their definitions."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
-from dvc._jit import python_twin
 from dvc.multiview import _kernels as kernels
 from tests.reference import cost_volumes as reference
+from tests.twins import Choose
 
-Choose = Callable[[Any], Any]
 SHAPE = (7, 9)
-
-
-@pytest.fixture(params=["compiled", "python"])
-def choose(request: pytest.FixtureRequest) -> Choose:
-    """Return what turns a kernel into the function under test."""
-    return python_twin if request.param == "python" else lambda kernel: kernel
 
 
 @pytest.fixture

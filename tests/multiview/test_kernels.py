@@ -1,33 +1,23 @@
 """The compiled loops of several views, compiled and as Python, against their plain twins."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from dvc._jit import python_twin
 from dvc.multiview import _kernels as kernels
 from dvc.multiview.cameras import PixelFrame
 from dvc.multiview.plane_sweep import luma_features, packed_features
 from dvc.multiview.warping import inverse_warp, warp_matrix
 from tests.reference import multiview as reference
 from tests.scenes_3d import camera_at
+from tests.twins import Choose
 
 pytestmark = pytest.mark.nojit
-Choose = Callable[[Any], Any]
 SHAPE = (7, 9)
 FRAME = PixelFrame(SHAPE[1], SHAPE[0])
 THERE = warp_matrix(camera_at(0.0), camera_at(1.0), FRAME)
 BACK = inverse_warp(THERE)
 TO_KEYS = [warp_matrix(camera_at(0.4), camera_at(position), FRAME) for position in (0.0, 1.0)]
-
-
-@pytest.fixture(params=["compiled", "python"])
-def choose(request: pytest.FixtureRequest) -> Choose:
-    """Return what turns a kernel into the function under test."""
-    return python_twin if request.param == "python" else lambda kernel: kernel
 
 
 @pytest.fixture

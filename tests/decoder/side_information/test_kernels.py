@@ -1,25 +1,15 @@
 """The compiled block-motion loops against twins that try every candidate in full."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
 from decoder.side_information import _kernels
 from decoder.side_information.block_motion.compensation import MARGIN, phase_planes
-from dvc._jit import python_twin
 from tests.clips import moving_texture
 from tests.reference import block_motion as reference
+from tests.twins import Choose
 
 pytestmark = pytest.mark.nojit
-Choose = Callable[[Any], Any]
-
-
-@pytest.fixture(params=["compiled", "python"])
-def choose(request: pytest.FixtureRequest) -> Choose:
-    """Return what turns a kernel into the function under test."""
-    return python_twin if request.param == "python" else lambda kernel: kernel
 
 
 @pytest.fixture(scope="module")

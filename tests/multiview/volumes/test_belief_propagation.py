@@ -1,27 +1,19 @@
 """Belief propagation: messages, chains, and energies, against brute force."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc._jit import python_twin
 from dvc.multiview.volumes import _kernels as kernels
 from dvc.multiview.volumes.belief_propagation import BeliefPropagation
 from dvc.multiview.volumes.inference import SemiGlobal
 from tests.reference import cost_volumes as reference
+from tests.twins import Choose
 
-Choose = Callable[[Any], Any]
 JUMP = 20
 """A step of the base surface that is a discontinuity for any method."""
-
-
-@pytest.fixture(params=["compiled", "python"])
-def choose(request: pytest.FixtureRequest) -> Choose:
-    """Return what turns a kernel into the function under test."""
-    return python_twin if request.param == "python" else lambda kernel: kernel
 
 
 @pytest.fixture

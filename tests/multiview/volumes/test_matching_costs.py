@@ -1,28 +1,18 @@
 """Matching costs: census and squared differences at every disparity, against their definitions."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc._jit import python_twin
 from dvc.multiview.camera_array import ArrayView, DisparityLabels, LatticePosition
 from dvc.multiview.census import DEAD_ZONE
 from dvc.multiview.volumes import _kernels as kernels
 from dvc.multiview.volumes.matching_costs import COSTS, Band, census, offsets, phases
 from tests.reference import cost_volumes as reference
 from tests.reference.stereo_volumes import banded
+from tests.twins import Choose
 
-Choose = Callable[[Any], Any]
 SHAPE = (7, 9)
-
-
-@pytest.fixture(params=["compiled", "python"])
-def choose(request: pytest.FixtureRequest) -> Choose:
-    """Return what turns a kernel into the function under test."""
-    return python_twin if request.param == "python" else lambda kernel: kernel
 
 
 @pytest.fixture

@@ -1,24 +1,14 @@
 """The compiled loops of layers and sprites, compiled and as Python, against their plain twins."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
-from dvc._jit import python_twin
 from dvc.stereo.layers import _kernels as kernels
 from tests.reference import stereo_layers as reference
+from tests.twins import Choose
 
 pytestmark = pytest.mark.nojit
-Choose = Callable[[Any], Any]
 BASELINES = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
-
-
-@pytest.fixture(params=["compiled", "python"])
-def choose(request: pytest.FixtureRequest) -> Choose:
-    """Return what turns a kernel into the function under test."""
-    return python_twin if request.param == "python" else lambda kernel: kernel
 
 
 @pytest.fixture

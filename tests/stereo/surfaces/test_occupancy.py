@@ -1,13 +1,10 @@
 """Occupancy as maps, against volumes of voxels: agreement, support and visibility of several cameras."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from dvc._jit import python_twin
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.stereo.surfaces import _kernels as kernels
 from dvc.stereo.surfaces import occupancy
@@ -22,17 +19,11 @@ from dvc.stereo.surfaces.occupancy import (
 )
 from tests.reference import stereo_volumes as volumes
 from tests.stereo.plane_scenes import BACKGROUND, LABELS, SCENE, Plane, reconstruction_of, square_lattice
+from tests.twins import Choose
 
-Choose = Callable[[Any], Any]
 FEW = DisparityLabels(0.0, 1.0, 5)
 SHAPE = (10, 13)
 CENTRE = LatticePosition(0.0, 0.0)
-
-
-@pytest.fixture(params=["compiled", "python"])
-def choose(request: pytest.FixtureRequest) -> Choose:
-    """Return what turns a kernel into the function under test."""
-    return python_twin if request.param == "python" else lambda kernel: kernel
 
 
 @pytest.fixture
