@@ -180,8 +180,8 @@ def test_part_of_a_stream_is_that_part_of_the_whole(
 @pytest.fixture(scope="module")
 def scene_clip(folder: Path) -> Path:
     """Write seven views of a static scene, two groups of pictures long."""
-    frame = PixelFrame(128, 96)
-    chroma = np.full((48, 64), 100, np.uint8), np.full((48, 64), 150, np.uint8)
+    frame = PixelFrame(104, 88)
+    chroma = np.full((44, 52), 100, np.uint8), np.full((44, 52), 150, np.uint8)
     views = [Frame(render(k / 3.0, frame)[0], chroma) for k in range(7)]
     return write_clip(folder / "scene.y4m", views)
 
@@ -541,7 +541,7 @@ def raw_bytes(frames: Iterable[Frame]) -> bytes:
 
 def test_what_a_decoder_misses_while_it_is_away_waits_on_disk(tmp_path: Path) -> None:
     """More than may be open or wait in memory: it gets the frames, and the bits, that it would have got."""
-    frames = moving_texture(8, 32, 48) * 18
+    frames = moving_texture(8, 32, 48) * 12
     run_here("encoder", write_clip(tmp_path / "clip.y4m", frames), tmp_path / "whole.dvc", *CODING)
     run_here("decoder", tmp_path / "whole.dvc", tmp_path / "whole.y4m", "--punctured", tmp_path / "small.dvc")
     with spooling(tmp_path, frames) as (encoder, decoder, link):
@@ -561,7 +561,7 @@ def test_what_a_decoder_misses_while_it_is_away_waits_on_disk(tmp_path: Path) ->
 
 def test_another_decoder_gets_what_was_spooled_for_one_that_was_killed(tmp_path: Path) -> None:
     """From a key frame on, before what that one had not written."""
-    frames = moving_texture(8, 32, 48) * 18
+    frames = moving_texture(8, 32, 48) * 12
     run_here("encoder", write_clip(tmp_path / "clip.y4m", frames), tmp_path / "whole.dvc", *CODING)
     run_here("decoder", tmp_path / "whole.dvc", tmp_path / "whole.y4m")
     with spooling(tmp_path, frames) as (encoder, decoder, link):
