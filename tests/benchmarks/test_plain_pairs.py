@@ -110,6 +110,7 @@ def test_first_view_is_turned_to_the_left_and_back(step: tuple[float, float]) ->
     np.testing.assert_array_equal(back, picture[0, :, :, 0])
 
 
+@pytest.mark.slow
 def test_table_of_a_pair(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The commands find a wall and a box in textured photographs; the table and the figures tell it."""
     file = tmp_path / "figures.json"
