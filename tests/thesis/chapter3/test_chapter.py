@@ -33,7 +33,7 @@ CODEC = LaplacianCodec(L_TRANSFORM)
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return what the command writes of two small views."""
     scratch = tmp_path_factory.mktemp("views")
-    for view in planes(96, 128):
+    for view in planes(64, 80):
         write_png(scratch / f"{view.name}.png", np.ascontiguousarray(view.image[:, :, ::-1]))
     views = [str(scratch / "left.png"), str(scratch / "right.png"), "--disparities", "0:9"]
     assert main(["--chapter", "3", *views, "--out", str(scratch / "out"), "--quiet"]) == 0
