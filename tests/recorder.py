@@ -14,7 +14,7 @@ from numba.core import caching, dispatcher
 
 from dvc.compile_kernels import KERNELS
 
-Locator = caching.InTreeCacheLocator
+Locator = caching.UserProvidedCacheLocator if "NUMBA_CACHE_DIR" in os.environ else caching.InTreeCacheLocator
 ROOT = Path(__file__).resolve().parents[1]
 DISPATCHER: Any = dispatcher.Dispatcher
 _compile = DISPATCHER._compile_for_args
