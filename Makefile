@@ -51,10 +51,12 @@ test-nojit: $(INSTALLED)  ## run the tests of the kernels as plain Python
 
 coverage: $(INSTALLED)  ## tell which lines of the packages tests run, kernels as plain Python (half an hour)
 	rm -rf out/coverage
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'coverage>=7.10'
 	$(BIN)/python -m coverage run -m pytest -m "not slow" -n $(JOBS) --dist worksteal
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m coverage run -m pytest -m nojit
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
+	$(BIN)/python -m pip uninstall --quiet --yes coverage  # numba would import it in every process
 
 test-bounds: $(INSTALLED)  ## run kernels under bounds checks on frozen streams and COUNT mutations a kind (an hour)
 	$(CHECKED) $(BIN)/python -m benchmarks.hostile.bounds
