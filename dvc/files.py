@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 PARTIAL_SUFFIX = ".part"
 MAX_NAME_BYTES = 200
 """Longer names are shortened for the time of writing, which takes some more characters."""
+MAX_ENDLESS_BYTES = 1 << 26
+"""Most that is read whole of what is no file: a pipe, or a device, which may never end."""
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 _CANNOT_LOCK = frozenset({errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP})  # some network file systems
 _CANNOT_SYNC = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP})  # pipes and some file systems
@@ -95,6 +98,17 @@ def growing_output(path: Path) -> Iterator[SyncedFile]:
 def _concerns(err: OSError, temporary: Path) -> bool:
     """Tell whether an error is about a file that is being written."""
     return err.errno in _NO_ROOM or str(temporary) in (err.filename, err.filename2)
+
+
+def read_whole(path: str | Path) -> bytes:
+    """Read a file whole; of a pipe or a device no more than is bounded."""
+    with open(path, "rb") as file:
+        if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            return file.read()
+        content = file.read(MAX_ENDLESS_BYTES + 1)
+    if len(content) > MAX_ENDLESS_BYTES:
+        raise DvcError(f"{path}: not a file, and more than {MAX_ENDLESS_BYTES >> 20} MiB")
+    return content
 
 
 def natural_key(path: Path) -> list[tuple[int, int, str]]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dvc.array_files import MAX_LABELS, MAX_NUMBER, MIN_STEP
 from dvc.errors import DvcError
+from dvc.files import read_whole
 from dvc.multiview.camera_array import DisparityLabels
 
 MAX_SIDE = 1 << 15
@@ -114,7 +115,7 @@ def write_index(path: Path, format_name: str, version: int, values: dict[str, An
 def read_index(path: Path, format_name: str, version: int, writer: str) -> Entry:
     """Read an index file."""
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = json.loads(read_whole(path).decode())
     except (ValueError, RecursionError) as err:
         raise DvcError(f"{path}: not a JSON file") from err
     if not isinstance(values, dict) or values.get("format") != format_name:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import VideoError
+from dvc.files import read_whole
 
 MAX_HEADER_BYTES = 256
 
@@ -20,7 +21,7 @@ def write_pfm(path: str | Path, plane: NDArray[np.float32]) -> None:
 
 def read_pfm(path: str | Path) -> NDArray[np.float32]:
     """Read a grey PFM file of either byte order."""
-    content = Path(path).read_bytes()
+    content = read_whole(path)
     head = content[:MAX_HEADER_BYTES].split(b"\n", 3)
     try:
         width, height = (int(word) for word in head[1].split())

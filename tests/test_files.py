@@ -12,7 +12,15 @@ from pathlib import Path
 import pytest
 
 from dvc.errors import DvcError
-from dvc.files import SyncedFile, atomic_folder, atomic_output, check_folder, growing_output, same_file
+from dvc.files import (
+    SyncedFile,
+    atomic_folder,
+    atomic_output,
+    check_folder,
+    growing_output,
+    read_whole,
+    same_file,
+)
 
 
 def test_file_appears_only_after_success(tmp_path: Path) -> None:
@@ -279,3 +287,17 @@ def test_folder_is_refused_before_any_work(tmp_path: Path) -> None:
         check_folder(tmp_path / "none" / "here")
     check_folder(tmp_path / "empty")
     check_folder(tmp_path / "new")
+
+
+def test_what_never_ends_is_not_read_whole(tmp_path: Path) -> None:
+    """A file is read whole, a pipe as far as it goes, and a device that goes on for ever is refused."""
+    path = tmp_path / "some"
+    path.write_bytes(b"content")
+    assert read_whole(path) == b"content"
+    reading, writing = os.pipe()
+    os.write(writing, b"piped")
+    os.close(writing)
+    assert read_whole(f"/dev/fd/{reading}") == b"piped"
+    os.close(reading)
+    with pytest.raises(DvcError, match=r"^/dev/zero: not a file, and more than 64 MiB$"):
+        read_whole("/dev/zero")

@@ -25,6 +25,7 @@ from dvc.calibration.cameras import (
 )
 from dvc.calibration.feature_matching import Features
 from dvc.errors import ConfigError
+from dvc.files import read_whole
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -58,7 +59,7 @@ def load_cameras(
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_whole(path).decode()
     except UnicodeDecodeError as err:
         raise ConfigError(f"{path}: not a text file of cameras") from err
 

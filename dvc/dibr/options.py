@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from dvc import array_files, cli
 from dvc.depthcodec.limits import MAX_LAYERS, MAX_MIB
 from dvc.errors import BitstreamError, ConfigError
+from dvc.files import read_whole
 
 if TYPE_CHECKING:
     from dvc.depthcodec.depth_image.stream import DepthImageStream
@@ -153,7 +154,7 @@ def read_stream(path: str, max_mib: int | None = None) -> "Stream | DepthImageSt
     """Read a stream of any kind."""
     from dvc.depthcodec.container import Body, body_of
 
-    data = Path(path).read_bytes()
+    data = read_whole(path)
     with naming(path):
         body = body_of(data)
         room = {Body.VIEWS: "prediction", Body.DEPTH_IMAGE: "depth_image", Body.PIECES: "layered"}[body]

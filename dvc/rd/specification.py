@@ -17,6 +17,7 @@ from dvc.config import (
     variant_of,
 )
 from dvc.errors import ConfigError
+from dvc.files import read_whole
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.points import ANCHORS, NO_FEEDBACK, Point, anchor_gop
 
@@ -181,7 +182,7 @@ def parse_options(words: Sequence[str]) -> tuple[tuple[str, str], ...]:
 def read_spec(path: Path) -> list[dict[str, Any]]:
     """Read the sweeps of a specification file."""
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        document = tomllib.loads(read_whole(path).decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as err:
         raise ConfigError(f"{path}: {err}") from err
     unknown = set(document) - {"defaults", "sweep"}
