@@ -116,6 +116,8 @@ def read_index(path: Path, format_name: str, version: int, writer: str) -> Entry
     """Read an index file."""
     try:
         values = json.loads(read_whole(path).decode())
+    except (FileNotFoundError, NotADirectoryError) as err:
+        raise DvcError(f"{path.parent}: not a folder that `{writer}` has written") from err
     except (ValueError, RecursionError) as err:
         raise DvcError(f"{path}: not a JSON file") from err
     if not isinstance(values, dict) or values.get("format") != format_name:

@@ -104,8 +104,14 @@ def test_missing_extra(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("layers", "nothing", "--out", "out"), "stereo.json: No such file"),
-        (("sprites", "nothing", "--out", "out"), "layers.json: No such file"),
+        (
+            ("layers", "nothing", "--out", "out"),
+            "nothing: not a folder that `dvc-stereo reconstruct` has written",
+        ),
+        (
+            ("sprites", "nothing", "--out", "out"),
+            "nothing: not a folder that `dvc-stereo layers` has written",
+        ),
         (("layers", "surfaces", "--out", "surfaces"), "not an empty folder"),
         (("layers", "surfaces"), "--out"),
         (("sprites", "surfaces", "--out", "out", "--glb", "a.ply"), "ends in .glb"),

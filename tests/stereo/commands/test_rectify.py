@@ -121,7 +121,7 @@ def test_folder_of_rectified_views_is_as_good_as_the_cameras(
         index.write_text(json.dumps({**whole, **changed}))
         check_refused([out[0]], message, tmp_path / "none", capsys)
     index.unlink()
-    check_refused([out[0]], "No such file", tmp_path / "none", capsys)
+    check_refused([out[0]], "not a folder that `dvc-stereo rectify` has written", tmp_path / "none", capsys)
     check_refused([out[0], pair[0]], "stands alone", tmp_path / "none", capsys)
     check_refused([out[0], *cameras], "no --cameras", tmp_path / "none", capsys)
 
