@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from dvc.errors import FeedbackError, RefusedError, UntrustedError
+from dvc.feedback import authentication
 from dvc.feedback.protected_socket import Peer, read_exactly
 from dvc.feedback.resumable import Checks
 
@@ -21,6 +22,7 @@ MAX_REASON_BYTES: Final = 500
 _BODY: Final = struct.Struct(f">{SESSION_BYTES}sQ")
 _CHECKSUM_BYTES: Final = 4
 _PURPOSE: Final = "an opening"
+_TLS_HANDSHAKE: Final = b"\x16"  # how a client of TLS begins
 
 
 @dataclass(frozen=True)
@@ -36,13 +38,22 @@ class Opening:
         return said + zlib.crc32(said).to_bytes(_CHECKSUM_BYTES, "big")
 
 
+def _what_is_spoken(said: bytes) -> str:
+    """Tell what a side wants that begins otherwise: up to its first byte that is another."""
+    if authentication.GREETING.startswith(said):
+        return "the other side wants a token, and this one has none"
+    if said == _TLS_HANDSHAKE:
+        return "the other side wants TLS, and this one has no certificate"
+    return "the other side speaks another protocol"
+
+
 def read_opening(peer: Peer, deadline_s: float) -> Opening:
     """Read what the other side says first; byte by byte up to where it can only be this."""
     said = b""
     for number in GREETING:
         said += read_exactly(deadline_s, peer, 1, _PURPOSE)
         if said[-1] != number:
-            raise UntrustedError("the other side speaks another protocol")
+            raise UntrustedError(_what_is_spoken(said))
     body = read_exactly(deadline_s, peer, _BODY.size, _PURPOSE)
     check = read_exactly(deadline_s, peer, _CHECKSUM_BYTES, _PURPOSE)
     if zlib.crc32(said + body).to_bytes(_CHECKSUM_BYTES, "big") != check:

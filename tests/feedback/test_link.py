@@ -1,5 +1,6 @@
 """Links over the loopback: signs of life, patience, and connections that are lost."""
 
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -10,7 +11,17 @@ import pytest
 from benchmarks.loopback import accepted
 from benchmarks.slow_link import SlowLink, slow_link
 from dvc.errors import FeedbackError, PeerClosedError, RefusedError, SupersededError, UntrustedError
-from dvc.feedback import Connection, Link, Listener, Protection, connect, dial, link, listen
+from dvc.feedback import (
+    Connection,
+    Link,
+    Listener,
+    Protection,
+    authentication,
+    connect,
+    dial,
+    link,
+    listen,
+)
 from dvc.feedback.opening import NEW, Opening, read_opening, refuse
 from tests.waiting import wait_until
 
@@ -268,6 +279,24 @@ def test_what_is_no_encoder_is_noticed(said: bytes) -> None:
         with pytest.raises(FeedbackError, match=r"closed the connection|another protocol|changed on the way"):
             dial(listener.host, listener.port, 5.0)
         thread.join()
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        (authentication.GREETING, "the other side wants a token, and this one has none"),
+        (b"\x16\x03\x01", "the other side wants TLS, and this one has no certificate"),
+        (b"DV3D view 1\n", "the other side speaks another protocol"),
+        (b"DV2", "the other side speaks another protocol"),
+    ],
+)
+def test_who_wants_what_this_side_lacks_is_told_from_strangers(said: bytes, told: str) -> None:
+    """By the first byte that is another."""
+    near, far = socket.socketpair()
+    near.sendall(said)
+    with near, far, pytest.raises(UntrustedError) as caught:
+        read_opening(far, time.monotonic() + 5.0)
+    assert str(caught.value) == told
 
 
 def losing_server(listener: Listener, said: list[bytes], ends: list[Link]) -> threading.Thread:
