@@ -8,6 +8,8 @@ from functools import partial
 from threading import Lock
 from typing import Protocol
 
+import numpy as np
+
 from decoder.allowances import Allowance, GroupAllowance
 from decoder.no_feedback import NoFeedbackDecoder
 from decoder.side_information.extrapolation import LongTerm, TrackedExtrapolation
@@ -20,7 +22,7 @@ from decoder.team import Rank, Team
 from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
-from dvc.errors import BitstreamError
+from dvc.errors import BitstreamError, DvcError
 from dvc.slepian_wolf import Answer, ParityRequest
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_matches, decode_points, decode_tracks
@@ -41,6 +43,20 @@ class Encoder(Protocol):
 
     def drive(self, frame: FrameCoroutine) -> DecodedFrame:
         """Decode a frame, answering its requests."""
+
+
+def single_prediction(found: object, shape: tuple[int, ...], method: str) -> Prediction:
+    """Return the prediction of one frame; what a method of others returns may be anything."""
+    if not isinstance(found, Sequence) or len(found) != 1 or not isinstance(found[0], Prediction):
+        raise DvcError(f"side information {method!r}: expected a list of one prediction for one instant")
+    prediction: Prediction = found[0]
+    for plane in (prediction.luma, *prediction.compensated):
+        if plane.shape != shape:
+            sizes = ["x".join(map(str, size[::-1])) for size in (shape, plane.shape)]
+            raise DvcError(f"side information {method!r}: expected predictions of {sizes[0]}, got {sizes[1]}")
+        if not np.isfinite(plane).all():
+            raise DvcError(f"side information {method!r}: a prediction is not finite")
+    return prediction
 
 
 def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> list[int]:
@@ -171,7 +187,8 @@ class GroupDecoder:
                 scene = self._scene(earlier, points)
                 return self._extrapolation.predict(earlier, points, first_index, index, scene, long_term)
             usable = [known[k] for k in _usable(known, (around[0], around[1]), self._config.gop.references)]
-            return self._method.predict(usable, points, [index])[0]
+            found = self._method.predict(usable, points, [index])
+            return single_prediction(found, usable[0].frame.luma.shape, self._config.side_information.method)
 
     def _whole_scene(self, known: Known, points: Points) -> Scene | None:
         """Return what both ends of a group show of the scene."""
