@@ -194,6 +194,7 @@ def check(arguments: argparse.Namespace) -> None:
     if len(arguments.files) != wanted:
         names = "OUTPUT" if arguments.connect else "INPUT and OUTPUT"
         raise ConfigError(f"expected {names}, got {len(arguments.files)} file names")
+    cli.check_live(arguments, "--connect", "--token-file", "--insecure", "--tls-ca", "--fingerprint")
     if arguments.frames is not None and (arguments.connect or arguments.punctured):
         other = "--connect" if arguments.connect else "--punctured"
         raise ConfigError(f"--frames and {other} exclude each other: {other} is for whole sequences")

@@ -305,6 +305,14 @@ def add_live(group: argparse._ActionsContainer, option: str, text: str) -> None:
     add_integer(group, "--patience", (0, 86400), patience, default=30, metavar="S")
 
 
+def check_live(arguments: argparse.Namespace, live: str, *options: str) -> None:
+    """Refuse options that say who may talk where nobody does."""
+    given = {option: getattr(arguments, option[2:].replace("-", "_")) for option in (live, *options)}
+    for option in options:
+        if given[option] and not given[live]:
+            raise ConfigError(f"{option} is for {live}")
+
+
 def write_json(path: str | Path, values: object) -> None:
     """Write a JSON file in one piece."""
     text = json.dumps(values, indent=1, allow_nan=False) + "\n"

@@ -425,6 +425,7 @@ def check(arguments: argparse.Namespace) -> None:
     """Refuse outputs that make no sense, before anything is opened."""
     if (arguments.output is None) == (arguments.serve is None):
         raise ConfigError("give either OUTPUT or --serve HOST:PORT")
+    cli.check_live(arguments, "--serve", "--token-file", "--insecure", "--tls-cert", "--tls-key")
     for option, value in (("--spool-size", arguments.spool_size), ("--spool-memory", arguments.spool_memory)):
         if value is not None and arguments.spool is None:
             raise ConfigError(f"{option} is for --spool")
