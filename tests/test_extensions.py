@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import decoder.__main__
@@ -16,8 +17,11 @@ from decoder.side_information.methods import INTERPOLATORS, METHODS
 from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
 from dvc import extensions
 from dvc.config import CODERS, NOISE_MODELS, VideoConfig, codec_config, decode_config, encode_config
+from dvc.depthcodec.prediction.encoder import ViewEncoder
+from dvc.depthcodec.prediction.views import views_of_pictures
 from dvc.depthcodec.trees.methods import METHODS as DISPARITY_CODECS
-from dvc.errors import ConfigError
+from dvc.errors import ConfigError, DvcError
+from dvc.multiview.camera_array import DisparityLabels, LatticePosition
 from dvc.picture_files import write_png
 from dvc.slepian_wolf import plane_coder
 from dvc.stereo.surfaces.settings import StereoSettings
@@ -25,6 +29,8 @@ from dvc.wynerziv.noise import MODELS
 from tests.clips import moving_texture, write_clip
 
 MODULE = """
+import numpy as np
+
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
 from dvc.config import CascadeConfig
@@ -50,6 +56,15 @@ def hasty(seed):
     return CascadeCoder(CascadeConfig(30), seed)
 
 
+def unsure(residual):
+    return np.full(residual.shape, np.nan)
+
+
+class Tiny(BlockCodec):
+    def _best(self, tensor, multiplier, known, distortion):
+        return super()._best(tensor[:8, :8], multiplier, known, distortion)
+
+
 Smooth = SemiGlobal
 Squares = BlockCodec
 """
@@ -63,12 +78,14 @@ broken = made_up_blocks:missing
 near = made_up_blocks:Near
 [dvc3d.noise_models]
 calm = made_up_blocks:calm
+unsure = made_up_blocks:unsure
 [dvc3d.plane_coders]
 hasty = made_up_blocks:hasty
 [dvc3d.inference]
 smooth = made_up_blocks:Smooth
 [dvc3d.disparity_codecs]
 squares = made_up_blocks:Squares
+tiny = made_up_blocks:Tiny
 """
 
 
@@ -103,7 +120,7 @@ def test_names_are_known_without_an_import(capsys: pytest.CaptureFixture[str]) -
             main(["--help"])
     told = "".join(capsys.readouterr().out.split())
     assert "{cascade,turbo,hasty}" in told
-    assert "{frame,band,coefficient,local,calm}" in told
+    assert "{frame,band,coefficient,local,calm,unsure}" in told
     assert "(mci,blocks,mesh,depth,fused,broken,still,near)" in told
     assert list(MODELS) == list(NOISE_MODELS)
     assert "near" in INTERPOLATORS
@@ -183,6 +200,19 @@ def test_streams_of_views_say_what_they_need(folder: Path, tmp_path: Path) -> No
     assert refused.returncode == 2
     assert "disparity codec 'squares' is not installed; there are l, s, quadtree, blocks" in refused.stderr
     assert refused.stderr.count("\n") == 1
+
+
+@pytest.mark.usefixtures("extended")
+def test_extensions_that_return_nonsense_are_named() -> None:
+    """Scales that are none, and maps that are too small."""
+    with pytest.raises(DvcError, match=r"noise model 'unsure': expected a scale of at least 0\.3"):
+        MODELS["unsure"](np.ones((16, 2, 3)))
+    frame = moving_texture(1, 24, 40)[0].luma
+    pictures = [np.repeat(frame[:, k : k + 32, None], 3, axis=2) for k in (0, 2)]
+    views = views_of_pictures(pictures, [LatticePosition(0.0, 0.0), LatticePosition(1.0, 0.0)])
+    encoder = ViewEncoder(views, DisparityLabels(0.0, 1.0, 5), "tiny")
+    with pytest.raises(ConfigError, match="disparity codec 'tiny': expected a label from 0 to 4 for each"):
+        encoder.encode(1e-3)
 
 
 def test_contracts_of_what_is_installed(folder: Path, tmp_path: Path) -> None:

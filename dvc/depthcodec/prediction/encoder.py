@@ -25,7 +25,9 @@ from dvc.depthcodec.prediction.stream import (
 from dvc.depthcodec.prediction.views import Views
 from dvc.depthcodec.trees.disparity_codec import DisparityCodec
 from dvc.depthcodec.trees.error_tensor import Tensor, error_tensor
+from dvc.depthcodec.trees.integer_transforms import Labels
 from dvc.depthcodec.trees.methods import METHODS
+from dvc.errors import ConfigError
 from dvc.imagecodec import codec as picture_codec
 from dvc.imagecodec.codec import (
     LARGEST_MULTIPLIER,
@@ -176,11 +178,20 @@ class ViewEncoder:
             previous = previous if self.codec.layered else None
             distortion = self._distortion(index, decoded.picture())
             found: Any = self.codec.optimise(tensor, multiplier, classes, previous, distortion)
+            self._check_labels(found.disparity())
             disparity = self.codec.encode(found, classes, previous)
             layers.append(PairLayer(header.to_bytes() + data[done:], disparity))
             done, previous = len(data), found
             self.advance(1)
         return layers
+
+    def _check_labels(self, labels: Labels) -> None:
+        """Refuse what is no map: codecs of other packages may find anything."""
+        highest = self.header.labels.num_labels - 1
+        if labels.shape != self.header.shape or not 0 <= labels.min() <= labels.max() <= highest:
+            raise ConfigError(
+                f"disparity codec {self.header.method!r}: expected a label from 0 to {highest} for each pixel"
+            )
 
     def _distortion(self, index: int, picture: Picture) -> ForwardErrors:
         """What maps of labels cause where views are rendered forward (3.5)."""
