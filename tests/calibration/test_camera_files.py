@@ -98,9 +98,11 @@ def test_rows_counted_upwards_are_mirrored() -> None:
     assert np.linalg.det(camera.R) == pytest.approx(1.0)
 
 
-def test_middlebury_calibration(tmp_path: Path) -> None:
+@pytest.mark.parametrize("end", ["\n", "\r\n"], ids=["lf", "crlf"])
+def test_middlebury_calibration(end: str, tmp_path: Path) -> None:
     """d = f B / z - doffs between the pictures, and the bounds of the file are points at these depths."""
-    views = load_cameras(written(tmp_path / "calib.txt", MIDDLEBURY), ["im0.png", "im1.png"], PICTURES)
+    (tmp_path / "calib.txt").write_bytes(MIDDLEBURY.replace("\n", end).encode())
+    views = load_cameras(tmp_path / "calib.txt", ["im0.png", "im1.png"], PICTURES)
     for z, d in zip(views.points[:, 2], (5.0, 30.0), strict=True):
         seen = [camera.projection @ [3.0, 4.0, z, 1.0] for camera in views.cameras]
         (xl, yl), (xr, yr) = (image[:2] / image[2] for image in seen)
