@@ -173,7 +173,7 @@ def disagreement(found: str) -> BitstreamError:
     """Return the error of a punctured stream that holds what another decoder asked for."""
     return BitstreamError(
         f"the punctured stream was made for other predictions than this decoder's: {found}"
-        " (is numpy of the version that docs/bitstream.md names?)"
+        " (are the libraries of the versions that docs/bitstream.md names?)"
     )
 
 

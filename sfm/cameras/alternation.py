@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from dvc.multiview.cameras import homogeneous
 from sfm.cameras.projective_basis import CAMERA_NORM, projection_equations
+from sfm.decompositions import least_singular
 from sfm.least_squares import normal_matrix
 
 Floats = NDArray[np.float64]
@@ -22,7 +23,7 @@ def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, 
     points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(first))])
     equations = projection_equations(kappa[:, None] * points, observed)
     normal = normal_matrix(*(rows @ basis for rows in equations))
-    camera: Floats = CAMERA_NORM * (basis @ np.linalg.eigh(normal)[1][:, 0]).reshape(3, 4)
+    camera: Floats = CAMERA_NORM * (basis @ least_singular(normal)).reshape(3, 4)
     return -camera if np.count_nonzero(points @ camera[2] < 0) > 0.5 * len(points) else camera
 
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from dvc.multiview.cameras import oriented
 from dvc.multiview.triangulation import inverse_depths
 from sfm.cameras.rebasing import Rebased
+from sfm.decompositions import svd
 from sfm.estimation.epipolar import fundamental_from_camera
 from sfm.model import Model
 
@@ -61,7 +62,7 @@ def is_reversed(model: Model) -> bool:
 
 def _rigid_motions(essential: Floats) -> list[Floats]:
     """Return the four rigid motions ``[R | t]`` with ``[t]x R`` nearest to a matrix, up to scale."""
-    u, _, vt = np.linalg.svd(essential)
+    u, _, vt = svd(essential)
     u, vt = u * np.sign(np.linalg.det(u)), vt * np.sign(np.linalg.det(vt))
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     return [

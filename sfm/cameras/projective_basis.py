@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sfm.decompositions import right_singular
 from sfm.estimation.epipolar import distances_to_epipole, epipoles, fundamental_from_camera
 
 Floats = NDArray[np.float64]
@@ -49,7 +50,7 @@ def camera_basis(points: Floats, image: Floats) -> Floats:
     """Find the cameras that see two points at given places."""
     if points.shape != (2, 4) or image.shape != (2, 2):
         raise ValueError(f"two points are needed, got shapes {points.shape} and {image.shape}")
-    _, singular, vt = np.linalg.svd(np.stack(projection_equations(points, image), axis=1).reshape(-1, 12))
+    singular, vt = right_singular(np.stack(projection_equations(points, image), axis=1).reshape(-1, 12))
     if not singular[3] > 1e-12 * singular[0]:
         raise ValueError("the two fixed points must differ")
     basis: Floats = vt[4:].T.copy()

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sfm.cameras.alternation import nonzero
 from sfm.cameras.camera_prior import MEDIAN_OF_RAYLEIGH, NUM_PARAMETERS, ResectionProblem
 from sfm.cameras.projective_basis import projection_equations
+from sfm.decompositions import least_singular
 from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix, solve_damped
 
 Floats = NDArray[np.float64]
@@ -50,7 +51,7 @@ def linear_camera(problem: ResectionProblem, num_iterations: int) -> Floats:
         kappa = 1.0 / np.maximum(np.abs(problem.x @ camera[2]), 1e-3 * np.abs(camera[2]).max())
         scaled = (np.sqrt(weights) * kappa)[:, None] * problem.x
         normal = normal_matrix(*projection_equations(scaled, problem.seen))
-        found: Floats = np.linalg.eigh(normal)[1][:, 0].reshape(3, 4)
+        found: Floats = least_singular(normal).reshape(3, 4)
         behind = np.count_nonzero(problem.x @ found[2] < 0)
         camera = -found if 2 * behind > len(problem.x) else found
     return camera

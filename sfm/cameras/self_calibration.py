@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from dvc.multiview.cameras import PixelFrame, homogeneous
 from dvc.multiview.triangulation import inverse_depths
+from sfm.decompositions import right_singular
 from sfm.estimation.epipolar import epipoles, fundamental_to_normalized, skew
 from sfm.model import Correspondences
 
@@ -17,6 +18,7 @@ Mask = NDArray[np.bool_]
 NUM_ENTRIES = 9  # of R, each with the absolute value of its difference from I as a variable
 MIN_UNIT = 1e-9  # of the inverse unit of depth, which must be positive
 TOLERANCE = 1e-7  # of the linear program
+MIN_RANK = 1e-12  # of the largest singular value
 OUTWEIGH = 3.0  # a change of a by 1 changes R by at most sqrt(3), and an inverse depth by about 1
 
 
@@ -97,7 +99,7 @@ def self_calibration(
     """
     settings = settings or SelfCalibrationSettings()
     num = len(correspondences)
-    if not np.isfinite(fundamental).all() or np.linalg.matrix_rank(fundamental, rtol=1e-12) < 2:
+    if not np.isfinite(fundamental).all() or not _has_rank_two(fundamental):
         return _failure(num, "the fundamental matrix has not rank 2")
     if num < settings.min_num_points:
         return _failure(num, f"{num} points, {settings.min_num_points} are needed")
@@ -115,6 +117,11 @@ def self_calibration(
     return _apply(camera, points, same_side, *solved)
 
 
+def _has_rank_two(fundamental: Floats) -> bool:
+    singular, _ = right_singular(fundamental)
+    return bool(singular[1] > MIN_RANK * singular[0])
+
+
 def _failure(num: int, reason: str) -> SelfCalibration:
     return SelfCalibration(np.eye(3, 4), np.ones(num), np.zeros(num, dtype=bool), 1.0, reason)
 
@@ -124,7 +131,7 @@ def _projective_depths(
 ) -> tuple[Floats, Floats, Floats]:
     """Return a camera with R of unit size, inverse depths, and quotients of depths, most of them positive."""
     normalized = fundamental_to_normalized(fundamental, frame)
-    singular = np.linalg.svd(normalized)[1]
+    singular, _ = right_singular(normalized)
     camera = projective_camera(normalized / math.sqrt(singular[0] * singular[1]))
     first = frame.to_normalized(correspondences.first)
     second = frame.to_normalized(correspondences.second)

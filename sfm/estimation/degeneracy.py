@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sfm.decompositions import right_singular
 from sfm.estimation.homography import HomographyEstimator
 from sfm.estimation.sample_consensus import RobustSettings, lo_ransac, mapsac, noise_scale
 from sfm.estimation.weak_calibration import WeakCalibration
@@ -80,8 +81,7 @@ def classify_motion(
 def _spread(points: Floats) -> float:
     """Return the standard deviation of points (N, 2) across the direction in which they spread most."""
     offset = points - points.mean(axis=0)
-    covariance = np.einsum("ni,nj->ij", offset, offset) / len(points)
-    return math.sqrt(max(0.0, float(np.linalg.eigvalsh(covariance)[0])))
+    return float(right_singular(offset)[0][1]) / math.sqrt(len(points))
 
 
 def _compare(

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.cameras import PixelFrame, homogeneous
+from sfm.decompositions import least_singular
 
 Floats = NDArray[np.float64]
 
@@ -31,8 +32,7 @@ def epipolar_lines(fundamental: Floats, points: Floats) -> Floats:
 
 def epipoles(fundamental: Floats) -> tuple[Floats, Floats]:
     """Find both epipoles: the image of each camera centre in the other image."""
-    u, _, vt = np.linalg.svd(fundamental)
-    return vt[2].copy(), u[:, 2].copy()
+    return least_singular(fundamental), least_singular(fundamental.T)
 
 
 def distances_to_epipole(epipole: Floats, points: Floats) -> Floats:

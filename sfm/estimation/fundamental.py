@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sfm.decompositions import least_singular, real_roots, right_singular
 from sfm.estimation.epipolar import TINY
 from sfm.estimation.sample_consensus import Mask
 from sfm.estimation.sampson import constraint_rows, minimize_sampson
@@ -39,7 +40,7 @@ class FundamentalEstimator(TwoViewEstimator):
 
 def seven_point(rows: Floats) -> Floats:
     """Find the matrices of rank 2 that satisfy seven equations."""
-    null = np.linalg.svd(rows, full_matrices=True)[2][:, 7:].reshape(-1, 2, 3, 3)
+    null = right_singular(rows)[1][:, 7:].reshape(-1, 2, 3, 3)
     a, b = null[:, 0], null[:, 1]
     # det(z a + b) is a cubic in z: its outer coefficients are determinants, the others follow from z = 1, -1.
     c3, c0 = _determinants(a), _determinants(b)
@@ -47,12 +48,9 @@ def seven_point(rows: Floats) -> Floats:
     c2, c1 = 0.5 * (plus + minus) - c0, 0.5 * (plus - minus) - c3
     usable = np.abs(c3) > 1e-12 * (np.abs(c2) + np.abs(c1) + np.abs(c0) + TINY)
     a, b, c3 = a[usable], b[usable], c3[usable]
-    companion = np.zeros((len(a), 3, 3))
-    companion[:, 1, 0] = companion[:, 2, 1] = 1.0
-    companion[:, :, 2] = -np.stack([c0[usable], c1[usable], c2[usable]], axis=1) / c3[:, None]
-    roots = np.linalg.eigvals(companion)
-    sample, which = np.nonzero(np.abs(roots.imag) <= 1e-8 * (1 + np.abs(roots.real)))
-    z = roots.real[sample, which][:, None, None]
+    roots = real_roots(np.stack([c0[usable], c1[usable], c2[usable], c3], axis=1))
+    sample, which = np.nonzero(np.isfinite(roots))
+    z = roots[sample, which][:, None, None]
     models = z * a[sample] + b[sample]
     unit: Floats = models / np.linalg.norm(models, axis=(1, 2))[:, None, None]
     return unit
@@ -69,9 +67,8 @@ def _determinants(m: Floats) -> Floats:
 
 def eight_point(rows: Floats) -> Floats:
     """Find matrices of rank 2 that nearly satisfy more than seven equations."""
-    solution = np.linalg.svd(rows, full_matrices=True)[2][:, 8].reshape(-1, 3, 3)
-    u, s, vt = np.linalg.svd(solution)
-    s[:, 2] = 0.0
-    models: Floats = (u * s[:, None, :]) @ vt
+    solution = least_singular(rows).reshape(-1, 3, 3)
+    last = least_singular(solution)[:, :, None]
+    models: Floats = solution - (solution @ last) @ last.transpose(0, 2, 1)
     unit: Floats = models / np.maximum(np.linalg.norm(models, axis=(1, 2)), TINY)[:, None, None]
     return unit

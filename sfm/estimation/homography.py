@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.cameras import homogeneous
+from sfm.decompositions import least_singular
 from sfm.estimation.sample_consensus import Mask
 from sfm.estimation.two_view import TwoViewEstimator
 
@@ -23,7 +24,7 @@ class HomographyEstimator(TwoViewEstimator):
 
     def _solve(self, rows: Floats) -> Floats:
         equations = rows.reshape(len(rows), -1, 9)
-        solution: Floats = np.linalg.svd(equations, full_matrices=True)[2][:, 8].reshape(-1, 3, 3)
+        solution: Floats = least_singular(equations).reshape(-1, 3, 3)
         return solution
 
     def _distances(self, models: Floats) -> Floats:
@@ -49,5 +50,5 @@ class HomographyEstimator(TwoViewEstimator):
             weight = 1.0 / np.maximum(np.abs(depth), 1e-6)
             rows = self._rows[inliers] * weight[:, None, None]
             normal = np.einsum("nki,nkj->ij", rows, rows)
-            model = np.linalg.eigh(normal)[1][:, 0].reshape(3, 3)
+            model = least_singular(normal).reshape(3, 3)
         return model

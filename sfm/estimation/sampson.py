@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sfm.decompositions import right_singular, svd
 from sfm.estimation.epipolar import TINY, skew, unit_norm
 from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix
 
@@ -24,7 +25,7 @@ def constraint_rows(first: Floats, second: Floats) -> Floats:
 
 def minimize_sampson(fundamental: Floats, first: Floats, second: Floats, max_iterations: int = 20) -> Floats:
     """Minimise the sum of squared Sampson distances."""
-    u, s, vt = np.linalg.svd(fundamental)
+    u, s, vt = svd(fundamental)
     best = unit_norm((u * np.array([s[0], s[1], 0.0])) @ vt)
     if len(first) < 7 or not s[0] > 0:
         return best
@@ -70,9 +71,9 @@ class _SampsonProblem:
 
 def _solve(normal: Floats, slope: Floats, damping: float) -> Floats:
     """Solve the damped normal equations; directions without any curvature are left alone."""
-    values, vectors = np.linalg.eigh(normal)
-    top = max(float(values[-1]), TINY)
-    solution: Floats = vectors @ ((vectors.T @ slope) / (np.maximum(values, 1e-15 * top) + damping * top))
+    values, rows = right_singular(normal)
+    top = max(float(values[0]), TINY)
+    solution: Floats = ((rows @ slope) / (np.maximum(values, 1e-15 * top) + damping * top)) @ rows
     return solution
 
 
@@ -99,7 +100,7 @@ def _sampson_gradient(
 
 def _tangent_space(fundamental: Floats) -> Floats:
     """Return the derivatives (9, 7) of the entries of F by the parameters of a step of `_turned`."""
-    u, s, vt = np.linalg.svd(fundamental)
+    u, s, vt = svd(fundamental)
     diagonal = np.diag([s[0], s[1], 0.0])
     columns = [u @ skew(axis) @ diagonal @ vt for axis in np.eye(3)]
     columns += [-u @ diagonal @ skew(axis) @ vt for axis in np.eye(3)]
@@ -109,7 +110,7 @@ def _tangent_space(fundamental: Floats) -> Floats:
 
 def _turned(fundamental: Floats, step: Floats) -> Floats:
     """Turn U by the first three and V by the next three parameters, and shift p by the last."""
-    u, s, vt = np.linalg.svd(fundamental)
+    u, s, vt = svd(fundamental)
     angle = math.atan2(s[1], s[0]) + step[6]
     diagonal = np.array([math.cos(angle), math.sin(angle), 0.0])
     turned: Floats = (u @ _rotation(step[:3]) * diagonal) @ (_rotation(step[3:6]).T @ vt)

@@ -15,6 +15,7 @@ from decoder.side_information.protocol import Prediction, ReferenceFrame
 from dvc.multiview.cameras import homogeneous
 from dvc.multiview.sampling import sample
 from dvc.video import Frame
+from sfm.decompositions import right_singular
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
@@ -63,7 +64,7 @@ def _is_sane(homography: Floats, points: Floats) -> bool:
     third = homogeneous(points) @ homography[2]
     if third.min() <= 0.0 or third.max() > MAX_CONDITION * third.min():
         return False
-    scales = np.linalg.svd(homography[:2, :2] / third.mean(), compute_uv=False)
+    scales, _ = right_singular(homography[:2, :2] / third.mean())
     turned = float(np.linalg.det(homography[:2, :2])) <= 0.0
     return not turned and scales[1] > 1.0 / MAX_CONDITION and scales[0] < MAX_CONDITION
 
