@@ -74,8 +74,8 @@ class DecodedOutput:
                 if self._live is not None:
                     self._report_partial()
                     reason = str(err) or "interrupted"
-                    kept = f"{self._num_frames} frames are kept as {self._path}{PARTIAL_SUFFIX}"
-                    raise PartialOutputError(f"{reason}; {kept}") from err
+                    kept = f"frames kept: {self._num_frames}, as {self._path}{PARTIAL_SUFFIX}"
+                    raise PartialOutputError(f"{reason} ({kept})") from err
                 if not (salvage and isinstance(err, BitstreamError)):
                     raise
                 failure = BitstreamError(f"{err} (frames kept: {self._num_frames})")

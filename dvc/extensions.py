@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from dvc.errors import ConfigError
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 NAME: Final = re.compile(r"[a-z0-9_-]{1,32}")
-"""What can stand in streams; other names are left aside."""
+"""What can stand in streams; other names are left aside, and `dvc.testing` tells their authors."""
 
 SIDE_INFORMATION = "dvc3d.side_information"
 SCENE_INTERPOLATORS = "dvc3d.scene_interpolators"
@@ -21,6 +21,7 @@ NOISE_MODELS = "dvc3d.noise_models"
 PLANE_CODERS = "dvc3d.plane_coders"
 INFERENCE = "dvc3d.inference"
 DISPARITY_CODECS = "dvc3d.disparity_codecs"
+GROUPS = SIDE_INFORMATION, SCENE_INTERPOLATORS, NOISE_MODELS, PLANE_CODERS, INFERENCE, DISPARITY_CODECS
 """Groups of entry points."""
 
 
@@ -35,12 +36,32 @@ def installed(group: str) -> "Mapping[str, EntryPoint]":
 
 def load(group: str, name: str) -> Any:
     """Import what is registered under a name."""
-    entry = installed(group)[name]
     try:
-        return entry.load()
+        return installed(group)[name].load()
     except Exception as err:  # an extension may raise anything
-        package = entry.dist.name if entry.dist else entry.value
-        raise ConfigError(f"extension {name!r} of {package} cannot be imported: {err}") from err
+        raise _unusable(group, name, "imported", err) from err
+
+
+def maker(group: str, name: str) -> Callable[..., Any]:
+    """Import what is registered under a name; what is returned makes it."""
+    load(group, name)
+    return partial(make, group, name)
+
+
+def make(group: str, name: str, *arguments: Any) -> Any:
+    """Import what is registered under a name, and call it."""
+    factory = load(group, name)
+    try:
+        return factory(*arguments)
+    except Exception as err:
+        raise _unusable(group, name, "made", err) from err
+
+
+def _unusable(group: str, name: str, done: str, err: Exception) -> ConfigError:
+    """Return the error that names an extension and its package."""
+    entry = installed(group)[name]
+    package = entry.dist.name if entry.dist else entry.value
+    return ConfigError(f"extension {name!r} of {package} cannot be {done}: {type(err).__name__}: {err}")
 
 
 class Registry(Mapping[str, T], Generic[T]):

@@ -96,8 +96,10 @@ def growing_output(path: Path) -> Iterator[SyncedFile]:
 
 
 def _concerns(err: OSError, temporary: Path) -> bool:
-    """Tell whether an error is about a file that is being written."""
-    return err.errno in _NO_ROOM or str(temporary) in (err.filename, err.filename2)
+    """Tell whether an error is about a file or folder that is being written."""
+    return err.errno in _NO_ROOM or any(
+        str(name).startswith(str(temporary)) for name in (err.filename, err.filename2)
+    )
 
 
 def read_whole(path: str | Path) -> bytes:
@@ -277,13 +279,14 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
     temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.tmp")
     try:
         temporary.mkdir()
-    except OSError as err:
-        raise DvcError(f"cannot write {target}: {err.strerror}") from err
-    try:
         yield temporary
         if target.exists():
             target.rmdir()
         temporary.rename(target)
+    except OSError as err:
+        if _concerns(err, temporary):
+            raise DvcError(f"cannot write {target}: {err.strerror}") from err
+        raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -1,8 +1,10 @@
 """The options of `dvc-encode`: defaults are those of the codec's variant, and a session comes out of them."""
 
 import argparse
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dvc import cli
@@ -435,6 +437,8 @@ def check(arguments: argparse.Namespace) -> None:
         from encoder.segments import segment_names
 
         segment_names(arguments.output)
+    elif arguments.output is not None and re.search(r"%0?\d*d", Path(arguments.output).name):
+        raise ConfigError(f"names such as {arguments.output} are for --segment")
 
 
 def protection(arguments: argparse.Namespace) -> "Protection":

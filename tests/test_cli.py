@@ -145,6 +145,7 @@ BAD_ENCODER_INPUT = {
     "a file that waits": (["clip.y4m", "--serve", ":0", "--leave-out"], "--leave-out is for"),
     "a spool for a file": (["clip.y4m", "--serve", ":0", "--spool", "s"], "--spool is for"),
     "token of a file": (["clip.y4m", "a.dvc", "--token-file", "token"], "--token-file is for --serve"),
+    "one segment": (["clip.y4m", "a-%04d.dvc"], "names such as a-%04d.dvc are for --segment"),
     "size of no spool": (["clip.y4m", "--serve", ":0", "--spool-size", "9"], "--spool-size is for --spool"),
     "a queue for a file": (["clip.y4m", "out.dvc", "--queue", "16"], "--queue is for"),
     "address of another machine": (["clip.y4m", "--serve", "192.0.2.1:0"], "cannot listen"),

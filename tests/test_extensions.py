@@ -56,6 +56,10 @@ def hasty(seed):
     return CascadeCoder(CascadeConfig(30), seed)
 
 
+def hopeless(*arguments):
+    raise OSError("no weights")
+
+
 def unsure(residual):
     return np.full(residual.shape, np.nan)
 
@@ -71,6 +75,7 @@ Squares = BlockCodec
 ENTRY_POINTS = """
 [dvc3d.side_information]
 still = made_up_blocks:still
+hopeless = made_up_blocks:hopeless
 mci = made_up_blocks:still
 Not A Name = made_up_blocks:still
 broken = made_up_blocks:missing
@@ -81,10 +86,13 @@ calm = made_up_blocks:calm
 unsure = made_up_blocks:unsure
 [dvc3d.plane_coders]
 hasty = made_up_blocks:hasty
+hopeless = made_up_blocks:hopeless
 [dvc3d.inference]
+hopeless = made_up_blocks:hopeless
 smooth = made_up_blocks:Smooth
 [dvc3d.disparity_codecs]
 squares = made_up_blocks:Squares
+hopeless = made_up_blocks:hopeless
 tiny = made_up_blocks:Tiny
 """
 
@@ -119,9 +127,9 @@ def test_names_are_known_without_an_import(capsys: pytest.CaptureFixture[str]) -
         with pytest.raises(SystemExit):
             main(["--help"])
     told = "".join(capsys.readouterr().out.split())
-    assert "{cascade,turbo,hasty}" in told
+    assert "{cascade,turbo,hasty,hopeless}" in told
     assert "{frame,band,coefficient,local,calm,unsure}" in told
-    assert "(mci,blocks,mesh,depth,fused,broken,still,near)" in told
+    assert "(mci,blocks,mesh,depth,fused,broken,hopeless,still,near)" in told
     assert list(MODELS) == list(NOISE_MODELS)
     assert "near" in INTERPOLATORS
     assert "made_up_blocks" not in sys.modules
@@ -149,6 +157,20 @@ def test_extensions_that_cannot_be_imported_are_told() -> None:
     """The message names the package."""
     with pytest.raises(ConfigError, match="extension 'broken' of made-up cannot be imported"):
         METHODS["broken"]
+
+
+@pytest.mark.usefixtures("extended")
+def test_extensions_that_cannot_be_made_are_told() -> None:
+    """As those that cannot be imported, whatever they raise."""
+    config = codec_config(VideoConfig(64, 48, 25, 1), coder=CODERS["hopeless"]())
+    for make in (
+        lambda: METHODS["hopeless"](config),
+        lambda: plane_coder(config),
+        lambda: StereoSettings(inference="hopeless").inference_method(0, 1.0),
+        lambda: DISPARITY_CODECS["hopeless"],
+    ):
+        with pytest.raises(ConfigError, match="'hopeless' of made-up cannot be made: OSError: no weights"):
+            make()
 
 
 def run(module: str, *words: str, path: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -218,6 +240,10 @@ def test_extensions_that_return_nonsense_are_named() -> None:
 def test_contracts_of_what_is_installed(folder: Path, tmp_path: Path) -> None:
     """`pytest --pyargs dvc.testing` tests each extension, and tells one that fails."""
     words = ["-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "--pyargs", "dvc.testing", "-k"]
-    good = run("pytest", *words, "calm or smooth or squares or hasty and sure", path=folder)
+    chosen = "(calm or smooth or squares or hasty and sure) and not hopeless"
+    good = run("pytest", *words, chosen, path=folder)
     assert good.returncode == 0, good.stdout
     assert run("pytest", *words, "broken and constant", path=folder).returncode == 1
+    named = run("pytest", *words, "can_stand", path=folder)
+    assert named.returncode == 1
+    assert "['Not A Name'] do not match" in named.stdout

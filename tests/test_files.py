@@ -202,12 +202,17 @@ def test_full_disk_is_one_clear_error(tmp_path: Path) -> None:
     message = r"^cannot write .*out\.bin: No space left on device$"
     with pytest.raises(DvcError, match=message), atomic_output(tmp_path / "out.bin"):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    message = message.replace(r"out\.bin", "folder")
+    with pytest.raises(DvcError, match=message), atomic_folder(tmp_path / "folder"):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     assert os.listdir(tmp_path) == []
 
 
 def test_foreign_system_errors_pass_through(tmp_path: Path) -> None:
     """An error about another file keeps its type."""
     with pytest.raises(FileNotFoundError), atomic_output(tmp_path / "out.bin"):
+        (tmp_path / "absent").read_bytes()
+    with pytest.raises(FileNotFoundError), atomic_folder(tmp_path / "folder"):
         (tmp_path / "absent").read_bytes()
     assert os.listdir(tmp_path) == []
 

@@ -638,7 +638,7 @@ def test_decoded_frames_of_a_broken_live_run_are_kept(tmp_path: Path, buffered: 
     assert status == 3, stderr
     frames = frames_of(tmp_path / "out.y4m.part")
     assert frames
-    assert stderr.splitlines()[-1].endswith(f"{len(frames)} frames are kept as {tmp_path}/out.y4m.part")
+    assert stderr.splitlines()[-1].endswith(f"(frames kept: {len(frames)}, as {tmp_path}/out.y4m.part)")
     assert cause == "death" or told.splitlines()[-1].startswith("dvc-encode: the other side")
     left = sorted(path.name for path in tmp_path.iterdir())
     assert left == ["out.y4m.part", "report.json.part", "small.dvc.part"]
@@ -658,7 +658,7 @@ def test_a_broken_live_run_leaves_a_map(tmp_path: Path, cause: str) -> None:
             decoder.send_signal(signal.Signals[cause])
         status, stderr = finish(decoder)
     assert status == 3, stderr
-    assert "frames are kept as" in stderr.splitlines()[-1]
+    assert "(frames kept: " in stderr.splitlines()[-1]
     num_frames = json.loads((tmp_path / "map" / "scene.json").read_text())["num_frames"]
     assert num_frames == len(frames_of(tmp_path / "out.y4m.part"))
     assert f"0 of {num_frames} frames located" in stderr

@@ -12,7 +12,7 @@ from decoder.side_information.scene.mesh import MeshInterpolator
 from decoder.side_information.scene.tracked import TrackedSceneInterpolation
 from decoder.side_information.scene.untracked import SceneInterpolation
 from dvc.config import CodecConfig
-from dvc.extensions import SCENE_INTERPOLATORS, SIDE_INFORMATION, Registry
+from dvc.extensions import SCENE_INTERPOLATORS, SIDE_INFORMATION, Registry, maker
 
 Method = Callable[[CodecConfig], SideInformationMethod]
 INTERPOLATORS: Registry[SceneInterpolatorType] = Registry(
@@ -44,5 +44,6 @@ def _scene(method: str, config: CodecConfig) -> SideInformationMethod:
 METHODS: Registry[Method] = Registry(
     SIDE_INFORMATION,
     {BlockMotionInterpolation.name: _block_motion, **{name: partial(_scene, name) for name in INTERPOLATORS}},
+    partial(maker, SIDE_INFORMATION),
 )
 """How to build each method from the configuration, by the name that the configuration uses."""

@@ -1,6 +1,7 @@
 """`dvc-dibr evaluate`: rates, bits by part, and quality of streams of any kind."""
 
 import argparse
+import sys
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -62,6 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
         if folder is not None:
             write_page(folder, entries, _table(entries))
     tell(arguments, entries, markdown(_table(entries)))
+    if not (truths or arguments.quiet):
+        sys.stderr.write("dvc-dibr: --truth-image and --truth-depth tell PSNR\n")
     return 0
 
 

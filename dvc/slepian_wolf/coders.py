@@ -1,7 +1,7 @@
 """All coders of planes that a decoder asks, by their configuration."""
 
 from dvc.config import CascadeConfig, CodecConfig, TurboConfig
-from dvc.extensions import PLANE_CODERS, load
+from dvc.extensions import PLANE_CODERS, make
 from dvc.slepian_wolf.cascade.coder import CascadeCoder
 from dvc.slepian_wolf.protocol import PlaneCoder
 from dvc.slepian_wolf.turbo.coder import TurboCoder
@@ -24,5 +24,5 @@ def plane_coder(config: CodecConfig) -> PlaneCoder:
         return CascadeCoder(config.coder, config.seed)
     if isinstance(config.coder, TurboConfig):
         return TurboCoder(config.seed)
-    coder: PlaneCoder = load(PLANE_CODERS, config.coder.name)(config.seed)
+    coder: PlaneCoder = make(PLANE_CODERS, config.coder.name, config.seed)
     return coder

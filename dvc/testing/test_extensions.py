@@ -22,6 +22,16 @@ METHOD_NAMES = [
 SEED = 1
 
 
+@pytest.mark.parametrize("group", extensions.GROUPS)
+def test_names_can_stand_in_streams(group: str) -> None:
+    """Other names are left aside: neither options nor streams can have them."""
+    from importlib.metadata import entry_points
+
+    names = {entry.name for entry in entry_points(group=group)}
+    aside = sorted(names - set(extensions.installed(group)))
+    assert not aside, f"{group}: {aside} do not match {extensions.NAME.pattern}"
+
+
 class TestSideInformation(SideInformationContract):
     """Methods, and scene interpolators as methods."""
 
@@ -37,7 +47,7 @@ class TestPlaneCoders(PlaneCoderContract):
     @pytest.fixture(params=extensions.installed(extensions.PLANE_CODERS))
     def coder(self, request: pytest.FixtureRequest) -> PlaneCoder:
         """Return a coder."""
-        coder: PlaneCoder = extensions.load(extensions.PLANE_CODERS, request.param)(SEED)
+        coder: PlaneCoder = extensions.make(extensions.PLANE_CODERS, request.param, SEED)
         return coder
 
 
@@ -47,7 +57,7 @@ class TestInference(InferenceContract):
     @pytest.fixture(params=extensions.installed(extensions.INFERENCE))
     def method(self, request: pytest.FixtureRequest) -> Inference:
         """Return a method."""
-        method: Inference = extensions.load(extensions.INFERENCE, request.param)()
+        method: Inference = extensions.make(extensions.INFERENCE, request.param)
         return method
 
 

@@ -1,11 +1,13 @@
 """Ways to represent a disparity map, by name."""
 
+from functools import partial
+
 from dvc.depthcodec.trees.blocks import BlockCodec
 from dvc.depthcodec.trees.disparity_codec import DisparityCodec
 from dvc.depthcodec.trees.integer_transforms import L_TRANSFORM, S_TRANSFORM
 from dvc.depthcodec.trees.quadtree import QuadtreeCodec
 from dvc.depthcodec.trees.wavelet_codec import WaveletCodec
-from dvc.extensions import DISPARITY_CODECS, Registry, load
+from dvc.extensions import DISPARITY_CODECS, Registry, make
 
 METHODS: Registry[DisparityCodec] = Registry(
     DISPARITY_CODECS,
@@ -15,6 +17,6 @@ METHODS: Registry[DisparityCodec] = Registry(
         "quadtree": QuadtreeCodec(),
         "blocks": BlockCodec(),
     },
-    lambda name: load(DISPARITY_CODECS, name)(),
+    partial(make, DISPARITY_CODECS),
 )
 """By the name that options have for them; those of other packages are made when they are asked for."""

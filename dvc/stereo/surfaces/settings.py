@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
-from dvc.extensions import INFERENCE, Registry
+from dvc.extensions import INFERENCE, Registry, maker
 
 if TYPE_CHECKING:
     from dvc.multiview.volumes.aggregation import Window
@@ -19,7 +20,9 @@ TEST_PAIRS = "Aloe", "Cloth3", "Midd1", "Pipes_Q", "Recycle_Q", "Wood2", "bull"
 """Pairs of Middlebury that settings were chosen on, and others, which several trials were compared on."""
 COST_NAMES = "census", "squared"
 INFERENCE_NAMES: "Registry[Callable[[], Inference] | None]" = Registry(
-    INFERENCE, dict.fromkeys(("belief-propagation", "semi-global"))
+    INFERENCE,
+    dict.fromkeys(("belief-propagation", "semi-global")),
+    partial(maker, INFERENCE),
 )
 """Ours, which settings make, and what is installed, with what makes it."""
 OCCLUSION_NAMES = "explicit", "implicit", "none"
@@ -168,9 +171,9 @@ class StereoSettings:
         from dvc.multiview.volumes.belief_propagation import BeliefPropagation
         from dvc.multiview.volumes.inference import SemiGlobal
 
-        make = INFERENCE_NAMES[self.inference]
-        if make is not None:
-            return make()
+        make_other = INFERENCE_NAMES[self.inference]
+        if make_other is not None:
+            return make_other()
         scanlines = self.inference == "semi-global" or (iteration == 0 and self.cost != "squared")
         if scanlines:
             return SemiGlobal(small_jump=SMALL_JUMP / fineness)
