@@ -1,6 +1,8 @@
 # Everything runs in .venv, which is made on first use; `make PYTHON=/path/to/python3.11 venv` chooses another Python.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 JOBS ?= 2
+# Many tests wait for processes that they have started.
+WORKERS ?= $(shell expr $(JOBS) + 1)
 COUNT ?= 3000
 HOURS ?= 1
 RUNS ?= 1000
@@ -40,7 +42,7 @@ kernels: $(INSTALLED)  ## compile the kernels, or take them from where an earlie
 	$(BIN)/dvc-compile --jobs $(JOBS)
 
 test: browser kernels  ## run the tests; what they compile is kept in the user's cache folder
-	$(BIN)/python -m pytest -m "not slow" -n $(JOBS) --dist worksteal
+	$(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --dist worksteal
 	$(BIN)/python -m tests.kernels keep
 
 test-all: browser kernels  ## run the long studies too, and every frozen stream on every emulated processor
