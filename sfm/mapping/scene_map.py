@@ -62,6 +62,6 @@ class SceneMap:
     def summary(self) -> str:
         """Say in one line how much of the sequence is located."""
         if not self.pieces:
-            return f"map: none of {self.num_frames} frames located: few points, or no parallax"
+            return f"map: no frame of {self.num_frames} located: few points, or no parallax"
         pieces = f"{len(self.pieces)} piece{'s' * (len(self.pieces) != 1)}"
         return f"map: {pieces}, {self.num_located} of {self.num_frames} frames located"

@@ -41,7 +41,7 @@ def test_a_map_is_made_of_what_was_decoded(
     lines = capsys.readouterr().err.splitlines()
     assert lines[-2:] == [
         "dvc-decode: matching points",
-        "dvc-decode: map: 0 pieces, 0 of 3 frames located",
+        "dvc-decode: map: no frame of 3 located: few points, or no parallax",
     ]
 
 

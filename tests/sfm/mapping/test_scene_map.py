@@ -11,7 +11,7 @@ SIZE = (12, 9)
 @pytest.mark.parametrize(
     ("pieces", "summary"),
     [
-        ((), "map: none of 12 frames located: few points, or no parallax"),
+        ((), "map: no frame of 12 located: few points, or no parallax"),
         ((piece_of(range(5), *SIZE),), "map: 1 piece, 5 of 12 frames located"),
         (
             (piece_of(range(5), *SIZE), piece_of(range(7, 12), *SIZE)),

@@ -85,7 +85,7 @@ def test_nothing_located_is_said(tmp_path: Path) -> None:
     """There is the summary and a page, and no piece."""
     values = written(tmp_path, map_of(size=SIZE))
     assert {path.name for path in tmp_path.iterdir()} == {"index.html", "scene.json"}
-    assert values["summary"] == "map: 0 pieces, 0 of 12 frames located"
+    assert values["summary"] == "map: no frame of 12 located: few points, or no parallax"
 
 
 def test_large_clouds_are_thinned_for_colmap_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
