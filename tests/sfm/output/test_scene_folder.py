@@ -45,6 +45,7 @@ def test_files_of_one_piece_agree_with_the_map(tmp_path: Path) -> None:
         np.testing.assert_allclose(image.cam_from_world().matrix(), pose, atol=1e-9)
     intrinsics = json.loads((tmp_path / "intrinsics.json").read_text())
     np.testing.assert_array_equal(intrinsics["matrix"], piece.intrinsics)
+    assert (intrinsics["size"], intrinsics["centre_of_first_pixel"]) == (list(SIZE), [0, 0])
     assert np.loadtxt(tmp_path / "trajectory.txt").shape == (9, 8)
     points, colours = read_ply(tmp_path / "points.ply")
     np.testing.assert_allclose(points, piece.points, rtol=1e-6)

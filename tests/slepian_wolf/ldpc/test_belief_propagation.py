@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from dvc.slepian_wolf.ldpc import _kernels
-from dvc.slepian_wolf.ldpc.belief_propagation import MAX_ITERATIONS, NumberPriors, decode_block
+from dvc.slepian_wolf.ldpc import _kernels, belief_propagation
+from dvc.slepian_wolf.ldpc.belief_propagation import MAX_ITERATIONS, PATIENCE, NumberPriors, decode_block
 from dvc.slepian_wolf.ldpc.graph import SyndromeGraph, syndrome
 
 OUTLIERS = 1e-3
@@ -140,14 +140,16 @@ def test_edges_are_sorted_by_syndrome_bit() -> None:
     assert edge_of.tolist() == [1, 5, 4, 0, 3]
 
 
-def test_a_damaged_syndrome_is_no_success() -> None:
-    """Random syndrome bits end in a report, not in an error."""
+def test_a_damaged_syndrome_is_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Random syndrome bits end in a report, not in an error; after some iterations that bring nothing."""
     priors, _, _ = laplacian_band(300, 3, 0.3, seed=4)
     graph = SyndromeGraph(300, (0, 1, 2), 400, seed=1)
     noise = np.random.default_rng(1).integers(0, 2, 400, dtype=np.uint8)
     block = decode_block(graph, noise, [priors])
     assert not block.success
     assert block.bits.shape == (3, 300)
+    monkeypatch.setattr(belief_propagation, "_PROGRESS", 0.0)
+    assert decode_block(graph, noise, [priors]).num_iterations == PATIENCE
 
 
 def test_priors_must_fit_the_block() -> None:
