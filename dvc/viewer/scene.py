@@ -149,13 +149,10 @@ def positions_of(viewpoints: Sequence[Viewpoint]) -> Floats:
     first = viewpoints[0]
     if isinstance(first, LatticePosition):
         return np.array([[*view, 0.0] for view in viewpoints if isinstance(view, LatticePosition)])
-    offsets = [view.centre - first.centre for view in viewpoints if isinstance(view, CalibratedViewpoint)]
-    return np.asarray(offsets @ first.pose[:, :3].T / unit_of(viewpoints))
+    views = [view for view in viewpoints if isinstance(view, CalibratedViewpoint)]
+    return np.asarray([view.centre - first.centre for view in views] @ first.pose[:, :3].T / unit_of(views))
 
 
-def unit_of(viewpoints: Sequence[Viewpoint]) -> float:
-    """Return the length of a unit of m and n."""
-    first = viewpoints[0]
-    if isinstance(first, LatticePosition):
-        return 1.0
-    return max(distance(first, view) for view in viewpoints) or 1.0
+def unit_of(viewpoints: Sequence[CalibratedViewpoint]) -> float:
+    """Return how far the farthest camera is from the first, which is a unit of m and n."""
+    return max(distance(viewpoints[0], view) for view in viewpoints) or 1.0

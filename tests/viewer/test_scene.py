@@ -9,6 +9,7 @@ from dvc.depthcodec.layered.pieces import pieces_of_layers, pieces_of_sprites
 from dvc.depthcodec.prediction.decoder import decode
 from dvc.depthcodec.prediction.stream import decode_stream
 from dvc.multiview.camera_array import LatticePosition
+from dvc.multiview.viewpoints import CalibratedViewpoint
 from dvc.stereo.layers.layered_depth_image import layered_depth_image
 from dvc.stereo.layers.sprites import extract_sprites
 from dvc.viewer.canvases import scene_of_pieces
@@ -20,6 +21,7 @@ from dvc.viewer.scene import (
     scene_of_stream,
     seen_of,
     source_of,
+    unit_of,
 )
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
@@ -50,6 +52,9 @@ def test_calibrated_cameras_have_places_in_the_plane_of_the_first() -> None:
     np.testing.assert_allclose(positions[0], 0.0)
     assert np.linalg.norm(positions, axis=1).max() == pytest.approx(1.0)
     assert scene.infinity == 0.0
+    first = scene.viewpoints[0]
+    assert isinstance(first, CalibratedViewpoint)
+    assert unit_of([first]) == 1.0
 
 
 def test_a_picture_alone_has_bounds_by_its_parallax() -> None:

@@ -268,3 +268,17 @@ def test_joint_check_of_words_is_that_of_bits() -> None:
     expected = slepian_wolf.joint_check(np.stack(bits))
     for kernel in (joint_check_of_words, python_twin(joint_check_of_words)):
         np.testing.assert_array_equal(kernel(words, planes, POLYNOMIALS[16]), expected)
+
+
+@pytest.mark.parametrize("levels", [None, MATRICES[7]])
+def test_bands_may_be_packed_one_after_the_other(levels: tuple[int, ...] | None) -> None:
+    """Planes of the first bands are those that are there once all are packed, and they are packed once."""
+    layout = layout_of(24, 32, levels)
+    whole = encoded_frame(layout, 1)
+    asked = encoded_frame(layout, 1)
+    for num_bands in (1, 3, transform.NUM_BANDS, 2):
+        words, checks = asked.pack(num_bands)
+        assert asked.num_packed_bands == max(num_bands, asked.num_packed_bands)
+        np.testing.assert_array_equal(words[:1], whole.words[:1])
+        np.testing.assert_array_equal(checks[:1], whole.checks[:1])
+    np.testing.assert_array_equal(asked.words, whole.words)

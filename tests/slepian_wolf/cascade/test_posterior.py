@@ -250,3 +250,20 @@ def test_orders_are_permutations_and_words_hold_all_planes() -> None:
         plane_bits = (words >> np.uint64(plane)) & np.uint64(1)
         expected = np.cumsum(plane_bits[orders[3]]) % 2
         np.testing.assert_array_equal((parities >> np.uint64(plane)) & np.uint64(1), expected)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize(
+    ("changed", "marked"), [(5, {1, 4, 6, 9}), (0, {0, 1, 4}), (7, {3, 6, 7, 11}), (11, {7, 10, 11})]
+)
+def test_neighbours_of_what_is_believed_otherwise_are_marked(changed: int, marked: set[int]) -> None:
+    """Those in the same row and column; at a border the bit itself in place of one that there is not."""
+    shape = 3, 4
+    zeros = np.zeros(12, np.uint8)
+    llr = np.zeros(12, np.float32), np.ones(1, np.float32)
+    coupled = _kernels.Coupled(np.full(shape, 0.2), np.zeros(shape), zeros, *llr, zeros.copy())
+    odds = np.full(12, 0.25)
+    odds[changed] = 1.0
+    python_twin(_kernels._note_beliefs)(coupled, odds)
+    assert set(np.flatnonzero(coupled.marks).tolist()) == marked
+    assert coupled.deviation.ravel()[changed] == pytest.approx(0.3)

@@ -1,0 +1,53 @@
+"""Acceptance of a plane: how many check bits are asked for, and when it is given up."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from dvc.slepian_wolf.crc import CRC_BITS, crc
+from dvc.slepian_wolf.turbo.plane import ERROR_EXPONENT, _Plane
+
+BITS = np.random.default_rng(1).integers(0, 2, 64, dtype=np.uint8)
+
+
+def accepted(plane: _Plane, check: np.ndarray, expected_errors: float) -> tuple[bool, Sequence[int]]:
+    """Answer what is asked for from a check; return the verdict, and how many bits each request was for."""
+    asking, counts, answer = plane.accept(BITS, expected_errors), list[int](), None
+    try:
+        while True:
+            request = asking.send(answer) if answer is not None else next(asking)
+            counts.append(request.count)
+            answer = check[request.start : request.start + request.count]
+    except StopIteration as end:
+        return end.value, counts
+
+
+def plane_of(num_check_bits: int, size_of_llr: float = 8.0) -> _Plane:
+    """Return a plane of which the decisions are likely, with the first bits of its check."""
+    plane = _Plane((0, 0), np.where(BITS, -size_of_llr, size_of_llr).astype(np.float32))
+    plane.check = crc(BITS, CRC_BITS)[:num_check_bits]
+    plane.parity = np.zeros(64, np.uint8)
+    return plane
+
+
+def test_sure_planes_need_no_more_bits() -> None:
+    """As soon as the check that there is bears the odds."""
+    assert accepted(plane_of(CRC_BITS), crc(BITS, CRC_BITS), 2.0**-9) == (True, [])
+
+
+@pytest.mark.parametrize("exponent", [0, 3])
+def test_open_planes_ask_for_what_is_missing(exponent: int) -> None:
+    """A bit for each halving of the odds; what does not agree then is refused."""
+    missing = int(ERROR_EXPONENT) - exponent - 6
+    check = crc(BITS, CRC_BITS)
+    assert accepted(plane_of(6), check, 2.0**-exponent) == (True, [missing])
+    assert accepted(plane_of(6), 1 - check, 2.0**-exponent) == (False, [missing])
+
+
+def test_hopeless_planes_are_given_up() -> None:
+    """Where even the whole check would not bear the odds, or what there is disagrees."""
+    assert accepted(plane_of(6), crc(BITS, CRC_BITS), 2.0 ** (CRC_BITS - ERROR_EXPONENT + 1)) == (False, [])
+    plane = plane_of(6)
+    plane.check = 1 - plane.check
+    assert accepted(plane, crc(BITS, CRC_BITS), 1.0) == (False, [])
