@@ -63,6 +63,19 @@ def test_every_cut_is_a_prefix(adaptive: bool, shapes: list[tuple[int, int]]) ->
     assert errors == sorted(errors, reverse=True) or np.diff(errors).max() < 0.02 * errors[0]
 
 
+def test_frozen_code_is_read() -> None:
+    """Contexts belong to the format."""
+    forest = zerotrees([(12, 16)], [2])
+    nodes = np.arange(forest.num_nodes)
+    values = np.trunc((nodes * 7919 % 61 - 30) * (nodes * 31 % 7 < 2) * 60 / (nodes + 20)) * forest.exists
+    frozen = (
+        "525c7ff0f3c8fbdd2600a5f49137eba319bc934923a7981c221ddc25"
+        "89139a9c846002eb51b878d79a1c595bc33225a152be344900000000"
+    )
+    assert np.array_equal(coder.decode(forest, bytes.fromhex(frozen), 6, True).values, values)
+    assert coder.encode(forest, values, adaptive=True).data.hex() == frozen
+
+
 @given(SIZES, SIZES, st.integers(1, 200), st.booleans())
 @settings(max_examples=30)
 def test_shorter_budgets_are_prefixes(rows: int, columns: int, max_bytes: int, adaptive: bool) -> None:
