@@ -203,6 +203,12 @@ def test_epipolar_frames(compiled: bool, fundamental: Floats) -> None:
         _kernels.Line(foot, direction, affine),
     )
     assert not run(_kernels.epipolar_frame, compiled)(*at_epipole)  # type: ignore[operator]
+    affines = np.full((2, 2, 2), np.nan)
+    points = np.array([[3.0, 4.0], [15.0, 11.0]])
+    search = (at_epipole[0], at_epipole[1], points, np.array([near, near]), affines)
+    run(_kernels.similarities, compiled)(*search)  # type: ignore[operator]
+    np.testing.assert_array_equal(affines[0], np.eye(2))
+    assert np.isfinite(affines[1]).all()
 
 
 @pytest.mark.nojit
