@@ -1,0 +1,27 @@
+"""What COLMAP's mapper is given of a sequence."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from sfm.mapping.colmap_mapper import MAX_FRAMES, _reach, _spaced
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "reach"),
+    [(8, 12, range(5, 21)), (0, 30, range(31)), (3, 20, range(2, 31)), (21, 29, range(20, 31))],
+)
+def test_pieces_reach_to_the_key_frames_around(first: int, last: int, reach: range) -> None:
+    """Or to their own ends, where there are none."""
+    tracks: Any = SimpleNamespace(key_frames=[0, 2, 5, 20, 30])
+    assert _reach(tracks, first, last) == reach
+
+
+def test_many_key_frames_are_thinned_evenly() -> None:
+    """From the first to the last."""
+    assert _spaced([]) == []
+    assert _spaced([4, 9, 11]) == [4, 9, 11]
+    chosen = _spaced(range(0, 6 * MAX_FRAMES, 2))
+    assert len(chosen) == MAX_FRAMES
+    assert (chosen[0], chosen[-1]) == (0, 6 * MAX_FRAMES - 2)
