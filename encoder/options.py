@@ -1,7 +1,6 @@
 """The options of `dvc-encode`: defaults are those of the codec's variant, and a session comes out of them."""
 
 import argparse
-import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -437,8 +436,11 @@ def check(arguments: argparse.Namespace) -> None:
         from encoder.segments import segment_names
 
         segment_names(arguments.output)
-    elif arguments.output is not None and re.search(r"%0?\d*d", Path(arguments.output).name):
-        raise ConfigError(f"names such as {arguments.output} are for --segment")
+    elif arguments.output is not None and "%" in arguments.output:
+        from encoder.segments import CONVERSION
+
+        if CONVERSION.search(Path(arguments.output).name):
+            raise ConfigError(f"names such as {arguments.output} are for --segment")
 
 
 def protection(arguments: argparse.Namespace) -> "Protection":

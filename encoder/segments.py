@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from encoder.session import EncoderSession, Progress
 
 MIN_DIGITS = 4
-_CONVERSION = re.compile(r"%(0[1-9])?d")
+CONVERSION = re.compile(r"%(0[1-9])?d")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class SegmentNames:
 def segment_names(output: str) -> SegmentNames:
     """Read the pattern of the names of segments."""
     path = Path(output)
-    parts = _CONVERSION.split(path.name)
+    parts = CONVERSION.split(path.name)
     if len(parts) == 3 and not any("%" in part for part in parts[::2]):
         return SegmentNames(path.parent, parts[0], int(parts[1] or 1), parts[2])
     if "%" in path.name:
