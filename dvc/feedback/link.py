@@ -249,6 +249,8 @@ class Link(Closing):
             raw = connection.receive()
             with self._state:
                 data = self._stream.receive(raw) if connection is self._connection else b""
+                if self._stream.damage is not None:
+                    connection.break_off(self._stream.damage)  # which is raised the next time
         except FeedbackError as err:
             self._lose(connection, err)
             self._let_go()

@@ -36,6 +36,7 @@ class ResumableStream:
         self.num_received = 0  # bytes of the other side, from the first on
         self.num_bytes_again = 0  # that were put on a connection more than once
         self.num_pieces = 0  # that came whole on this connection
+        self.damage: FeedbackError | None = None  # of the piece behind them
         self._kept = bytearray()  # what was sent and not acknowledged
         self._num_acknowledged = 0
         self._num_placed = self._most_placed = 0  # bytes put on this connection, or any
@@ -71,7 +72,7 @@ class ResumableStream:
         self._num_told = self.num_received
         self._raw.clear()
         self._sent_check, self._received_check = checks
-        self.num_pieces = 0
+        self.num_pieces, self.damage = 0, None
 
     def _acknowledge(self, count: int) -> None:
         del self._kept[:count]
@@ -108,7 +109,7 @@ class ResumableStream:
         return piece
 
     def receive(self, raw: bytes) -> bytes:
-        """Take in what came on the connection; return the bytes of the other side in it."""
+        """Take in what came on the connection; return the bytes of the other side before any damage."""
         self._raw += raw
         received: list[bytes] = []
         try:
@@ -116,9 +117,10 @@ class ResumableStream:
                 self.num_pieces += 1
                 self.num_received += len(data)
                 received.append(data)
-        except FeedbackError:
+        except FeedbackError as err:
+            self.damage = err
             if not received:
-                raise  # else the next time: what came before was good
+                raise
         return b"".join(received)
 
     def _next_piece(self) -> bytes | None:

@@ -4,6 +4,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
@@ -23,6 +24,7 @@ from dvc.feedback import (
     listen,
 )
 from dvc.feedback.opening import NEW, Opening, read_opening, refuse
+from tests.raw_links import RawLink
 from tests.waiting import wait_until
 
 PROTECTIONS = {"plain": None, "token": b"a token of some length"}
@@ -139,6 +141,29 @@ def test_without_patience_a_cut_ends_the_link() -> None:
         for end in (near, far):
             with pytest.raises(FeedbackError, match=r"closed the connection|went away"):
                 until_it_fails(end)
+
+
+def test_damage_behind_what_is_good_is_noticed_at_once() -> None:
+    """Though the other side says nothing more."""
+
+    def say(peer: socket.socket) -> None:
+        raw = RawLink.of_encoder(peer)
+        raw.stream.keep(b"good")
+        peer.sendall(raw.stream.pieces() + bytes(10))
+        while peer.recv(2**12):
+            continue
+
+    def serve() -> None:
+        with listener.accept(5.0) as connection:
+            connection.talk(say)
+
+    with listen("127.0.0.1") as listener, ThreadPoolExecutor(1) as work:
+        serving = work.submit(serve)
+        with dial(listener.host, listener.port, 20.0) as far:
+            assert got(far, 4) == b"good"
+            with pytest.raises(FeedbackError, match="changed on the way"):
+                until_it_fails(far)
+        serving.result()
 
 
 def test_patience_ends(monkeypatch: pytest.MonkeyPatch) -> None:
