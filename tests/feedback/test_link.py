@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
+from typing import cast
 
 import pytest
 
@@ -155,7 +156,7 @@ def test_damage_behind_what_is_good_is_noticed_at_once() -> None:
 
     def serve() -> None:
         with listener.accept(5.0) as connection:
-            connection.talk(say)
+            connection.talk(lambda peer: say(cast(socket.socket, peer)))
 
     with listen("127.0.0.1") as listener, ThreadPoolExecutor(1) as work:
         serving = work.submit(serve)
