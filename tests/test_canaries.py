@@ -18,6 +18,7 @@ import pytest
 
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
+import sfm.__main__ as sfm
 from dvc.multiview.cameras import PixelFrame
 from dvc.video import Frame
 from tests.clips import moving_texture, write_clip
@@ -74,6 +75,7 @@ CANARIES = [
     Canary("wall", "--codec 3d --gop 5 --qp 30 --luma-only"),
     Canary("wall", "--codec 3d-td --gop 5 --qp 30 --luma-only"),
 ]
+MAP = "wall map"
 
 
 @pytest.fixture(scope="module")
@@ -114,6 +116,18 @@ def stored() -> dict[str, Any]:
     return found
 
 
+def names() -> list[str]:
+    """List what is stored."""
+    return [*(canary.name for canary in CANARIES), MAP]
+
+
+def store(name: str, found: dict[str, Any]) -> None:
+    """Store what was found, if that is asked for."""
+    if os.environ.get("DVC_REGENERATE") == "1":
+        kept = stored() | {name: found}
+        RECORDS.write_text(json.dumps({one: kept[one] for one in names() if one in kept}, indent=1) + "\n")
+
+
 @pytest.mark.parametrize("canary", CANARIES, ids=lambda canary: canary.name)
 def test_bytes_and_psnr_are_as_before(canary: Canary, clips: Callable[[str], Path], tmp_path: Path) -> None:
     """Of what the decoder needs of a parity buffer, and of streams that nobody asks for more."""
@@ -123,10 +137,7 @@ def test_bytes_and_psnr_are_as_before(canary: Canary, clips: Callable[[str], Pat
     found = decoded(tmp_path, clip, stream, *([] if estimated else ["--punctured", needed]))
     assert found["bytes"] == (stream if estimated else needed).stat().st_size
     found["streams"] = digest(stream, *([] if estimated else [needed]))
-    if os.environ.get("DVC_REGENERATE") == "1":
-        kept = stored() | {canary.name: found}
-        named = {one.name: kept[one.name] for one in CANARIES if one.name in kept}
-        RECORDS.write_text(json.dumps(named, indent=1) + "\n")
+    store(canary.name, found)
     assert found == stored()[canary.name]
 
 
@@ -143,7 +154,31 @@ def test_live_runs_cost_the_same(clips: Callable[[str], Path], tmp_path: Path) -
     assert found.items() <= stored()[CANARIES[list(CODINGS).index("jolt")].name].items()
 
 
+def test_a_map_is_as_before(clips: Callable[[str], Path], tmp_path: Path) -> None:
+    """But for the last digits, in which processors differ."""
+    assert sfm.main([str(clips("wall")), "--out", str(tmp_path / "map"), "--quiet"]) == 0
+    piece = json.loads((tmp_path / "map" / "scene.json").read_text())["pieces"][0]
+    found = {
+        "frames": piece["frames"],
+        "depth_frames": piece["depth_frames"],
+        "num_points": piece["num_points"],
+        "matrix": json.loads((tmp_path / "map" / "intrinsics.json").read_text())["matrix"],
+        "centres": np.loadtxt(tmp_path / "map" / "trajectory.txt")[:, 1:4].round(6).tolist(),
+    }
+    store(MAP, found)
+    expected = stored()[MAP]
+    assert [found[key] for key in ("frames", "depth_frames")] == [
+        expected["frames"],
+        expected["depth_frames"],
+    ]
+    assert found["num_points"] == pytest.approx(expected["num_points"], rel=0.005)
+    np.testing.assert_allclose(found["matrix"], expected["matrix"], rtol=1e-3)
+    np.testing.assert_allclose(
+        found["centres"], expected["centres"], atol=1e-3 * np.abs(found["centres"]).max()
+    )
+
+
 def test_nothing_else_is_stored() -> None:
     """Neither clips nor numbers that nothing compares with."""
-    assert list(stored()) == [canary.name for canary in CANARIES]
+    assert list(stored()) == names()
     assert {path.stem for path in FOLDER.glob("*.mkv")} == set(CODINGS) - set(MADE)
