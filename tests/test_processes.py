@@ -813,8 +813,17 @@ def unbroken(folder: Path, long_clip: Path) -> Run:
 PROTECTION: dict[str, tuple[str, ...]] = {"plain": (), "token": ("--token-file", "token")}
 
 
-@pytest.mark.parametrize("protection", [*PROTECTION, "tls"])
-@pytest.mark.parametrize("fault", ["cuts", "all faults"])
+@pytest.mark.parametrize(
+    ("fault", "protection"),
+    [
+        ("all faults", "plain"),
+        ("all faults", "tls"),
+        ("cuts", "token"),
+        pytest.param("all faults", "token", marks=pytest.mark.slow),
+        pytest.param("cuts", "plain", marks=pytest.mark.slow),
+        pytest.param("cuts", "tls", marks=pytest.mark.slow),
+    ],
+)
 def test_a_bad_link_changes_neither_frames_nor_bits(
     folder: Path, long_clip: Path, unbroken: Run, tmp_path: Path, protection: str, fault: str
 ) -> None:

@@ -73,10 +73,9 @@ def stages(change: Change, root: Path) -> list[tuple[str, ...]]:
     package, path = package_of(change), Path(change.path)
     mirrored = Path("tests") / path.with_name(f"test_{path.name}").as_posix().removeprefix("dvc/")
     whole = f"tests/{package.removeprefix('dvc/')}"
-    near = [mirrored.as_posix(), mirrored.parent.as_posix()]
-    canaries = [CANARIES] if package in CODEC else []
-    others = [] if canaries else [CANARIES]
-    order = [at for at in dict.fromkeys([*near, *canaries, whole, *others]) if (root / at).exists()]
+    canaries, others = ([CANARIES], []) if package in CODEC else ([], [CANARIES])
+    wanted = [mirrored.as_posix(), *canaries, mirrored.parent.as_posix(), whole, *others]
+    order = [at for at in dict.fromkeys(wanted) if (root / at).exists()]
     return [(at, *(f"--ignore={before}" for before in order[:k])) for k, at in enumerate(order)]
 
 
