@@ -14,6 +14,7 @@ from dvc.stereo.layers.layered_depth_image import layered_depth_image
 from dvc.stereo.layers.sprites import extract_sprites
 from dvc.viewer.canvases import scene_of_pieces
 from dvc.viewer.scene import (
+    DEPTH_RANGE,
     Bounds,
     is_whole,
     positions_of,
@@ -55,6 +56,24 @@ def test_calibrated_cameras_have_places_in_the_plane_of_the_first() -> None:
     first = scene.viewpoints[0]
     assert isinstance(first, CalibratedViewpoint)
     assert unit_of([first]) == 1.0
+
+
+def test_places_are_along_the_axes_of_the_first_camera() -> None:
+    """Wherever it stands, and however it is turned."""
+    turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    centres = np.array([[3.0, 1.0, 2.0], [3.0, 3.0, 2.0], [2.0, 1.0, 2.0]])
+    poses = [np.column_stack([turned, -turned @ centre]) for centre in centres]
+    found = positions_of([CalibratedViewpoint(np.eye(3), pose) for pose in poses])
+    np.testing.assert_allclose(found, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+
+
+@pytest.mark.parametrize(("least", "is_at_zero"), [(1.0, True), (0.01, False), (0.0, False), (-2.0, False)])
+def test_infinity_is_where_disparities_may_be_inverse_depths(least: float, is_at_zero: bool) -> None:
+    """Else it is a little below the least."""
+    disparity = np.linspace(least, 9.0, 12).reshape(3, 4)
+    scene = scene_of_picture(source_of(np.zeros((3, 4), np.uint8), disparity), 0.5)
+    expected = 0.0 if is_at_zero else least - (9.0 - least) / (DEPTH_RANGE - 1.0)
+    assert scene.infinity == pytest.approx(expected)
 
 
 def test_a_picture_alone_has_bounds_by_its_parallax() -> None:

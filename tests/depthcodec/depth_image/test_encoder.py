@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dvc.depthcodec.depth_image.decoder import decode
-from dvc.depthcodec.depth_image.depth_codes import NUM_STEPS, DepthOptions, code_edges
+from dvc.depthcodec.depth_image.depth_codes import NUM_STEPS, DepthOptions, code_edges, code_with_edges
 from dvc.depthcodec.depth_image.depth_scale import DepthScale
 from dvc.depthcodec.depth_image.encoder import DepthImage, PictureOptions, encode_to_size
 from dvc.depthcodec.depth_image.stream import decode_stream
@@ -40,6 +40,18 @@ def test_streams_fill_their_bytes_and_decode_to_what_the_encoder_says():
         encoded = encode(DISCS, max_bytes)
         assert max_bytes - 4 <= len(encoded.data) <= max_bytes
         assert sum(encoded.part_bytes.values()) == len(encoded.data)
+
+
+def test_squared_errors_of_lengths_are_about_those_of_codes():
+    edges = code_edges(edges_of_jumps(DISCS, 5.0))
+    candidate = code_with_edges(DISCS, DepthScale.of(DISCS), edges, 1000, DepthOptions())
+    least = len(edges.data)
+    assert candidate.mse_at(least - 1) == np.inf
+    assert candidate.cut(least - 1) is None
+    for more in (0, 20, 60, 200, 500):
+        code = candidate.cut(least + more)
+        assert code is not None
+        assert candidate.mse_at(least + more) == pytest.approx(code.mse, rel=1.0)
 
 
 def test_given_edges_are_coded_as_they_are():

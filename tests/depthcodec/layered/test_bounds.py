@@ -13,6 +13,7 @@ def test_bounds_are_beyond_all_sides() -> None:
         -4 * BEYOND,
         1 + 4 * BEYOND,
     )
+    assert bounds_around(0.0, 1.0, 2.0, 5.0) == (-3 * BEYOND, 1 + 3 * BEYOND, 2 - 3 * BEYOND, 5 + 3 * BEYOND)
 
 
 def test_one_view_bears_some_parallax() -> None:
