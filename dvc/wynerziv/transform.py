@@ -23,8 +23,7 @@ Samples = NDArray[Any]
 BLOCK = 4
 NUM_BANDS = BLOCK * BLOCK
 ORDER = np.argsort(ZIGZAG).reshape(BLOCK, BLOCK)
-_CORE = np.array([[1, 1, 1, 1], [2, 1, -1, -2], [1, -1, -1, 1], [1, -2, 2, -1]], dtype=np.int64)
-_NORM = 1.0 / np.sqrt((_CORE**2).sum(axis=1))
+_NORM = 1.0 / np.sqrt([4, 10, 4, 10])  # lengths of the rows of the core
 SCALE = np.outer(_NORM, _NORM)
 """What makes each coefficient of the integer core orthonormal, by row and column in the block."""
 BAND_SCALE: NDArray[np.float64] = SCALE.ravel()[list(ZIGZAG)]

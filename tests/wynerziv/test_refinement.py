@@ -5,7 +5,7 @@ import pytest
 
 from dvc._jit import python_twin
 from dvc.wynerziv import _kernels, noise, quantizer
-from dvc.wynerziv.refinement import expected_refinement
+from dvc.wynerziv.refinement import NUM_SAMPLES, expected_refinement
 
 PLANES, STEP = 7, 10.0
 EDGES = quantizer.embedded_edges(1, PLANES, STEP)
@@ -53,6 +53,14 @@ def test_entropy_and_saving_are_those_of_the_density(known: int) -> None:
     worth = expected_refinement(prefix, missing, EDGES, predicted, scale, depth)
     np.testing.assert_allclose(worth.bits, expected[:, 0], rtol=5e-3, atol=5e-3)
     np.testing.assert_allclose(worth.saved, expected[:, 1], rtol=1e-2, atol=1e-2)
+
+
+def test_every_so_many_coefficients_of_a_large_band_are_looked_at() -> None:
+    """They stand for all."""
+    prefix, predicted, scale = coefficients(3 * NUM_SAMPLES)
+    few = expected_refinement(prefix[::3], 1, EDGES, predicted[::3], scale[::3], 1)
+    found = expected_refinement(prefix, 1, EDGES, predicted, scale, 1)
+    np.testing.assert_allclose(found, 3.0 * np.array(few), rtol=1e-12)
 
 
 def test_sure_planes_are_worth_nothing() -> None:
