@@ -40,6 +40,7 @@ CODEC = ("encoder", "decoder", "dvc/config", "dvc/slepian_wolf", "dvc/wynerziv",
 COMMAND_LINES = ("__main__.py", "options.py", "commands")
 """Are left alone: their numbers are bounds and widths of text."""
 CANARIES = "tests/test_canaries.py"
+CONTRACTS = "tests/contracts"
 LIMIT_S = 120
 
 
@@ -74,7 +75,7 @@ def stages(change: Change, root: Path) -> list[tuple[str, ...]]:
     mirrored = Path("tests") / path.with_name(f"test_{path.name}").as_posix().removeprefix("dvc/")
     whole = f"tests/{package.removeprefix('dvc/')}"
     canaries, others = ([CANARIES], []) if package in CODEC else ([], [CANARIES])
-    wanted = [mirrored.as_posix(), *canaries, mirrored.parent.as_posix(), whole, *others]
+    wanted = [mirrored.as_posix(), *canaries, mirrored.parent.as_posix(), whole, CONTRACTS, *others]
     order = [at for at in dict.fromkeys(wanted) if (root / at).exists()]
     return [(at, *(f"--ignore={before}" for before in order[:k])) for k, at in enumerate(order)]
 

@@ -10,6 +10,7 @@ from dvc.errors import DvcError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.stereo.layers.layered_depth_image import (
     LayeredDepthImage,
+    _neighbours,
     layered_depth_image,
     resolution,
     unrefuted,
@@ -66,6 +67,18 @@ def test_all_cameras_vote_for_what_all_see() -> None:
     assert (votes[10:24, 26:34] == 9).all()
     assert votes.max() == 9
     np.testing.assert_array_equal(image.disparity[0, rows, columns], reconstruction.surfaces[0].disparity)
+
+
+def test_neighbours_are_the_nearest_of_a_row_and_of_a_column() -> None:
+    """Those on a diagonal are none, and where there is none on one side the other is alone."""
+    positions = square_lattice(2)
+    array = reconstruction_of(SCENE, positions, LABELS).array
+    for place, expected in (
+        ((0.0, 0.0), [{(-1.0, 0.0), (1.0, 0.0)}, {(0.0, -1.0), (0.0, 1.0)}]),
+        ((2.0, -2.0), [{(1.0, -2.0)}, {(2.0, -1.0)}]),
+    ):
+        found = _neighbours(array, positions.index(place))
+        assert [{positions[k] for k in pair} for pair in found] == expected
 
 
 def test_hidden_surfaces_are_found_with_their_colours() -> None:
