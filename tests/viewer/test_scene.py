@@ -11,8 +11,8 @@ from dvc.depthcodec.prediction.stream import decode_stream
 from dvc.multiview.camera_array import LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint
 from dvc.stereo.layers.layered_depth_image import layered_depth_image
-from dvc.stereo.layers.sprites import extract_sprites
-from dvc.viewer.canvases import scene_of_pieces
+from dvc.stereo.layers.sprites import Sprite, extract_sprites
+from dvc.viewer.canvases import _planes, scene_of_pieces
 from dvc.viewer.scene import (
     DEPTH_RANGE,
     Bounds,
@@ -121,6 +121,20 @@ def test_sprites_share_pieces_without_touching() -> None:
             both &= np.take(piece.mask, range(1, piece.mask.shape[axis]), axis=axis)
             jumps = np.abs(np.diff(piece.disparity, axis=axis))[both]
             assert jumps.max(initial=0.0) <= 1.5 * scene.step
+
+
+@pytest.mark.parametrize(("gap", "num_pieces"), [(0, 2), (1, 1)])
+@pytest.mark.parametrize("step", [(0, 1), (0, -1), (1, 0), (-1, 0)])
+def test_sprites_share_a_piece_where_a_pixel_is_between_them(
+    step: tuple[int, int], gap: int, num_pieces: int
+) -> None:
+    """To any side."""
+    top, left = (10 + {1: 5 + gap, 0: 1, -1: -(3 + gap)}[k] for k in step)
+    sprites = [
+        Sprite(x, y, np.ones((n, n), np.bool_), np.full((n, n, 3), 9, np.uint8), np.ones((n, n), np.float32))
+        for x, y, n in ((10, 10, 5), (left, top, 3))
+    ]
+    assert len(_planes(sprites, (30, 30))) == num_pieces
 
 
 def test_first_view_is_what_its_pieces_show() -> None:

@@ -50,6 +50,13 @@ def test_labels_that_lead_into_holes_are_credited() -> None:
     np.testing.assert_array_equal(hidden[..., 2:], credited[..., 2:])
 
 
+def test_parallax_is_that_of_the_middle() -> None:
+    """From one label to the next, in a view that is turned, where it is not the same everywhere."""
+    warp = np.array([[1.0, 0.0, 0.0, 3.0], [0.0, 1.0, 0.0, 4.0], [0.01, 0.02, 1.0, 0.0]])
+    found = parallax_px(warp, (21, 41), np.array([0.0, 1.0, 2.0]))
+    assert found == pytest.approx(5.0 / (0.01 * 20.0 + 0.02 * 10.0 + 1.0))
+
+
 def test_parallax_of_one_label_is_none() -> None:
     """Where nothing can move nothing does."""
     assert parallax_px(np.eye(3, 4), SHAPE, np.array([2.0])) == 0.0
