@@ -69,15 +69,29 @@ def package_of(change: Change) -> str:
     return next(p for p in (*PACKAGES, *CODEC) if change.path.startswith(f"{p}/"))
 
 
+def users(change: Change, root: Path) -> list[str]:
+    """List the files of tests that import the module of a change."""
+    *package, module = Path(change.path).with_suffix("").parts
+    names = ".".join([*package, module]), f"from {'.'.join(package)} import {module}"
+    found = sorted(
+        path for path in (root / "tests").rglob("test_*.py") if any(map(path.read_text().count, names))
+    )
+    return [path.relative_to(root).as_posix() for path in found]
+
+
 def stages(change: Change, root: Path) -> list[tuple[str, ...]]:
     """List what is run one after the other: the nearest tests first."""
     package, path = package_of(change), Path(change.path)
     mirrored = Path("tests") / path.with_name(f"test_{path.name}").as_posix().removeprefix("dvc/")
     whole = f"tests/{package.removeprefix('dvc/')}"
     canaries, others = ([CANARIES], []) if package in CODEC else ([], [CANARIES])
-    wanted = [mirrored.as_posix(), *canaries, mirrored.parent.as_posix(), whole, CONTRACTS, *others]
-    order = [at for at in dict.fromkeys(wanted) if (root / at).exists()]
-    return [(at, *(f"--ignore={before}" for before in order[:k])) for k, at in enumerate(order)]
+    near = [[mirrored.as_posix()], users(change, root), canaries, [mirrored.parent.as_posix()]]
+    found, before = [], list[str]()
+    for stage in (*near, [whole], [CONTRACTS], others):
+        if new := [at for at in stage if at not in before and (root / at).exists()]:
+            found.append((*new, *(f"--ignore={at}" for at in before)))
+            before += new
+    return found
 
 
 def failed(tree: Path, tests: Sequence[str], limit_s: float) -> bool | None:
