@@ -74,7 +74,7 @@ def users(change: Change, root: Path) -> list[str]:
     *package, module = Path(change.path).with_suffix("").parts
     names = ".".join([*package, module]), f"from {'.'.join(package)} import {module}"
     found = sorted(
-        path for path in (root / "tests").rglob("test_*.py") if any(map(path.read_text().count, names))
+        path for path in (root / "tests").glob("*/**/test_*.py") if any(map(path.read_text().count, names))
     )
     return [path.relative_to(root).as_posix() for path in found]
 
