@@ -1,5 +1,6 @@
 """Scenes of the viewer: sources of streams, layers and sprites, and how far a visitor may go."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -160,3 +161,5 @@ def test_an_empty_scene_has_a_range() -> None:
     scene = scene_of_picture(nothing, 1.0)
     assert scene.range == (0.0, 0.0)
     assert isinstance(scene.bounds, Bounds)
+    assert (scene.extent, replace(scene, step=0.0).extent) == (1.0, 1.0)
+    assert replace(scene, step=0.25).extent == 0.25
