@@ -72,10 +72,11 @@ cuts: $(INSTALLED)  ## cut live runs at random moments until RUNS were tried in 
 	$(BIN)/python -m benchmarks.hostile.cuts --runs $(RUNS)
 
 canaries: $(INSTALLED)  ## store bytes and PSNR of small encodings anew, after a change of the encoder that is meant
-	DVC_REGENERATE=1 $(BIN)/python -m pytest -q tests/test_canaries.py
+	DVC_REGENERATE=1 $(BIN)/python -m pytest -q -k "as_before or cost_the_same" tests/test_canaries.py tests/depthcodec/test_golden.py
 
-streams: $(INSTALLED)  ## make the frozen streams of tests/golden/streams anew, after a change of the format that is meant
+streams: $(INSTALLED)  ## freeze streams that are listed in tests and are not frozen yet
 	$(BIN)/python -m tests.golden_streams
+	DVC_REGENERATE=1 $(BIN)/python -m pytest -q -k frozen_pictures tests/depthcodec/test_golden.py
 
 mutants: $(INSTALLED)  ## change the packages here and there, and list what no test notices (hours; goes on where it ended)
 	$(BIN)/python -m benchmarks.mutants --jobs $(JOBS)

@@ -1,4 +1,4 @@
-"""Frozen streams: how they are made; `python -m tests.golden_streams [NAME...]` makes them anew."""
+"""Frozen streams: how they are made; `python -m tests.golden_streams` makes those that are not there."""
 
 import hashlib
 import json
@@ -17,11 +17,11 @@ import encoder.__main__ as encoder
 from benchmarks.results.live import serving
 from dvc.multiview.cameras import PixelFrame
 from dvc.video import Frame, create_video
+from tests import frozen
 from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render
 
-FOLDER = Path(__file__).parent / "golden" / "streams"
-RECORDS = FOLDER / "records.json"
+FOLDER = frozen.GOLDEN / "streams"
 
 
 @dataclass(frozen=True)
@@ -173,27 +173,14 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def records() -> dict[str, Any]:
-    """Return what is frozen of every stream."""
-    found: dict[str, Any] = json.loads(RECORDS.read_text())
-    return found
-
-
-def main(names: Sequence[str]) -> None:
-    """Make the streams of these names, or all, and drop those that are no longer in the list."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    wanted = [golden for golden in GOLDEN if not names or golden.name in names]
-    kept = {golden.path(form).name for golden in GOLDEN for form in golden.forms}
-    found = {name: record for name, record in records().items() if name in kept} if names else {}
-    with tempfile.TemporaryDirectory() as folder:
-        for number, golden in enumerate(wanted, 1):
-            sys.stderr.write(f"{number} of {len(wanted)}: {golden.name}\n")
-            found |= make(golden, Path(folder))
-    for path in FOLDER.glob("*.dvc"):
-        if path.name not in kept:
-            path.unlink()
-    RECORDS.write_text(json.dumps(dict(sorted(found.items())), indent=1) + "\n")
+def main() -> None:
+    """Freeze the streams of the list that are not frozen yet."""
+    wanted = [one for one in GOLDEN if frozen.missing(FOLDER, [one.path(form).name for form in one.forms])]
+    for number, golden in enumerate(wanted, 1):
+        sys.stderr.write(f"{number} of {len(wanted)}: {golden.name}\n")
+        with tempfile.TemporaryDirectory() as folder:
+            frozen.freeze(FOLDER, make(golden, Path(folder)))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

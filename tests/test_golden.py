@@ -15,7 +15,8 @@ import decoder.__main__ as decoder
 from dvc.environment import SINGLE_THREADED
 from dvc.stream import StreamReader, StreamWriter
 from dvc.stream.records import FORMAT_VERSION
-from tests.golden_streams import FOLDER, GOLDEN, Golden, decode, digest, records
+from tests import frozen
+from tests.golden_streams import FOLDER, GOLDEN, Golden, decode, digest
 
 MAX_BYTES = 100_000
 STREAMS = [
@@ -81,7 +82,7 @@ def test_golden_stream_decodes_to_the_frozen_frames(golden: Golden, form: str, t
     """The frames, requests and parity of each frozen stream are those of the day it was made."""
     assert golden.path(form).stat().st_size <= MAX_BYTES
     record, frames = decode(golden, form, tmp_path)
-    assert record == records()[golden.path(form).name]
+    assert record == frozen.records(FOLDER)[golden.path(form).name]
     served = {(frame["side_information"], frame["side_information_reason"]) for frame in frames}
     expected = {(golden.method, "")} | ({("p-type", "")} if golden.has_p_type else set())
     if golden.comes_back:  # by turning: there is no scene to reconstruct
@@ -99,13 +100,26 @@ def test_golden_streams_decode_alike_on_every_processor(
     """Whatever libraries find, and with any number of threads, the frames are the frozen ones."""
     for form in golden.forms if ALL_PROCESSORS else golden.forms[-1:]:
         found = emulated.video_digest(golden, form, tmp_path)
-        assert found == records()[golden.path(form).name]["video_sha256"]
+        assert found == frozen.records(FOLDER)[golden.path(form).name]["video_sha256"]
 
 
 def test_every_frozen_stream_is_listed() -> None:
     """No stream lies in the folder, and no record in the list, that nothing decodes."""
     listed = {golden.path(form).name for golden in GOLDEN for form in golden.forms}
-    assert {path.name for path in FOLDER.rglob("*.dvc")} == listed == set(records())
+    assert {path.name for path in FOLDER.rglob("*.dvc")} == listed == set(frozen.records(FOLDER))
+
+
+@pytest.mark.parametrize(("folder", "release"), frozen.DIGESTS)
+def test_what_a_release_has_frozen_stays(folder: str, release: str) -> None:
+    """Streams are added; none is made anew."""
+    assert frozen.digest(frozen.GOLDEN / folder, release) == frozen.DIGESTS[folder, release]
+
+
+@pytest.mark.parametrize("folder", ["streams", "dibr"])
+def test_each_release_has_a_digest_of_what_it_has_frozen(folder: str) -> None:
+    """Its records are not changed unseen."""
+    found = {path.stem.removeprefix("records-") for path in (frozen.GOLDEN / folder).glob("records-*.json")}
+    assert found == {release for named, release in frozen.DIGESTS if named == folder}
 
 
 def records_of(path: Path) -> list[tuple[int, int]]:
