@@ -5,6 +5,7 @@ import pytest
 from benchmarks.closed_path import main
 
 
+@pytest.mark.slow
 def test_a_short_clip_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     """Both halves, with and without; all bits are somewhere."""
     assert main(["--frames", "4", "--size", "64x48"]) == 0

@@ -83,7 +83,7 @@ def test_every_cut_decodes() -> None:
     code = codec.encode(picture(17, 22, colour=True))
     header, data = code.cut(10**9)
     significant = 0
-    for length in range(len(data) + 1):
+    for length in [*range(0, len(data), 2), len(data)]:
         decoded = codec.decode(header, data[:length], code.shape)
         now = sum(int(each.sum()) for each in decoded.significance)
         assert now >= significant

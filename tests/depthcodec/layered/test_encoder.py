@@ -135,10 +135,10 @@ def test_too_few_bytes_are_refused() -> None:
         encode_to_size(SCENES["layers"], 100)
 
 
-def test_a_stream_cut_at_any_byte_gives_the_first_pieces_or_says_where_it_ends() -> None:
+def test_a_stream_cut_anywhere_gives_the_first_pieces_or_says_where_it_ends() -> None:
     whole = decoded(small()).scene.pieces
     counts = []
-    for length in range(len(small())):
+    for length in range(0, len(small()), 3):
         try:
             found = decoded(small()[:length])
         except BitstreamError:

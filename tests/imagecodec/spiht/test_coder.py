@@ -190,11 +190,11 @@ def test_any_bytes_are_read_or_refused(
 
 
 def test_flipped_bits_never_crash() -> None:
-    """A thousand damaged streams are read or refused."""
+    """Hundreds of damaged streams are read or refused."""
     forest = zerotrees([(40, 33)], [5])
     code = coder.encode(forest, laplacian(forest, 2, 50.0))
     rng = np.random.default_rng(0)
-    for _ in range(1000):
+    for _ in range(300):
         damaged = bytearray(code.data)
         damaged[rng.integers(len(damaged))] ^= 1 << rng.integers(8)
         try:
