@@ -51,6 +51,8 @@ def _linked(text: str, path: Path, folder: Path) -> str:
 def _read(app: Sphinx, docname: str, source: list[str]) -> None:
     path = Path(app.env.doc2path(docname))
     if path.suffix == ".md":
+        for name in _INCLUDE.findall(path.read_text(encoding="utf-8")):
+            app.env.note_dependency(str((path.parent / name).resolve()))  # whose changes are this page's
         source[0] = page_text(path)
 
 
