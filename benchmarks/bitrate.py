@@ -68,23 +68,31 @@ class Clip(NamedTuple):
     live: bool
     folder: Path
 
+    @property
+    def report(self) -> Path:
+        """Where the decoder writes its report."""
+        return self.folder / "report.json"
+
+    def decode(self, *words: object) -> None:
+        """Decode to a video and a report."""
+        outputs = [self.folder / "decoded.y4m", "--reference", self.video, "--json", self.report]
+        run_module("decoder", *words, *outputs, "--jobs", 2, "--quiet")
+
     def code(self, *quality: object) -> Path:
-        """Code the video; live, a decoder asks."""
+        """Code the video; live, a decoder asks, and decodes it."""
         stream, options = self.folder / "stream.dvc", [*self.options, *quality]
         if self.live:
-            words = ["--timeout", PATIENCE_S, "--punctured", stream, "--jobs", 2, "--quiet"]
             with serving(self.video, self.folder, options) as served:
-                run_module("decoder", "--connect", served, self.folder / "live.y4m", *words)
+                self.decode("--timeout", PATIENCE_S, "--punctured", stream, "--connect", served)
         else:
             run_module("encoder", self.video, stream, "--no-feedback", *options, "--quiet")
         return stream
 
     def psnr_db(self, stream: Path) -> float:
-        """Return the mean PSNR of a stream."""
-        report = self.folder / "report.json"
-        words = ["--reference", self.video, "--json", report, "--jobs", 2, "--quiet"]
-        run_module("decoder", stream, self.folder / "decoded.y4m", *words)
-        return float(report_of(report)["psnr_y_db"])
+        """Return the mean PSNR of the stream that was coded last."""
+        if not self.live:
+            self.decode(stream)
+        return float(report_of(self.report)["psnr_y_db"])
 
     def constant_psnr_db(self, num_bytes: int) -> float:
         """Return the mean PSNR of streams of constant QP at a size, from those next to it."""
