@@ -1,7 +1,7 @@
 """Change the packages here and there, in copies, and tell which changes no test notices.
 
 A change is noticed if the tests of its package, or the canaries of the codec, fail; they stop at the first
-failure, and after two minutes nothing counts. What is done is kept, so that a run that ended goes on.
+failure, and after --limit seconds nothing counts. What is done is kept, so that a run that ended goes on.
 """
 
 import argparse
@@ -41,7 +41,6 @@ COMMAND_LINES = ("__main__.py", "options.py", "commands")
 """Are left alone: their numbers are bounds and widths of text."""
 CANARIES = "tests/test_canaries.py"
 CONTRACTS = "tests/contracts"
-LIMIT_S = 120
 
 
 def sources(package: str) -> list[Path]:
@@ -129,8 +128,9 @@ def failed(tree: Path, tests: Sequence[str], limit_s: float) -> bool | None:
 class Copies:
     """The tree as it is, with its compiled kernels, and copies of it that share all files but one."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, limit_s: float) -> None:
         self._folder, self._warm, self._lock = folder, folder / "tree", Lock()
+        self._limit_s = limit_s
         shutil.rmtree(self._warm, ignore_errors=True)
         listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True).stdout
         tracked = [ROOT / name for name in listed.decode().split("\0") if name]
@@ -161,7 +161,7 @@ class Copies:
             target.unlink()  # the other name of the file stays as it is
             target.write_bytes(change.applied(source))
             for stage in stages(change, tree):
-                left_s = LIMIT_S - (time.monotonic() - started)
+                left_s = self._limit_s - (time.monotonic() - started)
                 if left_s > 0 and failed(tree, stage, left_s):
                     return True, time.monotonic() - started, stage[0]
             return False, time.monotonic() - started, ""
@@ -219,6 +219,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=60, help="changes that are drawn; default: 60")
     parser.add_argument("--seed", type=int, default=30)
     parser.add_argument("--jobs", type=int, default=1, help="changes at a time")
+    parser.add_argument("--limit", type=float, default=240.0, help="seconds for a change; default: 240")
     parser.add_argument("--again", action="store_true", help="run what was not noticed again")
     parser.add_argument("--cold", action="store_true", help="do not run the tests without a change first")
     arguments = parser.parse_args(words)
@@ -231,7 +232,7 @@ def main(words: Sequence[str] | None = None) -> int:
         for one in (*named, *others)
         if (found := outcomes.of(one)) is None or (arguments.again and not found["noticed"])
     ]
-    copies = Copies(arguments.out.resolve())
+    copies = Copies(arguments.out.resolve(), arguments.limit)
     if due and not arguments.cold:
         copies.warm(sorted({package_of(change) for change in due}))
 
