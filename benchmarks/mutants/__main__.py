@@ -40,7 +40,7 @@ CODEC = ("encoder", "decoder", "dvc/config", "dvc/slepian_wolf", "dvc/wynerziv",
 COMMAND_LINES = ("__main__.py", "options.py", "commands")
 """Are left alone: their numbers are bounds and widths of text."""
 CANARIES = "tests/test_canaries.py"
-CONTRACTS = "tests/contracts"
+CONTRACTS = ["tests/contracts", "tests/test_extensions.py"]
 
 
 def sources(package: str) -> list[Path]:
@@ -86,7 +86,7 @@ def stages(change: Change, root: Path) -> list[tuple[str, ...]]:
     canaries, others = ([CANARIES], []) if package in CODEC else ([], [CANARIES])
     near = [[mirrored.as_posix()], users(change, root), canaries, [mirrored.parent.as_posix()]]
     found, before = [], list[str]()
-    for stage in (*near, [whole], [CONTRACTS], others):
+    for stage in (*near, [whole], CONTRACTS, others):
         if new := [at for at in stage if at not in before and (root / at).exists()]:
             found.append((*new, *(f"--ignore={at}" for at in before)))
             before += new

@@ -14,8 +14,11 @@ from dvc.keyframes import KeyFrameDecoder
 from dvc.stream import Form, StreamReader
 from dvc.video import Frame, VideoInfo
 from encoder import options
+from encoder._kernels import QUARTER_HALF_BLOCK_PX
+from encoder.corners import TrackingWork
 from encoder.groups import groups
-from encoder.report import TIMED_PARTS, memory_report
+from encoder.operations import block_comparison
+from encoder.report import BLOCK, QUARTER_BLOCK, TIMED_PARTS, memory_report
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
@@ -125,6 +128,17 @@ def test_operations_are_those_of_the_frames() -> None:
     assert found["quantiser and planes"]["multiplies"] == pytest.approx(banded)
     assert found["check bits"]["logic"] > 0.0
     assert found["block matching"] == dict.fromkeys(found["transform"], 0.0)
+
+
+def test_blocks_of_both_sizes_are_counted() -> None:
+    """Five blocks, of which two are of a quarter, by how many samples they have together."""
+    session = session_of(luma_only=True)
+    session.write(FRAMES[:5], io.BytesIO(), lambda _: None)
+    counted = session.statistics
+    counted.tracking = TrackingWork(num_blocks=5, num_samples=3 * BLOCK + 2 * QUARTER_BLOCK)
+    both = block_comparison().times(3) + block_comparison(QUARTER_HALF_BLOCK_PX).times(2)
+    found = counted.operations_per_pixel(session.config)["block matching"]
+    assert found["adds"] == pytest.approx(both.adds / (5 * 96))
 
 
 def test_times_are_parts_of_coding_which_neither_reads_nor_loads() -> None:

@@ -23,7 +23,9 @@ def test_picture_of_the_first_piece_is_there_once(tmp_path: Path) -> None:
     assert values["highest"] > values["lowest"] > values["infinity"]
     assert len(base64.b64decode(values["palette"])) == 768
     write_page(tmp_path / "page.html", scene, Caption("one", "picture", 10, 600))
-    assert (tmp_path / "page.html").read_text(encoding="utf-8").count("data:image/webp;base64,") == 1
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert text.count("data:image/webp;base64,") == 1
+    assert "--width: 30; --height: 20" in text
 
 
 def test_scenes_of_one_disparity_and_no_step_have_a_range() -> None:

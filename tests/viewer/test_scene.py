@@ -68,7 +68,10 @@ def test_places_are_along_the_axes_of_the_first_camera() -> None:
     np.testing.assert_allclose(found, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
 
 
-@pytest.mark.parametrize(("least", "is_at_zero"), [(1.0, True), (0.01, False), (0.0, False), (-2.0, False)])
+@pytest.mark.parametrize(
+    ("least", "is_at_zero"),
+    [(1.0, True), (9.0 / DEPTH_RANGE, True), (0.01, False), (0.0, False), (-2.0, False)],
+)
 def test_infinity_is_where_disparities_may_be_inverse_depths(least: float, is_at_zero: bool) -> None:
     """Else it is a little below the least."""
     disparity = np.linspace(least, 9.0, 12).reshape(3, 4)
@@ -136,6 +139,19 @@ def test_sprites_share_a_piece_where_a_pixel_is_between_them(
         for x, y, n in ((10, 10, 5), (left, top, 3))
     ]
     assert len(_planes(sprites, (30, 30))) == num_pieces
+
+
+def test_holes_of_a_sprite_take_others() -> None:
+    """But for the pixels beside its own."""
+    ring = np.ones((9, 9), np.bool_)
+    ring[1:8, 1:8] = False
+    for size, num_pieces in ((5, 1), (6, 2)):
+        middle, levels = np.ones((size, size), np.bool_), np.full((9, 9, 3), 9, np.uint8)
+        sprites = [
+            Sprite(at, at, mask, levels[: len(mask), : len(mask)], np.ones(mask.shape, np.float32))
+            for at, mask in ((4, ring), (6, middle))
+        ]
+        assert len(_planes(sprites, (20, 20))) == num_pieces
 
 
 def test_first_view_is_what_its_pieces_show() -> None:

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from dvc.errors import ConfigError
 from dvc.files import atomic_output
 from dvc.multiview.camera_array import LatticePosition
+from dvc.stereo.layers.canvas import DEPTH_RANGE
 from dvc.stereo.rectification.rectified_space import Rectification
 
 Floats = NDArray[np.float64]
-DEPTH_RANGE = 20.0
-"""Where nothing is calibrated, the farthest depth is at most this many times the nearest."""
 _UPRIGHT = np.array([1.0, -1.0, -1.0])
 
 

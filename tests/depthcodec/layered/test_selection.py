@@ -19,6 +19,7 @@ from dvc.depthcodec.layered.selection import MOST_TRIALS, SelectedPieces, encode
 from dvc.depthcodec.layered.simplification import Price, alone, simplify
 from dvc.depthcodec.layered.stack import (
     Stack,
+    Worth,
     luma_from,
     rounded_to_labels,
     stack_of,
@@ -144,6 +145,18 @@ def test_larger_multipliers_keep_less() -> None:
     assert kept[0] == frame.width * frame.height
     assert kept == sorted(kept)
     assert kept[-1] > kept[0]
+
+
+@pytest.mark.parametrize(("saved_bits", "is_kept"), [(215.0, False), (233.0, True)])
+def test_a_layer_is_kept_if_it_saves_more_than_its_bits(saved_bits: float, is_kept: bool) -> None:
+    """A second layer of the whole frame, without edges: 28 bytes of header, and its code."""
+    shape, price = (16, 16), Price(multiplier=2.0, bits_per_pixel=0.5, squared_error=0.0)
+    colour, disparity = np.zeros((2, *shape, 3), np.uint8), np.zeros((2, *shape), np.float32)
+    disparity[0] = 4.0
+    stack = Stack(canvas_of(shape), colour, disparity, np.ones((2, *shape), np.bool_))
+    saved = np.ones((2, *shape)) * price.multiplier * (0.5 + saved_bits / 256)
+    found = simplify(stack, Kind.LAYERS, Worth(saved, np.ones((2, *shape))), price)
+    assert len(found.scene.pieces) == 1 + is_kept
 
 
 def test_what_is_kept_lies_behind_what_is_before_it() -> None:

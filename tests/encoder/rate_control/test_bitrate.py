@@ -19,6 +19,7 @@ from encoder.rate_control.bitrate import (
     BitrateController,
     ExpectedBits,
     QualityStep,
+    Search,
     keep_within,
 )
 from encoder.rate_control.limits import TOLERANCE, WINDOW_S, RateLimits
@@ -84,6 +85,14 @@ def test_a_new_scene_is_paid_for_later() -> None:
     assert numbers[10] - numbers[9] == MAX_RISE / STEPS
     assert owed[10] > 10 * abs(owed[9])
     assert abs(owed[-1]) <= 0.5 * TOLERANCE * WINDOW_S * BITS_PER_S
+
+
+def test_five_qualities_are_tried_at_most() -> None:
+    """Where bits fall in steps that no slope foretells, the nearest of those that were tried is taken."""
+    search = Search(1000.0, 1.0, 0.02)
+    best = search.run(lambda number: 4000.0 if number < 150 else 20.0, 60, 200)
+    assert len(search.found) == 5
+    assert search.found[best] == 20.0
 
 
 KEY_BITS, NUM_FRAMES, P_TYPE = 2000.0, 16, np.arange(16) == 15

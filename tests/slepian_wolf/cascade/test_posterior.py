@@ -202,6 +202,16 @@ def test_priors_follow_neighbours() -> None:
         assert beliefs._expected == pytest.approx(first, rel=1e-6)
 
 
+@pytest.mark.parametrize(("odds", "is_satisfied"), [(0.9, True), (1.1, False)])
+def test_bits_that_are_likelier_wrong_than_right_count_as_errors(odds: float, is_satisfied: bool) -> None:
+    """Parities are those of the first decisions: one error contradicts them."""
+    beliefs, _, _ = started(8, 0)
+    tell(beliefs, beliefs.decisions, 0, 3)
+    assert beliefs.is_satisfied()
+    beliefs.odds[5] = odds
+    assert beliefs.is_satisfied() == is_satisfied
+
+
 @pytest.mark.nojit
 def test_kernels_equal_their_twins(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiled and as Python, a plane is asked for the same and believed the same, to the last bit."""

@@ -78,5 +78,8 @@ def test_refuses_bad_arguments() -> None:
     decoder.start(np.full(20, np.inf))
     with pytest.raises(ValueError, match="at most 20"):
         decoder.add_parity(np.zeros(21, np.uint8))
+    decoder.add_parity(np.zeros(4, np.uint8))
+    with pytest.raises(ValueError, match="at most 16"):
+        decoder.add_parity(np.zeros(17, np.uint8))
     with pytest.raises(ValueError, match="0 and 1"):
         decoder.add_parity(np.full(3, 2, np.uint8))

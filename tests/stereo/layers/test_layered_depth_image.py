@@ -11,6 +11,7 @@ from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.stereo.layers.layered_depth_image import (
     LayeredDepthImage,
     _neighbours,
+    _without_strays,
     layered_depth_image,
     resolution,
     unrefuted,
@@ -192,6 +193,20 @@ def test_any_surfaces(seed: int, num_cameras: int) -> None:
     _check(image)
     first = image.colour[0, *image.canvas.frame.slices]
     np.testing.assert_array_equal(first, reconstruction.array[reconstruction.array.reference].image)
+
+
+def test_strays_behind_two_surfaces_are_dropped() -> None:
+    """Regions of fewer than 20 pixels, for which what is behind them comes; second layers keep theirs."""
+    votes = np.zeros((4, 12, 12), np.uint8)
+    votes[0], votes[1, 3:5, 3:5], votes[2, :5, :4], votes[2, 8:, 8:], votes[3, 9:, 9:] = 5, 4, 3, 2, 1
+    disparity = np.where(votes > 0, 10.0 * np.arange(1, 5)[:, None, None], 0.0).astype(np.float32)
+    colour = np.repeat(disparity[..., None], 3, axis=-1).astype(np.uint8)
+    expected = votes[:3].copy()
+    expected[2, 8:, 8:] = 0
+    found_colour, found_disparity, found = _without_strays(colour.copy(), disparity.copy(), votes.copy())
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(found_disparity, np.where(expected > 0, disparity[:3], 0.0))
+    np.testing.assert_array_equal(found_colour[..., 0], found_disparity)
 
 
 def test_resolution() -> None:

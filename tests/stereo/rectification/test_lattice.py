@@ -1,5 +1,7 @@
 """Lattices: exact recovery, cameras on a line, orientation, and places of cameras that are given none."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -153,3 +155,12 @@ def test_degenerate_centres(centres: list, places: list, message: str) -> None:
     """What spans no lattice says so."""
     with pytest.raises(ConfigError, match=message):
         fit_lattice(np.array(centres, float), np.array(places, float), FACING)
+
+
+@pytest.mark.parametrize(("aside", "is_refused"), [(0.04, True), (0.06, False)])
+def test_cameras_almost_one_behind_the_other(aside: float, is_refused: bool) -> None:
+    """Their line must be some three degrees off where they look."""
+    centres, places = np.array([[0, 0, 0], [aside, 0, 1.0]]), np.array([[0.0, 0], [1, 0]])
+    told = pytest.raises(ConfigError, match="one behind the other") if is_refused else nullcontext()
+    with told:
+        assert fit_lattice(centres, places, FACING).v1 @ FACING.right > 0.0

@@ -36,6 +36,13 @@ def test_the_one_that_expects_less_error_counts_more() -> None:
         assert [plane.mean() for plane in fused.hypotheses] == [100.0, 110.0]
 
 
+def test_shares_are_inverse_squared_errors() -> None:
+    """At the same error blocks count half as much as depth, at twice the error an eighth."""
+    for errors, share in (((2.0, 2.0), 1 / 3), ((2.0, 4.0), 1 / 9), ((4.0, 2.0), 2 / 3)):
+        fused = fuse_scenes(rendered(100.0, errors[0]), rendered(110.0, errors[1]))
+        np.testing.assert_allclose(fused.luma, 100.0 + 10.0 * share)
+
+
 def test_disagreement_is_uncertainty() -> None:
     """The expected error is that of the depth where both agree, and grows with their difference."""
     errors = [fuse_scenes(rendered(100.0, 2.0), rendered(100.0 + d, 2.0)).expected_error for d in (0, 10, 30)]
