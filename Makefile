@@ -106,6 +106,7 @@ reproduce: $(INSTALLED)  ## measure the tables and figures of the thesis, quickl
 	$(BIN)/python -m dvc.thesis --out results/thesis --jobs $(JOBS) $(if $(SETS),--data $(SETS))
 
 pictures: $(INSTALLED)  ## draw the pictures of docs/ again, and those of real clips in results/
+	$(BIN)/python -m benchmarks.pictures.first
 	$(BIN)/python -m benchmarks.pictures.scene
 	$(BIN)/python -m benchmarks.pictures.map
 	$(BIN)/python -m benchmarks.pictures.stereo

@@ -1,4 +1,4 @@
-"""What a decoding run reports: bits, quality and time of every frame, and totals; see `docs/results.md`."""
+"""What a decoding run reports: bits, quality and time of every frame, and totals; see `docs/rd.md`."""
 
 from collections.abc import Iterator
 from fractions import Fraction

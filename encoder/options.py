@@ -131,17 +131,17 @@ _TRACK_OPTIONS = (
         tracked=False,
     ),
     _rule_option(
-        "longest-track", "longest_track_px", float, "PX", "set a key frame when a point has moved so far"
+        "longest-track", "longest_track_px", float, "PX", "end a GOP when a point has moved so far"
     ),
     _rule_option(
-        "lost-tracks", "lost_share", float, "SHARE", "set a key frame when this share of the points is lost"
+        "lost-tracks", "lost_share", float, "SHARE", "end a GOP when this share of the points is lost"
     ),
     _rule_option(
         "min-gop",
         "min_length",
         cli.integer(1, MAX_GOP_LENGTH),
         "N",
-        "least frames from one key frame to the next, but where the scene changes",
+        "least frames of a GOP, but where the scene changes",
     ),
     _rule_option(
         "key-frames",
@@ -266,7 +266,8 @@ def _add_groups(group: argparse._ArgumentGroup) -> None:
         group,
         "--gop",
         (1, MAX_GOP_LENGTH),
-        f"frames from one key frame to the next, with {', '.join(_with_points(tracked=True))} the most; "
+        f"frames of a GOP, with {', '.join(_with_points(tracked=True))} the most; it ends with a key frame, or with"
+        " --qp perhaps without, see --intra-period; "
         + _defaults(_of_groups(lambda groups: groups.length), VARIANTS),
     )
     group.add_argument(

@@ -157,9 +157,9 @@ def _of_stream(good: Good, num_pixels: int, jobs: int = 1) -> Kind:
     return Kind(partial(damaged_stream, good), partial(try_stream, good, jobs=jobs), num_pixels)
 
 
-def _made(codec: str, form: str, allocated: bool = False, jobs: int = 1) -> Kind:
+def _made(codec: str, form: str, by_qp: bool = False, jobs: int = 1) -> Kind:
     def good() -> tuple[bytes, list[list[Luma]]]:
-        made = material(codec, allocated)
+        made = material(codec, by_qp)
         return getattr(made, form), made.groups
 
     return _of_stream(good, 7 * (24 * 32 if codec == "2d" else 48 * 64), jobs)
@@ -202,11 +202,11 @@ def kinds() -> dict[str, Kind]:
     return {
         "buffered": _made("2d", "buffered"),
         "punctured": _made("2d", "punctured"),
-        "allocated": _made("2d", "buffered", allocated=True),
-        "allocated-punctured": _made("2d", "punctured", allocated=True),
+        "qp": _made("2d", "buffered", by_qp=True),
+        "qp-punctured": _made("2d", "punctured", by_qp=True),
         "tracks": _made("3d-te", "buffered"),
         "points": _made("3d-td", "buffered"),
-        "p-type": _made("3d-te", "buffered", allocated=True),
+        "p-type": _made("3d-te", "buffered", by_qp=True),
         "no-feedback": _of_stream(partial(frozen, "3d-te-no-feedback"), scene),
         "colour": _of_stream(partial(frozen, "2d-odd-colour-punctured"), small),
         "lossless-keys": _of_stream(partial(frozen, "2d-lossless-keys-buffered"), small),

@@ -51,7 +51,7 @@ class Material:
 
 
 @cache
-def material(codec: str = "2d", allocated: bool = False) -> Material:
+def material(codec: str = "2d", by_qp: bool = False) -> Material:
     """Make the material; this also loads all compiled kernels."""
     from encoder.session import EncoderSession
 
@@ -60,9 +60,9 @@ def material(codec: str = "2d", allocated: bool = False) -> Material:
     texture = np.mean([np.roll(plane, (i // 3, i % 3), (0, 1)) for i, plane in enumerate(noise)], axis=0)
     frames = [
         Frame(texture[t : t + height, t : t + width].astype(np.uint8))
-        for t in range(_num_frames(codec, allocated))
+        for t in range(_num_frames(codec, by_qp))
     ]
-    config = _config(codec, VideoConfig(width, height, 25, 1, luma_only=True), allocated)
+    config = _config(codec, VideoConfig(width, height, 25, 1, luma_only=True), by_qp)
     file, punctured = io.BytesIO(), io.BytesIO()
     EncoderSession(config).write(frames, file, lambda _: None)
     groups = []
@@ -75,19 +75,19 @@ def material(codec: str = "2d", allocated: bool = False) -> Material:
     return Material(frames, config, file.getvalue(), punctured.getvalue(), groups)
 
 
-def _num_frames(codec: str, allocated: bool) -> int:
+def _num_frames(codec: str, by_qp: bool) -> int:
     """Return frames of two groups of pictures, or of three where P type ones are among them."""
-    return 3 if codec == "2d" else 7 if allocated else 4
+    return 3 if codec == "2d" else 7 if by_qp else 4
 
 
-def _config(codec: str, video: VideoConfig, allocated: bool) -> CodecConfig:
+def _config(codec: str, video: VideoConfig, by_qp: bool) -> CodecConfig:
     """Return a configuration of short groups of pictures; by allocation there are P type ones among them."""
     if codec == "2d":
-        quality: Quality = Qp(28) if allocated else DiscoverMatrix(2)
-        coder: CoderConfig = CascadeConfig() if allocated else TurboConfig()
+        quality: Quality = Qp(28) if by_qp else DiscoverMatrix(2)
+        coder: CoderConfig = CascadeConfig() if by_qp else TurboConfig()
         return codec_config(video, codec, quality, key={"qp": 36}, coder=coder)
-    gop = GopConfig(3, "hierarchical", *((2, 6) if allocated else (0, 0)))
-    return codec_config(video, codec, Qp(34) if allocated else DiscoverMatrix(1), gop=gop, key={"qp": 36})
+    gop = GopConfig(3, "hierarchical", *((2, 6) if by_qp else (0, 0)))
+    return codec_config(video, codec, Qp(34) if by_qp else DiscoverMatrix(1), gop=gop, key={"qp": 36})
 
 
 @cache

@@ -94,9 +94,9 @@ class VideoConfig(Section):
 
 @dataclass(frozen=True)
 class GopConfig(Section):
-    """Spacing of the key frames."""
+    """Groups of pictures."""
 
-    length: int = 16  # most frames from one key frame to the next; 1: key frames only
+    length: int = 16  # frames of a group, or the most of them; 1: key frames only
     # What frames are predicted from: the key frames; also the middle frame, decoded first, and so on; or
     # every frame of the group that has been decoded, in the same order.
     references: str = "hierarchical"

@@ -47,7 +47,7 @@ def add_layers(parser: argparse.ArgumentParser) -> None:
 
 def add_figures(parser: argparse.ArgumentParser, quiet: str | None) -> None:
     """Add the option that writes figures, and the one that has nothing printed in their place."""
-    text = "write the figures; - for standard output, in place of text"
+    text = "write the results; - for standard output, in place of text"
     parser.add_argument("--json", metavar="FILE", help=text)
     if quiet is not None:
         parser.add_argument("--quiet", action="store_true", help=quiet)

@@ -77,7 +77,7 @@ def _add_compare(compare: argparse.ArgumentParser) -> None:
         help="compare at equal mean PSNR of luma, PSNR of its mean squared error, or (6 Y + Cb + Cr) / 8;"
         " default: %(default)s",
     )
-    add("--csv", metavar="FILE", help="also write the figures (-: instead, to stdout)")
+    add("--csv", metavar="FILE", help="also write the values (-: instead, to stdout)")
 
 
 def _add_export(export: argparse.ArgumentParser) -> None:

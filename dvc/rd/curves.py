@@ -104,7 +104,7 @@ def _label(result: PointResult) -> str:
     given = sorted(options["options"].items()) + sorted(options.get("decoder", {}).items())
     extra = [name if value == "true" else f"{name} {value}" for name, value in given]
     if options.get("qp") is not None:
-        extra.append("allocated")
+        extra.append("by QP")
     if (options.get("wz_q") or options.get("qp")) and options["key_qp"] not in ("auto", "lossless"):
         extra.append("chosen key QPs")
     if method := options.get("side_information"):

@@ -28,7 +28,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--thresholds", type=parse_thresholds, default=(0.5, 1.0, 2.0), metavar="T,T", help=thresholds
     )
     parser.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output, in place of text"
+        "--json", metavar="FILE", help="write the results; - for standard output, in place of text"
     )
     confidence = "8-bit picture: tell how well it orders errors, as the area under the sparsification curve"
     parser.add_argument("--confidence", metavar="PNG", help=confidence)

@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     add_truth_options(parser, required=False)
     parser.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output, in place of text"
+        "--json", metavar="FILE", help="write the results; - for standard output, in place of text"
     )
     add_export_options(parser)
     _add_method(parser)
