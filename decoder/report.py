@@ -12,11 +12,10 @@ import dvc
 from decoder.tasks import DecodedFrame, DecodedGroup
 from dvc.config import CodecConfig
 from dvc.errors import ConfigError, VideoError
-from dvc.metrics import psnr_db, psnr_of_mean_error_db
+from dvc.metrics import PSNR_CAP_DB, psnr_db, psnr_of_mean_error_db
 from dvc.stream import gop_bits
 from dvc.video import Frame, VideoReader
 
-PSNR_CAP_DB = 100.0
 """PSNR that identical frames are given, so that means and JSON stay finite."""
 BIT_CLASSES = ("key", "tracks", "parity", "crc", "header")
 CHROMA = ("psnr_cb_db", "psnr_cr_db")

@@ -26,7 +26,7 @@ class GroupTask:
     config: bytes  # configuration of the stream, as `dvc.config.encode_config` packs it
     number: int  # number of the group, from 0
     first_index: int  # display position of its first frame
-    before: ReferenceFrame | None  # the decoded frame before it; None for the first group of a sequence
+    before: ReferenceFrame | None  # the key frame before it; None without one, and for the first group
     key: Frame | None  # the key frame that ends it; None where its last frame is a Wyner-Ziv frame
     record: GopRecord  # what the stream, or the encoder, sent of it
     form: Form | None  # form of the stream; none where a live encoder answers

@@ -10,6 +10,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Literal
 
+from dvc.config.sections import MAX_QP
 from dvc.errors import BitstreamError
 from dvc.video.frames import Frame, check_size
 from dvc.video.pixels import frame_from_picture, picture_from_frame
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from av.video.codeccontext import VideoCodecContext
 
 MACROBLOCK_PX: Final = 16
-MIN_QP: Final = 1
-MAX_QP: Final = 51
 
 # NAL unit headers: nal_ref_idc 3 and nal_unit_type ([H264] table 7-1).
 _SPS_HEADER = 0x67
@@ -69,8 +68,8 @@ class KeyFrameEncoder:
         parameters: Mapping[str, int] = MappingProxyType({}),
         several_qps: bool = False,
     ) -> None:
-        if qp != "lossless" and not (isinstance(qp, int) and MIN_QP <= qp <= MAX_QP):
-            raise ValueError(f"`qp` must be {MIN_QP} to {MAX_QP} or 'lossless', got {qp!r}")
+        if qp != "lossless" and not (isinstance(qp, int) and 1 <= qp <= MAX_QP):
+            raise ValueError(f"`qp` must be 1 to {MAX_QP} or 'lossless', got {qp!r}")
         check_size(width, height, "key frames")
         self._size = (width, height)
         self._luma_only = luma_only

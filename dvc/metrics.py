@@ -13,6 +13,8 @@ from dvc.errors import RdCurveError
 
 PEAK = 255
 SSIM_WINDOW_PX = 11
+PSNR_CAP_DB = 100.0
+"""Of planes that are equal, for means."""
 
 Method = Literal["pchip", "cubic"]
 MIN_POINTS: dict[str, int] = {"pchip": 2, "cubic": 4}

@@ -189,11 +189,14 @@ def _serve(
 
 
 def _report(session: "EncoderSession", segments: "list[Segment]") -> dict[str, object]:
+    from encoder.rate_limiter import of_segments
     from encoder.report import EncoderStatistics
 
     statistics = session.statistics
     report: dict[str, object] = {}
+    limits = {} if session.limiter is None else session.limiter.report()
     if segments:
+        limits = of_segments([segment.limits for segment in segments])
         statistics = EncoderStatistics.total(segment.statistics for segment in segments)
         report["segments"] = [
             {
@@ -207,7 +210,7 @@ def _report(session: "EncoderSession", segments: "list[Segment]") -> dict[str, o
         "frames": statistics.num_frames,
         **statistics.to_dict(),
         "operations_per_pixel": statistics.operations_per_pixel(session.config),
-        **({} if session.limiter is None else {"limits": session.limiter.report()}),
+        **({"limits": limits} if limits else {}),
         "config": session.config.to_dict(),
         **report,
     }

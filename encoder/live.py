@@ -131,6 +131,9 @@ class _LiveEncoder:
         if endpoint.first_frame > self._num_written:
             self.report.frames_lost.append([self._num_written, endpoint.first_frame - 1])
         self.report.groups_begun_again += len(again)
+        self._pace.begin_again(sum(group.encoded.record.num_frames for group in again if not group.done))
+        if self._session.limiter is not None:
+            self._session.limiter.leave_out(again[0].number if again else self._num_groups - 1)
         self._begin(deque(again))
 
     def _kept_for_another(self) -> list[KeptGroup]:

@@ -130,9 +130,7 @@ _TRACK_OPTIONS = (
         lambda variant: variant.tracks.subpixel_bits,
         tracked=False,
     ),
-    _rule_option(
-        "longest-track", "longest_track_px", float, "PX", "end a GOP when a point has moved so far"
-    ),
+    _rule_option("longest-track", "longest_track_px", float, "PX", "end a GOP when a point has moved so far"),
     _rule_option(
         "lost-tracks", "lost_share", float, "SHARE", "end a GOP when this share of the points is lost"
     ),
@@ -266,8 +264,8 @@ def _add_groups(group: argparse._ArgumentGroup) -> None:
         group,
         "--gop",
         (1, MAX_GOP_LENGTH),
-        f"frames of a GOP, with {', '.join(_with_points(tracked=True))} the most; it ends with a key frame, or with"
-        " --qp perhaps without, see --intra-period; "
+        f"frames of a GOP, with {', '.join(_with_points(tracked=True))} the most; a key frame ends it, but"
+        " with --qp perhaps none, see --intra-period; "
         + _defaults(_of_groups(lambda groups: groups.length), VARIANTS),
     )
     group.add_argument(

@@ -75,6 +75,10 @@ class DecoderPace:
         """Count frames that the decoder is done with."""
         self._num_done += num_frames
 
+    def begin_again(self, num_frames: int) -> None:
+        """Count what another decoder is sent first; nothing else of what was sent is missing."""
+        self._num_done = self._num_sent - num_frames
+
     def waits(self) -> None:
         """Notice that the decoder takes no more for now; say it where it is late."""
         if self._start_s is None:

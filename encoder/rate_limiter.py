@@ -1,7 +1,7 @@
 """Coding of groups of pictures at qualities that keep a bitrate, and limits of frames."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -48,6 +48,12 @@ def limited(config: CodecConfig, delivery: Delivery, limits: RateLimits) -> Code
     """Return the configuration of a stream within limits: a live decoder is told how much it may ask for."""
     tells = isinstance(delivery, Live) and limits.bits_per_s is not None
     return replace(config, wyner_ziv=replace(config.wyner_ziv, limited=True)) if tells else config
+
+
+def of_segments(reports: Sequence[Mapping[str, int]]) -> dict[str, int]:
+    """Sum up how segments kept their limits: what was owed most, and all frames that are too large."""
+    found = {name: [report[name] for report in reports] for name in reports[0]}
+    return {name: sum(values) if name == "too_large" else max(values) for name, values in found.items()}
 
 
 class RateLimiter:
@@ -102,6 +108,11 @@ class RateLimiter:
         if self._bitrate is not None:
             self._bitrate.settle(number, asked)
 
+    def leave_out(self, last: int) -> None:
+        """Expect nothing more of the groups up to a number."""
+        if self._bitrate is not None:
+            self._bitrate.leave_out(last)
+
     def report(self) -> dict[str, int]:
         """Tell how the limits were kept."""
         owed = {} if self._bitrate is None else {"most_bits_owed": round(self._bitrate.most_owed)}
@@ -118,19 +129,20 @@ class RateLimiter:
 
         def key_bits(coarser: int) -> float:
             nonlocal key, key_qp
-            key_qp = min(quality.qp + coarser, MAX_QP)
+            key_qp = quality.qp + coarser
             key = self._coders.key(group.key, key_qp)
             return 8 * len(key)
 
         def most_bits(coarser: int) -> float:
             nonlocal frames, expected
-            coarse = quality._replace(qp=min(quality.qp + coarser, MAX_QP))
+            coarse = quality._replace(qp=quality.qp + coarser)
             frames = self._coders.wyner_ziv(group, needs_key, coarse)
             expected = self._coders.expect(group, frames, key_qp)
             return expected.most
 
-        kept = [keep_within(most, key_bits)] if needs_key else []
-        kept.append(keep_within(most, most_bits))
+        coarsest = MAX_QP - quality.qp
+        kept = [keep_within(most, coarsest, key_bits)] if needs_key else []
+        kept.append(keep_within(most, coarsest, most_bits))
         return CodedFrames(key, frames), expected, kept.count(False)
 
 

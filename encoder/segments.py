@@ -1,7 +1,7 @@
 """A recording as segments: streams of so many frames, each complete by itself, in numbered files."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import chain, count, islice
@@ -110,6 +110,7 @@ class Segment:
 
     path: Path
     statistics: "EncoderStatistics"
+    limits: Mapping[str, int]  # how these were kept
 
 
 def write_segments(
@@ -128,4 +129,5 @@ def write_segments(
         session = new_session()
         with growing_output(names.path(number)) as file:
             session.write(chain([first], islice(source, num_frames - 1)), file, progress)
-        yield Segment(names.path(number), session.statistics)
+        limits = {} if session.limiter is None else session.limiter.report()
+        yield Segment(names.path(number), session.statistics, limits)

@@ -237,7 +237,7 @@ class EncoderSession:
             return self._wyner_ziv_encoder.encode_group(originals, steps)
 
     def _expect(self, group: Group, frames: tuple[EncodedFrame, ...], qp: int) -> ExpectedBits:
-        with self.statistics.timing(self._wyner_ziv_encoder.cpu_field):
+        with self.statistics.timing("rate_control_cpu_s"):
             return self._wyner_ziv_encoder.expect(group, frames, qp)
 
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:

@@ -1,6 +1,6 @@
 """Two steps of the pipeline by COLMAP's estimators: weak calibration, and a Euclidean pair of cameras.
 
-COLMAP puts the centre of the first pixel at (0.5, 0.5); this module alone converts.
+COLMAP puts the centre of the first pixel at (0.5, 0.5); this module converts.
 """
 
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import PixelFrame, homogeneous, project
+from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX, PixelFrame, homogeneous, project
 from dvc.multiview.triangulation import triangulate_depth
 from sfm.cameras.projective_basis import CAMERA_NORM
 from sfm.correspondences import outliers
@@ -27,7 +27,6 @@ Mask = NDArray[np.bool_]
 
 FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 9))
 """Focal lengths tried, in units of the longer side of the image."""
-_PIXEL_CENTRE = 0.5
 
 
 def weak_calibration(matches: Correspondences, settings: SfmSettings, seed: int) -> WeakCalibration:
@@ -105,7 +104,7 @@ def _camera(matches: Correspondences, frame: PixelFrame, ratio: float, ransac: A
     focal_length_px = ratio * frame.scale_px
     parameters = [focal_length_px, 0.5 * frame.width_px, 0.5 * frame.height_px]
     camera = pycolmap.Camera(model="SIMPLE_PINHOLE", params=parameters, **size)
-    first, second = matches.first + _PIXEL_CENTRE, matches.second + _PIXEL_CENTRE
+    first, second = matches.first + COLMAP_FIRST_PIXEL_PX, matches.second + COLMAP_FIRST_PIXEL_PX
     answer = pycolmap.estimate_relative_pose(camera, first, camera, second, ransac)
     if answer is None:
         return None

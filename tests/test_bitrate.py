@@ -65,6 +65,18 @@ def test_frames_that_are_too_large_are_coded_coarser(clip: Path, tmp_path: Path)
     assert tried["limits"]["too_large"] == report["limits"]["too_large"]  # however many qualities are tried
 
 
+def test_limits_of_segments_are_told(clip: Path, tmp_path: Path) -> None:
+    """Frames that are too large are those of all; what was owed most is that of one."""
+    told = {}
+    for options in (("--max-bits-per-frame", "100", "--qp", "20"), ("--bitrate", "100k")):
+        words = ["--frames", "60", "--segment", "1", "--json", str(tmp_path / "report.json"), *options]
+        pattern = tmp_path / f"{options[0][2:]}-%04d.dvc"
+        assert encoder.main([str(clip), str(pattern), "--no-feedback", "--luma-only", "--quiet", *words]) == 0
+        told |= json.loads((tmp_path / "report.json").read_text())["limits"]
+    assert told["too_large"] > 3
+    assert 0 < told["most_bits_owed"] < 60_000
+
+
 def largest_frame(stream: Path) -> int:
     """Return the most bits that a frame of a stream takes."""
     with StreamReader(stream) as reader:

@@ -422,8 +422,11 @@ def test_version_tells_the_libraries(capsys: pytest.CaptureFixture[str]) -> None
     assert f"numpy {np.__version__}" in told
 
 
-def test_help_tells_the_defaults_of_the_variants(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_tells_the_defaults_of_the_variants(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What an option is by default is told codec by codec, out of the presets."""
+    monkeypatch.setenv("COLUMNS", "1000")  # no word is broken
     with pytest.raises(SystemExit):
         encoder.__main__.main(["--help"])
     told = " ".join(capsys.readouterr().out.split())

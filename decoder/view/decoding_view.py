@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from decoder.pictures import DecodedPicture
 from dvc.config import CodecConfig
 from dvc.page.drawing import colour_disparity
+from dvc.video.pixels import rgb_from_frame
 
 NUM_ROWS = 1000
 """Latest frames whose figures are kept."""
@@ -116,15 +117,8 @@ def _drawn(picture: DecodedPicture, kind: str) -> Picture | None:
 
 
 def _bgr(picture: DecodedPicture) -> Picture:
-    import cv2
-
     frame = picture.frame
-    if frame.chroma is None:
-        return frame.luma
-    size = frame.width, frame.height
-    cb, cr = (cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR) for plane in frame.chroma)
-    full = cv2.cvtColor(np.dstack([frame.luma, cr, cb]), cv2.COLOR_YCrCb2BGR)
-    return np.asarray(full, np.uint8)
+    return frame.luma if frame.chroma is None else rgb_from_frame(frame)[:, :, ::-1]
 
 
 def _coloured(inverse_depth: NDArray[np.float16]) -> Picture:

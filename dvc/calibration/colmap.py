@@ -17,6 +17,7 @@ from dvc.calibration.cameras import CalibratedViews, Camera, camera_from_matrice
 from dvc.calibration.feature_matching import Features
 from dvc.calibration.two_views import two_views
 from dvc.errors import ConfigError, DvcError
+from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX
 
 Floats = NDArray[np.float64]
 Size = tuple[int, int]
@@ -25,7 +26,6 @@ MIN_FOCAL_LENGTH, MAX_FOCAL_LENGTH = 0.6, 3.0
 """Of lenses, in units of the longer side of the picture."""
 SEED = 0
 MIN_MATCHES = 30
-_PIXEL_CENTRE = 0.5
 _MAX_K1 = 0.5
 
 
@@ -110,7 +110,7 @@ def _camera(model: Any, image: Any, name: str, size: Size) -> Camera:
         raise ConfigError(f"{name}: {size[0]}x{size[1]}, but its camera is {camera.width}x{camera.height}")
     values = dict(zip(str(camera.params_info).replace(" ", "").split(","), camera.params, strict=True))
     K = np.array(camera.calibration_matrix(), dtype=np.float64)
-    K[:2, 2] -= _PIXEL_CENTRE
+    K[:2, 2] -= COLMAP_FIRST_PIXEL_PX
     known = {"f", "fx", "fy", "cx", "cy", "k", "k1", "k2", "p1", "p2"}
     if not values.keys() <= known:
         raise ConfigError(

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from dvc.calibration.cameras import CalibratedViews, Camera
 from dvc.calibration.feature_matching import Features
 from dvc.errors import DvcError
+from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX
 
 Floats = NDArray[np.float64]
 Size = tuple[int, int]
@@ -25,7 +26,6 @@ NOISE_PX = 0.5
 MAX_ERROR_PX = 1.5
 MIN_MATCHES = 30
 SEED = 0
-_PIXEL_CENTRE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def _consensus(first: Floats, second: Floats, size: Size, ratio: float) -> _Pose
     camera = pycolmap.Camera(model="SIMPLE_PINHOLE", params=parameters, width=size[0], height=size[1])
     ransac = pycolmap.RANSACOptions(max_error=MAX_ERROR_PX, random_seed=SEED, num_threads=1)
     answer = pycolmap.estimate_relative_pose(
-        camera, first + _PIXEL_CENTRE, camera, second + _PIXEL_CENTRE, ransac
+        camera, first + COLMAP_FIRST_PIXEL_PX, camera, second + COLMAP_FIRST_PIXEL_PX, ransac
     )
     if answer is None or np.count_nonzero(answer["inlier_mask"]) < MIN_MATCHES:
         return None

@@ -48,14 +48,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate streams."""
     from dvc.dibr.stream_curves import write_page
-    from dvc.files import atomic_folder
+    from dvc.files import atomic_folder, check_folder
     from dvc.page.gallery import markdown
 
     truths = [path for path in (arguments.truth_depth, arguments.truth_image) if path is not None]
-    out = [] if arguments.out is None else [arguments.out]
-    cli.check_outputs([*arguments.streams, *truths], [*out, *json_files(arguments)])
+    cli.check_outputs([*arguments.streams, *truths], json_files(arguments))
+    if arguments.out is not None:
+        check_folder(arguments.out)
     with ExitStack() as stack:
-        folder = stack.enter_context(atomic_folder(arguments.out)) if out else None
+        folder = None if arguments.out is None else stack.enter_context(atomic_folder(arguments.out))
         entries = {}
         for path in arguments.streams:
             entries[path] = stream_quality(path, arguments)

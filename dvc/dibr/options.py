@@ -99,7 +99,7 @@ def parse_share(text: str) -> float:
 
 
 def json_files(arguments: argparse.Namespace) -> list[str | Path]:
-    """Return the file of `add_json` for `dvc.cli.check_outputs`."""
+    """Return the file of `add_figures` for `dvc.cli.check_outputs`."""
     return [] if arguments.json in (None, "-") else [arguments.json]
 
 

@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _truth(text: str) -> "tuple[LatticePosition | int | None, str]":
-    """Rectangle, if any, and file of a picture; a name that looks like both needs its folder before it."""
+    """Return the position, if any, and the file of a picture; what looks like both needs its folder."""
     position, equals, path = text.partition("=")
     try:
         return (parse_view(position), path) if equals and path else (None, text)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+COLMAP_FIRST_PIXEL_PX = 0.5
+"""Where COLMAP has the centre of the first pixel, both ways; here it is at 0."""
 RANGE_QUANTILES = (0.005, 0.995)
 """Of the known inverse depths, what the range of a view spans: a few wrong points do not stretch it."""
 

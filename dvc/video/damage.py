@@ -110,9 +110,7 @@ def matroska_bytes(head: bytes) -> int | None:
 
 
 def _ebml_size(data: bytes, position: int) -> tuple[int, int | None]:
-    """Read the size of an EBML element (RFC 8794, section 4); return where its content begins, and the size.
-    Read the size of an EBML element (RFC 8794, section 4); return where its content begins, and the size.
-    """
+    """Return where the content of an EBML element begins, and its size (RFC 8794, section 4)."""
     first = data[position] if position < len(data) else 0
     num_bytes = 9 - first.bit_length()
     if num_bytes > 8 or position + num_bytes > len(data):

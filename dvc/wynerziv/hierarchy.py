@@ -7,6 +7,8 @@ from dvc.config import MAX_GOP_LENGTH
 
 Around = tuple[int, int | None]
 """Display positions of the nearest references before a frame and after it; none after a P-type frame."""
+WITHOUT_SECOND_REFERENCE = MAX_GOP_LENGTH + 1
+"""Stands for how far apart the references of a P-type frame are: farther than any two."""
 
 
 def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[int, tuple[int, int]]]:
@@ -64,9 +66,9 @@ def levels(order: Sequence[tuple[int, Around]]) -> list[list[tuple[int, Around]]
 
 
 def reference_distance(around: Around) -> int:
-    """Return how far apart the references of a frame are."""
+    """Return how far apart the references of a frame are; P-type frames have one."""
     before, after = around
-    return MAX_GOP_LENGTH if after is None else after - before
+    return WITHOUT_SECOND_REFERENCE if after is None else after - before
 
 
 def reference_distances(num_frames: int, hierarchical: bool, p_type_distance: int = 0) -> list[int]:

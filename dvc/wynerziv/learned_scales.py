@@ -23,8 +23,6 @@ from dvc.wynerziv.candidates import number_priors
 
 Array = NDArray[np.float64]
 
-LOCAL_SHARE = 0.5
-"""Of the logarithm of a scale: that of the errors around, the rest is what the prediction promised."""
 _SIDE = 3
 """Of the neighbourhood, in coefficients."""
 _LEAST = 1e-2
@@ -49,6 +47,7 @@ class LearnedBand:
         """Learn from what is believed of the numbers."""
         errors = self._expected_errors(priors, believed)
         around = (_SIDE**2 * uniform_filter(errors, _SIDE, mode="nearest") - errors) / (_SIDE**2 - 1)
+        # Half of the logarithm of a scale is what the prediction promised, half the errors around.
         scale = np.sqrt(self.promised * np.maximum(around, _LEAST))
         scale *= float((errors / scale).mean())
         return replace(self, scale=np.maximum(scale, _LEAST))

@@ -1,1 +1,1 @@
-"""Rate control where no decoder asks: what to send of Wyner-Ziv frames, by frames and tracks."""
+"""Rate control: what Wyner-Ziv frames need, by frames and tracks, and qualities that keep a bitrate."""

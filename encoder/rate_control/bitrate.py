@@ -154,6 +154,11 @@ class BitrateController:
         certain = estimate.certain - share
         self._open[self._num_groups] = _OpenGroup(estimate, certain, wished / AIM, allowed)
 
+    def leave_out(self, last: int) -> None:
+        """Expect nothing more of the groups up to a number: no decoder gets their frames any more."""
+        for number in [number for number in self._open if number <= last]:
+            self._settled += self._open.pop(number).certain
+
     def settle(self, number: int, asked: NDArray[np.int64]) -> None:
         """Count what a decoder has really asked for of the frames of a group."""
         if number not in self._open:
@@ -210,13 +215,13 @@ class Search:
         return min(max(first + round(part / max(whole, 1e-9) * (last - first)), first + 1), last - 1)
 
 
-def keep_within(most: float, bits: Callable[[int], float]) -> bool:
+def keep_within(most: float, coarsest: int, bits: Callable[[int], float]) -> bool:
     """Try coarser qualities until there are no more bits than that; tell whether there are not.
 
-    `bits` tells how many there are at so many QPs above the usual one.
+    `bits` tells how many there are at so many QPs above the usual one, up to `coarsest`.
     """
     coarser = 0
-    while (found := bits(coarser)) > most and coarser < MAX_QP:
+    while (found := bits(coarser)) > most and coarser < coarsest:
         steps = math.log2(found / most) / OCTAVES_PER_STEP[0]
-        coarser = min(coarser + math.ceil(steps / STEPS), MAX_QP)
+        coarser = min(coarser + math.ceil(steps / STEPS), coarsest)
     return found <= most

@@ -1,4 +1,4 @@
-"""Rate control without a feedback channel: what a group of pictures needs, by its own frames and tracks."""
+"""What a group of pictures needs, by its own frames and tracks: what is sent, or a decoder will ask for."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import MAX_GOP_LENGTH, CodecConfig
-from dvc.wynerziv.hierarchy import group_order, reference_distance
+from dvc.config import CodecConfig
+from dvc.wynerziv.hierarchy import WITHOUT_SECOND_REFERENCE, group_order, reference_distance
 from dvc.wynerziv.lengths import length_of_code
 from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes, encode_payload, payload_bits
 from dvc.wynerziv.payloads import EncodedFrame
@@ -55,7 +55,8 @@ class GroupPlan(NamedTuple):
     def p_type(self) -> NDArray[np.bool_]:
         """Tell which are P-type frames."""
         p_type = np.zeros(len(self.frames), np.bool_)
-        p_type[[chosen.number for chosen in self.chosen if chosen.distance == MAX_GOP_LENGTH]] = True
+        for chosen in self.chosen:
+            p_type[chosen.number] = chosen.distance == WITHOUT_SECOND_REFERENCE
         return p_type
 
 

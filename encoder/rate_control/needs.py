@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import MAX_GOP_LENGTH, CodecConfig, EstimatedRate
+from dvc.config import CodecConfig, EstimatedRate
+from dvc.wynerziv.hierarchy import WITHOUT_SECOND_REFERENCE
 from dvc.wynerziv.lengths import length_code
 from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes
 from dvc.wynerziv.quantizer import Quantization
@@ -100,7 +101,7 @@ class NeedEstimator:
 
     def _worth_of(self, multiplier: float, distance: int) -> _kernels.Worth:
         (usual, margin), share = self._margins, self._margin_share(distance)
-        factors = _FACTORS[int(distance > MAX_GOP_LENGTH // 2)]
+        factors = _FACTORS[int(distance == WITHOUT_SECOND_REFERENCE)]
         return _kernels.Worth(multiplier, BITS_PER_BIT, factors, _LEAST, (share * usual, share * margin))
 
     def _margin_share(self, distance: int) -> float:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX
 from sfm.mapping.structure import Observations, Structure, reprojection
 
 Floats = NDArray[np.float64]
 
-PIXEL_CENTRE = 0.5
 SEED = 0
 LOSS_PX = 0.3
 """Where the robust loss becomes linear: about the error of a good track."""
@@ -65,7 +65,7 @@ def _camera(structure: Structure) -> Any:
     import pycolmap
 
     K = structure.K
-    parameters = [K[0, 0], K[0, 2] + PIXEL_CENTRE, K[1, 2] + PIXEL_CENTRE]
+    parameters = [K[0, 0], K[0, 2] + COLMAP_FIRST_PIXEL_PX, K[1, 2] + COLMAP_FIRST_PIXEL_PX]
     size = round(2 * parameters[1]), round(2 * parameters[2])
     return pycolmap.Camera(
         model="SIMPLE_PINHOLE", width=size[0], height=size[1], params=parameters, camera_id=1
@@ -85,7 +85,7 @@ def _model(structure: Structure, seen: Observations) -> tuple[Any, NDArray[np.in
         row[rows] = np.arange(len(rows))
         image = pycolmap.Image(
             name=str(frame),
-            keypoints=seen.positions[rows] + PIXEL_CENTRE,
+            keypoints=seen.positions[rows] + COLMAP_FIRST_PIXEL_PX,
             camera_id=1,
             image_id=int(frame) + 1,
         )
@@ -127,7 +127,7 @@ def locate(structure: Structure, frame: int, seen: Observations) -> Floats | Non
     options.ransac.min_inlier_ratio = MIN_INLIER_SHARE
     options.ransac.max_num_trials = 1000
     answer = pycolmap.estimate_and_refine_absolute_pose(
-        seen.positions + PIXEL_CENTRE, structure.points[seen.points], _camera(structure), options
+        seen.positions + COLMAP_FIRST_PIXEL_PX, structure.points[seen.points], _camera(structure), options
     )
     if answer is None:
         return None

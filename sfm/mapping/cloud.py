@@ -5,8 +5,6 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.video import Frame
-
 Floats = NDArray[np.float64]
 Colours = NDArray[np.uint8]
 
@@ -16,21 +14,6 @@ CUBE_PX = 1.5
 """Side of the cubes at first, in pixels at the median depth."""
 FARTHEST = 8.0
 """Depth, in medians of a frame, beyond which points are left out: they are far apart, and not precise."""
-RED, GREEN, BLUE = (0.0, 1.596), (-0.392, -0.813), (2.017, 0.0)
-"""Weights of Cb and Cr in the colours of ITU-R BT.601, limited range."""
-
-
-def rgb_picture(frame: Frame) -> Colours:
-    """Convert a frame to red, green and blue, shape (H, W, 3)."""
-    chroma = frame.with_chroma().chroma
-    assert chroma is not None
-    luma = 1.164 * (frame.luma.astype(np.float32) - 16.0)
-    cb, cr = (
-        plane.repeat(2, axis=0).repeat(2, axis=1)[: frame.height, : frame.width].astype(np.float32) - 128.0
-        for plane in chroma
-    )
-    colours = [luma + blue * cb + red * cr for blue, red in (RED, GREEN, BLUE)]
-    return np.asarray(np.clip(np.rint(np.stack(colours, axis=-1)), 0, 255), np.uint8)
 
 
 def points_in_world(depth: NDArray[np.float32], K: Floats, pose: Floats) -> tuple[Floats, NDArray[np.bool_]]:

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.calibration.colmap import quiet
+from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX
 from dvc.video import Frame
-from sfm.mapping.adjustment import PIXEL_CENTRE, SEED
+from sfm.mapping.adjustment import SEED
 from sfm.mapping.reconstruction import MIN_KEYS, complete_by_tracks
 from sfm.mapping.structure import Structure
 from sfm.mapping.tracking import SequenceTracks
@@ -139,6 +140,6 @@ def _structure(model: Any, tracks: SequenceTracks, taken: set[int]) -> Structure
     """Take over cameras; points are those of the tracks."""
     camera = next(iter(model.cameras.values()))
     K = np.array(camera.calibration_matrix(), np.float64)
-    K[:2, 2] -= PIXEL_CENTRE
+    K[:2, 2] -= COLMAP_FIRST_PIXEL_PX
     poses = {frame: pose for frame, pose in model_poses(model).items() if frame not in taken}
     return Structure(K, dict(sorted(poses.items())), np.full((tracks.num_points, 3), np.nan))

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.video import Frame
-from sfm.mapping.cloud import dense_cloud, rgb_picture
+from dvc.video.pixels import rgb_from_frame
+from sfm.mapping.cloud import dense_cloud
 from sfm.mapping.depth import View, complete_depths, inverse_depth_span, sweep_depth
 from sfm.mapping.scene_map import MapPiece
 from sfm.mapping.structure import Structure
@@ -93,7 +94,7 @@ def _piece(
             swept[frame] = found
     shape = tracks.height_px, tracks.width_px
     depths = {k: _enlarged(depth, factor, shape) for k, depth in complete_depths(views, swept).items()}
-    maps = ((depth, structure.poses[k], rgb_picture(pictures[k])) for k, depth in depths.items())
+    maps = ((depth, structure.poses[k], rgb_from_frame(pictures[k])) for k, depth in depths.items())
     points, colours = dense_cloud(maps, structure.K)
     return MapPiece(structure.K, dict(sorted(structure.poses.items())), points, colours, depths)
 

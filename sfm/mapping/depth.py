@@ -14,6 +14,7 @@ from dvc.multiview.depth_maps import (
     without_speckles,
 )
 from dvc.multiview.plane_sweep import SweepSettings, depth_hypotheses, parallax_px, sweep_views
+from dvc.multiview.viewpoints import CalibratedViewpoint, calibrated_warp
 from sfm.mapping.fusion import MIN_VOTES, SweptDepth, drawn_candidate, fused_depth
 
 Floats = NDArray[np.float64]
@@ -46,9 +47,7 @@ class View(NamedTuple):
 
 def warp_between(source: View, target: View) -> Floats:
     """Return the warp from one view to another, in pixels; see `dvc.multiview.warping`."""
-    R = target.pose[:, :3] @ source.pose[:, :3].T
-    t = target.pose[:, 3] - R @ source.pose[:, 3]
-    return np.ascontiguousarray(np.column_stack([target.K @ R @ np.linalg.inv(source.K), target.K @ t]))
+    return calibrated_warp(*(CalibratedViewpoint(view.K, view.pose) for view in (source, target)))
 
 
 def neighbours(views: Mapping[int, View], frame: int) -> tuple[int, ...]:

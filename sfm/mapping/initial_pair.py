@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.mapping.adjustment import PIXEL_CENTRE, SEED, adjust, locate
+from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX
+from sfm.mapping.adjustment import SEED, adjust, locate
 from sfm.mapping.structure import (
     Observations,
     Structure,
@@ -86,10 +87,10 @@ def _pair(
     import pycolmap
 
     size = tracks.width_px, tracks.height_px
-    parameters = [K[0, 0], K[0, 2] + PIXEL_CENTRE, K[1, 2] + PIXEL_CENTRE]
+    parameters = [K[0, 0], K[0, 2] + COLMAP_FIRST_PIXEL_PX, K[1, 2] + COLMAP_FIRST_PIXEL_PX]
     camera = pycolmap.Camera(model="SIMPLE_PINHOLE", params=parameters, width=size[0], height=size[1])
     places = [
-        part.positions[np.argsort(part.points)] + PIXEL_CENTRE
+        part.positions[np.argsort(part.points)] + COLMAP_FIRST_PIXEL_PX
         for part in (seen[seen.frames == first], seen[seen.frames == second])
     ]
     ransac = pycolmap.RANSACOptions(

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.view_synthesis import PictureWithDepth, SynthesisedView, agreed_surface, synthesise
+from dvc.multiview.viewpoints import CalibratedViewpoint, calibrated_warp
 from sfm.mapping.scene_map import MapPiece
 from sfm.mapping.trajectory import centre
 
@@ -51,10 +52,7 @@ def render_view(
 
 def warp_to(piece: MapPiece, source: Floats, target: Floats) -> Floats:
     """Return the warp from one pose to another, in pixels; see `dvc.multiview.warping`."""
-    K = piece.intrinsics
-    R = target[:, :3] @ source[:, :3].T
-    t = target[:, 3] - R @ source[:, 3]
-    return np.ascontiguousarray(np.column_stack([K @ R @ np.linalg.inv(K), K @ t]))
+    return calibrated_warp(*(CalibratedViewpoint(piece.intrinsics, pose) for pose in (source, target)))
 
 
 def _typical_depth(piece: MapPiece) -> float:

@@ -1,6 +1,6 @@
 """From the frames of a whole sequence to the map of its scene: the steps, in order."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 from dvc.config import MAPPERS
 from dvc.video import Frame, open_video
@@ -75,4 +75,9 @@ def map_video(path: str, *, mapper: str = "native", report: Callable[[str], None
     DvcError
         If the video cannot be read.
     """
-    return map_sequence(lambda: open_video(path), mapper=mapper, report=report)
+
+    def frames() -> Iterator[Frame]:
+        with open_video(path) as video:
+            yield from video
+
+    return map_sequence(frames, mapper=mapper, report=report)

@@ -57,7 +57,7 @@ class SequenceTracks:
     width_px: int  # size of the frames
     height_px: int
     seen: tuple[SeenPoints, ...]  # of every frame
-    key_frames: tuple[int, ...]  # frames that points were detected in, in order
+    key_frames: tuple[int, ...]  # frames that points were detected in, in order, and the last frame
     num_points: int  # how many points there are
 
 

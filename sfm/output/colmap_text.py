@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX
 
-_PIXEL_CENTRE = 0.5
+Floats = NDArray[np.float64]
 
 
 class ColmapImage(NamedTuple):
@@ -64,7 +64,7 @@ def _camera_line(size: tuple[int, int], intrinsics: Floats) -> str:
     """Return a camera of square pixels as COLMAP's simplest one; the skew must be 0."""
     if intrinsics[0, 1] != 0.0:
         raise ValueError(f"`intrinsics` must have no skew, got {intrinsics[0, 1]}")
-    (fx, fy), (cx, cy) = np.diag(intrinsics)[:2], intrinsics[:2, 2] + _PIXEL_CENTRE
+    (fx, fy), (cx, cy) = np.diag(intrinsics)[:2], intrinsics[:2, 2] + COLMAP_FIRST_PIXEL_PX
     focal = [fx] if fx == fy else [fx, fy]
     model = "SIMPLE_PINHOLE" if fx == fy else "PINHOLE"
     parameters = " ".join(f"{value:.12g}" for value in (*focal, cx, cy))
@@ -73,7 +73,7 @@ def _camera_line(size: tuple[int, int], intrinsics: Floats) -> str:
 
 def _image_lines(image: ColmapImage) -> tuple[str, str]:
     pose = " ".join(f"{value:.12g}" for value in (*quaternion(image.pose[:, :3]), *image.pose[:, 3]))
-    points = () if image.points_px is None else image.points_px + _PIXEL_CENTRE
+    points = () if image.points_px is None else image.points_px + COLMAP_FIRST_PIXEL_PX
     shown = " ".join(f"{x:.6f} {y:.6f} {number}" for number, (x, y) in enumerate(points, 1))
     return f"{image.number} {pose} 1 {image.name}", shown
 

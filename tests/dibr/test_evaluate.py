@@ -95,6 +95,7 @@ def test_several_rates_of_layers_make_a_curve(capsys: pytest.CaptureFixture[str]
         names.append(f"{kind}-{rate}.dibr")
         assert run("encode-layers", kind, names[-1], "--bpp", str(rate), "--keep", "all", "--quiet") == 0
     capsys.readouterr()
+    Path("curves").mkdir()  # an empty folder will do
     found = answer(capsys, "evaluate", *names, "--truth-image", "view.png", "--out", "curves")
     for name in names:
         assert found[name]["kind"] in name
@@ -108,6 +109,7 @@ def test_several_rates_of_layers_make_a_curve(capsys: pytest.CaptureFixture[str]
     assert sorted(path.name for path in Path("curves").iterdir()) == [
         "index.html", "picture.png", "picture.svg", "streams.json", "streams.md",
     ]  # fmt: skip
+    assert "not an empty folder" in refusal(capsys, "evaluate", *names, "--out", "curves")
     assert "| layers-2.dibr |" in Path("curves/streams.md").read_text()
     assert "--truth-depth" in refusal(capsys, "evaluate", *names, "--truth-depth", "map.pfm")
 

@@ -1,13 +1,20 @@
 """Serving a decoder: what it may cost, and what another one gets that comes in its place."""
 
+import math
+from dataclasses import dataclass, field
+from fractions import Fraction
+
 import pytest
 
-from dvc.config import Live, VideoConfig, codec_config
-from dvc.errors import FeedbackError
-from dvc.feedback import DecoderEndpoint, EncoderEndpoint
+from dvc.config import Live, Qp, VideoConfig, codec_config
+from dvc.errors import FeedbackError, SupersededError
+from dvc.feedback import DecoderEndpoint, EncoderEndpoint, LinkCounts
+from dvc.feedback.messages import Gop
 from dvc.video import Frame
 from encoder import live
 from encoder.live import serve
+from encoder.pacing import DecoderPace
+from encoder.rate_control.limits import RateLimits
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
@@ -60,3 +67,83 @@ def test_a_decoder_without_progress_is_given_up_by_time(monkeypatch: pytest.Monk
     with pytest.raises(FeedbackError, match="alive, but does nothing for 3600 s"):
         serve(EncoderSession(CONFIG, Live()), frames, Decoder(), lambda _: None)  # type: ignore[arg-type]
     assert 4000.0 < now_s < 6000.0
+
+
+class Decoder:
+    """Takes one group of pictures after the other, asks for nothing, and may be gone after some."""
+
+    counts = LinkCounts()
+
+    def __init__(self, lasts: float = math.inf) -> None:
+        self._endpoint, self._lasts, self._answer = DecoderEndpoint(), lasts, b""
+        self.records: list[Gop] = []
+
+    def enter(self, encoder: EncoderEndpoint) -> None:
+        """Exchange the hellos."""
+        encoder.receive(self._endpoint.bytes_to_send())
+        self.send(encoder.bytes_to_send())
+
+    def send(self, data: bytes) -> None:
+        for event in self._endpoint.receive(data):
+            if isinstance(event, Gop):
+                self.records.append(event)
+                self._endpoint.send_gop_done(event.number)
+        if not self._endpoint.num_credits:
+            self._endpoint.send_next_gop()
+
+    def receive(self) -> bytes:
+        if len(self.records) > self._lasts:
+            raise SupersededError
+        return self._endpoint.bytes_to_send()
+
+    def wait(self, at_most_s: float) -> bool:
+        return at_most_s > 0.0
+
+    has_received = staticmethod(lambda: False)
+    close = staticmethod(lambda: None)
+
+
+@dataclass
+class Ahead:
+    """Groups that wait: none, but at first one that is predicted from before all that are kept."""
+
+    can_grow: bool = False
+    references: list[float] = field(default_factory=lambda: [-1.0])
+
+    def take(self) -> None:
+        return None
+
+    @property
+    def oldest_reference(self) -> float:
+        return self.references.pop() if self.references else math.inf
+
+
+def test_another_decoder_begins_with_a_group_of_which_nothing_is_known() -> None:
+    """It gets the key frame alone; of the others of the group no bits are expected, and no frames missed."""
+    video, limits = VideoConfig(32, 24, 25, 1, luma_only=True), RateLimits(bits_per_s=20_000)
+    session = EncoderSession(codec_config(video, "2d", Qp(30)), Live(), limits=limits)
+    frames = [Frame(frame.luma) for frame in moving_texture(13, 24, 32)]
+    decoders = Decoder(lasts=2), Decoder()
+    endpoints = EncoderEndpoint(session.config), EncoderEndpoint(session.config)
+    pace = DecoderPace(Fraction(25), lambda _: None)
+
+    def entered(place: int) -> tuple[Decoder, EncoderEndpoint]:
+        decoders[place].enter(endpoints[place])
+        return decoders[place], endpoints[place]
+
+    def done(num_frames: int) -> None:
+        seen.append(num_frames)
+
+    seen: list[int] = []
+    first, second = (lambda: entered(0)), (lambda: entered(1))
+    link, endpoint = first()
+    told = serve(session, frames, link, done, pace, endpoint, second, Ahead())  # type: ignore[arg-type]
+    assert told["num_decoders"] == 2
+    alone, *others = decoders[1].records
+    assert (alone.record.num_frames, alone.record.wyner_ziv) == (1, ())
+    assert all(gop.record.num_frames == 2 for gop in others)
+    assert endpoints[1].first_frame + 1 + 2 * len(others) == 13
+    assert told["frames_lost"] == [[sum(seen[: -1 - len(others)]), endpoints[1].first_frame - 1]]
+    assert session.limiter is not None
+    assert not session.limiter._bitrate._open  # type: ignore[union-attr]
+    assert pace._num_sent == pace._num_done

@@ -1,5 +1,6 @@
 """Sweeps as they are asked for, and the points that they mean."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -255,3 +256,15 @@ def test_margins_without_their_form_are_refused(given: dict[str, object], messag
     """A margin is a number, and needs an encoder that nobody asks."""
     with pytest.raises(ConfigError, match=message):
         build_sweep({"sequences": ["clip"], **given})
+
+
+def test_the_file_that_the_document_shows_is_read(tmp_path: Path) -> None:
+    """All of its entries mean something."""
+    text = (Path(__file__).resolve().parents[2] / "docs" / "rd.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    path = tmp_path / "sweep.toml"
+    path.write_text(shown, encoding="utf-8")
+    first, second = map(build_sweep, read_spec(path))
+    assert (first.qp, first.sequences, first.frames) == ((26, 32, 38), ("box", "clip.y4m"), 49)
+    assert (second.codec, second.wz_q, second.options) == ("2d", (1, 4, 8), (("noise-model", "band"),))
+    assert first.anchors == second.anchors == ("x264-medium",)

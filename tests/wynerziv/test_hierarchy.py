@@ -3,7 +3,6 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.config import MAX_GOP_LENGTH
 from dvc.wynerziv.hierarchy import decoding_order, group_order, levels, p_type_order, reference_distances
 
 
@@ -65,8 +64,8 @@ def test_p_type_frames_come_first_and_know_only_what_is_before_them(
 
 
 def test_distances_of_a_group_with_p_type_frames() -> None:
-    """An p_type counts as if its references were as far apart as they may ever be."""
-    far = MAX_GOP_LENGTH
+    """P-type frames count as if their references were farther apart than any may be."""
+    far = 257
     assert reference_distances(8, True, 4) == [2, 4, 2, far, 2, 4, 2, far]
     assert reference_distances(3, True, 8) == [3, 2, far]
 

@@ -5,7 +5,8 @@ import sys
 from pathlib import Path
 
 from dvc import cli
-from dvc.rd.anchors.codecs import ANCHOR_CODECS, MAX_QP, MIN_QP
+from dvc.config import MAX_QP
+from dvc.rd.anchors.codecs import ANCHOR_CODECS
 
 PROG = "dvc.rd.anchors"
 EXAMPLES = """\
@@ -25,7 +26,7 @@ def _parser() -> argparse.ArgumentParser:
     encode.add_argument("--codec", choices=ANCHOR_CODECS, required=True)
     encode.add_argument(
         "--qp",
-        type=cli.integer(MIN_QP, MAX_QP),
+        type=cli.integer(1, MAX_QP),
         required=True,
         metavar="QP",
         help="on the scale of H.264, 1 to 51",

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from dvc.config import MAX_QP
 from dvc.errors import ConfigError
 
-MIN_QP: Final = 1
-MAX_QP: Final = 51
 _MAX_AV1_QP = 63
 
 Parameters = tuple[tuple[str, str], ...]
@@ -72,8 +71,8 @@ class AnchorCodec:
 
     def encoder_qp(self, qp: int) -> int:
         """Return the encoder's own quantizer for a QP on the scale of H.264."""
-        if not MIN_QP <= qp <= MAX_QP:
-            raise ConfigError(f"the QP of an anchor must be {MIN_QP} to {MAX_QP}, got {qp}")
+        if not 1 <= qp <= MAX_QP:
+            raise ConfigError(f"the QP of an anchor must be 1 to {MAX_QP}, got {qp}")
         if self.library != "libsvtav1":
             return qp
         return min(max(14 + round(5 * (qp - 20) / 3), 1), _MAX_AV1_QP)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dvc.errors import ConfigError, VideoError
-from dvc.metrics import mean_psnr_db, psnr_db
+from dvc.metrics import PSNR_CAP_DB, mean_psnr_db, psnr_db
 from dvc.rd.anchors.bitstream import picture_bytes
 from dvc.video import Frame, create_video, open_video
 from dvc.video.frames import Plane, check_size
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     import av
     from av.container import InputContainer
 
-PSNR_CAP_DB = 100.0
 _PSNRS = ("psnr_y_db", "psnr_cb_db", "psnr_cr_db")
 _FORMATS = {".264": "h264", ".265": "hevc", ".obu": "obu"}
 _STRICT = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}

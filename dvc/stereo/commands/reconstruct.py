@@ -63,7 +63,14 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
         default=OCCLUSION_NAMES[0],
         help="visibility from surfaces, the better one of opposite views, or none; default: %(default)s",
     )
-    cli.add_integer(group, "--iterations", (1, 20), "times that surfaces are found, at most", default=3)
+    cli.add_integer(
+        group,
+        "--iterations",
+        (1, 20),
+        "times that surfaces are found, at most; large views begin with their smallest size, for which this"
+        " counts, and take two more for each larger one",
+        default=3,
+    )
     group.add_argument("--sub-pixel", action="store_true", help="disparities between those of --disparities")
     cli.add_integer(group, "--jobs", (1, 256), "threads; the result is the same", default=1)
 

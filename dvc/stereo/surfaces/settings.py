@@ -80,7 +80,8 @@ class StereoSettings:
         What is done about hidden points: visibility is computed from surfaces (2.19), as soon as there are
         any; the better one of opposite neighbours counts (2.18); or nothing is done, all count alike.
     max_iterations : int
-        Times that surfaces are found, at most; the first time nothing is known of visibility.
+        Times that surfaces are found, at most; the first time nothing is known of visibility. Large views
+        begin with their smallest size, for which this counts, and take two more for each larger one.
     min_change : float
         Share of pixels whose label changes by more than one, below which no further iteration follows.
     geometric_weight, geometric_limit : float

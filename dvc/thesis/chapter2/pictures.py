@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from dvc.multiview.camera_array import ArrayView, DisparityLabels
 from dvc.page.drawing import Picture, colour_disparity, colour_error, in_rows, with_title
-from dvc.page.gallery import Group, Shown
 from dvc.stereo.evaluation import disparity_error
 from dvc.stereo.surfaces.surface import Reconstruction
 
@@ -35,27 +34,6 @@ def disparity_panels(
         with_title(colour_disparity(disparity, labels.lowest, labels.highest), title),
         with_title(colour_error(error, counted), f"{bad:.2f} % bad"),
     ]
-
-
-def pair_group(
-    name: str,
-    view: ArrayView,
-    truth: Floats,
-    mask: NDArray[np.bool_],
-    labels: DisparityLabels,
-    methods: Mapping[str, Floats],
-) -> Group:
-    """Collect what several methods make of a pair, to be laid over each other."""
-    shown = [
-        Shown("view", np.ascontiguousarray(view.image[:, :, ::-1])),
-        Shown("truth", colour_disparity(truth, labels.lowest, labels.highest)),
-    ]
-    for method, disparity in methods.items():
-        error, counted = disparity_error(disparity, truth, mask)
-        bad = 100.0 * float(np.mean(error[counted] > 1.0))
-        shown.append(Shown(method, colour_disparity(disparity, labels.lowest, labels.highest)))
-        shown.append(Shown(f"errors of {method}", colour_error(error, counted), f"{bad:.2f} % bad"))
-    return Group(name, tuple(shown))
 
 
 def figure_2_4(truth: Sequence[Floats], by_iteration: Mapping[int, Reconstruction]) -> Picture:

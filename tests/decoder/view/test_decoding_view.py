@@ -59,8 +59,8 @@ def test_pictures() -> None:
     view = DecodingView(FACTS)
     view.add(picture(0, key=True), 0)
     view.add(picture(1), 0)
-    blue, green, red = drawn(view, 1, "decoded")[8, 16]
-    assert red > green > blue
+    # Black is 16, white 235, as in nearly every video.
+    np.testing.assert_allclose(drawn(view, 1, "decoded")[8, 16], [21, 54, 213], atol=6)
     np.testing.assert_allclose(drawn(view, 1, "predicted"), 90, atol=2)
     np.testing.assert_allclose(drawn(view, 1, "difference"), 128 + 4 * 10, atol=2)
     depth = drawn(view, 1, "depth").sum(axis=2)

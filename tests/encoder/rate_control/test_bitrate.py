@@ -95,6 +95,17 @@ def test_five_qualities_are_tried_at_most() -> None:
     assert search.found[best] == 20.0
 
 
+def test_nothing_more_is_expected_of_groups_that_are_left_out() -> None:
+    """Their key frames and tracks were sent; what a decoder takes of those after them counts as before."""
+    controller = BitrateController(BITS_PER_S, FRAME_RATE)
+    for _ in range(3):
+        live_group(controller, 1.0, (1.0, 1.0))
+    owed, groups = controller.owed, dict(controller._open)
+    controller.leave_out(1)
+    assert list(controller._open) == [2]
+    assert controller.owed == pytest.approx(owed - groups[0].assumed - groups[1].assumed)
+
+
 KEY_BITS, NUM_FRAMES, P_TYPE = 2000.0, 16, np.arange(16) == 15
 
 
@@ -161,13 +172,17 @@ def test_frames_are_coded_coarser_until_they_fit() -> None:
         tried.append(coarser)
         return 8000 * 2.0 ** (-coarser / 6)
 
-    assert keep_within(8000, bits)
+    assert keep_within(8000, 51, bits)
     assert tried == [0]
-    assert keep_within(2000, bits)
+    assert keep_within(2000, 51, bits)
     assert 12 <= tried[-1] <= 18
-    assert not keep_within(1, bits)
-    assert tried[-1] >= 50
-    assert keep_within(math.inf, bits)
+    assert not keep_within(1, 51, bits)
+    assert tried[-1] == 51
+    del tried[:]
+    assert not keep_within(7500, 0, bits)
+    assert not keep_within(5000, 3, bits)
+    assert tried == [0, 0, 3]
+    assert keep_within(math.inf, 51, bits)
 
 
 @pytest.mark.parametrize("limits", [(0, None), (None, 0), (-5, 7)])

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from dvc.video import Frame
-from sfm.mapping.cloud import dense_cloud, points_in_world, rgb_picture
+from sfm.mapping.cloud import dense_cloud, points_in_world
 from tests.sfm.mapping.moving_camera import HEIGHT, WIDTH, K, pose_of
 
 
@@ -18,16 +17,6 @@ def test_points_project_to_their_pixels() -> None:
     image = inside @ K.T
     np.testing.assert_allclose(image[:, :2] / image[:, 2:], [[20, 10], [300, 200]], atol=1e-9)
     assert known.sum() == 2
-
-
-def test_colours_are_those_of_bt601() -> None:
-    """Black, white, and red."""
-    luma = np.array([[16, 16, 235, 235], [16, 16, 235, 235], [81, 81, 81, 81], [81, 81, 81, 81]], np.uint8)
-    cb, cr = np.array([[128, 128], [90, 90]], np.uint8), np.array([[128, 128], [240, 240]], np.uint8)
-    picture = rgb_picture(Frame(luma, (cb, cr))).astype(int)
-    assert np.abs(picture[0, 0] - 0).max() <= 1
-    assert np.abs(picture[0, 3] - 255).max() <= 1
-    assert np.abs(picture[3, 1] - [255, 0, 0]).max() <= 2
 
 
 def test_the_cloud_is_bounded() -> None:

@@ -1,0 +1,406 @@
+"""A reader of streams, written from docs/bitstream.md and docs/decoding.md; no package is imported."""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import ceil
+
+Bits = list[int]
+
+MASK = 2**64 - 1
+FIELDS = {
+    0: ("codec", "str", "3d-te"),
+    1: ("seed", "int", 0),
+    2: ("width", "int", None),
+    3: ("height", "int", None),
+    4: ("frame_rate_num", "int", None),
+    5: ("frame_rate_den", "int", None),
+    6: ("luma_only", "bool", False),
+    8: ("gop_length", "int", 16),
+    9: ("references", "str", "hierarchical"),
+    10: ("p_type_distance", "int", 8),
+    11: ("intra_period", "int", 96),
+    12: ("long_term_groups", "int", 64),
+    16: ("key_qp", "int", 30),
+    17: ("key_lossless", "bool", False),
+    18: ("parameter_sets", "bytes", b""),
+    24: ("levels", "integers", []),
+    25: ("noise_model", "str", "local"),
+    26: ("qp", "int", 30),
+    28: ("priors", "str", "learned"),
+    29: ("limited", "bool", False),
+    40: ("coder", "str", "cascade"),
+    41: ("batch_percent", "int", 6),
+    56: ("method", "str", "depth"),
+    57: ("track_corrections", "bool", True),
+    58: ("fallback", "str", "tracks"),
+    72: ("backend", "str", "native"),
+    73: ("path_regularity", "float", 0.0),
+    80: ("tracks_kind", "str", "encoder"),
+    81: ("num_points", "int", 128),
+    82: ("subpixel_bits", "int", 1),
+}
+ZIGZAG = (0, 1, 4, 8, 5, 2, 3, 6, 9, 12, 13, 10, 7, 11, 14, 15)
+
+
+class Bytes:
+    """Data that are read from the front."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.at = data, 0
+
+    def take(self, count: int) -> bytes:
+        """Return the next bytes."""
+        self.at += count
+        assert self.at <= len(self.data)
+        return self.data[self.at - count : self.at]
+
+    def varint(self) -> int:
+        """Read 7 bits a byte, lowest first."""
+        value, shift = 0, 0
+        while True:
+            (byte,) = self.take(1)
+            value |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return value
+
+    def counted(self) -> bytes:
+        """Read a number of bytes, and these."""
+        return self.take(self.varint())
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing is left."""
+        return self.at == len(self.data)
+
+
+@dataclass
+class Group:
+    """A GOP record."""
+
+    num_frames: int
+    tracks: bytes = b""
+    matches: bytes = b""
+    wyner_ziv: list[bytes] = field(default_factory=list)
+    key: bytes = b""
+
+
+@dataclass
+class Frame:
+    """The planes of a Wyner-Ziv frame."""
+
+    steps: list[float | None]  # of the bands that are sent
+    counts: list[int]  # planes of each band
+    checks: list[Bits]  # of each plane
+    planes: list[Bits]
+    parities: list[list[Bits]]  # by code, of each plane
+
+
+@dataclass
+class SentFrame:
+    """What is sent of a Wyner-Ziv frame without feedback."""
+
+    steps: list[float | None]
+    counts: list[int]  # planes of each band, and how many of them are sent
+    sent: list[int]
+    blocks: list[tuple[Bits, Bits]]  # check and syndrome of DC and of the other bands; empty without
+
+
+def read_stream(data: bytes) -> tuple[dict[str, object], list[Group]]:
+    """Return the configuration and the groups of pictures of a stream without digests."""
+    file = Bytes(data)
+    assert file.take(5) == b"DV3D\1"
+    records = list(_records(file))
+    assert [kind for kind, _ in records] == [1] + [2] * (len(records) - 2) + [3]
+    config = read_configuration(records[0][1])
+    groups = [read_group(payload) for _, payload in records[1:-1]]
+    end = Bytes(records[-1][1])
+    assert end.varint() == sum(group.num_frames for group in groups)
+    assert end.is_over or end.varint() == len(groups)
+    return config, groups
+
+
+def _records(file: Bytes) -> Iterator[tuple[int, bytes]]:
+    while not file.is_over:
+        start = file.at
+        (kind,) = file.take(1)
+        payload = file.counted()
+        checked = file.data[start : file.at]
+        assert struct.unpack("<I", file.take(4)) == (zlib.crc32(checked),)
+        yield kind, payload
+
+
+def read_configuration(payload: bytes) -> dict[str, object]:
+    """Read form and fields."""
+    values = Bytes(payload)
+    assert values.take(1) in (b"\0", b"\2")
+    found: dict[str, object] = {name: default for name, _, default in FIELDS.values()}
+    while not values.is_over:
+        name, kind, _ = FIELDS[values.varint()]
+        if kind == "float":
+            (found[name],) = struct.unpack("<d", values.take(8))
+        elif kind in ("str", "bytes"):
+            found[name] = values.counted().decode() if kind == "str" else values.counted()
+        elif kind == "integers":
+            found[name] = [values.varint() for _ in range(values.varint())]
+        else:
+            found[name] = bool(values.varint()) if kind == "bool" else values.varint()
+    return found
+
+
+def read_group(payload: bytes) -> Group:
+    """Read a GOP record, in which there are no digests."""
+    values = Bytes(payload)
+    head = values.varint()
+    group = Group((head & 1023) >> 1)
+    if head & 4096:
+        for _ in range(1 + group.num_frames):
+            values.varint()
+    if head & 1:
+        group.tracks = values.counted()
+    if head & 2048:
+        values.varint()
+        group.matches = values.counted()
+    count = group.num_frames - (0 if head & 1024 else 1)
+    group.wyner_ziv = [values.counted() for _ in range(count)]
+    group.key = values.take(len(payload) - values.at)
+    return group
+
+
+def num_blocks(config: dict[str, object]) -> int:
+    """Return the bits of a plane."""
+    return ceil(config["width"] / 4) * ceil(config["height"] / 4)  # type: ignore[operator]
+
+
+def read_frame(config: dict[str, object], payload: bytes) -> Frame:
+    """Read a Wyner-Ziv payload of the buffered form."""
+    steps, counts, begin = _header(config, _text(payload[:100]))
+    size, num_bits = ceil(sum(counts) / 8), num_blocks(config)
+    words = [payload[k : k + size] for k in range(begin, len(payload), size)]
+    codes = 1 if config["coder"] == "turbo" else 8
+    assert len(words) == 16 + (1 + codes) * num_bits
+
+    def section(first: int, count: int) -> list[Bits]:
+        return [
+            [words[k][plane // 8] >> 7 - plane % 8 & 1 for k in range(first, first + count)]
+            for plane in range(sum(counts))
+        ]
+
+    ends = [16 + (1 + code) * num_bits for code in range(codes)]
+    parities = [section(end, num_bits) for end in ends]
+    return Frame(steps, counts, section(0, 16), section(16, num_bits), parities)
+
+
+def read_sent_frame(config: dict[str, object], payload: bytes) -> SentFrame:
+    """Read a Wyner-Ziv payload of the no-feedback form."""
+    text = _text(payload)
+    steps, counts, begin = _header(config, text)
+    sent, at = _plane_counts(text, 8 * begin)
+    lengths = []
+    for _ in range(2):
+        code, at = int(text[at : at + 8], 2), at + 8
+        lengths.append((16 + (code - 1) % 16) << (code - 1) // 16 if code else 0)
+    blocks = []
+    for length, planes in zip(lengths, (sent[:1], sent[1:]), strict=True):
+        blocks.append(
+            ([], []) if not length or not any(planes) else (text[at : at + 16], text[at + 16 :][:length])
+        )
+        at += sum(map(len, blocks[-1]))
+    assert text[at:] == "0" * (-at % 8)
+    found = [([*map(int, check)], [*map(int, syndrome)]) for check, syndrome in blocks]
+    return SentFrame(steps, counts, sent, found)
+
+
+def _text(data: bytes) -> str:
+    return "".join(f"{byte:08b}" for byte in data)
+
+
+def _header(config: dict[str, object], text: str) -> tuple[list[float | None], list[int], int]:
+    """Read steps and planes of the bands, and where the header ends, in bytes."""
+    levels: list[int] = config["levels"]  # type: ignore[assignment]
+    if not levels:
+        counts, at = _plane_counts(text, 6)
+        return [2 ** (int(text[:6], 2) / 6)] * 16, counts, ceil(at / 8) + bool(config["limited"])
+    at, steps = 0, list[float | None]([None] * 16)
+    counts = [level.bit_length() - 1 if level else 0 for level in levels]
+    for band, count in enumerate(counts):
+        if count and band:
+            steps[band], at = 2 ** (int(text[at : at + 6], 2) / 6), at + 6
+    return steps, counts, ceil(at / 8)
+
+
+def _plane_counts(text: str, at: int) -> tuple[list[int], int]:
+    """Read how many planes the bands have; return where that ends, too."""
+    counts = [int(text[at : at + 4], 2)]
+    at += 4
+    for _ in range(15):
+        zeros = text.index("1", at) - at
+        at += zeros + 1
+        counts.append(counts[-1] + (-(zeros + 1) // 2 if zeros % 2 else zeros // 2))
+    return counts, at
+
+
+def keys(seed: int, count: int) -> list[int]:
+    """Return pseudo-random numbers of 64 bits."""
+    found = []
+    for i in range(1, count + 1):
+        z = (i * 0x9E3779B97F4A7C15 + seed * 0xD1B54A32D192ED03 + 0x9E3779B97F4A7C15) & MASK
+        z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9 & MASK
+        z = (z ^ z >> 27) * 0x94D049BB133111EB & MASK
+        found.append(z ^ z >> 31)
+    return found
+
+
+def permutation(seed: int, count: int) -> list[int]:
+    """Return the places of keys in increasing order."""
+    found = keys(seed, count)
+    return sorted(range(count), key=found.__getitem__)
+
+
+def check_bits(bits: Bits) -> Bits:
+    """Return the CRC of 16 bits."""
+    register = 0
+    for bit in bits:
+        register = (register << 1) ^ (0x11021 if (register >> 15 & 1) ^ bit else 0)
+    return [register >> 15 - k & 1 for k in range(16)]
+
+
+def cascade_parities(bits: Bits, seed: int, order: int) -> Bits:
+    """Return the parities of all bits up to each position of an order."""
+    found, parity = [], 0
+    for place in permutation((seed + 1) * 256 + order, len(bits)):
+        parity ^= bits[place]
+        found.append(parity)
+    return found
+
+
+def turbo_parities(bits: Bits, seed: int) -> Bits:
+    """Return the parity bits of both codes in order of release."""
+    codes = []
+    for places in (range(len(bits)), permutation(2 * seed + 2, len(bits))):
+        register, parity = [0, 0, 0, 0], []  # w(-1) to w(-4)
+        for place in places:
+            w = bits[place] ^ register[2] ^ register[3]
+            parity.append(w ^ register[0] ^ register[2] ^ register[3])
+            register = [w, *register[:3]]
+        codes.append(parity)
+    offsets = [int(f"{number:06b}"[::-1], 2) for number in range(64)]
+    released = [code[offset::48] for offset in offsets if offset < 48 for code in codes]
+    return [bit for some in released for bit in some][: len(bits)]
+
+
+def syndrome(
+    planes: dict[int, Bits], seed: int, num_checks: int, most_of_two: float, num_in_frame: int
+) -> Bits:
+    """Return the syndrome of the planes of a block, given by their numbers in the frame."""
+    num_bits = len(next(iter(planes.values())))
+    orders = [permutation(seed * 256 + j, num_bits) for j in range(3)]
+    starts = keys(256 * seed + 3, 3 * num_in_frame)
+    share = (num_checks / (len(planes) * num_bits) - 0.02) / (0.06 - 0.02)
+    of_three = num_bits - int(most_of_two * min(max(share, 0.0), 1.0) * num_bits)
+    found = [0] * num_checks
+    for plane, bits in planes.items():
+        for n, bit in enumerate(bits):
+            mine: list[int] = []
+            for j in range(3 if orders[2][n] < of_three else 2):
+                place = (starts[3 * plane + j] % num_checks + orders[j][n]) % num_checks
+                while place in mine:
+                    place = (place + 1) % num_checks
+                mine.append(place)
+            for place in mine:
+                found[place] ^= bit
+    return found
+
+
+def transform(block: list[list[int]]) -> list[float]:
+    """Return the coefficients of a 4x4 block in zigzag order."""
+    core = (1, 1, 1, 1), (2, 1, -1, -2), (1, -1, -1, 1), (1, -2, 2, -1)
+    norms = 4**0.5, 10**0.5, 4**0.5, 10**0.5
+    found = [
+        sum(core[i][y] * core[j][x] * block[y][x] for y in range(4) for x in range(4)) / (norms[i] * norms[j])
+        for i in range(4)
+        for j in range(4)
+    ]
+    return [found[place] for place in ZIGZAG]
+
+
+def interval(config: dict[str, object], frame: Frame, band: int, number: int) -> tuple[float, float]:
+    """Return the borders of a bin."""
+    step, count = frame.steps[band], frame.counts[band]
+    if not config["levels"]:
+        assert step is not None
+        origin = 4 ** ceil(count / 2) / 3 if band else 0.0
+        return (number - origin) * step, (number + 1 - origin) * step
+    levels = 1 << count
+    if band == 0:
+        return 1024 * number / levels, 1024 * (number + 1) / levels
+    assert step is not None
+    borders = [k * step for k in range(-levels // 2, levels // 2 + 1) if k]
+    return borders[min(number, levels - 1)], borders[min(number + 1, levels - 1)]
+
+
+class RangeReader:
+    """Reads decisions and numbers."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self._at = data, 8
+        self._above = int.from_bytes(data[:8].ljust(8, b"\0"))
+        self._size = MASK
+
+    def decision(self, probability: float) -> int:
+        """Read a decision."""
+        zeros = int((1.0 - probability) * (2**24 - 2)) + 1
+        one = self._above // (self._size >> 24) >= zeros
+        self._take(*((zeros, 2**24 - zeros) if one else (0, zeros)))
+        return int(one)
+
+    def number(self, bound: int) -> int:
+        """Read a number."""
+        if bound == 1:
+            return 0
+        width = 2**24 // bound
+        value = min(self._above // (self._size >> 24) // width, bound - 1)
+        self._take(value * width, width if value < bound - 1 else 2**24 - value * width)
+        return value
+
+    def _take(self, first: int, count: int) -> None:
+        part = self._size >> 24
+        self._above, self._size = self._above - part * first, part * count
+        if self._size < 2**32:
+            word = self._data[self._at : self._at + 4].ljust(4, b"\0")
+            self._above, self._size = (self._above << 32) + int.from_bytes(word), self._size << 32
+            self._at += 4
+
+
+def read_points(config: dict[str, object], data: bytes, num_frames: int) -> list[list[tuple[int, int]]]:
+    """Read the points of the Wyner-Ziv frames of a group, in positions."""
+    if not data:
+        return [[] for _ in range(num_frames)]
+    coder, found = RangeReader(data), []
+    exponent, apart = coder.number(8), coder.number(256)
+    columns, rows = (
+        ((config[side] - 1) * 2 ** config["subpixel_bits"] >> exponent) + 1  # type: ignore[operator]
+        for side in ("width", "height")
+    )
+    for _ in range(num_frames):
+        count, column, points = coder.number(config["num_points"] + 1), 0, list[list[int]]()  # type: ignore[operator]
+        for k in range(count):
+            while column < columns - 1:
+                right = columns - 1 - column
+                if not coder.decision(right / (right + count - k)):
+                    break
+                column += 1
+            points.append([column, -1])
+        for k, (x, _) in enumerate(points):
+            free = [
+                y
+                for y in range(rows)
+                if all(
+                    (x - px) ** 2 + (y - py) ** 2 >= apart**2 and (px < x or y >= py) for px, py in points[:k]
+                )
+            ]
+            points[k][1] = free[coder.number(len(free))]
+        found.append([(x << exponent, y << exponent) for x, y in points])
+    return found
