@@ -374,33 +374,44 @@ class RangeReader:
             self._at += 4
 
 
+def sides(config: dict[str, object]) -> tuple[int, int]:
+    """Return how many positions points may have, across and down."""
+    across, down = ((config[side] - 1) * 2 ** config["subpixel_bits"] + 1 for side in ("width", "height"))  # type: ignore[operator]
+    return across, down
+
+
 def read_points(config: dict[str, object], data: bytes, num_frames: int) -> list[list[tuple[int, int]]]:
     """Read the points of the Wyner-Ziv frames of a group, in positions."""
     if not data:
         return [[] for _ in range(num_frames)]
     coder, found = RangeReader(data), []
     exponent, apart = coder.number(8), coder.number(256)
-    columns, rows = (
-        ((config[side] - 1) * 2 ** config["subpixel_bits"] >> exponent) + 1  # type: ignore[operator]
-        for side in ("width", "height")
-    )
+    columns, rows = ((side - 1 >> exponent) + 1 for side in sides(config))
     for _ in range(num_frames):
-        count, column, points = coder.number(config["num_points"] + 1), 0, list[list[int]]()  # type: ignore[operator]
-        for k in range(count):
-            while column < columns - 1:
-                right = columns - 1 - column
-                if not coder.decision(right / (right + count - k)):
-                    break
-                column += 1
-            points.append([column, -1])
-        for k, (x, _) in enumerate(points):
-            free = [
-                y
-                for y in range(rows)
-                if all(
-                    (x - px) ** 2 + (y - py) ** 2 >= apart**2 and (px < x or y >= py) for px, py in points[:k]
-                )
-            ]
-            points[k][1] = free[coder.number(len(free))]
+        count = coder.number(config["num_points"] + 1)  # type: ignore[operator]
+        points = read_point_set(coder, count, columns, rows, apart)
         found.append([(x << exponent, y << exponent) for x, y in points])
     return found
+
+
+def read_point_set(
+    coder: RangeReader, count: int, columns: int, rows: int, apart: int
+) -> list[tuple[int, int]]:
+    """Read points of a grid in column scan."""
+    column, places = 0, list[int]()
+    for k in range(count):
+        while column < columns - 1:
+            right = columns - 1 - column
+            if not coder.decision(right / (right + count - k)):
+                break
+            column += 1
+        places.append(column)
+    points: list[tuple[int, int]] = []
+    for x in places:
+        free = [
+            y
+            for y in range(rows)
+            if all((x - px) ** 2 + (y - py) ** 2 >= apart**2 and (px < x or y >= py) for px, py in points)
+        ]
+        points.append((x, free[coder.number(len(free))]))
+    return points

@@ -8,14 +8,25 @@ import numpy as np
 import pytest
 
 import encoder.__main__ as encoder
+from dvc.config import VideoConfig, codec_config
 from dvc.keyframes import KeyFrameDecoder
 from dvc.stream import StreamReader
-from dvc.tracks import decode_points
+from dvc.tracks import PointTracks, decode_matches, decode_points, decode_tracks, encode_tracks
 from dvc.video import Frame, open_video
 from tests.golden_streams import GOLDEN, Golden, source
 from tests.reference import stream_reader as reader
+from tests.reference import track_reader
 
 BUFFERED = [golden for golden in GOLDEN if "buffered" in golden.forms]
+KINDS = [
+    "2d-odd-luma",
+    "2d-odd-colour",
+    "2d-classical",
+    "2d-qp",
+    "2d-time-stamps",
+    "3d-te-odd",
+    "3d-te-long-term",
+]
 START = b"\0\0\0\1"
 
 
@@ -24,11 +35,10 @@ def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reader, "permutation", cache(reader.permutation))
 
 
-@pytest.fixture(params=BUFFERED, ids=lambda golden: golden.name)
-def golden(request: pytest.FixtureRequest) -> Golden:
-    """Each of the buffered streams."""
-    found: Golden = request.param
-    return found
+@cache
+def golden_of(name: str) -> Golden:
+    """Return a frozen stream."""
+    return next(golden for golden in GOLDEN if golden.name == name)
 
 
 def padded_blocks(luma: np.ndarray) -> list[list[list[int]]]:
@@ -67,10 +77,12 @@ def check_bins(config: dict, frame: reader.Frame, original: Frame) -> None:
         first += count
 
 
-def test_planes_are_those_of_the_frames(golden: Golden, tmp_path_factory: pytest.TempPathFactory) -> None:
+@pytest.mark.parametrize("name", KINDS)
+def test_planes_are_those_of_the_frames(name: str, tmp_path: Path) -> None:
     """All bits are found, and stand for what the frames are made of."""
+    golden = golden_of(name)
     config, groups = reader.read_stream(golden.path("buffered").read_bytes())
-    with open_video(source(golden, tmp_path_factory.mktemp("clip"))) as video:
+    with open_video(source(golden, tmp_path)) as video:
         originals = list(video)
     assert sum(group.num_frames for group in groups) == len(originals)
     index, num_checked = 0, 0
@@ -85,6 +97,7 @@ def test_planes_are_those_of_the_frames(golden: Golden, tmp_path_factory: pytest
     assert num_checked
 
 
+@pytest.mark.parametrize("golden", BUFFERED, ids=lambda golden: golden.name)
 def test_key_frames_are_h264_intra(golden: Golden) -> None:
     """With headers and start codes put back any decoder reads them; what fills up the sides is cut off."""
     config, groups = reader.read_stream(golden.path("buffered").read_bytes())
@@ -102,7 +115,7 @@ def test_key_frames_are_h264_intra(golden: Golden) -> None:
 
 def test_syndromes_are_those_of_the_frames(tmp_path: Path) -> None:
     """What is sent without feedback follows from the planes of the originals."""
-    (golden,) = (golden for golden in GOLDEN if "no-feedback" in golden.forms)
+    golden = golden_of("3d-te")
     clip, stream = source(golden, tmp_path), tmp_path / "fine.dvc"
     assert encoder.main([str(clip), str(stream), *golden.coding.split(), "--qp", "22", "--quiet"]) == 0
     config, groups = reader.read_stream(stream.read_bytes())
@@ -145,7 +158,7 @@ def planes_of(config: dict, frame: reader.SentFrame, original: Frame) -> list[li
 
 def test_points_are_read() -> None:
     """As the decoder reads them."""
-    (golden,) = (golden for golden in GOLDEN if golden.name == "3d-td-luma")
+    golden = golden_of("3d-td-luma")
     config, groups = reader.read_stream(golden.path("buffered").read_bytes())
     with StreamReader(golden.path("buffered")) as stream:
         other = stream.config
@@ -158,3 +171,86 @@ def test_points_are_read() -> None:
             np.testing.assert_array_equal(np.reshape(own, (-1, 2)) / scale, others)
             num_points += len(own)
     assert num_points > 100
+
+
+FORWARD_LOSSES = (1.0, 4.0), (1.0, 16.0), (1.0, 26.0)
+BACKWARD_LOSSES = (1.0, 4.0), (1.0, 9.0), (1.0, 9.0)
+
+
+def tracks_of(config: dict, data: bytes, num_instants: int) -> tuple[list, list]:
+    """Read the tracks of a group: those that begin with it, and those that go back from its end."""
+    coder = reader.RangeReader(data)
+    curves, sides, bits = track_reader.Curves(coder), reader.sides(config), config["subpixel_bits"]
+    counts = [coder.number(config["num_points"] + 1) for _ in range(2)]
+    found: list[list] = []
+    given: list = []
+    for count, losses in zip(counts, (FORWARD_LOSSES, BACKWARD_LOSSES), strict=True):
+        tracks: list = []
+        if count:
+            taken = [track[0] for track in given]
+            first = track_reader.read_first(coder, count, taken, sides, reader.read_point_set)
+            direction = track_reader.Direction(coder, curves, sides, bits, [*map(list, losses)])
+            tracks = direction.read(given, first, num_instants)
+        found.append(tracks)
+        given = [track[::-1] for track in tracks if track[-1] is not None]
+    return found[0], found[1]
+
+
+def positions(tracks: list, scale: float) -> np.ndarray:
+    """Return tracks as the packages have them."""
+    lost = (np.nan, np.nan)
+    return np.array([[lost if point is None else point for point in track] for track in tracks]) / scale
+
+
+@pytest.mark.parametrize("name", ["3d-te-colour", "3d-te-odd", "3d-te-p-type", "3d-te-long-term"])
+def test_tracks_are_read(name: str) -> None:
+    """As the decoder reads them; and where they are in long-term references."""
+    golden = golden_of(name)
+    config, groups = reader.read_stream(golden.path("buffered").read_bytes())
+    scale = 2.0 ** config["subpixel_bits"]
+    with StreamReader(golden.path("buffered")) as stream:
+        other = stream.config
+    num_matches = 0
+    for group in groups:
+        if not group.tracks:
+            continue
+        forward, backward = tracks_of(config, group.tracks, group.num_frames + 1)
+        expected = decode_tracks(group.tracks, group.num_frames + 1, other)
+        together = [*forward, *(track[::-1] for track in backward)]
+        np.testing.assert_array_equal(positions(together, scale), expected.positions)
+        if group.matches:
+            num_matches += check_matches(
+                config, group.matches, together, decode_matches(group.matches, expected, other)
+            )
+    assert bool(num_matches) == golden.comes_back
+
+
+@pytest.mark.parametrize(("seed", "jitter"), [(1, 0.3), (3, 60.0)])
+def test_tracks_of_any_motion_are_read(seed: int, jitter: float) -> None:
+    """Tracks that are lost, that go back, and that jump farther than any would."""
+    config = codec_config(VideoConfig(96, 80, 25, 1), "3d-te")
+    rng, num_instants = np.random.default_rng(seed), 6
+    tracks = []
+    for number in range(24):
+        steps = rng.normal(0, jitter, (num_instants, 2)) + np.array([2.0, 0.5])
+        moved = np.clip(rng.uniform(0, (95, 79)) + np.cumsum(steps, axis=0), 0, (95, 79))
+        moved[rng.integers(2, 2 * num_instants) :] = np.nan
+        tracks.append(np.round(2 * (moved[::-1] if number >= 18 else moved)) / 2)
+    payload = encode_tracks(PointTracks(np.array(tracks), 6), config)
+    expected = decode_tracks(payload, num_instants, config)
+    fields = {"width": 96, "height": 80, "num_points": config.tracks.num_points, "subpixel_bits": 1}
+    forward, backward = tracks_of(fields, payload, num_instants)
+    assert (len(forward), len(backward)) == (18, 6)
+    together = [*forward, *(track[::-1] for track in backward)]
+    np.testing.assert_array_equal(positions(together, 2.0), expected.positions)
+
+
+def check_matches(config: dict, data: bytes, tracks: list, expected: np.ndarray) -> int:
+    """Compare where tracks are in a long-term reference; return how many are there."""
+    lasting = [track for track in tracks if track[-1] is not None]
+    coder = reader.RangeReader(data)
+    curves, sides, bits = track_reader.Curves(coder), reader.sides(config), config["subpixel_bits"]
+    direction = track_reader.Direction(coder, curves, sides, bits, [*map(list, FORWARD_LOSSES)])
+    found = positions(direction.read([], [track[-1] for track in lasting], 2), 2.0**bits)
+    np.testing.assert_array_equal(found[:, 1], expected[[track[-1] is not None for track in tracks]])
+    return int(np.isfinite(found[:, 1, 0]).sum())
