@@ -179,13 +179,12 @@ class Direction:
         variances = self._variances(tracks, t)
         self._P = [[variances[k] if k == m else 0.0 for m in RANGE] for k in RANGE]
         known: list[int] = []
-        for i, (state, track) in enumerate(zip(self._states, tracks, strict=True)):
+        for i, track in enumerate(tracks):
             if track[t - 1] is None:
                 if i >= num_given:
                     track.append(None)
             elif self._read_position(i, tracks, known, i < num_given, t):
                 known.append(i)
-                del state
         self._finish(tracks, known, t)
 
     def _read_position(self, i: int, tracks: list[Track], known: list[int], is_given: bool, t: int) -> bool:
