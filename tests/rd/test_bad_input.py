@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from importlib import util
 from pathlib import Path
 from typing import Any
@@ -40,8 +41,8 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def _command(clip: Path, out: Path) -> list[str]:
-    options = ["--gop", "1", "--key-qp", "30", "--out", str(out)]
+def _command(clip: Path, out: Path, qps: Iterable[int] = (30,)) -> list[str]:
+    options = ["--gop", "1", "--key-qp", ",".join(map(str, qps)), "--out", str(out)]
     return [sys.executable, "-m", "dvc.rd", "run", str(clip), *options]
 
 
@@ -50,10 +51,10 @@ def _leftovers(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
 
 
-def test_termination_leaves_nothing_and_the_sweep_goes_on(clip: Path, tmp_path: Path) -> None:
-    """After SIGTERM no file is left, and the same command measures what is missing."""
+def test_termination_leaves_whole_points_and_the_sweep_goes_on(clip: Path, tmp_path: Path) -> None:
+    """After SIGTERM there is no part of a point, and what is missing can be measured."""
     out = tmp_path / "out"
-    with subprocess.Popen(_command(clip, out), stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(_command(clip, out, range(20, 40)), stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60
         while not list(out.glob(".running-*")) and time.monotonic() < deadline:
             time.sleep(0.02)
@@ -61,10 +62,14 @@ def test_termination_leaves_nothing_and_the_sweep_goes_on(clip: Path, tmp_path: 
         _, messages = process.communicate(timeout=60)
     assert process.returncode == 130
     assert messages.splitlines()[-1] == "dvc-rd: interrupted"
-    assert _leftovers(out) == []
-    again = subprocess.run(_command(clip, out), capture_output=True, text=True, check=False)
-    assert again.returncode == 0, again.stderr
-    assert len(list((out / POINTS_FOLDER).iterdir())) == 1
+    measured = [results.read_result(path) for path in (out / POINTS_FOLDER).iterdir()]
+    points = [f"{POINTS_FOLDER}/{result.name}.json" for result in measured]
+    named = [name for result in measured for name in result.data["pictures"].values()]
+    pictures = {name for name in named if isinstance(name, str)}
+    assert _leftovers(out) == sorted([*points, *pictures])
+    last = subprocess.run(_command(clip, out, [39]), capture_output=True, text=True, check=False)
+    assert last.returncode == 0, last.stderr
+    assert "1 points: 1 measured, 0 already there, 0 failed" in last.stderr
 
 
 def test_a_disk_without_room_for_streams(clip: Path, tmp_path: Path) -> None:
