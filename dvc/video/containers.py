@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from dvc.errors import VideoError
 from dvc.video.damage import DamageCheck, FileSource, Source, UnknownSource
-from dvc.video.frames import Frame, TimeStamp, VideoInfo, check_size
+from dvc.video.frames import Frame, TimeStamp, VideoInfo, check_frame_rate, check_size
 from dvc.video.pipes import Pipe, PipeFeed
 from dvc.video.pixels import conversion_notices, frame_from_picture, is_full_range
 from dvc.video.sources import DEFAULT_FRAME_RATE, FrameStream, Request, SourceClock
@@ -282,10 +282,12 @@ def _stream_info(request: Request, stream: "VideoStream", first: "av.VideoFrame"
         notices.append("variable frame rate: time stamps are kept")
     if (aspect := stream.sample_aspect_ratio) and aspect != 1:
         notices.append(f"pixels are not square ({aspect.numerator}:{aspect.denominator}): taken as they are")
+    rate = request.frame_rate or Fraction(declared or DEFAULT_FRAME_RATE)
+    check_frame_rate(rate, str(request.path))
     return VideoInfo(
         width=first.width,
         height=first.height,
-        frame_rate=request.frame_rate or Fraction(declared or DEFAULT_FRAME_RATE),
+        frame_rate=rate,
         num_frames=request.count_of(stream.frames) if stream.frames > request.start else None,
         notices=tuple(notices),
         full_range=is_full_range(first),

@@ -16,6 +16,7 @@ Plane = NDArray[np.uint8]
 
 NEUTRAL_CHROMA = 128
 MAX_PIXELS = 2**26
+MIN_FRAME_RATE, MAX_FRAME_RATE = 1e-6, 1e6
 
 
 def chroma_shape(height: int, width: int) -> tuple[int, int]:
@@ -139,6 +140,14 @@ def check_size(width: int, height: int, what: str) -> None:
         )
 
 
+def check_frame_rate(frame_rate: Fraction | float, what: str) -> None:
+    """Refuse rates that files of this project do not have."""
+    if not MIN_FRAME_RATE <= frame_rate <= MAX_FRAME_RATE:
+        raise VideoError(
+            f"{what}: {float(frame_rate):g} frames per second are not supported (10**-6 to 10**6)"
+        )
+
+
 def exact_frame_rate(frame_rate: Fraction | float) -> Fraction:
     """Return the rate as a fraction; 29.97 and its kin become the NTSC rates that they stand for.
 
@@ -162,7 +171,7 @@ def exact_frame_rate(frame_rate: Fraction | float) -> Fraction:
     >>> exact_frame_rate(29.97), exact_frame_rate(12.5)
     (Fraction(30000, 1001), Fraction(25, 2))
     """
-    if not 1e-6 <= frame_rate <= 1e6:
+    if not MIN_FRAME_RATE <= frame_rate <= MAX_FRAME_RATE:
         raise ValueError(f"`frame_rate` must be positive and at most 10**6, got {frame_rate}")
     if isinstance(frame_rate, float):
         ntsc = Fraction(round(frame_rate) * 1000, 1001)

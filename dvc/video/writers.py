@@ -12,7 +12,7 @@ import numpy as np
 
 from dvc.errors import VideoError
 from dvc.files import OutputFile
-from dvc.video.frames import Frame, Plane, VideoWriter, check_size, exact_frame_rate
+from dvc.video.frames import Frame, Plane, VideoWriter, check_frame_rate, check_size, exact_frame_rate
 from dvc.video.pixels import picture_from_frame
 
 if TYPE_CHECKING:
@@ -188,7 +188,8 @@ def create_video(
     Raises
     ------
     VideoError
-        If the suffix is unknown, the size too large, or the file cannot be made there.
+        If the suffix is unknown, the size too large, the frame rate not between 10**-6 and 10**6, or the file
+        cannot be made there.
     ValueError
         If the frame rate is not positive.
     """
@@ -196,6 +197,8 @@ def create_video(
     path = Path(path)
     suffix = path.suffix.lower()
     check_size(*size, str(path))
+    if frame_rate > 0:
+        check_frame_rate(frame_rate, str(path))
     rate = exact_frame_rate(frame_rate)
     output = OutputFile(path, VideoError, visible=kept)
     try:

@@ -317,6 +317,18 @@ def test_frame_rates_become_fractions(given: float | Fraction, expected: Fractio
     assert exact_frame_rate(given) == expected
 
 
+def test_rates_that_nothing_has_are_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
+    """Unless the caller replaces what the file states."""
+    path = tmp_path / "a.y4m"
+    with create_video(path, (16, 12), 25) as writer:
+        writer.write(moving_frames(1, 16, 12)[0])
+    path.write_bytes(path.read_bytes().replace(b" F25:1 ", b" F2000000:1 ", 1))
+    with pytest.raises(VideoError, match=r"a\.y4m: 2e\+06 frames per second are not supported"):
+        open_video(path)
+    with open_video(path, frame_rate=25) as reader:
+        assert reader.info.frame_rate == 25
+
+
 def test_frame_size_that_changes_midway_is_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
     """The frames before the change come, then an error names both sizes."""
     for name, size in (("a", (32, 16)), ("b", (16, 32))):

@@ -149,6 +149,9 @@ def test_wrong_arguments_are_refused(tmp_path: Path, moving_frames: MakeFrames) 
         create_video(tmp_path / "a.mkv", (20000, 16), 25)
     with pytest.raises(ValueError, match="frame_rate"):
         create_video(tmp_path / "a.mkv", (32, 16), 0)
+    for rate in (Fraction(2 * 10**6), Fraction(1, 2 * 10**6)):
+        with pytest.raises(VideoError, match="frames per second are not supported"):
+            create_video(tmp_path / "a.mkv", (32, 16), rate)
     for suffix in (".y4m", ".mkv", ".mp4"):
         with pytest.raises(VideoError, match="no frames"):
             create_video(tmp_path / f"a{suffix}", (32, 16), 25).close()
