@@ -33,12 +33,14 @@ def adjust(
     """Minimise the reprojection errors of frames and points.
 
     Frames that are not free keep their pose; all are free where `free` is None. The focal length stays where
-    `focal` is false.
+    `focal` is false. Without a point that two frames see, all stays as it is.
     """
     import pycolmap
 
     seen = seen[structure.known[seen.points]]
     seen = seen[np.bincount(seen.points, minlength=1)[seen.points] >= 2]
+    if not len(seen.points):
+        return structure
     model, numbers = _model(structure, seen)
     config = pycolmap.BundleAdjustmentConfig()
     frames = [int(frame) for frame in np.unique(seen.frames)]

@@ -40,6 +40,13 @@ def test_frames_that_are_not_free_stay() -> None:
     assert not np.allclose(adjusted.poses[5], structure.poses[5], atol=1e-9)
 
 
+def test_nothing_is_adjusted_without_observations() -> None:
+    """The structure stays where no point is known, or each is seen but once."""
+    structure, seen, _ = _disturbed(2)
+    assert adjust(structure, seen[np.arange(0)]) is structure
+    assert adjust(structure, seen[seen.frames == 0]) is structure
+
+
 def test_a_frame_is_located() -> None:
     """In spite of a fifth of wrong points."""
     points = scene()
