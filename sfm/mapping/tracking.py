@@ -37,8 +37,8 @@ FINE_WINDOW = 0.011
 """The same of the windows that place points at last: large ones are biased where the scale changes."""
 MAX_EPIPOLAR_PX = 1.5
 """Distance from the epipolar line beyond which a point did not move with the scene."""
-
-
+MIN_SIDE_PX = 11
+"""Shorter sides have no room for the windows that place corners."""
 LEVELS = 4
 """Levels of the pyramid, of factor 2, from one frame to the next."""
 
@@ -190,7 +190,7 @@ def _new_corners(luma: Luma, known: NDArray[np.float32]) -> NDArray[np.float32]:
     import cv2
 
     count = MAX_POINTS - len(known)
-    if count <= 0:
+    if count <= 0 or min(luma.shape) < MIN_SIDE_PX:
         return np.empty((0, 2), np.float32)
     distance = max(5, round(max(luma.shape) / 75))
     free = np.full(luma.shape, 255, np.uint8)

@@ -55,6 +55,12 @@ def test_black_frames_have_no_points() -> None:
     assert [len(each.ids) > 0 for each in tracks.seen] == [False, False, True, False]
 
 
+def test_pictures_too_small_for_corners_have_none() -> None:
+    """And are no error."""
+    noise = np.random.default_rng(0).integers(0, 256, (10, 64), np.uint8)
+    assert [len(each.ids) for each in track_sequence([Frame(noise), Frame(noise)]).seen] == [0, 0]
+
+
 def test_no_frames() -> None:
     """An empty sequence has no tracks."""
     assert track_sequence([]).seen == ()
