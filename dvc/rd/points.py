@@ -44,7 +44,7 @@ class Point:
     @property
     def has_wyner_ziv(self) -> bool:
         """Whether there are frames that are not key frames."""
-        return self.wz_q is not None or self.qp is not None
+        return self.gop != 1 and (self.wz_q is not None or self.qp is not None)
 
     @property
     def no_feedback(self) -> bool:

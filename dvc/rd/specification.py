@@ -76,7 +76,7 @@ class Sweep:
         if self.qp and self.wz_q:
             raise ConfigError("qualities (qp) or matrices (wz_q): a sweep takes one of them")
         count, what = len(self._levels()), "matrices" if self.wz_q else "qualities"
-        if self._gop_length() > 1 and len(self.key_qp) not in (1, count):
+        if self._has_levels() and len(self.key_qp) not in (1, count):
             raise ConfigError(f"{len(self.key_qp)} key QPs for {count} {what}; give one, or one each")
         for name in self.anchors:
             if name not in ANCHORS:
@@ -93,7 +93,7 @@ class Sweep:
     def points(self) -> Iterator[Point]:
         """Yield the points, sequence by sequence, anchors last."""
         gop = self._gop_length()
-        levels = self._levels() if gop > 1 else [(None, None)] * len(self.key_qp)
+        levels = self._levels() if self._has_levels() else [(None, None)] * len(self.key_qp)
         key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(levels)
         for sequence in self.sequences:
             common = {"start": self.start, "frames": self.frames, "luma_only": self.luma_only}
@@ -123,6 +123,10 @@ class Sweep:
         without_feedback = {**dict(self.options), NO_FEEDBACK: "true"}
         margins = [{"rate-margin": str(margin)} for margin in self.rate_margin] or [{}]
         return [tuple(sorted({**without_feedback, **margin}.items())) for margin in margins]
+
+    def _has_levels(self) -> bool:
+        """Tell whether points differ in matrix or quality: a matrix says nothing of key frames."""
+        return self._gop_length() > 1 or bool(self.qp)
 
     def _levels(self) -> list[tuple[int | None, int | None]]:
         """List matrix or quality of the points, the other being none."""

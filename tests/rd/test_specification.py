@@ -134,6 +134,16 @@ def test_key_frames_alone_have_no_presets() -> None:
     assert [(point.wz_q, point.key_qp) for point in several] == [(None, "30"), (None, "34"), (None, "38")]
 
 
+def test_key_frames_alone_have_qualities() -> None:
+    """Those that are given go to the encoder; there is no prediction to look at."""
+    points = list(Sweep(("clip",), gop=1, qp=(22, 26)).points())
+    assert [(point.qp, point.key_qp) for point in points] == [(22, "auto"), (26, "auto")]
+    assert "--gop 1 --key-qp auto --start 0 --qp 22" in " ".join(points[0].encoder_options())
+    assert not any(point.has_wyner_ziv for point in points)
+    with pytest.raises(ConfigError, match="3 key QPs for 2 qualities"):
+        Sweep(("clip",), gop=1, qp=(22, 26), key_qp=("30", "34", "38"))
+
+
 @pytest.mark.parametrize(
     ("given_values", "message"),
     [
