@@ -35,6 +35,7 @@ class SweepSummary:
     num_measured: int = 0  # points measured now, and found finished
     num_skipped: int = 0
     failures: list[tuple[str, str]] = field(default_factory=list)  # name of each point that failed, and why
+    digests: dict[str, str] = field(default_factory=dict)  # of the originals that were found, by sequence
 
 
 def run_points(
@@ -110,6 +111,7 @@ def _tasks(
                 _LOG.warning("no point of %s can be measured: %s", point.sequence, found)
         source = sources[point.sequence]
         if isinstance(source, Source):
+            summary.digests[point.sequence] = source.digest
             tasks.append(Task(point, source, code))
         else:
             summary.failures.append((f"{point.sequence}-{point.codec}", source))

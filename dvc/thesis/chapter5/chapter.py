@@ -46,11 +46,12 @@ def _measured(points: Sequence[Point], task: Task, made: Made) -> dict[Point, Po
     made.failures += [f"{name}: {why}" for name, why in summary.failures]
     if len(summary.failures) == len(points):
         return {}
-    name = source_name(points[0].sequence)
+    sequence = points[0].sequence
+    original = source_name(sequence), summary.digests[sequence]
     by_options = {
         str(result.data["options"]): result
         for result in read_results(task.folder)
-        if result.data["sequence"]["name"] == name
+        if (result.data["sequence"]["name"], result.data["sequence"]["digest"]) == original
     }
     found = {point: by_options.get(str(point.to_dict())) for point in points}
     return {point: result for point, result in found.items() if result is not None}

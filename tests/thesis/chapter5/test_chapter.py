@@ -1,5 +1,7 @@
 """Chapter 5: what is measured, and what is told of made-up points."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,9 +68,12 @@ def _measure_nothing(points: list[Point], folder: Path, *_: object, **__: object
     for name in "op":
         cv2.imwrite(str(folder / "pictures" / f"{name}.png"), rng.integers(0, 255, SHAPE).astype(np.uint8))
     before = len(list((folder / POINTS_FOLDER).iterdir()))
+    digests = {}
     for number, point in enumerate(points, before):
-        cli.write_json(folder / POINTS_FOLDER / f"{number}.json", _made_up(point))
-    return SweepSummary(num_measured=len(points))
+        data = _made_up(point)
+        cli.write_json(folder / POINTS_FOLDER / f"{number}.json", data)
+        digests[point.sequence] = data["sequence"]["digest"]
+    return SweepSummary(num_measured=len(points), digests=digests)
 
 
 @pytest.fixture
@@ -147,13 +152,28 @@ def test_failures_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     """Points that cannot be measured are named, and the others are shown."""
 
     def _some(points: list[Point], folder: Path, **options: Any) -> SweepSummary:
-        _measure_nothing(points[1:], folder)
-        return SweepSummary(num_measured=len(points) - 1, failures=[("first", "no decoder")])
+        measured = _measure_nothing(points[1:], folder)
+        return replace(measured, failures=[("first", "no decoder")])
 
     monkeypatch.setattr(chapter, "run_points", lambda points, folder, *_, **__: _some(points, folder))
     made = _step("side-information-street").make(Task(tmp_path), Way.THESIS)
     assert made.failures == ["first: no decoder"]
     assert len(made.values) == len(METHODS) - 1
+
+
+def test_results_of_another_clip_of_the_name_are_not_taken(tmp_path: Path, measured: None) -> None:
+    """What was measured on the clip that was there before stays in the folder, and is not shown."""
+    step = _step("side-information-street")
+    step.make(Task(tmp_path), Way.THESIS)
+    files = sorted((tmp_path / POINTS_FOLDER).iterdir())
+    for path in files:
+        data = json.loads(path.read_text())
+        data["sequence"]["digest"] = "0" * 32
+        data["totals"]["si_psnr_y_db"] = 99.0
+        cli.write_json(tmp_path / POINTS_FOLDER / f"z{path.name}", data)
+    made = step.make(Task(tmp_path), Way.THESIS)
+    assert len(made.values) == len(METHODS)
+    assert "99.0" not in {value.text for value in made.values}
 
 
 def test_presets_take_the_clips_that_are_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
