@@ -9,7 +9,7 @@ from dvc import cli
 from dvc.files import atomic_output
 from dvc.page.gallery import Table
 from dvc.picture_files import write_png
-from dvc.rd.provenance import values_digest
+from dvc.rd.provenance import input_digest, values_digest
 from dvc.source_digest import Sources
 from dvc.thesis.chapter import Chapter, Made, Step, Task, Value, Way
 from dvc.thesis.pages import Kept, write_chapter
@@ -24,10 +24,10 @@ def measure(
 ) -> list[str]:
     """Make all steps that are not there yet, write the pages, and return what could not be measured."""
     (task.folder / STEPS_FOLDER).mkdir(parents=True, exist_ok=True)
-    sources = Sources()
+    sources, inputs = Sources(), [input_digest(Path(name)) for name in task.chosen if Path(name).exists()]
     kept, failures = [], []
     for step, way in planned(chapter, task, ways):
-        identity = _identity(step, task, sources)
+        identity = _identity(step, task, sources, inputs)
         path = task.folder / STEPS_FOLDER / f"{step.name}-{way}.json"
         found = _read(path, identity)
         if found is None:
@@ -45,11 +45,11 @@ def planned(chapter: Chapter, task: Task, ways: Sequence[Way]) -> list[tuple[Ste
     return [(step, way) for step in chapter.steps(task) for way in ways if way in step.ways]
 
 
-def _identity(step: Step, task: Task, sources: Sources) -> str:
-    """Digest what the results of a step follow from: what is asked for, its code, and libraries."""
+def _identity(step: Step, task: Task, sources: Sources, inputs: Sequence[str]) -> str:
+    """Digest what the results of a step follow from: what is asked for, its files, code, and libraries."""
     make = getattr(step.make, "func", step.make)
     code = sources.digest([(make.__module__, make.__qualname__)])
-    asked = [str(task.data), task.chosen, task.full, task.frames, task.disparities]
+    asked = [str(task.data), task.chosen, task.full, task.frames, task.disparities, *inputs]
     return values_digest([SCHEMA, asked, code, library_versions()])
 
 

@@ -106,6 +106,15 @@ def test_another_task_is_measured_anew(tmp_path: Path) -> None:
     assert len(MADE) == 3
 
 
+def test_files_of_other_contents_are_measured_anew(tmp_path: Path) -> None:
+    """Under the same name; the same contents are not."""
+    task = Task(tmp_path / "out", chosen=(str(tmp_path / "map.pfm"), "teddy"))
+    for contents, count in ((b"a", 1), (b"a", 1), (b"b", 2)):
+        (tmp_path / "map.pfm").write_bytes(contents)
+        measure(_chapter(), task, (Way.OURS,))
+        assert len(MADE) == count
+
+
 def test_failures_are_told_and_tried_again(tmp_path: Path) -> None:
     """Pages show what there is of a step that has failed; the next run makes it again."""
     assert measure(_chapter("no rate"), Task(tmp_path), (Way.OURS,)) == ["no rate"]
