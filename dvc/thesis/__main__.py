@@ -42,6 +42,14 @@ def _parse_chapters(text: str) -> list[int]:
     return chosen
 
 
+def _range(text: str) -> str:
+    """Refuse what is no range of disparities."""
+    from dvc.array_files import parse_disparities
+
+    parse_disparities(text)
+    return text
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = cli.ArgumentParser(PROG, DESCRIPTION, EXAMPLES)
     add = parser.add_argument
@@ -68,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="DIR",
         help="folder with the folders of the real sets; default: rendered ones",
     )
-    add("--disparities", metavar="MIN:MAX", help="chapter 3, own views: disparities, in pixels")
+    add("--disparities", type=_range, metavar="MIN:MAX", help="chapter 3, own views: disparities, in pixels")
     add("--frames", type=cli.integer(2, 10**6), metavar="N", help="chapter 5: of each sequence")
     cli.add_integer(parser, "--jobs", (1, 256), "processor cores that may be used", default=1)
     add("--dask", metavar="ADDRESS", help="chapter 5: measure on a Dask cluster")

@@ -29,6 +29,8 @@ from tests.depthcodec.depth_maps import texture, two_discs
         (["--chapter", "4", "flat.png"], "the map is constant"),
         (["--chapter", "4", "flat.png", "flat.png", "flat.png"], "a map, and its picture"),
         (["--as", "mine"], "invalid choice"),
+        (["--chapter", "3", "flat.png", "flat.png", "--disparities", "foo"], "expected MIN:MAX"),
+        (["--chapter", "4", "small.pfm"], "small: no file of at most 0.2 bits a pixel holds so small a map"),
     ],
 )
 def test_mistakes_are_told_in_one_line(
@@ -41,6 +43,7 @@ def test_mistakes_are_told_in_one_line(
     """Each ends with status 2 and one line."""
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("flat.png", np.full((32, 32), 9, np.uint8))
+    write_pfm(Path("small.pfm"), two_discs(16, 16).astype(np.float32))
     try:
         status = main([*arguments, "--out", "out", "--quiet"])
     except SystemExit as end:

@@ -5,6 +5,7 @@ from functools import cache, partial
 
 import numpy as np
 
+from dvc.errors import DvcError
 from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
 from dvc.page.plotting import Line, line_plot
 from dvc.thesis.chapter import Chapter, Figure, Made, Step, Task, Value, Way
@@ -49,10 +50,13 @@ def _map_curves(name: str, task: Task, way: Way) -> dict[str, list[MapPoint]]:
     rates = MAP_RATES if task.full else QUICK_MAP_RATES
     curves = {STANDARD: map_curve(partial(standard_point, material), rates)}
     if way is Way.OURS:
-        return curves | {SELECTED: map_curve(partial(map_point, material), rates)}
-    edges = fixed_edges(material)
-    for label, order in ORDERS.items():
-        curves[label] = map_curve(partial(map_point, material, edges=edges, order=order), rates)
+        curves[SELECTED] = map_curve(partial(map_point, material), rates)
+    else:
+        edges = fixed_edges(material)
+        for label, order in ORDERS.items():
+            curves[label] = map_curve(partial(map_point, material, edges=edges, order=order), rates)
+    if not all(curves.values()):
+        raise DvcError(f"{name}: no file of at most {rates[-1]} bits a pixel holds so small a map")
     return curves
 
 
