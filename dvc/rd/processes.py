@@ -42,7 +42,11 @@ class ProcessGroup:
         with tempfile.TemporaryFile() as errors:
             started = time.perf_counter()
             process = self._start(command, output, errors)
-            _, status, usage = os.wait4(process.pid, 0)
+            try:
+                _, status, usage = os.wait4(process.pid, 0)
+            except BaseException:
+                self._end(process)
+                raise
             with self._lock:
                 self._running.discard(process.pid)
                 process.returncode = os.waitstatus_to_exitcode(status)
@@ -57,8 +61,21 @@ class ProcessGroup:
         with self._lock:
             self._stopped = True
             for group in self._running:
-                with suppress(ProcessLookupError):
-                    os.killpg(group, signal.SIGTERM)
+                _terminate(group)
+
+    def pause(self, time_s: float) -> None:
+        """Wait for what another program does, unless all are stopped."""
+        time.sleep(time_s)
+        with self._lock:
+            if self._stopped:
+                raise Stopped
+
+    def _end(self, process: subprocess.Popen[bytes]) -> None:
+        """End a command that is no longer waited for, with its children."""
+        _terminate(process.pid)
+        process.wait()
+        with self._lock:
+            self._running.discard(process.pid)
 
     def _start(
         self, command: Sequence[str], output: IO[bytes] | None, errors: IO[bytes]
@@ -79,6 +96,11 @@ class ProcessGroup:
                 raise DvcError(f"cannot start {command[0]}: {err.strerror}") from err
             self._running.add(process.pid)
             return process
+
+
+def _terminate(group: int) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(group, signal.SIGTERM)
 
 
 def _failure(status: int, errors: IO[bytes]) -> str:
