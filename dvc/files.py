@@ -156,7 +156,7 @@ class OutputFile:
         while True:
             descriptor = os.open(self.temporary, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
             try:
-                _lock(descriptor)
+                lock(descriptor)
                 if _is_still(descriptor, self.temporary):
                     if self.temporary != self.partial or os.fstat(descriptor).st_size == 0:
                         os.ftruncate(descriptor, 0)
@@ -214,7 +214,8 @@ def _shortened(name: str) -> str:
     return f"{name[: MAX_NAME_BYTES // 8]}.{zlib.crc32(os.fsencode(name)):08x}"
 
 
-def _lock(descriptor: int) -> None:
+def lock(descriptor: int) -> None:
+    """Lock a file until it is closed; `BlockingIOError` where another program has locked it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as err:

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dvc.files import lock
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.provenance import files_digest, input_digest, package_sources
 
 _SEQUENCES = (sys.executable, "-m", "sequences")
+_PATIENCE_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -39,8 +41,27 @@ def find_source(sequence: str, cache: Path, processes: ProcessGroup) -> Source:
     path = cache / f"{entry['name']}-{renderer[:12]}.mkv"
     if not path.is_file():
         cache.mkdir(parents=True, exist_ok=True)
-        processes.run([*_SEQUENCES, "render", entry["name"], "--out", str(path)])
+        _render(entry["name"], path, processes)
     return Source(entry["name"], path, input_digest(path))
+
+
+def _render(scene: str, path: Path, processes: ProcessGroup) -> None:
+    """Render a scene, or wait for the program that is rendering it."""
+    guard = path.with_name(f".{path.name}.lock")
+    with guard.open("w") as file:
+        while not _locks(file.fileno()):
+            processes.pause(_PATIENCE_S)
+        if not path.is_file():
+            processes.run([*_SEQUENCES, "render", scene, "--out", str(path)])
+        guard.unlink(missing_ok=True)
+
+
+def _locks(descriptor: int) -> bool:
+    try:
+        lock(descriptor)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def check_source(sequence: str, processes: ProcessGroup) -> None:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 
@@ -13,13 +14,15 @@ import numpy as np
 import pytest
 
 from dvc.errors import DvcError
+from dvc.files import lock
 from dvc.metrics import psnr_db
-from dvc.rd import sweep
+from dvc.rd import sources, sweep
 from dvc.rd.__main__ import main
 from dvc.rd.pictures import PICTURES_FOLDER
 from dvc.rd.points import Point, Task
 from dvc.rd.processes import ProcessGroup, Stopped
 from dvc.rd.results import POINTS_FOLDER, read_results
+from dvc.rd.sources import find_source
 from dvc.video import Frame, create_video, open_video
 from tests.rd.made_up import result_data, write_results
 
@@ -191,10 +194,51 @@ def test_stopped_group_starts_nothing() -> None:
         processes.run([sys.executable, "-c", "pass"])
 
 
+def test_interrupted_process_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interrupt while a process is waited for leaves no process behind."""
+    numbers = []
+
+    def _interrupted(number: int, _: int) -> None:
+        numbers.append(number)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "wait4", _interrupted)
+    processes = ProcessGroup()
+    with pytest.raises(KeyboardInterrupt):
+        processes.run([sys.executable, "-c", "import time; time.sleep(600)"])
+    with pytest.raises(ProcessLookupError):
+        os.kill(numbers[0], 0)
+    assert not processes._running
+
+
+def test_a_scene_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who comes while it is being rendered waits for it, unless he is stopped."""
+    monkeypatch.setattr(sources, "_ask", lambda *_: {"name": "box", "path": None})
+    rendered: list[str] = []
+
+    def _render(_: ProcessGroup, command: list[str]) -> None:
+        rendered.append(command[-1])
+        time.sleep(0.5)
+        Path(command[-1]).write_bytes(b"video")
+
+    monkeypatch.setattr(ProcessGroup, "run", _render)
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda _: find_source("box", tmp_path, ProcessGroup()), range(3)))
+    assert len(rendered) == 1
+    assert len(set(found)) == 1
+    assert [path.name for path in tmp_path.iterdir()] == [found[0].path.name]
+    found[0].path.unlink()
+    stopped = ProcessGroup()
+    stopped.stop()
+    with open(tmp_path / f".{found[0].path.name}.lock", "w") as file:
+        lock(file.fileno())
+        with pytest.raises(Stopped):
+            find_source("box", tmp_path, stopped)
+
+
 def test_names_of_results_are_safe(clip: Path) -> None:
     """The name of a result has only characters that every file system takes."""
     from dvc.rd.provenance import CodeVersion
-    from dvc.rd.sources import find_source
 
     strange = clip.with_name("a clip: käse?.mkv")
     os.link(clip, strange)
