@@ -64,6 +64,12 @@ class PointResult:
         return f"QP {self.data['key']['qp'] if qp is None else qp}"
 
     @property
+    def is_proven(self) -> bool:
+        """Whether a fresh process decoded the punctured stream to the same frames."""
+        proof = self.data.get("proof")
+        return isinstance(proof, dict) and proof.get("fresh_decode_equal") is True
+
+    @property
     def frame_rows(self) -> list[dict[str, Any]]:
         """Frames as the result has them; empty if it has none."""
         rows = self.data.get("per_frame")

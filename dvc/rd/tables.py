@@ -6,9 +6,11 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 
 from dvc import cli
+from dvc.config import VARIANTS
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.curves import Curve
 from dvc.rd.point_result import IMPORTED, PointResult
+from dvc.rd.points import NO_FEEDBACK
 from dvc.rd.reference_rows import REFERENCE_LABELS
 
 Cell = Callable[[PointResult], str]
@@ -46,11 +48,25 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def preface(results: Sequence[PointResult]) -> str:
     """Say what a report rests on."""
-    return (
-        f"{measured_text(results)} "
-        "Rates of distributed codecs are sizes of punctured streams, each decoded to the same frames "
-        "by a fresh process, rates of others are sizes of whole files; PSNRs are of luma, means of frames.\n"
-    )
+    return f"{measured_text(results)} {rates_text(results)} PSNRs are of luma, means of frames.\n"
+
+
+def rates_text(results: Sequence[PointResult]) -> str:
+    """Say what rates are sizes of, and how many of them were proven."""
+    own = [result for result in results if result.data["codec"] in VARIANTS]
+    asked = [result for result in own if result.data["options"]["options"].get(NO_FEEDBACK) != "true"]
+    told = []
+    if asked:
+        proven = sum(result.is_proven for result in asked)
+        count = "each" if proven == len(asked) else f"{proven} of {len(asked)}"
+        proof = f"a fresh process decoded {count} to the same frames" if proven else "none was decoded again"
+        told.append(
+            "Rates of distributed codecs are sizes of punctured streams, which hold what the decoder asked "
+            f"for and nothing else; {proof}."
+        )
+    if len(asked) < len(own):
+        told.append("Rates of distributed codecs without feedback are sizes of the encoder's own files.")
+    return " ".join([*told, f"Rates of {'other ' if own else ''}codecs are sizes of whole files."])
 
 
 def measured_text(results: Sequence[PointResult]) -> str:

@@ -9,10 +9,11 @@ import pytest
 from dvc.rd.curves import experiments
 from dvc.rd.differences import bd_text, compare_curves
 from dvc.rd.point_result import PointResult
+from dvc.rd.points import NO_FEEDBACK
 from dvc.rd.rate_cost import rate_costs
 from dvc.rd.report import write_reports
 from dvc.rd.results import read_results
-from dvc.rd.tables import points_cells, table
+from dvc.rd.tables import points_cells, rates_text, table
 from tests.rd.made_up import result_data, write_results
 from tests.rd.made_up_page import HOSTILE
 
@@ -127,6 +128,24 @@ def test_names_and_commands_are_no_markup(tmp_path: Path) -> None:
     fence = "`" * 5
     assert block.count(fence) == 2
     assert HOSTILE in block.split(fence)[1]
+
+
+def _proven(data: dict[str, Any], proof: dict[str, Any], **options: str) -> PointResult:
+    return PointResult("a", {**data, "proof": proof, "options": {**data["options"], "options": options}})
+
+
+def test_what_was_proven_is_told() -> None:
+    """How many streams a fresh process has decoded again; streams without feedback are files as they are."""
+    data = result_data(60.0, 30.0)
+    yes = _proven(data, {"fresh_decode_equal": True})
+    no = _proven(data, {"fresh_decode_equal": None})
+    whole = _proven(data, {"file_bytes": 1000}, **{NO_FEEDBACK: "true"})
+    assert "; a fresh process decoded each to the same frames. Rates of other" in rates_text([yes, yes])
+    assert "; a fresh process decoded 1 of 2 to the same frames. Rates" in rates_text([yes, no])
+    assert "; none was decoded again. Rates" in rates_text([no])
+    both = "Rates of distributed codecs without feedback are sizes of the encoder's own files."
+    assert rates_text([whole]) == f"{both} Rates of other codecs are sizes of whole files."
+    assert both in rates_text([yes, whole])
 
 
 def test_report_of_single_points(tmp_path: Path) -> None:
