@@ -269,8 +269,9 @@ def _curve(rate: Sequence[float], psnr: Sequence[float], name: str, method: Meth
         raise RdCurveError(f"curve {name}: {rates.size} rates for {psnrs.size} PSNRs")
     if not (np.all(np.isfinite(rates)) and np.all(np.isfinite(psnrs)) and np.all(rates > 0)):
         raise RdCurveError(f"curve {name}: rates must be positive, and all values finite")
-    order = np.lexsort((-psnrs, rates))
-    rates, psnrs = rates[order], psnrs[order]
+    logarithms = np.log10(rates)  # which may be equal where rates are not
+    order = np.lexsort((-psnrs, logarithms))
+    logarithms, psnrs = logarithms[order], psnrs[order]
     best_before = np.maximum.accumulate(np.concatenate([[-np.inf], psnrs[:-1]]))
     kept = psnrs > best_before
     num_kept = int(np.count_nonzero(kept))
@@ -279,7 +280,7 @@ def _curve(rate: Sequence[float], psnr: Sequence[float], name: str, method: Meth
             f"curve {name}: {num_kept} useful points of {rates.size}, "
             f"the method {method!r} needs {MIN_POINTS[method]}"
         )
-    return _Curve(np.log10(rates[kept]), psnrs[kept], rates.size - num_kept)
+    return _Curve(logarithms[kept], psnrs[kept], rates.size - num_kept)
 
 
 def _mean_difference(a: _Curve, b: _Curve, method: Method, axis: str) -> BdResult:

@@ -130,6 +130,14 @@ def test_dominated_points_are_left_out_and_counted() -> None:
     assert bent.num_points == (5, 5)
 
 
+def test_rates_that_differ_by_rounding_are_one() -> None:
+    """Of points at one rate the better one counts."""
+    twice = bd_rate([100.00000000000001, 100.0, 200.0], [30.0, 29.0, 33.0], [100.0, 200.0], [30.0, 33.0])
+    assert (twice.value, twice.num_points, twice.num_dropped) == (0.0, (2, 2), (1, 0))
+    swapped = bd_psnr([100.0, 100.00000000000001, 200.0], [29.0, 30.0, 33.0], [100.0, 200.0], [30.0, 33.0])
+    assert swapped.value == 0.0
+
+
 def test_disjoint_curves_are_refused() -> None:
     """Without a common range there is nothing to compare, even if the ends touch."""
     higher = [psnr + 10.9 for psnr in PSNRS_DB]

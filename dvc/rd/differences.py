@@ -85,10 +85,9 @@ def _gains(reference: Curve, other: Curve) -> tuple[NDArray[np.float64], NDArray
 def _front(curve: Curve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return logarithms of rates, and PSNRs, of the points that no other point beats."""
     points: list[tuple[float, float]] = []
-    for rate, psnr in sorted(
-        zip(curve.rates_kbps, curve.psnrs_y_db, strict=True), key=lambda p: (p[0], -p[1])
-    ):
+    logarithms = map(math.log, curve.rates_kbps)  # which may be equal where rates are not
+    for rate, psnr in sorted(zip(logarithms, curve.psnrs_y_db, strict=True), key=lambda p: (p[0], -p[1])):
         if not points or psnr > points[-1][1]:
-            points.append((math.log(rate), psnr))
+            points.append((rate, psnr))
     both = np.array(points, dtype=np.float64)
     return both[:, 0], both[:, 1]
