@@ -9,7 +9,7 @@ import numpy as np
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.differences import bd_text, compare_curves, crossing_text, crossings_kbps
-from dvc.rd.point_result import PointResult
+from dvc.rd.point_result import PointResult, number
 from dvc.rd.tables import NOTHING, csv_text
 
 if TYPE_CHECKING:
@@ -79,10 +79,11 @@ def _psnr_db(result: PointResult, quality: str) -> float:
     if quality == "mse":
         from dvc.metrics import psnr_of_mean_error_db
 
-        frames = result.data.get("per_frame", ())
-        if not frames:
-            raise ConfigError(f"{result.name} has no frames")
-        return psnr_of_mean_error_db([frame["psnr_y_db"] for frame in frames])
+        psnrs_db = [number(frame.get("psnr_y_db")) for frame in result.frame_rows]
+        known = [psnr_db for psnr_db in psnrs_db if psnr_db is not None]
+        if not known or len(known) < len(psnrs_db):
+            raise ConfigError(f"{result.name} has {'a frame without PSNR' if psnrs_db else 'no frames'}")
+        return psnr_of_mean_error_db(known)
     if quality == "colour":
         chroma = [result.total(name) for name in ("psnr_cb_db", "psnr_cr_db")]
         known = [psnr_db for psnr_db in chroma if psnr_db is not None]

@@ -10,6 +10,7 @@ from typing import Any, Final
 from dvc.errors import DvcError
 from dvc.rd.point_result import PointResult
 from dvc.rd.points import SCHEMA
+from dvc.rd.results import MAX_NUMBER
 
 ROWS_VARIABLE: Final = "DVC_ANCHORS"
 """Environment variable with the name of a file of rows."""
@@ -40,15 +41,14 @@ def read_reference_rows(path: Path) -> list[ReferenceRow]:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as err:
         raise DvcError(f"{path}: cannot be read: {getattr(err, 'strerror', None) or err}") from err
-    rows = []
-    for row in csv.DictReader(line for line in lines if not line.startswith("#")):
-        try:
-            if row["codec"] not in REFERENCE_LABELS or (row["entropy"], row["chroma"]) != (_ENTROPY, _CHROMA):
-                continue
-            rows.append(_row(row))
-        except (KeyError, TypeError, ValueError) as err:
-            raise DvcError(f"{path}: not a table of reference points: {err}") from err
-    return rows
+    try:
+        return [
+            _row(row)
+            for row in csv.DictReader(line for line in lines if not line.startswith("#"))
+            if row["codec"] in REFERENCE_LABELS and (row["entropy"], row["chroma"]) == (_ENTROPY, _CHROMA)
+        ]
+    except (csv.Error, KeyError, TypeError, ValueError) as err:
+        raise DvcError(f"{path}: not a table of reference points: {err}") from err
 
 
 def reference_results(results: Sequence[PointResult], path: Path | None = None) -> list[PointResult]:
@@ -82,8 +82,8 @@ def _row(row: dict[str, str]) -> ReferenceRow:
         int(row["bits_total"]),
         float(row["psnr_y"]),
     )
-    if read.frames < 1 or read.num_bits < 1:
-        raise ValueError(f"{read.frames} frames, {read.num_bits} bits")
+    if not (read.frames >= 1 and 1 <= read.num_bits < MAX_NUMBER and abs(read.psnr_y_db) < MAX_NUMBER):
+        raise ValueError(f"{read.frames} frames, {read.num_bits} bits, {read.psnr_y_db} dB")
     return read
 
 

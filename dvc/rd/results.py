@@ -137,12 +137,14 @@ def _details(data: dict[str, Any]) -> dict[str, bool]:
     counts = list(bits.values())
     return {
         "totals.bits": all(type(count) is int and count >= 0 for count in counts) and sum(counts) > 0,
-        "options.options": all(isinstance(value, str) for value in options["options"].values())
+        "options.options": _is_table_of_text(options["options"])
         and (data["codec"] != IMPORTED or {"curve", "point"} <= options["options"].keys()),
+        "options.decoder": _is_table_of_text(options.get("decoder", {})),
         "options.wz_q": options.get("wz_q") is None or type(options["wz_q"]) is int,
         "options.qp": options.get("qp") is None or type(options["qp"]) is int,
         "times": all(_is_number(value) or value is None for value in data["times"].values()),
-        "sequence": min(data["sequence"]["width"], data["sequence"]["height"]) > 0,
+        "code.commit": isinstance(data["code"].get("commit"), str | None),
+        "sequence": min(data["sequence"][name] for name in ("width", "height", "frames_per_s")) > 0,
         "per_frame": isinstance(frames, list)
         and all(isinstance(frame, dict) and isinstance(frame.get("type"), str) for frame in frames)
         and all(type(frame.get("index", 0)) is int for frame in frames),
@@ -164,6 +166,10 @@ def _is_sound(value: object) -> bool:
 
 def _is_list_of_text(value: object) -> bool:
     return isinstance(value, list) and all(isinstance(item, str) for item in value)
+
+
+def _is_table_of_text(value: object) -> bool:
+    return isinstance(value, dict) and all(isinstance(item, str) for item in value.values())
 
 
 def _is_number(value: object) -> bool:

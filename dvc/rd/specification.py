@@ -187,7 +187,7 @@ def read_spec(path: Path) -> list[dict[str, Any]]:
     """Read the sweeps of a specification file."""
     try:
         document = tomllib.loads(read_whole(path).decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as err:
+    except (ValueError, RecursionError) as err:
         raise ConfigError(f"{path}: {err}") from err
     unknown = set(document) - {"defaults", "sweep"}
     sweeps, defaults = document.get("sweep"), document.get("defaults", {})
@@ -223,6 +223,8 @@ def build_sweep(given: dict[str, Any]) -> Sweep:
     for name in ("luma_only", "no_feedback", "proof"):
         if not isinstance(values.get(name, True), bool):
             raise ConfigError(f"`{name}` must be true or false, got {values[name]!r}")
+    if not isinstance(values.get("codec", ""), str):
+        raise ConfigError(f"`codec` must be a name, got {values['codec']!r}")
     if isinstance(values.get("options"), dict):
         values["options"] = tuple(sorted((name, _word(value)) for name, value in values["options"].items()))
     if not isinstance(values.get("side_information", ""), str):

@@ -143,6 +143,12 @@ def test_where_a_curve_is_better(points: list[tuple[float, float]], text: str) -
     assert crossing_text(reference, _curve(*points)) == text
 
 
+def test_rates_that_differ_by_rounding_are_one() -> None:
+    """Of points at one rate the better one counts."""
+    curve, twice = _curve((100, 30), (200, 33)), _curve((100, 29), (100.00000000000001, 30), (200, 33))
+    assert crossing_text(curve, twice) == "equal at all common rates"
+
+
 def test_several_crossings() -> None:
     """Curves that cross twice are better in between, or at both ends."""
     line = _curve((50.0, 30.0), (100.0, 32.0), (200.0, 34.0))
@@ -239,6 +245,10 @@ def test_curves_are_compared_at_other_qualities(tmp_path: Path, capsys: pytest.C
     for quality, message in (("colour", "no chroma: `dvc-rd run --colour`"), ("mse", "no frames")):
         with pytest.raises(ConfigError, match=message):
             at_equal([bare], quality)
+    for frame in ({}, {"psnr_y_db": None}):
+        partial = PointResult("x", {**point.data, "per_frame": [*frames, frame]})
+        with pytest.raises(ConfigError, match="x has a frame without PSNR"):
+            at_equal([partial], "mse")
     folder = write_results(tmp_path / "a")
     assert main(["compare", str(folder)]) == 0
     usual = capsys.readouterr().out

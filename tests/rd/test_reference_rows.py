@@ -87,6 +87,10 @@ def test_file_of_the_environment(rows: Path, monkeypatch: pytest.MonkeyPatch) ->
         "a,b\n1,2\n",
         HEAD + "clip,jm95-intra,cabac,none,x,3,1,1,1\n",
         HEAD + "clip,jm95-intra,cabac,none,9,0,1,1,1\n",
+        HEAD + "clip,jm95-intra,cabac,none,9,3,24000,240.0,inf\n",
+        HEAD + "clip,jm95-intra,cabac,none,9,3,24000,240.0,nan\n",
+        HEAD + f"clip,jm95-intra,cabac,none,9,3,{10**400},240.0,30.0\n",
+        HEAD + "c" * 140_000,
     ],
 )
 def test_other_tables_are_refused(tmp_path: Path, text: str) -> None:

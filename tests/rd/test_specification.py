@@ -160,6 +160,7 @@ def test_key_frames_alone_have_qualities() -> None:
         ({"sequences": ["a"], "anchors": ["jpeg"]}, "the anchor must be one of"),
         ({"sequences": ["a"], "options": {"wz-q": 3}}, "cannot be given"),
         ({"sequences": ["a"], "options": 3}, "`options` must be a table"),
+        ({"sequences": ["a"], "codec": ["2d"]}, "`codec` must be a name"),
     ],
 )
 def test_senseless_sweeps_are_refused(given_values: dict[str, object], message: str) -> None:
@@ -192,6 +193,8 @@ def test_spec_merges_defaults(tmp_path: Path) -> None:
         "",
         "sweep = [1]\n",
         "defaults = 1\n",
+        f"[[sweep]]\nstart = {'9' * 5000}\n",
+        f"x = {'[' * 20000}",
     ],
 )
 def test_other_specs_are_refused(tmp_path: Path, text: str) -> None:
