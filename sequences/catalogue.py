@@ -165,10 +165,15 @@ def _count_packets(path: Path) -> int | None:
 
 
 def resolve(name_or_path: str | Path) -> Path | Description:
-    """Find what a name or path stands for: a rendered scene, a file of the data folder, or any file."""
+    """Find what a name or path stands for: a rendered scene, a file of the data folder, or any file.
+
+    A name with a suffix is that of a file which is there before it is one of the data folder.
+    """
     name = str(name_or_path)
     if not isinstance(name_or_path, Path) and name in descriptions():
         return descriptions()[name]
+    if Path(name).suffix and Path(name).exists():
+        return Path(name)
     known = files()
     if not isinstance(name_or_path, Path):
         for name_known, path in known.items():

@@ -48,13 +48,19 @@ def test_known_files_are_described_and_others_are_user_material(data: Path) -> N
     assert by_name["broken"].about.shows == "unreadable"
 
 
-def test_resolve_finds_scenes_names_and_paths(data: Path, tmp_path: Path) -> None:
-    """A scene's name wins; a stem or file name means the data folder; anything that exists is itself."""
+def test_resolve_finds_scenes_names_and_paths(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A scene's name wins; a file that exists is itself, or else a stem or file name of the data folder."""
     assert isinstance(catalogue.resolve("street"), Description)
     assert catalogue.resolve("box") == catalogue.resolve("box.mkv") == data / "box.mkv"
     assert catalogue.resolve("street.mkv") == data / "street.mkv"
     assert catalogue.resolve(data / "box.mkv") == data / "box.mkv"
     assert catalogue.resolve(str(tmp_path)) == tmp_path
+    (tmp_path / "box.mkv").write_bytes((data / "holiday.y4m").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    assert catalogue.resolve("box.mkv") == Path("box.mkv")
+    assert catalogue.resolve("box") == data / "box.mkv"
     with pytest.raises(ConfigError, match=r"'beach'.*street, .*holiday"):
         catalogue.resolve("beach")
 
