@@ -44,7 +44,10 @@ def dense_pieces(
 
 
 def depth_frames(tracks: SequenceTracks, structures: Sequence[Structure]) -> list[list[int]]:
-    """Choose the frames of each piece whose depth is wanted: key frames, not too many in all."""
+    """Choose the frames of each piece whose depth is wanted: key frames, not too many in all.
+
+    Where there are too many pieces even for two frames each, the shortest ones have none.
+    """
     keys = [
         [
             k
@@ -57,10 +60,15 @@ def depth_frames(tracks: SequenceTracks, structures: Sequence[Structure]) -> lis
     if total <= MAX_DEPTH_FRAMES:
         return keys
     shares = [max(2, len(each) * MAX_DEPTH_FRAMES // total) for each in keys]
-    return [
+    chosen = [
         [each[k] for k in np.unique(np.linspace(0, len(each) - 1, share).round().astype(int))] if each else []
         for each, share in zip(keys, shares, strict=True)
     ]
+    room = MAX_DEPTH_FRAMES
+    for number in sorted(range(len(keys)), key=lambda number: -len(keys[number])):
+        chosen[number] = chosen[number] if len(chosen[number]) <= room else []
+        room -= len(chosen[number])
+    return chosen
 
 
 def companions(keys: Sequence[int], structure: Structure) -> list[int]:
