@@ -9,7 +9,7 @@ import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from http.client import HTTPException
+from http.client import HTTPException, HTTPResponse
 from pathlib import Path
 from typing import BinaryIO
 
@@ -110,20 +110,21 @@ def _download(url: str, target: Path) -> None:
         raise ConfigError(f"{url}: only http and https addresses and folders are read")
     try:
         with urllib.request.urlopen(url, timeout=TIMEOUT_S) as answer, target.open("wb") as file:
-            expected = answer.headers.get("Content-Length")
+            length = answer.headers.get("Content-Length")
+            expected = None if length is None else int(length)
             size = _receive(answer, file, url)
     except urllib.error.HTTPError as err:
         raise VideoError(f"{url}: {err.code} {err.reason}") from err
     except (OSError, HTTPException, ValueError) as err:
         raise VideoError(f"{url}: {getattr(err, 'reason', None) or err}") from err
-    if expected is not None and size != int(expected):
+    if expected is not None and size != expected:
         raise VideoError(f"{url}: the connection ended after {size} of {expected} bytes")
 
 
-def _receive(answer: BinaryIO, file: BinaryIO, url: str) -> int:
+def _receive(answer: HTTPResponse, file: BinaryIO, url: str) -> int:
     """Write what comes to a file and return its size."""
     size, end = 0, time.monotonic() + MAX_FILE_S
-    while chunk := answer.read(_CHUNK_BYTES):
+    while chunk := answer.read1(_CHUNK_BYTES):
         size += len(chunk)
         if size > MAX_FILE_BYTES:
             raise VideoError(f"{url}: larger than {MAX_FILE_BYTES >> 20} MiB")

@@ -1,5 +1,6 @@
 """Test clips made from their sources: from a local server or folder, checked by their digests."""
 
+import contextlib
 import functools
 import http.server
 import threading
@@ -177,6 +178,41 @@ def test_downloads_are_bounded(
     monkeypatch.setattr(fetching, "MAX_FILE_BYTES", 2**12)
     assert main(["fetch", "clip", "--from", server, "--out", str(tmp_path / "out")]) == 2
     assert "larger than" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("length", "told"), [("abc", "invalid literal"), ("4096", "not complete after 0 s")]
+)
+def test_answers_without_end_are_left(
+    length: str,
+    told: str,
+    tree: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One that drips a byte at a time ends with its time; a length that is no number is refused."""
+    monkeypatch.setattr(fetching, "MAX_FILE_S", 0.3)
+    gone = threading.Event()
+
+    class Dripping(Quiet):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Length", length)
+            self.end_headers()
+            with contextlib.suppress(OSError):
+                while not gone.wait(0.05):
+                    self.wfile.write(b"x")
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Dripping) as running:
+        threading.Thread(target=running.serve_forever).start()
+        address = f"http://127.0.0.1:{running.server_port}"
+        assert main(["fetch", "clip", "--from", address, "--out", str(tmp_path / "out")]) == 2
+        gone.set()
+        running.shutdown()
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
 
 
 @pytest.mark.parametrize(
