@@ -53,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
 def _encode(arguments: argparse.Namespace) -> int:
     from dvc.rd.anchors.encoding import encode_file
 
-    cli.check_outputs([arguments.input], [arguments.output])
+    cli.check_outputs([arguments.input], [arguments.output, *_json_files(arguments)])
     coded = encode_file(
         arguments.input,
         arguments.output,
@@ -72,7 +72,7 @@ def _decode(arguments: argparse.Namespace) -> int:
     from dvc.rd.anchors.decoding import measure_file
 
     outputs = [arguments.video] if arguments.video else []
-    cli.check_outputs([arguments.input, arguments.reference], outputs)
+    cli.check_outputs([arguments.input, arguments.reference], [*outputs, *_json_files(arguments)])
     measured = measure_file(
         arguments.input,
         arguments.reference,
@@ -84,6 +84,10 @@ def _decode(arguments: argparse.Namespace) -> int:
     if arguments.json:
         cli.write_json(arguments.json, measured)
     return 0
+
+
+def _json_files(arguments: argparse.Namespace) -> list[str]:
+    return [] if arguments.json in (None, "", "-") else [arguments.json]
 
 
 def _work(arguments: argparse.Namespace) -> int:

@@ -334,6 +334,11 @@ def test_damaged_files_are_refused(clip: Path, tmp_path: Path, name: str) -> Non
         (["encode", "{clip}", "{out}.264", "--codec", "x264-intra", "--qp", "52"], "1 to 51"),
         (["encode", "nowhere.mkv", "{out}.264", "--codec", "x264-intra", "--qp", "30"], "no such file"),
         (["encode", "{clip}", "{clip}", "--codec", "x264-intra", "--qp", "30"], "also an input"),
+        (
+            ["encode", "{clip}", "{out}.264", "--codec", "x264-intra", "--qp", "30", "--json", "{out}.264"],
+            "x.264 is also an input or another output",
+        ),
+        (["decode", "x.264", "--reference", "{clip}", "--json", "{clip}"], "also an input"),
         (["decode", "{clip}", "--reference", "{clip}"], "expected .264 or .265 or .obu"),
         (["decode", "nowhere.264", "--reference", "{clip}"], "nowhere.264"),
     ],
