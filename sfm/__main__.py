@@ -83,9 +83,10 @@ def _report(message: str) -> None:
 
 
 def _reconstruct(arguments: argparse.Namespace) -> int:
-    from dvc.files import atomic_folder
+    from dvc.files import atomic_folder, check_folder
     from sfm.pipeline import reconstruct
 
+    check_folder(arguments.out)
     numbers = arguments.frames or (0, 0)
     first, second = _luma(arguments.first, numbers[0]), _luma(arguments.second, numbers[1])
     if first.shape != second.shape:
@@ -110,8 +111,7 @@ def _luma(path: str, index: int) -> "NDArray[np.uint8]":
 
 
 def _write(folder: Path, reconstruction: "Reconstruction", first: Any, second: Any) -> None:
-    import cv2
-
+    from dvc.picture_files import write_png
     from sfm.output.drawing import draw_correspondences, side_by_side
     from sfm.output.export import point_colours, write_colmap, write_json, write_points
 
@@ -128,7 +128,7 @@ def _write(folder: Path, reconstruction: "Reconstruction", first: Any, second: A
         if name in ("weak calibration", "propagation")
     ]
     if pictures:
-        cv2.imwrite(str(folder / "correspondences.png"), side_by_side(pictures))
+        write_png(folder / "correspondences.png", side_by_side(pictures))
 
 
 def _summary(reconstruction: "Reconstruction") -> str:

@@ -68,14 +68,14 @@ def _reach(tracks: SequenceTracks, first: int, last: int) -> range:
 
 
 def _write(folder: Path, frames: Iterable[Frame], chosen: Sequence[int]) -> list[str]:
-    import cv2
+    from dvc.picture_files import write_png
 
     wanted = set(chosen)
     names = []
     for index, frame in enumerate(frames):
         if index in wanted:
             names.append(f"{index:08d}.png")
-            cv2.imwrite(str(folder / names[-1]), frame.luma)
+            write_png(folder / names[-1], frame.luma)
     return names
 
 

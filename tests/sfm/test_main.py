@@ -78,6 +78,13 @@ def test_bad_input_ends_in_one_line(
         assert not (tmp_path / "m").exists()
 
 
+def test_the_folder_is_refused_before_any_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Inputs are not even opened."""
+    (tmp_path / "x").touch()
+    assert main(["no.png", "no.png", "--out", str(tmp_path)]) == 2
+    assert "not an empty folder" in capsys.readouterr().err
+
+
 @pytest.fixture
 def mapped(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
     """Put a map in the place of the mapper; return what it is called with."""

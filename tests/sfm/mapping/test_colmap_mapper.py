@@ -1,11 +1,14 @@
 """What COLMAP's mapper is given of a sequence."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from sfm.mapping.colmap_mapper import MAX_FRAMES, _reach, _spaced
+from dvc.video import Frame
+from sfm.mapping.colmap_mapper import MAX_FRAMES, _reach, _spaced, _write
 
 
 @pytest.mark.parametrize(
@@ -16,6 +19,14 @@ def test_pieces_reach_to_the_key_frames_around(first: int, last: int, reach: ran
     """Or to their own ends, where there are none."""
     tracks: Any = SimpleNamespace(key_frames=[0, 2, 5, 20, 30])
     assert _reach(tracks, first, last) == reach
+
+
+def test_pictures_that_cannot_be_written_are_an_error(tmp_path: Path) -> None:
+    """COLMAP is not given fewer than were chosen."""
+    frames = [Frame(np.full((8, 8), level, np.uint8)) for level in (10, 20)]
+    assert _write(tmp_path, frames, [1]) == ["00000001.png"]
+    with pytest.raises(OSError, match="No such file"):
+        _write(tmp_path / "nowhere", frames, [1])
 
 
 def test_many_key_frames_are_thinned_evenly() -> None:
