@@ -118,7 +118,7 @@ def _pair(
     number, which = np.unique(seen.points, return_inverse=True)
     rays = rays_through(K, seen.positions)
     angles = widest_angles_deg(stacked(structure.poses, seen.frames), rays, which, len(number))
-    return float(np.median(angles[np.argsort(number)][np.asarray(mask)])), structure
+    return float(np.median(angles[np.asarray(mask)])), structure
 
 
 def _with_frames_between(
