@@ -1,6 +1,6 @@
 """Points of rate-distortion curves, measured on what a decoder makes of the file."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,18 +128,10 @@ def layered_points(
 
 def psnr_at(points: Sequence[Point], rate_bpp: float) -> float | None:
     """Interpolate a curve over the logarithm of the rate."""
-    return _interpolated(
-        points, rate_bpp, lambda point: point.rate_bpp, lambda point: point.quality.pooled_db
-    )
-
-
-def _interpolated(
-    points: Sequence[Point], at: float, x: Callable[[Point], float], y: Callable[[Point], float]
-) -> float | None:
-    ordered = sorted(points, key=x)
-    xs, ys = np.log([x(point) for point in ordered]), [y(point) for point in ordered]
-    inside = xs[0] - 1e-9 <= np.log(at) <= xs[-1] + 1e-9
-    return float(np.interp(np.log(at), xs, ys)) if inside else None
+    ordered = sorted(points, key=lambda point: point.rate_bpp)
+    rates, psnrs = np.log([point.rate_bpp for point in ordered]), [p.quality.pooled_db for p in ordered]
+    inside = rates[0] - 1e-9 <= np.log(rate_bpp) <= rates[-1] + 1e-9
+    return float(np.interp(np.log(rate_bpp), rates, psnrs)) if inside else None
 
 
 def differences(points: Sequence[Point], anchor: Sequence[Point]) -> tuple[float, float] | None:
