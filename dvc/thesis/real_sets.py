@@ -83,10 +83,6 @@ PAIRS = {
 }
 """The four sets of the Middlebury evaluation, version 2."""
 TSUKUBA = PAIRS["tsukuba"]
-ANTINOUS = RealSet(
-    "antinous", "input_Cam040.png", "input_Cam042.png", "-3.25:2.75:0.125", "gt_disp_lowres.pfm"
-)
-"""Rendered views of small and of negative disparity; sub-pixel truth."""
 
 
 def check_sets(data: Path, names: Sequence[str]) -> None:

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from dvc.stereo.opencv_baseline import fill_holes, semi_global_baseline
-from dvc.thesis.real_sets import ANTINOUS, PAIRS, TSUKUBA
+from dvc.thesis.real_sets import PAIRS, TSUKUBA, RealSet
 from tests.stereo.data import REAL_SETS, pair_of_planes, real_set
 
 SEEN_ELSEWHERE = {"tsukuba": 6.0, "venus": 3.8, "teddy": 16.6, "cones": 11.5}
 """Bad pixels of StereoSGBM with holes filled, all, in per cent."""
+ANTINOUS = RealSet(
+    "antinous", "input_Cam040.png", "input_Cam042.png", "-3.25:2.75:0.125", "gt_disp_lowres.pfm"
+)
 
 
 def test_holes_take_the_smaller_side() -> None:
