@@ -1,4 +1,4 @@
-"""Pinhole cameras: projection, back-projection, fundamental matrices, aiming, and the tremor of a hand.
+"""Pinhole cameras: projection, back-projection, aiming, and the tremor of a hand.
 
 World axes are x right, y forward, z up, in metres. Camera axes are x right, y down, z forward. The centre of
 the first pixel is at (0, 0), as in OpenCV; image points are (x, y) = (column, row).
@@ -100,15 +100,6 @@ def back_project(camera: Camera, xy: Floats, depth_m: Floats) -> Floats:
         Points in the world, metres.
     """
     return camera.centre + ray_directions(camera, xy) * depth_m[:, None]
-
-
-def fundamental_matrix(a: Camera, b: Camera) -> Floats:
-    """Return `F` (3, 3) with ``x_b.T @ F @ x_a = 0`` for images of one point, scaled to unit norm."""
-    b_from_a = b.cam_from_world[:, :3] @ a.cam_from_world[:, :3].T
-    t = b.cam_from_world[:, 3] - b_from_a @ a.cam_from_world[:, 3]
-    cross = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
-    matrix: Floats = np.linalg.inv(b.K).T @ cross @ b_from_a @ np.linalg.inv(a.K)
-    return matrix / np.linalg.norm(matrix)
 
 
 def intrinsics(width_px: int, height_px: int, field_of_view_deg: float) -> Floats:

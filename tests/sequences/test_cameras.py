@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 from sequences.cameras import (
     Camera,
     back_project,
-    fundamental_matrix,
     intrinsics,
     look_at,
     project,
     there_and_back,
     tremor,
 )
+from tests.reference.epipolar import fundamental_matrix
 
 
 def a_camera(eye: tuple[float, float, float], turn: tuple[float, float, float] = (0, 0, 0)) -> Camera:

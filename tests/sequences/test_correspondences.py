@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from sequences.cameras import back_project, fundamental_matrix, project
+from sequences.cameras import back_project, project
 from sequences.correspondences import correspondences, depth_at, in_image, pixel_grid
 from sequences.renderer import render_frame
 from sequences.scenes import Scene, scene
+from tests.reference.epipolar import fundamental_matrix
 
 NAMES = ("street", "stairway", "statue")
 SIZE = (88, 72)

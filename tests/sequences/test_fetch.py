@@ -180,9 +180,7 @@ def test_downloads_are_bounded(
     assert "larger than" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("length", "told"), [("abc", "invalid literal"), ("4096", "not complete after 0 s")]
-)
+@pytest.mark.parametrize(("length", "told"), [("abc", "invalid literal"), ("4096", "not complete after 0 s")])
 def test_answers_without_end_are_left(
     length: str,
     told: str,
