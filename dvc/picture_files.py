@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import DvcError
+from dvc.files import read_whole
+from dvc.picture_sizes import stated_size
+from dvc.video.frames import check_size
 
 MAP_FILE = "a picture of 8 or 16 bits, or a PFM file"
 """What maps are read from."""
@@ -70,10 +73,18 @@ def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
 
 
 def _stored(path: str | Path) -> NDArray[Any] | None:
-    """Decode a picture as it is, blue first; None if it has not 8 or 16 bits, or is none."""
-    content = np.fromfile(path, np.uint8)
+    """Decode a picture as it is, blue first; None if it has not 8 or 16 bits, or is none.
+
+    One that is larger than frames of videos may be is refused, by its header where that tells.
+    """
+    content = read_whole(path)
+    if (size := stated_size(content)) is not None:
+        check_size(*size, str(path))
     try:
-        stored = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+        stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
     except cv2.error:
         return None
-    return stored if stored is not None and stored.dtype in (np.uint8, np.uint16) else None
+    if stored is None or stored.dtype not in (np.uint8, np.uint16):
+        return None
+    check_size(stored.shape[1], stored.shape[0], str(path))
+    return stored

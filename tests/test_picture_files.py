@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from dvc.errors import DvcError
-from dvc.picture_files import read_levels, read_picture, read_plane, write_png
+from dvc.picture_files import largest_level, read_levels, read_picture, read_plane, write_png
+from dvc.video import frames
 
 
 @pytest.fixture
@@ -59,6 +60,20 @@ def test_other_files_are_refused(tmp_path: Path, read: Callable[[Path], Any], co
     (tmp_path / "x.png").write_bytes(content)
     with pytest.raises(DvcError, match=r"x\.png"):
         read(tmp_path / "x.png")
+
+
+def test_pictures_without_bounds_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By what the file states, before it is decoded; by what it holds where it states nothing."""
+    content = cv2.imencode(".png", np.zeros((2, 2), np.uint8))[1].tobytes()
+    path = tmp_path / "x.png"
+    path.write_bytes(content[:16] + (16384).to_bytes(4, "big") + (4097).to_bytes(4, "big") + content[24:])
+    for read in (read_picture, read_levels, largest_level, lambda path: read_plane(path, 1, (2, 2))):
+        with pytest.raises(DvcError, match=r"x\.png: 16384x4097 pictures are not supported"):
+            read(path)
+    monkeypatch.setattr(frames, "MAX_PIXELS", 20)
+    (tmp_path / "x.pgm").write_bytes(b"P5 7 3 255\n" + bytes(21))
+    with pytest.raises(DvcError, match=r"x\.pgm: 7x3 pictures are not supported"):
+        read_levels(tmp_path / "x.pgm")
 
 
 def test_planes_of_other_kinds_are_refused(tmp_path: Path) -> None:
