@@ -84,6 +84,5 @@ def following(before: Deviations | None, deviations: Deviations | None, num_fram
         return deviations
     ticks_per_second, ticks = deviations or Deviations(before.ticks_per_second, (0,) * num_frames)
     delay = round(Fraction(before.ticks[-1] * ticks_per_second, before.ticks_per_second))
-    ticks = tuple(value + delay for value in ticks)
-    _check_range(ticks)
+    ticks = tuple(min(max(value + delay, -MAX_DEVIATION_TICKS), MAX_DEVIATION_TICKS) for value in ticks)
     return Deviations(ticks_per_second, ticks) if any(ticks) else None
