@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.wynerziv.lengths import LONGEST
 from dvc.wynerziv.no_feedback import MAX_BLOCK_BITS
 from dvc.wynerziv.transform import transform_four, transform_lines
 
@@ -438,7 +439,7 @@ def choose_planes(costs, planes, num_bits, borders, worth, depths, lengths):
         uncertain = need + RATE_MARGIN_BITS * num_bits
         lengths[block] = min(need + margin * uncertain, 1.1 * size)
         paid = min(need + usual * uncertain, 1.1 * size) + BLOCK_BITS
-        if size > MAX_BLOCK_BITS or saved < least[block] * multiplier * paid:
+        if size > MAX_BLOCK_BITS or lengths[block] > LONGEST or saved < least[block] * multiplier * paid:
             depths[b:e] = 0
             lengths[block] = 0.0
 

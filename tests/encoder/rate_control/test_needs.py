@@ -9,7 +9,7 @@ from dvc._jit import python_twin
 from dvc.config import Qp, VideoConfig, codec_config
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.hierarchy import WITHOUT_SECOND_REFERENCE
-from dvc.wynerziv.lengths import length_of_code
+from dvc.wynerziv.lengths import LONGEST, length_of_code
 from dvc.wynerziv.payloads import quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder.rate_control import _kernels
@@ -173,3 +173,12 @@ def test_kernels_are_their_python() -> None:
     np.testing.assert_array_equal(jit.costs, plain.costs)
     assert jit.noise.all()
     assert min(jit.sent.length_codes) > 0
+
+
+def test_no_block_is_sent_that_the_longest_syndrome_does_not_serve() -> None:
+    """Pictures may be so large, and predictions so bad, that a byte cannot tell what a block needs."""
+    estimator, residual = NeedEstimator(CONFIG, 30), errors(60.0).residual
+    expected, half = BlockErrors(residual, np.zeros_like(residual)), 1 << 17
+    fits, larger = (estimator.choose(QUANTIZATION, expected, 256, count) for count in (half, 4 * half))
+    assert LONGEST / 4 < length_of_code(fits.sent.length_codes[0]) < LONGEST
+    assert larger.sent.length_codes[0] == larger.sent.depths[0] == 0
