@@ -202,7 +202,8 @@ class GroupsInFlight:
         self._stack = ExitStack()
         self._processes: list[DecodingProcess] = []
         self._following: dict[int, GroupTask] = {}  # groups that wait for the last frame of the one before
-        self._lasts: dict[int, ReferenceFrame] = {}  # such frames of groups that are followed by none yet
+        self._lasts: dict[int, ReferenceFrame] = {}  # that of the newest group, once it is decoded
+        self._newest = -1
         self._asked: dict[Place, _Asked] = {}
         self._order: deque[int] = deque()  # of groups that are not handed on
         self._outcomes: dict[int, DecodedGroup | Exception] = {}
@@ -244,18 +245,21 @@ class GroupsInFlight:
                     bits = tuple(asked.answers[place] for place in asked.places)
                     answers.setdefault(asked.process, []).append(Answered(received.frame, bits))
                 continue
-            number = -1 if isinstance(received, BitstreamError) else received.number
-            self._order.append(number)
             if isinstance(received, BitstreamError):
-                self._outcomes[number] = received
-            elif not received.record.wyner_ziv:
-                self._outcomes[number] = DecodedGroup.of(received, [])
+                self._order.append(-1)
+                self._outcomes[-1] = received
+                continue
+            self._newest = received.number
+            self._order.append(received.number)
+            last = self._lasts.pop(received.number - 1, None)
+            if not received.record.wyner_ziv:
+                self._outcomes[received.number] = DecodedGroup.of(received, [])
             elif not received.follows:
                 self._begin(received)
-            elif number - 1 in self._lasts:
-                self._begin(replace(received, before=self._lasts.pop(number - 1)))
+            elif last is not None:
+                self._begin(replace(received, before=last))
             else:
-                self._following[number] = received
+                self._following[received.number] = received
         for process, own in answers.items():
             process.submit(*own)
 
@@ -282,10 +286,10 @@ class GroupsInFlight:
             self._share_cores()
         elif isinstance(outcome, ReferenceFrame):
             following = self._following.pop(number + 1, None)
-            if following is None:
-                self._lasts[number] = outcome
-            else:
+            if following is not None:
                 self._begin(replace(following, before=outcome))
+            elif number == self._newest:
+                self._lasts[number] = outcome
         else:
             asked = _Asked(process, [(request.frame, request.plane) for request in outcome])
             self._asked |= dict.fromkeys(asked.places, asked)

@@ -7,8 +7,9 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
@@ -19,6 +20,7 @@ import pytest
 from decoder import processes
 from decoder.processes import DecodingProcess, GroupsInFlight, decoding_process
 from decoder.session import CHAINS_PER_PROCESS, StreamGroups, decode_stream, stream_tasks
+from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import DecodedGroup, GroupTask
 from dvc.errors import BitstreamError, DvcError
 from dvc.stream import Form, GopRecord, StreamReader
@@ -236,3 +238,51 @@ def test_what_is_decoded_comes_before_an_interrupt() -> None:
     assert [next(groups).first_index, next(groups).first_index] == [0, 1]
     with pytest.raises(KeyboardInterrupt):
         next(groups)
+
+
+class Immediate:
+    """A process that has decoded a group as soon as it gets it, and tells of its last frame first."""
+
+    num_running, began_s = 0, 0.0
+
+    def __init__(self) -> None:
+        self.told: list[tuple[int, ReferenceFrame | DecodedGroup]] = []
+
+    def submit(self, task: GroupTask) -> None:
+        last = ReferenceFrame(task.last_index, KEY)
+        LASTS.append(weakref.ref(last))
+        self.told += [
+            (task.number, last),
+            (task.number, DecodedGroup(task.first_index, (), None, task.record)),
+        ]
+
+    def receive(self) -> tuple[int, ReferenceFrame | DecodedGroup]:
+        return self.told.pop(0)
+
+
+class Told(StreamGroups):
+    """A source of whose processes all has come."""
+
+    def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
+        """Name each as often as it has something to tell."""
+        return [process for process in processes for _ in process.told]  # type: ignore[attr-defined]
+
+
+LASTS: list[weakref.ref[ReferenceFrame]] = []
+
+
+@pytest.mark.parametrize("jobs", [1, 4])
+def test_last_frames_that_no_group_wants_are_forgotten(monkeypatch: pytest.MonkeyPatch, jobs: int) -> None:
+    """Where a lone key frame comes behind a group that none ends, as where frames were left out."""
+    monkeypatch.setattr("decoder.processes.decoding_process", lambda: nullcontext(Immediate()))
+    LASTS.clear()
+    reference = ReferenceFrame(0, KEY)
+    chains = [
+        [GroupTask(b"", n, n, reference, None, GopRecord(1, b"", b"", (b"x",)), Form.BUFFERED), *chain(n + 1)]
+        for n in range(0, 20, 2)
+    ]
+    num_held = []
+    for _ in GroupsInFlight(Told(chains, jobs), jobs).decode():
+        num_held.append(sum(last() is not None for last in LASTS))
+    assert len(num_held) == 20
+    assert max(num_held) <= 1
