@@ -43,13 +43,15 @@ class DecodedOutput:
         self._path = video
         self._wanted = wanted
         self._config = config
-        self._num_frames = self._num_coded = 0
+        self._num_frames = self._num_coded = self._num_bits = 0
         self._frame_rate = config.video.frame_rate_num / config.video.frame_rate_den
         self._rate = ""
         self._report_path = report
-        self._report = DecodeReport(config, reference, wanted)
-        self._file = _stream_file(punctured, stack, kept=kept)
-        self._stream = StreamWriter(self._file, config, form)
+        self._report = DecodeReport(config, reference, wanted, kept=report is not None)
+        self._stream: StreamWriter | None = None
+        if punctured is not None or report is not None:  # reports tell how large it would be
+            self._file = _stream_file(punctured, stack, kept=kept)
+            self._stream = StreamWriter(self._file, config, form)
         self._video = _video_writer(config, video, config.video.luma_only, stack, kept=kept)
         self._side_information: VideoWriter | None = None
         if side_information is not None:
@@ -90,7 +92,8 @@ class DecodedOutput:
                 cli.write_json(self._report_path + to_file, self._to_dict())
 
     def _add(self, group: DecodedGroup, progress: cli.Advance) -> None:
-        for picture in pictures_of(group, self._config.video, self._report.add(group)):
+        rows = self._report.add(group)
+        for picture in pictures_of(group, self._config.video, rows):
             self._video.write(picture.frame, picture.time_s)
             if self._side_information is not None:
                 shown = picture.frame if picture.predicted is None else Frame(picture.predicted)
@@ -99,15 +102,18 @@ class DecodedOutput:
                 self._view.add(picture, group.first_index)
             self._num_frames += 1
             progress(1, self._rate)
-        if self._wanted is None:
+        if self._wanted is not None:
+            return
+        if self._stream is not None:
             self._stream.write_gop(group.record)
             self._file.flush()  # what is finished is left where this process is killed
-            self._num_coded += len(group.frames)
-            kbps = 8e-3 * self._stream.num_bytes * self._frame_rate / self._num_coded
-            self._rate = f"{kbps:.4g} kbit/s"
+        self._num_coded += len(group.frames)
+        self._num_bits += sum(sum(row["bits"].values()) for row in rows)
+        self._rate = f"{1e-3 * self._num_bits * self._frame_rate / self._num_coded:.4g} kbit/s"
 
     def _finish(self) -> None:
-        self._stream.close()
+        if self._stream is not None:
+            self._stream.close()
         self._video.close()
         if self._side_information is not None:
             self._side_information.close()
@@ -116,6 +122,7 @@ class DecodedOutput:
 
     def _to_dict(self) -> dict[str, Any]:
         """Return the report, with what a link went through."""
+        assert self._stream is not None
         report = self._report.to_dict(self._stream.num_bytes)
         if self._live is None:
             return report

@@ -73,6 +73,6 @@ def decoded_pictures(
     """Decode a stream; see `decoder.decode`."""
     with open_stream(os.fspath(file)) as reader:
         config = reader.config
-        report = DecodeReport(config, reference)
+        report = DecodeReport(config, reference, kept=False)
         for group in decode_stream(config, reader, jobs):
             yield from pictures_of(group, config.video, report.add(group))

@@ -16,7 +16,6 @@ from dvc.metrics import PSNR_CAP_DB, psnr_db, psnr_of_mean_error_db
 from dvc.stream import gop_bits
 from dvc.video import Frame, VideoReader
 
-"""PSNR that identical frames are given, so that means and JSON stay finite."""
 BIT_CLASSES = ("key", "tracks", "parity", "crc", "header")
 CHROMA = ("psnr_cb_db", "psnr_cr_db")
 """PSNRs of chroma, where stream and reference have it."""
@@ -25,10 +24,14 @@ PLANE_CLASSES = {"dc": range(1), "ac_1_2": range(1, 3), "ac_3_5": range(3, 6), "
 
 
 class DecodeReport:
-    """Collects what the ``--json`` option writes."""
+    """Tells of frames, and collects what the ``--json`` option writes, unless nothing is to be kept."""
 
     def __init__(
-        self, config: CodecConfig, reference: VideoReader | None, wanted: range | None = None
+        self,
+        config: CodecConfig,
+        reference: VideoReader | None,
+        wanted: range | None = None,
+        kept: bool = True,
     ) -> None:
         video = config.video
         if reference is not None and (reference.info.width, reference.info.height) != (
@@ -41,6 +44,7 @@ class DecodeReport:
             )
         self._config = config
         self._wanted = wanted
+        self._kept = kept
         self._reference: Iterator[Frame] | None = None if reference is None else iter(reference)
         self._frames: list[dict[str, Any]] = []
         self._times_s: list[Fraction] = []  # when these are shown
@@ -49,13 +53,19 @@ class DecodeReport:
 
     def add(self, group: DecodedGroup) -> list[dict[str, Any]]:
         """Enter a decoded group of pictures; return what is told of each of its frames."""
+        rows = self._rows(group)
+        if self._kept:
+            self._frames += rows
+            times_s = enumerate(group.times_s(self._config.video), group.first_index)
+            self._times_s += [time_s for index, time_s in times_s if self._is_wanted(index)]
+            self._num_messages += group.num_messages
+            if group.delay_s is not None:
+                self._delays_s += len(group.frames) * [group.delay_s]
+        return rows
+
+    def _rows(self, group: DecodedGroup) -> list[dict[str, Any]]:
         rows: list[dict[str, Any]] = []
         costs = gop_bits(group.record)
-        times_s = enumerate(group.times_s(self._config.video), group.first_index)
-        self._times_s += [time_s for index, time_s in times_s if self._is_wanted(index)]
-        self._num_messages += group.num_messages
-        if group.delay_s is not None:
-            self._delays_s += len(group.frames) * [group.delay_s]
         for frame, record_bits in zip(group.wyner_ziv, costs.wyner_ziv_header, strict=True):
             if not self._is_wanted(frame.index):
                 continue
@@ -85,7 +95,6 @@ class DecodeReport:
         if group.key is not None and self._is_wanted(group.last.index):
             bits = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
             rows.append(self._key_row(group.last.index, group.key, bits))
-        self._frames += rows
         return rows
 
     def _key_row(self, index: int, key: Frame, bits: dict[str, int]) -> dict[str, Any]:

@@ -219,6 +219,14 @@ def test_report_without_reference_has_no_quality(groups: list[DecodedGroup]) -> 
     assert "psnr_cb_db" not in totals
 
 
+def test_a_report_that_nobody_reads_keeps_nothing(groups: list[DecodedGroup]) -> None:
+    """It tells of frames all the same, as of those of a run that has no end."""
+    kept, told = DecodeReport(CONFIG, None), DecodeReport(CONFIG, None, kept=False)
+    assert [told.add(group) for group in groups] == [kept.add(group) for group in groups]
+    with pytest.raises(IndexError):
+        told.to_dict(100)
+
+
 def test_report_refuses_a_reference_that_does_not_fit(
     groups: list[DecodedGroup], frames: list[Frame]
 ) -> None:
