@@ -47,15 +47,22 @@ class Encoder(Protocol):
 
 def single_prediction(found: object, shape: tuple[int, ...], method: str) -> Prediction:
     """Return the prediction of one frame; what a method of others returns may be anything."""
+    named = f"side information {method!r}"
     if not isinstance(found, Sequence) or len(found) != 1 or not isinstance(found[0], Prediction):
-        raise DvcError(f"side information {method!r}: expected a list of one prediction for one instant")
+        raise DvcError(f"{named}: expected a list of one prediction for one instant")
     prediction: Prediction = found[0]
-    for plane in (prediction.luma, *prediction.compensated):
+    if not prediction.compensated:
+        raise DvcError(f"{named}: expected a compensated reference at least")
+    finite = prediction.luma, *prediction.compensated
+    errors = () if prediction.expected_error is None else (prediction.expected_error,)
+    for plane in (*finite, *prediction.alternatives, *errors):
+        if not isinstance(plane, np.ndarray):
+            raise DvcError(f"{named}: expected arrays, got {type(plane).__name__}")
         if plane.shape != shape:
             sizes = ["x".join(map(str, size[::-1])) for size in (shape, plane.shape)]
-            raise DvcError(f"side information {method!r}: expected predictions of {sizes[0]}, got {sizes[1]}")
-        if not np.isfinite(plane).all():
-            raise DvcError(f"side information {method!r}: a prediction is not finite")
+            raise DvcError(f"{named}: expected predictions of {sizes[0]}, got {sizes[1]}")
+    if not all(np.isfinite(plane).all() for plane in finite):
+        raise DvcError(f"{named}: a prediction is not finite")
     return prediction
 
 

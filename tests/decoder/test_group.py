@@ -1,5 +1,7 @@
 """Groups of pictures decoded in memory."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,6 +31,10 @@ def predicted(value: float = 7.0, shape: tuple[int, int] = (3, 5)) -> Prediction
         ([np.zeros((3, 5))], "expected a list of one prediction for one instant"),
         ([predicted(shape=(2, 5))], "expected predictions of 5x3, got 5x2"),
         ([predicted(np.nan)], "a prediction is not finite"),
+        ([replace(predicted(), compensated=())], "expected a compensated reference at least"),
+        ([replace(predicted(), luma=[7.0])], "expected arrays, got list"),
+        ([replace(predicted(), alternatives=(np.zeros((1, 5)),))], "expected predictions of 5x3, got 5x1"),
+        ([replace(predicted(), expected_error=np.zeros(15))], "expected predictions of 5x3, got 15"),
     ],
 )
 def test_a_method_of_others_that_errs_is_named(found: object, told: str) -> None:
