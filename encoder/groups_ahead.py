@@ -60,7 +60,10 @@ class GroupsAhead:
         data = self._spool.take()
         packed, position = decode_bytes(data, 0, len(data))
         record = decode_gop(packed)
-        words = np.frombuffer(zlib.decompress(data[position:]), np.uint64).reshape(-1, self._layout.num_bits)
+        planes = bytearray(
+            zlib.decompress(data[position:])
+        )  # kernels are compiled for words that may be written
+        words = np.frombuffer(planes, np.uint64).reshape(-1, self._layout.num_bits)
         frames, row = [], 0
         for header in record.wyner_ziv:
             quantization = self._layout.read_header(header)

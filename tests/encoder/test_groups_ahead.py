@@ -40,6 +40,7 @@ def test_groups_come_back_whole(tmp_path: Path, memory_bytes: int, quality: Qual
             assert found.encoded.record == group.encoded.record
             for frame, same in zip(group.encoded.frames, found.encoded.frames, strict=True):
                 assert np.array_equal(frame.words, same.words)
+                assert same.words.flags.writeable  # there are no kernels of others
                 assert np.array_equal(frame.checks, same.checks)
                 assert frame.quantization == same.quantization
         assert ahead.take() is None
