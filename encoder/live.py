@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from typing import NamedTuple
 
@@ -68,7 +68,8 @@ def serve(
     except FeedbackError as err:
         raise FeedbackError(f"{err}{live.unfinished}") from err
     except (DvcError, KeyboardInterrupt) as err:
-        give_up(live.link, live.endpoint, str(err) or "interrupted")
+        with suppress(FeedbackError):
+            give_up(live.link, live.endpoint, str(err) or "interrupted")
         raise
     finally:
         live.link.close()
@@ -130,6 +131,7 @@ class _LiveEncoder:
             self._session.begin_again(again[0].number)
         if endpoint.first_frame > self._num_written:
             self.report.frames_lost.append([self._num_written, endpoint.first_frame - 1])
+            self._num_written = endpoint.first_frame
         self.report.groups_begun_again += len(again)
         self._pace.begin_again(sum(group.encoded.record.num_frames for group in again if not group.done))
         if self._session.limiter is not None:
