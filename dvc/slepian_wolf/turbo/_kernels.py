@@ -17,7 +17,7 @@ _ZERO = np.float32(0.0)
 MAX_EXTRINSIC = np.float32(24.0)
 
 # Rows of NUM_LANES values that make up the record of one trellis step: scale, then the metrics of all states.
-ROW_SCALE, ROW_METRIC = range(2)
+ROW_METRIC = 1
 _SCALE, _METRIC = (row * NUM_LANES for row in range(2))
 
 
