@@ -82,10 +82,9 @@ def test_all_ways_of_decoding_agree(stream: bytes) -> None:
     assert lumas(decoded(stream, 3)) == whole
     reader = StreamReader(io.BytesIO(stream))
     assert lumas(decoded(written(reader.config, [g.record for g in groups], Form.PUNCTURED))) == whole
-    for wanted in (range(20, 22), range(24, 25)):
-        found = lumas(decoded(stream, wanted=wanted))
-        assert set(wanted) <= set(found)
-        assert all(whole[index] == luma for index, luma in found.items())
+    found = lumas(decoded(stream, wanted=range(20, 22)))
+    assert {20, 21} <= set(found)
+    assert all(whole[index] == luma for index, luma in found.items())
 
 
 def test_key_frames_that_cannot_be_meant_are_refused(stream: bytes) -> None:

@@ -259,7 +259,9 @@ def test_what_was_not_seen_says_nothing() -> None:
     assert np.isfinite(found.surfaces[1].disparity).all()
 
 
-@pytest.mark.parametrize(("name", "limit"), [("tsukuba", 3.0), ("cones", 8.5)])
+@pytest.mark.parametrize(
+    ("name", "limit"), [("tsukuba", 3.0), pytest.param("cones", 8.5, marks=pytest.mark.slow)]
+)
 def test_real_pairs(name: str, limit: float) -> None:
     """Bad pixels of the Middlebury evaluation, all of them, a little above what is measured."""
     real_set(name)
