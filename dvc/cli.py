@@ -229,7 +229,7 @@ def parse_bits(text: str) -> int:
     digits, factor = (text[:-1], factors[text[-1]]) if text[-1:] in factors else (text, 1)
     try:
         return max(round(parse_positive(digits) * factor), 1)
-    except argparse.ArgumentTypeError:
+    except (argparse.ArgumentTypeError, OverflowError):
         raise argparse.ArgumentTypeError(
             f"expected bits above 0 such as 300000, 300k or 1.5M, got {text!r}"
         ) from None

@@ -129,14 +129,14 @@ def _write_segments(
     progress: "Progress",
     finished: "list[Segment]",
 ) -> None:
-    from encoder.segments import segment_names, write_segments
+    from encoder.segments import MAX_SEGMENT_FRAMES, segment_names, write_segments
     from encoder.time_stamps import CodingClock
 
     names, clock = segment_names(arguments.output), CodingClock(info.frame_rate)
     for path in names.existing().values():
         if path.suffix == PARTIAL_SUFFIX:
             _say(f"{path} is left of an earlier recording: `dvc-decode --unfinished` reads it")
-    length = max(1, round(arguments.segment * info.frame_rate))
+    length = max(1, round(min(arguments.segment * info.frame_rate, MAX_SEGMENT_FRAMES)))
     finished += write_segments(
         source, names, length, lambda: options.session(arguments, info, clock), progress
     )

@@ -159,7 +159,7 @@ _TRACK_OPTIONS = (
         "tracks-bpp",
         float,
         "BITS",
-        "most bits of tracks per pixel of the Wyner-Ziv frames: the best are kept",
+        "most bits of tracks per pixel of the frames between the ends of a group: the best are kept",
         lambda _: MAX_TRACKS_BPP,
     ),
     _TrackOption(
@@ -391,7 +391,7 @@ def _add_live(group: argparse._ArgumentGroup) -> None:
         "--queue",
         (1, 10**6),
         "frames of a camera, a pipe or an address that wait in memory for a decoder that is slower (default:"
-        " 64, fewer where they are larger than 1920x1080)",
+        " 64, fewer where they are larger than 1920x1080, but those of a GOP at least)",
         metavar="FRAMES",
     )
     group.add_argument(
@@ -569,12 +569,16 @@ def _intra_period(arguments: argparse.Namespace) -> int | None:
 
 def _long_term_groups(arguments: argparse.Namespace) -> int | None:
     groups: int | None = arguments.long_term
+    if groups and not (arguments.codec in _with_points(tracked=True) and arguments.wz_q is None):
+        raise ConfigError("--long-term is for GOPs whose points are tracked, and for --qp")
     if groups and arguments.no_feedback:
         raise ConfigError("--long-term is not for --no-feedback: what it spares cannot be estimated")
     return groups
 
 
 def _coder(arguments: argparse.Namespace) -> CoderConfig:
+    if arguments.no_feedback and (arguments.long_delay or arguments.coder != DEFAULT_CODER):
+        raise ConfigError("--long-delay and --coder are not for --no-feedback: syndromes take one code")
     if not arguments.long_delay:
         return CODERS[arguments.coder]()
     if arguments.coder != DEFAULT_CODER:

@@ -76,6 +76,10 @@ class RateLimiter:
         self._tells_limits = config.wyner_ziv.limited
         self._num_too_large = 0
 
+    def go_on(self, before: "RateLimiter") -> None:
+        """Keep the bitrate together with the stream before, of which nothing is to come."""
+        self._bitrate = before._bitrate
+
     def code(self, group: Group, needs_key: bool, num_bits: int) -> CodedFrames:
         """Code the next group, which takes so many bits beside its frames."""
         if self._bitrate is None:

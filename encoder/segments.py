@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from encoder.session import EncoderSession, Progress
 
 MIN_DIGITS = 4
+MAX_SEGMENT_FRAMES = 10**9
 CONVERSION = re.compile(r"%(0[1-9])?d")
 
 
@@ -121,12 +122,15 @@ def write_segments(
     progress: "Progress",
 ) -> Iterator[Segment]:
     """Encode a recording segment by segment; each starts with a key frame."""
-    source = iter(frames)
+    source, before = iter(frames), None
     for number in count(max(names.existing(), default=-1) + 1):
         first = next(source, None)
         if first is None:
             return
         session = new_session()
+        if session.limiter is not None and before is not None:
+            session.limiter.go_on(before)
+        before = session.limiter
         with growing_output(names.path(number)) as file:
             session.write(chain([first], islice(source, num_frames - 1)), file, progress)
         limits = {} if session.limiter is None else session.limiter.report()

@@ -13,7 +13,7 @@ MIN_TRACKS = 32
 
 
 def encode_within_budget(tracks: PointTracks, config: CodecConfig, max_bpp: float) -> bytes:
-    """Encode the tracks of a group, or as many of them as the budget allows."""
+    """Encode the tracks of a group, or as many as the budget of the frames between its ends allows."""
     max_bits = max_bpp * config.video.width * config.video.height * (tracks.num_instants - 2)
     payload = encode_tracks(tracks, config)
     while 8 * len(payload) > max_bits and len(tracks) > MIN_TRACKS:

@@ -77,6 +77,15 @@ def test_limits_of_segments_are_told(clip: Path, tmp_path: Path) -> None:
     assert 0 < told["most_bits_owed"] < 60_000
 
 
+def test_segments_keep_a_bitrate_together(clip: Path, tmp_path: Path) -> None:
+    """Only the first may take more for its first key frame; the others know what was learned before."""
+    words = ["--no-feedback", "--luma-only", "--quiet", "--segment", "1", "--bitrate", "60k"]
+    assert encoder.main([str(clip), str(tmp_path / "s-%04d.dvc"), *words, "--frames", "200"]) == 0
+    sizes = [8 * path.stat().st_size for path in sorted(tmp_path.iterdir())]
+    assert len(sizes) == 8
+    assert sum(sizes[1:]) / 7 < 66_000
+
+
 def largest_frame(stream: Path) -> int:
     """Return the most bits that a frame of a stream takes."""
     with StreamReader(stream) as reader:
@@ -93,8 +102,8 @@ def test_a_live_decoder_takes_what_it_may(clip: Path, tmp_path: Path) -> None:
     later = group_rates(stream)[1:]
     taken = sum(group.num_bits for group in later) / sum(group.num_frames for group in later)
     assert 0.85 < taken * FRAME_RATE / 60_000 < 1.06
-    assert decoder.main([str(stream), str(again), "--quiet"]) == 0
-    assert again.read_bytes() == live.read_bytes()
+    assert decoder.main([str(stream), str(again), "--frames", "0:17", "--quiet"]) == 0
+    assert live.read_bytes().startswith(again.read_bytes())
 
 
 @pytest.mark.parametrize(
@@ -105,7 +114,7 @@ def test_bits_are_read(text: str, bits: int) -> None:
     assert parse_bits(text) == bits
 
 
-@pytest.mark.parametrize("text", ["fast", "-1k", "0", "", "k", "1G", "nan"])
+@pytest.mark.parametrize("text", ["fast", "-1k", "0", "", "k", "1G", "nan", "1e308M"])
 def test_what_is_no_number_of_bits_is_refused(text: str) -> None:
     """With what is expected."""
     with pytest.raises(argparse.ArgumentTypeError, match=r"such as 300000, 300k or 1\.5M"):
