@@ -105,10 +105,11 @@ def encode(
     """Encode and write a stream."""
     from dvc.depthcodec.depth_image.depth_codes import NUM_STEPS, DepthOptions
     from dvc.depthcodec.depth_image.encoder import encode_to_size
-    from dvc.depthcodec.depth_image.stream import MAX_BYTES
+    from dvc.depthcodec.depth_image.stream import MAX_BYTES, check_map
     from dvc.imagecodec.wavelets.lifting import most_levels
 
     shape = image.depth.shape[0], image.depth.shape[1]
+    check_map(shape, image.scale)
     options = DepthOptions(
         arguments.wavelet, min(DepthOptions.num_levels, most_levels(shape)), arguments.order_depth
     )

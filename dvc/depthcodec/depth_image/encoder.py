@@ -21,6 +21,7 @@ from dvc.depthcodec.depth_image.depth_scale import DepthScale, Plane
 from dvc.depthcodec.depth_image.stream import (
     DepthImageStream,
     PlaneCode,
+    check_map,
     encode_stream,
     header_bytes,
     part_bytes,
@@ -104,8 +105,10 @@ def encode_to_size(
     Raises
     ------
     ConfigError
-        If not even header and edges fit.
+        If no stream can hold the map, or not even header and edges fit.
     """
+    shape = image.depth.shape[0], image.depth.shape[1]
+    check_map(shape, image.scale)
     options, beside = depth_options or DepthOptions(), picture_options or PictureOptions()
     room = _room(image, max_bytes, edges)
     candidates = _candidates(image, room, edges, options, beside, advance)
@@ -119,7 +122,6 @@ def encode_to_size(
     if image.picture is not None:
         left = room - len(found.edges.data) - len(found.plane.data)
         picture, picture_edges = code_picture(image.picture, found.edges.maps, left, options, beside.order)
-    shape = image.depth.shape[0], image.depth.shape[1]
     stream = DepthImageStream(
         shape, image.scale, found.edges.data, found.edges.code, found.plane, picture, picture_edges
     )

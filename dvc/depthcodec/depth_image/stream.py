@@ -15,12 +15,14 @@ from dvc.bits import encode_varint
 from dvc.depthcodec import container
 from dvc.depthcodec.depth_image.depth_scale import DepthScale, decode_extent, encode_extent
 from dvc.depthcodec.limits import Extent, check_extent
-from dvc.errors import BitstreamError
+from dvc.errors import BitstreamError, ConfigError
 from dvc.imagecodec.edges.chain_code import EdgeCode
 from dvc.imagecodec.header import PictureHeader
 
 MAX_BYTES = 2**31
 """Of edges, of depth and of a picture."""
+MAX_SIDE = 2**16 - 1
+"""Height or width is told in two bytes."""
 _FLAGS, _SIZE, _RANGE, _SCALE = (struct.Struct(f"<{fields}") for fields in ("B", "2H", "fH", "2f"))
 _PICTURE, _ADAPTIVE_EDGES, _PICTURE_EDGES, _SCALED = 1, 2, 4, 8
 _DEPTH_ORDER_SHIFT, _PICTURE_ORDER_SHIFT, _ORDER_MASK = 4, 6, 3
@@ -51,6 +53,18 @@ class DepthImageStream:
     damage: str | None = None  # what is missing
     # of a stream that was read, whole or cut: what was neither edges nor code
     num_header_bytes: int | None = None
+
+
+def check_map(shape: tuple[int, int], scale: DepthScale) -> None:
+    """Refuse a map that no stream can hold."""
+    height, width = shape
+    if not (min(shape) > 0 and max(shape) <= MAX_SIDE and height * width <= container.MAX_PIXELS):
+        raise ConfigError(
+            f"a map of {width}x{height}: sides of 1 to {MAX_SIDE} and up to {container.MAX_PIXELS} pixels "
+            "are accepted"
+        )
+    if not _is_moderate(scale):
+        raise ConfigError(f"numbers of a depth map: a range of at most {_MAX_FIELD:g} is accepted")
 
 
 def encode_stream(stream: DepthImageStream) -> bytes:
@@ -164,11 +178,12 @@ def _decode_header(
 
 
 _IMPOSSIBLE = "the header of the stream cannot have been written"
+_MAX_FIELD = 2.0 * container.MAX_NUMBER  # of the numbers of a scale
 
 
 def _is_moderate(scale: DepthScale) -> bool:
     numbers = scale.lowest, scale.extent, scale.factor, scale.offset
-    are_small = all(math.isfinite(number) and abs(number) <= 2.0 * container.MAX_NUMBER for number in numbers)
+    are_small = all(math.isfinite(number) and abs(number) <= _MAX_FIELD for number in numbers)
     return are_small and scale.extent >= 0.0
 
 

@@ -159,6 +159,21 @@ def test_too_few_bytes_are_refused():
         encode(DISCS, len(edges.data) + 20, edges)
 
 
+@pytest.mark.parametrize(
+    ("depth", "told"),
+    [
+        (np.broadcast_to(1.0, (4000, 6000)), "6000x4000"),
+        (np.broadcast_to(1.0, (2, 70_000)), "70000x2"),
+        (np.array([[-1e12, 1e12]]), "range"),
+    ],
+    ids=["pixels", "side", "range"],
+)
+def test_maps_that_no_decoder_accepts_are_refused(depth, told):
+    scale = DepthScale.of(depth[:1])
+    with pytest.raises(ConfigError, match=told):
+        encode_to_size(DepthImage(depth, scale), 10_000, NONE)
+
+
 @pytest.mark.parametrize(("channels", "most"), [(None, 44), (1, 44), (3, 64)])
 def test_the_largest_streams_decode_in_a_gibibyte(channels, most):
     """Pixels are limited to 2^24 of them, so each may take 64 bytes."""
