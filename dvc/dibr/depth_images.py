@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.dibr.options import in_decibels, json_files, naming_rate, tell, write_stream
+from dvc.dibr.options import bytes_of, in_decibels, json_files, naming_rate, tell, write_stream
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def encode(
     """Encode and write a stream."""
     from dvc.depthcodec.depth_image.depth_codes import NUM_STEPS, DepthOptions
     from dvc.depthcodec.depth_image.encoder import encode_to_size
-    from dvc.depthcodec.depth_image.stream import MAX_BYTES, check_map
+    from dvc.depthcodec.depth_image.stream import check_map
     from dvc.imagecodec.wavelets.lifting import most_levels
 
     shape = image.depth.shape[0], image.depth.shape[1]
@@ -114,7 +114,7 @@ def encode(
         arguments.wavelet, min(DepthOptions.num_levels, most_levels(shape)), arguments.order_depth
     )
     num_pixels = shape[0] * shape[1]
-    max_bytes = int(min(arguments.bpp * num_pixels / 8.0, MAX_BYTES))
+    max_bytes = bytes_of(arguments.bpp, num_pixels)
     edges = _edges(arguments, image.depth)
     is_quiet = arguments.quiet or edges is not None
     bar = cli.progress_bar("selections of edges", NUM_STEPS, is_quiet)

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 from dvc import array_files, cli
 from dvc.depthcodec.limits import MAX_LAYERS
 from dvc.depthcodec.names import DEFAULT, NUMBERS
-from dvc.dibr.options import add_figures, json_files, naming_rate, parse_multiplier, tell, write_stream
+from dvc.dibr.options import (
+    add_figures,
+    bytes_of,
+    json_files,
+    naming_rate,
+    parse_multiplier,
+    tell,
+    write_stream,
+)
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -147,7 +155,7 @@ def _encoded(
             return encoder, encoder.encode(arguments.multiplier)
         num_pixels = views.shape[0] * views.shape[1]
         with naming_rate(arguments.bpp, num_pixels):
-            return encoder, encode_to_size(encoder, int(arguments.bpp * num_pixels / 8.0))
+            return encoder, encode_to_size(encoder, bytes_of(arguments.bpp, num_pixels))
 
 
 def _figures(encoder: "ViewEncoder", encoded: "Encoded") -> dict[str, Any]:

@@ -8,6 +8,7 @@ from dvc import cli
 from dvc.dibr.depth_images import SUFFIX, WAVELETS
 from dvc.dibr.options import (
     add_figures,
+    bytes_of,
     in_decibels,
     json_files,
     naming_rate,
@@ -91,7 +92,7 @@ def _encode(arguments: argparse.Namespace, scene: "Pieces") -> "tuple[EncodedPie
         arguments.depth_share,
         arguments.gray,
     )
-    max_bytes, keeps_all = int(arguments.bpp * num_pixels / 8.0), arguments.keep == KEEP[1]
+    max_bytes, keeps_all = bytes_of(arguments.bpp, num_pixels), arguments.keep == KEEP[1]
     total = len(scene.pieces) if keeps_all else MOST_TRIALS
     bar = cli.progress_bar("pieces" if keeps_all else "trials", total, arguments.quiet)
     with bar as advance, naming_rate(arguments.bpp, num_pixels):

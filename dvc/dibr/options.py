@@ -81,6 +81,13 @@ def write_stream(path: str, data: bytes) -> None:
         temporary.write_bytes(data)
 
 
+def bytes_of(bpp: float, num_pixels: int) -> int:
+    """Return the longest file of a rate; none is longer than `MAX_BYTES`."""
+    from dvc.depthcodec.depth_image.stream import MAX_BYTES
+
+    return int(min(bpp * num_pixels / 8.0, MAX_BYTES))
+
+
 @contextmanager
 def naming_rate(bpp: float, num_pixels: int) -> Iterator[None]:
     """Put a rate before what it is too low for."""

@@ -31,6 +31,11 @@ def encoded(*options: str, views: tuple[str, ...] = ("a.png", "b.png")) -> bytes
     return Path("out.dibr").read_bytes()
 
 
+def test_any_rate_is_accepted(views: Path) -> None:
+    assert run("encode", "a.png", "b.png", "o.dibr", "--disparities", "0:8", "--bpp", "1e308", "--quiet") == 0
+    assert decode_stream(Path("o.dibr").read_bytes()).damage is None
+
+
 def test_processes_encode_decode_and_render(views: Path) -> None:
     """The commands as they are typed: every file is there, and the square is where it should be."""
     command = [sys.executable, "-m", "dvc.dibr"]

@@ -86,6 +86,12 @@ def test_what_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert "view 1" in refusal(capsys, "render", "a.dibr", "--view", "1", "--out", "o.png")
 
 
+@pytest.mark.parametrize("bpp", ["1e9", "1e308"])
+def test_any_rate_is_accepted(bpp: str, capsys: pytest.CaptureFixture[str]) -> None:
+    told = answer(capsys, "encode-layers", "sprites", "a.dibr", "--bpp", bpp, "--keep", "all")
+    assert told["psnr_image_db"] is None or told["psnr_image_db"] > 50
+
+
 def test_processes_encode() -> None:
     command = [sys.executable, "-m", "dvc.dibr", "encode-layers", "sprites", "a.dibr", "--bpp", "4"]
     out = subprocess.run(command, check=True, capture_output=True, text=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.bits import encode_varint
 from dvc.depthcodec.depth_image.depth_codes import (
     DepthCandidate,
     DepthCode,
@@ -191,13 +192,13 @@ def _overhead(scene: Pieces, codings: Sequence[_Coding], max_bytes: int) -> int:
     header = len(
         encode_header(scene.canvas, scene.kind, rectangles, [max_bytes if p.width else 0 for p in rectangles])
     )
-    nothing = PlaneCode(PictureHeader(0, 0), 0, bytes(max_bytes))
+    nothing = PlaneCode(PictureHeader(0, 0), 0, b"")
     total = header
     for coding in codings[:1]:
         empty = DepthImageStream(
-            coding.shape, _extent(scene), nothing.data, EdgeCode.ADAPTIVE, nothing, nothing, masked=True
+            coding.shape, _extent(scene), b"", EdgeCode.ADAPTIVE, nothing, nothing, masked=True
         )
-        total += len(codings) * (len(encode_piece(empty)) - 3 * max_bytes)
+        total += len(codings) * (len(encode_piece(empty)) + 3 * (len(encode_varint(max_bytes)) - 1))
     return total
 
 

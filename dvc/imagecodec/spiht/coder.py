@@ -29,6 +29,7 @@ MAX_PLANES = 30
 
 _NEVER = 40  # a bit plane above all
 _MAX_BYTES_PER_NODE = 8
+_MORE_THAN_ALL_PER_NODE, _MORE_THAN_ALL = 16, 64  # bytes that no code reaches, for each node and beside them
 _FIRST_WEIGHT = 0.4
 
 
@@ -93,7 +94,9 @@ def encode(
     limit = 2.0**MAX_PLANES
     if not (-limit < np.min(coefficients) and np.max(coefficients) < limit):
         raise ValueError(f"`coefficients` must be finite and below 2^{MAX_PLANES} steps")
-    most = _MAX_BYTES_PER_NODE * forest.num_nodes if max_bytes is None else max_bytes
+    most = _MAX_BYTES_PER_NODE * forest.num_nodes
+    if max_bytes is not None:
+        most = min(max_bytes, _MORE_THAN_ALL_PER_NODE * forest.num_nodes + _MORE_THAN_ALL)
     marks = _new_marks(forest, kernels.NUM_WRITER_MARKS)
     planes = np.empty(forest.num_nodes, np.uint8)
     num_planes = int(kernels.count_planes(coefficients, planes))

@@ -204,6 +204,17 @@ def test_flipped_bits_never_crash() -> None:
         assert np.all(np.abs(decoded.values.astype(np.int64)) < 2**code.num_planes)
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (9, 13)])
+def test_any_budget_is_accepted(shape: tuple[int, int]) -> None:
+    """Room for more than all of the largest coefficients takes no memory, and cuts nothing."""
+    forest = zerotrees([shape], [0])
+    coefficients = np.linspace(-1.0, 1.0, forest.num_nodes) * (2.0**coder.MAX_PLANES - 1) * forest.exists
+    code, same = (coder.encode(forest, coefficients, most) for most in (2**60, 100 + 32 * forest.num_nodes))
+    assert code.data == same.data
+    values = coder.decode(forest, code.data, code.num_planes).values
+    assert np.array_equal(values, np.trunc(coefficients).astype(np.int32))
+
+
 def test_wrong_arguments_are_named() -> None:
     """Coefficients that are not finite, and too many bit planes, are refused."""
     forest = zerotrees([(2, 2)], [1])
