@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
             write_original_views(folder, found, rectified.rectification)
         write_reconstruction(folder, found, arguments.jobs)
         write_previews(folder, found, truth, arguments.jobs)
-        _write_shapes(shapes, found, rectification)
+    _write_shapes(shapes, found, rectification)
     for warning in found.figures["warnings"]:
         sys.stderr.write(f"dvc-stereo: {cli.one_line(warning)}\n")
     if arguments.json is not None:

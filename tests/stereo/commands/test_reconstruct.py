@@ -76,6 +76,14 @@ def test_json_and_meshes(views: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert capsys.readouterr().out == ""
 
 
+def test_a_mesh_may_be_in_the_folder(views: Path) -> None:
+    """Nothing is lost where the folder is there and the mesh is written into it."""
+    pytest.importorskip("trimesh")
+    (views / "out").mkdir()
+    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", "--ply", "out/a.ply") == 0
+    assert {"a.ply", "stereo.json"} <= {path.name for path in (views / "out").iterdir()}
+
+
 def test_grey_and_deep_pictures_are_taken(views: Path) -> None:
     """One view of 16 bits and one that is grey are as good as others."""
     left = cv2.imread("left.png", cv2.IMREAD_GRAYSCALE)
