@@ -165,7 +165,7 @@ def _found_labels(array: "CameraArray") -> "DisparityLabels | None":
 
 
 def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None":
-    from dvc.stereo.evaluation import disparity_error
+    from dvc.stereo.evaluation import evaluate
     from dvc.stereo.output.report import Truth
 
     if arguments.truth is None:
@@ -173,7 +173,7 @@ def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None
             raise ConfigError("--mask and --truth-scale need --truth")
         return None
     truth, mask = read_truth_of(arguments)
-    disparity_error(truth, truth, mask)
+    evaluate(truth, truth, mask)
     if truth.shape != array.shape:
         sizes = [f"{shape[1]}x{shape[0]}" for shape in (truth.shape, array.shape)]
         raise ConfigError(f"{arguments.truth}: {sizes[0]}, but the views are {sizes[1]}")

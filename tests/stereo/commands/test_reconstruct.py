@@ -137,6 +137,10 @@ def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFi
             ["left.png", "right.png", "--disparities", "0:8", "--truth", "small.png", "--truth-scale", "4"],
             "small.png: 10x10, but the views are 72x48",
         ),
+        (
+            ["left.png", "right.png", "--disparities", "0:8", "--truth", "black.png", "--truth-scale", "4"],
+            "no pixel counts",
+        ),
     ],
 )
 def test_bad_input_is_one_line(
