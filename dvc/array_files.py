@@ -87,8 +87,21 @@ def read_pictures(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
 
     if len(paths) < 2:
         raise ConfigError("at least two views are needed")
-    _check_distinct("name", [Path(path).stem for path in paths])
+    _check_names(paths)
     return [read_picture(path) for path in paths]
+
+
+def _check_names(paths: Sequence[str | Path]) -> None:
+    """Refuse files whose names cannot be those of different views."""
+    for path in paths:
+        if not is_unicode(Path(path).name):
+            raise ConfigError(f"{path}: the name is not of Unicode characters")
+    _check_distinct("name", [Path(path).stem for path in paths])
+
+
+def is_unicode(text: str) -> bool:
+    """Tell whether UTF-8 can hold a text; names of files may be bytes that are no characters."""
+    return not any("\ud800" <= character <= "\udfff" for character in text)
 
 
 def read_pictures_of_one_size(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import io
 import json
 import logging
 import math
@@ -154,6 +155,8 @@ def command(
         return work(arguments)
 
     def _main(argv: Sequence[str] | None = None) -> int:
+        if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+            sys.stdout.reconfigure(errors="backslashreplace")  # names of files may be no text
         built = parser()
         arguments = built.parse_args(argv) if has_subcommands else built.parse_intermixed_args(argv)
         return run(prog, lambda: _work(arguments))

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.array_files import MAX_LABELS, MAX_NUMBER, MIN_STEP
+from dvc.array_files import MAX_LABELS, MAX_NUMBER, MIN_STEP, is_unicode
 from dvc.errors import DvcError
 from dvc.files import read_whole
 from dvc.multiview.camera_array import DisparityLabels
@@ -68,6 +68,8 @@ class Entry:
         value = self.value(key)
         if not isinstance(value, str):
             self.refuse(f"{key!r} is no text")
+        if not is_unicode(value):
+            self.refuse(f"{key!r} is not of Unicode characters")
         return value
 
     def entry(self, key: str) -> "Entry":

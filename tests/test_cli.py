@@ -398,6 +398,12 @@ def test_messages_have_nothing_that_a_terminal_obeys(desk: Path, capsys: pytest.
     assert "?[31mno such?.dvc" in one_line_of(capsys)
 
 
+def test_names_that_are_no_text_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    main = cli.command("x", lambda: cli.ArgumentParser("x", ""), lambda _: sys.stdout.write("\udcff") and 0)
+    assert main([]) == 0
+    assert capsys.readouterr().out == "\\udcff"
+
+
 @pytest.mark.parametrize("module", ["encoder", "decoder"])
 def test_help_is_quick_and_has_examples(module: str) -> None:
     """Help shows examples, and loads neither numpy nor any compiled library."""

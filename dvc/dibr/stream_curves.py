@@ -39,7 +39,7 @@ def write_page(folder: Path, label: Mapping[str, dict[str, Any]], table: Table) 
         picture = cv2.imdecode(np.frombuffer(files[".png"], np.uint8), cv2.IMREAD_COLOR)
         groups.append(Group(title, (Shown(title, np.asarray(picture, np.uint8)),)))
     text = "\n".join(["# Streams\n", markdown(table), *drawn])
-    (folder / DOCUMENT).write_text(text, encoding="utf-8")
+    (folder / DOCUMENT).write_text(text, encoding="utf-8", errors="replace")
     cli.write_json(folder / VALUES, dict(label))
     if groups:
         write_gallery(folder / PAGE, Gallery("Streams", "Quality by rate.", groups, [table]))

@@ -85,7 +85,7 @@ def write_gallery(path: Path, gallery: Gallery) -> None:
         **scripts,
     )
     with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="replace")
 
 
 def _embedded(shown: Shown) -> dict[str, object]:

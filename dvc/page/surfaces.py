@@ -52,7 +52,7 @@ def write_stage(path: str | Path, files: StageFiles, values: Mapping[str, Any], 
         **shown,
     )
     with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="replace")
 
 
 def disparity_codes(

@@ -87,6 +87,12 @@ def test_page_fits_a_phone_and_lives_without_scripts(browser: Browser, address: 
     context.close()
 
 
+def test_names_of_bytes_that_are_no_characters_are_shown_as_they_can_be(tmp_path: Path) -> None:
+    """Names of files need not be text."""
+    write_gallery(tmp_path / "index.html", Gallery("Surfaces", "Of \udcff.png", []))
+    assert "Of ?.png" in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
 def test_large_pictures_are_shown_smaller(tmp_path: Path) -> None:
     """A picture of many pixels does not make a page of many bytes."""
     picture = np.zeros((100, 5000, 3), np.uint8)

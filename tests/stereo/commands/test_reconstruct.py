@@ -124,6 +124,7 @@ def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFi
         (["left.png", "small.png", "--disparities", "0:8"], "all must have one size"),
         (["left.png", "black.png", "--disparities", "0:8"], "one colour everywhere"),
         (["left.png", "text.png", "--disparities", "0:8"], "not a picture"),
+        (["left.png", "\udcff.png", "--disparities", "0:8"], "not of Unicode characters"),
         (["left.png", "right.png"], "--disparities"),
         (["left.png", "right.png", "--disparities", "8:0"], "MIN <= MAX"),
         (["left.png", "right.png", "--disparities", "0:1e9:1e6"], "none beyond 1e+06"),

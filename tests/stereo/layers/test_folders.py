@@ -108,6 +108,7 @@ def test_files_can_be_opened_by_others(tmp_path: Path, image: LayeredDepthImage)
         (lambda index: index.pop("frame"), "no 'frame'"),
         (lambda index: index.update(width=1 << 20), "'width' is no whole number"),
         (lambda index: index.update(height=True), "'height' is no whole number"),
+        (lambda index: index.update(reference="\ud800"), "'reference' is not of Unicode characters"),
         (lambda index: index["frame"].update(width=1000), "'width' is no whole number"),
         (lambda index: index["disparities"].update(step=0.0), "'step' is out of range"),
         (lambda index: index["disparities"].update(lowest="0"), "'lowest' is no number"),
