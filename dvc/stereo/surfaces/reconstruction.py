@@ -30,6 +30,7 @@ from dvc.stereo.surfaces.fusion import FUSION_ROUNDS, fused
 from dvc.stereo.surfaces.occupancy import (
     Occupancy,
     exactly_supported,
+    fineness,
     neighbours,
     seen_elsewhere,
     supported,
@@ -121,8 +122,8 @@ def reconstruct(
 def most_steps(array: CameraArray, labels: DisparityLabels, settings: StereoSettings) -> int:
     """Return how many views of iterations `reconstruct` finishes if none ends early."""
     (height, width), num_labels = array.shape, labels.num_labels
-    iterations = settings.max_iterations
-    while _is_large((height, width), num_labels):
+    iterations, band = settings.max_iterations, 2 * _half_band(fineness(array, labels)) + 1
+    while _is_large((height, width), num_labels, band):
         height, width, num_labels = height // 2, width // 2, _halved(num_labels)
         iterations += BAND_ITERATIONS
     return iterations * len(array)
@@ -144,9 +145,10 @@ class _Solver:
         self.comparison = Comparison(array, labels, COSTS[settings.cost], undefined=settings.undefined_cost)
         self.arms: dict[tuple[int, Window], Arms] = {}
         self.near = [neighbours(array, index) for index in range(len(array))]
-        self.is_large = _is_large(array.shape, labels.num_labels)
-        self.half_band = round(HALF_BAND_PX * self.comparison.fineness)
-        self.num_labels = 2 * self.half_band + 1 if self.is_large else labels.num_labels
+        self.half_band = _half_band(self.comparison.fineness)
+        band = 2 * self.half_band + 1
+        self.is_large = _is_large(array.shape, labels.num_labels, band)
+        self.num_labels = band if self.is_large else labels.num_labels
         self.strips = _strips(array.shape, self.num_labels)
         rows = min(self.strips[0].stop + 2 * OVERLAP_ROWS, array.shape[0])
         if rows * array.shape[1] * self.num_labels > MOST_CELLS:
@@ -258,8 +260,8 @@ class _Solver:
         other = self.near[index].all[0]
         pair = self.array[index].position, self.array[other].position
         image = self.array[index].image
-        fineness = self.comparison.fineness
-        return continued(occupancy[index], occupancy[other], self.labels, pair, image, fineness)
+        fine = self.comparison.fineness
+        return continued(occupancy[index], occupancy[other], self.labels, pair, image, fine)
 
     def surfaces(self, state: _State) -> tuple[Surface, ...]:
         """Turn labels into disparities; what no camera agrees on counts as occluded."""
@@ -284,8 +286,8 @@ class _Solver:
             return label
         kept = state.occupancy[index].supported
         between = label + np.where(kept, state.inferred[index].offset, 0.0)
-        refined, fineness = np.empty(label.shape), self.comparison.fineness
-        labels = PLANE_TOLERANCE_PX * fineness, MOST_REFINED_PX * fineness
+        refined, fine = np.empty(label.shape), self.comparison.fineness
+        labels = PLANE_TOLERANCE_PX * fine, MOST_REFINED_PX * fine
         window = PLANE_RADIUS_PX, PLANE_SPACING_PX, labels[0], PLANE_LEVELS, CONTINUED_WEIGHT, STIFFNESS_PX2
         _kernels.fit_planes(
             between, kept, self.array[index].image, _kernels.PlaneWindow(*window, labels[1]), refined
@@ -293,8 +295,13 @@ class _Solver:
         return np.clip(refined, 0.0, self.labels.num_labels - 1.0)
 
 
-def _is_large(shape: tuple[int, int], num_labels: int) -> bool:
-    return shape[0] * shape[1] * num_labels > LARGE_CELLS and min(shape) > 1
+def _half_band(fine: float) -> int:
+    return round(HALF_BAND_PX * fine)
+
+
+def _is_large(shape: tuple[int, int], num_labels: int, band: int) -> bool:
+    """Whether half the size tells first which labels are tried, if these are fewer than all."""
+    return shape[0] * shape[1] * num_labels > LARGE_CELLS and min(shape) > 1 and band < num_labels
 
 
 def _halved(num_labels: int) -> int:

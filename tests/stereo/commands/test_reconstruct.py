@@ -202,15 +202,15 @@ def test_work_space_is_bounded() -> None:
         reconstruct(CameraArray(views), DisparityLabels(0.0, 0.01, 4001))
 
 
-@pytest.mark.parametrize("large_cells", [1 << 30, 10_000])
+@pytest.mark.parametrize(("step", "large_cells"), [(1.0, 1 << 30), (1.0, 10_000), (0.25, 10_000)])
 def test_progress_has_an_end(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, large_cells: int
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, step: float, large_cells: int
 ) -> None:
     """As many steps are told as were announced, with views of half the size as well."""
     monkeypatch.setattr(reconstruction, "LARGE_CELLS", large_cells)
     scene = rng.integers(0, 256, (60, 110, 3), dtype=np.uint8)
     views = [ArrayView(f"{m}", scene[:, 4 * m : 4 * m + 100], LatticePosition(m, 0.0)) for m in (0, 1)]
-    array, labels = CameraArray(tuple(views)), DisparityLabels(0.0, 1.0, 8)
+    array, labels = CameraArray(tuple(views)), DisparityLabels(0.0, step, 16)
     settings = StereoSettings(min_change=-1.0, inference="semi-global", cost="squared")
     done: list[int] = []
     reconstruct(array, labels, settings, advance=done.append)

@@ -68,6 +68,19 @@ def test_two_planes_before_three_cameras() -> None:
     assert len(found.figures["changed"]) == found.figures["iterations"]
 
 
+def test_labels_that_are_fewer_than_those_of_a_band_are_all_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half the size is of no use where it leaves as many; and views as wide are not refused."""
+    left, right, _ = pair_of_planes()
+    array, labels = pair_of(left, right), DisparityLabels(0.0, 0.25, 33)
+    once = StereoSettings(max_iterations=1)
+    whole = reconstruct(array, labels, once)
+    monkeypatch.setattr(reconstruction, "LARGE_CELLS", 0)
+    monkeypatch.setattr(reconstruction, "MOST_CELLS", left[..., 0].size * labels.num_labels)
+    found = reconstruct(array, labels, once)
+    for one, other in zip(found.surfaces, whole.surfaces, strict=True):
+        np.testing.assert_array_equal(one.disparity, other.disparity)
+
+
 @pytest.mark.parametrize("cost", COST_NAMES)
 @pytest.mark.parametrize("inference", INFERENCE_NAMES)
 @pytest.mark.parametrize("occlusion", OCCLUSION_NAMES)
