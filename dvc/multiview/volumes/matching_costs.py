@@ -28,6 +28,7 @@ CENSUS_SCALE, LEVEL_SCALE = 12.0, 10.0
 """Bits that differ, and mean difference of levels, at which a cost is at 1 - 1/e of its limit."""
 SQUARED_LIMIT = 400.0
 """Truncation of squared differences, tau_2 of (2.18), in squared levels: twice the noise of a good match."""
+_BESIDE_ROWS = CENSUS_RADIUS_PX + 2  # that census and interpolation need above and below
 
 
 class Band(NamedTuple):
@@ -73,14 +74,14 @@ class CensusCost:
         self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
     ) -> WeightedCosts:
         """Compare; see `MatchingCost`."""
-        others, shifts = phases(other, view.position, labels)
+        others, shifts, needed = phases(other, view.position, labels, rows)
         bits = np.stack([census(picture) for picture in others])
         count = (2 * CENSUS_RADIUS_PX + 1) ** 2
         census_table = _robust(np.arange(count), CENSUS_SCALE)
         level_table = _robust(np.arange(3 * 256) / 3.0, LEVEL_SCALE if self.has_levels else np.inf)
         costs = _empty(view, band, rows)
         image = view.image.astype(np.float32)
-        pictures = (image, census(image)), (others, bits, other.seen)
+        pictures = (image, census(image)), (others, bits, other.seen[needed])
         tables = census_table, level_table
         region = _kernels.Region(shifts, band.origin, rows.start)
         _kernels.census_cost(*pictures, region, *tables, *costs)
@@ -96,10 +97,10 @@ class SquaredCost:
         self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
     ) -> WeightedCosts:
         """Compare; see `MatchingCost`."""
-        others, shifts = phases(other, view.position, labels)
+        others, shifts, needed = phases(other, view.position, labels, rows)
         costs = _empty(view, band, rows)
         limit = np.float32(SQUARED_LIMIT)
-        pictures = view.image.astype(np.float32), others, other.seen
+        pictures = view.image.astype(np.float32), others, other.seen[needed]
         region = _kernels.Region(shifts, band.origin, rows.start)
         _kernels.squared_cost(*pictures, region, limit, *costs)
         return costs
@@ -118,16 +119,29 @@ def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePositi
     return np.column_stack([(view.m - other.m) * disparity, (view.n - other.n) * disparity])
 
 
-def phases(
-    other: ArrayView, position: LatticePosition, labels: DisparityLabels
-) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Interpolate a view at the fractions of a pixel by which labels move it."""
+class Phases(NamedTuple):
+    """Some rows of a view, interpolated at a few fractions of a pixel."""
+
+    pictures: NDArray[np.float32]
+    # of each label the picture, and by how many columns and rows, in the pictures, a point is moved
+    shifts: NDArray[np.int64]
+    rows: slice  # rows of the view that the pictures have
+
+
+def phases(other: ArrayView, position: LatticePosition, labels: DisparityLabels, rows: slice) -> Phases:
+    """Interpolate what rows of a view at a position need of another one."""
     steps = np.floor(offsets(labels, position, other.position) * PHASES_PER_PX + 0.5).astype(np.int64)
     whole, fraction = np.divmod(steps, PHASES_PER_PX)
     distinct, number = np.unique(fraction, axis=0, return_inverse=True)
-    image = other.image.astype(np.float32)
-    pictures = np.stack([_moved(image, *(step / PHASES_PER_PX)) for step in distinct])
-    return pictures, np.ascontiguousarray(np.column_stack([number.ravel(), whole]))
+    height, down = other.shape[0], whole[:, 1]
+    start = min(max(rows.start + int(down.min()) - _BESIDE_ROWS, 0), height - 1)
+    stop = min(max(rows.stop + int(down.max()) + _BESIDE_ROWS, start + 1), height)
+    image = other.image[start:stop].astype(np.float32)
+    pictures = np.empty((len(distinct), *image.shape), np.float32)
+    for picture, step in zip(pictures, distinct, strict=True):
+        picture[:] = _moved(image, *(step / PHASES_PER_PX))
+    shifts = np.ascontiguousarray(np.column_stack([number.ravel(), whole[:, 0], down - start]))
+    return Phases(pictures, shifts, slice(start, stop))
 
 
 def _moved(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float32]:

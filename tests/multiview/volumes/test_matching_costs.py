@@ -113,7 +113,7 @@ def test_phases_are_the_view_between_its_pixels() -> None:
     """Each label's picture and shift together sample the view where the label moves it."""
     labels = DisparityLabels(0.0, 0.25, 9)
     view = smooth_view("a", 1.0, 0.0, 0.0)
-    pictures, shifts = phases(view, LatticePosition(0.0, 0.5), labels)
+    pictures, shifts, _ = phases(view, LatticePosition(0.0, 0.5), labels, slice(0, 24))
     assert len(pictures) == 8, "quarters across, with their halves down"
     y, x = np.indices(view.shape, np.float64)
     inner = slice(6, -6), slice(6, -6)
@@ -125,6 +125,24 @@ def test_phases_are_the_view_between_its_pixels() -> None:
     assert (pictures[shifts[0, 0]] == view.image).all(), "whole pixels are not interpolated"
     assert pictures.min() >= 0.0
     assert pictures.max() <= 255.0
+
+
+@pytest.mark.parametrize("name", sorted(COSTS))
+@pytest.mark.parametrize(("m", "n"), [(1.0, 0.0), (0.37, 1.13), (0.0, -2.0), (0.0, 30.0)])
+def test_rows_need_no_others(name: str, m: float, n: float, rng: np.random.Generator) -> None:
+    """Costs of some rows are those of the whole, and few rows are interpolated for them."""
+    shape, labels = (64, 20), DisparityLabels(-1.0, 0.3, 12)
+    images = rng.integers(0, 256, (2, *shape, 3)).astype(np.uint8)
+    view = ArrayView("a", images[0], LatticePosition(0.0, 0.0))
+    other = ArrayView("b", images[1], LatticePosition(m, n), rng.random(shape) < 0.8)
+    band = every_label(labels, shape)
+    whole = COSTS[name](view, other, labels, band, slice(0, 64))
+    for rows in (slice(0, 5), slice(20, 33), slice(60, 64)):
+        found = COSTS[name](view, other, labels, band, rows)
+        for one, expected in zip(found, whole, strict=True):
+            np.testing.assert_array_equal(one, expected[rows])
+    needed = phases(other, view.position, labels, slice(20, 30)).pictures.shape[1]
+    assert needed <= 10 + 4 * abs(n) + 10
 
 
 @pytest.mark.parametrize("name", sorted(COSTS))
