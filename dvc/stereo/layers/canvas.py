@@ -35,8 +35,10 @@ class DepthScale(NamedTuple):
     shift: float
 
     def depth(self, disparity: NDArray[np.floating]) -> Floats:
-        """Return depths."""
-        return self.scale / (disparity.astype(np.float64) + self.shift)
+        """Return depths; infinite beyond infinity."""
+        from_infinity = disparity.astype(np.float64) + self.shift
+        is_before = from_infinity > 0.0
+        return np.where(is_before, self.scale / np.where(is_before, from_infinity, 1.0), np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ class Canvas:
         return DepthScale(1.0, 0.0)
 
     def points(self, disparity: NDArray[np.floating]) -> Floats:
-        """Return points in space."""
+        """Return points in space, of disparities whose depth is finite."""
         y, x = np.indices(self.shape, np.float64)
         x, y = x - self.frame.left, y - self.frame.top
         if self.world_from_rectified is not None:

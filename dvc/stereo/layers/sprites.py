@@ -145,8 +145,8 @@ def _depths(image: LayeredDepthImage) -> NDArray[np.float64]:
     """Return depths (2.12) behind a minus, scaled so that at the median they change as disparities do."""
     scale, shift = image.canvas.depth_scale
     median = float(np.median(image.disparity[image.occupied])) if image.occupied.any() else 1.0
-    disparity = np.where(image.occupied, image.disparity, np.float32(median))
-    return -image.canvas.depth_scale.depth(disparity) * (median + shift) ** 2 / scale
+    disparity = np.where(image.occupied, image.disparity, np.float32(median)).astype(np.float64)
+    return -(scale / (disparity + shift)) * (median + shift) ** 2 / scale
 
 
 def extract_sprites(

@@ -34,10 +34,13 @@ def _on_canvas(sprites: SpriteSet) -> Iterable[Surface]:
 
 
 def _shape(canvas: Canvas, surfaces: Iterable[Surface]) -> Shape:
+    """The mesh of some surfaces, without what is beyond infinity."""
     shapes, num_points = [], 0
     for colour, disparity, mask in surfaces:
-        points = canvas.points(np.where(mask, disparity, np.float32(canvas.labels.highest)))
-        shape = surface_shape(points, colour, disparity, JUMP * canvas.resolution, mask)
+        kept = mask & np.isfinite(canvas.depth_scale.depth(disparity))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            points = canvas.points(disparity)
+        shape = surface_shape(points, colour, disparity, JUMP * canvas.resolution, kept)
         shapes.append(Shape(shape.points, shape.colours, shape.triangles + num_points))
         num_points += len(shape.points)
     parts = [[getattr(shape, name) for shape in shapes] for name in ("points", "colours", "triangles")]

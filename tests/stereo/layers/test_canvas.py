@@ -27,6 +27,12 @@ def test_other_disparities_are_shifted(labels: DisparityLabels) -> None:
     assert depth[1] / depth[0] == pytest.approx(20.0)
 
 
+def test_nothing_is_behind_the_camera() -> None:
+    """What lies at infinity or beyond is infinitely far away."""
+    scale = _canvas(DisparityLabels(5.0, 1.0, 10)).depth_scale
+    np.testing.assert_array_equal(scale.depth(np.array([0.0, -1.0, 4.0])), [np.inf, np.inf, 0.25])
+
+
 def test_one_label() -> None:
     """A range of a single disparity, even 0, has a depth."""
     assert np.isfinite(_canvas(DisparityLabels(0.0, 1.0, 1)).depth_scale.depth(np.zeros(1))).all()
