@@ -39,6 +39,8 @@ MIN_HIDDEN_REGION_PX = 20
 """Smaller regions behind two other surfaces are accidents at their borders."""
 MAX_CANVAS_FRAMES = 16
 """The canvas is at most this many times as large as a view."""
+MAX_POINTS_PER_PIXEL = MAX_CANVAS_FRAMES
+"""That all views have on the canvas, on average: surfaces that do not fold cover it once."""
 MAX_MAGNITUDE = 1e6
 """Of disparities and positions."""
 _ROWS = 64
@@ -165,7 +167,8 @@ def layered_depth_image(
     Raises
     ------
     DvcError
-        If numbers make no sense, or the canvas would be larger than `MAX_CANVAS_FRAMES` views.
+        If numbers make no sense, the canvas would be larger than `MAX_CANVAS_FRAMES` views, or there are
+        more than `MAX_POINTS_PER_PIXEL`.
     """
     array = reconstruction.array
     _check_magnitudes(reconstruction)
@@ -259,6 +262,12 @@ def _splat(
     counts = np.zeros(num_cells, np.int64)
     enter(counts, np.empty(0, np.float32), np.empty(0, np.int16))
     starts = np.concatenate([[0], np.cumsum(counts)])
+    num_pixels = sum(surface.disparity.size for surface in reconstruction.surfaces)
+    if starts[-1] > MAX_POINTS_PER_PIXEL * num_pixels:
+        raise DvcError(
+            f"surfaces of {num_pixels} pixels have {starts[-1]} points; "
+            f"at most {MAX_POINTS_PER_PIXEL} a pixel are accepted"
+        )
     points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
     enter(starts[:-1].copy(), points, cameras)
     _kernels.sort_points(starts, points, cameras)

@@ -253,3 +253,13 @@ def test_surfaces_far_apart_are_refused() -> None:
     wrong = [surface.disparity * 1e3 for surface in reconstruction.surfaces]
     with pytest.raises(DvcError, match="at most 16 times a view"):
         layered_depth_image(_changed(reconstruction, wrong))
+
+
+def test_surfaces_that_fold_all_over_are_refused() -> None:
+    """Noise within a step that is as large as the views has no end of points."""
+    reconstruction = reconstruction_of((BACKGROUND,), [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)], LABELS)
+    rng = np.random.default_rng(4)
+    noise = [150.0 * rng.integers(0, 2, surface.disparity.shape) for surface in reconstruction.surfaces]
+    surfaces, labels = _changed(reconstruction, noise).surfaces, DisparityLabels(0.0, 150.0, 2)
+    with pytest.raises(DvcError, match="at most 16 a pixel"):
+        layered_depth_image(Reconstruction(reconstruction.array, labels, surfaces, {}))
