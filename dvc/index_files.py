@@ -117,7 +117,7 @@ def write_index(path: Path, format_name: str, version: int, values: dict[str, An
 def read_index(path: Path, format_name: str, version: int, writer: str) -> Entry:
     """Read an index file."""
     try:
-        values = json.loads(read_whole(path).decode())
+        values = json.loads(read_whole(path).decode(), parse_float=_finite, parse_constant=_finite)
     except (FileNotFoundError, NotADirectoryError) as err:
         raise DvcError(f"{path.parent}: not a folder that `{writer}` has written") from err
     except (ValueError, RecursionError) as err:
@@ -127,6 +127,13 @@ def read_index(path: Path, format_name: str, version: int, writer: str) -> Entry
     if values.get("version") != version:
         raise DvcError(f"{path}: version {values.get('version')!r} is not known, only {version}")
     return Entry(path, values)
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text} is not finite")
+    return number
 
 
 def read_labels(entry: Entry) -> DisparityLabels:

@@ -43,6 +43,12 @@ class Lattice:
     v2: Floats
 
     @property
+    def spans_a_plane(self) -> bool:
+        """Whether both steps have a length, and they are not parallel."""
+        lengths = float(np.linalg.norm(self.v1) * np.linalg.norm(self.v2))
+        return bool(np.linalg.norm(np.cross(self.v1, self.v2)) > 1e-6 * lengths)
+
+    @property
     def basis(self) -> Floats:
         """``V = (v1 v2 v3)``; v3 is normal to the plane, as long as the square root of a cell's area."""
         normal = np.cross(self.v1, self.v2)
@@ -68,10 +74,10 @@ def fit_lattice(centres: Floats, positions: Floats, orientation: Orientation) ->
         along = offset.T @ (shift @ directions[0]) / extent[0] ** 2 if rank else orientation.right
         across = _across(along, orientation.forward)
         v1, v2 = a * along - b * across, b * along + a * across
-    lengths = float(np.linalg.norm(v1) * np.linalg.norm(v2))
-    if not np.linalg.norm(np.cross(v1, v2)) > 1e-6 * lengths:
+    lattice = Lattice(middle - place[0] * v1 - place[1] * v2, v1, v2)
+    if not lattice.spans_a_plane:
         raise ConfigError("the cameras stand on a line or at one place, but their positions (m, n) do not")
-    return Lattice(middle - place[0] * v1 - place[1] * v2, v1, v2)
+    return lattice
 
 
 def _across(along: Floats, forward: Floats) -> Floats:

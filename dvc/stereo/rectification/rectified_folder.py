@@ -66,11 +66,13 @@ def read_rectified(folder: Path) -> RectifiedViews:
     positions = tuple(LatticePosition(entry.number("m"), entry.number("n")) for entry in entries)
     if len(positions) < 2 or len(set(positions)) < len(positions):
         index.refuse("fewer than two views, or two have one position")
-    lattice, (x0, y0) = index.entry("lattice"), index.vector("offset_px", 2)
-    steps = (lattice.vector(key, 3, LARGEST) for key in ("origin", "v1", "v2"))
+    entry, (x0, y0) = index.entry("lattice"), index.vector("offset_px", 2)
+    lattice = Lattice(*(entry.vector(key, 3, LARGEST) for key in ("origin", "v1", "v2")))
+    if not lattice.spans_a_plane:
+        entry.refuse("the steps 'v1' and 'v2' span no plane")
     rectification = Rectification(
         tuple(_read_camera(entry) for entry in entries),
-        Lattice(*steps),
+        lattice,
         positions,
         index.number("focal_length_px", 0.0),
         index.number("middle_disparity"),
@@ -95,6 +97,8 @@ def _read_camera(entry: Entry) -> Camera:
 def _read_view(folder: Path, name: str, position: LatticePosition, size: tuple[int, int]) -> ArrayView:
     path, shape = folder / f"view-{name}.png", size[::-1]
     valid = read_plane(folder / f"valid-{name}.png", 1, shape) > 127
+    if not valid.any():
+        raise DvcError(f"{path}: nothing in it is valid")
     image = read_picture(path)
     if image.shape[:2] != shape:
         raise DvcError(f"{path}: {image.shape[1]}x{image.shape[0]}, expected {size[0]}x{size[1]}")

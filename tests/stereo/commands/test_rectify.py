@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dvc.pfm import read_pfm
-from dvc.picture_files import read_picture
+from dvc.picture_files import read_picture, write_png
 from dvc.stereo.__main__ import main
 from dvc.stereo.surfaces.folder import read_reconstruction
 from sequences.array_views import write_array
@@ -117,9 +117,18 @@ def test_folder_of_rectified_views_is_as_good_as_the_cameras(
         ({"views": whole["views"][:1]}, "fewer than two views"),
         ({"width": 7}, "not an eight-bit grey picture of 7x"),
         ({"offset_px": [1.0]}, "'offset_px' is no list of 2 numbers"),
+        ({"lattice": {**whole["lattice"], "v1": [0.0, 0.0, 0.0]}}, "span no plane"),
+        ({"lattice": {**whole["lattice"], "v1": whole["lattice"]["v2"]}}, "span no plane"),
+        ({"row_rms_px": float("nan")}, "not a JSON file"),
     ):
         index.write_text(json.dumps({**whole, **changed}))
         check_refused([out[0]], message, tmp_path / "none", capsys)
+    index.write_text(json.dumps({**whole, "row_rms_px": 9.0}).replace("9.0", "1e999"))
+    check_refused([out[0]], "not a JSON file", tmp_path / "none", capsys)
+    index.write_text(json.dumps(whole))
+    valid = read_picture(out[0] / "valid-toy-0-0.png")[:, :, 0]
+    write_png(out[0] / "valid-toy-0-0.png", np.zeros_like(valid))
+    check_refused([out[0]], "nothing in it is valid", tmp_path / "none", capsys)
     index.unlink()
     check_refused([out[0]], "not a folder that `dvc-stereo rectify` has written", tmp_path / "none", capsys)
     check_refused([out[0], pair[0]], "stands alone", tmp_path / "none", capsys)
