@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.errors import ConfigError
+from dvc.errors import ConfigError, DvcError
 from dvc.files import atomic_output
 from dvc.multiview.camera_array import LatticePosition
 from dvc.stereo.layers.canvas import DEPTH_RANGE
@@ -79,6 +79,8 @@ def surface_shape(
 
 def write_shape(path: Path, shape: Shape) -> None:
     """Write points or a mesh."""
+    if not len(shape.points):
+        raise DvcError(f"cannot write {path}: the surface has no points")
     trimesh = _trimesh()
     kind = path.suffix.lower()[1:]
     points = shape.points * _UPRIGHT if kind == "glb" else shape.points

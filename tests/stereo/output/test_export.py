@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.errors import ConfigError
+from dvc.errors import ConfigError, DvcError
 from dvc.stereo.commands.options import check_export
 from dvc.stereo.output.export import (
     DEPTH_RANGE,
@@ -82,6 +82,15 @@ def test_files_are_read_back(tmp_path: Path, ending: str, as_points: bool) -> No
     np.testing.assert_allclose(loaded.vertices, expected, atol=1e-5)
     colours = loaded.colors if as_points else loaded.visual.vertex_colors
     np.testing.assert_array_equal(np.asarray(colours)[:, :3], shape.colours)
+
+
+@pytest.mark.parametrize("ending", ["ply", "glb"])
+def test_nothing_is_no_mesh(tmp_path: Path, ending: str) -> None:
+    """Without points there is one line, and no file."""
+    nothing = Shape(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros((0, 3), np.int64))
+    with pytest.raises(DvcError, match="has no points"):
+        write_shape(tmp_path / f"shape.{ending}", nothing)
+    assert not list(tmp_path.iterdir())
 
 
 def test_names_are_checked_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
