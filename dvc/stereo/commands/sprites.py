@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
+from dvc.errors import ConfigError
 from dvc.stereo.commands.layers import add_output_options
 from dvc.stereo.commands.options import check_outputs
 
@@ -47,6 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     meshes = check_outputs(arguments)
     image = _read(Path(arguments.path), arguments.quiet)
+    if not image.occupied.any():
+        raise ConfigError(f"{arguments.path}: the layers have no values")
     with cli.progress_bar("sprites", int(image.occupied.sum()), arguments.quiet) as advance:
         sprites = extract_sprites(image, advance=advance)
     with atomic_folder(arguments.out) as folder:

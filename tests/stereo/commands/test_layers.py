@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ import pytest
 
 from dvc.stereo.__main__ import main
 from dvc.stereo.layers.layered_depth_image import layered_depth_image
-from dvc.stereo.layers.layers_folder import read_layers
+from dvc.stereo.layers.layers_folder import read_layers, write_layers
 from dvc.stereo.layers.sprites_folder import read_sprites
 from dvc.stereo.output.layer_pictures import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
 from dvc.stereo.surfaces.folder import write_reconstruction
@@ -126,6 +127,16 @@ def test_refusals(
     told = capsys.readouterr().err
     assert message in told
     assert told.count("\n") == 1
+    assert not Path("out").exists()
+
+
+def test_layers_without_values_have_no_sprites(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is one line, and no folder."""
+    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
+    Path("empty").mkdir()
+    write_layers(Path("empty"), replace(image, votes=np.zeros_like(image.votes)))
+    assert run("sprites", "empty", "--out", "out") == 2
+    assert "empty: the layers have no values" in capsys.readouterr().err
     assert not Path("out").exists()
 
 
