@@ -266,6 +266,8 @@ def atomic_output(path: str | Path, *, visible: bool = False, kept: bool = False
 def check_folder(path: str | Path) -> None:
     """Refuse a folder that `atomic_folder` would refuse, before any work is done."""
     target = Path(path)
+    if target.name in ("", ".."):
+        raise DvcError(f"cannot write {target}: it has no name; a new folder in it has one")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise DvcError(f"cannot write {target}: it exists and is not an empty folder")
     if not target.absolute().parent.is_dir():

@@ -294,6 +294,15 @@ def test_folder_is_refused_before_any_work(tmp_path: Path) -> None:
     check_folder(tmp_path / "new")
 
 
+@pytest.mark.parametrize("name", [".", "", "..", "/", "empty/.."])
+def test_folder_without_a_name_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Where one is, even if that is empty, no folder can be put in its place."""
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    with pytest.raises(DvcError, match="it has no name"):
+        check_folder(name)
+
+
 def test_what_never_ends_is_not_read_whole(tmp_path: Path) -> None:
     """A file is read whole, a pipe as far as it goes, and a device that goes on for ever is refused."""
     path = tmp_path / "some"
