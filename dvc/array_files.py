@@ -96,7 +96,8 @@ def _check_names(paths: Sequence[str | Path]) -> None:
     for path in paths:
         if not is_unicode(Path(path).name):
             raise ConfigError(f"{path}: the name is not of Unicode characters")
-    _check_distinct("name", [Path(path).stem for path in paths])
+    stems = [Path(path).stem for path in paths]
+    _check_distinct("name", stems, stems)
 
 
 def is_unicode(text: str) -> bool:
@@ -114,8 +115,8 @@ def read_pictures_of_one_size(paths: Sequence[str | Path]) -> list["NDArray[np.u
     return pictures
 
 
-def _check_distinct(kind: str, values: Sequence[str]) -> None:
-    twice = next((value for value in values if values.count(value) > 1), None)
+def _check_distinct(kind: str, values: Sequence[object], texts: Sequence[str]) -> None:
+    twice = next((text for value, text in zip(values, texts, strict=True) if values.count(value) > 1), None)
     if twice is not None:
         raise ConfigError(f"two views have the {kind} {twice}")
 
@@ -134,8 +135,7 @@ def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition
         positions = LatticePosition(0.0, 0.0), LatticePosition(1.0, 0.0)
     if len(positions) != len(paths):
         raise ConfigError(f"{len(paths)} views and {len(positions)} positions: one for each is needed")
-    places = [f"{position.m:g},{position.n:g}" for position in positions]
-    _check_distinct("position", places)
+    _check_distinct("position", positions, [f"{position.m:g},{position.n:g}" for position in positions])
     pictures = read_pictures_of_one_size(paths)
     stems = [Path(path).stem for path in paths]
     views = zip(stems, pictures, positions, strict=True)

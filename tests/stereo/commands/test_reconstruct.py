@@ -130,6 +130,7 @@ def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFi
         (["left.png", "right.png", "--disparities", "0:1e9:1e6"], "none beyond 1e+06"),
         (["left.png", "right.png", "--disparities", "0:0:1e-300"], "expected a step of"),
         (["left.png", "right.png", "--lattice", "0,0", "1e300,0", "--disparities", "0:8"], "expected M,N"),
+        (["left.png", "right.png", "--lattice", "0,0", "-0,0", "--disparities", "0:8"], "the position 0,0"),
         (["left.png", "right.png", "--disparities", "0:8", "--mask", "truth.png"], "need --truth"),
         (["left.png", "right.png", "--disparities", "0:8", "--ply", "a.obj"], "ends in .ply"),
         (["left.png", "right.png", "--disparities", "0:8", "--json", "left.png"], "is also an input"),
