@@ -172,6 +172,12 @@ def add_camera_option(parser: argparse.ArgumentParser, required: bool = False, r
     parser.add_argument("--keep-cameras", action="store_true", help=keep)
 
 
+def table_files(arguments: argparse.Namespace) -> list[str | Path]:
+    """Return the files of the options that say where cameras stand, for `dvc.cli.check_outputs`."""
+    named = [name for name in (arguments.views, arguments.cameras) if name not in (None, "auto")]
+    return [file for name in named for file in (Path(name).iterdir() if Path(name).is_dir() else [name])]
+
+
 def positions_of(arguments: argparse.Namespace, paths: Sequence[str]) -> list["LatticePosition"] | None:
     """Return the positions that the options of `add_array_options` give to views."""
     if arguments.views is None:

@@ -473,6 +473,15 @@ def test_check_outputs_accepts_what_can_be_written(tmp_path: Path) -> None:
         cli.check_outputs([tmp_path / "in"], [tmp_path / "link"])
 
 
+def test_folders_that_are_inputs_take_no_outputs(tmp_path: Path) -> None:
+    (tmp_path / "folder" / "deep").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "folder")
+    cli.check_outputs([tmp_path / "folder"], [tmp_path / "folder.json"])
+    for name in ("folder/a", "folder/deep/a", "link/a"):
+        with pytest.raises(ConfigError, match="in a folder that is an input"):
+            cli.check_outputs([tmp_path / "folder"], [tmp_path / name])
+
+
 def test_progress_bar_is_silent_away_from_terminals(capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing is written to a stderr that is no terminal."""
     with cli.progress_bar("work", 2) as progress:

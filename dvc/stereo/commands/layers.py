@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvc.stereo.output.layer_pictures import draw_layers, draw_values_per_pixel
     from dvc.stereo.surfaces.folder import read_reconstruction
 
-    meshes = check_outputs(arguments)
+    meshes = check_outputs(arguments, [arguments.path])
     reconstruction = read_reconstruction(arguments.path)
     with cli.progress_bar("layers", len(reconstruction.array), arguments.quiet) as advance:
         image = layered_depth_image(reconstruction, advance=advance)

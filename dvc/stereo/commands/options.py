@@ -58,7 +58,7 @@ def check_export(arguments: argparse.Namespace) -> list[Path]:
     return [path for path, _ in asked]
 
 
-def check_outputs(arguments: argparse.Namespace, inputs: Sequence[str | Path] = ()) -> list[Path]:
+def check_outputs(arguments: argparse.Namespace, inputs: Sequence[str | Path]) -> list[Path]:
     """Refuse folders and files that cannot be written, before any work is done."""
     from dvc.files import check_folder
 

@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvc.stereo.surfaces.reconstruction import most_steps, reconstruct
 
     maps = [name for name in (arguments.truth, arguments.mask) if name is not None]
-    shapes = check_outputs(arguments, [*arguments.paths, *maps])
+    shapes = check_outputs(arguments, [*arguments.paths, *array_files.table_files(arguments), *maps])
     array, labels, rectified = _views(arguments)
     rectification = None if rectified is None else rectified.rectification
     truth = _truth(arguments, array)

@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvc.stereo.output.layer_page import PAGE, sprites_gallery
     from dvc.stereo.output.layer_pictures import draw_sprites
 
-    meshes = check_outputs(arguments)
+    meshes = check_outputs(arguments, [arguments.path])
     image = _read(Path(arguments.path), arguments.quiet)
     if not image.occupied.any():
         raise ConfigError(f"{arguments.path}: the layers have no values")

@@ -115,6 +115,8 @@ def test_missing_extra(
         ),
         (("layers", "surfaces", "--out", "surfaces"), "not an empty folder"),
         (("layers", "surfaces"), "--out"),
+        (("layers", "surfaces", "--out", "out", "--json", "surfaces/stereo.json"), "that is an input"),
+        (("sprites", "surfaces", "--out", "out", "--json", "surfaces/stereo.json"), "that is an input"),
         (("sprites", "surfaces", "--out", "out", "--glb", "a.ply"), "ends in .glb"),
         (("layers", "surfaces", "--out", "out", "--json", "no/a.json"), "folder does not exist"),
     ],

@@ -134,6 +134,8 @@ def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFi
         (["left.png", "right.png", "--disparities", "0:8", "--mask", "truth.png"], "need --truth"),
         (["left.png", "right.png", "--disparities", "0:8", "--ply", "a.obj"], "ends in .ply"),
         (["left.png", "right.png", "--disparities", "0:8", "--json", "left.png"], "is also an input"),
+        (["left.png", "right.png", "--views", "text.png", "--json", "text.png"], "is also an input"),
+        (["left.png", "right.png", "--cameras", "colmap", "--json", "colmap/cameras.txt"], "also an input"),
         (["left.png", "right.png", "--disparities", "0:8", "--truth", "truth.png"], "--truth-scale"),
         (
             ["left.png", "right.png", "--disparities", "0:8", "--truth", "small.png", "--truth-scale", "4"],
@@ -152,6 +154,8 @@ def test_bad_input_is_one_line(
     cv2.imwrite("small.png", np.eye(10, dtype=np.uint8) * 200)
     cv2.imwrite("black.png", np.zeros((48, 72, 3), np.uint8))
     (views / "text.png").write_text("no picture")
+    (views / "colmap").mkdir()
+    (views / "colmap" / "cameras.txt").touch()
     assert run(*arguments, "--out", "out") == 2
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
