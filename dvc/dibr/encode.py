@@ -121,7 +121,12 @@ def _calibrated(
 ) -> tuple["Views", "DisparityLabels"]:
     """Read views of general cameras."""
     from dvc.calibration.camera_files import load_cameras
-    from dvc.depthcodec.prediction.calibrated import depths_of_points, labels_of_depths, views_of_cameras
+    from dvc.depthcodec.prediction.calibrated import (
+        depths_of_points,
+        labels_of_depths,
+        views_of_cameras,
+        with_near_origin,
+    )
 
     given = {
         "--disparities": arguments.disparities,
@@ -132,7 +137,7 @@ def _calibrated(
     if named is not None:
         raise ConfigError(f"{named} is for rectified views; with --cameras there are --depths")
     pictures = array_files.read_pictures_of_one_size(paths)
-    calibrated = load_cameras(arguments.cameras, paths, pictures)
+    calibrated = with_near_origin(load_cameras(arguments.cameras, paths, pictures))
     views = views_of_cameras(pictures, calibrated.cameras, references, gray=arguments.gray)
     near, far, num_labels = arguments.depths or (*depths_of_points(views, calibrated.points), None)
     return views, labels_of_depths(views, near, far, num_labels)

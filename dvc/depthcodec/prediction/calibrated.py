@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.array_files import MAX_LABELS
-from dvc.calibration.cameras import NO_DISTORTION, Camera
+from dvc.calibration.cameras import NO_DISTORTION, CalibratedViews, Camera
 from dvc.depthcodec.prediction.views import Views, views_of_pictures
 from dvc.errors import ConfigError
 from dvc.imagecodec.colour import Picture
@@ -16,10 +17,23 @@ from dvc.multiview.viewpoints import CalibratedViewpoint, distance, warp_between
 
 Floats = NDArray[np.float64]
 
+_FAR_ORIGIN = 1000.0
+"""Times the cameras' distance from each other; nearer origins are kept, parallax is then right to 1e-4."""
 _GRID = 9
 """Points along each side of a picture at which parallax is looked at."""
 _MARGIN = 0.05
 """By how much of the range of known points depths may be nearer or farther, in inverse depth."""
+
+
+def with_near_origin(given: CalibratedViews) -> CalibratedViews:
+    """Move the world to the first camera if it is so far that single precision loses where cameras stand."""
+    centres = np.array([camera.centre for camera in given.cameras])
+    first = centres[0]
+    span = float(np.linalg.norm(centres - first, axis=1).max())
+    if not 0.0 < _FAR_ORIGIN * span < float(np.linalg.norm(centres, axis=1).max()):
+        return given
+    cameras = tuple(replace(camera, t=camera.t + camera.R @ first) for camera in given.cameras)
+    return CalibratedViews(cameras, given.points - first if len(given.points) else given.points)
 
 
 def views_of_cameras(

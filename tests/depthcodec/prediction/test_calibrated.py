@@ -1,6 +1,7 @@
 """Views of general cameras: labels a pixel of parallax apart, and what is refused."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -8,13 +9,19 @@ import numpy as np
 import pytest
 
 from dvc.array_files import MAX_LABELS
-from dvc.calibration.cameras import Camera
+from dvc.calibration.cameras import CalibratedViews, Camera
 from dvc.depthcodec.prediction import calibrated
-from dvc.depthcodec.prediction.calibrated import depths_of_points, labels_of_depths, views_of_cameras
+from dvc.depthcodec.prediction.calibrated import (
+    depths_of_points,
+    labels_of_depths,
+    views_of_cameras,
+    with_near_origin,
+)
 from dvc.depthcodec.prediction.memory import check_memory
+from dvc.depthcodec.prediction.stream import Header, decode_header, encode_header
 from dvc.depthcodec.prediction.views import Views
 from dvc.errors import ConfigError
-from dvc.multiview.viewpoints import warp_between
+from dvc.multiview.viewpoints import CalibratedViewpoint, warp_between
 from dvc.multiview.warping import warp_grid
 
 SIZE = 64, 48
@@ -24,6 +31,10 @@ INTRINSIC = np.array([[70.0, 0.0, 31.5], [0.0, 70.0, 23.5], [0.0, 0.0, 1.0]])
 def camera(name: str, turn: list[float], translation: list[float], **options: object) -> Camera:
     rotation = np.asarray(cv2.Rodrigues(np.array(turn, np.float64))[0])
     return Camera(name, INTRINSIC, rotation, np.array(translation, np.float64), SIZE, **options)  # type: ignore[arg-type]
+
+
+def viewpoint_of(one: Camera) -> CalibratedViewpoint:
+    return CalibratedViewpoint(one.K, np.column_stack([one.R, one.t]))
 
 
 def views_of(*cameras: Camera) -> Views:
@@ -48,6 +59,29 @@ def test_a_step_is_at_most_a_pixel_of_parallax(translation: list[float]) -> None
     assert 0.7 < max(steps) <= 1.0 + 1e-6
     assert inverse[0] == 0.0
     assert inverse[-1] == pytest.approx(1.0 / 3.0)
+
+
+@pytest.mark.parametrize("away", [500.0, 5e6])
+def test_an_origin_far_away_is_moved_to_the_first_camera(away: float) -> None:
+    """Single precision keeps where cameras stand to each other; what it keeps anyway stays as it is."""
+    origin = np.array([away, -away, 0.1 * away])
+    turns, centres = ([0.1, 0.2, 0.0], [0.0, -0.1, 0.3]), np.array([[0.0, 0.0, 0.0], [1.0, 0.25, 0.0]])
+    near = [camera(f"{k}", turn, [0, 0, 0]) for k, turn in enumerate(turns)]
+    near = [replace(one, t=-one.R @ place) for one, place in zip(near, centres, strict=True)]
+    points = np.array([[0, 0, 4.0], [0, 0, 9.0]])
+    given = CalibratedViews(tuple(replace(one, t=one.t - one.R @ origin) for one in near), origin + points)
+    found = with_near_origin(given)
+    if away < 1000.0:
+        assert found is given
+        return
+    np.testing.assert_allclose([one.centre for one in found.cameras], centres, atol=1e-6)
+    np.testing.assert_allclose(found.points, points, atol=1e-6)
+    views = views_of(*found.cameras)
+    labels = labels_of_depths(views, *depths_of_points(views, found.points))
+    exact = Header(views.shape, "l", labels, (0,), 1, views.viewpoints)
+    header, _ = decode_header(encode_header(exact))
+    warps = [warp_between(*one) for one in (header.viewpoints, [viewpoint_of(one) for one in near])]
+    np.testing.assert_allclose(*warps, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize(("parallax_px", "refused"), [(MAX_LABELS - 1.0, False), (MAX_LABELS - 0.9, True)])
