@@ -139,6 +139,6 @@ def _finite(text: str) -> float:
 def read_labels(entry: Entry) -> DisparityLabels:
     """Read the disparities of an index file, under the names of their fields."""
     step, num_labels = entry.number("step", 0.0), entry.integer("num_labels", 1, MAX_LABELS)
-    if step < MIN_STEP:
+    if step < MIN_STEP * (1.0 - 1e-6):  # as single precision has it
         entry.refuse("'step' is out of range")
     return DisparityLabels(entry.number("lowest"), step, num_labels)

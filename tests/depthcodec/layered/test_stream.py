@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dvc.array_files import MIN_STEP
 from dvc.depthcodec.layered.decoder import decode
 from dvc.depthcodec.layered.encoder import encode_to_size
 from dvc.depthcodec.layered.pieces import Kind, Pieces
@@ -19,6 +20,7 @@ from dvc.depthcodec.layered.stream import (
     encode_stream,
 )
 from dvc.errors import BitstreamError, ConfigError
+from dvc.multiview.camera_array import DisparityLabels
 from dvc.stereo.layers.canvas import Frame
 from tests.depthcodec.layered.scenes import canvas_of, odd_sprites, sprite_of
 
@@ -46,6 +48,13 @@ def test_streams_come_back() -> None:
         piece.depth.data for piece in first.pieces if piece
     ]
     assert again.num_header_bytes == len(encode_header(CANVAS, Kind.SPRITES, again.rectangles, (1, 1)))
+
+
+def test_the_least_step_comes_back() -> None:
+    """In single precision it is a little less."""
+    canvas = canvas_of((12, 20), labels=DisparityLabels(0.0, MIN_STEP, 16))
+    found = decode_stream(encode_to_size(replace(SCENE, canvas=canvas), 400).data).canvas
+    assert found.labels.step == pytest.approx(MIN_STEP)
 
 
 @pytest.mark.parametrize(
