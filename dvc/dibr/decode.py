@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_folder(arguments.out)
     truths = [path for path in (arguments.truth_depth, arguments.truth_image) if path is not None]
     cli.check_outputs([arguments.path, *truths], json_files(arguments))
-    stream = read_stream(arguments.path, arguments.max_memory)
+    stream, _ = read_stream(arguments.path, arguments.max_memory)
     figures = _write(arguments, stream)
     warn(arguments.path, figures["damage"])
     text = f"{arguments.out}: {figures['width']}x{figures['height']}, {_told(figures)}\n"

@@ -82,9 +82,9 @@ def stream_quality(path: str, arguments: argparse.Namespace) -> dict[str, Any]:
     from dvc.metrics import psnr_db
 
     truth_depth, truth_image = arguments.truth_depth, arguments.truth_image
-    stream = read_stream(path, arguments.max_memory)
+    stream, num_bytes = read_stream(path, arguments.max_memory)
     with naming(path):
-        figures = stream_figures(stream, Path(path).stat().st_size)
+        figures = stream_figures(stream, num_bytes)
     shape = figures["height"], figures["width"]
     entries = {"kind": figures.get("kind", "views" if isinstance(stream, Stream) else "map")}
     entries |= {name: figures[name] for name in ("stream_bytes", "bpp", "width", "height", "damage")}

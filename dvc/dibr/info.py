@@ -7,8 +7,6 @@ from dvc import cli
 from dvc.dibr.options import add_figures, add_stream, json_files, naming, read_stream, tell
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from dvc.depthcodec.depth_image.stream import DepthImageStream
     from dvc.depthcodec.layered.stream import LayeredStream
     from dvc.depthcodec.prediction.stream import Header, Stream
@@ -31,36 +29,38 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print it."""
-    from pathlib import Path
-
     cli.check_outputs([arguments.path], json_files(arguments))
-    stream = read_stream(arguments.path, arguments.max_memory)
+    stream, num_bytes = read_stream(arguments.path, arguments.max_memory)
     with naming(arguments.path):
-        figures = stream_figures(stream, Path(arguments.path).stat().st_size)
-        _, text = _figures_and_text(stream)
-    tell(arguments, figures, text(figures))
+        figures = stream_figures(stream, num_bytes)
+    tell(arguments, figures, _text(stream, figures))
     return 0
 
 
 def stream_figures(stream: "Stream | DepthImageStream | LayeredStream", num_bytes: int) -> dict[str, Any]:
     """Return what a stream of any kind says, JSON-safe."""
-    figures, _ = _figures_and_text(stream)
+    figures = _figures(stream)
     bpp = 8 * num_bytes / (figures["width"] * figures["height"])
     return {"stream_bytes": num_bytes, "bpp": bpp, **figures}
 
 
-def _figures_and_text(
-    stream: "Stream | DepthImageStream | LayeredStream",
-) -> "tuple[dict[str, Any], Callable[[dict[str, Any]], str]]":
-    """What a stream says, and how that is printed."""
+def _figures(stream: "Stream | DepthImageStream | LayeredStream") -> dict[str, Any]:
     from dvc.depthcodec.depth_image.stream import DepthImageStream
     from dvc.depthcodec.prediction.stream import Stream
 
     if isinstance(stream, Stream):
-        return _views_figures(stream), _text
-    if isinstance(stream, DepthImageStream):
-        return depth_image_figures(stream), _depth_image_text
-    return layered_figures(stream), _layered_text
+        return _views_figures(stream)
+    return depth_image_figures(stream) if isinstance(stream, DepthImageStream) else layered_figures(stream)
+
+
+def _text(stream: "Stream | DepthImageStream | LayeredStream", figures: dict[str, Any]) -> str:
+    """The figures in words."""
+    from dvc.depthcodec.depth_image.stream import DepthImageStream
+    from dvc.depthcodec.prediction.stream import Stream
+
+    if isinstance(stream, Stream):
+        return _views_text(figures)
+    return _depth_image_text(figures) if isinstance(stream, DepthImageStream) else _layered_text(figures)
 
 
 def _views_figures(stream: "Stream") -> dict[str, Any]:
@@ -209,7 +209,7 @@ def _layer_figures(stream: "Stream") -> list[dict[str, int]]:
     ]
 
 
-def _text(figures: dict[str, Any]) -> str:
+def _views_text(figures: dict[str, Any]) -> str:
     labels, viewpoints = figures["labels"], figures["viewpoints"]
     kind = "on a lattice" if "m" in viewpoints[0] else "of calibrated cameras"
     colour = "colour" if figures["colour"] else "gray"

@@ -157,8 +157,10 @@ def naming(path: str) -> Iterator[None]:
         raise BitstreamError(f"{path}: {err}") from None
 
 
-def read_stream(path: str, max_mib: int | None = None) -> "Stream | DepthImageStream | LayeredStream":
-    """Read a stream of any kind."""
+def read_stream(
+    path: str, max_mib: int | None = None
+) -> "tuple[Stream | DepthImageStream | LayeredStream, int]":
+    """Read a stream of any kind, and tell how many bytes it has."""
     from dvc.depthcodec.container import Body, body_of
 
     data = read_whole(path)
@@ -166,18 +168,20 @@ def read_stream(path: str, max_mib: int | None = None) -> "Stream | DepthImageSt
         body = body_of(data)
         room = {Body.VIEWS: "prediction", Body.DEPTH_IMAGE: "depth_image", Body.PIECES: "layered"}[body]
         module = import_module(f"dvc.depthcodec.{room}.stream")
-        found: Stream | DepthImageStream | LayeredStream = module.decode_stream(data, max_mib)
-    return found
+        return module.decode_stream(data, max_mib), len(data)
 
 
-def decode_views(arguments: argparse.Namespace, resolution: int = 0) -> "DecodedViews | DecodedPieces":
+def decode_views(
+    arguments: argparse.Namespace,
+    stream: "Stream | DepthImageStream | LayeredStream",
+    resolution: int = 0,
+) -> "DecodedViews | DecodedPieces":
     """Decode a stream of any kind, to be rendered."""
     from dvc.depthcodec.depth_image.stream import DepthImageStream
     from dvc.depthcodec.prediction.decoder import decode
     from dvc.depthcodec.prediction.stream import Stream
 
     path, num_layers = arguments.path, arguments.quality_layers
-    stream = read_stream(path, arguments.max_memory)
     if isinstance(stream, Stream):
         with naming(path):
             return decode(stream, num_layers, resolution)

@@ -16,6 +16,7 @@ from dvc.dibr.options import (
     in_decibels,
     json_files,
     parse_view,
+    read_stream,
     render_view,
     tell,
     viewpoint_of,
@@ -66,7 +67,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Render."""
     _check(arguments)
-    decoded = decode_views(arguments)
+    stream, _ = read_stream(arguments.path, arguments.max_memory)
+    decoded = decode_views(arguments, stream)
     height, width = shape_of(decoded)
     figures: dict[str, Any] = {"width": width, "height": height}
     if arguments.route is None:

@@ -12,6 +12,7 @@ from dvc.dibr.options import (
     decode_views,
     json_files,
     parse_view,
+    read_stream,
     render_view,
     tell,
     viewpoint_of,
@@ -22,7 +23,10 @@ from dvc.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from dvc.depthcodec.depth_image.stream import DepthImageStream
     from dvc.depthcodec.layered.decoder import DecodedPieces
+    from dvc.depthcodec.layered.stream import LayeredStream
+    from dvc.depthcodec.prediction.stream import Stream
     from dvc.depthcodec.rendering import DecodedViews
     from dvc.multiview.camera_array import LatticePosition
     from dvc.multiview.viewpoints import Viewpoint
@@ -104,8 +108,9 @@ def _stream(
     from dvc.dibr.render import shape_of
     from dvc.viewer.page import Caption
 
-    decoded = decode_views(arguments)
-    scene, halvings = _scene_of(arguments, decoded)
+    stream, num_bytes = read_stream(arguments.path, arguments.max_memory)
+    decoded = decode_views(arguments, stream)
+    scene, halvings = _scene_of(arguments, stream, decoded)
     known = _qualities(decoded, _placed(decoded.viewpoints, truths), arguments.quiet)
     others = [viewpoint for viewpoint, _ in known if viewpoint not in scene.viewpoints]
     scene = replace(scene, viewpoints=(*scene.viewpoints, *others))
@@ -118,19 +123,22 @@ def _stream(
         notes.append(f"{decoded.num_layers} of {decoded.header.num_layers} quality layers are shown.")
     if halvings:
         notes.append(f"The stream is too large for a page: its sides are shown {2**halvings} times shorter.")
-    path = Path(arguments.path)
     height, width = shape_of(decoded)
     return scene, Caption(
-        path.name,
+        Path(arguments.path).name,
         "decoded stream",
-        path.stat().st_size,
+        num_bytes,
         height * width,
         tuple(notes),
         tuple(qualities.get(viewpoint) for viewpoint in scene.viewpoints),
     )
 
 
-def _scene_of(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPieces") -> "tuple[Scene, int]":
+def _scene_of(
+    arguments: argparse.Namespace,
+    stream: "Stream | DepthImageStream | LayeredStream",
+    decoded: "DecodedViews | DecodedPieces",
+) -> "tuple[Scene, int]":
     """Scene of a decoded stream, and how often its sides are halved in it."""
     from dvc.depthcodec.layered.decoder import DecodedPieces
     from dvc.viewer.canvases import scene_of_pieces
@@ -142,7 +150,7 @@ def _scene_of(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPie
         return scene, 0
     halvings = _halvings(decoded)
     if halvings:
-        shown = decode_views(arguments, halvings)
+        shown = decode_views(arguments, stream, halvings)
         assert not isinstance(shown, DecodedPieces)
         decoded = shown
     return scene_of_stream(decoded), halvings

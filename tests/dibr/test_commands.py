@@ -1,6 +1,7 @@
 """`dvc-dibr`: from pictures to streams, decoded folders, rendered views, and what is refused."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from dvc.depthcodec.prediction.stream import PairLayer, decode_stream, encode_layer, encode_stream
+from dvc.dibr import view
 from dvc.pfm import read_pfm
 from dvc.video import open_video
 from tests.depthcodec.scenes import FAR, FOCAL_PX, NEAR, cameras, true_disparity, write_views
@@ -29,6 +31,23 @@ def views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def encoded(*options: str, views: tuple[str, ...] = ("a.png", "b.png")) -> bytes:
     assert run("encode", *views, "out.dibr", *ENCODE, *options) == 0
     return Path("out.dibr").read_bytes()
+
+
+@pytest.mark.parametrize("command", ["info", "evaluate", "view"])
+def test_streams_come_through_pipes(
+    views: Path, command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are as long as what came, and read once."""
+    data = encoded()
+    monkeypatch.setattr(view, "MAX_PIXELS", 32 * 48 // 4)
+    reader, writer = os.pipe()
+    with os.fdopen(reader), os.fdopen(writer, "wb") as file:
+        file.write(data)
+        file.close()
+        path = f"/dev/fd/{reader}"
+        told = answer(capsys, command, path, *(["--out", "page.html"] if command == "view" else []))
+    figures = told[path] if command == "evaluate" else told
+    assert figures["scene_bytes" if command == "view" else "stream_bytes"] == len(data)
 
 
 def test_any_rate_is_accepted(views: Path) -> None:
