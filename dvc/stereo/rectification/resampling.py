@@ -8,6 +8,8 @@ from dvc.stereo.rectification.rectified_space import Rectification
 
 Floats = NDArray[np.float64]
 
+MAX_SIDE = 2**15 - 2
+"""Of pictures that are resampled: OpenCV counts pixels in 16 bits."""
 _DEPTH_EDGE_PX = 1.0
 
 

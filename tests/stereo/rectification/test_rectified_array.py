@@ -219,3 +219,11 @@ def test_pictures_of_several_sizes_are_rectified_to_one(toy: Path, tmp_path: Pat
     assert found.matches.rms_px is not None
     assert found.matches.rms_px < 0.5
     assert len({view.shape for view in found.array}) == 1
+
+
+def test_pictures_that_cannot_be_resampled_are_refused(tmp_path: Path) -> None:
+    """OpenCV takes sides below 2^15 - 1."""
+    for name in ("a", "b"):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.zeros((2, 32767), np.uint8))
+    with pytest.raises(ConfigError, match="32767x2, sides of at most 32766"):
+        rectified_array([tmp_path / "a.png", tmp_path / "b.png"], "auto")
