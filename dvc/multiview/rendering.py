@@ -63,7 +63,7 @@ def _cells(points: Mask) -> Mask:
     return cells
 
 
-def fill_holes(inverse_depth: Floats, quantile: float = 0.0) -> Floats:
+def fill_holes(inverse_depth: Floats) -> Floats:
     """Give what nothing was drawn on the depth of what is around and behind it."""
     empty = inverse_depth <= EMPTY
     if empty.all():
@@ -75,10 +75,8 @@ def fill_holes(inverse_depth: Floats, quantile: float = 0.0) -> Floats:
         visibility = np.where(empty, Visibility.OUTSIDE, Visibility.CONSISTENT).astype(np.int8)
         even, slopes, none = np.zeros(empty.shape), np.zeros((*empty.shape, 2)), np.zeros((3, 4))
         source, filled = filled, np.empty(empty.shape)
-        how, nobody = (
-            _kernels.Continuation(1.0, 0.0, quantile),
-            _kernels.OtherView(none, none, source, nowhere, 0.0),
-        )
+        how = _kernels.Continuation(1.0, 0.0, 0.0)
+        nobody = _kernels.OtherView(none, none, source, nowhere, 0.0)
         _kernels.fill_depth(source, visibility, even, slopes, how, nobody, filled)
         empty = filled <= EMPTY
     return filled

@@ -84,7 +84,7 @@ def laplacian_cases(transform: IntegerTransform, count: int) -> Iterator[Case]:
         tensor = _random_tensor(rng, transform, case)
         shape = tensor.shape[0], tensor.shape[1]
         significance = random_significance(rng, shape)
-        yield tensor, laplacian_costs(shape, significance, float(multiples(rng, 0.5, ())), 0.0), None
+        yield tensor, laplacian_costs(shape, significance, float(multiples(rng, 0.5, ()))), None
 
 
 def _random_tensor(rng: np.random.Generator, transform: IntegerTransform, case: int) -> NDArray[np.float32]:

@@ -60,13 +60,9 @@ class Laplacian(NamedTuple):
         return cls(max(-1.0 / math.log(q), MIN_SCALE), num_labels)
 
 
-def laplacian_costs(
-    shape: tuple[int, int], significance: Sequence[Classes], mu: float, constant: float = 0.0
-) -> list[LevelCosts]:
+def laplacian_costs(shape: tuple[int, int], significance: Sequence[Classes], mu: float) -> list[LevelCosts]:
     """Return costs of (3.19): mu times the magnitude of each coefficient, none for flags."""
-    coefficients = np.array(
-        [[0.0, np.inf, np.inf, np.inf, 0.0], [constant, constant, mu, np.inf, 0.0]], np.float32
-    )
+    coefficients = np.array([[0.0, np.inf, np.inf, np.inf, 0.0], [0.0, 0.0, mu, np.inf, 0.0]], np.float32)
     flags = np.array([[np.inf, 0.0]], np.float32)
     costs = []
     for size, classes in zip(level_shapes(shape, len(significance)), significance, strict=False):

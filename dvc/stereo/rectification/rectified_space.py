@@ -37,12 +37,6 @@ def shared_intrinsics(focal_length_px: float) -> Floats:
     return np.diag([focal_length_px, focal_length_px, 1.0])
 
 
-def rectified_projection(position: LatticePosition) -> Floats:
-    """Return the projection from the rectified space to a picture (2.4)."""
-    m, n = position
-    return np.array([[1.0, 0, -m, 0], [0, 1.0, -n, 0], [0, 0, 0, 1.0]])
-
-
 def first_homography(lattice: Lattice, focal_length_px: float) -> Floats:
     """Return H1 of (2.8)."""
     upper = shared_intrinsics(focal_length_px) @ np.linalg.inv(lattice.basis)

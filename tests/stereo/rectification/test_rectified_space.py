@@ -16,7 +16,6 @@ from dvc.stereo.rectification.rectified_space import (
     Rectification,
     first_homography,
     image_homography,
-    rectified_projection,
     shared_intrinsics,
 )
 from dvc.stereo.rectification.rectify import MAX_GROWTH, rectify
@@ -34,6 +33,12 @@ def points_before(rig: list[Camera], seed: int, unit: float = 1.0) -> np.ndarray
     forward = np.mean([camera.R[2] for camera in rig], axis=0)
     middle = np.mean([camera.centre for camera in rig], axis=0)
     return middle + unit * (rng.uniform(8, 20, (30, 1)) * forward + rng.normal(size=(30, 3)))
+
+
+def rectified_projection(position: LatticePosition) -> np.ndarray:
+    """Return the projection from the rectified space to a picture (2.4)."""
+    m, n = position
+    return np.array([[1.0, 0, -m, 0], [0, 1.0, -n, 0], [0, 0, 0, 1.0]])
 
 
 def seen(projection: np.ndarray, points: np.ndarray) -> np.ndarray:
