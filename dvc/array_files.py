@@ -173,9 +173,8 @@ def add_camera_option(parser: argparse.ArgumentParser, required: bool = False, r
 
 
 def table_files(arguments: argparse.Namespace) -> list[str | Path]:
-    """Return the files of the options that say where cameras stand, for `dvc.cli.check_outputs`."""
-    named = [name for name in (arguments.views, arguments.cameras) if name not in (None, "auto")]
-    return [file for name in named for file in (Path(name).iterdir() if Path(name).is_dir() else [name])]
+    """Return files and folders of the options that say where cameras stand, for `dvc.cli.check_outputs`."""
+    return [name for name in (arguments.views, arguments.cameras) if name not in (None, "auto")]
 
 
 def positions_of(arguments: argparse.Namespace, paths: Sequence[str]) -> list["LatticePosition"] | None:

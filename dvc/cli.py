@@ -328,19 +328,19 @@ def write_json(path: str | Path, values: object) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def check_outputs(inputs: list[str | Path], outputs: list[str | Path]) -> None:
-    """Refuse to overwrite what is being read, and to write one file twice, before any work is done.
+def with_contents(inputs: Sequence[str | Path]) -> list[str | Path]:
+    """Return inputs, and the files that folders among them hold."""
+    held = (path for name in inputs if Path(name).is_dir() for path in Path(name).iterdir())
+    return [*inputs, *held]
 
-    Folders that are read whole take no outputs.
-    """
+
+def check_outputs(inputs: list[str | Path], outputs: list[str | Path]) -> None:
+    """Refuse to overwrite what is being read, and to write one file twice, before any work is done."""
     from dvc.files import same_file
 
-    folders = [Path(name).resolve() for name in inputs if Path(name).is_dir()]
     for position, output in enumerate(outputs):
         if any(same_file(output, other) for other in [*inputs, *outputs[:position]]):
             raise ConfigError(f"output {output} is also an input or another output")
-        if any(folder in Path(output).resolve().parents for folder in folders):
-            raise ConfigError(f"output {output} is in a folder that is an input")
         if Path(output).is_dir():
             raise ConfigError(f"output {output} is a folder")
         if not Path(output).absolute().parent.is_dir():

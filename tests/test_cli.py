@@ -473,13 +473,16 @@ def test_check_outputs_accepts_what_can_be_written(tmp_path: Path) -> None:
         cli.check_outputs([tmp_path / "in"], [tmp_path / "link"])
 
 
-def test_folders_that_are_inputs_take_no_outputs(tmp_path: Path) -> None:
-    (tmp_path / "folder" / "deep").mkdir(parents=True)
-    (tmp_path / "link").symlink_to(tmp_path / "folder")
-    cli.check_outputs([tmp_path / "folder"], [tmp_path / "folder.json"])
-    for name in ("folder/a", "folder/deep/a", "link/a"):
-        with pytest.raises(ConfigError, match="in a folder that is an input"):
-            cli.check_outputs([tmp_path / "folder"], [tmp_path / name])
+def test_files_in_folders_that_are_inputs_are_no_outputs(tmp_path: Path) -> None:
+    """Beside them there is room; a link to such a file is it."""
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "index.json").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "folder" / "index.json")
+    inputs = cli.with_contents([tmp_path / "folder", tmp_path / "other.png"])
+    cli.check_outputs(inputs, [tmp_path / "folder.json", tmp_path / "folder" / "new.json"])
+    for name in ("folder/index.json", "link", "other.png"):
+        with pytest.raises(ConfigError, match="also an input"):
+            cli.check_outputs(inputs, [tmp_path / name])
 
 
 def test_progress_bar_is_silent_away_from_terminals(capsys: pytest.CaptureFixture[str]) -> None:

@@ -80,7 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     *paths, out = arguments.paths
     if Path(out).suffix.lower() != SUFFIX:
         raise ConfigError(f"the last name must be that of the stream and end in {SUFFIX}, got {out}")
-    cli.check_outputs([*paths, *array_files.table_files(arguments)], [out, *json_files(arguments)])
+    inputs = cli.with_contents([*paths, *array_files.table_files(arguments)])
+    cli.check_outputs(inputs, [out, *json_files(arguments)])
     views, labels = _views(arguments, paths)
     encoder, encoded = _encoded(arguments, views, labels)
     write_stream(out, encoded.data)

@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     if not arguments.out.lower().endswith(SUFFIX):
         raise ConfigError(f"the name of the stream must end in {SUFFIX}, got {arguments.out}")
-    cli.check_outputs([arguments.folder], [arguments.out, *json_files(arguments)])
+    cli.check_outputs(cli.with_contents([arguments.folder]), [arguments.out, *json_files(arguments)])
     scene = read_pieces(arguments.folder)
     encoded, coded = _encode(arguments, scene)
     write_stream(arguments.out, encoded.data)

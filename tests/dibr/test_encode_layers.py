@@ -79,7 +79,7 @@ def test_what_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     bpp = ("--bpp", "1")
     assert "layers.json" in refusal(capsys, "encode-layers", "empty", "o.dibr", *bpp)
     inside = ("--json", "layers/layers.json")
-    assert "that is an input" in refusal(capsys, "encode-layers", "layers", "o.dibr", *bpp, *inside)
+    assert "is also an input" in refusal(capsys, "encode-layers", "layers", "o.dibr", *bpp, *inside)
     assert ".dibr" in refusal(capsys, "encode-layers", "layers", "o.png", *bpp)
     assert "masks take" in refusal(capsys, "encode-layers", "layers", "o.dibr", "--bpp", "0.1")
     Path("a.dibr").write_bytes(encode_to_size(plane_layers(), 2400).data)

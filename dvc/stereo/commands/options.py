@@ -65,7 +65,7 @@ def check_outputs(arguments: argparse.Namespace, inputs: Sequence[str | Path]) -
     check_folder(arguments.out)
     meshes = check_export(arguments)
     named = [] if arguments.json in (None, "-") else [arguments.json]
-    cli.check_outputs([*inputs], [*meshes, *named])
+    cli.check_outputs(cli.with_contents(inputs), [*meshes, *named])
     return meshes
 
 
