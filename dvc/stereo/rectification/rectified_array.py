@@ -104,8 +104,6 @@ def rectified_array(
     if positions is not None and len(positions) != len(paths):
         raise ConfigError(f"{len(paths)} views and {len(positions)} positions: one for each is needed")
     pictures = read_pictures(paths)
-    for path, picture in zip(paths, pictures, strict=True):
-        _check_size(path, (picture.shape[1], picture.shape[0]))
     features = [Features(picture) for picture in pictures] if with_matches or len(pictures) == 2 else []
     views = load_cameras(cameras, paths, pictures, features)
     if not len(views.points):
@@ -115,7 +113,11 @@ def rectified_array(
         refined = refined_pair(given, *features[0].match(features[1]))
         views = CalibratedViews(refined, views.points)
     rectification = rectify(views.cameras, positions, views.points)
-    _check_size("rectified views", rectification.size)
+    if max(rectification.size) > MAX_SIDE:
+        size = "x".join(map(str, rectification.size))
+        raise ConfigError(
+            f"rectified views would have {size} pixels, sides of at most {MAX_SIDE} are accepted"
+        )
     stems = [Path(path).stem for path in paths]
     made = []
     for index, (name, picture) in enumerate(zip(stems, pictures, strict=True)):
@@ -130,11 +132,6 @@ def rectified_array(
     off_plane_px = _checked_plane(rectification, found)
     array, refined_cameras = CameraArray(tuple(made)), views.cameras != given
     return RectifiedArray(array, rectification, found, off_plane_px, matches, refined_cameras)
-
-
-def _check_size(name: str | Path, size: tuple[int, int]) -> None:
-    if max(size) > MAX_SIDE:
-        raise ConfigError(f"{name}: {size[0]}x{size[1]}, sides of at most {MAX_SIDE} pixels are accepted")
 
 
 def _range_of_points(rectification: Rectification, points: Floats) -> tuple[float, float] | None:

@@ -17,6 +17,7 @@ from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import LatticePosition
 from dvc.pfm import read_pfm
 from dvc.picture_files import read_picture
+from dvc.stereo.rectification import resampling
 from dvc.stereo.rectification.disparity_range import suggested_labels
 from dvc.stereo.rectification.rectified_array import rectified_array
 from dvc.stereo.rectification.rectified_space import Rectification
@@ -221,9 +222,9 @@ def test_pictures_of_several_sizes_are_rectified_to_one(toy: Path, tmp_path: Pat
     assert len({view.shape for view in found.array}) == 1
 
 
-def test_pictures_that_cannot_be_resampled_are_refused(tmp_path: Path) -> None:
-    """OpenCV takes sides below 2^15 - 1."""
-    for name in ("a", "b"):
-        cv2.imwrite(str(tmp_path / f"{name}.png"), np.zeros((2, 32767), np.uint8))
-    with pytest.raises(ConfigError, match="32767x2, sides of at most 32766"):
-        rectified_array([tmp_path / "a.png", tmp_path / "b.png"], "auto")
+def test_views_that_cannot_be_resampled_are_refused(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenCV counts pixels of a side in 16 bits; rectified views may be larger than pictures."""
+    assert resampling.MAX_SIDE == 2**15 - 2
+    monkeypatch.setattr("dvc.stereo.rectification.rectified_array.MAX_SIDE", 100)
+    with pytest.raises(ConfigError, match="pixels, sides of at most 100"):
+        rectified_array(views_of(toy), toy / "cameras.json")
