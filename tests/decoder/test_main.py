@@ -49,7 +49,7 @@ def test_a_map_is_made_of_what_was_decoded(
     ("output", "options", "message"),
     [
         ("out.mp4", ["--scene", "map"], "it must be .y4m or .mkv, got out.mp4"),
-        ("out.mkv", ["--scene", "."], "it exists and is not an empty folder"),
+        ("out.mkv", ["--scene", str(Path(__file__).parent)], "it exists and is not an empty folder"),
         ("out.mkv", ["--mapper", "native"], "--mapper is for --scene"),
     ],
 )
