@@ -690,31 +690,33 @@ def test_termination_leaves_nothing(tmp_path: Path, stream: Path) -> None:
     assert list((tmp_path / "out").iterdir()) == []
 
 
-Served = tuple[subprocess.Popen[str], RawLink]
+Served = tuple[subprocess.Popen[str], RawLink, DecoderEndpoint]
 
 
 @pytest.fixture
 def served(clip: Path) -> Iterator[Served]:
-    """An encoder that waits with a patience of one second, and a link to it that has said hello."""
+    """An encoder that waits with a patience of one second, and a link to it, after both hellos."""
     options = ("--serve", "127.0.0.1:0", "--timeout", 3, "--patience", 0, *CODING)
     with start("encoder", clip, *options) as encoder:
         with socket.create_connection(("127.0.0.1", listening_port(encoder)), PATIENCE_S) as peer:
             link = RawLink.of_decoder(peer)
-            link.send(DecoderEndpoint().bytes_to_send())
-            yield encoder, link
+            endpoint = DecoderEndpoint()
+            link.send(endpoint.bytes_to_send())
+            assert isinstance(link.event(endpoint), Hello)
+            yield encoder, link, endpoint
         encoder.kill()
 
 
 def test_encoder_gives_up_on_a_silent_decoder(served: Served) -> None:
     """A decoder that says hello and nothing more is given up after the timeout."""
-    encoder, _ = served
+    encoder, _, _ = served
     assert_refused(finish(encoder), "is silent for 3 s")
 
 
 @pytest.mark.parametrize("words", ["broke the feedback protocol", "changed on the way"])
 def test_encoder_gives_up_on_a_babbling_decoder(served: Served, words: str) -> None:
     """A decoder that says hello, then what is no message, or no piece, ends the run with one line."""
-    encoder, link = served
+    encoder, link, _ = served
     babble = b"GET / HTTP/1.1\r\n\r\n" * 1000
     if words == "changed on the way":
         link.peer.sendall(babble)
@@ -725,10 +727,7 @@ def test_encoder_gives_up_on_a_babbling_decoder(served: Served, words: str) -> N
 
 def test_encoder_gives_up_on_a_decoder_that_goes_away(served: Served) -> None:
     """A decoder that leaves after the first group of pictures ends the run with one line."""
-    encoder, link = served
-    endpoint = DecoderEndpoint()
-    endpoint.bytes_to_send()  # the hello, which was said
-    assert isinstance(link.event(endpoint), Hello)
+    encoder, link, endpoint = served
     endpoint.send_next_gop()
     link.send(endpoint.bytes_to_send())
     assert isinstance(link.event(endpoint), Gop)
