@@ -8,8 +8,18 @@ import pytest
 from benchmarks.searches.settings import Coded, Place, coded, divided, encoder_session, net_percent, row
 from dvc.config import EstimatedRate, ParityBuffer
 from dvc.video import VideoInfo
+from sequences.sequence import RenderedSequence
+from tests.clips import write_clip
 
 INFO = VideoInfo(width=64, height=48, frame_rate=Fraction(25))
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Write a few small frames of a rendered clip."""
+    views = RenderedSequence("street", 176, 144, num_frames=3).rendered()
+    folder = tmp_path_factory.mktemp("clips")
+    return str(write_clip(folder / "street.mkv", [view.frame for view in views]))
 
 
 def test_values_are_read_by_their_types() -> None:
@@ -34,23 +44,23 @@ def test_what_psnr_is_worth_is_taken_off() -> None:
     assert "QP 32 +0.0, 38 +9.5; a +4.8; 12.5 % of frames failed" in row(found, "x")
 
 
-def test_a_clip_is_coded_with_settings() -> None:
+def test_a_clip_is_coded_with_settings(street: str) -> None:
     """Finer key frames take more bytes and look better; constants of the encoder are put back."""
     from encoder import intra_decision
 
-    usual, finer = (coded(Place("street", 40, settings), 2, ParityBuffer()) for settings in ("", "key.qp=-6"))
+    usual, finer = (coded(Place(street, 40, settings), 2, ParityBuffer()) for settings in ("", "key.qp=-6"))
     assert finer.num_bytes > usual.num_bytes
     assert finer.psnr_db > usual.psnr_db
     before = intra_decision.MAX_LOST_SHARE
-    keyed = coded(Place("street", 40, "encoder.intra_decision.MAX_LOST_SHARE=-1.0"), 2, ParityBuffer())
+    keyed = coded(Place(street, 40, "encoder.intra_decision.MAX_LOST_SHARE=-1.0"), 2, ParityBuffer())
     assert before == intra_decision.MAX_LOST_SHARE
     assert keyed.num_bytes != usual.num_bytes
 
 
-def test_rates_may_be_estimated() -> None:
+def test_rates_may_be_estimated(street: str) -> None:
     """A larger rate margin takes more bytes."""
     usual, safer = (
-        coded(Place("street", 28, settings), 3, EstimatedRate())
+        coded(Place(street, 18, settings), 3, EstimatedRate())
         for settings in ("", "delivery.rate_margin_percent=100")
     )
     assert safer.num_bytes > usual.num_bytes
