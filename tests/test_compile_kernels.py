@@ -7,10 +7,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dvc._jit import RUNS_PORTABLE
 from dvc.compile_kernels import KERNELS, Kernel, listed
+from dvc.depthcodec.names import OWN_NAMES
+from dvc.picture_files import write_png
+from tests.clips import moving_texture
 from tests.golden_streams import GOLDEN, Golden, source
 from tests.recorder import recording
 
@@ -51,6 +55,61 @@ def coding_a_scene(folder: Path) -> list[list[object]]:
         ["encoder", video, stream, "--qp", "30", "--quiet"],
         ["decoder", stream, folder / "video.y4m", "--quiet"],
     ]
+
+
+def matching_and_coding_pictures(folder: Path) -> list[list[object]]:
+    """Return what reconstructs views, codes them in all ways, and renders others."""
+    views, left = [folder / f"{name}.png" for name in ("left", "right")], moving_texture(1, 48, 64)[0].luma
+    right = np.roll(left, -1, axis=1)
+    right[12:36, 20:44] = np.roll(left, -5, axis=1)[12:36, 20:44]
+    write_png(views[0], left)
+    write_png(views[1], right)
+    tries = {
+        "surfaces": ["0:6"],
+        "finer": ["0:6:0.5", "--lattice", "0,0", "1.03,0.37", "--cost", "squared", "--sub-pixel"],
+        "paths": ["0:6", "--inference", "semi-global", "--occlusion", "implicit"],
+        "open": ["0:6", "--occlusion", "none"],
+    }
+    surfaces = [
+        ["dvc.stereo", "reconstruct", *views, "--out", folder / name, "--quiet", "--disparities", *words]
+        for name, words in tries.items()
+    ]
+    depth = folder / "surfaces" / "disparity-left.pfm"
+    ways: dict[str, tuple[str, list[Path], list[str]]] = {
+        **{way: ("encode", views, ["--disparities", "0:6", "--disparity", way]) for way in OWN_NAMES},
+        "fine": ("encode", views, ["--disparities", "0:6:0.5", "--quality-layers", "2"]),
+        **{edges: ("encode-depth", [depth], ["--edges", edges]) for edges in ("auto", "canny")},
+        "standard": ("encode-depth", [depth], ["--transform", "standard", "--wavelet", "5/3"]),
+        "image": ("encode-image", views[:1], ["--depth", str(depth)]),
+        "pieces": ("encode-layers", [folder / "layers"], ["--keep", "all"]),
+        "sprites": ("encode-layers", [folder / "pieces"], []),
+    }
+    streams = [
+        ["dvc.dibr", command, *inputs, folder / f"{name}.dibr", *words, "--bpp", "1", "--quiet"]
+        for name, (command, inputs, words) in ways.items()
+    ]
+    rendered = [
+        ["dvc.dibr", "render", folder / f"{name}.dibr", "--view", "0.5,0", "--out", folder / f"{name}.png"]
+        for name, (command, _, _) in ways.items()
+        if command != "encode-depth"
+    ]
+    return [
+        *surfaces,
+        ["dvc.stereo", "layers", folder / "surfaces", "--out", folder / "layers", "--quiet"],
+        ["dvc.stereo", "sprites", folder / "layers", "--out", folder / "pieces", "--quiet"],
+        *streams,
+        *rendered,
+        *(
+            ["dvc.dibr", "decode", folder / f"{name}.dibr", "--out", folder / name]
+            for name in ("auto", "image")
+        ),
+    ]
+
+
+def test_list_holds_what_coders_of_pictures_call(tmp_path: Path) -> None:
+    """Views, layers and maps, in all ways that commands have."""
+    with recording(tmp_path) as environment:
+        run(matching_and_coding_pictures(tmp_path), environment)
 
 
 @pytest.mark.parametrize("part", range(2))

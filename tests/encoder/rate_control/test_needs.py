@@ -28,7 +28,7 @@ QUANTIZATION = QUANTIZATIONS[4]
 
 def errors(residual: float, noise: float = 0.0) -> BlockErrors:
     """Return errors that are the same everywhere, given by their roots."""
-    return BlockErrors(np.full((16, 48), residual**2), np.full((16, 48), noise**2))
+    return BlockErrors(*(np.full((16, 48), root**2, np.float32) for root in (residual, noise)))
 
 
 def chosen(expected: BlockErrors, margin_percent: int = 30, distance: int = 4) -> Choice:
