@@ -118,6 +118,27 @@ class Ahead:
         return self.references.pop() if self.references else math.inf
 
 
+def test_frames_that_no_decoder_gets_are_named_once() -> None:
+    """Also where the next one goes before it has written any."""
+    video = VideoConfig(32, 24, 25, 1, luma_only=True)
+    session = EncoderSession(codec_config(video, "2d", Qp(30)), Live())
+    frames = [Frame(frame.luma) for frame in moving_texture(13, 24, 32)]
+    decoders = iter([Decoder(lasts=2), Decoder(lasts=-1), Decoder()])
+
+    def entered() -> tuple[Decoder, EncoderEndpoint]:
+        decoder, endpoint = next(decoders), EncoderEndpoint(session.config)
+        decoder.enter(endpoint)
+        return decoder, endpoint
+
+    link, endpoint = entered()
+    ahead = Ahead(references=[-1.0, -1.0])
+    told = serve(session, frames, link, lambda _: None, None, endpoint, entered, ahead)  # type: ignore[arg-type]
+    assert told["num_decoders"] == 3
+    lost = [number for first, last in told["frames_lost"] for number in range(first, last + 1)]
+    assert lost
+    assert len(set(lost)) == len(lost)
+
+
 def test_another_decoder_begins_with_a_group_of_which_nothing_is_known() -> None:
     """It gets the key frame alone; of the others of the group no bits are expected, and no frames missed."""
     video, limits = VideoConfig(32, 24, 25, 1, luma_only=True), RateLimits(bits_per_s=20_000)
