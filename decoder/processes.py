@@ -202,8 +202,8 @@ class GroupsInFlight:
         self._stack = ExitStack()
         self._processes: list[DecodingProcess] = []
         self._following: dict[int, GroupTask] = {}  # groups that wait for the last frame of the one before
-        self._lasts: dict[int, ReferenceFrame] = {}  # that of the newest group, once it is decoded
-        self._newest = -1
+        self._newest = -1  # number of the latest group
+        self._last: ReferenceFrame | None = None  # such a frame of that, once it is there
         self._asked: dict[Place, _Asked] = {}
         self._order: deque[int] = deque()  # of groups that are not handed on
         self._outcomes: dict[int, DecodedGroup | Exception] = {}
@@ -251,7 +251,7 @@ class GroupsInFlight:
                 continue
             self._newest = received.number
             self._order.append(received.number)
-            last = self._lasts.pop(received.number - 1, None)
+            last, self._last = self._last, None
             if not received.record.wyner_ziv:
                 self._outcomes[received.number] = DecodedGroup.of(received, [])
             elif not received.follows:
@@ -289,7 +289,7 @@ class GroupsInFlight:
             if following is not None:
                 self._begin(replace(following, before=outcome))
             elif number == self._newest:
-                self._lasts[number] = outcome
+                self._last = outcome
         else:
             asked = _Asked(process, [(request.frame, request.plane) for request in outcome])
             self._asked |= dict.fromkeys(asked.places, asked)
