@@ -10,13 +10,24 @@ from enum import IntEnum
 from typing import Any
 
 from dvc.bits import decode_varint
-from dvc.errors import BitstreamError
+from dvc.errors import BitstreamError, ConfigError
 
 MAGIC = b"DIBR"
 MAX_PIXELS = 2**24
+MAX_SIDE = 2**16 - 1
+"""Heights and widths are told in two bytes."""
 MAX_NUMBER = 1e12
 """Of what describes cameras and disparities; anything beyond is no measurement."""
 CHECK_BYTES = 4
+
+
+def check_shape(shape: tuple[int, int], what: str) -> None:
+    """Refuse pictures that no stream can hold."""
+    height, width = shape
+    if not (min(shape) > 0 and max(shape) <= MAX_SIDE and height * width <= MAX_PIXELS):
+        raise ConfigError(
+            f"{what} of {width}x{height}: sides of 1 to {MAX_SIDE} and up to {MAX_PIXELS} pixels are accepted"
+        )
 
 
 class Body(IntEnum):

@@ -21,8 +21,6 @@ from dvc.imagecodec.header import PictureHeader
 
 MAX_BYTES = 2**31
 """Of edges, of depth and of a picture."""
-MAX_SIDE = 2**16 - 1
-"""Height or width is told in two bytes."""
 _FLAGS, _SIZE, _RANGE, _SCALE = (struct.Struct(f"<{fields}") for fields in ("B", "2H", "fH", "2f"))
 _PICTURE, _ADAPTIVE_EDGES, _PICTURE_EDGES, _SCALED = 1, 2, 4, 8
 _DEPTH_ORDER_SHIFT, _PICTURE_ORDER_SHIFT, _ORDER_MASK = 4, 6, 3
@@ -57,12 +55,7 @@ class DepthImageStream:
 
 def check_map(shape: tuple[int, int], scale: DepthScale) -> None:
     """Refuse a map that no stream can hold."""
-    height, width = shape
-    if not (min(shape) > 0 and max(shape) <= MAX_SIDE and height * width <= container.MAX_PIXELS):
-        raise ConfigError(
-            f"a map of {width}x{height}: sides of 1 to {MAX_SIDE} and up to {container.MAX_PIXELS} pixels "
-            "are accepted"
-        )
+    container.check_shape(shape, "a map")
     if not _is_moderate(scale):
         raise ConfigError(f"numbers of a depth map: a range of at most {_MAX_FIELD:g} is accepted")
 

@@ -20,7 +20,6 @@ from dvc.errors import BitstreamError, ConfigError
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint
 
-MAX_SIDE = 2**16 - 1
 MAX_LABELS = 2**15 - 1
 MAX_VIEWS = 255
 _FIXED = struct.Struct("<BHHffHBBB")
@@ -42,11 +41,7 @@ class Header:
     viewpoints: tuple[Viewpoint, ...]  # of all views, of one kind
 
     def __post_init__(self) -> None:
-        height, width = self.shape
-        if not (
-            min(self.shape) > 0 and max(self.shape) <= MAX_SIDE and height * width <= container.MAX_PIXELS
-        ):
-            raise ConfigError(f"views of {width}x{height}: up to {container.MAX_PIXELS} pixels are accepted")
+        container.check_shape(self.shape, "views")
         check_choice("disparity", self.method, NUMBERS)
         lowest, step, num_labels = self.labels
         if not 1 <= num_labels <= MAX_LABELS:
