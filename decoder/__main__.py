@@ -21,6 +21,7 @@ from dvc.errors import (
 
 if TYPE_CHECKING:
     from decoder.live import LiveSource
+    from decoder.losses import Losses
     from decoder.output import DecodedOutput
     from decoder.session import Reader
     from decoder.tasks import DecodedGroup
@@ -81,6 +82,7 @@ def _map_scene(arguments: argparse.Namespace, video: str) -> None:
 
 
 def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> int:
+    from decoder.losses import Losses
     from decoder.view.decoding_view import facts_of
     from dvc.stream import Form, open_stream
 
@@ -97,12 +99,13 @@ def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> in
         frames = arguments.frames
         wanted = None if frames is None else options.frame_range(frames, reader.index.num_frames)
         with ExitStack() as stack:
-            groups = _decoded(config, reader, wanted, arguments, stack)
+            losses = Losses() if arguments.salvage else None
+            groups = _decoded(config, reader, wanted, losses, arguments, stack)
             form = Form.NO_FEEDBACK if reader.form == Form.NO_FEEDBACK else Form.PUNCTURED
             num_frames = len(wanted) if wanted is not None else reader.num_frames or None
             view = None if page is None else page.show(facts_of(config, path, num_frames))
             output = _output(config, arguments, stack, wanted, form, view=view)
-            failure = output.consume(groups, arguments.quiet, arguments.salvage, num_frames)
+            failure = output.consume(groups, arguments.quiet, losses, num_frames)
         if failure is not None:
             raise failure
         if reader.missing is not None:
@@ -114,6 +117,7 @@ def _decoded(
     config: "CodecConfig",
     reader: "Reader",
     wanted: range | None,
+    losses: "Losses | None",
     arguments: argparse.Namespace,
     stack: ExitStack,
 ) -> "Iterator[DecodedGroup]":
@@ -122,13 +126,13 @@ def _decoded(
     if arguments.dask is None:
         from decoder.session import decode_stream
 
-        return decode_stream(config, reader, arguments.jobs, wanted, limits)
+        return decode_stream(config, reader, arguments.jobs, wanted, limits, losses)
     from decoder.cluster import decode_on_cluster
     from dvc.cluster import connected
     from dvc.versions import codec_digest
 
     client = stack.enter_context(connected(arguments.dask, codec_digest()))
-    return stack.enter_context(closing(decode_on_cluster(config, reader, client, wanted, limits)))
+    return stack.enter_context(closing(decode_on_cluster(config, reader, client, wanted, limits, losses)))
 
 
 @contextmanager

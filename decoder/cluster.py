@@ -13,6 +13,7 @@ from functools import cache
 from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any, cast
 
+from decoder.losses import Losses
 from decoder.processes import DecodingProcess, GroupsInFlight
 from decoder.session import Reader, StreamGroups, check_stream, stream_tasks
 from decoder.tasks import DecodedGroup, GroupTask
@@ -41,38 +42,42 @@ def decode_on_cluster(
     client: "Client",
     frames: range | None = None,
     limits: Limits | None = None,
+    losses: Losses | None = None,
 ) -> Generator[DecodedGroup]:
     """Decode a stream on the workers of a cluster; otherwise as `decoder.session.decode_stream`."""
     limits = limits or Limits()
     check_stream(config, reader, _LIKE_JOBS, frames, limits)
-    return _GroupsOnCluster(client, stream_tasks(config, reader, frames, limits)).decode()
+    tasks = stream_tasks(config, reader, frames, limits, losses)
+    return _GroupsOnCluster(client, tasks, losses).decode()
 
 
 class _GroupsOnCluster:
     """Groups that were given to a cluster: enough that no thread of it waits, and no more."""
 
-    def __init__(self, client: "Client", tasks: Iterable[GroupTask]) -> None:
-        self._client, self._tasks = client, iter(tasks)
+    def __init__(self, client: "Client", tasks: Iterable[GroupTask], losses: Losses | None) -> None:
+        self._client, self._tasks, self._losses = client, iter(tasks), losses
         self._digest, self._run = codec_digest(), uuid.uuid4().hex[:8]
         self._finished = False
         self._failure: BitstreamError | None = None  # what ended the stream
-        self._futures: deque[Future[DecodedGroup | Exception]] = deque()
+        self._futures: deque[tuple[Future[DecodedGroup | Exception], range]] = deque()  # and their frames
 
     def decode(self) -> Generator[DecodedGroup]:
         """Decode in order of display; what ends the run is raised after all groups before it."""
         try:
             self._submit()
             while self._futures:
-                group = self._result(self._futures[0])
-                self._futures.popleft()
+                group, (_, frames) = self._result(self._futures[0][0]), self._futures.popleft()
                 self._submit()
-                if isinstance(group, Exception):
+                if isinstance(group, BitstreamError) and self._losses is not None:
+                    self._losses.add(frames, group)
+                elif isinstance(group, Exception):
                     raise group
-                yield group
+                else:
+                    yield group
             if self._failure is not None:
                 raise self._failure
         finally:
-            self._client.cancel(list(self._futures))
+            self._client.cancel([future for future, _ in self._futures])
 
     def _submit(self) -> None:
         """Give the cluster as many groups as there is room for."""
@@ -85,7 +90,8 @@ class _GroupsOnCluster:
             self._finished = task is None
             if task is not None:
                 key = f"decode-{self._run}-{task.number}"
-                self._futures.append(self._client.submit(decode_group, task, self._digest, key=key))
+                future = self._client.submit(decode_group, task, self._digest, key=key)
+                self._futures.append((future, range(task.first_index, task.last_index + 1)))
 
     def _result(self, future: "Future[DecodedGroup | Exception]") -> DecodedGroup | Exception:
         try:

@@ -76,7 +76,8 @@ def _add_endings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--salvage",
         action="store_true",
-        help="keep the frames before the damage of a damaged stream (exit status 2 all the same; files only:"
+        help="keep the frames of a damaged stream that are whole, and name those that are lost: damage of a"
+        " key frame costs its chain, up to the next IDR picture (exit status 2 all the same; files only:"
         " what a live run has decoded when it ends early stays as OUTPUT.part, with exit status 3)",
     )
     parser.add_argument(

@@ -7,13 +7,14 @@ from dataclasses import asdict
 from typing import Any, BinaryIO
 
 from decoder.live import LiveSource
+from decoder.losses import Losses
 from decoder.pictures import pictures_of
 from decoder.report import DecodeReport
 from decoder.tasks import DecodedGroup
 from decoder.view.decoding_view import DecodingView
 from dvc import cli
 from dvc.config import CodecConfig
-from dvc.errors import BitstreamError, DvcError, PartialOutputError
+from dvc.errors import DvcError, PartialOutputError
 from dvc.files import PARTIAL_SUFFIX, atomic_output
 from dvc.stream import Form, StreamWriter
 from dvc.video import Frame, VideoReader, VideoWriter, create_video
@@ -61,11 +62,10 @@ class DecodedOutput:
         self,
         groups: Iterable[DecodedGroup],
         quiet: bool,
-        salvage: bool = False,
+        losses: Losses | None = None,
         num_frames: int | None = None,
     ) -> DvcError | None:
         """Write all groups; show how far it is, of how many frames if that is known, and the rate so far."""
-        failure: DvcError | None = None
         with cli.progress_bar("decoding", num_frames, quiet) as progress:
             try:
                 for group in groups:
@@ -78,9 +78,10 @@ class DecodedOutput:
                     reason = str(err) or "interrupted"
                     kept = f"frames kept: {self._num_frames}, as {self._path}{PARTIAL_SUFFIX}"
                     raise PartialOutputError(f"{reason} ({kept})") from err
-                if not (salvage and isinstance(err, BitstreamError)):
-                    raise
-                failure = BitstreamError(f"{err} (frames kept: {self._num_frames})")
+                raise
+        failure = None if losses is None else losses.error(self._num_frames)
+        if failure is not None and self._num_frames == 0:
+            raise failure
         self._finish()
         return failure
 

@@ -24,6 +24,7 @@ from multiprocessing.connection import Connection
 from threading import RLock
 from typing import Any, Protocol
 
+from decoder.losses import Losses
 from decoder.tasks import Answered, Bits, DecodedGroup, GroupTask
 from dvc.environment import ONE_HEAP, baseline_environment
 from dvc.errors import BitstreamError, DvcError
@@ -186,13 +187,14 @@ class _Asked:
 class GroupsInFlight:
     """Groups of pictures that are decoded at the same time; the same bytes for any number of processes."""
 
-    def __init__(self, source: GroupSource, jobs: int) -> None:
-        self._source, self._jobs = source, jobs
+    def __init__(self, source: GroupSource, jobs: int, losses: Losses | None = None) -> None:
+        self._source, self._jobs, self._losses = source, jobs, losses
         self._stack = ExitStack()
         self._processes: list[DecodingProcess] = []
         self._waiting: deque[GroupTask] = deque()  # groups of a stream, until a process is idle
         self._asked: dict[Place, _Asked] = {}
         self._order: deque[int] = deque()  # of groups that are not handed on
+        self._frames: dict[int, range] = {}  # of these
         self._outcomes: dict[int, DecodedGroup | Exception] = {}
 
     def decode(self) -> Iterator[DecodedGroup]:
@@ -209,10 +211,14 @@ class GroupsInFlight:
                 except (Exception, KeyboardInterrupt) as err:
                     failure = err
                 while self._is_ready():
-                    outcome = self._outcomes.pop(self._order.popleft())
-                    if isinstance(outcome, Exception):
+                    number = self._order.popleft()
+                    outcome, frames = self._outcomes.pop(number), self._frames.pop(number, range(0))
+                    if isinstance(outcome, BitstreamError) and self._losses is not None and frames:
+                        self._losses.add(frames, outcome)
+                    elif isinstance(outcome, Exception):
                         raise outcome
-                    yield outcome
+                    else:
+                        yield outcome
                     self._source.taken()
         if failure is not None:
             raise failure
@@ -237,6 +243,7 @@ class GroupsInFlight:
                 self._outcomes[-1] = received
                 continue
             self._order.append(received.number)
+            self._frames[received.number] = range(received.first_index, received.last_index + 1)
             if received.record.wyner_ziv:
                 self._waiting.append(received)
             else:

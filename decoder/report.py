@@ -46,6 +46,7 @@ class DecodeReport:
         self._wanted = wanted
         self._kept = kept
         self._reference: Iterator[Frame] | None = None if reference is None else iter(reference)
+        self._next_original = 0 if wanted is None else wanted.start
         self._frames: list[dict[str, Any]] = []
         self._times_s: list[Fraction] = []  # when these are shown
         self._delays_s: list[float] = []  # of frames of a live run
@@ -107,10 +108,11 @@ class DecodeReport:
     def _original(self, index: int) -> Frame | None:
         if self._reference is None:
             return None
-        original = next(self._reference, None)
-        if original is None:
-            raise VideoError(f"the reference ends before frame {index} of the stream")
-        return original
+        for original in self._reference:
+            self._next_original += 1
+            if self._next_original > index:
+                return original
+        raise VideoError(f"the reference ends before frame {index} of the stream")
 
     def to_dict(self, stream_bytes: int) -> dict[str, Any]:
         """Return the report as JSON-safe values."""

@@ -6,6 +6,7 @@ from multiprocessing.connection import wait
 from typing import Any, cast
 
 from decoder.live import LiveGroups, LiveSource
+from decoder.losses import Losses
 from decoder.processes import DecodingProcess, GroupsInFlight
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import DecodedGroup, GroupTask, naming_group
@@ -29,6 +30,7 @@ def decode_stream(
     jobs: int = 1,
     frames: range | None = None,
     limits: Limits | None = None,
+    losses: Losses | None = None,
 ) -> Iterator[DecodedGroup]:
     """Decode a stream group by group; the same bytes for any number of jobs.
 
@@ -44,16 +46,18 @@ def decode_stream(
         Display positions of the frames that are wanted, all by default; other groups are skipped.
     limits : Limits, optional
         Most that may be spent; those of the program by default.
+    losses : Losses, optional
+        Notes what damage costs, and decoding goes on behind it; without it the first damage ends decoding.
 
     Returns
     -------
     iterator of DecodedGroup
-        In display order; it raises `BitstreamError` where the stream is damaged, after all groups before.
+        In display order; it raises `BitstreamError` at the first damage, after all groups before it.
     """
     limits = limits or Limits()
     check_stream(config, reader, jobs, frames, limits)
-    tasks = stream_tasks(config, reader, frames, limits)
-    return GroupsInFlight(StreamGroups(tasks, jobs), jobs).decode()
+    tasks = stream_tasks(config, reader, frames, limits, losses)
+    return GroupsInFlight(StreamGroups(tasks, jobs), jobs, losses).decode()
 
 
 def check_stream(
@@ -67,26 +71,63 @@ def check_stream(
 
 
 def stream_tasks(
-    config: CodecConfig, reader: Reader, frames: range | None = None, limits: Limits | None = None
+    config: CodecConfig,
+    reader: Reader,
+    frames: range | None = None,
+    limits: Limits | None = None,
+    losses: Losses | None = None,
 ) -> Iterator[GroupTask]:
-    """Read a stream, and decode its key frames."""
+    """Read a stream, and decode its key frames; go on behind damage if losses are to be noted."""
     limits = limits or Limits()
     first_group = 0 if frames is None else _first_group(config, reader, frames.start)
     tasks = _Tasks(config, reader.index.first_frame(first_group) if first_group else 0)
     if first_group:
         reader.seek_gop(first_group)
     first_index = tasks.next_index
-    for number, record in enumerate(reader, first_group):
+    for number, record, damage in _records(reader, first_group, losses):
         if first_index == tasks.next_index and number > 0 and record.predicted:
-            first_index += record.num_frames
-            tasks.next_index = first_index
+            tasks.skip(record.num_frames)
+            first_index = tasks.next_index
             continue  # its chain begins before the first group that was read
-        task = tasks.add(number, record, reader.form)
+        index = tasks.next_index
+        try:
+            if damage is not None:
+                raise damage
+            task = tasks.add(number, record, reader.form)
+        except BitstreamError as err:
+            if losses is None:
+                raise
+            losses.add(range(index, index + record.num_frames), err)
+            tasks.skip(index + record.num_frames - tasks.next_index)
+            continue
         limits.check_frames(task.last_index + 1 - first_index, reader.num_bytes, config.video)
-        if frames is None or (task.last_index >= frames.start and (task.before or not number)):
+        is_whole = task.before is not None or task.record.num_frames == 1
+        if losses is not None and not is_whole:
+            losses.add(range(index, task.last_index), "the key frame before them is lost")
+            task, is_whole = task.key_alone(), True
+        if is_whole and (frames is None or task.last_index >= frames.start):
             yield task
         if frames is not None and task.last_index + 1 >= frames.stop:
             return
+
+
+def _records(
+    reader: Reader, first: int, losses: Losses | None
+) -> Iterator[tuple[int, GopRecord, BitstreamError | None]]:
+    """Number the groups of a stream; of damaged ones nothing but the number of frames is left."""
+    number = first
+    while True:
+        damage: BitstreamError | None = None
+        try:
+            record = next(iter(reader), None)
+        except BitstreamError as err:
+            if losses is None:
+                raise
+            record, damage = losses.pass_over(reader, number, err), err
+        if record is None:
+            return
+        yield number, record, damage
+        number += 1
 
 
 def _first_group(config: CodecConfig, reader: Reader, frame: int) -> int:
@@ -190,6 +231,11 @@ class _Tasks:
         self._num_chained = 0  # frames since the last IDR picture
         self._last_s: Fraction | None = None  # when the last frame before is shown
         self._before: ReferenceFrame | None = None
+
+    def skip(self, num_frames: int) -> None:
+        """Go past frames that are lost or not wanted."""
+        self.next_index += num_frames
+        self._before = None
 
     def add(self, number: int, record: GopRecord, form: Form | None) -> GroupTask:
         """Decode the next key frame."""

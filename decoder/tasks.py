@@ -31,6 +31,12 @@ class GroupTask:
     record: GopRecord  # what the stream, or the encoder, sent of it
     form: Form | None  # form of the stream; None if a live encoder answers
 
+    def key_alone(self) -> "GroupTask":
+        """Return its key frame, without the frames between that and the key frame before."""
+        late = None if self.record.deviations is None else self.record.deviations.of_last()
+        record = replace(self.record, num_frames=1, tracks=b"", wyner_ziv=(), digest=None, deviations=late)
+        return replace(self, first_index=self.last_index, before=None, record=record)
+
     @property
     def last_index(self) -> int:
         """Display position of its last frame."""

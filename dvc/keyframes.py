@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import numpy as np
@@ -72,9 +71,6 @@ _RATE_FACTOR = 30
 CHROMA_QP_OFFSET = -4
 """QP of chroma over that of luma: chroma of all frames between rests on it. Chosen on box, desk, river,
 stone, street and tree; `benchmarks.searches.settings --colour` searches."""
-FAST_DECISIONS: Final = MappingProxyType({"subme": 5, "trellis": 0, "deadzone-intra": 7})
-"""Parameters of libx264: modes by sums of transformed differences, no search by rate and distortion; the dead
-zone is narrower than usual, which is worth its rate where no trellis decides about each coefficient."""
 # Nothing may be concealed: any syntax error ends the decoding of the picture.
 _DECODER_OPTIONS = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}
 
@@ -101,15 +97,14 @@ class KeyFrameEncoder:
         *,
         luma_only: bool = False,
         predicted: bool = False,
-        parameters: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
         if qp != "lossless" and not (isinstance(qp, int) and 1 <= qp <= MAX_QP):
             raise ValueError(f"`qp` must be 1 to {MAX_QP} or 'lossless', got {qp!r}")
         check_size(width, height, "key frames")
         self._size, self._qp = (width, height), qp
         self._luma_only, self._predicted = luma_only, predicted
-        further = {**(_PREDICTED if predicted else _INTRA), **parameters}
-        self._context = _open_encoder(*_coded_size(width, height), qp == "lossless", luma_only, further)
+        size, parameters = _coded_size(width, height), _PREDICTED if predicted else _INTRA
+        self._context = _open_encoder(*size, qp == "lossless", luma_only, parameters)
         self._count = 0
         units = _nal_units(self._context.extradata or b"")
         sps, pps = (next(u for u in units if u[0] == header) for header in (_SPS_HEADER, _PPS_HEADER))

@@ -91,7 +91,6 @@ class EncoderSession:
             "lossless" if config.key.lossless else config.key.qp,
             luma_only=config.video.luma_only,
             predicted=config.key.predicted,
-            parameters=self._wyner_ziv_encoder.key_parameters,
         )
         self.config = replace(
             config, key=replace(config.key, parameter_sets=self._key_encoder.parameter_sets)

@@ -1,7 +1,6 @@
 """Wyner-Ziv side of the encoder: transform, quantiser and bit planes; and what is written of them."""
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -9,7 +8,6 @@ from numpy.typing import NDArray
 
 from dvc import slepian_wolf
 from dvc.config import CodecConfig, Delivery, EstimatedRate, Live
-from dvc.keyframes import FAST_DECISIONS
 from dvc.stream import Form
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
@@ -25,8 +23,6 @@ class WynerZivEncoder:
     """Encodes Wyner-Ziv frames of one configuration, all parity of which a decoder may ask for."""
 
     form: ClassVar[Form] = Form.BUFFERED
-    key_parameters: ClassVar[Mapping[str, int]] = MappingProxyType({})
-    """Of libx264, for the key frames, beside the usual ones."""
     cpu_field: ClassVar[str] = "parity_cpu_s"
     """What the time of `payloads` counts as."""
 
@@ -85,7 +81,6 @@ class RateControlledEncoder(WynerZivEncoder):
     """Encodes Wyner-Ziv frames without a feedback channel: as much as is estimated to be needed."""
 
     form = Form.NO_FEEDBACK
-    key_parameters = FAST_DECISIONS
     cpu_field = "rate_control_cpu_s"
 
     def __init__(self, config: CodecConfig, delivery: EstimatedRate) -> None:
