@@ -19,7 +19,6 @@ from dvc.config.delivery import (
     ParityBuffer,
 )
 from dvc.config.header import (
-    FIELD_NUMBERS,
     decode_config,
     encode_config,
 )
@@ -80,7 +79,6 @@ __all__ = [
     "DEFAULT_QP",
     "DISCOVER_LEVELS",
     "FALLBACKS",
-    "FIELD_NUMBERS",
     "KEY_FRAME_CHOICES",
     "MAPPERS",
     "MAX_AREA_PX",
