@@ -108,16 +108,11 @@ def decoded_groups(stream: bytes) -> "Iterator[DecodedGroup]":
     """Decode a stream in this process."""
     from decoder.group import GroupDecoder
     from decoder.session import stream_tasks
-    from decoder.tasks import following
     from dvc.stream import StreamReader
 
     with StreamReader(io.BytesIO(stream)) as reader:
         decoder = GroupDecoder(reader.config)
-        for chain in stream_tasks(reader.config, reader):
-            group: DecodedGroup | None = None
-            for task in chain:
-                group = decoder.decode(following(task, group))
-                yield group
+        yield from map(decoder.decode, stream_tasks(reader.config, reader))
 
 
 def decoded(stream: bytes) -> int:

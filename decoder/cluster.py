@@ -1,21 +1,20 @@
-"""Chains of groups of pictures on a Dask cluster: each is a task, and one of a lost worker runs again.
+"""Groups of pictures on a Dask cluster: each is a task, and one of a lost worker runs again.
 
-A worker gets the groups of its chain, and nothing else of the stream; it has them decoded by a process of its
-own whose libraries are held to the baseline, as on this machine. What a chain comes to is fetched when it is
-next in order of display, so that this process holds one at a time.
+A worker gets its group, and nothing else of the stream; a process of its own, whose libraries are held to the
+baseline as on this machine, decodes it. A decoded group is fetched when it is next in order of display, so
+that this process holds one at a time.
 """
 
 import uuid
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import cache
 from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any, cast
 
 from decoder.processes import DecodingProcess, GroupsInFlight
-from decoder.session import CHAINS_PER_PROCESS, Reader, StreamGroups, check_stream, stream_tasks
+from decoder.session import Reader, StreamGroups, check_stream, stream_tasks
 from decoder.tasks import DecodedGroup, GroupTask
 from dvc.cluster import OTHER_CODE, failure, require_workers
 from dvc.config import CodecConfig
@@ -27,19 +26,13 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 PATIENCE_S = 30.0
-"""For a chain, before it is asked whether there are workers at all."""
+"""For a group, before the cluster is asked whether there are workers at all."""
 POLL_S = 1.0
-"""Time after which a worker notices that nobody wants its chain."""
+"""Time after which a worker notices that nobody wants its group."""
+GROUPS_PER_THREAD = 2
+"""One that a thread of a worker is at, and one that it goes on with."""
 _LIKE_JOBS = 2
-"""A machine of the cluster, and this one, take no more memory for a chain than for two jobs."""
-
-
-@dataclass
-class DecodedChain:
-    """What a worker sends back: the groups up to the end of a chain, or to what ended it."""
-
-    groups: list[DecodedGroup] = field(default_factory=list)
-    failure: Exception | None = None
+"""A machine of the cluster, and this one, take no more memory for a group than for two jobs."""
 
 
 def decode_on_cluster(
@@ -52,77 +45,75 @@ def decode_on_cluster(
     """Decode a stream on the workers of a cluster; otherwise as `decoder.session.decode_stream`."""
     limits = limits or Limits()
     check_stream(config, reader, _LIKE_JOBS, frames, limits)
-    return _ChainsInFlight(client, stream_tasks(config, reader, frames, limits)).decode()
+    return _GroupsOnCluster(client, stream_tasks(config, reader, frames, limits)).decode()
 
 
-class _ChainsInFlight:
-    """Chains that were given to a cluster: enough that no thread of it waits, and no more."""
+class _GroupsOnCluster:
+    """Groups that were given to a cluster: enough that no thread of it waits, and no more."""
 
-    def __init__(self, client: "Client", chains: Iterable[Sequence[GroupTask]]) -> None:
-        self._client, self._chains = client, iter(chains)
+    def __init__(self, client: "Client", tasks: Iterable[GroupTask]) -> None:
+        self._client, self._tasks = client, iter(tasks)
         self._digest, self._run = codec_digest(), uuid.uuid4().hex[:8]
         self._finished = False
         self._failure: BitstreamError | None = None  # what ended the stream
-        self._futures: deque[Future[DecodedChain]] = deque()
+        self._futures: deque[Future[DecodedGroup | Exception]] = deque()
 
     def decode(self) -> Generator[DecodedGroup]:
         """Decode in order of display; what ends the run is raised after all groups before it."""
         try:
             self._submit()
             while self._futures:
-                chain = self._result(self._futures[0])
+                group = self._result(self._futures[0])
                 self._futures.popleft()
                 self._submit()
-                yield from chain.groups
-                if chain.failure is not None:
-                    raise chain.failure
+                if isinstance(group, Exception):
+                    raise group
+                yield group
             if self._failure is not None:
                 raise self._failure
         finally:
             self._client.cancel(list(self._futures))
 
     def _submit(self) -> None:
-        """Give the cluster as many chains as there is room for."""
-        max_open = CHAINS_PER_PROCESS * max(sum(self._client.nthreads().values()), 1)
+        """Give the cluster as many groups as there is room for."""
+        max_open = GROUPS_PER_THREAD * max(sum(self._client.nthreads().values()), 1)
         while not self._finished and len(self._futures) < max_open:
             try:
-                chain = next(self._chains, ())
+                task = next(self._tasks, None)
             except BitstreamError as err:
-                self._failure, chain = err, ()
-            self._finished = not chain
-            if chain:
-                key = f"decode-{self._run}-{chain[0].number}"
-                self._futures.append(self._client.submit(decode_chain, chain, self._digest, key=key))
+                self._failure, task = err, None
+            self._finished = task is None
+            if task is not None:
+                key = f"decode-{self._run}-{task.number}"
+                self._futures.append(self._client.submit(decode_group, task, self._digest, key=key))
 
-    def _result(self, future: "Future[DecodedChain]") -> DecodedChain:
+    def _result(self, future: "Future[DecodedGroup | Exception]") -> DecodedGroup | Exception:
         try:
             while not self._has_ended(future):
                 require_workers(self._client)
-            chain: DecodedChain = future.result()
+            group: DecodedGroup | Exception = future.result()
         except Exception as err:
-            raise DvcError(failure(err, "decoded the same groups of pictures")) from err
-        return chain
+            raise DvcError(failure(err, "decoded the same group of pictures")) from err
+        return group
 
     @staticmethod
-    def _has_ended(future: "Future[DecodedChain]") -> bool:
-        """Wait for a chain, for a while."""
+    def _has_ended(future: "Future[DecodedGroup | Exception]") -> bool:
+        """Wait for a group, for a while."""
         with suppress(TimeoutError):
             future.exception(timeout=PATIENCE_S)
             return True
         return False
 
 
-def decode_chain(chain: Sequence[GroupTask], digest: str) -> DecodedChain:
-    """Decode a chain in a process of this worker; depends on nothing but the chain and the code."""
-    decoded = DecodedChain()
+def decode_group(task: GroupTask, digest: str) -> DecodedGroup | Exception:
+    """Decode a group in a process of this worker, or return what it ended with."""
     try:
         if {_loaded_digest(), codec_digest()} != {digest}:
             raise DvcError(OTHER_CODE)
-        for group in GroupsInFlight(_WantedChain(chain), 1).decode():
-            decoded.groups.append(group)
+        (group,) = GroupsInFlight(_WantedGroup(task), 1).decode()
     except Exception as err:  # has its place behind the groups before it
-        decoded.failure = err
-    return decoded
+        return err
+    return group
 
 
 @cache
@@ -131,21 +122,21 @@ def _loaded_digest() -> str:
     return codec_digest()
 
 
-class _WantedChain(StreamGroups):
-    """A chain that is decoded for as long as somebody wants it."""
+class _WantedGroup(StreamGroups):
+    """A group that is decoded for as long as somebody wants it."""
 
-    def __init__(self, chain: Sequence[GroupTask]) -> None:
-        super().__init__([chain], 1)
+    def __init__(self, task: GroupTask) -> None:
+        super().__init__([task], 1)
         self._is_wanted = _is_wanted()
 
     def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
-        """Wait for the process, or until the chain is cancelled."""
+        """Wait for the process, or until the group is cancelled."""
         busy: list[Any] = [process for process in processes if process.num_running]
         while busy:
             if ready := wait(busy, POLL_S):
                 return cast(list[DecodingProcess], ready)
             if not self._is_wanted():
-                raise DvcError("nobody wants this chain of groups of pictures")
+                raise DvcError("nobody wants this group of pictures")
         return []
 
 

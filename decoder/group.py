@@ -1,8 +1,7 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures, whose key frames are decoded already."""
 
 import time
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from threading import Lock
@@ -12,37 +11,32 @@ import numpy as np
 
 from decoder.allowances import Allowance, GroupAllowance
 from decoder.no_feedback import NoFeedbackDecoder
-from decoder.side_information.extrapolation import LongTerm, TrackedExtrapolation
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
-from decoder.side_information.scene.extrapolated import Scene
-from decoder.side_information.scene.tracked import TrackedSceneInterpolation
 from decoder.tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
-from decoder.team import Rank, Team
 from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, DvcError
 from dvc.slepian_wolf import Answer, ParityRequest
 from dvc.stream import Form, GopRecord
-from dvc.tracks import FeaturePoints, PointTracks, decode_matches, decode_points, decode_tracks
-from dvc.wynerziv.hierarchy import Around, group_order, levels
+from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
+from dvc.wynerziv.hierarchy import Around, decoding_order, levels
 from dvc.wynerziv.payloads import BufferedFrame, PuncturedFrame, PunctureRecorder, disagreement
 from dvc.wynerziv.priors import LearnedPriors
 from dvc.wynerziv.quantizer import FrameLayout
 
 Points = PointTracks | FeaturePoints | None
 Known = dict[int, ReferenceFrame]
+Rank = tuple[int, int]
+"""Levels that follow, negative, and the number of the group: the lowest comes first."""
 
 
 class Encoder(Protocol):
     """Who answers what frames of a group ask for."""
 
-    def level(self, rank: Rank, num_frames: int) -> AbstractContextManager[None]:
-        """Wait until frames may be decoded side by side, as they are in the block."""
-
-    def drive(self, frame: FrameCoroutine) -> DecodedFrame:
-        """Decode a frame, answering its requests."""
+    def decode_level(self, rank: Rank, frames: Sequence[FrameCoroutine]) -> list[DecodedFrame]:
+        """Decode frames that do not depend on each other, answering their requests."""
 
 
 def single_prediction(found: object, shape: tuple[int, ...], method: str) -> Prediction:
@@ -75,10 +69,9 @@ def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> l
 
 def _order(task: GroupTask, config: CodecConfig) -> list[list[tuple[int, Around]]]:
     """Return which Wyner-Ziv frames of a group are decoded side by side, in order, from which references."""
-    gop = config.gop
-    p_type_distance = gop.p_type_distance if task.key is None else 0
-    order = group_order(task.first_index - 1, task.last_index, gop.references != "keys", p_type_distance)
-    return [[place] for place in order] if gop.references == "all" else levels(order)
+    references = config.gop.references
+    order = decoding_order(task.first_index - 1, task.last_index, references != "keys")
+    return [[place] for place in order] if references == "all" else levels(order)
 
 
 class GroupDecoder:
@@ -89,35 +82,25 @@ class GroupDecoder:
         config: CodecConfig,
         frames: WynerZivDecoder | None = None,
         no_feedback: NoFeedbackDecoder | None = None,
-        team: Team | None = None,
     ) -> None:
         method = config.side_information.method
         if method not in METHODS:
             raise BitstreamError(METHODS.missing(repr(method)))
         self._config = config
         self._method = METHODS[method](config)
-        self._extrapolation = TrackedExtrapolation()
         self._decoder = frames or WynerZivDecoder(config)
         self._no_feedback = no_feedback or NoFeedbackDecoder(config)
-        self._team = team or Team()
         self._predicting = Lock()  # a method keeps what it knows of the group
 
-    def decode(
-        self,
-        task: GroupTask,
-        take_last: Callable[[ReferenceFrame], object] = lambda _: None,
-        encoder: Encoder | None = None,
-    ) -> DecodedGroup:
-        """Decode a group, whose record answers unless an encoder does; hand on its last frame early."""
+    def decode(self, task: GroupTask, encoder: Encoder | None = None) -> DecodedGroup:
+        """Decode a group, whose record answers unless an encoder does."""
         if not task.record.wyner_ziv:
             return DecodedGroup.of(task, [])
         if task.before is None:
             raise BitstreamError("Wyner-Ziv frames without a frame before them")
-        known = {task.before.index: task.before}
-        if task.key is not None:
-            known[task.last_index] = ReferenceFrame(task.last_index, task.key)
+        last = ReferenceFrame(task.last_index, task.key)
+        known = {task.before.index: task.before, last.index: last}
         points = self._received(task.record.tracks, task.record.num_frames - 1)
-        long_term = self._long_term(task, points)
         encoder = encoder or RecordedGroup(task, self._config)
         frames: list[DecodedFrame] = []
         priors, order = self._decoder.new_priors(), _order(task, self._config)
@@ -125,25 +108,16 @@ class GroupDecoder:
         for levels_left, level in zip(range(len(order), 0, -1), order, strict=True):
             learned = [LearnedPriors.mean([priors]) for _ in level[1:]] + [priors]
             allowed = allowance.begin_level([index for index, _ in level])
-            steps = [
-                partial(encoder.drive, self._frame(task, known, (points, long_term), place, (own, may_ask)))
+            coroutines = [
+                self._frame(task, known, points, place, (own, may_ask))
                 for place, own, may_ask in zip(level, learned, allowed, strict=True)
             ]
-            rank = -levels_left, task.number
-            with encoder.level(rank, len(level)):
-                decoded = self._team.run(steps, rank)
+            decoded = encoder.decode_level((-levels_left, task.number), coroutines)
             priors = LearnedPriors.mean(learned)
             allowance.end_level(sum(frame.crc_bits + frame.parity_bits for frame in decoded))
             known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
             frames += decoded
-            if decoded[-1].index == task.last_index:
-                scene = self._whole_scene(known, points)
-                packed = None if scene is None else scene.pack()
-                known[task.last_index] = replace(known[task.last_index], scene=packed)
-                take_last(known[task.last_index])
         group = DecodedGroup.of(task, sorted(frames, key=lambda frame: frame.index))
-        if task.key is None:
-            group = replace(group, scene=known[task.last_index].scene)
         if task.form is Form.PUNCTURED:
             _check_agreement(group.record, task.record)
         return group
@@ -160,7 +134,7 @@ class GroupDecoder:
         self,
         task: GroupTask,
         known: Known,
-        geometry: tuple[Points, LongTerm | None],
+        points: Points,
         place: tuple[int, Around],
         own: tuple[LearnedPriors, Allowance],
     ) -> FrameCoroutine:
@@ -168,7 +142,7 @@ class GroupDecoder:
         (index, around), started = place, time.perf_counter()
         payload = task.record.wyner_ziv[index - task.first_index]
         # Not held while the frame is decoded: its planes take as much memory as all else of a frame.
-        predict = partial(self._predict, task, known, geometry, index, around)
+        predict = partial(self._predict, known, points, index, around)
         if task.form is Form.NO_FEEDBACK:
             frame = self._no_feedback.decode(index, payload, predict())
         else:
@@ -179,52 +153,11 @@ class GroupDecoder:
             frame = replace(frame, punctured=recorder.payload(payload[: len(quantization.header)]))
         return replace(frame, decode_s=time.perf_counter() - started)
 
-    def _predict(
-        self,
-        task: GroupTask,
-        known: Known,
-        geometry: tuple[Points, LongTerm | None],
-        index: int,
-        around: Around,
-    ) -> Prediction:
-        points, long_term = geometry
+    def _predict(self, known: Known, points: Points, index: int, around: Around) -> Prediction:
+        usable = [known[k] for k in _usable(known, around, self._config.gop.references)]
         with self._predicting:
-            if around[1] is None:
-                earlier, first_index = [known[k] for k in sorted(known)], task.first_index - 1
-                scene = self._scene(earlier, points)
-                return self._extrapolation.predict(earlier, points, first_index, index, scene, long_term)
-            usable = [known[k] for k in _usable(known, (around[0], around[1]), self._config.gop.references)]
             found = self._method.predict(usable, points, [index])
-            return single_prediction(found, usable[0].frame.luma.shape, self._config.side_information.method)
-
-    def _whole_scene(self, known: Known, points: Points) -> Scene | None:
-        """Return what both ends of a group show of the scene."""
-        with self._predicting:
-            return self._between(known[min(known)], known[max(known)], points)
-
-    def _scene(self, earlier: Sequence[ReferenceFrame], points: Points) -> Scene | None:
-        """Return what the latest frame, and the one before it, show of the scene."""
-        last = earlier[-1]
-        if last.scene is not None:
-            return Scene.unpack(last.scene)
-        if len(earlier) < 2 or not isinstance(points, PointTracks):
-            return None
-        part = slice(earlier[-2].index - earlier[0].index, last.index - earlier[0].index + 1)
-        return self._between(earlier[-2], last, PointTracks(points.positions[:, part]))
-
-    def _between(self, first: ReferenceFrame, last: ReferenceFrame, points: Points) -> Scene | None:
-        if not isinstance(self._method, TrackedSceneInterpolation):
-            return None
-        return self._method.scene(first, last, points)
-
-    def _long_term(self, task: GroupTask, points: Points) -> LongTerm | None:
-        """Read where the tracks of a group are in its long-term reference."""
-        if task.long_term is None or task.record.long_term is None:
-            return None
-        if not isinstance(points, PointTracks):
-            raise BitstreamError("a long-term reference without tracks")
-        matches = decode_matches(task.record.long_term.matches, points, self._config)
-        return LongTerm(task.long_term.frame, matches)
+        return single_prediction(found, usable[0].frame.luma.shape, self._config.side_information.method)
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:
         """Read what was sent of the geometry of a group."""
@@ -245,13 +178,10 @@ class RecordedGroup:
         self._task, self._config, self._layout = task, config, FrameLayout.of(config)
         self._answers: dict[int, Answer] = {}
 
-    def level(self, rank: Rank, num_frames: int) -> AbstractContextManager[None]:
-        """Wait for nothing: groups of a stream are decoded one after the other."""
-        return nullcontext()
-
-    def drive(self, frame: FrameCoroutine) -> DecodedFrame:
-        """Decode a frame."""
-        return slepian_wolf.drive(frame, lambda requests: [self.answer(own) for own in requests])
+    def decode_level(self, rank: Rank, frames: Sequence[FrameCoroutine]) -> list[DecodedFrame]:
+        """Decode frames one after the other."""
+        del rank
+        return [slepian_wolf.drive(frame, lambda requests: [*map(self.answer, requests)]) for frame in frames]
 
     def answer(self, request: ParityRequest) -> Bits:
         """Answer a request; the payload of a frame is read once it asks for something."""

@@ -185,8 +185,7 @@ class LiveGroups:
         """Return how much longer requests are held, if any are."""
         if not self._held:
             return None
-        # Where fewer steps are under way than there are cores, one of them has nothing to do.
-        return self._held.left_s(min(max(p.num_pending - p.num_cores + 1, 0) for p in self._holding))
+        return self._held.left_s(min(process.num_pending for process in self._holding))
 
     def taken(self) -> None:
         """Let the encoder forget a group that whoever takes the frames has written, and send another."""

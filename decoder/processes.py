@@ -18,20 +18,19 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from threading import RLock
 from typing import Any, Protocol
 
-from decoder.side_information.protocol import ReferenceFrame
-from decoder.tasks import Answered, Bits, Cores, DecodedGroup, GroupTask
+from decoder.tasks import Answered, Bits, DecodedGroup, GroupTask
 from dvc.environment import ONE_HEAP, baseline_environment
 from dvc.errors import BitstreamError, DvcError
 from dvc.feedback import ParityAnswer
 from dvc.slepian_wolf import ParityRequest, Place, Round
 
-Outcome = Round | ReferenceFrame | DecodedGroup | Exception
+Outcome = Round | DecodedGroup | Exception
 _MAX_IDLE = 2  # processes kept for the next sequence: they take about a second to start, and some memory
 
 
@@ -41,7 +40,6 @@ class DecodingProcess:
     def __init__(self) -> None:
         self.num_running = self.num_pending = 0
         self._is_live = self._failed = False
-        self.num_cores = 1
         self.step_s = self.began_s = 0.0
         self._connection, other = Pipe()
         with other:
@@ -71,19 +69,10 @@ class DecodingProcess:
         if not self.num_pending:
             self.began_s = time.monotonic()
         self.num_pending += len(messages)
-        self._send(*messages)
-
-    def _send(self, *messages: GroupTask | Answered | Cores) -> None:
         try:
             self._connection.send(messages)  # at once: each wakes the process
         except OSError as err:
             raise self._death() from err
-
-    def use(self, num_cores: int) -> None:
-        """Let it use some cores from now on."""
-        if num_cores != self.num_cores:
-            self.num_cores = num_cores
-            self._send(Cores(num_cores))
 
     def receive(self) -> tuple[int, Outcome]:
         """Wait for what a group asks for, or comes to."""
@@ -201,9 +190,7 @@ class GroupsInFlight:
         self._source, self._jobs = source, jobs
         self._stack = ExitStack()
         self._processes: list[DecodingProcess] = []
-        self._following: dict[int, GroupTask] = {}  # groups that wait for the last frame of the one before
-        self._newest = -1  # number of the latest group
-        self._last: ReferenceFrame | None = None  # such a frame of that, once it is there
+        self._waiting: deque[GroupTask] = deque()  # groups of a stream, until a process is idle
         self._asked: dict[Place, _Asked] = {}
         self._order: deque[int] = deque()  # of groups that are not handed on
         self._outcomes: dict[int, DecodedGroup | Exception] = {}
@@ -249,19 +236,19 @@ class GroupsInFlight:
                 self._order.append(-1)
                 self._outcomes[-1] = received
                 continue
-            self._newest = received.number
             self._order.append(received.number)
-            last, self._last = self._last, None
-            if not received.record.wyner_ziv:
-                self._outcomes[received.number] = DecodedGroup.of(received, [])
-            elif not received.follows:
-                self._begin(received)
-            elif last is not None:
-                self._begin(replace(received, before=last))
+            if received.record.wyner_ziv:
+                self._waiting.append(received)
             else:
-                self._following[received.number] = received
+                self._outcomes[received.number] = DecodedGroup.of(received, [])
         for process, own in answers.items():
             process.submit(*own)
+        while self._waiting and (self._waiting[0].form is None or self._is_one_idle()):
+            self._begin(self._waiting.popleft())
+
+    def _is_one_idle(self) -> bool:
+        num_busy = sum(process.num_running > 0 for process in self._processes)
+        return num_busy < self._jobs
 
     def _begin(self, task: GroupTask) -> None:
         """Hand on a group to the process that has least to do, or to a new one."""
@@ -270,26 +257,12 @@ class GroupsInFlight:
             self._processes.append(self._stack.enter_context(decoding_process()))
         process = min(self._processes, key=lambda process: (process.num_running, process.began_s))
         process.submit(task)
-        self._share_cores()
-
-    def _share_cores(self) -> None:
-        """Let processes that are at work use the cores of those that are not."""
-        busy = [process for process in self._processes if process.num_running]
-        for process in busy:
-            process.use(max(self._jobs // len(busy), 1))
 
     def _pass_on(self, process: DecodingProcess) -> None:
         """Take what a process has: further requests, or how a group ended."""
         number, outcome = process.receive()
         if isinstance(outcome, DecodedGroup | Exception):
             self._outcomes[number] = outcome
-            self._share_cores()
-        elif isinstance(outcome, ReferenceFrame):
-            following = self._following.pop(number + 1, None)
-            if following is not None:
-                self._begin(replace(following, before=outcome))
-            elif number == self._newest:
-                self._last = outcome
         else:
             asked = _Asked(process, [(request.frame, request.plane) for request in outcome])
             self._asked |= dict.fromkeys(asked.places, asked)

@@ -75,9 +75,6 @@ class DecodeReport:
                 crc=frame.crc_bits,
                 header=frame.header_bits + record_bits,
             )
-            if group.key is None and frame is group.wyner_ziv[-1]:
-                row["bits"]["tracks"] += costs.tracks
-                row["bits"]["header"] += costs.header
             reference = self._original(frame.index)
             original = None if reference is None else reference.luma
             row["psnr_y_db"] = _psnr(original, frame.frame.luma)
@@ -92,9 +89,10 @@ class DecodeReport:
             row["side_information_reason"] = frame.reason
             row["decode_s"] = round(frame.decode_s, 6)
             rows.append(row)
-        if group.key is not None and self._is_wanted(group.last.index):
+        last_index = group.first_index + len(group.wyner_ziv)
+        if self._is_wanted(last_index):
             bits = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
-            rows.append(self._key_row(group.last.index, group.key, bits))
+            rows.append(self._key_row(last_index, group.key, bits))
         return rows
 
     def _key_row(self, index: int, key: Frame, bits: dict[str, int]) -> dict[str, Any]:

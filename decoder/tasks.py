@@ -26,21 +26,15 @@ class GroupTask:
     config: bytes  # configuration of the stream, as `dvc.config.encode_config` packs it
     number: int  # number of the group, from 0
     first_index: int  # display position of its first frame
-    before: ReferenceFrame | None  # the key frame before it; None without one, and for the first group
-    key: Frame | None  # the key frame that ends it; None where its last frame is a Wyner-Ziv frame
+    before: ReferenceFrame | None  # the key frame before it; None for the first group
+    key: Frame  # the key frame that ends it
     record: GopRecord  # what the stream, or the encoder, sent of it
-    form: Form | None  # form of the stream; none where a live encoder answers
-    long_term: ReferenceFrame | None = None  # an earlier key frame that P-type frames are predicted from
+    form: Form | None  # form of the stream; None if a live encoder answers
 
     @property
     def last_index(self) -> int:
         """Display position of its last frame."""
         return self.first_index + self.record.num_frames - 1
-
-    @property
-    def follows(self) -> bool:
-        """Whether it is predicted from the group before, which no key frame ends."""
-        return self.before is None and self.number > 0
 
 
 class Answered(NamedTuple):
@@ -48,12 +42,6 @@ class Answered(NamedTuple):
 
     frame: int
     bits: tuple[Bits, ...]  # of each plane
-
-
-class Cores(NamedTuple):
-    """How many cores a process may use from now on."""
-
-    number: int
 
 
 @dataclass(frozen=True)
@@ -99,23 +87,17 @@ class DecodedGroup:
 
     first_index: int  # display position of its first frame
     wyner_ziv: tuple[DecodedFrame, ...]  # its Wyner-Ziv frames, in display order
-    key: Frame | None  # the key frame that ends it, if one does
+    key: Frame  # the key frame that ends it
     record: GopRecord  # the record of the punctured form: what was really needed
     # Of a live run: time from its arrival until it was handed on, in seconds, and messages with requests that
     # were sent since the group before was.
     delay_s: float | None = None
     num_messages: int = 0
-    scene: bytes | None = None  # what its ends show, where no key frame ends it; a packed `Scene`
 
     @property
     def frames(self) -> list[Frame]:
         """All its frames, in display order."""
-        return [frame.frame for frame in self.wyner_ziv] + ([] if self.key is None else [self.key])
-
-    @property
-    def last(self) -> ReferenceFrame:
-        """Its last frame."""
-        return ReferenceFrame(self.first_index + self.record.num_frames - 1, self.frames[-1], self.scene)
+        return [*(frame.frame for frame in self.wyner_ziv), self.key]
 
     def times_s(self, video: VideoConfig) -> list[Fraction]:
         """Return when its frames are shown, in seconds."""
@@ -130,11 +112,6 @@ class DecodedGroup:
         digest = frames_digest(frames) if frames else None
         record = replace(task.record, wyner_ziv=payloads, digest=digest)
         return cls(task.first_index, tuple(frames), task.key, record)
-
-
-def following(task: GroupTask, group: DecodedGroup | None) -> GroupTask:
-    """Return a task with what the group before it leaves to it."""
-    return task if group is None or group.key is not None else replace(task, before=group.last)
 
 
 def frames_digest(frames: Sequence[DecodedFrame]) -> int:

@@ -1,4 +1,4 @@
-"""Threads that decode frames side by side: as many at a time as there are cores and memory for."""
+"""Threads that decode frames of live groups side by side, as many as there is memory for."""
 
 import heapq
 from collections.abc import Callable, Iterator, Sequence
@@ -27,12 +27,6 @@ class Budget:
         self._waiting: list[tuple[Rank, int, int, Lock]] = []
         self._arrivals = count()
         self._lock = Lock()
-
-    def resize(self, size: int) -> None:
-        """Have another amount from now on."""
-        with self._lock:
-            self._size = size
-            self._serve()
 
     @contextmanager
     def taken(self, amount: int, rank: Rank = ()) -> Iterator[None]:
@@ -73,17 +67,17 @@ class Budget:
 
 
 class Team:
-    """Runs what does not depend on each other; while it runs, the number of cores may change."""
+    """Threads that decode frames of live groups: one at a time computes while others wait for answers."""
 
     def __init__(self) -> None:
-        self.cores, self.pixels = Budget(1), Budget(MAX_ACTIVE_PX)
+        self.core, self.pixels = Budget(1), Budget(MAX_ACTIVE_PX)
         self._pool = ThreadPoolExecutor(MAX_THREADS)
 
     def run(self, functions: Sequence[Callable[[], Result]], rank: Rank = ()) -> list[Result]:
         """Call functions; return what they return, in their order, or raise what the first of them raises."""
 
         def call(function: Callable[[], Result]) -> Result:
-            with self.cores.taken(1, rank):
+            with self.core.taken(1, rank):
                 return function()
 
         if len(functions) == 1:

@@ -1,12 +1,11 @@
 """The process in which groups of pictures are decoded: `decoder.processes` starts it and talks to it.
 
 Tasks come through the connection whose file descriptor is the only argument and, if the encoder is live,
-answers to requests. What goes back has the number of its group: requests, the last frame of a group that no
-key frame ends as soon as it is decoded, and at last the decoded group or the exception that it ended with.
-Groups of a stream, whose records answer, are decoded one after the other. Each group of a live encoder has a
-thread, and so has each frame of a level: while some wait for answers, others that can go on do, first of all
-those with the most to be decoded after them. Of frames that are decoded at the same time there are no more
-than memory is for, however many groups are open.
+answers to requests. What goes back has the number of its group: requests, and at last the decoded group or
+the exception that it ended with. Groups of a stream, whose records answer, are decoded one after the other.
+Each group of a live encoder has a thread, and so has each frame of a level: while some wait for answers,
+others go on, first of all those with the most to be decoded after them. Memory bounds how many frames are
+decoded at the same time, however many groups are open.
 """
 
 import os
@@ -20,7 +19,7 @@ from queue import SimpleQueue
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
-from decoder.tasks import Answered, Bits, Cores, DecodedFrame, GroupTask, naming_group
+from decoder.tasks import Answered, Bits, DecodedFrame, GroupTask, naming_group
 from decoder.team import Rank, Team
 from dvc import slepian_wolf
 from dvc.config import VideoConfig, decode_config
@@ -34,9 +33,9 @@ if TYPE_CHECKING:
 def serve(connection: "Connection[Any, Any]") -> None:
     """Decode groups until nobody wants any."""
     parent, team, tasks = _Parent(connection), Team(), SimpleQueue[GroupTask]()
-    Thread(target=_receive, args=(parent, team, tasks), daemon=True).start()
+    Thread(target=_receive, args=(parent, tasks), daemon=True).start()
     _import_opencv_quietly()
-    decoders = _Decoders(team)
+    decoders = _Decoders()
     while True:
         task = tasks.get()
         if task.form is None:
@@ -45,15 +44,13 @@ def serve(connection: "Connection[Any, Any]") -> None:
             _decode(task, decoders, parent, team)
 
 
-def _receive(parent: "_Parent", team: Team, tasks: "SimpleQueue[GroupTask]") -> None:
+def _receive(parent: "_Parent", tasks: "SimpleQueue[GroupTask]") -> None:
     """Take what comes."""
     while True:
         with _ending_alone():
             messages = parent.connection.recv()
         for message in messages:
-            if isinstance(message, Cores):
-                team.cores.resize(message.number)
-            elif isinstance(message, Answered):
+            if isinstance(message, Answered):
                 parent.answers.pop(message.frame).put(message.bits)
             else:
                 tasks.put(message)
@@ -77,8 +74,7 @@ def _decode(task: GroupTask, decoders: "_Decoders", parent: "_Parent", team: Tea
             if task.form is None:
                 parent.send(task.number, (), 1)
                 encoder = _Encoder(task.number, decode_config(task.config).video, parent, team)
-            take_last = partial(parent.send, task.number)
-            outcome = decoder.decode(task, take_last, encoder)
+            outcome = decoder.decode(task, encoder)
     except DvcError as err:
         outcome = err
     except Exception as err:  # whose class the other side may be unable to read
@@ -109,16 +105,14 @@ class _Encoder:
         self._frame_px = video.width * video.height
         self._rank: Rank = ()
 
-    @contextmanager
-    def level(self, rank: Rank, num_frames: int) -> Iterator[None]:
-        """Wait until there is memory for frames, which are then decoded."""
+    def decode_level(self, rank: Rank, frames: "Sequence[FrameCoroutine]") -> list[DecodedFrame]:
+        """Decode frames side by side, once there is memory for them."""
         self._rank = rank
-        with self._team.pixels.taken(num_frames * self._frame_px, rank):
-            self._parent.send(self._number, (), -num_frames)
-            yield
+        with self._team.pixels.taken(len(frames) * self._frame_px, rank):
+            self._parent.send(self._number, (), -len(frames))
+            return self._team.run([partial(self._drive, frame) for frame in frames], rank)
 
-    def drive(self, frame: "FrameCoroutine") -> DecodedFrame:
-        """Decode a frame."""
+    def _drive(self, frame: "FrameCoroutine") -> DecodedFrame:
         decoded = slepian_wolf.drive(frame, self._answers)
         self._parent.send(self._number, (), 1)
         return decoded
@@ -127,15 +121,15 @@ class _Encoder:
         """Ask for bits, and leave the core to others until they come."""
         answers = self._parent.answers[requests[0].frame] = SimpleQueue[Sequence[Bits]]()
         self._parent.send(self._number, requests, 1)
-        with self._team.cores.given(1, self._rank):
+        with self._team.core.given(1, self._rank):
             return answers.get()
 
 
 class _Decoders:
     """Decoders of groups, which are kept for others of the same configuration."""
 
-    def __init__(self, team: Team) -> None:
-        self._team, self._lock = team, Lock()
+    def __init__(self) -> None:
+        self._lock = Lock()
         self._config = b""
         self._frames: WynerZivDecoder | None = None
         self._idle: list[GroupDecoder] = []
@@ -158,7 +152,7 @@ class _Decoders:
                 self._frames = WynerZivDecoder(decode_config(config))
             if self._idle:
                 return self._idle.pop()
-            return GroupDecoder(decode_config(config), self._frames, team=self._team)
+            return GroupDecoder(decode_config(config), self._frames)
 
 
 def _import_opencv_quietly() -> None:

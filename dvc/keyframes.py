@@ -1,15 +1,21 @@
-"""Key frames: H.264 intra pictures, each coded and decoded alone (libx264 and FFmpeg's decoder).
+"""Key pictures: H.264 pictures that other frames are predicted from (libx264 and FFmpeg's decoder).
 
-What x264 repeats or adds is left out of a record: start codes, the parameter sets (kept once, in the stream's
-header), the version message, and the NAL unit header, which is the same byte for every key frame.
+They are intra pictures, or each is predicted from those before it, in a closed loop: a chain, which begins
+with an IDR picture. A record leaves out the start codes, the parameter sets (kept once, in the header of the
+stream), the version message of x264, and the NAL unit header, which the type of the picture gives.
 """
 
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
+import numpy as np
+
+from dvc.bits import BitReader
 from dvc.config.sections import MAX_QP
 from dvc.errors import BitstreamError
 from dvc.video.frames import Frame, check_size
@@ -22,17 +28,24 @@ if TYPE_CHECKING:
 
 MACROBLOCK_PX: Final = 16
 
-# NAL unit headers: nal_ref_idc 3 and nal_unit_type ([H264] table 7-1).
+# NAL unit headers: nal_ref_idc and nal_unit_type ([H264] table 7-1).
 _SPS_HEADER = 0x67
 _PPS_HEADER = 0x68
 _IDR_HEADER = 0x65
+_PREDICTED_HEADER = 0x41
 _SEI_TYPE = 6
+_P_SLICES, _I_SLICES = (0, 5), (2, 7)
 
 _START_CODE = b"\x00\x00\x01"
 _MAX_SPS_BYTES = 255
+_PROFILES = (100, 244)
+"""High, and High 4:4:4 Predictive, which lossless pictures need."""
 
+MAX_REFERENCES: Final = 4
+"""Pictures that a decoder keeps to predict the next one."""
+INTRA_QP_OFFSET: Final = -3
+"""QP of IDR pictures over that of predicted ones, which rest on them."""
 _X264_PARAMETERS = {
-    "keyint": 1,
     "psy": 0,
     "ipratio": 1,
     "qpmin": 0,
@@ -40,23 +53,45 @@ _X264_PARAMETERS = {
     "slices": 1,
     "sliced-threads": 0,
     "threads": 1,
+    # A constant rate factor is the same as a QP, from which a region of interest deviates: x264 sees a new QP
+    # of an open encoder in no other way.
+    "qcomp": 1,
+    "mbtree": 0,
+    "aq-mode": 1,
+    "aq-strength": 1e-4,
 }
+_INTRA: dict[str, object] = {"keyint": 1}
+_PREDICTED: dict[str, object] = {
+    "keyint": "infinite",
+    "bframes": 0,
+    "ref": 3,
+    "weightp": 0,
+    "rc-lookahead": 0,
+}
+_RATE_FACTOR = 30
 CHROMA_QP_OFFSET = -4
-"""By which chroma is finer than luma: that of all frames between rests on it. Chosen on box, desk, river,
+"""QP of chroma over that of luma: chroma of all frames between rests on it. Chosen on box, desk, river,
 stone, street and tree; `benchmarks.searches.settings --colour` searches."""
-_SAME_PARAMETER_SETS = {"stitchable": 1}
-"""So that they do not depend on the QP, for a byte in each picture."""
 FAST_DECISIONS: Final = MappingProxyType({"subme": 5, "trellis": 0, "deadzone-intra": 7})
 """Parameters of libx264: modes by sums of transformed differences, no search by rate and distortion; the dead
 zone is narrower than usual, which is worth its rate where no trellis decides about each coefficient."""
 # Nothing may be concealed: any syntax error ends the decoding of the picture.
 _DECODER_OPTIONS = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}
 
+_TIME_BASE = Fraction(1, 25)
+
 Qp = int | Literal["lossless"]
 
 
+class KeyPicture(NamedTuple):
+    """One coded key picture."""
+
+    data: bytes  # its slice, without the header of the NAL unit
+    predicted: bool  # from earlier pictures; else it is an IDR picture
+
+
 class KeyFrameEncoder:
-    """Code pictures as H.264 intra, one in and one out, at one quality or, if `several_qps`, at any."""
+    """Code key pictures, one in and one out, each at a quality of its own if it is to."""
 
     def __init__(
         self,
@@ -65,39 +100,30 @@ class KeyFrameEncoder:
         qp: Qp,
         *,
         luma_only: bool = False,
+        predicted: bool = False,
         parameters: Mapping[str, int] = MappingProxyType({}),
-        several_qps: bool = False,
     ) -> None:
         if qp != "lossless" and not (isinstance(qp, int) and 1 <= qp <= MAX_QP):
             raise ValueError(f"`qp` must be 1 to {MAX_QP} or 'lossless', got {qp!r}")
         check_size(width, height, "key frames")
-        self._size = (width, height)
-        self._luma_only = luma_only
-        self._parameters = {**parameters, **(_SAME_PARAMETER_SETS if several_qps else {})}
-        self._several_qps = several_qps
-        self._open(qp)
+        self._size, self._qp = (width, height), qp
+        self._luma_only, self._predicted = luma_only, predicted
+        further = {**(_PREDICTED if predicted else _INTRA), **parameters}
+        self._context = _open_encoder(*_coded_size(width, height), qp == "lossless", luma_only, further)
         self._count = 0
-        self._decoder: KeyFrameDecoder | None = None
         units = _nal_units(self._context.extradata or b"")
         sps, pps = (next(u for u in units if u[0] == header) for header in (_SPS_HEADER, _PPS_HEADER))
         self._parameter_sets = _join_parameter_sets(_without_vui(sps), pps)
 
     @property
     def parameter_sets(self) -> bytes:
-        """What `KeyFrameDecoder` needs once: the lengths and payloads of both parameter sets."""
+        """The lengths and payloads of both parameter sets, which `KeyFrameDecoder` needs once."""
         return self._parameter_sets
 
-    def _open(self, qp: Qp) -> None:
-        self._qp = qp
-        size = _coded_size(*self._size)
-        self._context = _open_encoder(*size, qp, self._luma_only, self._parameters)
+    def encode(self, frame: Frame, qp: int | None = None, *, begins_chain: bool = True) -> KeyPicture:
+        """Code one picture, an IDR picture if it begins a chain, at the usual QP or another."""
+        from av.video.frame import PictureType
 
-    def encode(self, frame: Frame, qp: int | None = None) -> bytes:
-        """Code one picture, at a QP of its own where there are several."""
-        if qp not in (None, self._qp):
-            if not self._several_qps:
-                raise ValueError("`qp` is the same for all key frames but with `several_qps`")
-            self._open(qp)
         if (frame.width, frame.height) != self._size:
             raise ValueError(f"`frame` must be {self._size} pixels, got {(frame.width, frame.height)}")
         pixel_format = "gray" if self._luma_only else "yuv420p"
@@ -105,42 +131,62 @@ class KeyFrameEncoder:
         picture = picture_from_frame(pad_frame(source, MACROBLOCK_PX), pixel_format)
         picture.pts = self._count
         self._count += 1
+        if begins_chain:
+            picture.pict_type = PictureType.I
+        usual = self._qp if qp is None else qp
+        if usual != "lossless":
+            offset = INTRA_QP_OFFSET if begins_chain and self._predicted else 0
+            picture = _with_qp(picture, min(max(usual + offset, 1), MAX_QP))
         packets = self._context.encode(picture)
-        units = [u for packet in packets for u in _nal_units(bytes(packet)) if u[0] & 31 != _SEI_TYPE]
-        assert [unit[0] for unit in units] == [_IDR_HEADER]
-        return units[0][1:]
-
-    def reconstruct(self, data: bytes) -> Frame:
-        """Decode what `encode` gave, as the receiver will."""
-        if self._decoder is None:
-            self._decoder = KeyFrameDecoder(*self._size, self._parameter_sets, luma_only=self._luma_only)
-        return self._decoder.decode(data)
+        (unit,) = (u for packet in packets for u in _nal_units(bytes(packet)) if u[0] & 31 != _SEI_TYPE)
+        assert unit[0] in {_IDR_HEADER, _PREDICTED_HEADER}
+        return KeyPicture(unit[1:], unit[0] == _PREDICTED_HEADER)
 
 
 class KeyFrameDecoder:
-    """Decode pictures of `KeyFrameEncoder`, in any order; H.264 makes the result the same everywhere."""
+    """Decode pictures of `KeyFrameEncoder`, each chain in its order; the result is the same everywhere.
+
+    A picture that is damaged or missing costs its chain: what follows is refused up to the next IDR picture.
+    """
 
     def __init__(self, width: int, height: int, parameter_sets: bytes, *, luma_only: bool = False) -> None:
-        import av
-
         check_size(width, height, "key frames")
         self._size = (width, height)
         self._coded_size = _coded_size(width, height)
         self._luma_only = luma_only
+        sps, _ = _split_parameter_sets(parameter_sets)
+        try:
+            self._frame_num_bits = _SequenceParameters.read(sps).check(self._coded_size).frame_num_bits
+        except BitstreamError as err:
+            raise BitstreamError(f"key frames: the parameter sets are damaged: {err}") from err
+        self._num_decoded: int | None = None  # of the chain; None if it has not begun, or is damaged
+        self._parameter_sets = parameter_sets
+        self._open()
+
+    def _open(self) -> None:
+        """Open FFmpeg's decoder, anew for each chain: flushing does not reset all that damage has left."""
+        import av
+
         # The limit is checked against the decoder's buffers, which are wider than the picture.
         max_pixels = (self._coded_size[0] + 128) * (self._coded_size[1] + 128)
         self._context = av.CodecContext.create("h264", "r")
         self._context.thread_count = 1
         self._context.options = {**_DECODER_OPTIONS, "max_pixels": str(max_pixels)}
-        self._context.extradata = _decoder_configuration(parameter_sets)
+        self._context.extradata = _decoder_configuration(self._parameter_sets)
         try:
             self._context.open()
         except (av.FFmpegError, ValueError) as err:
             raise BitstreamError("key frames: the parameter sets are damaged") from err
 
-    def decode(self, data: bytes) -> Frame:
-        """Decode one picture."""
-        picture = self._decode_picture(data)
+    def decode(self, data: bytes, *, predicted: bool = False) -> Frame:
+        """Decode one picture, the next of its chain or, unless it is predicted, the first of another."""
+        number, self._num_decoded = self._num_decoded if predicted else 0, None
+        if number is None:
+            raise BitstreamError("key frame: the picture that it is predicted from is missing")
+        self._check_slice(data, predicted, number)
+        if not predicted:
+            self._open()
+        picture = self._decode_picture(bytes([_PREDICTED_HEADER if predicted else _IDR_HEADER]) + data)
         if picture.is_corrupt:
             raise BitstreamError("key frame: damaged picture")
         if (picture.width, picture.height) != self._coded_size:
@@ -150,21 +196,30 @@ class KeyFrameDecoder:
             )
         if picture.format.name not in {"yuv420p", "gray"}:
             raise BitstreamError(f"key frame: the pixel format {picture.format.name} is not used here")
+        self._num_decoded = number + 1
         return _crop(frame_from_picture(picture), *self._size, self._luma_only)
 
-    def _decode_picture(self, data: bytes) -> "av.VideoFrame":
-        """Push one slice through the decoder and leave the decoder empty."""
+    def _check_slice(self, data: bytes, predicted: bool, number: int) -> None:
+        """Refuse a slice that is not the whole of the picture that comes next in its chain."""
+        reader = _SyntaxReader(data[:32])
+        try:
+            first_macroblock, slice_type, pps = (reader.unsigned() for _ in range(3))
+            frame_num = reader.read_number(self._frame_num_bits)
+        except BitstreamError as err:
+            raise BitstreamError("key frame: no slice") from err
+        if first_macroblock or pps or slice_type not in (*_I_SLICES, *(_P_SLICES if predicted else ())):
+            raise BitstreamError(f"key frame: a slice of type {slice_type} that is not of a key picture")
+        if frame_num != number % (1 << self._frame_num_bits):
+            raise BitstreamError("key frame: the picture that it is predicted from is missing")
+
+    def _decode_picture(self, unit: bytes) -> "av.VideoFrame":
         import av
 
-        if not data:
-            raise BitstreamError("key frame: no data")
-        packet = av.Packet(struct.pack(">IB", len(data) + 1, _IDR_HEADER) + data)
+        packet = av.Packet(struct.pack(">I", len(unit)) + unit)
         try:
-            pictures = [*self._context.decode(packet), *self._context.decode(None)]
+            pictures = self._context.decode(packet)
         except (av.FFmpegError, ValueError) as err:
             raise BitstreamError(f"key frame: damaged data ({getattr(err, 'strerror', err)})") from err
-        finally:
-            self._context.flush_buffers()
         if len(pictures) != 1:
             raise BitstreamError(f"key frame: {len(pictures)} pictures where one is expected")
         return pictures[0]
@@ -176,7 +231,7 @@ def _coded_size(width: int, height: int) -> tuple[int, int]:
 
 
 def _open_encoder(
-    width: int, height: int, qp: Qp, luma_only: bool, further: Mapping[str, int]
+    width: int, height: int, lossless: bool, luma_only: bool, further: Mapping[str, object]
 ) -> "VideoCodecContext":
     """Open libx264 with parameter sets apart from the pictures."""
     import av
@@ -185,23 +240,49 @@ def _open_encoder(
     context = av.CodecContext.create("libx264", "w")
     context.width, context.height = width, height
     context.pix_fmt = "gray" if luma_only else "yuv420p"
-    context.framerate = Fraction(25)
-    context.time_base = Fraction(1, 25)
+    context.framerate = 1 / _TIME_BASE
+    context.time_base = _TIME_BASE
     context.thread_count = 1
     context.flags |= Flags.global_header
-    parameters = {**_X264_PARAMETERS, **further}
-    if not (luma_only or qp == "lossless"):
+    parameters: dict[str, object] = {**_X264_PARAMETERS, **further}
+    if not (luma_only or lossless):
         parameters["chroma-qp-offset"] = CHROMA_QP_OFFSET
     context.options = {
         "preset": "medium",
         "tune": "zerolatency",
-        "qp": "0" if qp == "lossless" else str(qp),
+        **({"qp": "0"} if lossless else {"crf": str(_RATE_FACTOR)}),
+        "forced-idr": "1",
         "x264-params": ":".join(f"{name}={value}" for name, value in parameters.items()),
     }
-    if qp != "lossless":
+    if not lossless:
         context.profile = "High"
     context.open()
     return context
+
+
+def _with_qp(picture: "av.VideoFrame", qp: int) -> "av.VideoFrame":
+    """Let a picture be coded at a QP."""
+    graph = _qp_filter(picture.width, picture.height, picture.format.name, qp - _RATE_FACTOR)
+    graph.push(picture)
+    pulled = graph.pull()
+    assert isinstance(pulled, type(picture))
+    return pulled
+
+
+@lru_cache(maxsize=MAX_QP)
+def _qp_filter(width: int, height: int, pixel_format: str, offset: int) -> "av.filter.Graph":
+    """Return a filter that makes all of a picture a region of interest."""
+    import av.filter
+
+    graph = av.filter.Graph()
+    kind = av.VideoFormat(pixel_format, width, height)
+    source = graph.add_buffer(width=width, height=height, format=kind, time_base=_TIME_BASE)
+    region = graph.add("addroi", f"x=0:y=0:w=iw:h=ih:qoffset={offset}/51")
+    sink = graph.add("buffersink")
+    source.link_to(region)
+    region.link_to(sink)
+    graph.configure()
+    return graph
 
 
 def _crop(frame: Frame, width: int, height: int, luma_only: bool) -> Frame:
@@ -241,40 +322,76 @@ def _decoder_configuration(parameter_sets: bytes) -> bytes:
 
 def _without_vui(sps: bytes) -> bytes:
     """Leave out the usability information (timing, aspect), which ends a sequence parameter set."""
-    payload = sps.replace(b"\x00\x00\x03", b"\x00\x00")
-    bits = "".join(f"{byte:08b}" for byte in payload)
-    end = _vui_flag_position(bits)
-    kept = bits[:end] + "0" + "1"
-    kept += "0" * (-len(kept) % 8)
-    plain = bytes(int(kept[i : i + 8], 2) for i in range(0, len(kept), 8))
-    # Where the shorter form would need escaping again, the long one serves as well.
+    bits = np.unpackbits(np.frombuffer(_unescaped(sps), np.uint8))
+    end = _SequenceParameters.read(sps).num_bits
+    plain = np.packbits(np.append(bits[:end], [0, 1])).tobytes()
+    # If the shorter form needs escaping again, the long one serves as well.
     return sps if any(bytes((0, 0, low)) in plain for low in range(4)) else plain
 
 
-def _vui_flag_position(bits: str) -> int:
-    """Walk over a sequence parameter set as x264 writes it, up to `vui_parameters_present_flag`."""
-    position = 32  # header, profile, constraints, level
+def _unescaped(unit: bytes) -> bytes:
+    """Remove emulation prevention bytes ([H264] 7.4.1)."""
+    return unit.replace(b"\x00\x00\x03", b"\x00\x00")
 
-    def unsigned() -> int:
-        nonlocal position
-        zeros = bits.index("1", position) - position
-        start, position = position + zeros, position + 2 * zeros + 1
-        return int(bits[start:position], 2) - 1
 
-    unsigned()  # seq_parameter_set_id
-    chroma_format = unsigned()
-    assert chroma_format in {0, 1}
-    unsigned()  # bit_depth_luma_minus8
-    unsigned()  # bit_depth_chroma_minus8
-    position += 1  # qpprime_y_zero_transform_bypass_flag
-    assert bits[position] == "0", "no scaling matrices"
-    position += 1
-    unsigned()  # log2_max_frame_num_minus4
-    picture_order_type = unsigned()
-    assert picture_order_type == 2
-    unsigned()  # max_num_ref_frames
-    position += 1  # gaps_in_frame_num_value_allowed_flag
-    unsigned()  # pic_width_in_mbs_minus1
-    unsigned()  # pic_height_in_map_units_minus1
-    assert bits[position : position + 3] == "110", "frames only, 8x8 inference, no cropping"
-    return position + 3
+class _SyntaxReader(BitReader):
+    """Reads syntax elements of the beginning of a NAL unit."""
+
+    def __init__(self, unit: bytes) -> None:
+        super().__init__(_unescaped(unit))
+
+    def unsigned(self) -> int:
+        """Read ue(v), an Exp-Golomb code ([H264] 9.1)."""
+        num_zeros = 0
+        while not self.read_number(1):
+            num_zeros += 1
+            if num_zeros > 31:
+                raise BitstreamError("an Exp-Golomb code of more than 63 bits")
+        return (1 << num_zeros) - 1 + self.read_number(num_zeros)
+
+
+@dataclass(frozen=True)
+class _SequenceParameters:
+    """Fields of a sequence parameter set ([H264] 7.3.2.1.1) up to `vui_parameters_present_flag`."""
+
+    chroma_format: int
+    frame_num_bits: int
+    order_type: int
+    num_references: int
+    macroblocks: tuple[int, int]
+    plain: bool  # 8 bits, no scaling matrices, no gaps, frames only, no cropping
+    num_bits: int  # before the flag
+
+    @classmethod
+    def read(cls, sps: bytes) -> "_SequenceParameters":
+        """Read a parameter set of one of the High profiles."""
+        reader = _SyntaxReader(sps)
+        reader.read(8)
+        if (profile := reader.read_number(8)) not in _PROFILES:
+            raise BitstreamError(f"profile {profile}")
+        reader.read(16)  # constraints and level
+        reader.unsigned()  # seq_parameter_set_id
+        chroma_format = reader.unsigned()
+        depths = reader.unsigned(), reader.unsigned()
+        reader.read(1)  # qpprime_y_zero_transform_bypass_flag
+        scaled = reader.read_number(1)
+        frame_num_bits, order_type = reader.unsigned() + 4, reader.unsigned()
+        num_references = reader.unsigned()
+        gaps = reader.read_number(1)
+        macroblocks = reader.unsigned() + 1, reader.unsigned() + 1
+        frames_only, _, cropped = (reader.read_number(1) for _ in range(3))
+        plain = not any((*depths, scaled, gaps, cropped)) and bool(frames_only)
+        num_bits = 8 * len(_unescaped(sps)) - reader.num_left
+        return cls(chroma_format, frame_num_bits, order_type, num_references, macroblocks, plain, num_bits)
+
+    def check(self, coded_size: tuple[int, int]) -> "_SequenceParameters":
+        """Refuse what `KeyFrameEncoder` does not write; return the parameters."""
+        usual = self.plain and self.chroma_format in {0, 1} and self.order_type == 2
+        if not usual or self.frame_num_bits > 16:
+            raise BitstreamError("pictures of a kind that is not used here")
+        if self.num_references > MAX_REFERENCES:
+            raise BitstreamError(f"{self.num_references} references, at most {MAX_REFERENCES} are used")
+        width, height = (MACROBLOCK_PX * count for count in self.macroblocks)
+        if (width, height) != coded_size:
+            raise BitstreamError(f"pictures of {width}x{height} pixels, not {coded_size[0]}x{coded_size[1]}")
+        return self

@@ -3,17 +3,11 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dvc.config import KeyFrameRule
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from encoder.corners import CornerDetector
-from encoder.gop_segmentation import first_length, group_costs
 from encoder.tracking import PointTracker
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -25,8 +19,7 @@ class Group:
     # points of the previous key frame, followed to this one, and points of this one, followed back
     tracks: PointTracks | None = None
     points: FeaturePoints | None = None  # corners of the Wyner-Ziv frames
-    # points of the previous key frame in each frame up to this one (N, T, 2), nan once they are lost
-    path: Floats | None = None
+    begins_scene: bool = False  # whether the key frame is the first after a cut
 
 
 def groups(frames: Iterable[Frame], length: int) -> Iterator[Group]:
@@ -64,8 +57,6 @@ class _Window:
     def __init__(self, tracker: PointTracker, length: int, rule: KeyFrameRule) -> None:
         self._tracker, self._length, self._rule = tracker, length, rule
         self._waiting: list[Frame] = []
-        self._changes: list[float] = []
-        self._lost_shares: list[float] = []
         self._begun = False
 
     def take(self, frame: Frame) -> Iterator[Group]:
@@ -79,42 +70,17 @@ class _Window:
         if self._waiting and _is_cut(tracker, self._rule):
             yield from self.flush()
             tracker.step(frame.luma)
-        self._wait(frame)
-        if self._rule.choice == "rate" and not _is_cut(tracker, self._rule):
-            if len(self._waiting) == self._length:
-                yield self._close_first()
-        elif _is_due(len(self._waiting), self._length, tracker, self._rule):
+        self._waiting.append(frame)
+        if _is_due(len(self._waiting), self._length, tracker, self._rule):
             yield from self.flush()
 
     def flush(self) -> Iterator[Group]:
-        while self._waiting:
-            yield self._close_first()
-
-    def _wait(self, frame: Frame) -> None:
-        self._waiting.append(frame)
-        if self._rule.choice == "rate":
-            self._changes.append(self._tracker.change)
-            self._lost_shares.append(self._tracker.lost_share)
-
-    def _close_first(self) -> Group:
-        """Close a group of all frames that wait, or the first at the least rate; follow the others anew."""
-        count = len(self._waiting)
-        if self._rule.choice == "rate":
-            costs = group_costs(self._changes, self._lost_shares, self._rule.hierarchical)
-            count = first_length(costs, self._rule.min_length)
-        group = _closed(self._waiting[:count], self._tracker)
-        others = self._waiting[count:]
-        self._waiting, self._changes, self._lost_shares = [], [], []
-        for frame in others:
-            self._tracker.step(frame.luma)
-            self._wait(frame)
-        return group
-
-
-def _closed(waiting: list[Frame], tracker: PointTracker) -> Group:
-    path = tracker.path(len(waiting) + 1)
-    tracks = tracker.close([frame.luma for frame in waiting])
-    return Group(tuple(waiting[:-1]), waiting[-1], tracks, path=path)
+        """Close a group of all frames that wait, if there are any."""
+        if self._waiting:
+            (*wyner_ziv, key), self._waiting = self._waiting, []
+            begins_scene = _is_cut(self._tracker, self._rule)
+            tracks = self._tracker.close([frame.luma for frame in (*wyner_ziv, key)])
+            yield Group(tuple(wyner_ziv), key, tracks, begins_scene=begins_scene)
 
 
 def _is_cut(tracker: PointTracker, rule: KeyFrameRule) -> bool:

@@ -23,7 +23,6 @@ _FAST = 1
 class _Waiting(NamedTuple):
     number: int
     first_frame: int
-    oldest_reference: int
 
 
 class GroupsAhead:
@@ -39,24 +38,19 @@ class GroupsAhead:
         """Whether there is room for another group, whose frames have come."""
         return self._spool.has_room and self._queue.holds(self._length)
 
-    @property
-    def oldest_reference(self) -> float:
-        """Number of the earliest group that one of them is predicted from, by name."""
-        return min((group.oldest_reference for group in self._waiting), default=np.inf)
-
     def add(self, group: KeptGroup) -> None:
         """Let a group wait."""
         record, frames = group.encoded.record, group.encoded.frames
         packed = encode_gop(record)
         planes = b"".join(frame.words.tobytes() for frame in frames)
         self._spool.put(encode_varint(len(packed)) + packed + zlib.compress(planes, _FAST))
-        self._waiting.append(_Waiting(group.number, group.first_frame, group.oldest_reference))
+        self._waiting.append(_Waiting(group.number, group.first_frame))
 
     def take(self) -> KeptGroup | None:
         """Return the first one, if there is any."""
         if not self._waiting:
             return None
-        number, first_frame, _ = self._waiting.popleft()
+        number, first_frame = self._waiting.popleft()
         data = self._spool.take()
         packed, position = decode_bytes(data, 0, len(data))
         record = decode_gop(packed)

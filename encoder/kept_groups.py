@@ -1,6 +1,5 @@
 """Groups of pictures that a live encoder keeps for a decoder that comes in place of one that is gone."""
 
-import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -19,9 +18,9 @@ class KeptGroup:
     done: bool = False  # whether a decoder has written it
 
     @property
-    def has_key(self) -> bool:
-        """Whether a key frame ends it."""
-        return not self.encoded.record.without_key
+    def begins_chain(self) -> bool:
+        """Whether its key frame is an IDR picture."""
+        return not self.encoded.record.predicted
 
     @property
     def end_frame(self) -> int:
@@ -35,15 +34,9 @@ class KeptGroup:
         record = replace(record, num_frames=1, tracks=b"", wyner_ziv=(), deviations=late)
         return KeptGroup(self.number, self.end_frame - 1, EncodedGroup(record, ()), self.done)
 
-    @property
-    def oldest_reference(self) -> int:
-        """Number of the earliest group that it is predicted from, by name."""
-        reference = self.encoded.record.long_term
-        return self.number if reference is None else self.number - reference.groups_back
-
 
 class KeptGroups:
-    """The latest groups, from a key frame on before all frames that no decoder has written for sure."""
+    """The latest groups, from an IDR picture on before all frames that no decoder has written for sure."""
 
     def __init__(self, max_frames: int) -> None:
         self._max_frames = max_frames
@@ -62,7 +55,7 @@ class KeptGroups:
 
     @staticmethod
     def _start(groups: Iterable[KeptGroup]) -> int:
-        """Return the place of the last group whose key frame comes before the last one that is done.
+        """Return the place of the last group with an IDR picture before the last group that is done.
 
         That one counts for nothing: what a decoder writes last may be lost with it.
         """
@@ -70,21 +63,14 @@ class KeptGroups:
         for place, (group, after) in enumerate(pairwise(groups)):
             if not after.done:
                 break
-            if group.has_key:
+            if group.begins_chain:
                 start = place
         return start
 
-    def begin_again(self, oldest_reference: float = math.inf) -> list[KeptGroup]:
-        """Return what another decoder is sent first, from a key frame alone on; nothing without any.
-
-        `oldest_reference`: number of the earliest group that one of those behind them is predicted from.
-        """
+    def begin_again(self) -> list[KeptGroup]:
+        """Return what another decoder is sent first, from an IDR picture alone on; nothing without any."""
         groups = list(self._groups)[self._start(self._groups) :]
-        while groups and not (
-            groups[0].has_key
-            and oldest_reference >= groups[0].number
-            and all(group.oldest_reference >= groups[0].number for group in groups)
-        ):
+        while groups and not groups[0].begins_chain:
             del groups[0]
         self._groups = deque(groups)
         return [groups[0].key_alone(), *groups[1:]] if groups else []

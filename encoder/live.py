@@ -101,8 +101,8 @@ class _LiveEncoder:
         self._ahead, self._exhausted = ahead, False
         self._pace, self._session, self._progress = pace, session, progress
         self._source = session.groups(frames)
-        gop = session.config.gop
-        self._kept = KeptGroups(endpoint.num_slots + gop.length + max(gop.length, gop.intra_period))
+        config = session.config
+        self._kept = KeptGroups(endpoint.num_slots + 2 * config.gop.length + config.key.intra_period)
         self._num_groups = self._num_frames = self._num_written = 0  # of the sequence
         self._begin(deque())
 
@@ -115,20 +115,18 @@ class _LiveEncoder:
         self._progressed_s = time.monotonic()
 
     def begin_again(self, link: Link, endpoint: EncoderEndpoint) -> None:
-        """Go on with another decoder: at a key frame, before the frames that none has written."""
+        """Go on with another decoder: at an IDR picture, before the frames that none has written."""
         self.report.add(self.link.counts)
         self.report.num_decoders += 1
         self.link.close()
         self.report.bits_asked_again += sum(map(self._bits_of, self._open.values()))
         self.link, self.endpoint = link, endpoint
-        again = self._kept_for_another()
+        again = self._kept.begin_again()
         if not again:
             self._session.begin_again(self._num_groups)
             while not again and self._next_group():
-                again = self._kept_for_another()
+                again = self._kept.begin_again()
         endpoint.first_frame = again[0].first_frame if again else self._num_frames
-        if again:
-            self._session.begin_again(again[0].number)
         if endpoint.first_frame > self._num_written:
             self.report.frames_lost.append([self._num_written, endpoint.first_frame - 1])
             self._num_written = endpoint.first_frame
@@ -137,11 +135,6 @@ class _LiveEncoder:
         if self._session.limiter is not None:
             self._session.limiter.leave_out(again[0].number if again else self._num_groups - 1)
         self._begin(deque(again))
-
-    def _kept_for_another(self) -> list[KeptGroup]:
-        if self._ahead is None:
-            return self._kept.begin_again()
-        return self._kept.begin_again(self._ahead.oldest_reference)
 
     @property
     def unfinished(self) -> str:

@@ -12,10 +12,9 @@ from dvc.config import (
     DEFAULT_CODEC,
     DEFAULT_CODER,
     DEFAULT_QP,
-    KEY_FRAME_CHOICES,
+    INTRA_PERIOD,
     MAX_GOP_LENGTH,
     MAX_INTRA_PERIOD,
-    MAX_LONG_TERM_GROUPS,
     MAX_NEW_TRACKS,
     MAX_POINTS,
     MAX_QP,
@@ -69,9 +68,7 @@ EXAMPLES = """\
 
 LONG_DELAY_PERCENT = 20
 """Of what is unknown of a plane: half of the requests for a tenth more bits of planes."""
-LONG_DELAY_INTRA_PERIOD = 1
-"""All GOPs end with a key frame, so that none waits for the one before."""
-
+KEY_FRAMES = ("predicted", "intra")
 
 Value = Callable[[CodecVariant], object]
 """A setting of a variant."""
@@ -90,16 +87,15 @@ class _TrackOption(NamedTuple):
 
 
 def _of_groups(value: Callable[[GroupPreset], object]) -> Value:
-    """Return a setting that depends on references and delivery."""
+    """Return a setting that depends on references and key frames."""
 
     def _shown(variant: CodecVariant) -> str:
-        estimated = variant.groups(delivery=EstimatedRate())
-        usual, keys, without = (
+        usual, keys, intra = (
             str(value(groups)).removesuffix(".0")
-            for groups in (variant.groups(), variant.groups("keys"), estimated)
+            for groups in (variant.groups(), variant.groups("keys"), variant.groups(intra_period=0))
         )
         others = [f"{keys} if only key frames are references"] * (keys != usual)
-        others += [f"{without} with --no-feedback"] * (without != usual)
+        others += [f"{intra} with --key-frames intra"] * (intra != usual)
         return f"{usual} ({', '.join(others)})" if others else usual
 
     return _shown
@@ -142,18 +138,11 @@ _TRACK_OPTIONS = (
         "least frames of a GOP, but where the scene changes",
     ),
     _rule_option(
-        "key-frames",
-        "choice",
-        str,
-        f"{{{','.join(KEY_FRAME_CHOICES)}}}",
-        "end a GOP where tracks are long or lost, or where the estimated rate becomes least",
-    ),
-    _rule_option(
         "scene-change",
         "cut_share",
         float,
         "SHARE",
-        "points lost from one frame to the next that make both key frames",
+        "points lost from one frame to the next that make both key frames, the second an IDR picture",
     ),
     _TrackOption(
         "tracks-bpp",
@@ -245,8 +234,8 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
     add(
         "--long-delay",
         action="store_true",
-        help="for a live decoder that is far away: it asks for more at once, and GOPs end with key frames, so"
-        " that less often is waited for answers, for some percent of the rate; with --coder cascade",
+        help="for a live decoder that is far away: it asks for more at once, so that it waits less often for"
+        " answers, for some percent of the rate; with --coder cascade",
     )
     add("--luma-only", action="store_true", help="code no chroma")
     add(
@@ -264,8 +253,7 @@ def _add_groups(group: argparse._ArgumentGroup) -> None:
         group,
         "--gop",
         (1, MAX_GOP_LENGTH),
-        f"frames of a GOP, with {', '.join(_with_points(tracked=True))} the most; a key frame ends it, but"
-        " with --qp perhaps none, see --intra-period; "
+        f"frames of a GOP, with {', '.join(_with_points(tracked=True))} the most; a key frame ends it; "
         + _defaults(_of_groups(lambda groups: groups.length), VARIANTS),
     )
     group.add_argument(
@@ -275,23 +263,20 @@ def _add_groups(group: argparse._ArgumentGroup) -> None:
         " or all frames of the GOP that are decoded; "
         + _defaults(lambda variant: variant.references, VARIANTS),
     )
+    group.add_argument(
+        "--key-frames",
+        choices=KEY_FRAMES,
+        help="H.264 pictures that are predicted from earlier ones, or intra pictures, each of which stands"
+        " alone; "
+        + _defaults(lambda variant: KEY_FRAMES[not variant.intra_period], VARIANTS)
+        + ", intra with --wz-q",
+    )
     cli.add_integer(
         group,
         "--intra-period",
         (1, MAX_INTRA_PERIOD),
-        "most frames from one key frame to the next where GOPs end without one, because P-type frames"
-        f" are estimated to cost less; with {', '.join(_with_points(tracked=True))} and --qp; default:"
-        f" {ParityBuffer.intra_period}, {EstimatedRate.intra_period} with --no-feedback,"
-        f" {LONG_DELAY_INTRA_PERIOD} with --long-delay",
-        metavar="N",
-    )
-    cli.add_integer(
-        group,
-        "--long-term",
-        (0, MAX_LONG_TERM_GROUPS),
-        "GOPs whose key frames are kept as long-term references, which spare new key frames where the camera"
-        f" comes back; 0: none; default: {ParityBuffer.long_term_groups},"
-        f" {EstimatedRate.long_term_groups} with --no-feedback",
+        "most frames from one IDR picture to the next if key frames are predicted: decoding can begin at any,"
+        f" and damage ends there; default: {INTRA_PERIOD}",
         metavar="N",
     )
 
@@ -503,7 +488,7 @@ def session(
     delivery = _delivery(arguments)
     config = _configuration(arguments, info, delivery)
     limits = RateLimits(arguments.bitrate, arguments.max_bits_per_frame)
-    rule = _rule(arguments, delivery)
+    rule = _rule(arguments, config)
     return EncoderSession(config, delivery, rule, bits_per_pixel, tracking, clock, limits)
 
 
@@ -543,13 +528,8 @@ def _configuration(arguments: argparse.Namespace, info: "VideoInfo", delivery: D
         arguments.codec,
         quality,
         delivery,
-        gop=_given(
-            length=arguments.gop,
-            references=arguments.references,
-            intra_period=_intra_period(arguments),
-            long_term_groups=_long_term_groups(arguments),
-        ),
-        key=_key(arguments),
+        gop=_given(length=arguments.gop, references=arguments.references),
+        key=_key(arguments) | _given(intra_period=_intra_period(arguments)),
         wyner_ziv={"noise_model": arguments.noise_model},
         coder=_coder(arguments),
         tracks=_given(num_points=arguments.points, subpixel_bits=arguments.subpixel),
@@ -558,22 +538,12 @@ def _configuration(arguments: argparse.Namespace, info: "VideoInfo", delivery: D
 
 
 def _intra_period(arguments: argparse.Namespace) -> int | None:
-    tracked = arguments.codec in _with_points(tracked=True)
-    if arguments.intra_period is not None and not (tracked and arguments.wz_q is None):
-        raise ConfigError("--intra-period is for GOPs whose points are tracked, and for --qp")
-    if arguments.intra_period is None and arguments.long_delay and tracked and arguments.wz_q is None:
-        return LONG_DELAY_INTRA_PERIOD
     period: int | None = arguments.intra_period
-    return period
-
-
-def _long_term_groups(arguments: argparse.Namespace) -> int | None:
-    groups: int | None = arguments.long_term
-    if groups and not (arguments.codec in _with_points(tracked=True) and arguments.wz_q is None):
-        raise ConfigError("--long-term is for GOPs whose points are tracked, and for --qp")
-    if groups and arguments.no_feedback:
-        raise ConfigError("--long-term is not for --no-feedback: what it spares cannot be estimated")
-    return groups
+    if period is not None and arguments.key_frames == "intra":
+        raise ConfigError("--intra-period is for --key-frames predicted")
+    if arguments.key_frames == "intra":
+        return 0
+    return INTRA_PERIOD if period is None and arguments.key_frames == "predicted" else period
 
 
 def _coder(arguments: argparse.Namespace) -> CoderConfig:
@@ -596,13 +566,12 @@ def _key(arguments: argparse.Namespace) -> dict[str, Any]:
     raise ConfigError(f"--key-qp must be 1 to 51, lossless or auto, got {arguments.key_qp!r}")
 
 
-def _rule(arguments: argparse.Namespace, delivery: Delivery) -> KeyFrameRule:
+def _rule(arguments: argparse.Namespace, config: CodecConfig) -> KeyFrameRule:
     given = _given(
         **{option.of_rule: _value(arguments, option) for option in _TRACK_OPTIONS if option.of_rule}
     )
-    if arguments.key_frames == "rate" and not {"longest_track_px", "lost_share"}.isdisjoint(given):
-        raise ConfigError("--longest-track and --lost-tracks are bounds of --key-frames tracks")
-    return replace(VARIANTS[arguments.codec].groups(arguments.references, delivery).key_frames, **given)
+    groups = VARIANTS[arguments.codec].groups(config.gop.references, config.key.intra_period)
+    return replace(groups.key_frames, **given)
 
 
 def _value(arguments: argparse.Namespace, option: _TrackOption) -> object:

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from dvc.config import MAX_QP, CodecConfig, Delivery, Live, ParityBuffer
 from dvc.errors import ConfigError
+from dvc.keyframes import KeyPicture
 from dvc.video import Frame
 from dvc.wynerziv.lengths import LENGTH_CODE_BITS, length_code, length_of_code
 from dvc.wynerziv.payloads import EncodedFrame
 from encoder.groups import Group
 from encoder.rate_control.bitrate import (
+    OCTAVES_PER_STEP,
+    STEPS,
     BitrateController,
     ExpectedBits,
     QualityStep,
@@ -22,6 +25,8 @@ from encoder.rate_control.bitrate import (
 )
 from encoder.rate_control.limits import RateLimits
 
+PREDICTED_SHARE = 0.3
+"""Bits of a predicted key frame over those of the IDR picture before it, until one is known."""
 MAX_OPEN_GROUPS = 2
 """Of which it may be unknown what a decoder asks for."""
 
@@ -29,19 +34,30 @@ MAX_OPEN_GROUPS = 2
 class CodedFrames(NamedTuple):
     """The frames of a group, coded."""
 
-    key: bytes  # the key frame that ends the group; empty if none does
+    key: KeyPicture | None  # the key frame that ends the group; None if it is still to be coded
     wyner_ziv: tuple[EncodedFrame, ...]
-    limits: tuple[bytes, ...] = ()  # what headers tell of how much a live decoder may ask for
+    limits: tuple[bytes, ...] = ()  # how much a live decoder may ask for, as headers state it
 
 
 class FrameCoders(NamedTuple):
     """What codes frames at a quality."""
 
-    key: Callable[[Frame, int], bytes]
-    wyner_ziv: Callable[[Group, bool, QualityStep], tuple[EncodedFrame, ...]]
-    """Those of a group, which a key frame ends or not."""
+    key: Callable[[Frame, bool, int], KeyPicture]
+    """The key frame, an IDR picture or not, at a QP."""
+    wyner_ziv: Callable[[Group, QualityStep], tuple[EncodedFrame, ...]]
+    """Those of a group."""
     expect: Callable[[Group, tuple[EncodedFrame, ...], int], ExpectedBits]
-    """Tells what these take, at the QP of the key frame."""
+    """What these take, at the QP of the key frame."""
+
+
+class _Tried(NamedTuple):
+    """A group at one quality."""
+
+    coded: CodedFrames
+    key_qp: int
+    key_bits: float
+    expected: ExpectedBits  # of the Wyner-Ziv frames
+    num_too_large: int
 
 
 def limited(config: CodecConfig, delivery: Delivery, limits: RateLimits) -> CodecConfig:
@@ -69,6 +85,8 @@ class RateLimiter:
             )
         if not config.wyner_ziv.embedded:
             raise ConfigError("--bitrate and --max-bits-per-frame are not for --wz-q")
+        self._most_bits = limits.bits_per_frame or math.inf
+        self._predicted = _PredictedKeys()
         self._usual, self._limits, self._coders = QualityStep(config.wyner_ziv.qp), limits, coders
         self._bitrate: BitrateController | None = None
         if limits.bits_per_s is not None:
@@ -80,25 +98,23 @@ class RateLimiter:
         """Keep the bitrate together with the stream before, of which nothing is to come."""
         self._bitrate = before._bitrate
 
-    def code(self, group: Group, needs_key: bool, num_bits: int) -> CodedFrames:
+    def code(self, group: Group, begins_chain: bool, num_bits: int) -> CodedFrames:
         """Code the next group, which takes so many bits beside its frames."""
-        if self._bitrate is None:
-            coded, _, num_too_large = self._code_within(group, needs_key, self._usual)
-            self._num_too_large += num_too_large
-            return coded
-        coded, tried, num_too_large = CodedFrames(b"", ()), QualityStep(0), 0
+        tried: dict[QualityStep, _Tried] = {}
 
         def expect(quality: QualityStep) -> ExpectedBits:
-            nonlocal coded, tried, num_too_large
-            coded, expected, num_too_large = self._code_within(group, needs_key, quality)
-            tried = quality
-            return expected._replace(certain=num_bits + 8 * len(coded.key) + expected.certain)
+            tried.clear()  # frames take memory
+            found = tried[quality] = self._try(group, begins_chain, quality)
+            return found.expected._replace(certain=num_bits + found.key_bits + found.expected.certain)
 
-        quality = self._bitrate.choose(len(group.wyner_ziv) + 1, expect)
-        if quality != tried:
+        quality = self._usual
+        if self._bitrate is not None:
+            quality = self._bitrate.choose(len(group.wyner_ziv) + 1, expect)
+        if quality not in tried:
             expect(quality)
+        coded, num_too_large = self._with_key(group, tried[quality])
         self._num_too_large += num_too_large
-        if not self._tells_limits:
+        if self._bitrate is None or not self._tells_limits:
             return coded
         return coded._replace(limits=tuple(_limits(self._bitrate.allowed.tolist())))
 
@@ -122,32 +138,63 @@ class RateLimiter:
         owed = {} if self._bitrate is None else {"most_bits_owed": round(self._bitrate.most_owed)}
         return owed | ({} if self._limits.bits_per_frame is None else {"too_large": self._num_too_large})
 
-    def _code_within(
-        self, group: Group, needs_key: bool, quality: QualityStep
-    ) -> tuple[CodedFrames, ExpectedBits, int]:
-        """Code a group, coarser where a frame is too large; count key and other frames that still are."""
-        most = self._limits.bits_per_frame or math.inf
-        key, key_qp = b"", quality.qp
+    def _try(self, group: Group, begins_chain: bool, quality: QualityStep) -> _Tried:
+        """Code a group, coarser if a frame is too large; a predicted key frame cannot be tried."""
+        key: KeyPicture | None = None
+        key_qp, num_bits = quality.qp, 0.0
         frames: tuple[EncodedFrame, ...] = ()
         expected = ExpectedBits(0.0)
 
         def key_bits(coarser: int) -> float:
-            nonlocal key, key_qp
+            nonlocal key, key_qp, num_bits
             key_qp = quality.qp + coarser
-            key = self._coders.key(group.key, key_qp)
-            return 8 * len(key)
+            num_bits = self._predicted.bits(key_qp)
+            if begins_chain:
+                key = self._coders.key(group.key, True, key_qp)
+                num_bits = 8 * len(key.data)
+            return num_bits
 
         def most_bits(coarser: int) -> float:
             nonlocal frames, expected
-            coarse = quality._replace(qp=quality.qp + coarser)
-            frames = self._coders.wyner_ziv(group, needs_key, coarse)
+            frames = self._coders.wyner_ziv(group, quality._replace(qp=quality.qp + coarser))
             expected = self._coders.expect(group, frames, key_qp)
             return expected.most
 
-        coarsest = MAX_QP - quality.qp
-        kept = [keep_within(most, coarsest, key_bits)] if needs_key else []
-        kept.append(keep_within(most, coarsest, most_bits))
-        return CodedFrames(key, frames), expected, kept.count(False)
+        kept = [keep_within(self._most_bits, MAX_QP - quality.qp, bits) for bits in (key_bits, most_bits)]
+        return _Tried(CodedFrames(key, frames), key_qp, num_bits, expected, kept.count(False))
+
+    def _with_key(self, group: Group, tried: _Tried) -> tuple[CodedFrames, int]:
+        """Code the key frame if that is still to be done; count the frames that are too large."""
+        coded, num_too_large, key = tried.coded, tried.num_too_large, tried.coded.key
+        if key is None:
+            key = self._coders.key(group.key, False, tried.key_qp)
+            if 8 * len(key.data) > self._most_bits:  # a coarser IDR picture in its place
+
+                def bits(coarser: int) -> float:
+                    nonlocal key
+                    key = self._coders.key(group.key, True, tried.key_qp + coarser)
+                    return 8 * len(key.data)
+
+                num_too_large += not keep_within(self._most_bits, MAX_QP - tried.key_qp, bits)
+            if self._bitrate is not None:
+                self._bitrate.correct(8 * len(key.data) - tried.key_bits)
+        self._predicted.learn(tried.key_qp, key)
+        return coded._replace(key=key), num_too_large
+
+
+class _PredictedKeys:
+    """Bits of the next predicted key frame, by those of the one before."""
+
+    def __init__(self) -> None:
+        self._qp, self._bits = MAX_QP, 0.0
+
+    def learn(self, qp: int, key: KeyPicture) -> None:
+        """Note what a key frame has taken."""
+        self._qp, self._bits = qp, 8 * len(key.data) * (1.0 if key.predicted else PREDICTED_SHARE)
+
+    def bits(self, qp: int) -> float:
+        """Return what the next one is expected to take."""
+        return float(self._bits * 2.0 ** (STEPS * OCTAVES_PER_STEP[0] * (self._qp - qp)))
 
 
 def _limits(allowed: Sequence[float]) -> Iterator[bytes]:

@@ -130,10 +130,10 @@ class EncoderStatistics:
 
     def add_group(self, frames: Sequence[EncodedFrame], record: GopRecord) -> None:
         """Count an encoded group of pictures."""
-        self.num_key_frames += not record.without_key
+        self.num_key_frames += 1
         self.num_wyner_ziv_frames += len(frames)
         self.key_bits += 8 * len(record.key)
-        self.tracks_bits += 8 * record.tracks_bytes
+        self.tracks_bits += 8 * len(record.tracks)
         for frame in frames:
             self.num_planes += frame.quantization.num_planes
             self.num_coded_bands += sum(map(bool, frame.quantization.planes[: frame.num_packed_bands]))

@@ -8,8 +8,8 @@ from itertools import groupby
 from typing import BinaryIO, cast
 
 from dvc.config import MAX_TRACKS_BPP, VARIANTS, CodecConfig, Delivery, KeyFrameRule, ParityBuffer
-from dvc.keyframes import KeyFrameEncoder
-from dvc.stream import GopRecord, LongTermReference, StreamWriter
+from dvc.keyframes import KeyFrameEncoder, KeyPicture
+from dvc.stream import GopRecord, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
 from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
@@ -19,8 +19,6 @@ from encoder.block_matching import PointTrackerSettings
 from encoder.clock import coding_time_s
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, groups, tracked_groups
-from encoder.intra_decision import KeyFrameSpacing
-from encoder.long_term import FoundAgain, LongTermReferences
 from encoder.operations import predicted_positions
 from encoder.rate_control.bitrate import ExpectedBits, QualityStep
 from encoder.rate_control.limits import RateLimits
@@ -92,20 +90,20 @@ class EncoderSession:
             config.video.height,
             "lossless" if config.key.lossless else config.key.qp,
             luma_only=config.video.luma_only,
+            predicted=config.key.predicted,
             parameters=self._wyner_ziv_encoder.key_parameters,
-            several_qps=self.limiter is not None,
         )
         self.config = replace(
             config, key=replace(config.key, parameter_sets=self._key_encoder.parameter_sets)
         )
-        self._key_frames = KeyFrameSpacing(config.gop, self._wyner_ziv_encoder.max_p_type_lost_share)
-        self._rule = rule or VARIANTS[config.codec].groups(config.gop.references, delivery).key_frames
+        groups = VARIANTS[config.codec].groups(config.gop.references, config.key.intra_period)
+        self._rule = rule or groups.key_frames
         self._max_tracks_bpp = max_tracks_bpp
         tracks, work = config.tracks, self.statistics.tracking
         self._tracker = PointTracker(tracks.num_points, tracks.subpixel_bits, tracking, work)
         self._detector = CornerDetector(tracks.num_points, work=work)
-        self._long_term = LongTermReferences(self.config, self._tracker)
         self._num_groups = 0
+        self._num_chained = 0  # frames since the last IDR picture; 0 if the next key frame is one
         self._clock = clock or CodingClock(config.video.frame_rate)
         self._clock.begin_stream()
 
@@ -164,11 +162,10 @@ class EncoderSession:
         Parameters
         ----------
         number : int
-            Of the group; where it is still to be encoded it gets a key frame.
+            Of the group, which gets an IDR picture if it is still to be encoded.
         """
-        self._long_term.forget(number)
         if number >= self._num_groups:
-            self._key_frames.begin()
+            self._num_chained = 0
 
     def encode(self, group: Group) -> EncodedGroup:
         """Encode one group of pictures.
@@ -184,52 +181,38 @@ class EncoderSession:
             Its record, and the Wyner-Ziv frames, of which a live decoder may ask for more.
         """
         statistics, wyner_ziv = self.statistics, self._wyner_ziv_encoder
-        tracks = self._encode_tracks(group)
-        needs_key, long_term = self._decide(group, tracks)
-        if needs_key and not group.wyner_ziv:
-            tracks = b""  # nothing is predicted by them
+        tracks = self._encode_tracks(group) if group.wyner_ziv else b""
+        begins_chain = self._begins_chain(group)
         if self.limiter is not None:
-            key, frames, allowed = self.limiter.code(group, needs_key, 8 * len(tracks))
+            key, frames, allowed = self.limiter.code(group, begins_chain, 8 * len(tracks))
+            assert key is not None
         else:
-            key = self._code_key(group.key) if needs_key else b""
-            frames, allowed = self._code_wyner_ziv(group, needs_key), ()
+            key = self._code_key(group.key, begins_chain)
+            frames, allowed = self._code_wyner_ziv(group), ()
         with statistics.timing(wyner_ziv.cpu_field):
             payloads = wyner_ziv.payloads(group, frames)
         if allowed:
             payloads = tuple(map(operator.add, payloads, allowed))
         deviations = self._clock.deviations((*group.wyner_ziv, group.key))
-        record = GopRecord(len(frames) + bool(key), key, tracks, payloads, None, long_term, deviations)
-        if needs_key:
-            self._long_term.add(self._num_groups, group.key.luma, len(key))
+        record = GopRecord(len(frames) + 1, key.data, key.predicted, tracks, payloads, deviations=deviations)
         self._num_groups += 1
+        self._num_chained = self._num_chained + record.num_frames if key.predicted else 1
         statistics.add_group(frames, record)
         return EncodedGroup(record, frames)
 
-    def _decide(self, group: Group, tracks: bytes) -> tuple[bool, LongTermReference | None]:
-        """Decide whether a key frame ends a group; a long-term reference may spare it."""
-        found: FoundAgain | None = None
+    def _begins_chain(self, group: Group) -> bool:
+        """Decide whether the key frame of a group is an IDR picture."""
+        num_chained = self._num_chained + len(group.wyner_ziv) + 1
+        return not self._num_chained or group.begins_scene or num_chained > self.config.key.intra_period
 
-        def find() -> float:
-            nonlocal found
-            num_instants = len(group.wyner_ziv) + 2
-            found = self._long_term.find(self._num_groups, group.key.luma, num_instants, tracks)
-            return 0.0 if found is None else found.share
-
-        needs_key = self._key_frames.needs_key(group, find)
-        return needs_key, None if needs_key or found is None else found.reference
-
-    def _code_key(self, frame: Frame, qp: int | None = None) -> bytes:
+    def _code_key(self, frame: Frame, begins_chain: bool, qp: int | None = None) -> KeyPicture:
         with self.statistics.timing("key_cpu_s"):
-            return self._key_encoder.encode(frame, qp)
+            return self._key_encoder.encode(frame, qp, begins_chain=begins_chain)
 
-    def _code_wyner_ziv(
-        self, group: Group, needs_key: bool, quality: QualityStep | None = None
-    ) -> tuple[EncodedFrame, ...]:
-        """Transform the Wyner-Ziv frames of a group, of which the last is one if no key frame ends it."""
-        originals = group.wyner_ziv if needs_key else (*group.wyner_ziv, group.key)
-        gop, wyner_ziv = self.config.gop, self.config.wyner_ziv
-        p_type_distance = 0 if needs_key else gop.p_type_distance
-        distances = reference_distances(len(originals), gop.references != "keys", p_type_distance)
+    def _code_wyner_ziv(self, group: Group, quality: QualityStep | None = None) -> tuple[EncodedFrame, ...]:
+        """Transform the Wyner-Ziv frames of a group."""
+        originals, wyner_ziv = group.wyner_ziv, self.config.wyner_ziv
+        distances = reference_distances(len(originals), self.config.gop.references != "keys")
         steps = [*map(cache(wyner_ziv.step), distances)]
         if quality is not None:
             steps = quality.steps(wyner_ziv, distances)

@@ -68,24 +68,6 @@ class PointTracker:
         self.work.cpu_s += coding_time_s() - started
         return PointTracks(np.concatenate([forward.positions, backward]), len(backward))
 
-    def matches(self, luma: Plane, points: Floats, other: Plane, shift: tuple[int, int]) -> Floats:
-        """Find points (N, 2) of a frame in another one, which is shifted by about so much; nan where not."""
-        started = coding_time_s()
-        operations = np.zeros(2, np.int64)
-        margin, (rows, columns) = _kernels.HALF_BLOCK_PX + 1, luma.shape
-        whole = np.rint(np.nan_to_num(points, nan=-1.0)).astype(np.int64)
-        inside = (whole >= margin).all(axis=1) & (whole < [columns - margin, rows - margin]).all(axis=1)
-        chosen = KeyPoints.at(luma, whole[inside], self._settings, operations)
-        velocity = np.tile(np.array(shift, np.int64), (len(chosen.positions), 1))
-        matching = BlockMatchingTracker(chosen, velocity, self._subpixel_bits, self._settings)
-        self._count(operations)
-        self._follow(matching, other, self._settings.max_coarse_searches)
-        found = np.full(points.shape, np.nan)
-        found[inside] = matching.path[-1] + points[inside] - whole[inside]
-        found[~((found >= 0) & (found <= [columns - 1, rows - 1])).all(axis=1)] = np.nan
-        self.work.cpu_s += coding_time_s() - started
-        return found
-
     @property
     def longest_px(self) -> float:
         """Largest distance of a live point from where it started, in pixels; 0 if none is left."""

@@ -17,7 +17,6 @@ from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
 from dvc.wynerziv.payloads import EncodedFrame, transform_frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder.groups import Group
-from encoder.intra_decision import MAX_ESTIMATED_LOST_SHARE, MAX_P_TYPE_LOST_SHARE
 from encoder.rate_control.bitrate import ExpectedBits
 from encoder.rate_control.controller import GroupPlan, RateController
 
@@ -28,8 +27,6 @@ class WynerZivEncoder:
     form: ClassVar[Form] = Form.BUFFERED
     key_parameters: ClassVar[Mapping[str, int]] = MappingProxyType({})
     """Of libx264, for the key frames, beside the usual ones."""
-    max_p_type_lost_share: ClassVar[float] = MAX_P_TYPE_LOST_SHARE
-    """Of the points, on the way to any one P-type frame."""
     cpu_field: ClassVar[str] = "parity_cpu_s"
     """What the time of `payloads` counts as."""
 
@@ -59,8 +56,8 @@ class WynerZivEncoder:
         """Tell what headers of the next group take, and by the QP of its key frame what else is estimated."""
         self._plan = self._controller.plan(group, frames, qp)
         headers = np.array([8 * len(frame.header) for frame in frames])
-        bits, p_type = self._plan.frame_bits(), self._plan.p_type()
-        return ExpectedBits(float(headers.sum()), float(bits.max(initial=0.0)), bits - headers, p_type)
+        bits = self._plan.frame_bits()
+        return ExpectedBits(float(headers.sum()), float(bits.max(initial=0.0)), bits - headers)
 
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
         """Return what answers requests for frames of this configuration."""
@@ -89,7 +86,6 @@ class RateControlledEncoder(WynerZivEncoder):
 
     form = Form.NO_FEEDBACK
     key_parameters = FAST_DECISIONS
-    max_p_type_lost_share = MAX_ESTIMATED_LOST_SHARE
     cpu_field = "rate_control_cpu_s"
 
     def __init__(self, config: CodecConfig, delivery: EstimatedRate) -> None:

@@ -76,18 +76,18 @@ def material(codec: str = "2d", by_qp: bool = False) -> Material:
 
 
 def _num_frames(codec: str, by_qp: bool) -> int:
-    """Return frames of two groups of pictures, or of three where P type ones are among them."""
+    """Return frames of two groups of pictures, or of three if the last key frame begins another chain."""
     return 3 if codec == "2d" else 7 if by_qp else 4
 
 
 def _config(codec: str, video: VideoConfig, by_qp: bool) -> CodecConfig:
-    """Return a configuration of short groups of pictures; by allocation there are P type ones among them."""
+    """Return a configuration of short groups of pictures."""
     if codec == "2d":
         quality: Quality = Qp(28) if by_qp else DiscoverMatrix(2)
         coder: CoderConfig = CascadeConfig() if by_qp else TurboConfig()
         return codec_config(video, codec, quality, key={"qp": 36}, coder=coder)
-    gop = GopConfig(3, "hierarchical", *((2, 6) if by_qp else (0, 0)))
-    return codec_config(video, codec, Qp(34) if by_qp else DiscoverMatrix(1), gop=gop, key={"qp": 36})
+    key = {"qp": 36, "intra_period": 4 if by_qp else 0}
+    return codec_config(video, codec, Qp(34) if by_qp else DiscoverMatrix(1), gop=GopConfig(3), key=key)
 
 
 @cache

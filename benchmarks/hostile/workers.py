@@ -16,7 +16,7 @@ import decoder.processes
 from decoder import worker
 from decoder.group import GroupDecoder
 from decoder.session import stream_tasks
-from decoder.tasks import DecodedGroup, GroupTask, following
+from decoder.tasks import DecodedGroup, GroupTask
 from dvc.config import decode_config
 from dvc.environment import baseline_environment
 from dvc.memory import address_bytes
@@ -83,10 +83,8 @@ def load_kernels() -> None:
     """Decode in this process, so that those that are forked from it have all that this takes."""
     for name in _WARMING:
         with suppress(Exception), StreamReader(STREAMS / f"{name}.dvc") as reader:
-            for chain in stream_tasks(reader.config, reader):
-                group = None
-                for task in chain:
-                    group = _decoded(following(task, group))
+            for task in stream_tasks(reader.config, reader):
+                _decoded(task)
 
 
 def _decoded(task: GroupTask) -> DecodedGroup:

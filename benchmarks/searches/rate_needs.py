@@ -21,8 +21,8 @@ from decoder.group import GroupDecoder
 from decoder.no_feedback import NoFeedbackDecoder
 from decoder.session import stream_tasks
 from decoder.side_information.protocol import Prediction
-from decoder.tasks import DecodedFrame, following
-from dvc.config import MAX_GOP_LENGTH, NUM_BANDS, CodecConfig
+from decoder.tasks import DecodedFrame
+from dvc.config import NUM_BANDS, CodecConfig
 from dvc.stream import StreamReader, StreamWriter
 from dvc.video import open_video
 from dvc.wynerziv import noise, quantizer, transform
@@ -158,10 +158,8 @@ def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
                     first += encoded.record.num_frames
         decoder = GroupDecoder(config, no_feedback=KnowingDecoder(config, known))
         with StreamReader(path) as reader:
-            for chain in stream_tasks(config, reader):
-                before = None
-                for task in chain:
-                    before = decoder.decode(following(task, before))
+            for task in stream_tasks(config, reader):
+                decoder.decode(task)
     return list(known.values())
 
 
@@ -176,9 +174,7 @@ def fit(frames: Sequence[RecordedFrame], block: int) -> tuple[Needs, dict[str, F
     )
     design = np.stack([_design(frame, depths, variance) for frame, depths in samples])
     curve, deviations = _fit_bits(design, bits, np.array([1.0 / (names == name).sum() for name in names]))
-    p_types = np.array([frame.distance > MAX_GOP_LENGTH // 2 for frame, _ in samples])
-    p_type_factor = float(np.exp(-np.median(deviations[p_types]))) if p_types.any() else 1.0
-    needs = Needs(variance, tuple(round(value, 3) for value in curve.tolist()), p_type_factor)
+    needs = Needs(variance, tuple(round(value, 3) for value in curve.tolist()))
     return needs, {clip: deviations[names == clip] for clip in sorted(counts)}
 
 

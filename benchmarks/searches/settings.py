@@ -89,7 +89,7 @@ def encoder_session(
         section, field = name.split(".")
         values.setdefault(section, {})[field] = text
     delivery = _changed(delivery, values.pop("delivery", {}))
-    rule = _changed(VARIANTS[DEFAULT_CODEC].groups(delivery=delivery).key_frames, values.pop("rule", {}))
+    rule = _changed(VARIANTS[DEFAULT_CODEC].groups().key_frames, values.pop("rule", {}))
     usual = codec_config(video, quality=Qp(qp), delivery=delivery)
     changed: dict[str, Any] = {name: _values(getattr(usual, name), of) for name, of in values.items()}
     return EncoderSession(codec_config(video, quality=Qp(qp), delivery=delivery, **changed), delivery, rule)

@@ -33,14 +33,10 @@ class ReferenceFrame:
         Display position in the sequence, counted from its first frame.
     frame : Frame
         Decoded samples.
-    scene : bytes or None
-        What it and a frame before it show of the scene, for frames after it: a `Scene` as
-        `decoder.side_information.scene.extrapolated` packs it.
     """
 
     index: int
     frame: Frame
-    scene: bytes | None = None
 
 
 def references_around(

@@ -14,7 +14,6 @@ from dvc.config.delivery import Delivery, EstimatedRate, ParityBuffer
 from dvc.config.fields import Section, check_choice, check_range
 from dvc.config.quality import Qp, Quality
 from dvc.config.sections import (
-    P_TYPE_DISTANCE,
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
@@ -23,7 +22,7 @@ from dvc.config.sections import (
     VideoConfig,
     WynerZivConfig,
 )
-from dvc.config.variants import DEFAULT_CODEC, VARIANTS, variant_of
+from dvc.config.variants import DEFAULT_CODEC, VARIANTS, CodecVariant, variant_of
 from dvc.errors import ConfigError
 
 
@@ -106,14 +105,14 @@ def codec_config(
     """
     quality, delivery = quality or Qp(), delivery or ParityBuffer()
     variant = variant_of(codec)
-    uses_p_type = variant.tracks.kind == "encoder" and isinstance(quality, Qp)
-    if isinstance(delivery, EstimatedRate) and not uses_p_type:
+    embedded = isinstance(quality, Qp)
+    if isinstance(delivery, EstimatedRate) and not (embedded and variant.tracks.kind == "encoder"):
         raise ConfigError(
             "rates are estimated for qualities on H.264's scale and codecs whose encoder tracks points"
         )
     sections: dict[str, Any] = {
-        "gop": _gop_config(codec, delivery, overrides.get("gop"), uses_p_type),
-        "key": KeyFrameConfig(quality.key_qp),
+        "gop": _gop_config(variant, overrides),
+        "key": KeyFrameConfig(quality.key_qp, intra_period=variant.intra_period if embedded else 0),
         "wyner_ziv": quality.wyner_ziv,
         "coder": CascadeConfig(),
         "side_information": variant.side_information,
@@ -126,13 +125,8 @@ def codec_config(
     return CodecConfig(video, codec, **sections)
 
 
-def _gop_config(codec: str, delivery: Delivery, given: object, uses_p_type: bool) -> GopConfig:
-    """Return the groups of pictures that suit a codec, its delivery, and references if others are given."""
-    variant = VARIANTS[codec]
-    references = str(given.get("references", variant.references)) if isinstance(given, Mapping) else None
-    references = references or variant.references
-    length = variant.groups(references, delivery).length
-    if not uses_p_type:
-        return GopConfig(length, references, 0, 0)
-    periods = delivery.intra_period, delivery.long_term_groups
-    return GopConfig(length, references, P_TYPE_DISTANCE, *periods)
+def _gop_config(variant: CodecVariant, overrides: Mapping[str, Any]) -> GopConfig:
+    """Return the groups of pictures that suit a variant, with references and key frames that are given."""
+    gop, key = (given if isinstance(given := overrides.get(name), Mapping) else {} for name in ("gop", "key"))
+    references = str(gop.get("references", variant.references))
+    return GopConfig(variant.groups(references, key.get("intra_period")).length, references)

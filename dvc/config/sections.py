@@ -26,20 +26,17 @@ MAX_TICKS_PER_SECOND = 10**6
 """Finest clock of time stamps."""
 MAX_GOP_LENGTH = 256
 MAX_INTRA_PERIOD = 1024
-MAX_LONG_TERM_GROUPS = 256
-MAX_LONG_TERM_KEY_BYTES = 2**20
-"""Largest key frame that a group after the next may be predicted from: a decoder keeps them."""
 MAX_POINTS = 1024
 MAX_PARAMETER_SETS_BYTES = 1024
 MAX_QP = 51
 DEFAULT_QP = 30
 LAMBDA_PER_KEY_LAMBDA = 4.0
 """Lagrange multiplier of frames that predict no other over that of key frames."""
-P_TYPE_DISTANCE = 8
-"""Most frames from one P-type Wyner-Ziv frame to the next."""
-LAMBDA_PERCENT = (100, 60, 40, 30, 30, 15)
+INTRA_PERIOD = 96
+"""Most frames from one IDR picture to the next: damage ends, and decoding can begin, after three seconds."""
+LAMBDA_PERCENT = (100, 60, 40, 30, 30)
 """Percent of that for frames with references up to 2, 4, 8, ... frames apart, which predict others; the last
-also beyond, and for P-type frames."""
+also beyond."""
 STEP_PER_ROOT_LAMBDA = 3.0
 """Finest step: that of a fine uniform quantiser, of which a bit saves 2 ln 2 / 12 squared steps."""
 MAX_BAND_PLANES = 12
@@ -96,43 +93,33 @@ class VideoConfig(Section):
 class GopConfig(Section):
     """Groups of pictures."""
 
-    length: int = 16  # frames of a group, or the most of them; 1: key frames only
+    length: int = 8  # frames of a group, or the most of them; 1: key frames only
     # What frames are predicted from: the key frames; also the middle frame, decoded first, and so on; or
     # every frame of the group that has been decoded, in the same order.
     references: str = "hierarchical"
-    # Groups may end with a Wyner-Ziv frame that is predicted from earlier frames alone. In these the last
-    # frame, and others not more than this apart, are of P type, decoded first; 0: key frames end all groups.
-    p_type_distance: int = P_TYPE_DISTANCE
-    intra_period: int = 96  # most frames from one key frame to the next where there are such groups; or 0
-    # Such a group may name the key frame of a group not more than so many before it as a long-term reference,
-    # where the camera has come back; 0: none does.
-    long_term_groups: int = 64
-
-    @property
-    def long_term_window(self) -> int:
-        """How many groups back a long-term reference may be; 0 where there are no P-type frames."""
-        return self.long_term_groups if self.p_type_distance else 0
 
     def _check_values(self) -> None:
         check_range("length", self.length, 1, MAX_GOP_LENGTH)
         check_choice("references", self.references, REFERENCES)
-        check_range("p_type_distance", self.p_type_distance, 0, MAX_GOP_LENGTH)
-        check_range("intra_period", self.intra_period, 0, MAX_INTRA_PERIOD)
-        check_range("long_term_groups", self.long_term_groups, 0, MAX_LONG_TERM_GROUPS)
-        if bool(self.p_type_distance) != bool(self.intra_period):
-            raise ConfigError("`p_type_distance` and `intra_period` are given together or not at all")
 
 
 @dataclass(frozen=True)
 class KeyFrameConfig(Section):
-    """H.264 intra coding of the key frames."""
+    """H.264 coding of the key frames."""
 
-    qp: int = DEFAULT_QP  # quantisation parameter
+    qp: int = DEFAULT_QP  # quantisation parameter; of predicted ones, if there are any
     lossless: bool = False  # code the samples exactly; `qp` plays no part
+    intra_period: int = INTRA_PERIOD  # most frames from one IDR picture to the next; 0: all are such
     parameter_sets: bytes = b""  # what the H.264 decoder needs once, before the first key frame
+
+    @property
+    def predicted(self) -> bool:
+        """Whether key frames are predicted from earlier ones."""
+        return self.intra_period > 0
 
     def _check_values(self) -> None:
         check_range("qp", self.qp, 1, MAX_QP)
+        check_range("intra_period", self.intra_period, 0, MAX_INTRA_PERIOD)
         size = len(self.parameter_sets)
         if size > MAX_PARAMETER_SETS_BYTES:
             raise ConfigError(f"`parameter_sets` is limited to {MAX_PARAMETER_SETS_BYTES} bytes, got {size}")

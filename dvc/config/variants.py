@@ -2,13 +2,10 @@
 
 from dataclasses import dataclass
 
-from dvc.config.delivery import Delivery, EstimatedRate
 from dvc.config.fields import check_choice
-from dvc.config.sections import SideInformationConfig, TracksConfig
+from dvc.config.sections import INTRA_PERIOD, SideInformationConfig, TracksConfig
 from dvc.errors import ConfigError
 
-KEY_FRAME_CHOICES = ("tracks", "rate")
-"""What decides where a group ends."""
 MAX_TRACKS_BPP = 0.01
 """Most bits that tracks cost, per pixel of the Wyner-Ziv frames."""
 MAX_NEW_TRACKS = 48
@@ -23,9 +20,6 @@ class KeyFrameRule:
     lost_share: float = 0.5  # so many of the points are lost since then
     min_length: int = 2  # frames from one key frame to the next, unless the scene changes
     cut_share: float = 0.9  # so many points that are lost from one frame to the next are another scene
-    # How groups end but for cuts: "tracks", by the first two bounds, or "rate", at the least estimated rate.
-    choice: str = "tracks"
-    hierarchical: bool = False  # Wyner-Ziv frames are references, too
 
     def __post_init__(self) -> None:
         """Refuse values that make no sense."""
@@ -34,10 +28,6 @@ class KeyFrameRule:
         for share in (self.lost_share, self.cut_share):
             if not 0 < share <= 1:
                 raise ConfigError(f"the share of lost tracks must be above 0 and at most 1, got {share}")
-        if self.choice not in KEY_FRAME_CHOICES:
-            raise ConfigError(
-                f"key frames are chosen by {' or '.join(KEY_FRAME_CHOICES)}, not {self.choice!r}"
-            )
         if self.min_length < 1:
             raise ConfigError(f"the shortest group must have at least 1 frame, got {self.min_length}")
 
@@ -67,10 +57,11 @@ class CodecVariant:
     usual_groups : GroupPreset
         Its groups of pictures.
     groups_of_keys : GroupPreset or None
-        Those where key frames alone are references; None: the same.
-    groups_of_estimated_rate : GroupPreset or None
-        Those where the encoder estimates rates; None: the same. Frames far from key frames need the most
-        bits, and these can only be estimated: key frames are worth their rate earlier.
+        Those if key frames alone are references; None: the same.
+    intra_groups : GroupPreset or None
+        Those if no key frame is predicted, so that each costs more; None: the same.
+    intra_period : int
+        Most frames from one IDR picture to the next; 0: no key frame is predicted.
     """
 
     summary: str
@@ -79,27 +70,29 @@ class CodecVariant:
     references: str
     usual_groups: GroupPreset
     groups_of_keys: GroupPreset | None = None
-    groups_of_estimated_rate: GroupPreset | None = None
+    intra_groups: GroupPreset | None = None
+    intra_period: int = 0
 
-    def groups(self, references: str | None = None, delivery: Delivery | None = None) -> GroupPreset:
+    def groups(self, references: str | None = None, intra_period: int | None = None) -> GroupPreset:
         """Return the groups of pictures that suit what frames are predicted from.
 
         Parameters
         ----------
         references : str, optional
             One of `dvc.config.REFERENCES`; the variant's own by default.
-        delivery : Delivery, optional
-            How they get to the decoder.
+        intra_period : int, optional
+            That of the key frames; the variant's own by default.
 
         Returns
         -------
         GroupPreset
-            Shorter ones where key frames alone are references and points are tracked, or rates are estimated.
+            Shorter ones if key frames alone are references, or are cheap because they are predicted.
         """
         if (references or self.references) == "keys" and self.groups_of_keys is not None:
             return self.groups_of_keys
-        if isinstance(delivery, EstimatedRate) and self.groups_of_estimated_rate is not None:
-            return self.groups_of_estimated_rate
+        intra_period = self.intra_period if intra_period is None else intra_period
+        if not intra_period and self.intra_groups is not None:
+            return self.intra_groups
         return self.usual_groups
 
 
@@ -134,11 +127,10 @@ VARIANTS = {
         side_information=_DEPTH,
         tracks=TracksConfig("encoder", subpixel_bits=1),  # half pixels save more than they cost
         references="hierarchical",
-        usual_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.68, hierarchical=True)),
+        usual_groups=GroupPreset(8, KeyFrameRule(longest_track_px=64.0, lost_share=0.68)),
         groups_of_keys=GroupPreset(8),
-        groups_of_estimated_rate=GroupPreset(
-            16, KeyFrameRule(longest_track_px=40.0, lost_share=0.5, hierarchical=True)
-        ),
+        intra_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.68)),
+        intra_period=INTRA_PERIOD,
     ),
 }
 """All variants by name, from the simplest to the best."""

@@ -212,7 +212,7 @@ class EncoderEndpoint(_Endpoint):
         message = encode_message(Gop(number, record))
         if len(message) > max_payload_bytes(Gop, self._config):
             raise ValueError(f"`record` takes {len(message)} bytes, more than a message may have")
-        self._flow.open_gop(number, record.num_frames, record.without_key)
+        self._flow.open_gop(number, record.num_frames, record.predicted)
         self._outgoing.append(message)
         return number
 
@@ -313,7 +313,7 @@ class DecoderEndpoint(_Endpoint):
                 self.first_frame = first_frame
                 return [message]
             case Gop(number, record):
-                self._flow.open_gop(number, record.num_frames, record.without_key)
+                self._flow.open_gop(number, record.num_frames, record.predicted)
                 return [message]
             case End(num_frames):
                 self._flow.end(num_frames)

@@ -51,7 +51,7 @@ class FlowControl:
         self.num_credits = 0  # groups of pictures that may be sent
         self.num_frames = 0  # of all groups of pictures sent
         self.ended = False
-        self._has_p_type = config.gop.p_type_distance > 0
+        self._has_predicted = config.key.predicted
         num_planes = sum(config.wyner_ziv.max_planes)
         coder = plane_coder(config)
         limits = {
@@ -94,7 +94,7 @@ class FlowControl:
             raise ValueError(f"more than {len(self._frames.gops)} groups of pictures open")
         self.num_credits += 1
 
-    def open_gop(self, number: int, num_frames: int, without_key: bool = False) -> None:
+    def open_gop(self, number: int, num_frames: int, predicted: bool = False) -> None:
         """Enter a group of pictures."""
         if self.ended:
             raise ValueError("a group of pictures after the end")
@@ -107,12 +107,12 @@ class FlowControl:
             raise ValueError(
                 f"{num_frames} frames in group of pictures {number}, at most {limit} are allowed"
             )
-        if without_key and not (number and self._has_p_type):
-            raise ValueError(f"group of pictures {number} has no key frame")
+        if predicted and not (number and self._has_predicted):
+            raise ValueError(f"the key frame of group of pictures {number} cannot be predicted")
         row = self._free.pop()
         slots = slice(row * self._rules.gop_length, (row + 1) * self._rules.gop_length)
         self._frames.requested[slots] = 0
-        self._frames.gops[row] = self.num_frames, num_frames - (not without_key)
+        self._frames.gops[row] = self.num_frames, num_frames - 1
         self._open[number] = _OpenGop(row, slots)
         self.num_credits -= 1
         self._num_gops += 1

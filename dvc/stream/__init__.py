@@ -7,7 +7,7 @@ from dvc.stream.deviations import (
     frame_times_s,
     planned_tick,
 )
-from dvc.stream.gop import GopBits, GopRecord, LongTermReference, decode_gop, encode_gop, gop_bits
+from dvc.stream.gop import GopBits, GopRecord, decode_gop, encode_gop, gop_bits
 from dvc.stream.index import IndexEntry, StreamIndex
 from dvc.stream.reader import StreamReader
 from dvc.stream.recording import RecordingReader, open_stream
@@ -24,7 +24,6 @@ __all__ = [
     "GopBits",
     "GopRecord",
     "IndexEntry",
-    "LongTermReference",
     "RecordType",
     "RecordingReader",
     "StreamIndex",

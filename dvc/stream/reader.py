@@ -194,8 +194,8 @@ class StreamReader(Closing):
         limit = self.config.gop.length if self._seen else 1
         if record.num_frames > limit:
             raise BitstreamError(f"{record.num_frames} frames where at most {limit} are allowed")
-        if record.without_key and not (self._seen and self.config.gop.p_type_distance):
-            raise BitstreamError("a group of pictures without a key frame where there can be none")
+        if record.predicted and not (self._seen and self.config.key.predicted):
+            raise BitstreamError("a predicted key frame where there can be none")
         return record
 
     def _miss(self, finished: Sequence[IndexEntry], end: _StreamEnds) -> None:

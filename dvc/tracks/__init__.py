@@ -1,10 +1,8 @@
 """Feature points and point tracks: what the encoder tells the decoder of the geometry, and its coding."""
 
 from dvc.tracks.coding import (
-    decode_matches,
     decode_points,
     decode_tracks,
-    encode_matches,
     encode_points,
     encode_tracks,
 )
@@ -13,10 +11,8 @@ from dvc.tracks.points import FeaturePoints, PointTracks
 __all__ = [
     "FeaturePoints",
     "PointTracks",
-    "decode_matches",
     "decode_points",
     "decode_tracks",
-    "encode_matches",
     "encode_points",
     "encode_tracks",
 ]

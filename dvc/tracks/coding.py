@@ -14,7 +14,7 @@ from dvc.tracks import _kernels
 from dvc.tracks._kernels import LOST
 from dvc.tracks.point_sets import SamplingGrid, code_points, column_scan, num_positions
 from dvc.tracks.points import FeaturePoints, PointTracks
-from dvc.tracks.regression import code_matches, code_tracks
+from dvc.tracks.regression import code_tracks
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -101,76 +101,6 @@ def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> Poi
     units = np.concatenate([forward, backward[:, ::-1]])
     scale = 2.0**config.tracks.subpixel_bits
     return PointTracks(np.where(units == LOST, np.nan, units / scale), len(backward))
-
-
-def encode_matches(matches: Floats, tracks: PointTracks, config: CodecConfig) -> bytes:
-    """Write where tracks are in a frame outside their group; inverse of `decode_matches`.
-
-    Parameters
-    ----------
-    matches : ndarray of shape (N, 2), float64
-        Position (x, y) of each track in that frame, in pixels; nan where it is not there. Of tracks that do
-        not reach the last frame of the group nothing is written.
-    tracks : PointTracks
-        The tracks as `decode_tracks` returns them.
-    config : CodecConfig
-        Configuration of the stream.
-
-    Returns
-    -------
-    bytes
-        The payload; empty if no track reaches the last frame.
-
-    Raises
-    ------
-    ValueError
-        If a position lies outside the frame.
-    """
-    points, lasting = _last_points(tracks, config)
-    if not lasting.any():
-        return b""
-    coder = RangeCoder.writer()
-    code_matches(coder, points, _units(matches, config)[lasting], config)
-    return coder.to_bytes(shortest=True)
-
-
-def decode_matches(payload: bytes, tracks: PointTracks, config: CodecConfig) -> Floats:
-    """Read where tracks are in a frame outside their group; inverse of `encode_matches`.
-
-    Parameters
-    ----------
-    payload : bytes
-        As `encode_matches` returns it.
-    tracks : PointTracks
-        The tracks as `decode_tracks` returns them.
-    config : CodecConfig
-        Configuration of the stream.
-
-    Returns
-    -------
-    ndarray of shape (N, 2), float64
-        Position (x, y) of each track in that frame, in pixels; nan where it is not known.
-
-    Raises
-    ------
-    BitstreamError
-        If the payload is damaged.
-    """
-    matches = np.full((len(tracks), 2), np.nan)
-    points, lasting = _last_points(tracks, config)
-    if lasting.any():
-        units = code_matches(RangeCoder.reader(payload), points, np.full_like(points, LOST), config)
-        matches[lasting] = np.where(units == LOST, np.nan, units / 2.0**config.tracks.subpixel_bits)
-    if encode_matches(matches, tracks, config) != payload:
-        raise BitstreamError("the matches of the tracks are followed by other data, or are damaged")
-    return matches
-
-
-def _last_points(tracks: PointTracks, config: CodecConfig) -> tuple[Integers, NDArray[np.bool_]]:
-    """Return where tracks end that reach the last frame of their group, and which these are."""
-    units = _units(tracks.positions[:, -1], config)
-    lasting = units[:, 0] != LOST
-    return units[lasting], lasting
 
 
 def encode_points(points: FeaturePoints, config: CodecConfig) -> bytes:

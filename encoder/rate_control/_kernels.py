@@ -58,7 +58,6 @@ class Worth(NamedTuple):
 
     multiplier: float  # squared error that a bit must save
     bit_cost: float  # bits that one of ideal code length costs
-    factors: NDArray[np.float64]  # what the tables tell of bits of each block of bands is times these
     least: NDArray[np.float64]  # how much more each must save than it costs
     margins: tuple[float, float]  # the usual rate margin, and that which is wanted
 
@@ -431,11 +430,11 @@ def shortest_length(bits):
 @kernel
 def choose_planes(costs, planes, num_bits, borders, worth, depths, lengths):
     """Choose the planes that pay, and the lengths of the syndromes, of all blocks of bands."""
-    multiplier, bit_cost, factors, least, (usual, margin) = worth
+    multiplier, bit_cost, least, (usual, margin) = worth
     for block in range(lengths.size):
         b, e = borders[block], borders[block + 1]
         num_planes, bits, saved = least_depths(costs[b:e], planes[b:e], bit_cost * multiplier, depths[b:e])
-        size, need = num_bits * num_planes, shortest_length(factors[block] * bits)
+        size, need = num_bits * num_planes, shortest_length(bits)
         uncertain = need + RATE_MARGIN_BITS * num_bits
         lengths[block] = min(need + margin * uncertain, 1.1 * size)
         paid = min(need + usual * uncertain, 1.1 * size) + BLOCK_BITS

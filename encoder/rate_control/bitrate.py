@@ -48,9 +48,7 @@ class ExpectedBits(NamedTuple):
 
     certain: float
     most: float = 0.0  # of one frame
-    # What a decoder would ask for beside that, by frames in order of display; and which are P-type frames.
-    asked: Floats = np.zeros(0)
-    p_type: NDArray[np.bool_] = np.zeros(0, np.bool_)
+    asked: Floats = np.zeros(0)  # that a decoder would ask for beside that, by frames in order of display
 
 
 class QualityStep(NamedTuple):
@@ -96,8 +94,7 @@ class BitrateController:
         self._settled = 0.0  # in bits: what groups of which all is known took beyond their share
         self._open: dict[int, _OpenGroup] = {}
         # What decoders have asked for of late, and what was estimated of that; at first as if it were right.
-        # Of P-type frames apart, whose estimates may be too high where those of others are too low.
-        self._asked, self._estimated = np.full((2, 2), START_S * bits_per_s)
+        self._asked = self._estimated = START_S * bits_per_s
         self._number: int | None = None  # of the quality of the group before
         self._slope = OCTAVES_PER_STEP[0]
         self._num_groups = self._num_frames = 0
@@ -138,8 +135,8 @@ class BitrateController:
 
     def _wished(self, estimate: ExpectedBits) -> Floats:
         """Return what a decoder would ask for of each frame if it were allowed to."""
-        ratios = np.clip(self._asked / self._estimated, *RATIOS)
-        wished: Floats = ratios[estimate.p_type.astype(np.int64)] * estimate.asked
+        least, most = RATIOS
+        wished: Floats = min(max(self._asked / self._estimated, least), most) * estimate.asked
         return wished
 
     def _enter(self, estimate: ExpectedBits, share: float, most_bits: float) -> None:
@@ -153,6 +150,10 @@ class BitrateController:
         self.allowed *= allowed / wished
         certain = estimate.certain - share
         self._open[self._num_groups] = _OpenGroup(estimate, certain, wished / AIM, allowed)
+
+    def correct(self, num_bits: float) -> None:
+        """Count bits that the latest group has taken beyond what was certain."""
+        self._settled += num_bits
 
     def leave_out(self, last: int) -> None:
         """Expect nothing more of the groups up to a number: no decoder gets their frames any more."""
@@ -170,8 +171,8 @@ class BitrateController:
         estimate = group.estimate
         is_full = num_bits > FULL_SHARE * group.allowed
         more = MORE * max(AIM * group.assumed / num_bits, 1.0) if is_full else 1.0
-        self._asked = KEPT_SHARE * self._asked + more * np.bincount(estimate.p_type, asked, 2)
-        self._estimated = KEPT_SHARE * self._estimated + np.bincount(estimate.p_type, estimate.asked, 2)
+        self._asked = KEPT_SHARE * self._asked + more * num_bits
+        self._estimated = KEPT_SHARE * self._estimated + float(estimate.asked.sum())
 
 
 class Search:

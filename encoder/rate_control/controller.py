@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import CodecConfig
-from dvc.wynerziv.hierarchy import WITHOUT_SECOND_REFERENCE, group_order, reference_distance
+from dvc.wynerziv.hierarchy import decoding_order
 from dvc.wynerziv.lengths import length_of_code
 from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes, encode_payload, payload_bits
 from dvc.wynerziv.payloads import EncodedFrame
@@ -51,13 +51,6 @@ class GroupPlan(NamedTuple):
         for chosen in self.chosen:
             bits[chosen.number] = payload_bits(self.frames[chosen.number], chosen.choice.sent)
         return bits
-
-    def p_type(self) -> NDArray[np.bool_]:
-        """Tell which are P-type frames."""
-        p_type = np.zeros(len(self.frames), np.bool_)
-        for chosen in self.chosen:
-            p_type[chosen.number] = chosen.distance == WITHOUT_SECOND_REFERENCE
-        return p_type
 
 
 class RateController:
@@ -108,25 +101,20 @@ class RateController:
         self, group: Group, frames: Sequence[EncodedFrame], key_step: float, known: dict[int, _Reference]
     ) -> Iterator[ChosenFrame]:
         """Choose what is sent, frame by frame, and note what is known of them as references."""
-        gop, lumas = self._config.gop, [frame.luma for frame in (*group.wyner_ziv, group.key)]
+        lumas = [frame.luma for frame in (*group.wyner_ziv, group.key)]
         last, words = len(lumas), [*map(overlapping_words, lumas)]
         if self._before is not None:
             known[0] = self._before
-        if len(frames) < last:
-            known[last] = _Reference(words[-1], self._sampler.intra_noise(lumas[-1], key_step))
-        p_type_distance = gop.p_type_distance if len(frames) == last else 0
-        for index, around in (
-            group_order(0, last, gop.references != "keys", p_type_distance) if frames else ()
-        ):
-            references = [instant for instant in around if instant is not None]
+        known[last] = _Reference(words[-1], self._sampler.intra_noise(lumas[-1], key_step))
+        for index, around in decoding_order(0, last, self._config.gop.references != "keys"):
             errors = self._sampler.errors(
                 words[index - 1],
-                [known[instant].words for instant in references],
-                [known[instant].noise for instant in references],
-                _positions(group, (index, *references)),
+                [known[instant].words for instant in around],
+                [known[instant].noise for instant in around],
+                _positions(group, (index, *around)),
             )
             frame = frames[index - 1]
-            distance, num_bits = reference_distance(around), frame.layout.num_bits
+            distance, num_bits = around[1] - around[0], frame.layout.num_bits
             choice = self._needs.choose(frame.quantization, errors, distance, num_bits)
             known[index] = _Reference(words[index - 1], choice.noise)
             yield ChosenFrame(index - 1, distance, errors, choice)

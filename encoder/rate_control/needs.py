@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import CodecConfig, EstimatedRate
-from dvc.wynerziv.hierarchy import WITHOUT_SECOND_REFERENCE
 from dvc.wynerziv.lengths import length_code
 from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes
 from dvc.wynerziv.quantizer import Quantization
@@ -39,15 +38,13 @@ class Needs(NamedTuple):
 
     variance: tuple[float, float, float]  # of the error: share of residual and of noise, and what is added
     bits: tuple[float, ...]  # ideal code length of a coefficient, at `OCTAVES`
-    p_type_factor: float  # of that where only earlier frames are known
 
 
 NEEDS = (
-    Needs((0.41, 1.4, 0.3), (0.078, 0.078, 0.078, 0.171, 0.341, 0.646, 1.46, 2.36, 3.33, 4.37, 5.46), 1.31),
-    Needs((0.3, 1.2, 0.3), (0.002, 0.002, 0.005, 0.005, 0.346, 0.793, 1.0, 1.01, 1.01, 1.01, 1.01), 1.03),
+    Needs((0.41, 1.4, 0.3), (0.078, 0.078, 0.078, 0.171, 0.341, 0.646, 1.46, 2.36, 3.33, 4.37, 5.46)),
+    Needs((0.3, 1.2, 0.3), (0.002, 0.002, 0.005, 0.005, 0.346, 0.793, 1.0, 1.01, 1.01, 1.01, 1.01)),
 )
 """Of each of `BLOCKS`."""
-_FACTORS = np.ones(len(NEEDS)), np.array([needs.p_type_factor for needs in NEEDS])
 _LEAST = np.array(MIN_WORTH)
 
 
@@ -101,8 +98,7 @@ class NeedEstimator:
 
     def _worth_of(self, multiplier: float, distance: int) -> _kernels.Worth:
         (usual, margin), share = self._margins, self._margin_share(distance)
-        factors = _FACTORS[int(distance == WITHOUT_SECOND_REFERENCE)]
-        return _kernels.Worth(multiplier, BITS_PER_BIT, factors, _LEAST, (share * usual, share * margin))
+        return _kernels.Worth(multiplier, BITS_PER_BIT, _LEAST, (share * usual, share * margin))
 
     def _margin_share(self, distance: int) -> float:
         """Return by what margins are larger where references are so far apart."""

@@ -1,7 +1,7 @@
 """Configurations as bytes of a stream header."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import msgspec
@@ -37,6 +37,7 @@ from dvc.errors import BitstreamError
 
 QCIF = VideoConfig(176, 144, 15, 1)
 DEFAULT = codec_config(QCIF)
+BEFORE_SETS = [None] * [field.name for field in fields(KeyFrameConfig)].index("parameter_sets")
 
 
 def header_of(*values: Any) -> bytes:
@@ -54,12 +55,13 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     return CodecConfig(
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
         draw(st.sampled_from(list(VARIANTS))),
-        GopConfig(
-            draw(st.integers(1, 256)),
-            references,
-            *draw(st.sampled_from([(0, 0), (1, 1), (8, 96), (256, 1024)])),
+        GopConfig(draw(st.integers(1, 256)), references),
+        KeyFrameConfig(
+            draw(st.integers(1, 51)),
+            draw(st.booleans()),
+            draw(st.integers(0, 1024)),
+            draw(st.binary(max_size=1024)),
         ),
-        KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
         WynerZivConfig(
             draw(st.one_of(st.just(()), st.lists(level, min_size=16, max_size=16).filter(any).map(tuple))),
             qp=draw(st.integers(1, 51)),
@@ -94,7 +96,7 @@ def test_headers_are_small(config: CodecConfig, num_bytes: int) -> None:
     """What a header costs beside the parameter sets."""
     sets = replace(config, key=replace(config.key, parameter_sets=bytes(30)))
     assert len(encode_config(config)) <= num_bytes
-    assert len(encode_config(sets)) <= num_bytes + 30 + 7
+    assert len(encode_config(sets)) <= num_bytes + 30 + 8
 
 
 def test_coders_have_settings_after_their_names(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,7 +204,7 @@ def test_hostile_headers_are_refused(header: bytes, message: str) -> None:
         (["2d", None], "one form"),
         ([None, []], "one form"),
         ([None, [None]], "one form"),
-        ([None, [16, "keys"]], "one form"),
+        ([None, [DEFAULT.gop.length, "keys"]], "one form"),
         ([None, None, None, None, ["cascade", 3]], "one form"),
         ([None, None, None, None, ["", 3]], "plane coder '' is not installed"),
         ([None, None, None, None, None, None, [None, 8]], "one form"),
@@ -210,8 +212,8 @@ def test_hostile_headers_are_refused(header: bytes, message: str) -> None:
         ([None, [2.0]], "Expected `int`, got `float`"),
         ([None, [True]], "Expected `int`, got `bool`"),
         ([None, None, [None, 1]], "Expected `bool`, got `int`"),
-        ([None, None, [None, None, "30"]], "Expected `bytes`, got `str`"),
-        ([None, None, [None, None, bytes(1025)]], "limited to 1024 bytes"),
+        ([None, None, [*BEFORE_SETS, "30"]], "Expected `bytes`, got `str`"),
+        ([None, None, [*BEFORE_SETS, bytes(1025)]], "limited to 1024 bytes"),
         ([None, None, None, [[2**64 - 1] * 16]], "powers of two"),
         ([None, None, None, [[2] * 1000]], "16 entries"),
         ([None, None, None, None, ["turbo", 3]], "`coder` has 2 values, 1 known: made by a newer program"),
@@ -246,7 +248,7 @@ def test_longer_forms_are_refused(longer: bytes) -> None:
 
 def test_damaged_headers_raise_only_bitstream_errors() -> None:
     """Every cut and changes of every byte of a header is refused, or reads as another valid configuration."""
-    config = codec_config(QCIF, "2d", key=KeyFrameConfig(25, True, b"\x01\x02"), seed=7)
+    config = codec_config(QCIF, "2d", key=KeyFrameConfig(25, True, 8, b"\x01\x02"), seed=7)
     config = replace(
         config, wyner_ziv=DiscoverMatrix(8).wyner_ziv, side_information=SideInformationConfig("x", True)
     )

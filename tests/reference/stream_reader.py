@@ -23,17 +23,8 @@ FIELDS: list[tuple[str, object]] = [
         ],
     ),
     ("codec", "3d-te"),
-    (
-        "gop",
-        [
-            ("gop_length", 16),
-            ("references", "hierarchical"),
-            ("p_type_distance", 8),
-            ("intra_period", 96),
-            ("long_term_groups", 64),
-        ],
-    ),
-    ("key", [("key_qp", 30), ("key_lossless", False), ("parameter_sets", b"")]),
+    ("gop", [("gop_length", 8), ("references", "hierarchical")]),
+    ("key", [("key_qp", 30), ("key_lossless", False), ("intra_period", 96), ("parameter_sets", b"")]),
     (
         "wyner_ziv",
         [("levels", []), ("noise_model", "local"), ("qp", 30), ("priors", "learned"), ("limited", False)],

@@ -27,7 +27,6 @@ from decoder.side_information.protocol import (
     temporal_position,
 )
 from decoder.side_information.scene.corrections import corrected
-from decoder.side_information.scene.extrapolated import Scene
 from decoder.side_information.scene.group_geometry import GroupGeometry, estimate_geometry
 from decoder.side_information.scene.synthesis import completed
 from decoder.side_information.scene.untracked import SceneInterpolation
@@ -102,23 +101,6 @@ class TrackedSceneInterpolation:
             self._predict_one(group, references_around(references, instant), instant) for instant in instants
         ]
 
-    def scene(
-        self, first: ReferenceFrame, last: ReferenceFrame, points: PointTracks | FeaturePoints | None
-    ) -> Scene | None:
-        """Return what two frames show, between which points were tracked, for frames after them."""
-        if not isinstance(points, PointTracks):
-            return None
-        geometry = self._geometry((first, last), points, refines=True)
-        rebased = geometry.between(first.index, last.index)
-        if rebased is None:
-            return None
-        lumas = first.frame.luma, last.frame.luma
-        depths = geometry.known_depth(first.index), geometry.known_depth(last.index)
-        interpolator = self._build(rebased.model, *lumas, depths)
-        tracks = geometry.positions(first.index), geometry.positions(last.index)
-        frames = first.frame, last.frame
-        return Scene(frames, interpolator.views, rebased.model.pixel_frame, tracks)
-
     def _group(
         self, ends: tuple[ReferenceFrame, ReferenceFrame], points: PointTracks | FeaturePoints
     ) -> _Group:
@@ -141,18 +123,13 @@ class TrackedSceneInterpolation:
         self,
         ends: tuple[ReferenceFrame, ReferenceFrame],
         points: PointTracks | FeaturePoints,
-        *,
-        refines: bool = False,
     ) -> GroupGeometry:
-        """Reconstruct the scene between two frames; tracks may be refined before."""
-        from sfm.correspondences.refined_tracks import refined_tracks
+        """Reconstruct the scene between two frames."""
         from sfm.pipeline import reconstruct
 
         keys = ends[0].frame.luma, ends[1].frame.luma
         how = self._geometry_config
         tracked = _end_to_end(points) if isinstance(points, PointTracks) else None
-        if tracked is not None and refines:
-            tracked = refined_tracks(*keys, tracked)
         reconstruction = reconstruct(*keys, backend=how.backend, seed=self._seed, tracked=tracked)
         return estimate_geometry(reconstruction, keys, points, ends[0].index, how.path_regularity)
 

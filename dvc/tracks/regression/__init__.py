@@ -1,5 +1,5 @@
 """Coding of point tracks by the motion of all tracks of an instant, as far as they are known."""
 
-from dvc.tracks.regression.coding import code_matches, code_tracks
+from dvc.tracks.regression.coding import code_tracks
 
-__all__ = ["code_matches", "code_tracks"]
+__all__ = ["code_tracks"]

@@ -53,12 +53,6 @@ def code_tracks(
     return sent, _code_direction(coder, models, given, backward[:num_backward], config)
 
 
-def code_matches(coder: RangeCoder, points: Integers, matches: Integers, config: CodecConfig) -> Integers:
-    """Code where points (N, 2) of one frame are in another, as tracks over these two."""
-    none = np.empty((0, 2, 2), np.int64)
-    return _code_motion(coder, _models(), none, np.stack([points, matches], axis=1), config)[:, 1]
-
-
 def _models() -> Models:
     return Models(_initial_curves().copy(), logistic_tables(), np.array(_LOST))
 
