@@ -19,7 +19,6 @@ from dvc.config.delivery import (
     ParityBuffer,
 )
 from dvc.config.header import (
-    FIELD_NUMBERS,
     decode_config,
     encode_config,
 )
@@ -77,7 +76,6 @@ __all__ = [
     "DEFAULT_QP",
     "DISCOVER_LEVELS",
     "FALLBACKS",
-    "FIELD_NUMBERS",
     "INTRA_PERIOD",
     "MAPPERS",
     "MAX_AREA_PX",

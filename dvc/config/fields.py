@@ -53,7 +53,7 @@ def _check_type(name: str, value: object, hint: Any) -> None:
         good = type(value) is float and math.isfinite(value)
         expected = "a finite number"
     else:
-        good = isinstance(value, hint) if _is_section(hint) else type(value) is hint
+        good = isinstance(value, hint) if is_section(hint) else type(value) is hint
         expected = f"of type {hint.__name__}"
     if not good:
         raise ConfigError(f"`{name}` must be {expected}, got {shown(value)}")
@@ -91,7 +91,8 @@ class Section:
         return built
 
 
-def _is_section(hint: Any) -> TypeGuard[type[Section]]:
+def is_section(hint: Any) -> TypeGuard[type[Section]]:
+    """Say whether the type of a field is a section."""
     return isinstance(hint, type) and issubclass(hint, Section)
 
 
@@ -128,6 +129,6 @@ def _build(section: Any, values: Any, name: str) -> Any:
             continue
         hint, value = hints[field.name], values[field.name]
         arguments[field.name] = (
-            hint.build(value, field.name) if _is_section(hint) else _from_json(field.name, value, hint)
+            hint.build(value, field.name) if is_section(hint) else _from_json(field.name, value, hint)
         )
     return section(**arguments)

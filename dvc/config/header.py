@@ -1,123 +1,24 @@
-"""The configuration as bytes of a stream header, where only what differs from the defaults is written.
+"""The configuration as bytes of a stream header: MessagePack arrays of what differs from the defaults."""
 
-A new field is one line in its dataclass (`dvc.config.sections`) and one number in `FIELD_NUMBERS`.
-"""
-
-import struct
-from collections.abc import Iterator
 from dataclasses import fields
-from functools import cache
-from operator import attrgetter
 from typing import Any
+
+import msgspec
 
 from dvc.config.codec import CodecConfig
 from dvc.config.coders import CODERS, DEFAULT_CODER, CoderConfig
-from dvc.config.fields import type_hints_of
-from dvc.config.sections import MAX_PARAMETER_SETS_BYTES
+from dvc.config.fields import Section, check_choice, is_section, type_hints_of
 from dvc.errors import BitstreamError, ConfigError
 
-FIELD_NUMBERS = {
-    "codec": 0,
-    "seed": 1,
-    "video.width": 2,
-    "video.height": 3,
-    "video.frame_rate_num": 4,
-    "video.frame_rate_den": 5,
-    "video.luma_only": 6,
-    "gop.length": 8,
-    "gop.references": 9,
-    "key.qp": 16,
-    "key.lossless": 17,
-    "key.intra_period": 18,
-    "key.parameter_sets": 19,
-    "wyner_ziv.levels": 24,
-    "wyner_ziv.noise_model": 25,
-    "wyner_ziv.qp": 26,
-    "wyner_ziv.priors": 28,
-    "wyner_ziv.limited": 29,
-    "coder.name": 40,
-    "coder.batch_percent": 41,
-    "side_information.method": 56,
-    "side_information.track_corrections": 57,
-    "side_information.fallback": 58,
-    "geometry.backend": 72,
-    "geometry.path_regularity": 73,
-    "tracks.kind": 80,
-    "tracks.num_points": 81,
-    "tracks.subpixel_bits": 82,
-}
-"""Number of every field in a stream header."""
-
-_PATHS = {number: path for path, number in FIELD_NUMBERS.items()}
-_MAX_TEXT_BYTES = 64
-_MAX_TUPLE_LENGTH = 64
-
-
-@cache
-def _leaf(path: str) -> tuple[Any, Any]:
-    """Return the type of a field and its default, `MISSING` if it has none."""
-    if path == "coder.name":
-        return str, DEFAULT_CODER
-    section: Any = CodecConfig
-    *parents, name = path.split(".")
-    for parent in parents:
-        section = type_hints_of(section)[parent]
-    if section is CoderConfig:
-        section = next(coder for coder in CODERS.values() if name in type_hints_of(coder))
-    (field,) = (field for field in fields(section) if field.name == name)
-    return type_hints_of(section)[name], field.default
-
-
-def _encode_value(value: Any) -> bytes:
-    from dvc.bits import encode_varint
-
-    if isinstance(value, float):
-        return struct.pack("<d", value)
-    if isinstance(value, str):
-        value = value.encode("ascii")
-    if isinstance(value, bytes):
-        return encode_varint(len(value)) + value
-    if isinstance(value, tuple):
-        return encode_varint(len(value)) + b"".join(encode_varint(item) for item in value)
-    return encode_varint(int(value))
-
-
-def _decode_value(data: bytes, position: int, hint: Any) -> tuple[Any, int]:
-    from dvc.bits import decode_bytes, decode_varint
-
-    if hint is float:
-        (number,) = struct.unpack_from("<d", data, position)
-        return number, position + 8
-    if hint is str:
-        text, position = decode_bytes(data, position, _MAX_TEXT_BYTES)
-        return text.decode("ascii"), position
-    if hint is bytes:
-        return decode_bytes(data, position, MAX_PARAMETER_SETS_BYTES)
-    value, position = decode_varint(data, position)
-    if hint is bool and value <= 1:
-        return bool(value), position
-    if hint is not int and hint is not bool:
-        if value > _MAX_TUPLE_LENGTH:
-            raise BitstreamError(f"{value} entries where at most {_MAX_TUPLE_LENGTH} are allowed")
-        items = []
-        for _ in range(value):
-            item, position = decode_varint(data, position)
-            items.append(item)
-        return tuple(items), position
-    return value, position
-
-
-def _value(config: CodecConfig, path: str, default: Any) -> Any:
-    """Return the value of a field; a coder has not the fields of others."""
-    *parents, name = path.split(".")
-    return getattr(attrgetter(".".join(parents))(config) if parents else config, name, default)
+_NIL = msgspec.msgpack.encode(None)
 
 
 def encode_config(config: CodecConfig) -> bytes:
     """Write a configuration for a stream header; inverse of `decode_config`.
 
-    Each field that differs from its default, in increasing order of its number: the number, then the value,
-    both as `docs/bitstream.md` states. A configuration has exactly one such form.
+    A section is an array of its values in the order of its dataclass, that of the coder after its name. Nil
+    stands for a default, and for a section of defaults; none stands at the end of an array. A configuration
+    has exactly one such form, which `docs/bitstream.md` states.
 
     Parameters
     ----------
@@ -127,39 +28,24 @@ def encode_config(config: CodecConfig) -> bytes:
     Returns
     -------
     bytes
-        About 15 bytes, and what differs from the defaults.
+        About 10 bytes, and what differs from the defaults.
     """
-    from dvc.bits import encode_varint
-
-    parts = []
-    for path, number in FIELD_NUMBERS.items():
-        default = _leaf(path)[1]
-        value = _value(config, path, default)
-        if value != default:
-            parts.append(encode_varint(number) + _encode_value(value))
-    return b"".join(parts)
+    return msgspec.msgpack.encode(_values(config))
 
 
-def _decode_fields(data: bytes) -> Iterator[tuple[str, Any]]:
-    from dvc.bits import decode_varint
-
-    position, last = 0, -1
-    while position < len(data):
-        number, position = decode_varint(data, position)
-        if number not in _PATHS:
-            raise BitstreamError(f"configuration field {number} is unknown: made by a newer program?")
-        if number <= last:
-            raise BitstreamError(f"configuration field {number} follows field {last}")
-        path = _PATHS[number]
-        hint, default = _leaf(path)
-        try:
-            value, position = _decode_value(data, position, hint)
-        except (struct.error, UnicodeDecodeError, BitstreamError) as err:
-            raise BitstreamError(f"configuration field `{path}`: {err}") from err
-        if value == default:
-            raise BitstreamError(f"configuration field `{path}` restates its default")
-        last = number
-        yield path, value
+def _values(section: Section) -> list[Any] | None:
+    """Return the values of a section's fields, `None` for defaults; `None` if there is nothing else."""
+    values: list[Any] = []
+    if isinstance(section, CoderConfig):
+        values.append(None if section.name == DEFAULT_CODER else section.name)
+    for field in fields(section):  # type: ignore[arg-type]
+        value = getattr(section, field.name)
+        values.append(
+            _values(value) if isinstance(value, Section) else None if value == field.default else value
+        )
+    while values and values[-1] is None:
+        values.pop()
+    return values or None
 
 
 def decode_config(data: bytes) -> CodecConfig:
@@ -180,14 +66,27 @@ def decode_config(data: bytes) -> CodecConfig:
     BitstreamError
         If the bytes are damaged, of a newer program, or hold values that make no sense.
     """
-    values: dict[str, Any] = {}
-    for path, value in _decode_fields(data):
-        *parents, name = path.split(".")
-        section = values
-        for parent in parents:
-            section = section.setdefault(parent, {})
-        section[name] = value
     try:
-        return CodecConfig.from_dict(values)
-    except ConfigError as err:
+        config = CodecConfig.from_dict(_table(CodecConfig, data, "configuration"))
+    except (ConfigError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as err:
         raise BitstreamError(f"configuration: {err}") from err
+    if encode_config(config) != data:
+        raise BitstreamError("configuration: not in its one form")
+    return config
+
+
+def _table(section: Any, data: bytes | msgspec.Raw, name: str) -> dict[str, Any]:
+    """Return the fields of a section that are not left out, for `Section.build`."""
+    values = msgspec.msgpack.decode(data, type=list[msgspec.Raw])
+    hints = type_hints_of(section)
+    if section is CoderConfig:
+        coder = (msgspec.msgpack.decode(values[0], type=str | None) if values else None) or DEFAULT_CODER
+        check_choice("coder", coder, CODERS)
+        hints = {"name": str, **type_hints_of(CODERS[coder])}
+    if len(values) > len(hints):
+        raise ConfigError(f"`{name}` has {len(values)} values, {len(hints)} known: made by a newer program?")
+    return {
+        field: _table(hint, value, field) if is_section(hint) else msgspec.msgpack.decode(value, type=hint)
+        for (field, hint), value in zip(hints.items(), values, strict=False)
+        if bytes(value) != _NIL
+    }

@@ -14,7 +14,7 @@ from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable
 from dvc.slepian_wolf.requests import NUM_COLUMNS
 from dvc.stream import GopRecord, decode_gop, encode_gop
 
-PROTOCOL_VERSION = 7
+PROTOCOL_VERSION = 8
 MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 

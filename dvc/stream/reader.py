@@ -146,7 +146,10 @@ class StreamReader(Closing):
         version = self._source.read(1)
         if version != bytes([FORMAT_VERSION]):
             found = version[0] if version else "missing"
-            raise BitstreamError(f"format version {found}; this program reads version {FORMAT_VERSION}")
+            maker = ", made by a version of dvc3d before 2" if found == 1 else ""
+            raise BitstreamError(
+                f"format version {found}{maker}; this program reads version {FORMAT_VERSION}"
+            )
         place, payload = self._source.read_record(0)
         if place.type is not RecordType.CONFIGURATION:
             raise place.error("the first record must be the configuration")

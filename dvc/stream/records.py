@@ -9,7 +9,7 @@ from dvc.config import CodecConfig, decode_config, encode_config
 from dvc.errors import BitstreamError
 
 MAGIC = b"DV3D"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 MAX_RECORD_BYTES = 64 * 2**20
 MAX_GOPS = 2**20
 CRC_BYTES = 4

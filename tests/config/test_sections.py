@@ -1,112 +1,36 @@
-"""Codec configuration: checks, dictionaries, header bytes."""
+"""Codec configuration: checks and dictionaries."""
 
-import json
 import subprocess
 import sys
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from dvc.bits import encode_varint
 from dvc.config import (
     DISCOVER_LEVELS,
-    FIELD_NUMBERS,
     MAX_QP,
-    PRIORS,
-    REFERENCES,
-    SFM_BACKENDS,
-    TRACKS_KINDS,
-    VARIANTS,
     ZIGZAG,
-    CascadeConfig,
     CodecConfig,
     DiscoverMatrix,
     EstimatedRate,
     GeometryConfig,
     GopConfig,
-    KeyFrameConfig,
     Live,
     ParityBuffer,
     Qp,
-    SideInformationConfig,
-    TracksConfig,
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
     codec_config,
-    decode_config,
-    encode_config,
 )
-from dvc.errors import BitstreamError, ConfigError
+from dvc.errors import ConfigError
 from tests.reference.wynerziv_transform import ZIGZAG_RANK
 
 QCIF = VideoConfig(176, 144, 15, 1)
 VIDEO: dict[str, Any] = {"width": 176, "height": 144, "frame_rate_num": 15, "frame_rate_den": 1}
 DEFAULT = codec_config(QCIF)
-
-
-@st.composite
-def configs(draw: st.DrawFn) -> CodecConfig:
-    """Draw any valid configuration that differs from the defaults wherever the draw says so."""
-    side = st.integers(1, 4096)
-    rate = st.integers(1, 2**31 - 1)
-    level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
-    references, cascade = draw(st.sampled_from(REFERENCES)), CascadeConfig(draw(st.integers(0, 100)))
-    return CodecConfig(
-        VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
-        draw(st.sampled_from(list(VARIANTS))),
-        GopConfig(
-            draw(st.integers(1, 256)),
-            references,
-            *draw(st.sampled_from([(0, 0), (1, 1), (8, 96), (256, 1024)])),
-        ),
-        KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
-        WynerZivConfig(
-            draw(st.one_of(st.just(()), st.lists(level, min_size=16, max_size=16).filter(any).map(tuple))),
-            qp=draw(st.integers(1, 51)),
-            priors=draw(st.sampled_from(PRIORS)),
-        ),
-        draw(st.sampled_from([TurboConfig(), cascade])),
-        SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
-        GeometryConfig(draw(st.sampled_from(SFM_BACKENDS)), draw(st.floats(0, 100))),
-        TracksConfig(
-            draw(st.sampled_from(TRACKS_KINDS)), draw(st.integers(1, 1024)), draw(st.integers(0, 3))
-        ),
-        draw(st.integers(0, 2**31 - 1)),
-    )
-
-
-@given(configs())
-def test_bytes_and_dictionary_give_back_any_configuration(config: CodecConfig) -> None:
-    """Both forms give the configuration back, the dictionary also through JSON text."""
-    assert decode_config(encode_config(config)) == config
-    assert CodecConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
-
-
-def test_header_of_a_qcif_stream_is_small() -> None:
-    """A header with other quantisers and a key QP stays well below 90 bytes beside the parameter sets."""
-    config = replace(
-        DEFAULT, key=KeyFrameConfig(25, parameter_sets=bytes(30)), wyner_ziv=DiscoverMatrix(8).wyner_ziv
-    )
-    assert len(encode_config(config)) <= 55 + 30
-
-
-def test_field_numbers_cover_all_fields_once() -> None:
-    """Every field has its own number, and the table is in increasing order of the numbers."""
-
-    def paths(section: Any, prefix: str = "") -> list[str]:
-        found = []
-        for field in fields(section):
-            value = getattr(section, field.name)
-            found += paths(value, f"{field.name}.") if is_dataclass(value) else [prefix + field.name]
-        return found
-
-    assert sorted([*paths(DEFAULT), "coder.name"]) == sorted(FIELD_NUMBERS)
-    assert list(FIELD_NUMBERS.values()) == sorted(set(FIELD_NUMBERS.values()))
 
 
 def test_zigzag_and_matrices_follow_the_standard() -> None:
@@ -130,17 +54,12 @@ def test_zigzag_and_matrices_follow_the_standard() -> None:
 
 
 def test_a_coder_has_its_own_settings_only() -> None:
-    """Settings of another coder are refused, in a table as in a header."""
+    """Settings of another coder are refused."""
     turbo = replace(DEFAULT, coder=TurboConfig())
     assert turbo.to_dict()["coder"] == {"name": "turbo"}
     values = turbo.to_dict() | {"coder": {"name": "turbo", "batch_percent": 3}}
     with pytest.raises(ConfigError, match="`coder` has no field 'batch_percent'"):
         CodecConfig.from_dict(values)
-    batched = encode_config(replace(DEFAULT, coder=CascadeConfig(3)))
-    number = bytes([FIELD_NUMBERS["coder.batch_percent"]])
-    named = encode_varint(FIELD_NUMBERS["coder.name"]) + encode_varint(5) + b"turbo"
-    with pytest.raises(BitstreamError, match="`coder` has no field 'batch_percent'"):
-        decode_config(batched.replace(number + b"\x03", named + number + b"\x03"))
 
 
 def test_key_qp_follows_the_quantiser() -> None:
@@ -236,38 +155,6 @@ def test_constructor_checks_too() -> None:
     assert GeometryConfig(path_regularity=8) == GeometryConfig(path_regularity=8.0)
 
 
-@given(st.binary(max_size=60))
-def test_arbitrary_bytes_raise_only_bitstream_errors(data: bytes) -> None:
-    """Bytes are refused, or are the one form of a configuration."""
-    for tail in (data, encode_config(DEFAULT) + data):
-        try:
-            config = decode_config(tail)
-        except BitstreamError:
-            continue
-        assert encode_config(config) == tail
-
-
-def test_damaged_headers_raise_only_bitstream_errors() -> None:
-    """Every cut and changes of every byte of a header is refused, or reads as another valid configuration."""
-    config = codec_config(QCIF, "2d", key=KeyFrameConfig(25, True, b"\x01\x02"), seed=7)
-    config = replace(
-        config, wyner_ziv=DiscoverMatrix(8).wyner_ziv, side_information=SideInformationConfig("x", True)
-    )
-    header = encode_config(config)
-    cuts = [header[:size] for size in range(len(header))]
-    changes = [
-        header[:position] + bytes([value]) + header[position + 1 :]
-        for position in range(len(header))
-        for value in range(0, 256, 5)
-    ]
-    for damaged in cuts + changes:
-        try:
-            other = decode_config(damaged)
-        except BitstreamError:
-            continue
-        assert encode_config(other) == damaged
-
-
 def test_importing_the_configuration_is_quick() -> None:
     """Commands can print their help without numpy."""
     check = "import dvc.config, sys; sys.exit('numpy' in sys.modules)"
@@ -278,7 +165,6 @@ def test_the_default_of_the_library_is_the_codec_that_is_advertised() -> None:
     """What is not said is the best codec at the usual quality, in a file with all parity."""
     assert CodecConfig(QCIF) == codec_config(QCIF) == codec_config(QCIF, "3d-te", Qp(30), ParityBuffer())
     assert codec_config(QCIF) == codec_config(QCIF, delivery=Live())
-    assert len(encode_config(CodecConfig(QCIF))) == 10
 
 
 def test_groups_of_pictures_follow_from_codec_quality_and_delivery() -> None:

@@ -250,8 +250,8 @@ def test_another_decoder_is_told_where_it_begins() -> None:
         (b"\x09\x00", "unknown message of type 9"),
         (encode_message(NextGop()), "unexpected NextGop"),
         (encode_message(Failure("")), "unexpected Failure"),
-        (b"\x01\x01\x05", "protocol version 5; this program speaks version 7"),
-        (b"\x01\x03\x07\x00\x00", "bytes follow the version"),
+        (b"\x01\x01\x05", "protocol version 5; this program speaks version 8"),
+        (b"\x01\x03\x08\x00\x00", "bytes follow the version"),
         (b"\x01\xff\xff\x7f", "at most 4096 are allowed"),
     ],
 )
@@ -357,9 +357,9 @@ def test_turbo_codes_are_one() -> None:
         (b"\x01\xff\xff\xff\xff\xff", "integer is longer"),
         (b"\x01\x80\x00", "integer is longer"),
         (b"\x01\x00", "Hello: data end"),
-        (b"\x01\x01\x02", "protocol version 2; this program speaks version 7"),
-        (b"\x01\x03\x07\x00\x7f", "configuration field 127 is unknown"),
-        (b"\x01\x01\x07", "configuration.*lacks the field `video`"),
+        (b"\x01\x01\x02", "protocol version 2; this program speaks version 8"),
+        (b"\x01\x03\x08\x00\x7f", "configuration: Expected `array`, got `int`"),
+        (b"\x01\x01\x08", "configuration: .*truncated"),
     ],
 )
 def test_decoder_refuses_strangers(data: bytes, text: str) -> None:

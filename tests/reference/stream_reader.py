@@ -4,43 +4,42 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from math import ceil
 
 Bits = list[int]
 
 MASK = 2**64 - 1
-FIELDS = {
-    0: ("codec", "str", "3d-te"),
-    1: ("seed", "int", 0),
-    2: ("width", "int", None),
-    3: ("height", "int", None),
-    4: ("frame_rate_num", "int", None),
-    5: ("frame_rate_den", "int", None),
-    6: ("luma_only", "bool", False),
-    8: ("gop_length", "int", 16),
-    9: ("references", "str", "hierarchical"),
-    10: ("p_type_distance", "int", 8),
-    11: ("intra_period", "int", 96),
-    12: ("long_term_groups", "int", 64),
-    16: ("key_qp", "int", 30),
-    17: ("key_lossless", "bool", False),
-    18: ("parameter_sets", "bytes", b""),
-    24: ("levels", "integers", []),
-    25: ("noise_model", "str", "local"),
-    26: ("qp", "int", 30),
-    28: ("priors", "str", "learned"),
-    29: ("limited", "bool", False),
-    40: ("coder", "str", "cascade"),
-    41: ("batch_percent", "int", 6),
-    56: ("method", "str", "depth"),
-    57: ("track_corrections", "bool", True),
-    58: ("fallback", "str", "tracks"),
-    72: ("backend", "str", "native"),
-    73: ("path_regularity", "float", 0.0),
-    80: ("tracks_kind", "str", "encoder"),
-    81: ("num_points", "int", 128),
-    82: ("subpixel_bits", "int", 1),
-}
+NEEDED = object()
+FIELDS: list[tuple[str, object]] = [
+    (
+        "video",
+        [
+            ("width", NEEDED),
+            ("height", NEEDED),
+            ("frame_rate_num", NEEDED),
+            ("frame_rate_den", NEEDED),
+            ("luma_only", False),
+        ],
+    ),
+    ("codec", "3d-te"),
+    ("gop", [("gop_length", 8), ("references", "hierarchical")]),
+    ("key", [("key_qp", 30), ("key_lossless", False), ("intra_period", 96), ("parameter_sets", b"")]),
+    (
+        "wyner_ziv",
+        [("levels", []), ("noise_model", "local"), ("qp", 30), ("priors", "learned"), ("limited", False)],
+    ),
+    ("coder", [("coder", "cascade"), ("batch_percent", 6)]),
+    ("side_information", [("method", "depth"), ("track_corrections", True), ("fallback", "tracks")]),
+    ("geometry", [("backend", "native"), ("path_regularity", 0.0)]),
+    ("tracks", [("tracks_kind", "encoder"), ("num_points", 128), ("subpixel_bits", 1)]),
+    ("seed", 0),
+]
+"""Sections and their fields in order, with defaults; names are those of this reader."""
+SINGLE = {0xC0: None, 0xC2: False, 0xC3: True}
+NUMBERS = {0xCC: 1, 0xCD: 2, 0xCE: 4, 0xCF: 8}
+COUNTED = {0xC4: ("bytes", 1), 0xC5: ("bytes", 2), 0xD9: ("str", 1), 0xDC: ("array", 2)}
+"""Codes of MessagePack, with sizes of what follows them."""
 ZIGZAG = (0, 1, 4, 8, 5, 2, 3, 6, 9, 12, 13, 10, 7, 11, 14, 15)
 
 
@@ -111,7 +110,7 @@ class SentFrame:
 def read_stream(data: bytes) -> tuple[dict[str, object], list[Group]]:
     """Return the configuration and the groups of pictures of a stream without digests."""
     file = Bytes(data)
-    assert file.take(5) == b"DV3D\1"
+    assert file.take(5) == b"DV3D\2"
     records = list(_records(file))
     assert [kind for kind, _ in records] == [1] + [2] * (len(records) - 2) + [3]
     config = read_configuration(records[0][1])
@@ -136,18 +135,46 @@ def read_configuration(payload: bytes) -> dict[str, object]:
     """Read form and fields."""
     values = Bytes(payload)
     assert values.take(1) in (b"\0", b"\2")
-    found: dict[str, object] = {name: default for name, _, default in FIELDS.values()}
-    while not values.is_over:
-        name, kind, _ = FIELDS[values.varint()]
-        if kind == "float":
-            (found[name],) = struct.unpack("<d", values.take(8))
-        elif kind in ("str", "bytes"):
-            found[name] = values.counted().decode() if kind == "str" else values.counted()
-        elif kind == "integers":
-            found[name] = [values.varint() for _ in range(values.varint())]
-        else:
-            found[name] = bool(values.varint()) if kind == "bool" else values.varint()
+    found = _named(FIELDS, _message_pack(values))
+    assert values.is_over
     return found
+
+
+def _named(fields: list[tuple[str, object]], values: object) -> dict[str, object]:
+    """Return fields by name, those of sections among the others."""
+    given: list[object] = [] if values is None else values  # type: ignore[assignment]
+    assert len(given) <= len(fields)
+    assert not given or given[-1] is not None
+    found: dict[str, object] = {}
+    for (name, default), value in zip_longest(fields, given):
+        if default and isinstance(default, list):
+            found |= _named(default, value)
+        else:
+            found[name] = default if value is None else value
+            assert found[name] is not NEEDED
+            assert value is None or value != default
+    return found
+
+
+def _message_pack(values: Bytes) -> object:
+    """Read a value of MessagePack, of those that there are in a configuration."""
+    (code,) = values.take(1)
+    if code < 0x80:
+        return code
+    if code in SINGLE:
+        return SINGLE[code]
+    if code == 0xCB:
+        return struct.unpack(">d", values.take(8))[0]
+    if code in NUMBERS:
+        return int.from_bytes(values.take(NUMBERS[code]))
+    if 0x90 <= code < 0xC0:
+        kind, count = ("array" if code < 0xA0 else "str"), code & (15 if code < 0xA0 else 31)
+    else:
+        kind, size = COUNTED[code]
+        count = int.from_bytes(values.take(size))
+    if kind == "array":
+        return [_message_pack(values) for _ in range(count)]
+    return values.take(count).decode("ascii") if kind == "str" else values.take(count)
 
 
 def read_group(payload: bytes) -> Group:

@@ -4,34 +4,54 @@ import io
 import json
 import os
 import re
+from collections.abc import Iterator
+from dataclasses import MISSING, fields, replace
 from pathlib import Path
+from typing import Any
 
-from dvc.config import FIELD_NUMBERS, CodecConfig, KeyFrameConfig, VideoConfig
-from dvc.stream import GopRecord, StreamReader, StreamWriter
+import pytest
+
+from dvc.config import (
+    CascadeConfig,
+    CodecConfig,
+    CoderConfig,
+    DiscoverMatrix,
+    KeyFrameConfig,
+    TurboConfig,
+    VideoConfig,
+    codec_config,
+)
+from dvc.config.fields import Section
+from dvc.stream import Form, GopRecord, StreamReader, StreamWriter
+from dvc.stream.records import encode_configuration
+from tests.reference.stream_reader import read_configuration
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "bitstream.md"
 BEGIN, END = "<!-- fields: begin -->\n", "<!-- fields: end -->\n"
 TYPES = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes", tuple: "integers"}
 CONFIG = CodecConfig(VideoConfig(176, 144, 15, 1), key=KeyFrameConfig(25))
-RECORDS = [GopRecord(1, b"K0"), GopRecord(2, b"K2", b"", (b"W1!",), 0x13579BDF)]
+RECORDS = [GopRecord(1, b"K0"), GopRecord(2, b"K2", wyner_ziv=(b"W1!",), digest=0x13579BDF)]
+
+
+def field_rows(section: Any, place: str = "", path: str = "") -> Iterator[str]:
+    """Yield a row for each field of a section and of those in it."""
+    values = [(field.name, field.default) for field in fields(section)]
+    if isinstance(section, CoderConfig):
+        values.insert(0, ("name", section.name))
+    for number, (name, default) in enumerate(values):
+        value = getattr(section, name)
+        if isinstance(value, Section):
+            yield from field_rows(value, f"{number}.", f"{name}.")
+            continue
+        shown = value.hex() if isinstance(value, bytes) else json.dumps(value)
+        shown = "(none)" if default is MISSING else shown
+        yield f"| {place}{number} | `{path}{name}` | {TYPES[type(value)]} | {shown} |\n"
 
 
 def field_table() -> str:
     """Return the table of all fields, with what they are when nothing is said."""
-    rows = ["| number | field | type | default |\n", "| --- | --- | --- | --- |\n"]
-    defaults = CodecConfig(VideoConfig(1, 1, 1, 1))
-    for path, number in FIELD_NUMBERS.items():
-        *parents, name = path.split(".")
-        section: object = defaults
-        for parent in parents:
-            section = getattr(section, parent)
-        value = getattr(section, name)
-        has_default = hasattr(type(section), name)
-        shown = value.hex() if isinstance(value, bytes) else json.dumps(value)
-        rows.append(
-            f"| {number} | `{path}` | {TYPES[type(value)]} | {shown if has_default else '(none)'} |\n"
-        )
-    return "".join(rows)
+    head = "| place | field | type | default |\n| --- | --- | --- | --- |\n"
+    return head + "".join(field_rows(CodecConfig(VideoConfig(1, 1, 1, 1))))
 
 
 def test_all_fields_of_the_configuration_are_described() -> None:
@@ -43,6 +63,44 @@ def test_all_fields_of_the_configuration_are_described() -> None:
         table = field_table()
         DOCUMENT.write_text(before + BEGIN + table + END + after)
     assert table == field_table()
+
+
+def leaves(values: dict[str, Any]) -> list[Any]:
+    """Return all values in order, without names."""
+    return [
+        leaf for value in values.values() for leaf in (leaves(value) if isinstance(value, dict) else [value])
+    ]
+
+
+SETS = b"any bytes" * 40
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        CONFIG,
+        codec_config(CONFIG.video, seed=2**31 - 1),
+        codec_config(
+            VideoConfig(5, 3000, 2**31 - 1, 1001, True),
+            "2d",
+            DiscoverMatrix(8),
+            key={"lossless": True, "parameter_sets": SETS},
+            coder=CascadeConfig(0),
+            geometry={"path_regularity": 0.1},
+            side_information={"method": "an-extension-of-any-name-there-is"[:32]},
+        ),
+    ],
+)
+def test_another_reader_finds_all_fields(config: CodecConfig) -> None:
+    """A reader that was written from the description alone finds every value at its place."""
+    found = read_configuration(encode_configuration(config, Form.BUFFERED))
+    sets = found["parameter_sets"]
+    assert sets == config.key.parameter_sets
+    values = config.to_dict()
+    values["key"]["parameter_sets"] = sets
+    assert list(found.values()) == leaves(values)
+    turbo = read_configuration(encode_configuration(replace(config, coder=TurboConfig()), Form.NO_FEEDBACK))
+    assert turbo == found | {"coder": "turbo", "batch_percent": turbo["batch_percent"]}
 
 
 def test_the_example_is_a_stream() -> None:

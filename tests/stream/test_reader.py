@@ -319,7 +319,11 @@ def head(form: Form) -> bytes:
         (lambda start, gop, end: start[:4], "format version missing"),
         (
             lambda start, gop, end: start[:4] + b"\x09" + start[5:],
-            "format version 9; this program reads version 1",
+            "format version 9; this program reads version 2",
+        ),
+        (
+            lambda start, gop, end: start[:4] + b"\x01" + start[5:],
+            "format version 1, made by a version of dvc3d before 2; this program reads version 2",
         ),
         (
             lambda start, gop, end: start[:5] + gop + end,
@@ -359,7 +363,7 @@ def head(form: Form) -> bytes:
         ),
         (
             lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b"\x01\x7f"),
-            r"record 0 \(configuration\) at byte 5: configuration field 127 is unknown",
+            r"record 0 \(configuration\) at byte 5: configuration: Expected `array`, got `int`",
         ),
     ],
 )
