@@ -63,10 +63,14 @@ _INTRA: dict[str, object] = {"keyint": 1}
 _PREDICTED: dict[str, object] = {
     "keyint": "infinite",
     "bframes": 0,
-    "ref": 3,
-    "weightp": 0,
     "rc-lookahead": 0,
+    "ref": 1,
+    "weightp": 1,
+    "subme": 6,
+    "dct-decimate": 0,
 }
+"""On the front of rate and time that `benchmarks.searches.key_pictures` finds: what takes longer does not leave
+the encoder as cheap as x264 superfast. Chosen on box, cube, desk, river, stone and tree."""
 _RATE_FACTOR = 30
 CHROMA_QP_OFFSET = -4
 """QP of chroma over that of luma: chroma of all frames between rests on it. Chosen on box, desk, river,
