@@ -18,11 +18,12 @@ from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, DvcError
-from dvc.slepian_wolf import Answer, ParityRequest
+from dvc.slepian_wolf import Answer, Round
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
+from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
 from dvc.wynerziv.hierarchy import Around, decoding_order, levels
-from dvc.wynerziv.payloads import BufferedFrame, PuncturedFrame, PunctureRecorder, disagreement
+from dvc.wynerziv.payloads import EncodedFrame, PuncturedFrame, PunctureRecorder, disagreement
 from dvc.wynerziv.priors import LearnedPriors
 from dvc.wynerziv.quantizer import FrameLayout
 
@@ -175,25 +176,30 @@ class RecordedGroup:
     """The record of a group of a stream, which answers requests; see `Encoder`."""
 
     def __init__(self, task: GroupTask, config: CodecConfig) -> None:
-        self._task, self._config, self._layout = task, config, FrameLayout.of(config)
-        self._answers: dict[int, Answer] = {}
+        self._task, self._layout, self._coder = task, FrameLayout.of(config), slepian_wolf.plane_coder(config)
+        self._answers: dict[int, Answer] = {}  # of frames that are being decoded
 
     def decode_level(self, rank: Rank, frames: Sequence[FrameCoroutine]) -> list[DecodedFrame]:
         """Decode frames one after the other."""
         del rank
-        return [slepian_wolf.drive(frame, lambda requests: [*map(self.answer, requests)]) for frame in frames]
+        return [*map(self._drive, frames)]
 
-    def answer(self, request: ParityRequest) -> Bits:
-        """Answer a request; the payload of a frame is read once it asks for something."""
-        if request.frame not in self._answers:
-            self._answers[request.frame] = self._source(request.frame)
-        return self._answers[request.frame](request)
+    def _drive(self, frame: FrameCoroutine) -> DecodedFrame:
+        decoded = slepian_wolf.drive(frame, self.answer)
+        self._answers.pop(decoded.index, None)
+        return decoded
+
+    def answer(self, requests: Round) -> Sequence[Bits]:
+        """Answer requests of a frame, whose payload is read once it asks for something."""
+        index = requests[0].frame
+        if index not in self._answers:
+            self._answers[index] = self._source(index)
+        return self._answers[index](requests)
 
     def _source(self, index: int) -> Answer:
         payload = self._task.record.wyner_ziv[index - self._task.first_index]
         if self._task.form is Form.BUFFERED:
-            num_codes = slepian_wolf.plane_coder(self._config).num_codes
-            return BufferedFrame(self._layout, payload, num_codes).answer
+            return EncoderBuffer.of(EncodedFrame.read(self._layout, payload), self._coder).answer_round
         return PuncturedFrame(self._layout, payload).answer
 
 

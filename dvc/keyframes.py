@@ -69,7 +69,7 @@ _PREDICTED: dict[str, object] = {
     "subme": 6,
     "dct-decimate": 0,
 }
-"""On the front of rate and time that `benchmarks.searches.key_pictures` finds: what takes longer does not leave
+"""On the front of rate and time that `benchmarks.searches.key_pictures` finds; slower ones do not leave
 the encoder as cheap as x264 superfast. Chosen on box, cube, desk, river, stone and tree."""
 _RATE_FACTOR = 30
 CHROMA_QP_OFFSET = -4

@@ -20,7 +20,7 @@ from encoder.rate_control.controller import GroupPlan, RateController
 
 
 class WynerZivEncoder:
-    """Encodes Wyner-Ziv frames of one configuration, all parity of which a decoder may ask for."""
+    """Encodes Wyner-Ziv frames of one configuration, of which a decoder may ask for any parity."""
 
     form: ClassVar[Form] = Form.BUFFERED
     cpu_field: ClassVar[str] = "parity_cpu_s"
@@ -63,7 +63,7 @@ class WynerZivEncoder:
         """Transform a frame; its planes are packed when they are needed."""
         step_index = quantizer.index_of_step(step)
         quantization, packing = transform_frame(self._layout, frame.luma, step_index, memory)
-        return EncodedFrame(self._layout, quantization, packing, self._coder)
+        return EncodedFrame(self._layout, quantization, packing)
 
 
 class LiveEncoder(WynerZivEncoder):

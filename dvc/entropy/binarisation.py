@@ -1,6 +1,6 @@
 """Binarisation: whole numbers as sequences of decisions, each in its context."""
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel
 from dvc.entropy.contexts import Counts, code_adaptive
 from dvc.entropy.range_coder import FAILED, CoderState, code_decision
 
@@ -14,7 +14,7 @@ MAX_DECISIONS = 2 + 2 * MAX_EXPONENT
 """Most decisions of a number."""
 
 
-@kernel
+@inlined_kernel
 def code_exp_golomb(
     coder: CoderState, counts: Counts, zero: int, sign: int, exponents: int, mantissas: int, value: int
 ) -> int:

@@ -7,7 +7,7 @@ that old decisions fade. All counts are whole numbers, and the same at both ends
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel
 from dvc.entropy.range_coder import CoderState, code_decision
 
 Counts = NDArray[np.int64]
@@ -34,7 +34,7 @@ def context_counts(percent: ArrayLike) -> Counts:
     return np.stack([_INITIAL_COUNT - ones, ones], axis=-1)
 
 
-@kernel
+@inlined_kernel
 def code_adaptive(coder: CoderState, counts: Counts, context: int, decision: int) -> int:
     """Code a decision in its context, and count it, compiled.
 

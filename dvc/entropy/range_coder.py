@@ -132,12 +132,12 @@ class RangeCoder:
         return value
 
     @staticmethod
-    def _shortest(number: int, low: int, width: int, position: int) -> bytes:
+    def _shortest(low: int, width: int, num_bytes: int) -> bytes:
         """The number of most zeros at the end that is inside the interval, whatever follows."""
         for zeros in range(64, -1, -8):
             inside = low + 2**zeros - 1 >> zeros << zeros
             if inside < low + width:
-                return (number + inside).to_bytes(4 * position + 8).rstrip(b"\0") or b"\0"
+                return inside.to_bytes(num_bytes).rstrip(b"\0") or b"\0"
         raise AssertionError("the interval holds its beginning")
 
     def check(self) -> None:
@@ -150,6 +150,26 @@ class RangeCoder:
         """
         if self._state.fields[FAILED]:
             raise BitstreamError("the range-coded data are damaged")
+
+    def check_end(self, data: bytes) -> None:
+        """Tell whether data that were read are the shortest that tell the sequence, as `to_bytes` has them.
+
+        Parameters
+        ----------
+        data : bytes
+            What the reader was made of.
+
+        Raises
+        ------
+        BitstreamError
+            If they are not, or cannot have been written.
+        """
+        self.check()
+        above, width, position, reading, _ = (int(field) for field in self._state.fields)
+        assert reading, "what is written is whole"
+        low = int.from_bytes(data[: 4 * position].ljust(4 * position, b"\0")) - above
+        if data != self._shortest(low, width, 4 * position):
+            raise BitstreamError("the range-coded data do not end as they are written")
 
     def to_bytes(self, shortest: bool = False) -> bytes:
         """Return what was written.
@@ -168,8 +188,8 @@ class RangeCoder:
         assert not reading, "what is read has its bytes"
         assert not failed, "more was written than there was room for"
         number = int.from_bytes(self._state.words[:position].astype(">u4").tobytes()) << 32
-        if shortest and width < _MAX:
-            return self._shortest(number << 32, low, width, position)
+        if shortest:
+            return self._shortest((number << 32) + low, width, 4 * position + 8)
         if width < _MAX:  # else nothing was written
             number += low + 2**32 - 1 >> 32  # a word that is inside the interval, whatever follows
         return number.to_bytes(4 * position + 4).rstrip(b"\0") or b"\0"

@@ -30,7 +30,7 @@ from dvc.feedback.messages import (
     max_payload_bytes,
 )
 from dvc.slepian_wolf import ParityRequest, RequestTable
-from dvc.slepian_wolf.requests import COUNT, PLANE
+from dvc.slepian_wolf.requests import PLANE
 from dvc.stream import GopRecord
 
 
@@ -402,13 +402,10 @@ def _check_size(table: RequestTable, packed: bytes) -> None:
 def _divided(table: RequestTable, packed: bytes) -> list[Event]:
     """Return the answer to each request."""
     _check_size(table, packed)
-    bits = np.unpackbits(np.frombuffer(packed, np.uint8))
-    if bits[table.num_bits :].any():
+    if packed and packed[-1] & (1 << -table.num_bits % 8) - 1:
         raise BitstreamError("the last byte is not filled up with zeros")
-    ends = np.cumsum(table.rows[:, COUNT])
+    places = table.rows[:, : PLANE + 1].tolist()
     return [
         ParityAnswer(frame, plane, own)
-        for (frame, plane), own in zip(
-            table.rows[:, : PLANE + 1].tolist(), np.split(bits, ends), strict=False
-        )
+        for (frame, plane), own in zip(places, table.divided(packed), strict=True)
     ]

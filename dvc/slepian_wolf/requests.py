@@ -57,6 +57,11 @@ class RequestTable(NamedTuple):
         num_bits = sum(request.count for request in requests)
         return cls(np.array(rows, np.int64).reshape(-1, NUM_COLUMNS), np.array(positions, np.int64), num_bits)
 
+    def divided(self, packed: bytes) -> list[Bits]:
+        """Return the bits that each request wants, of those that all want."""
+        bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=self.num_bits)
+        return np.split(bits, np.cumsum(self.rows[:, COUNT]))[:-1]
+
     def requests(self) -> list[ParityRequest]:
         """Return the requests of the table."""
         rows, positions = self.rows.tolist(), self.positions.tolist()
@@ -72,8 +77,8 @@ class RequestTable(NamedTuple):
 
 Round = Sequence[ParityRequest]
 """Requests for different planes of a frame that are made, and answered, together."""
-Answer = Callable[[ParityRequest], Bits]
-"""Turns a request into bits: ndarray of shape (count,), uint8."""
+Answer = Callable[[Round], Sequence[Bits]]
+"""Turns requests into the bits of each: ndarray of shape (count,), uint8."""
 Place = tuple[int, int]
 """Index of a frame, and of a plane in it: at most one request for a plane waits for its answer."""
 Asked = TypeVar("Asked")

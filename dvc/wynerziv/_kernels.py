@@ -3,6 +3,8 @@
 import numpy as np
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.entropy.binarisation import NUM_EXPONENTS, code_exp_golomb
+from dvc.entropy.range_coder import FAILED
 from dvc.slepian_wolf.crc import joint_check_of_words
 from dvc.slepian_wolf.ldpc.graph import add_block
 
@@ -13,6 +15,8 @@ _MIN_EXPONENT = -700.0
 _HALF_MANTISSA = 0x3FE0000000000000
 _SQRT_HALF = 0.7071067811865476
 _NARROW = 1e-3  # width of an interval, in scales, below which a Laplacian is constant on it
+BIN_CONTEXTS = 2 + 2 * NUM_EXPONENTS  # of a difference: zero, sign, exponents and mantissas
+SURROUNDINGS = 3  # by how much bins beside a bin differ, and as many by bands before
 _HALVINGS = 5  # 32 probabilities above the share of outliers have a product that is a normal number
 
 
@@ -132,6 +136,51 @@ def put_bits(numbers, num_planes, first_plane, words):
     for n in range(numbers.size):
         line[n] |= np.uint64(numbers[n]) >> np.uint64(-spare)
         following[n] |= np.uint64(numbers[n]) << np.uint64(64 + spare)
+
+
+@kernel
+def take_bits(num_planes, first_plane, words, numbers):
+    """Read the planes of one band; inverse of `put_bits`."""
+    row, last = first_plane >> 6, np.uint64((1 << num_planes) - 1)
+    spare = 64 * (row + 1) - first_plane - num_planes
+    for n in range(numbers.size):
+        if spare >= 0:
+            bits = words[row, n] >> np.uint64(spare)
+        else:
+            bits = (words[row, n] << np.uint64(-spare)) | (words[row + 1, n] >> np.uint64(64 + spare))
+        numbers[n] = np.int32(bits & last)
+
+
+@kernel
+def code_band(coder, counts, band, planes, zero, columns, words, energy):
+    """Code the bins of a band: from its planes in words, or into them where they are zeros.
+
+    `planes`: how many, and the first; `zero`: the bin of zero; `energy`: bins of AC bands before, added up.
+    """
+    num_planes, first_plane = planes
+    numbers = np.empty(words.shape[1], np.int32)
+    take_bits(num_planes, first_plane, words, numbers)
+    for n in range(numbers.size):
+        inside, below = n % columns > 0, n >= columns
+        left = numbers[n - 1] if inside else zero
+        above = numbers[n - columns] if below else zero
+        predicted, base = zero, zero
+        if band == 0:
+            base = numbers[n - columns - 1] if inside and below else zero
+            predicted = min(max(left + above - base, min(left, above)), max(left, above))
+        around = min(abs(left - base) + abs(above - base), SURROUNDINGS - 1)
+        first = (min(energy[n], SURROUNDINGS - 1) * SURROUNDINGS + around) * BIN_CONTEXTS
+        exponents, mantissas = first + 2, first + 2 + NUM_EXPONENTS
+        difference = code_exp_golomb(
+            coder, counts, first, first + 1, exponents, mantissas, numbers[n] - predicted
+        )
+        if not 0 <= predicted + difference < 1 << num_planes:
+            coder.fields[FAILED] = 1
+            return
+        numbers[n] = predicted + difference
+        if band > 0:
+            energy[n] += abs(difference)
+    put_bits(numbers, num_planes, first_plane, words)
 
 
 @kernel

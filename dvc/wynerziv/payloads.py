@@ -1,19 +1,19 @@
-"""All bits that may be asked of a Wyner-Ziv frame: at the encoder, and in payloads that hold them or some.
+"""Bit planes of a Wyner-Ziv frame, of which all bits that may be asked for are made; and its payloads.
 
-After the header, that payload holds the check bits, uncoded bits and parity of all planes; the punctured form
-has, after the header, the bits that were asked for, in that order.
+After the header, a buffered payload holds the bins, of which the planes are digits, without loss and entropy
+coded; the punctured form has, after the header, the bits that were asked for, in that order.
 """
 
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import replace
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc import slepian_wolf
+from dvc.entropy import RangeCoder, context_counts
 from dvc.errors import BitstreamError
-from dvc.slepian_wolf import ParityRequest, Round
+from dvc.slepian_wolf import Round
 from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
 
@@ -80,11 +80,15 @@ def _quantize_over_range(
     return quantization, words
 
 
-def _wanted(request: ParityRequest) -> slice | NDArray[np.int64]:
-    """Return which bits of a section are wanted."""
-    if request.positions:
-        return np.array(request.positions, np.int64)
-    return slice(request.start, request.start + request.count)
+def _code_bins(coder: RangeCoder, layout: FrameLayout, quantization: Quantization, words: Words) -> None:
+    """Code the bins of a frame: from words of its planes, or into them where they are zeros."""
+    counts = context_counts(np.full(_kernels.SURROUNDINGS**2 * _kernels.BIN_CONTEXTS, 50))
+    energy = np.zeros(layout.num_bits, np.int32)
+    for band in quantization.bands:
+        planes = quantization.planes[band], quantization.first_plane[band]
+        state = coder.room_for(layout.num_bits * 2 * (1 + planes[0]))
+        zero, columns = quantization.zero_bin(band), layout.band_shape[1]
+        _kernels.code_band(state, counts, band, planes, zero, columns, words, energy)
 
 
 class EncodedFrame:
@@ -92,19 +96,24 @@ class EncodedFrame:
     them.
     """
 
-    def __init__(
-        self,
-        layout: FrameLayout,
-        quantization: Quantization,
-        words: Words | Packing,
-        coder: slepian_wolf.PlaneCoder | None = None,
-    ) -> None:
+    def __init__(self, layout: FrameLayout, quantization: Quantization, words: Words | Packing) -> None:
         self.layout, self.quantization = layout, quantization
         self.header = quantization.header
         self.num_packed_bands = 0
         self._packing: Packing | None = words if callable(words) else lambda _: words
-        self._num_planes = quantization.num_planes
-        self._coder = coder  # none, where nothing of the frame is asked for
+
+    @classmethod
+    def read(cls, layout: FrameLayout, payload: bytes) -> Self:
+        """Read a frame from its buffered payload; inverse of `buffered_payload`."""
+        quantization = layout.read_header(payload)
+        words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
+        header, data = payload[: len(quantization.header)], payload[len(quantization.header) :]
+        if header != quantization.header:
+            raise BitstreamError("the header of a Wyner-Ziv frame is not filled up with zeros")
+        coder = RangeCoder.reader(data)
+        _code_bins(coder, layout, quantization, words)
+        coder.check_end(data)
+        return cls(layout, quantization, words)
 
     @property
     def words(self) -> Words:
@@ -128,45 +137,10 @@ class EncodedFrame:
         return self._words, self._checks
 
     def buffered_payload(self) -> bytes:
-        """Pack the header and everything that may be asked; inverse of `BufferedFrame`."""
-        assert self._coder is not None
-        num_rows, num_bits = self.words.shape
-        first = self.checks.shape[1] + num_bits
-        words = np.empty((num_rows, first + self._coder.num_codes * num_bits), np.uint64)
-        np.concatenate([self.checks, self.words], axis=1, out=words[:, :first])
-        for code in range(self._coder.num_codes):
-            parity = words[:, first + code * num_bits : first + (code + 1) * num_bits]
-            for row, released in zip(self.words, parity, strict=True):
-                self._coder.encode(code, row, released)
-        size = -(-self._num_planes // 8)
-        return self.header + words.T.astype(">u8", order="C").view(np.uint8)[:, :size].tobytes()
-
-
-class BufferedFrame:
-    """Answers requests from a buffered payload; reads only the bits that are asked for."""
-
-    def __init__(self, layout: FrameLayout, payload: bytes, num_codes: int) -> None:
-        quantization = layout.read_header(payload)
-        self._crc_bits = uncoded = layout.crc_bits
-        self._first = {("crc", 0): 0, ("uncoded", 0): uncoded}
-        self._first |= {("parity", code): uncoded + (code + 1) * layout.num_bits for code in range(num_codes)}
-        size = -(-quantization.num_planes // 8)
-        header_bytes = len(quantization.header)
-        expected = header_bytes + size * (uncoded + (num_codes + 1) * layout.num_bits)
-        if len(payload) != expected:
-            raise BitstreamError(f"buffered Wyner-Ziv frame of {len(payload)} bytes, expected {expected}")
-        self._words = np.frombuffer(payload, np.uint8)[header_bytes:]
-        self._words = self._words.reshape(-1, max(size, 1))
-
-    def answer(self, request: ParityRequest) -> Bits:
-        """Return the bits that a request asks for."""
-        if request.kind == "joint":
-            whole = replace(request, kind="crc", start=0, count=self._crc_bits, positions=())
-            checks = [self.answer(replace(whole, plane=plane)) for plane in request.positions]
-            return slepian_wolf.joint_check(np.stack(checks))[: request.count]
-        code = request.code if request.kind == "parity" else 0
-        column = self._words[self._first[request.kind, code] :][_wanted(request), request.plane // 8]
-        return (column >> np.uint8(7 - request.plane % 8)) & np.uint8(1)
+        """Pack the header and the planes; inverse of `read`."""
+        coder = RangeCoder.writer()
+        _code_bins(coder, self.layout, self.quantization, self.words)
+        return self.header + coder.to_bytes(shortest=True)
 
 
 def disagreement(found: str) -> BitstreamError:
@@ -178,16 +152,19 @@ def disagreement(found: str) -> BitstreamError:
 
 
 class PuncturedFrame:
-    """Answers requests from a punctured payload: whatever is asked, the next bits are the answer."""
+    """Answers requests from a punctured payload: whatever is asked for, the next bits are the answer."""
 
     def __init__(self, layout: FrameLayout, payload: bytes) -> None:
         header_bytes = len(layout.read_header(payload).header)
         self._bits = np.unpackbits(np.frombuffer(payload, np.uint8)[header_bytes:])
         self._position = 0
 
-    def answer(self, request: ParityRequest) -> Bits:
-        """Return the next bits."""
-        stop = self._position + request.count
+    def answer(self, requests: Round) -> list[Bits]:
+        """Return the next bits for each request."""
+        return [self._next(request.count) for request in requests]
+
+    def _next(self, count: int) -> Bits:
+        stop = self._position + count
         if stop > self._bits.size:
             raise disagreement(f"a Wyner-Ziv frame has {self._bits.size} bits, {stop} are needed")
         bits = self._bits[self._position : stop]

@@ -172,6 +172,11 @@ class Quantization:
         index = self.step_indices.get(band)
         return None if index is None else step_from_index(index)
 
+    def zero_bin(self, band: int) -> int:
+        """Return the number of the bin of a band that zero is in."""
+        planes = self.planes[band]
+        return int(embedded_origin(band, planes)) if self.embedded or band == 0 else (1 << planes - 1) - 1
+
     @cached_property
     def plane_counts(self) -> NDArray[np.int64]:
         """The same as `planes`, for compiled callers."""

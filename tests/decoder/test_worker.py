@@ -54,7 +54,7 @@ class Answering:
         count = shuffled.randint(min(1, len(self._waiting)), len(self._waiting))
         chosen, self._waiting = self._waiting[:count], self._waiting[count:]
         answers = [
-            Answered(requests[0].frame, tuple(map(self._records[number].answer, requests)))
+            Answered(requests[0].frame, tuple(self._records[number].answer(requests)))
             for number, requests in chosen
         ]
         self.process.submit(*answers)

@@ -1,5 +1,6 @@
 """Decoding of one Wyner-Ziv frame, answers taken from the encoder's bits in memory."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from unittest import mock
 
@@ -23,7 +24,8 @@ from dvc.metrics import psnr_db
 from dvc.slepian_wolf import CRC_BITS, Answer, Round, drive, plane_coder
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
-from dvc.wynerziv.payloads import BufferedFrame, EncodedFrame, quantize_frame
+from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
+from dvc.wynerziv.payloads import EncodedFrame, quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
 from encoder.wyner_ziv import WynerZivEncoder
 from tests.clips import moving_texture
@@ -51,13 +53,12 @@ def decode(
     steps = decoder.decode(5, quantization, prediction, decoder.new_priors())
     answer, finest = answering(config, encoded), quantization.step(0) or 1.0
     with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", slope / finest**2):
-        return drive(steps, lambda requests: [answer(own) for own in requests])
+        return drive(steps, answer)
 
 
 def answering(config: CodecConfig, encoded: EncodedFrame) -> Answer:
     """Return what answers requests for a frame."""
-    codes = plane_coder(config).num_codes
-    return BufferedFrame(encoded.layout, encoded.buffered_payload(), codes).answer
+    return EncoderBuffer.of(encoded, plane_coder(config)).answer_round
 
 
 def noisy_prediction(original: Frame, noise: float, seed: int = 0) -> Prediction:
@@ -159,15 +160,16 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
     decoder = WynerZivDecoder(config)
     seen: dict[tuple[int, str], int] = {}
 
-    def answer(request):  # type: ignore[no-untyped-def]
-        assert request.frame == 5
-        assert request.start == seen.get((request.plane, request.kind), 0)
-        seen[request.plane, request.kind] = request.start + request.count
-        return bits_of(request)
+    def answer(requests: Round) -> Sequence[np.ndarray]:
+        for request in requests:
+            assert request.frame == 5
+            assert request.start == seen.get((request.plane, request.kind), 0)
+            seen[request.plane, request.kind] = request.start + request.count
+        return bits_of(requests)
 
     quantization = decoder.layout.read_header(encoded.header)
     steps = decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.new_priors())
-    decoded = drive(steps, lambda requests: [answer(own) for own in requests])
+    decoded = drive(steps, answer)
     assert {plane for plane, _ in seen} == set(range(quantization.num_planes))
     assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
     assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
@@ -186,9 +188,9 @@ def test_bands_between_refinements_ask_together(original: Frame) -> None:
     }
     together: list[list[int]] = []
 
-    def answered(requests: Round) -> list[np.ndarray]:
+    def answered(requests: Round) -> Sequence[np.ndarray]:
         together.append([band_of[request.plane] for request in requests])
-        return [answer(request) for request in requests]
+        return answer(requests)
 
     steps = decoder.decode(5, quantization, noisy_prediction(original, 2.5), decoder.new_priors())
     with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", 0.0):
@@ -302,6 +304,6 @@ def test_every_group_learns_by_itself(original: Frame) -> None:
         if number == 2:
             priors = decoder.new_priors()
         steps = decoder.decode(5, quantization, prediction, priors)
-        decoded = drive(steps, lambda requests: [answer(own) for own in requests])
+        decoded = drive(steps, answer)
         costs.append([cost.ideal_bits for cost in decoded.band_costs])
     assert costs[0] == costs[2] != costs[1]

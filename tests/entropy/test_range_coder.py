@@ -1,5 +1,7 @@
 """Range coder: exact inverse, the bytes of the plain twin and of constriction, damage."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from constriction import stream
@@ -88,10 +90,18 @@ def test_any_bytes_are_read_or_refused(data: bytes, symbols: list[Symbol]) -> No
         return
     writer = RangeCoder.writer()
     coded(writer, read)
+    with (
+        nullcontext()
+        if data == writer.to_bytes(shortest=True)
+        else pytest.raises(BitstreamError, match="end")
+    ):
+        reader.check_end(data)
     assert writer.to_bytes() == of_reference(read)
     assert coded(RangeCoder.reader(writer.to_bytes()), symbols) == read
     short = writer.to_bytes(shortest=True)
-    assert coded(RangeCoder.reader(short), symbols) == read
+    again = RangeCoder.reader(short)
+    assert coded(again, symbols) == read
+    again.check_end(short)
     assert len(short) <= len(writer.to_bytes()) + 1
 
 

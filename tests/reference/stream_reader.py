@@ -2,10 +2,13 @@
 
 import struct
 import zlib
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from math import ceil
+
+from tests.reference.entropy import Context
 
 Bits = list[int]
 
@@ -92,9 +95,7 @@ class Frame:
 
     steps: list[float | None]  # of the bands that are sent
     counts: list[int]  # planes of each band
-    checks: list[Bits]  # of each plane
     planes: list[Bits]
-    parities: list[list[Bits]]  # by code, of each plane
 
 
 @dataclass
@@ -204,20 +205,55 @@ def num_blocks(config: dict[str, object]) -> int:
 def read_frame(config: dict[str, object], payload: bytes) -> Frame:
     """Read a Wyner-Ziv payload of the buffered form."""
     steps, counts, begin = _header(config, _text(payload[:100]))
-    size, num_bits = ceil(sum(counts) / 8), num_blocks(config)
-    words = [payload[k : k + size] for k in range(begin, len(payload), size)]
-    codes = 1 if config["coder"] == "turbo" else 8
-    assert len(words) == 16 + (1 + codes) * num_bits
+    coder, contexts = (
+        RangeReader(payload[begin:]),
+        defaultdict[tuple[object, ...], Context](lambda: Context(50)),
+    )
+    columns = ceil(config["width"] / 4)  # type: ignore[operator]
+    planes, sizes = list[Bits](), [0] * num_blocks(config)
+    for band, count in enumerate(counts):
+        zero = 4 ** ceil(count / 2) // 3 if not config["levels"] else 2**count // 2 - 1
+        bins = dict.fromkeys(
+            [(y, x) for y in range(-1, len(sizes) // columns) for x in range(-1, columns)],
+            zero if band else 0,
+        )
+        for n in range(len(sizes) if count else 0):
+            y, x = divmod(n, columns)
+            left, above, base = bins[y, x - 1], bins[y - 1, x], zero
+            predicted = zero
+            if band == 0:
+                base = bins[y - 1, x - 1]
+                predicted = sorted((left, above, left + above - base))[1]
+            around = abs(left - base) + abs(above - base)
+            difference = _read_difference(coder, contexts, (min(around, 2), min(sizes[n], 2)))
+            bins[y, x] = predicted + difference
+            assert 0 <= bins[y, x] < 2**count
+            sizes[n] += abs(difference) if band else 0
+        found = [bins[divmod(n, columns)] for n in range(len(sizes))]
+        planes += [[number >> k & 1 for number in found] for k in reversed(range(count))]
+    return Frame(steps, counts, planes)
 
-    def section(first: int, count: int) -> list[Bits]:
-        return [
-            [words[k][plane // 8] >> 7 - plane % 8 & 1 for k in range(first, first + count)]
-            for plane in range(sum(counts))
-        ]
 
-    ends = [16 + (1 + code) * num_bits for code in range(codes)]
-    parities = [section(end, num_bits) for end in ends]
-    return Frame(steps, counts, section(0, 16), section(16, num_bits), parities)
+def _read_difference(
+    coder: "RangeReader", contexts: dict[tuple[object, ...], Context], surroundings: tuple[int, int]
+) -> int:
+    """Read a number with a sign."""
+
+    def decision(*kind: object) -> int:
+        context = contexts[surroundings, *kind]
+        decided = coder.decision(float(context.probability()))
+        context.see(decided)
+        return decided
+
+    if not decision("zero"):
+        return 0
+    positive, exponent = decision("sign"), 1
+    while decision("exponent", min(exponent, 11)):
+        exponent += 1
+    size = 2 + decision("mantissa", min(exponent, 11))
+    for _ in range(exponent - 1):
+        size = 2 * size + coder.decision(0.5)
+    return size - 1 if positive else 1 - size
 
 
 def read_sent_frame(config: dict[str, object], payload: bytes) -> SentFrame:

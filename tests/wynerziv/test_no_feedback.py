@@ -19,7 +19,7 @@ SEED = 0
 LAYOUT = FrameLayout(24, 32, True, (0,) * 16, 16)
 LUMA = np.random.default_rng(1).integers(0, 256, (24, 32), dtype=np.uint8)
 QUANTIZATION, WORDS = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(20.0))
-FRAME = EncodedFrame(LAYOUT, QUANTIZATION, WORDS, ())
+FRAME = EncodedFrame(LAYOUT, QUANTIZATION, WORDS)
 
 
 def depths(dc: int, *others: int) -> tuple[int, ...]:

@@ -1,1 +1,1 @@
-"""Answers to what a live decoder asks of the frames that it works at."""
+"""Answers to what a decoder asks of the frames that it works at."""

@@ -1,11 +1,13 @@
-"""Answers to many requests at once: what a live encoder holds of the frames that its decoder works at."""
+"""Answers to many requests at once, of frames that a live encoder holds or that were read from a stream."""
+
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.slepian_wolf import PlaneCoder, RequestTable
+from dvc.slepian_wolf import PlaneCoder, RequestTable, Round
 from dvc.slepian_wolf.crc import POLYNOMIALS
-from dvc.slepian_wolf.requests import SLOT
+from dvc.slepian_wolf.requests import SLOT, Bits
 from dvc.wynerziv.encoder_buffer import _kernels
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout
@@ -39,6 +41,13 @@ class EncoderBuffer:
         self._missing = np.empty((0, 4), np.int64)
         self._num_passes = 0
 
+    @classmethod
+    def of(cls, frame: EncodedFrame, coder: PlaneCoder) -> Self:
+        """Return a buffer of one frame."""
+        buffer = cls(frame.layout, coder, 1)
+        buffer.enter(0, frame)
+        return buffer
+
     def enter(self, slot: int, frame: EncodedFrame) -> None:
         """Hold a frame, in place of any other that was held there."""
         frames, num_rows = self._frames, len(frame.words)
@@ -48,6 +57,11 @@ class EncoderBuffer:
         places = frames.places[slot]
         frames.owners[places[places >= 0]] = -1
         places[:] = -1
+
+    def answer_round(self, requests: Round) -> list[Bits]:
+        """Return the bits that each request asks for, of the one frame."""
+        table = RequestTable.of(requests)
+        return table.divided(self.answer(table))
 
     def answer(self, table: RequestTable) -> bytes:
         """Return the bits that requests ask for."""
