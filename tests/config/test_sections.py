@@ -32,6 +32,7 @@ from dvc.config import (
     Live,
     ParityBuffer,
     Qp,
+    Quality,
     SideInformationConfig,
     TracksConfig,
     TurboConfig,
@@ -59,12 +60,13 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     return CodecConfig(
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
         draw(st.sampled_from(list(VARIANTS))),
-        GopConfig(
-            draw(st.integers(1, 256)),
-            references,
-            *draw(st.sampled_from([(0, 0), (1, 1), (8, 96), (256, 1024)])),
+        GopConfig(draw(st.integers(1, 256)), references),
+        KeyFrameConfig(
+            draw(st.integers(1, 51)),
+            draw(st.booleans()),
+            draw(st.sampled_from([0, 1, 96, 1024])),
+            draw(st.binary(max_size=1024)),
         ),
-        KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
         WynerZivConfig(
             draw(st.one_of(st.just(()), st.lists(level, min_size=16, max_size=16).filter(any).map(tuple))),
             qp=draw(st.integers(1, 51)),
@@ -175,6 +177,8 @@ def test_sizes_of_planes() -> None:
         ("video", "luma_only", 1, "of type bool"),
         ("gop", "length", 257, "from 1 to 256"),
         ("key", "qp", 52, "from 1 to 51"),
+        ("key", "intra_period", 1025, "`intra_period` must be from 0 to 1024, got 1025"),
+        ("key", "intra_period", -1, "from 0 to 1024"),
         ("key", "parameter_sets", "no base64!", "base64"),
         ("key", "parameter_sets", "A" * 2000, "limited to 1024 bytes"),
         ("key", "parameter_sets", "\u20ac", "base64"),
@@ -249,7 +253,7 @@ def test_arbitrary_bytes_raise_only_bitstream_errors(data: bytes) -> None:
 
 def test_damaged_headers_raise_only_bitstream_errors() -> None:
     """Every cut and changes of every byte of a header is refused, or reads as another valid configuration."""
-    config = codec_config(QCIF, "2d", key=KeyFrameConfig(25, True, b"\x01\x02"), seed=7)
+    config = codec_config(QCIF, "2d", key=KeyFrameConfig(25, True, 0, b"\x01\x02"), seed=7)
     config = replace(
         config, wyner_ziv=DiscoverMatrix(8).wyner_ziv, side_information=SideInformationConfig("x", True)
     )
@@ -281,16 +285,32 @@ def test_the_default_of_the_library_is_the_codec_that_is_advertised() -> None:
     assert len(encode_config(CodecConfig(QCIF))) == 10
 
 
-def test_groups_of_pictures_follow_from_codec_quality_and_delivery() -> None:
-    """Codecs have their own groups; what is given goes before, and what makes no sense is refused."""
-    assert codec_config(QCIF, "2d").gop == GopConfig(2, "keys", 0, 0)
-    assert codec_config(QCIF).gop == GopConfig(16, "hierarchical", 8, 96)
-    assert codec_config(QCIF, quality=DiscoverMatrix(4)).gop == GopConfig(16, "hierarchical", 0, 0)
-    assert codec_config(QCIF, delivery=EstimatedRate()).gop == GopConfig(16, "hierarchical", 8, 16, 0)
-    assert codec_config(QCIF, gop={"references": "keys"}).gop.length == 8
-    assert codec_config(QCIF, "3d-td", gop={"length": 4, "references": "all"}).gop == GopConfig(
-        4, "all", 0, 0
-    )
+@pytest.mark.parametrize(
+    ("codec", "quality", "given", "gop", "intra_period"),
+    [
+        ("2d", Qp(), {}, GopConfig(2, "keys"), 0),
+        ("2d", Qp(), {"key": {"intra_period": 9}}, GopConfig(2, "keys"), 9),
+        ("3d-td", Qp(), {"gop": {"length": 4, "references": "all"}}, GopConfig(4, "all"), 0),
+        ("3d-te", Qp(), {}, GopConfig(8, "hierarchical"), 96),
+        ("3d-te", Qp(), {"key": {"intra_period": 0}}, GopConfig(16, "hierarchical"), 0),
+        ("3d-te", Qp(), {"key": KeyFrameConfig(intra_period=0)}, GopConfig(16, "hierarchical"), 0),
+        ("3d-te", Qp(), {"gop": {"references": "keys"}}, GopConfig(8, "keys"), 96),
+        ("3d-te", Qp(), {"gop": GopConfig(3, "all")}, GopConfig(3, "all"), 96),
+        ("3d-te", DiscoverMatrix(4), {}, GopConfig(16, "hierarchical"), 0),
+        ("3d-te", DiscoverMatrix(4), {"key": {"intra_period": 9}}, GopConfig(8, "hierarchical"), 9),
+    ],
+)
+def test_groups_of_pictures_follow_from_codec_and_quality(
+    codec: str, quality: Quality, given: dict[str, Any], gop: GopConfig, intra_period: int
+) -> None:
+    """Codecs have their own groups, longer ones if key frames are costly; what is given goes before."""
+    config = codec_config(QCIF, codec, quality, **given)
+    assert (config.gop, config.key.intra_period) == (gop, intra_period)
+    assert config.key.predicted is (intra_period > 0)
+
+
+def test_configurations_that_make_no_sense_are_refused() -> None:
+    """Groups, codecs, and rates that cannot be estimated."""
     for wrong in ({"length": 0}, {"references": "none"}):
         with pytest.raises(ConfigError):
             codec_config(QCIF, gop=wrong)
