@@ -75,7 +75,7 @@ def test_overhead_is_small() -> None:
     ids=["IDR", "predicted", "empty", "Wyner-Ziv", "tracks", "time stamps"],
 )
 def test_the_first_field_tells_what_follows(record: GopRecord, payload: bytes) -> None:
-    """Four times the number of frames, 2 if the key frame is predicted, 1 for tracks, 2048 for time stamps."""
+    """4 times the number of frames, 2 if the key frame is predicted, 1 for tracks, 2048 for time stamps."""
     assert encode_gop(record) == payload
     assert decode_gop(payload) == record
 
