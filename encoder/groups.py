@@ -72,13 +72,12 @@ class _Window:
             tracker.step(frame.luma)
         self._waiting.append(frame)
         if _is_due(len(self._waiting), self._length, tracker, self._rule):
-            yield from self.flush()
+            yield from self.flush(begins_scene=_is_cut(tracker, self._rule))
 
-    def flush(self) -> Iterator[Group]:
+    def flush(self, begins_scene: bool = False) -> Iterator[Group]:
         """Close a group of all frames that wait, if there are any."""
         if self._waiting:
             (*wyner_ziv, key), self._waiting = self._waiting, []
-            begins_scene = _is_cut(self._tracker, self._rule)
             tracks = self._tracker.close([frame.luma for frame in (*wyner_ziv, key)])
             yield Group(tuple(wyner_ziv), key, tracks, begins_scene=begins_scene)
 

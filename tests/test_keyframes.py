@@ -1,7 +1,7 @@
-"""Tests of key frames: H.264 intra pictures that are coded and decoded alone."""
+"""Key frames: H.264 pictures of any size, alone; `tests/test_key_chains.py` predicts them."""
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from dvc.metrics import psnr_db
 from dvc.video import Frame, chroma_shape, open_video
 from dvc.video.pixels import picture_from_frame
 from tests.clips import same_frame
+from tests.key_pictures import coded_qps
 
 MakeFrames = Callable[..., list[Frame]]
 
@@ -36,60 +37,26 @@ def expected_planes(frame: Frame, luma_only: bool) -> Frame:
     return frame.without_chroma() if luma_only else frame.with_chroma()
 
 
-def bits_of(data: bytes) -> Iterator[str]:
-    """Iterate over bits, most significant first."""
-    return iter("".join(f"{byte:08b}" for byte in data))
-
-
-def read_unsigned(bits: Iterator[str]) -> int:
-    """Read an unsigned Exp-Golomb code."""
-    zeros = 0
-    while next(bits) == "0":
-        zeros += 1
-    return (1 << zeros) - 1 + int("0" + "".join(next(bits) for _ in range(zeros)), 2)
-
-
-def read_signed(bits: Iterator[str]) -> int:
-    """Read a signed Exp-Golomb code."""
-    value = read_unsigned(bits)
-    return (value + 1) // 2 if value % 2 else -(value // 2)
-
-
-def slice_qp(parameter_sets: bytes, data: bytes) -> int:
-    """Read the quantization parameter of a slice: 26 + pic_init_qp_minus26 + slice_qp_delta."""
-    pps = bits_of(parameter_sets[1 + parameter_sets[0] :])
-    assert [read_unsigned(pps) for _ in range(2)] == [0, 0]
-    assert [next(pps) for _ in range(2)] == ["1", "0"]  # CABAC, no pic_order_present
-    assert [read_unsigned(pps) for _ in range(3)] == [0, 0, 0]
-    assert [next(pps) for _ in range(3)] == ["0"] * 3  # no weighted prediction
-    init_qp = 26 + read_signed(pps)
-    header = bits_of(data[:16])
-    assert read_unsigned(header) == 0  # first_mb_in_slice
-    assert read_unsigned(header) in {2, 7}  # an I slice
-    assert read_unsigned(header) == 0
-    frame_num = [next(header) for _ in range(4)]
-    assert frame_num == ["0"] * 4
-    read_unsigned(header)  # idr_pic_id
-    assert [next(header) for _ in range(2)] == ["0", "0"]  # dec_ref_pic_marking
-    return init_qp + read_signed(header)
+def decoder_of(size: tuple[int, int], encoder: KeyFrameEncoder, luma_only: bool = False) -> KeyFrameDecoder:
+    return KeyFrameDecoder(*size, encoder.parameter_sets, luma_only=luma_only)
 
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("luma_only", "qp"), [(False, 22), (True, 40), (False, "lossless")])
-def test_fresh_decoders_agree_with_the_encoder(
+def test_pictures_decode_in_any_order(
     moving_frames: MakeFrames, size: tuple[int, int], luma_only: bool, qp: Qp
 ) -> None:
-    """Every picture decodes alone, in any order, to the encoder's own reconstruction."""
+    """Each alone, in a fresh decoder as in one that has decoded others."""
     frames = moving_frames(4, *size)
     encoder = KeyFrameEncoder(*size, qp, luma_only=luma_only)
     coded = [encoder.encode(frame) for frame in frames]
-    reconstructed = [encoder.reconstruct(data) for data in coded]
+    assert not any(picture.predicted for picture in coded)
+    used = decoder_of(size, encoder, luma_only)
     for index in (2, 0, 3, 1):
-        decoder = KeyFrameDecoder(*size, encoder.parameter_sets, luma_only=luma_only)
-        got = decoder.decode(coded[index])
+        got = decoder_of(size, encoder, luma_only).decode(coded[index].data)
         assert (got.width, got.height) == size
         assert (got.chroma is None) == luma_only
-        assert same_frame(got, reconstructed[index])
+        assert same_frame(got, used.decode(coded[index].data))
         if qp == "lossless":
             assert same_frame(got, expected_planes(frames[index], luma_only))
         else:
@@ -103,31 +70,24 @@ def test_lossless_is_the_source_itself(luma_only: bool, width: int, height: int)
     """Any size and any samples survive without loss."""
     frame = noise_frame(width, height)
     encoder = KeyFrameEncoder(width, height, "lossless", luma_only=luma_only)
-    assert same_frame(encoder.reconstruct(encoder.encode(frame)), expected_planes(frame, luma_only))
+    got = decoder_of((width, height), encoder, luma_only).decode(encoder.encode(frame).data)
+    assert same_frame(got, expected_planes(frame, luma_only))
 
 
 @pytest.mark.parametrize("qp", [1, 25, 40, 51])
-def test_qp_is_exactly_that_of_the_slice(moving_frames: MakeFrames, qp: int) -> None:
-    """No rate control and no factor for I frames touch the quantization parameter."""
+def test_qp_is_exactly_that_of_all_macroblocks(moving_frames: MakeFrames, qp: int) -> None:
+    """No rate control, no adaptation and no factor for I frames touch it; each picture may have another."""
     encoder = KeyFrameEncoder(48, 32, qp)
-    for frame in moving_frames(3, 48, 32):
-        assert slice_qp(encoder.parameter_sets, encoder.encode(frame)) == qp
-
-
-def test_pictures_may_differ_in_qp(moving_frames: MakeFrames) -> None:
-    """Where there are to be several; all have the same parameter sets."""
-    frames = moving_frames(6, 48, 32)
-    encoder = KeyFrameEncoder(48, 32, 30, several_qps=True)
-    qps = (30, 1, 51, 51, 17, 30)
-    coded = [encoder.encode(frame, qp) for frame, qp in zip(frames, qps, strict=True)]
-    assert tuple(slice_qp(encoder.parameter_sets, data) for data in coded) == qps
-    decoder = KeyFrameDecoder(48, 32, encoder.parameter_sets)
+    asked = (None, None, 51, 17, 1, 30, None)
+    frames = moving_frames(len(asked), 48, 32)
+    coded = [encoder.encode(frame, other) for frame, other in zip(frames, asked, strict=True)]
+    assert coded_qps(encoder.parameter_sets, coded) == [{qp if other is None else other} for other in asked]
+    decoder = decoder_of((48, 32), encoder)
     quality_db = [
-        psnr_db(decoder.decode(data).luma, frame.luma) for data, frame in zip(coded, frames, strict=True)
+        psnr_db(decoder.decode(picture.data).luma, frame.luma)
+        for picture, frame in zip(coded, frames, strict=True)
     ]
-    assert quality_db[1] > 50.0 > quality_db[0] > quality_db[2]
-    with pytest.raises(ValueError, match="several_qps"):
-        KeyFrameEncoder(48, 32, 30).encode(frames[0], 31)
+    assert quality_db[4] > 50.0 > quality_db[3] > quality_db[5] > quality_db[2]
 
 
 def test_large_pictures_work() -> None:
@@ -135,14 +95,16 @@ def test_large_pictures_work() -> None:
     rows, columns = np.mgrid[:2304, :4096]
     frame = Frame(((rows + columns) // 32 % 256).astype(np.uint8))
     encoder = KeyFrameEncoder(4096, 2304, 40, luma_only=True)
-    assert psnr_db(encoder.reconstruct(encoder.encode(frame)).luma, frame.luma) > 35
+    decoder = decoder_of((4096, 2304), encoder, luma_only=True)
+    assert psnr_db(decoder.decode(encoder.encode(frame).data).luma, frame.luma) > 35
 
 
 def test_grey_frames_count_as_neutral_in_colour(moving_frames: MakeFrames) -> None:
     """A colour encoder takes a frame without chroma for one with chroma 128."""
     frame = moving_frames(1, 20, 12, grey=True)[0]
     encoder = KeyFrameEncoder(20, 12, "lossless")
-    assert same_frame(encoder.reconstruct(encoder.encode(frame)), frame.with_chroma())
+    got = decoder_of((20, 12), encoder).decode(encoder.encode(frame).data)
+    assert same_frame(got, frame.with_chroma())
 
 
 def test_quick_pictures_are_as_good_for_a_few_more_bits(shared_sequences: Path) -> None:
@@ -152,8 +114,8 @@ def test_quick_pictures_are_as_good_for_a_few_more_bits(shared_sequences: Path) 
     sizes, quality_db = {}, {}
     for quick, parameters in ((False, {}), (True, FAST_DECISIONS)):
         encoder = KeyFrameEncoder(352, 288, 30, parameters=parameters)
-        data = encoder.encode(frame)
-        decoder = KeyFrameDecoder(352, 288, encoder.parameter_sets)
+        data = encoder.encode(frame).data
+        decoder = decoder_of((352, 288), encoder)
         sizes[quick], quality_db[quick] = len(data), psnr_db(frame.luma, decoder.decode(data).luma)
     assert sizes[True] != sizes[False]
     # Six decibels are twelve steps of QP, which halve the bits of a picture twice.
@@ -175,9 +137,9 @@ def test_fuzzed_pictures_raise_only_bitstream_error(moving_frames: MakeFrames, l
     """Flipped bits and cuts are found, or give a whole picture; the decoder goes on with the next one."""
     frame = moving_frames(1, 64, 48)[0]
     encoder = KeyFrameEncoder(64, 48, 30, luma_only=luma_only)
-    data = encoder.encode(frame)
-    right = encoder.reconstruct(data)
-    decoder = KeyFrameDecoder(64, 48, encoder.parameter_sets, luma_only=luma_only)
+    data = encoder.encode(frame).data
+    decoder = decoder_of((64, 48), encoder, luma_only)
+    right = decoder.decode(data)
     rng = np.random.default_rng(0)
     found = 0
     for trial in range(400):
@@ -201,10 +163,10 @@ def test_fuzzed_pictures_raise_only_bitstream_error(moving_frames: MakeFrames, l
 def test_random_bytes_raise_only_bitstream_error(data: bytes, seed: int) -> None:
     """Noise is refused as picture and as parameter sets."""
     encoder = KeyFrameEncoder(32, 32, 30, luma_only=seed % 2 == 0)
-    decoder = KeyFrameDecoder(32, 32, encoder.parameter_sets)
+    decoder = decoder_of((32, 32), encoder)
     with pytest.raises(BitstreamError):
         decoder.decode(data)
-    picture = encoder.encode(noise_frame(32, 32))
+    picture = encoder.encode(noise_frame(32, 32)).data
     with suppress(BitstreamError):
         KeyFrameDecoder(32, 32, data).decode(picture)
 
@@ -213,7 +175,7 @@ def test_random_bytes_raise_only_bitstream_error(data: bytes, seed: int) -> None
 def test_damaged_parameter_sets_raise_only_bitstream_error(position: int, value: int) -> None:
     """A changed byte is refused at once or with the picture, or gives a picture of the right size."""
     encoder = KeyFrameEncoder(32, 32, 30)
-    picture = encoder.encode(noise_frame(32, 32))
+    picture = encoder.encode(noise_frame(32, 32)).data
     sets = bytearray(encoder.parameter_sets)
     sets[position] = value
     try:
@@ -226,7 +188,7 @@ def test_damaged_parameter_sets_raise_only_bitstream_error(position: int, value:
 def test_pictures_of_another_size_are_refused(moving_frames: MakeFrames) -> None:
     """A decoder for small pictures does not make room for a large one."""
     encoder = KeyFrameEncoder(320, 240, 40)
-    data = encoder.encode(moving_frames(1, 320, 240)[0])
+    data = encoder.encode(moving_frames(1, 320, 240)[0]).data
     for size in ((32, 32), (336, 240), (304, 240)):
         with pytest.raises(BitstreamError, match="key frame"):
             KeyFrameDecoder(*size, encoder.parameter_sets).decode(data)
@@ -272,6 +234,6 @@ def test_real_frames_cost_less_than_in_a_plain_file(shared_sequences: Path, qp: 
     with open_video(shared_sequences / "foreman_qcif15.mkv", num_frames=20) as reader:
         frames = list(reader)
     encoder = KeyFrameEncoder(176, 144, qp, luma_only=luma_only)
-    num_bytes = len(encoder.parameter_sets) + sum(len(encoder.encode(frame)) for frame in frames)
+    num_bytes = len(encoder.parameter_sets) + sum(len(encoder.encode(frame).data) for frame in frames)
     plain_bytes = x264_file_bytes(frames, qp, "gray" if luma_only else "yuv420p")
     assert num_bytes < plain_bytes - 20 * len(frames)

@@ -110,9 +110,10 @@ def codec_config(
         raise ConfigError(
             "rates are estimated for qualities on H.264's scale and codecs whose encoder tracks points"
         )
+    key = KeyFrameConfig(quality.key_qp, intra_period=variant.intra_period if embedded else 0)
     sections: dict[str, Any] = {
-        "gop": _gop_config(variant, overrides),
-        "key": KeyFrameConfig(quality.key_qp, intra_period=variant.intra_period if embedded else 0),
+        "gop": _gop_config(variant, key, overrides),
+        "key": key,
         "wyner_ziv": quality.wyner_ziv,
         "coder": CascadeConfig(),
         "side_information": variant.side_information,
@@ -125,8 +126,11 @@ def codec_config(
     return CodecConfig(video, codec, **sections)
 
 
-def _gop_config(variant: CodecVariant, overrides: Mapping[str, Any]) -> GopConfig:
+def _gop_config(variant: CodecVariant, key: KeyFrameConfig, overrides: Mapping[str, Any]) -> GopConfig:
     """Return the groups of pictures that suit a variant, with references and key frames that are given."""
-    gop, key = (given if isinstance(given := overrides.get(name), Mapping) else {} for name in ("gop", "key"))
-    references = str(gop.get("references", variant.references))
-    return GopConfig(variant.groups(references, key.get("intra_period")).length, references)
+    gop, given = overrides.get("gop"), overrides.get("key")
+    references = str(gop.get("references", variant.references)) if isinstance(gop, Mapping) else None
+    if isinstance(given, KeyFrameConfig):
+        key = given
+    period = given.get("intra_period", key.intra_period) if isinstance(given, Mapping) else key.intra_period
+    return GopConfig(variant.groups(references, period).length, references or variant.references)

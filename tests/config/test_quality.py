@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from dvc.config import (
+    INTRA_PERIOD,
     MAX_QP,
-    VARIANTS,
-    EstimatedRate,
-    ParityBuffer,
     Qp,
     VideoConfig,
     WynerZivConfig,
@@ -55,30 +53,36 @@ def test_references_are_warped_by_tracks_at_every_quality(options: list[str]) ->
     assert decode_config(encode_config(config)) == config
 
 
-def test_key_frames_are_nearer_where_no_decoder_asks() -> None:
-    """After shorter tracks, fewer losses, and a shorter period; unless told otherwise."""
-    video, words = VideoInfo(16, 16, Fraction(25), None), ["in.mkv", "out.dvc", "--no-feedback"]
-    with_feedback, without = (
-        VARIANTS["3d-te"].groups(delivery=of).key_frames for of in (ParityBuffer(), EstimatedRate())
-    )
-    assert without.longest_track_px < with_feedback.longest_track_px
-    assert without.lost_share < with_feedback.lost_share
-    usual, given = (
-        session(parser().parse_args([*words, *more]), video) for more in ([], ["--intra-period", "90"])
-    )
-    assert usual.config.gop.intra_period == EstimatedRate.intra_period < ParityBuffer.intra_period
-    assert given.config.gop.intra_period == 90
+@pytest.mark.parametrize(
+    ("options", "length", "intra_period"),
+    [
+        ([], 8, INTRA_PERIOD),
+        (["--no-feedback"], 8, INTRA_PERIOD),
+        (["--long-delay"], 8, INTRA_PERIOD),
+        (["--intra-period", "7"], 8, 7),
+        (["--key-frames", "intra"], 16, 0),
+        (["--key-frames", "intra", "--gop", "5"], 5, 0),
+        (["--wz-q", "4"], 16, 0),
+        (["--wz-q", "4", "--key-frames", "predicted"], 8, INTRA_PERIOD),
+        (["--codec", "2d"], 2, 0),
+        (["--codec", "2d", "--key-frames", "predicted"], 2, INTRA_PERIOD),
+        (["--codec", "2d", "--intra-period", "5"], 2, 5),
+    ],
+)
+def test_options_say_whether_key_frames_are_predicted(
+    options: list[str], length: int, intra_period: int
+) -> None:
+    """Groups are longer if they are not, so that each costs more."""
+    arguments = parser().parse_args(["in.mkv", "out.dvc", *options])
+    config = session(arguments, VideoInfo(16, 16, Fraction(25), None)).config
+    assert (config.gop.length, config.key.intra_period) == (length, intra_period)
 
 
-def test_groups_do_not_wait_for_each_other_over_a_long_link() -> None:
-    """All end with a key frame there, where P-type frames are known at all, unless told otherwise."""
-    video, words = VideoInfo(16, 16, Fraction(25), None), ["in.mkv", "out.dvc", "--long-delay"]
-    usual, given, matrix = (
-        session(parser().parse_args([*words, *more]), video).config
-        for more in ([], ["--intra-period", "90"], ["--wz-q", "4"])
-    )
-    assert (usual.gop.intra_period, given.gop.intra_period, matrix.gop.intra_period) == (1, 90, 0)
-    assert usual.coder != codec_config(usual.video).coder
+def test_intra_pictures_have_no_period() -> None:
+    """All key frames are such."""
+    words = ["in.mkv", "out.dvc", "--key-frames", "intra", "--intra-period", "5"]
+    with pytest.raises(ConfigError, match="--intra-period is for --key-frames predicted"):
+        session(parser().parse_args(words), VideoInfo(16, 16, Fraction(25), None))
 
 
 def test_frames_that_predict_others_are_finer() -> None:

@@ -33,6 +33,70 @@ VIDEO: dict[str, Any] = {"width": 176, "height": 144, "frame_rate_num": 15, "fra
 DEFAULT = codec_config(QCIF)
 
 
+<<<<<<< HEAD
+=======
+@st.composite
+def configs(draw: st.DrawFn) -> CodecConfig:
+    """Draw any valid configuration that differs from the defaults wherever the draw says so."""
+    side = st.integers(1, 4096)
+    rate = st.integers(1, 2**31 - 1)
+    level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
+    references, cascade = draw(st.sampled_from(REFERENCES)), CascadeConfig(draw(st.integers(0, 100)))
+    return CodecConfig(
+        VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
+        draw(st.sampled_from(list(VARIANTS))),
+        GopConfig(draw(st.integers(1, 256)), references),
+        KeyFrameConfig(
+            draw(st.integers(1, 51)),
+            draw(st.booleans()),
+            draw(st.sampled_from([0, 1, 96, 1024])),
+            draw(st.binary(max_size=1024)),
+        ),
+        WynerZivConfig(
+            draw(st.one_of(st.just(()), st.lists(level, min_size=16, max_size=16).filter(any).map(tuple))),
+            qp=draw(st.integers(1, 51)),
+            priors=draw(st.sampled_from(PRIORS)),
+        ),
+        draw(st.sampled_from([TurboConfig(), cascade])),
+        SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
+        GeometryConfig(draw(st.sampled_from(SFM_BACKENDS)), draw(st.floats(0, 100))),
+        TracksConfig(
+            draw(st.sampled_from(TRACKS_KINDS)), draw(st.integers(1, 1024)), draw(st.integers(0, 3))
+        ),
+        draw(st.integers(0, 2**31 - 1)),
+    )
+
+
+@given(configs())
+def test_bytes_and_dictionary_give_back_any_configuration(config: CodecConfig) -> None:
+    """Both forms give the configuration back, the dictionary also through JSON text."""
+    assert decode_config(encode_config(config)) == config
+    assert CodecConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+def test_header_of_a_qcif_stream_is_small() -> None:
+    """A header with other quantisers and a key QP stays well below 90 bytes beside the parameter sets."""
+    config = replace(
+        DEFAULT, key=KeyFrameConfig(25, parameter_sets=bytes(30)), wyner_ziv=DiscoverMatrix(8).wyner_ziv
+    )
+    assert len(encode_config(config)) <= 55 + 30
+
+
+def test_field_numbers_cover_all_fields_once() -> None:
+    """Every field has its own number, and the table is in increasing order of the numbers."""
+
+    def paths(section: Any, prefix: str = "") -> list[str]:
+        found = []
+        for field in fields(section):
+            value = getattr(section, field.name)
+            found += paths(value, f"{field.name}.") if is_dataclass(value) else [prefix + field.name]
+        return found
+
+    assert sorted([*paths(DEFAULT), "coder.name"]) == sorted(FIELD_NUMBERS)
+    assert list(FIELD_NUMBERS.values()) == sorted(set(FIELD_NUMBERS.values()))
+
+
+>>>>>>> h-tests
 def test_zigzag_and_matrices_follow_the_standard() -> None:
     """The scan is the one that H.264 draws, and matrices follow it."""
     assert np.argsort(ZIGZAG).reshape(4, 4).tolist() == ZIGZAG_RANK.tolist()
@@ -94,6 +158,8 @@ def test_sizes_of_planes() -> None:
         ("video", "luma_only", 1, "of type bool"),
         ("gop", "length", 257, "from 1 to 256"),
         ("key", "qp", 52, "from 1 to 51"),
+        ("key", "intra_period", 1025, "`intra_period` must be from 0 to 1024, got 1025"),
+        ("key", "intra_period", -1, "from 0 to 1024"),
         ("key", "parameter_sets", "no base64!", "base64"),
         ("key", "parameter_sets", "A" * 2000, "limited to 1024 bytes"),
         ("key", "parameter_sets", "\u20ac", "base64"),
@@ -155,6 +221,41 @@ def test_constructor_checks_too() -> None:
     assert GeometryConfig(path_regularity=8) == GeometryConfig(path_regularity=8.0)
 
 
+<<<<<<< HEAD
+=======
+@given(st.binary(max_size=60))
+def test_arbitrary_bytes_raise_only_bitstream_errors(data: bytes) -> None:
+    """Bytes are refused, or are the one form of a configuration."""
+    for tail in (data, encode_config(DEFAULT) + data):
+        try:
+            config = decode_config(tail)
+        except BitstreamError:
+            continue
+        assert encode_config(config) == tail
+
+
+def test_damaged_headers_raise_only_bitstream_errors() -> None:
+    """Every cut and changes of every byte of a header is refused, or reads as another valid configuration."""
+    config = codec_config(QCIF, "2d", key=KeyFrameConfig(25, True, 0, b"\x01\x02"), seed=7)
+    config = replace(
+        config, wyner_ziv=DiscoverMatrix(8).wyner_ziv, side_information=SideInformationConfig("x", True)
+    )
+    header = encode_config(config)
+    cuts = [header[:size] for size in range(len(header))]
+    changes = [
+        header[:position] + bytes([value]) + header[position + 1 :]
+        for position in range(len(header))
+        for value in range(0, 256, 5)
+    ]
+    for damaged in cuts + changes:
+        try:
+            other = decode_config(damaged)
+        except BitstreamError:
+            continue
+        assert encode_config(other) == damaged
+
+
+>>>>>>> h-tests
 def test_importing_the_configuration_is_quick() -> None:
     """Commands can print their help without numpy."""
     check = "import dvc.config, sys; sys.exit('numpy' in sys.modules)"
@@ -167,16 +268,32 @@ def test_the_default_of_the_library_is_the_codec_that_is_advertised() -> None:
     assert codec_config(QCIF) == codec_config(QCIF, delivery=Live())
 
 
-def test_groups_of_pictures_follow_from_codec_quality_and_delivery() -> None:
-    """Codecs have their own groups; what is given goes before, and what makes no sense is refused."""
-    assert codec_config(QCIF, "2d").gop == GopConfig(2, "keys", 0, 0)
-    assert codec_config(QCIF).gop == GopConfig(16, "hierarchical", 8, 96)
-    assert codec_config(QCIF, quality=DiscoverMatrix(4)).gop == GopConfig(16, "hierarchical", 0, 0)
-    assert codec_config(QCIF, delivery=EstimatedRate()).gop == GopConfig(16, "hierarchical", 8, 16, 0)
-    assert codec_config(QCIF, gop={"references": "keys"}).gop.length == 8
-    assert codec_config(QCIF, "3d-td", gop={"length": 4, "references": "all"}).gop == GopConfig(
-        4, "all", 0, 0
-    )
+@pytest.mark.parametrize(
+    ("codec", "quality", "given", "gop", "intra_period"),
+    [
+        ("2d", Qp(), {}, GopConfig(2, "keys"), 0),
+        ("2d", Qp(), {"key": {"intra_period": 9}}, GopConfig(2, "keys"), 9),
+        ("3d-td", Qp(), {"gop": {"length": 4, "references": "all"}}, GopConfig(4, "all"), 0),
+        ("3d-te", Qp(), {}, GopConfig(8, "hierarchical"), 96),
+        ("3d-te", Qp(), {"key": {"intra_period": 0}}, GopConfig(16, "hierarchical"), 0),
+        ("3d-te", Qp(), {"key": KeyFrameConfig(intra_period=0)}, GopConfig(16, "hierarchical"), 0),
+        ("3d-te", Qp(), {"gop": {"references": "keys"}}, GopConfig(8, "keys"), 96),
+        ("3d-te", Qp(), {"gop": GopConfig(3, "all")}, GopConfig(3, "all"), 96),
+        ("3d-te", DiscoverMatrix(4), {}, GopConfig(16, "hierarchical"), 0),
+        ("3d-te", DiscoverMatrix(4), {"key": {"intra_period": 9}}, GopConfig(8, "hierarchical"), 9),
+    ],
+)
+def test_groups_of_pictures_follow_from_codec_and_quality(
+    codec: str, quality: Quality, given: dict[str, Any], gop: GopConfig, intra_period: int
+) -> None:
+    """Codecs have their own groups, longer ones if key frames are costly; what is given goes before."""
+    config = codec_config(QCIF, codec, quality, **given)
+    assert (config.gop, config.key.intra_period) == (gop, intra_period)
+    assert config.key.predicted is (intra_period > 0)
+
+
+def test_configurations_that_make_no_sense_are_refused() -> None:
+    """Groups, codecs, and rates that cannot be estimated."""
     for wrong in ({"length": 0}, {"references": "none"}):
         with pytest.raises(ConfigError):
             codec_config(QCIF, gop=wrong)

@@ -2,13 +2,12 @@
 
 import io
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dvc.config import KEY_FRAME_CHOICES, DiscoverMatrix, KeyFrameRule, VideoConfig, codec_config
+from dvc.config import DiscoverMatrix, KeyFrameRule, VideoConfig, codec_config
 from dvc.errors import ConfigError
 from dvc.stream import StreamReader
 from dvc.tracks import PointTracks, decode_points, decode_tracks
@@ -78,60 +77,47 @@ def test_lost_tracks_ask_for_a_key_frame() -> None:
 
 
 def test_a_cut_stands_between_two_key_frames() -> None:
-    """No Wyner-Ziv frame is predicted across a change of scene."""
-    frames = SLOW[:5] + moving_texture(5, 96, 128, seed=8)
-    groups = cut(frames, 8)
-    check_cover(groups, frames)
-    keys = np.cumsum(sizes_of(groups)) - 1
-    assert {4, 5} <= set(keys.tolist())
-    assert sizes_of(cut(SLOW[:1] + frames[5:], 8))[:2] == [1, 1]
+    """No Wyner-Ziv frame is predicted across a change of scene; the key frame behind it begins a scene."""
+    other = moving_texture(5, 96, 128, seed=8)
+    for frames, scenes in (([*SLOW[:5], *other], [5]), ([*SLOW[:1], *other], [1]), (SLOW[:5], [])):
+        groups = cut(frames, 8)
+        check_cover(groups, frames)
+        keys = (np.cumsum(sizes_of(groups)) - 1).tolist()
+        assert [key for key, group in zip(keys, groups, strict=True) if group.begins_scene] == scenes
+        assert {place for scene in scenes for place in (scene - 1, scene)} <= set(keys)
 
 
-@pytest.mark.parametrize(("num_same", "is_predicted"), [(6, True), (5, False)], ids=["same", "other scene"])
-def test_a_last_frame_alone_is_predicted(num_same: int, is_predicted: bool) -> None:
-    """From the frame before it; in another scene it is a key frame, of which no tracks are sent."""
+@pytest.mark.parametrize(("num_same", "predicted"), [(6, True), (5, False)], ids=["same", "other scene"])
+def test_a_last_frame_alone_is_a_key_frame(num_same: int, predicted: bool) -> None:
+    """Predicted, unless it begins another scene; no tracks are sent of it."""
     frames = SLOW[:num_same] + moving_texture(6 - num_same, 96, 128, seed=8)
     session = EncoderSession(codec_config(VideoConfig(128, 96, 25, 1), gop={"length": 4}))
     records = [session.encode(group).record for group in session.groups(frames)]
     assert [record.num_frames for record in records] == [1, 4, 1]
-    assert records[-1].without_key is is_predicted
-    assert bool(records[-1].tracks) is is_predicted
+    assert [record.predicted for record in records] == [False, True, predicted]
+    assert not records[-1].tracks
 
 
-@pytest.mark.parametrize("choice", KEY_FRAME_CHOICES)
-def test_a_flashed_frame_is_a_key_frame(choice: str) -> None:
+def test_a_flashed_frame_is_a_key_frame() -> None:
     """A frame that no track reaches is not predicted, and nothing is predicted across it."""
     frames = list(SLOW)
     frames[5] = Frame(255 - frames[5].luma)
-    groups = cut(frames, 8, replace(FREE, choice=choice))
+    groups = cut(frames, 8)
     check_cover(groups, frames)
     assert {4, 5, 6} <= set((np.cumsum(sizes_of(groups)) - 1).tolist())
 
 
-@pytest.mark.parametrize("choice", KEY_FRAME_CHOICES)
-def test_hopeless_frames_are_a_matter_of_the_rule(choice: str) -> None:
+def test_hopeless_frames_are_a_matter_of_the_rule() -> None:
     """A scene that changes in part is predicted, unless fewer lost points make a change of scene."""
     other = moving_texture(5, 96, 128, seed=8)
     frames = list(SLOW[:5]) + [
         Frame(np.concatenate([a.luma[:, :40], b.luma[:, 40:]], axis=1))
         for a, b in zip(SLOW[5:10], other, strict=True)
     ]
-    kept, split = (cut(frames, 9, KeyFrameRule(1e6, 1.0, cut_share=s, choice=choice)) for s in (1.0, 0.5))
+    kept, split = (cut(frames, 9, KeyFrameRule(1e6, 1.0, cut_share=share)) for share in (1.0, 0.5))
     check_cover(split, frames)
     assert {4, 5} <= set((np.cumsum(sizes_of(split)) - 1).tolist())
     assert len(kept) < len(split)
-
-
-def test_groups_at_the_least_rate_cover_the_sequence() -> None:
-    """Frames stay in order, within the longest length; still frames make groups as long as they may be."""
-    fast = moving_texture(20, 96, 128, (0.0, 6.0))
-    for length, min_length in [(8, 1), (8, 3), (2, 2), (3, 8)]:
-        groups = cut(fast, length, KeyFrameRule(min_length=min_length, choice="rate", hierarchical=True))
-        check_cover(groups, fast)
-        assert max(sizes_of(groups)) <= length
-        assert min(sizes_of(groups)[1:-1], default=length) >= min(min_length, length)
-    still = [SLOW[0]] * 9
-    assert sizes_of(cut(still, 4, KeyFrameRule(choice="rate"))) == [1, 4, 4]
 
 
 @pytest.mark.parametrize(
@@ -190,7 +176,6 @@ def test_corners_of_wyner_ziv_frames() -> None:
         {"lost_share": 0.0},
         {"lost_share": 1.5},
         {"min_length": 0},
-        {"choice": "bits"},
     ],
 )
 def test_rules_that_make_no_sense_are_refused(rule: dict[str, float]) -> None:
@@ -317,7 +302,7 @@ def test_command_chooses_key_frames(tmp_path: Path) -> None:
         ["--codec", "3d-te", "--longest-track", "nan"],
         ["--codec", "3d-te", "--scene-change", "0"],
         ["--codec", "3d-te", "--key-frames", "bits"],
-        ["--codec", "3d-td", "--key-frames", "rate"],
+        ["--codec", "2d", "--key-frames", "intra", "--intra-period", "9"],
     ],
 )
 def test_command_refuses_options_that_make_no_sense(

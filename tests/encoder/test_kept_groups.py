@@ -1,6 +1,6 @@
 """Which groups are kept for a decoder that comes in place of another one."""
 
-from dvc.stream import Deviations, GopRecord, LongTermReference
+from dvc.stream import Deviations, GopRecord
 from encoder.kept_groups import KeptGroup, KeptGroups
 from encoder.session import EncodedGroup
 
@@ -12,10 +12,8 @@ class Sequence:
         self.kept = KeptGroups(max_frames)
         self.groups: list[KeptGroup] = []
 
-    def send(self, num_frames: int, key: bool = True, groups_back: int = 0) -> None:
-        long_term = LongTermReference(groups_back, b"") if groups_back else None
-        payloads = (b"p",) * (num_frames - key)
-        record = GopRecord(num_frames, b"k" * key, b"t", payloads, long_term=long_term)
+    def send(self, num_frames: int, predicted: bool = False) -> None:
+        record = GopRecord(num_frames, b"k", predicted, b"t", (b"p",) * (num_frames - 1))
         first = self.groups[-1].end_frame if self.groups else 0
         self.groups.append(KeptGroup(len(self.groups), first, EncodedGroup(record, ())))
         self.kept.add(self.groups[-1])
@@ -32,7 +30,7 @@ class Sequence:
 
 
 def sent(max_frames: int = 100) -> Sequence:
-    """Return a key frame and five groups of four frames."""
+    """Return an IDR picture, and five groups of four frames that end with one."""
     sequence = Sequence(max_frames)
     sequence.send(1)
     for _ in range(5):
@@ -45,8 +43,8 @@ def test_nothing_done_begins_at_the_beginning() -> None:
     assert sent().again() == [(0, 0, 1), (1, 1, 4), (2, 5, 4), (3, 9, 4), (4, 13, 4), (5, 17, 4)]
 
 
-def test_another_decoder_begins_with_a_key_frame_before_the_last_group_that_is_done() -> None:
-    """That one may be lost with who has written it. The key frame comes alone, without tracks."""
+def test_another_decoder_begins_with_an_idr_picture_before_the_last_group_that_is_done() -> None:
+    """That one may be lost with who has written it. The picture comes alone, without tracks."""
     sequence = sent()
     sequence.done(0, 1, 2, 3)
     again = sequence.kept.begin_again()
@@ -56,54 +54,30 @@ def test_another_decoder_begins_with_a_key_frame_before_the_last_group_that_is_d
     assert again[1:] == sequence.groups[3:]
 
 
-def test_a_chain_without_key_frames_is_kept_from_its_key_frame_on() -> None:
-    """Though it is done: what follows is predicted from it."""
+def test_a_chain_is_kept_from_its_idr_picture_on() -> None:
+    """Though it is done: key frames that follow are predicted from it."""
     sequence = Sequence()
     sequence.send(1)
     sequence.send(4)
     for _ in range(3):
-        sequence.send(4, key=False)
+        sequence.send(4, predicted=True)
     sequence.done(0, 1, 2, 3)
     assert sequence.again() == [(1, 4, 1), (2, 5, 4), (3, 9, 4), (4, 13, 4)]
 
 
 def test_the_oldest_groups_go_beyond_the_bound() -> None:
-    """Then the first key frame that is left is the first."""
+    """Then the first IDR picture that is left is the first."""
     assert sent(9).again() == [(4, 16, 1), (5, 17, 4)]
     sequence = sent(9)
     for _ in range(3):
-        sequence.send(4, key=False)
+        sequence.send(4, predicted=True)
     assert sequence.again() == []
-
-
-def test_named_references_are_there() -> None:
-    """A group that names a key frame from before is not sent again."""
-    sequence = sent()
-    sequence.send(4, key=False, groups_back=4)  # group 6, names group 2
-    sequence.done(0, 1, 2, 3)
-    assert sequence.again()[0] == (2, 8, 1)
-    sequence.done(4)
-    assert sequence.again() == []
-    sequence = sent()
-    sequence.send(4, key=False, groups_back=4)
-    sequence.send(4)
-    sequence.done(0, 1, 2, 3, 4)
-    assert sequence.again() == [(7, 28, 1)]
-
-
-def test_groups_that_follow_may_name_what_is_kept_alone() -> None:
-    """Those that wait for a decoder are sent after it."""
-    for oldest_reference, begins in ((2, [2]), (4, [2]), (1, [])):
-        sequence = sent()
-        sequence.done(0, 1, 2, 3)
-        again = sequence.kept.begin_again(oldest_reference)
-        assert [group.number for group in again][:1] == begins
 
 
 def test_a_key_frame_alone_has_its_own_time_stamp() -> None:
     """The last one of its group, if it is off the constant rate."""
     for last, kept in ((5, Deviations(1000, (5,))), (0, None)):
         deviations = Deviations(1000, (3, 0, 7, last))
-        record = GopRecord(4, b"k", b"t", (b"p",) * 3, deviations=deviations)
+        record = GopRecord(4, b"k", False, b"t", (b"p",) * 3, deviations=deviations)
         alone = KeptGroup(1, 1, EncodedGroup(record, ())).key_alone()
         assert (alone.first_frame, alone.encoded.record.deviations) == (4, kept)

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.config import DiscoverMatrix, VideoConfig, codec_config
+from dvc.config import DiscoverMatrix, Quality, VideoConfig, codec_config
 from dvc.keyframes import KeyFrameDecoder
 from dvc.stream import Form, StreamReader
 from dvc.video import Frame, VideoInfo
 from encoder import options
 from encoder._kernels import QUARTER_HALF_BLOCK_PX
 from encoder.corners import TrackingWork
-from encoder.groups import groups
+from encoder.groups import Group, groups
 from encoder.operations import block_comparison
 from encoder.report import BLOCK, QUARTER_BLOCK, TIMED_PARTS, memory_report
 from encoder.session import EncoderSession
@@ -75,6 +75,57 @@ def test_stream_describes_itself() -> None:
     keys = [decoder.decode(record.key) for record in reader]
     for key, original in zip(keys, (FRAMES[0], FRAMES[2], FRAMES[3]), strict=True):
         assert (key.luma == original.luma).all()
+
+
+def predicted_keys(session: EncoderSession, groups: Sequence[Group]) -> str:
+    """Spell which key frames are IDR pictures (I), and which are predicted (P)."""
+    return "".join("IP"[session.encode(group).record.predicted] for group in groups)
+
+
+def chained_session(intra_period: int) -> EncoderSession:
+    return EncoderSession(codec_config(VideoConfig(12, 8, 25, 1), "2d", key={"intra_period": intra_period}))
+
+
+@pytest.mark.parametrize(
+    ("intra_period", "lengths", "expected"),
+    [
+        (0, (1, 2, 2, 2), "IIII"),
+        (1, (1, 1, 1), "III"),
+        (2, (1, 1, 1, 1, 1), "IPIPI"),
+        (2, (1, 2, 2, 1), "IIIP"),
+        (5, (1, 2, 2, 2, 2, 2), "IPPIPP"),
+        (5, (1, 3, 2, 1, 1), "IPIPP"),
+        (96, (1, 2, 2, 2, 2), "IPPPP"),
+        (4, (3, 3, 3), "IPI"),
+    ],
+)
+def test_idr_pictures_come_within_the_intra_period(
+    intra_period: int, lengths: Sequence[int], expected: str
+) -> None:
+    """Counted in frames from one of them; key frames that lie too far from it begin another chain."""
+    found = [Group(tuple(FRAMES[: length - 1]), FRAMES[length]) for length in lengths]
+    assert predicted_keys(chained_session(intra_period), found) == expected
+
+
+def test_idr_pictures_come_at_cuts_and_where_a_decoder_begins() -> None:
+    """A key frame behind a cut is one; so is that of the group that another decoder begins with."""
+    session = chained_session(96)
+    usual, cut = Group(tuple(FRAMES[:1]), FRAMES[1]), Group((), FRAMES[5], begins_scene=True)
+    assert predicted_keys(session, [usual, usual, cut, usual]) == "IPIP"
+    session.begin_again(3)  # is encoded already
+    assert predicted_keys(session, [usual]) == "P"
+    session.begin_again(5)
+    assert predicted_keys(session, [usual, usual]) == "IP"
+
+
+@pytest.mark.parametrize(("codec", "quality"), [("2d", None), ("3d-te", DiscoverMatrix(4))])
+def test_codecs_without_predicted_key_frames_write_intra_pictures(
+    codec: str, quality: Quality | None
+) -> None:
+    """All key frames are such."""
+    config = codec_config(VideoConfig(12, 8, 25, 1), codec, quality, gop={"length": 2})
+    session = EncoderSession(config)
+    assert set(predicted_keys(session, list(session.groups(FRAMES)))) == {"I"}
 
 
 def test_statistics_count_what_was_written() -> None:

@@ -15,10 +15,8 @@ from dvc.tracks import (
     FeaturePoints,
     PointTracks,
     _kernels,
-    decode_matches,
     decode_points,
     decode_tracks,
-    encode_matches,
     encode_points,
 )
 from dvc.tracks import encode_tracks as encode
@@ -91,41 +89,6 @@ def test_tracks_come_back(
     assert rows_of(decoded.backward) == rows_of(tracks.backward)
     for starts in (decoded.forward[:, 0], decoded.backward[:, -1]):
         assert np.array_equal(starts, starts[column_scan(starts)])
-
-
-def matched_tracks(seed: int, config: CodecConfig) -> tuple[PointTracks, NDArray[np.float64]]:
-    """Return tracks as they are decoded, and where some of those that last are in another frame."""
-    tracks = decode_tracks(encode(with_births(seed, config, (50, 20), 4, 0.5), config), 4, config)
-    other = drawn_tracks(seed + 9, config, len(tracks), 3, 1.0).positions[:, -1]
-    matches = np.clip(tracks.positions[:, -1] + [6.0, -3.0], 0.0, [config.video.width - 1.0, 287.0])
-    return tracks, np.where(np.isfinite(other), matches, np.nan)
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(0, 3))
-@settings(max_examples=30)
-def test_matches_come_back(seed: int, bits: int) -> None:
-    """Those of tracks that reach the last frame; the common motion is told once."""
-    config = config_of(subpixel_bits=bits)
-    tracks, matches = matched_tracks(seed, config)
-    payload = encode_matches(matches, tracks, config)
-    assert np.array_equal(decode_matches(payload, tracks, config), matches, equal_nan=True)
-    assert 8 * len(payload) < 8 * np.isfinite(matches[:, 0]).sum() + 120
-
-
-def test_damaged_matches_are_refused() -> None:
-    """Bytes that follow, none, or too many; where no track lasts, none may come."""
-    config = config_of(subpixel_bits=1)
-    tracks, matches = matched_tracks(1, config)
-    payload = encode_matches(matches, tracks, config)
-    for damaged in (payload + b"x", payload + bytes(1), b"", b"\xff" * 400):
-        with pytest.raises(BitstreamError):
-            decode_matches(damaged, tracks, config)
-    lost = PointTracks(np.array([[[3.0, 4.0], [np.nan, np.nan]]]))
-    assert encode_matches(np.array([[np.nan, np.nan]]), lost, config) == b""
-    with pytest.raises(BitstreamError):
-        decode_matches(b"x", lost, config)
-    with pytest.raises(ValueError, match="inside the frame"):
-        encode_matches(np.full((len(tracks), 2), 400.0), tracks, config)
 
 
 @pytest.mark.parametrize("seed", range(3))

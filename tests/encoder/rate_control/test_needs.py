@@ -8,7 +8,6 @@ import pytest
 from dvc._jit import python_twin
 from dvc.config import Qp, VideoConfig, codec_config
 from dvc.wynerziv import quantizer
-from dvc.wynerziv.hierarchy import WITHOUT_SECOND_REFERENCE
 from dvc.wynerziv.lengths import LONGEST, length_of_code
 from dvc.wynerziv.payloads import quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout
@@ -21,7 +20,7 @@ LAYOUT = FrameLayout.of(CONFIG)
 LUMA = np.random.default_rng(1).integers(0, 256, (288, 352), dtype=np.uint8)
 QUANTIZATIONS = {
     distance: quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(CONFIG.wyner_ziv.step(distance)))[0]
-    for distance in (2, 3, 4, 8, 16, 32, 256, WITHOUT_SECOND_REFERENCE)
+    for distance in (2, 3, 4, 8, 16, 32, 256)
 }
 QUANTIZATION = QUANTIZATIONS[4]
 
@@ -107,19 +106,10 @@ def test_huge_margins_send_nothing_that_does_not_pay() -> None:
 
 @pytest.mark.parametrize("distance", QUANTIZATIONS)
 def test_every_distance_has_its_needs(distance: int) -> None:
-    """P-type frames, too."""
+    """However far apart references are."""
     planes, bits = sizes(chosen(errors(40.0), distance=distance))
     assert planes > 0
     assert bits > 0
-
-
-def test_references_far_apart_make_no_p_type_frame() -> None:
-    """Estimates of frames between two references are not those of frames with one, however long the group."""
-    factors = [
-        NeedEstimator(CONFIG, 0)._worth_of(1.0, distance).factors.tolist() for distance in (2, 256, 257)
-    ]
-    assert factors[0] == factors[1] == [1.0, 1.0]
-    assert factors[2] == [needs.p_type_factor for needs in NEEDS]
 
 
 def test_what_is_sent_lessens_the_noise() -> None:
