@@ -33,70 +33,6 @@ VIDEO: dict[str, Any] = {"width": 176, "height": 144, "frame_rate_num": 15, "fra
 DEFAULT = codec_config(QCIF)
 
 
-<<<<<<< HEAD
-=======
-@st.composite
-def configs(draw: st.DrawFn) -> CodecConfig:
-    """Draw any valid configuration that differs from the defaults wherever the draw says so."""
-    side = st.integers(1, 4096)
-    rate = st.integers(1, 2**31 - 1)
-    level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
-    references, cascade = draw(st.sampled_from(REFERENCES)), CascadeConfig(draw(st.integers(0, 100)))
-    return CodecConfig(
-        VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
-        draw(st.sampled_from(list(VARIANTS))),
-        GopConfig(draw(st.integers(1, 256)), references),
-        KeyFrameConfig(
-            draw(st.integers(1, 51)),
-            draw(st.booleans()),
-            draw(st.sampled_from([0, 1, 96, 1024])),
-            draw(st.binary(max_size=1024)),
-        ),
-        WynerZivConfig(
-            draw(st.one_of(st.just(()), st.lists(level, min_size=16, max_size=16).filter(any).map(tuple))),
-            qp=draw(st.integers(1, 51)),
-            priors=draw(st.sampled_from(PRIORS)),
-        ),
-        draw(st.sampled_from([TurboConfig(), cascade])),
-        SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
-        GeometryConfig(draw(st.sampled_from(SFM_BACKENDS)), draw(st.floats(0, 100))),
-        TracksConfig(
-            draw(st.sampled_from(TRACKS_KINDS)), draw(st.integers(1, 1024)), draw(st.integers(0, 3))
-        ),
-        draw(st.integers(0, 2**31 - 1)),
-    )
-
-
-@given(configs())
-def test_bytes_and_dictionary_give_back_any_configuration(config: CodecConfig) -> None:
-    """Both forms give the configuration back, the dictionary also through JSON text."""
-    assert decode_config(encode_config(config)) == config
-    assert CodecConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
-
-
-def test_header_of_a_qcif_stream_is_small() -> None:
-    """A header with other quantisers and a key QP stays well below 90 bytes beside the parameter sets."""
-    config = replace(
-        DEFAULT, key=KeyFrameConfig(25, parameter_sets=bytes(30)), wyner_ziv=DiscoverMatrix(8).wyner_ziv
-    )
-    assert len(encode_config(config)) <= 55 + 30
-
-
-def test_field_numbers_cover_all_fields_once() -> None:
-    """Every field has its own number, and the table is in increasing order of the numbers."""
-
-    def paths(section: Any, prefix: str = "") -> list[str]:
-        found = []
-        for field in fields(section):
-            value = getattr(section, field.name)
-            found += paths(value, f"{field.name}.") if is_dataclass(value) else [prefix + field.name]
-        return found
-
-    assert sorted([*paths(DEFAULT), "coder.name"]) == sorted(FIELD_NUMBERS)
-    assert list(FIELD_NUMBERS.values()) == sorted(set(FIELD_NUMBERS.values()))
-
-
->>>>>>> h-tests
 def test_zigzag_and_matrices_follow_the_standard() -> None:
     """The scan is the one that H.264 draws, and matrices follow it."""
     assert np.argsort(ZIGZAG).reshape(4, 4).tolist() == ZIGZAG_RANK.tolist()
@@ -221,41 +157,6 @@ def test_constructor_checks_too() -> None:
     assert GeometryConfig(path_regularity=8) == GeometryConfig(path_regularity=8.0)
 
 
-<<<<<<< HEAD
-=======
-@given(st.binary(max_size=60))
-def test_arbitrary_bytes_raise_only_bitstream_errors(data: bytes) -> None:
-    """Bytes are refused, or are the one form of a configuration."""
-    for tail in (data, encode_config(DEFAULT) + data):
-        try:
-            config = decode_config(tail)
-        except BitstreamError:
-            continue
-        assert encode_config(config) == tail
-
-
-def test_damaged_headers_raise_only_bitstream_errors() -> None:
-    """Every cut and changes of every byte of a header is refused, or reads as another valid configuration."""
-    config = codec_config(QCIF, "2d", key=KeyFrameConfig(25, True, 0, b"\x01\x02"), seed=7)
-    config = replace(
-        config, wyner_ziv=DiscoverMatrix(8).wyner_ziv, side_information=SideInformationConfig("x", True)
-    )
-    header = encode_config(config)
-    cuts = [header[:size] for size in range(len(header))]
-    changes = [
-        header[:position] + bytes([value]) + header[position + 1 :]
-        for position in range(len(header))
-        for value in range(0, 256, 5)
-    ]
-    for damaged in cuts + changes:
-        try:
-            other = decode_config(damaged)
-        except BitstreamError:
-            continue
-        assert encode_config(other) == damaged
-
-
->>>>>>> h-tests
 def test_importing_the_configuration_is_quick() -> None:
     """Commands can print their help without numpy."""
     check = "import dvc.config, sys; sys.exit('numpy' in sys.modules)"
