@@ -10,7 +10,7 @@ MAX_RATE_MARGIN_PERCENT = 1000
 
 @dataclass(frozen=True)
 class ParityBuffer:
-    """A file with all parity, of which a decoder takes what it needs."""
+    """A file with all planes, of which a decoder takes what it needs."""
 
     intra_period: ClassVar[int] = 96
     """Most frames between key frames: what is lost is back, and players may start, after three seconds."""
