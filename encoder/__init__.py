@@ -27,7 +27,7 @@ def encode(
     file : path
         Where the stream goes; there is nothing until it is whole.
     delivery : ParityBuffer or EstimatedRate, optional
-        All parity, of which a decoder takes what it needs, by default; or what it is estimated to need.
+        All planes, of which a decoder takes what it needs, by default; or what it is estimated to need.
 
     Returns
     -------

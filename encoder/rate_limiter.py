@@ -81,7 +81,7 @@ class RateLimiter:
         if isinstance(delivery, ParityBuffer):
             raise ConfigError(
                 "--bitrate and --max-bits-per-frame are for --serve and --no-feedback: of a file with all"
-                " parity a decoder takes what it needs"
+                " planes a decoder takes what it needs"
             )
         if not config.wyner_ziv.embedded:
             raise ConfigError("--bitrate and --max-bits-per-frame are not for --wz-q")

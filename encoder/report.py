@@ -52,7 +52,7 @@ class EncoderStatistics:
     key_cpu_s: float = 0.0  # of it, on key frames
     transform_cpu_s: float = 0.0  # on transform, quantiser, bit planes and their check bits
     rate_control_cpu_s: float = 0.0  # on choosing and packing what is sent where no decoder asks
-    parity_cpu_s: float = 0.0  # on parity, and on packing what a decoder may ask for or asks for
+    parity_cpu_s: float = 0.0  # on parity and answers, or on packing planes of which a decoder takes some
     writing_cpu_s: float = 0.0  # on records and files, or messages
     reading_cpu_s: float = 0.0  # processor time of waiting for frames of the input, beside that of coding
     # processor time of loading compiled code, which happens when it is first called, beside that of coding

@@ -9,7 +9,7 @@ MAX_RATE_MARGIN_PERCENT = 1000
 
 @dataclass(frozen=True)
 class ParityBuffer:
-    """A file with all parity, of which a decoder takes what it needs."""
+    """A file with all planes, of which a decoder takes what it needs."""
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,9 @@ class RecordType(IntEnum):
 
 
 class Form(StrEnum):
-    """How much parity a stream holds."""
+    """How much a stream holds of Wyner-Ziv frames."""
 
-    BUFFERED = "buffered"  # all parity, as an encoder without feedback makes it
+    BUFFERED = "buffered"  # all planes, of which any parity is made
     PUNCTURED = "punctured"  # only what the decoder asked for: the stream whose size is the rate
     NO_FEEDBACK = "no-feedback"  # only what an encoder without feedback chose to send
 

@@ -121,7 +121,7 @@ def test_nothing_after_damage_is_decoded(stream: bytes, jobs: int) -> None:
     assert found == [0, 1]
 
 
-@pytest.mark.parametrize("length", [0, 3, 200])
+@pytest.mark.parametrize("length", [0, 1, 200])
 def test_payloads_of_the_wrong_size_are_refused(stream: bytes, length: int) -> None:
     """A Wyner-Ziv payload that is not what the layout says is a damaged group, named by its number."""
     reader = StreamReader(io.BytesIO(stream))
