@@ -160,8 +160,11 @@ class RateLimiter:
             expected = self._coders.expect(group, frames, key_qp)
             return expected.most
 
-        kept = [keep_within(self._most_bits, MAX_QP - quality.qp, bits) for bits in (key_bits, most_bits)]
-        return _Tried(CodedFrames(key, frames), key_qp, num_bits, expected, kept.count(False))
+        key_fits, frames_fit = (
+            keep_within(self._most_bits, MAX_QP - quality.qp, bits) for bits in (key_bits, most_bits)
+        )
+        num_too_large = (begins_chain and not key_fits) + (not frames_fit)
+        return _Tried(CodedFrames(key, frames), key_qp, num_bits, expected, num_too_large)
 
     def _with_key(self, group: Group, tried: _Tried) -> tuple[CodedFrames, int]:
         """Code the key frame if that is still to be done; count the frames that are too large."""
@@ -186,15 +189,27 @@ class _PredictedKeys:
     """Bits of the next predicted key frame, by those of the one before."""
 
     def __init__(self) -> None:
-        self._qp, self._bits = MAX_QP, 0.0
+        self._qp, self._bits, self._begins_chain = MAX_QP, 0.0, True
+        self._share, self._octaves_per_qp = PREDICTED_SHARE, STEPS * OCTAVES_PER_STEP[0]
 
     def learn(self, qp: int, key: KeyPicture) -> None:
         """Note what a key frame has taken."""
-        self._qp, self._bits = qp, 8 * len(key.data) * (1.0 if key.predicted else PREDICTED_SHARE)
+        num_bits, expected = 8.0 * len(key.data), self.bits(qp)
+        if key.predicted and self._begins_chain and expected:
+            self._share = min(self._share * num_bits / expected, 1.0)
+        elif key.predicted and expected:
+            if qp != self._qp:
+                _, least, most = (STEPS * octaves for octaves in OCTAVES_PER_STEP)
+                octaves = math.log2(self._bits / num_bits) / (qp - self._qp)
+                self._octaves_per_qp = min(max(0.5 * (self._octaves_per_qp + octaves), least), most)
+            # One that rests on a coarser one takes more than it would take again: else they would alternate.
+            num_bits = math.sqrt(num_bits * expected)
+        self._qp, self._begins_chain = qp, not key.predicted
+        self._bits = num_bits * (1.0 if key.predicted else self._share)
 
     def bits(self, qp: int) -> float:
         """Return what the next one is expected to take."""
-        return float(self._bits * 2.0 ** (STEPS * OCTAVES_PER_STEP[0] * (self._qp - qp)))
+        return float(self._bits * 2.0 ** (self._octaves_per_qp * (self._qp - qp)))
 
 
 def _limits(allowed: Sequence[float]) -> Iterator[bytes]:

@@ -24,10 +24,12 @@ SIZE, NUM_FRAMES, FRAME_RATE = (104, 88), 240, 25
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write views of a static scene, forth and back."""
-    views = [Frame(render(time, PixelFrame(*SIZE))[0]) for time in np.linspace(0.0, 1.0, 21)]
-    frames = [*views, *views[-2:0:-1]] * 6
-    return write_clip(tmp_path_factory.mktemp("clip") / "clip.y4m", frames[:NUM_FRAMES])
+    """Write views of a static scene, forth and back, with the noise of a camera: no view is there twice."""
+    views = [render(time, PixelFrame(*SIZE))[0] for time in np.linspace(0.0, 1.0, 21)]
+    noise = np.random.default_rng(1).normal(0.0, 2.0, (NUM_FRAMES, *views[0].shape))
+    lumas = ([*views, *views[-2:0:-1]] * 6)[:NUM_FRAMES] + noise
+    frames = [Frame(luma) for luma in np.clip(lumas, 0.0, 255.0).astype(np.uint8)]
+    return write_clip(tmp_path_factory.mktemp("clip") / "clip.y4m", frames)
 
 
 def encoded(clip: Path, folder: Path, *options: str) -> tuple[Path, dict[str, Any]]:
@@ -44,7 +46,7 @@ def test_a_stream_has_its_bitrate(clip: Path, tmp_path: Path) -> None:
         stream, report = encoded(clip, tmp_path, "--bitrate", text)
         off = deviations(group_rates(stream), FRAME_RATE, bits_per_s)
         assert len(off) > 3
-        assert max(map(abs, off)) < 0.06
+        assert max(map(abs, off)) < 0.08
         assert 0 < report["limits"]["most_bits_owed"] < 0.6 * bits_per_s
     report = tmp_path / "decoder.json"
     words = [str(stream), str(tmp_path / "decoded.y4m"), "--frames", "0:17", "--json", str(report)]

@@ -1,7 +1,6 @@
 """Serving a decoder: what it may cost, and what another one gets that comes in its place."""
 
 import math
-from dataclasses import dataclass, field
 from fractions import Fraction
 
 import pytest
@@ -12,6 +11,7 @@ from dvc.feedback import DecoderEndpoint, EncoderEndpoint, LinkCounts
 from dvc.feedback.messages import Gop
 from dvc.video import Frame
 from encoder import live
+from encoder.kept_groups import KeptGroups
 from encoder.live import serve
 from encoder.pacing import DecoderPace
 from encoder.rate_control.limits import RateLimits
@@ -103,25 +103,40 @@ class Decoder:
     close = staticmethod(lambda: None)
 
 
-@dataclass
-class Ahead:
-    """Groups that wait: none, but at first one that is predicted from before all that are kept."""
+@pytest.mark.parametrize(("intra_period", "begins"), [(0, 8), (5, 6), (96, 0)])
+def test_another_decoder_begins_with_an_idr_picture_before_what_may_be_lost(
+    intra_period: int, begins: int
+) -> None:
+    """Its chain is sent again, and no frame is lost."""
+    video = VideoConfig(32, 24, 25, 1, luma_only=True)
+    session = EncoderSession(codec_config(video, "2d", key={"intra_period": intra_period}), Live())
+    frames = [Frame(frame.luma) for frame in moving_texture(21, 24, 32)]
+    decoders, endpoints = (Decoder(lasts=6), Decoder()), [EncoderEndpoint(session.config) for _ in range(2)]
 
-    can_grow: bool = False
-    references: list[float] = field(default_factory=lambda: [-1.0])
+    def entered(place: int) -> tuple[Decoder, EncoderEndpoint]:
+        decoders[place].enter(endpoints[place])
+        return decoders[place], endpoints[place]
 
-    def take(self) -> None:
-        return None
+    link, endpoint = entered(0)
+    told = serve(session, frames, link, lambda _: None, None, endpoint, lambda: entered(1))  # type: ignore[arg-type, return-value]
+    assert (told["num_decoders"], told["frames_lost"]) == (2, [])
+    alone, *others = (gop.record for gop in decoders[1].records)
+    assert (alone.num_frames, alone.predicted) == (1, False)
+    assert endpoints[1].first_frame == begins
+    assert begins + 1 + sum(record.num_frames for record in others) == 21
 
-    @property
-    def oldest_reference(self) -> float:
-        return self.references.pop() if self.references else math.inf
+
+@pytest.fixture
+def forgets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep so few groups that the IDR picture is forgotten that they rest on."""
+    monkeypatch.setattr(live, "KeptGroups", lambda _: KeptGroups(4))
 
 
+@pytest.mark.usefixtures("forgets")
 def test_frames_that_no_decoder_gets_are_named_once() -> None:
     """Also where the next one goes before it has written any."""
     video = VideoConfig(32, 24, 25, 1, luma_only=True)
-    session = EncoderSession(codec_config(video, "2d", Qp(30)), Live())
+    session = EncoderSession(codec_config(video, "2d", Qp(30), key={"intra_period": 96}), Live())
     frames = [Frame(frame.luma) for frame in moving_texture(13, 24, 32)]
     decoders = iter([Decoder(lasts=2), Decoder(lasts=-1), Decoder()])
 
@@ -131,18 +146,19 @@ def test_frames_that_no_decoder_gets_are_named_once() -> None:
         return decoder, endpoint
 
     link, endpoint = entered()
-    ahead = Ahead(references=[-1.0, -1.0])
-    told = serve(session, frames, link, lambda _: None, None, endpoint, entered, ahead)  # type: ignore[arg-type]
+    told = serve(session, frames, link, lambda _: None, None, endpoint, entered)  # type: ignore[arg-type]
     assert told["num_decoders"] == 3
     lost = [number for first, last in told["frames_lost"] for number in range(first, last + 1)]
     assert lost
     assert len(set(lost)) == len(lost)
 
 
+@pytest.mark.usefixtures("forgets")
 def test_another_decoder_begins_with_a_group_of_which_nothing_is_known() -> None:
     """It gets the key frame alone; of the others of the group no bits are expected, and no frames missed."""
     video, limits = VideoConfig(32, 24, 25, 1, luma_only=True), RateLimits(bits_per_s=20_000)
-    session = EncoderSession(codec_config(video, "2d", Qp(30)), Live(), limits=limits)
+    config = codec_config(video, "2d", Qp(30), key={"intra_period": 96})
+    session = EncoderSession(config, Live(), limits=limits)
     frames = [Frame(frame.luma) for frame in moving_texture(13, 24, 32)]
     decoders = Decoder(lasts=2), Decoder()
     endpoints = EncoderEndpoint(session.config), EncoderEndpoint(session.config)
@@ -158,7 +174,7 @@ def test_another_decoder_begins_with_a_group_of_which_nothing_is_known() -> None
     seen: list[int] = []
     first, second = (lambda: entered(0)), (lambda: entered(1))
     link, endpoint = first()
-    told = serve(session, frames, link, done, pace, endpoint, second, Ahead())  # type: ignore[arg-type]
+    told = serve(session, frames, link, done, pace, endpoint, second)  # type: ignore[arg-type]
     assert told["num_decoders"] == 2
     alone, *others = decoders[1].records
     assert (alone.record.num_frames, alone.record.wyner_ziv) == (1, ())

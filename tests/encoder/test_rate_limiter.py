@@ -1,10 +1,100 @@
-"""What a live decoder is told it may ask for."""
+"""Key frames within limits, and what a live decoder is told it may ask for."""
 
+import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.config import EstimatedRate, ParityBuffer, Qp, VideoConfig, codec_config
+from dvc.errors import ConfigError
+from dvc.keyframes import KeyPicture
+from dvc.video import Frame
 from dvc.wynerziv.lengths import length_of_code
-from encoder.rate_limiter import _limits
+from encoder.groups import Group
+from encoder.rate_control.bitrate import ExpectedBits
+from encoder.rate_control.limits import TOLERANCE, RateLimits
+from encoder.rate_limiter import FrameCoders, RateLimiter, _limits
+
+CONFIG = codec_config(VideoConfig(16, 16, 25, 1, luma_only=True), quality=Qp(30))
+GROUP = Group((), Frame(np.zeros((16, 16), np.uint8)))
+
+
+class Keys:
+    """A coder of key frames of so many bytes at QP 30, IDR pictures and predicted ones."""
+
+    def __init__(self, idr: int, predicted: int) -> None:
+        self.sizes = {True: idr, False: predicted}
+        self.coded: list[tuple[bool, int]] = []  # whether it begins a chain, and the QP
+
+    def code(self, frame: Frame, begins_chain: bool, qp: int) -> KeyPicture:
+        del frame
+        self.coded.append((begins_chain, qp))
+        size = self.sizes[begins_chain] * 2.0 ** (0.2 * (30 - qp))
+        return KeyPicture(bytes(round(size)), not begins_chain)
+
+    def limiter(self, limits: RateLimits) -> RateLimiter:
+        """Return what keeps limits of key frames alone."""
+        coders = FrameCoders(self.code, lambda *_: (), lambda *_: ExpectedBits(0.0))
+        return RateLimiter(CONFIG, EstimatedRate(), limits, coders)
+
+
+def test_predicted_key_frames_are_coded_once() -> None:
+    """The next is predicted from what was coded last: no quality can be tried, unlike that of IDR pictures."""
+    keys = Keys(1000, 100)
+    limiter = keys.limiter(RateLimits(bits_per_s=20_000))
+    for number in range(30):
+        before = len(keys.coded)
+        coded = limiter.code(GROUP, number == 0, 0)
+        assert coded.key is not None
+        assert coded.key.predicted == (number > 0)
+        assert len(keys.coded) - before == 1 or number == 0
+    assert not any(begins_chain for begins_chain, _ in keys.coded[-29:])
+
+
+@pytest.mark.parametrize("predicted", [20, 100, 600])
+def test_the_bitrate_holds_however_much_predicted_key_frames_take(predicted: int) -> None:
+    """What they take is expected by the one before."""
+    keys = Keys(1000, predicted)
+    limiter = keys.limiter(RateLimits(bits_per_s=20_000))
+    bits = [8 * len(limiter.code(GROUP, number == 0, 0).key.data) for number in range(250)]  # type: ignore[union-attr]
+    assert sum(bits[50:]) / 8 == pytest.approx(20_000, rel=TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    ("most_bits", "begins", "coded", "too_large"),
+    [
+        (10_000, False, [False], 0),
+        (1600, False, [False], 0),
+        (1500, False, [False, True, True], 0),
+        (1500, True, [True, True], 0),
+        (2, False, [False, True], 1),
+        (2, True, [True, True], 1),
+    ],
+)
+def test_a_predicted_key_frame_that_is_too_large_gives_way_to_an_idr_picture(
+    most_bits: int, begins: bool, coded: list[bool], too_large: int
+) -> None:
+    """Which may be coded again, coarser, until it fits; what does not fit at the coarsest is counted once."""
+    keys = Keys(1000, 10)
+    limiter = keys.limiter(RateLimits(bits_per_frame=most_bits))
+    if not begins:
+        limiter._predicted.learn(30, keys.code(GROUP.key, False, 30))
+    keys.sizes[False] = 200  # more than is expected
+    keys.coded.clear()
+    key = limiter.code(GROUP, begins, 0).key
+    assert key is not None
+    assert [begins_chain for begins_chain, _ in keys.coded] == coded
+    assert keys.coded == sorted(keys.coded)
+    assert key.predicted is not coded[-1]
+    assert (8 * len(key.data) <= most_bits) is (not too_large)
+    assert limiter.report() == {"too_large": too_large}
+
+
+def test_limits_are_for_those_who_choose_what_is_sent() -> None:
+    """Not for files with all parity, and not for fixed quantisers."""
+    coders = FrameCoders(Keys(1, 1).code, lambda *_: (), lambda *_: ExpectedBits(0.0))
+    with pytest.raises(ConfigError, match="for --serve and --no-feedback"):
+        RateLimiter(CONFIG, ParityBuffer(), RateLimits(1000), coders)
 
 
 @given(st.lists(st.floats(0.0, 900_000.0), min_size=1, max_size=16))
