@@ -174,9 +174,9 @@ def parser() -> argparse.ArgumentParser:
         "output",
         metavar="OUTPUT",
         nargs="?",
-        help="stream to write (.dvc), complete or not at all; but with --no-feedback it holds all planes, some"
-        " percent of the raw video, of which `dvc-decode --punctured` keeps what is needed; what a kill"
-        " leaves is OUTPUT.part, for `dvc-decode --unfinished`",
+        help="stream to write (.dvc), complete or not at all: unless --no-feedback, it holds all planes, about a"
+        " tenth of the raw video, and `dvc-decode --punctured` keeps the few percent that are needed; a kill"
+        " leaves OUTPUT.part, for `dvc-decode --unfinished`",
     )
     _add_coding(top.add_argument_group("coding"))
     _add_tracks(top.add_argument_group(f"points and tracks ({', '.join(_with_points(tracked=False))})"))
