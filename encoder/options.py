@@ -174,8 +174,8 @@ def parser() -> argparse.ArgumentParser:
         "output",
         metavar="OUTPUT",
         nargs="?",
-        help="stream to write (.dvc), complete or not at all: unless --no-feedback, it holds all planes, about a"
-        " tenth of the raw video, and `dvc-decode --punctured` keeps the few percent that are needed; a kill"
+        help="stream to write (.dvc), complete or not at all: unless --no-feedback, it holds all planes, a"
+        " tenth of the raw video or so, and `dvc-decode --punctured` keeps what is needed of it; a kill"
         " leaves OUTPUT.part, for `dvc-decode --unfinished`",
     )
     _add_coding(top.add_argument_group("coding"))
