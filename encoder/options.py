@@ -175,7 +175,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="OUTPUT",
         nargs="?",
         help="stream to write (.dvc), complete or not at all: unless --no-feedback, it holds all planes, a"
-        " tenth of the raw video or so, and `dvc-decode --punctured` keeps what is needed of it; a kill"
+        " few percent of the raw video, and `dvc-decode --punctured` keeps what is needed of it; a kill"
         " leaves OUTPUT.part, for `dvc-decode --unfinished`",
     )
     _add_coding(top.add_argument_group("coding"))
