@@ -50,8 +50,8 @@ def _add_report(report: argparse.ArgumentParser) -> None:
         "--reference-rows",
         type=Path,
         metavar="FILE.csv",
-        help="points of the H.264 reference software, of luma only, to show beside those of `run --luma-only`;"
-        " default: what DVC_ANCHORS names",
+        help="points of the H.264 reference software, of luma only, to show beside those of"
+        " `run --luma-only`; default: what DVC_ANCHORS names",
     )
 
 
