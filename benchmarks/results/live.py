@@ -72,7 +72,7 @@ def _runs(setting: Setting) -> dict[str, tuple[float, bool]]:
     lengths, found = setting.choose(LENGTHS, QUICK_LENGTHS), {}
     for clip in setting.clips(setting.choose(CLIPS, QUICK_CLIPS)):
         folder, video = setting.scratch(f"live-{clip}"), clip_source(clip).path
-        runs = {n: live_run(video, folder, ["--luma-only", "--frames", str(n)]) for n in lengths}
+        runs = {n: live_run(video, folder, ["--frames", str(n)]) for n in lengths}
         taken_s = {n: run.encoder_cpu_s for n, run in runs.items()}
         ours_ms = later_frames_ms(taken_s.__getitem__, lengths)
         found[clip] = (

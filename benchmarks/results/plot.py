@@ -13,7 +13,7 @@ from dvc.rd.points import ANCHORS
 
 PLOT = ROOT / "docs" / "rd.svg"
 CLIPS = ("box", "street")
-SHOWN = ("intra", "x264-ippp-zero", "x264-ippp", "x264-medium", "x265-medium", "svtav1-6")
+SHOWN = ("intra", "x264-ippp", "x264-medium", "x265-medium", "svtav1-6")
 TITLE = "3D-DVC-TE (default)"
 
 

@@ -39,7 +39,7 @@ from dvc.config import (
     VideoConfig,
     codec_config,
 )
-from dvc.metrics import psnr_db
+from dvc.metrics import psnr_db, psnr_yuv_db
 from dvc.stream import Form, StreamReader, StreamWriter
 from dvc.video import Frame, VideoInfo, open_video
 from encoder.session import EncoderSession
@@ -114,7 +114,7 @@ def frame_psnr_db(original: Frame, decoded: Frame) -> float:
     luma_db = psnr_db(original.luma, decoded.luma)
     if original.chroma is None or decoded.chroma is None:
         return luma_db
-    return (6.0 * luma_db + sum(map(psnr_db, original.chroma, decoded.chroma))) / 8.0
+    return psnr_yuv_db(luma_db, *map(psnr_db, original.chroma, decoded.chroma))
 
 
 def coded(place: Place, num_frames: int, delivery: Delivery, luma_only: bool = True) -> Coded:

@@ -140,8 +140,8 @@ def _anchor_commands(task: Task, original: str, folder: str = "") -> tuple[list[
     decode += ["--reference-start", str(point.start), "--video", folder + _VIDEO]
     if ANCHOR_CODECS[point.codec].zero_motion:
         decode.append("--zero-motion")
-    colour = [] if point.luma_only else ["--colour"]
-    return [*encode, *colour], [*decode, *colour, "--json", folder + _DECODER_JSON]
+    planes = ["--luma-only"] if point.luma_only else []
+    return [*encode, *planes], [*decode, *planes, "--json", folder + _DECODER_JSON]
 
 
 def _anchor_file(task: Task) -> str:
