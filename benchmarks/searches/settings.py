@@ -4,7 +4,7 @@
 and decodes clips as usual, and with each of the settings, those that are tried together joined by commas:
 values of the configuration (``gop.length=4``, ``key.qp=-1`` relative to the usual) and constants of modules,
 for the encoder (``dvc.keyframes.INTRA_QP_OFFSET=-2``, ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``);
-bounds at which groups end (``rule.lost_share=0.4``), and with ``--no-feedback``, as files without feedback, the
+bounds at which groups end (``rule.lost_share=0.4``), and with ``--no-feedback``, the
 rate margin (``delivery.rate_margin_percent=40``). With ``--colour`` chroma is coded, too, and PSNR is
 (6 Y + Cb + Cr) / 8. A row states the change of rate less what the change of PSNR is worth on the clip's usual
 curve, in percent: the mean, its standard error, and that of each QP and clip. The last row leaves each clip
