@@ -1,6 +1,6 @@
 """The decoder's end of a live run: groups of pictures and bits from an encoder behind a connection.
 
-Groups that begin with a key frame do not depend on each other: many are in flight, so that a long way to the
+Groups do not depend on each other: many are in flight, so that a long way to the
 encoder and back is waited for once for all of them, not once for each request. What is asked for, and so
 every bit, is what one group after the other would ask for. Requests go many at a time: each message costs the
 encoder, which is to be cheap, more than the bits that it asks for.

@@ -16,8 +16,6 @@ Options = tuple[tuple[str, str], ...]
 KEYS: Options = (("references", "keys"),)
 TURBO: Options = (("coder", "turbo"), ("noise-model", "coefficient"))
 """Classical turbo codes with punctured parity, and the noise of each coefficient by that of its band."""
-WITHOUT_MEMORY: Options = (("long-term", "0"),)
-"""Every GOP ends with a key frame, and none is kept for others."""
 CAMERAS: Options = (("sfm", "thesis"),)
 """What the decoder is told: self-calibration and bundle adjustment to the letter."""
 
@@ -107,7 +105,7 @@ def sweeps(sequence: str, preset: Preset, frames: int, way: Way) -> dict[str, li
             sweep = Sweep((sequence,), codec, frames=frames, luma_only=True, qp=preset.qp)
         else:
             tracked = codec in ("3d-td", "3d-te")
-            options = TURBO + (KEYS if tracked else ()) + (WITHOUT_MEMORY if codec == "3d-te" else ())
+            options = TURBO + (KEYS if tracked else ())
             sweep = Sweep(
                 (sequence,),
                 codec,

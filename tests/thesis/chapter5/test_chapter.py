@@ -95,7 +95,6 @@ def test_points_as_written_are_those_of_the_text() -> None:
             assert options.get("references", "keys") == "keys"
     assert curves["2D-DVC"][0].gop == 2
     assert curves["3D-DVC"][0].gop == curves["3D-DVC-TD"][0].gop == LOSSLESS_GOP == 10
-    assert dict(curves["3D-DVC-TE"][0].options)["long-term"] == "0"
     anchors = {name: points for name, points in curves.items() if name not in CODECS}
     assert all(points and not point.has_wyner_ziv for points in anchors.values() for point in points)
     assert all(point.luma_only for points in curves.values() for point in points)
