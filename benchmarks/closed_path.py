@@ -12,6 +12,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import NamedTuple
 
+from dvc.environment import child_environment, python_module
 from dvc.metrics import psnr_db
 from dvc.stream import StreamReader
 from dvc.video import open_video
@@ -30,9 +31,9 @@ class Round(NamedTuple):
     key_frames: int
 
 
-def run(*command: object) -> None:
+def run(module: str, *words: object) -> None:
     """Run a program of the project."""
-    subprocess.run([sys.executable, "-m", *map(str, command)], check=True)
+    subprocess.run(python_module(module, *words), env=child_environment(), check=True)
 
 
 def rounds(punctured: Path, decoded: Path, original: Path, num_frames: int) -> tuple[Round, Round]:
