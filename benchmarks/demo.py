@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.environment import child_environment, python_module
+from dvc.page.plotting import new_figure
+
 if TYPE_CHECKING:
     from dvc.video import Frame
 
@@ -73,7 +76,7 @@ def _render(folder: Path) -> Path:
 
 
 def _run(module: str, *arguments: object) -> None:
-    subprocess.run([sys.executable, "-m", module, *map(str, arguments)], check=True)
+    subprocess.run(python_module(module, *arguments), env=child_environment(), check=True)
 
 
 def _options(qp: int) -> list[object]:
@@ -99,9 +102,8 @@ def _prove(video: Path, folder: Path, wait: Any) -> None:
     wait()
     name = f"qp{PROVEN_QP}"
     _run("decoder", folder / f"{name}_punctured.dvc", *_outputs(folder, "again"))
-    command = [sys.executable, "-m", "encoder", str(video), "--serve", "127.0.0.1:0"]
-    command += [str(word) for word in _options(PROVEN_QP)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server:
+    command = python_module("encoder", video, "--serve", "127.0.0.1:0", *_options(PROVEN_QP))
+    with subprocess.Popen(command, env=child_environment(), stderr=subprocess.PIPE, text=True) as server:
         assert server.stderr is not None
         address = server.stderr.readline().split()[-1]
         try:
@@ -195,11 +197,6 @@ def _depth(first: Luma, second: Luma) -> NDArray[np.float64] | None:
 
 def _draw(video: Path, folder: Path) -> None:
     """Draw how one Wyner-Ziv frame comes about: key frame, depth, prediction, decoded frame."""
-    import matplotlib as mpl
-
-    mpl.use("agg")
-    from matplotlib import pyplot as plt
-
     name = f"qp{SHOWN_QP}"
     types = [frame["type"] for frame in _report(folder / f"{name}.json")["per_frame"]]
     shown, last = len(types) // 2, len(types) - 1
@@ -214,12 +211,13 @@ def _draw(video: Path, folder: Path) -> None:
     if depth is not None:
         seen, title = depth, "depth, from decoded frames (bright is near)"
     panels.insert(1, (seen, title))
-    figure, axes = plt.subplots(1, len(panels), figsize=(16, 3.7), layout="constrained")
-    for place, (picture, title) in zip(axes, panels, strict=True):
-        place.imshow(picture, cmap="viridis", vmin=0, vmax=float(max(np.percentile(seen, 99), 1e-9)))
-        place.set_title(title)
-        place.axis("off")
-    figure.savefig(folder / "demo.png", dpi=90)
+    with new_figure((16, 3.7)) as figure:
+        axes = figure.subplots(1, len(panels))
+        for place, (picture, title) in zip(axes, panels, strict=True):
+            place.imshow(picture, cmap="viridis", vmin=0, vmax=float(max(np.percentile(seen, 99), 1e-9)))
+            place.set_title(title)
+            place.axis("off")
+        figure.savefig(folder / "demo.png", dpi=90)
 
 
 def _db(original: "Frame", frame: "Frame") -> str:

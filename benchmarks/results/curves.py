@@ -2,11 +2,11 @@
 
 import statistics
 import subprocess
-import sys
 from collections.abc import Callable
 from functools import cache
 
 from benchmarks.results.harness import Measured, Missing, Setting, mean_of
+from dvc.environment import child_environment, python_module
 from dvc.errors import DvcError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.curves import ANCHOR_LABEL, Curve, experiments
@@ -44,9 +44,9 @@ def _numbers(values: tuple[int, ...]) -> str:
 
 def run_sweep(setting: Setting, clips: list[str], name: str, *options: str, num_frames: int) -> None:
     """Measure points by `dvc-rd run`; those that are there, of this code, are kept."""
-    command = [sys.executable, "-m", "dvc.rd", "run", *clips, "--frames", str(num_frames), *options]
+    command = python_module("dvc.rd", "run", *clips, "--frames", num_frames, *options)
     command += ["--out", str(setting.scratch(name)), "--jobs", str(setting.jobs)]
-    if subprocess.run(command, check=False).returncode != 0:
+    if subprocess.run(command, env=child_environment(), check=False).returncode != 0:
         raise DvcError(f"some points of {name} could not be measured; see above")
 
 

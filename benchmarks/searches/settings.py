@@ -15,6 +15,7 @@ import argparse
 import io
 import math
 import multiprocessing
+import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
@@ -39,6 +40,7 @@ from dvc.config import (
     VideoConfig,
     codec_config,
 )
+from dvc.environment import child_environment
 from dvc.metrics import psnr_db, psnr_yuv_db
 from dvc.stream import Form, StreamReader, StreamWriter
 from dvc.video import Frame, VideoInfo, open_video
@@ -204,6 +206,7 @@ def main(words: Sequence[str] | None = None) -> None:
     found: dict[Place, Coded] = {}
     spawning = multiprocessing.get_context("spawn")
     with (
+        mock.patch.dict(os.environ, child_environment()),
         ProcessPoolExecutor(arguments.jobs, spawning) as pool,
         progress_bar("streams", len(places)) as progress,
     ):

@@ -3,11 +3,11 @@
 import filecmp
 import json
 import shlex
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from dvc.environment import python_module
 from dvc.errors import DvcError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.pictures import save_pictures
@@ -149,7 +149,7 @@ def _anchor_file(task: Task) -> str:
 
 
 def _process(arguments: list[str]) -> list[str]:
-    return [sys.executable, "-m", *arguments, "--quiet"]
+    return [*python_module(*arguments), "--quiet"]
 
 
 def _shown(commands: tuple[list[str], ...]) -> list[str]:

@@ -88,9 +88,9 @@ def render_rate_cost(
     suffixes: Sequence[str] = SUFFIXES,
 ) -> dict[str, bytes]:
     """Draw rate against cost."""
-    from matplotlib.ticker import FuncFormatter
-
     with new_figure(SIZE_INCHES) as figure:
+        from matplotlib.ticker import FuncFormatter
+
         axes = figure.add_subplot()
         for point in points:
             style = styles[point.label]
