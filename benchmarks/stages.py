@@ -33,10 +33,7 @@ STAGES = {
     ),
     "rendering": ("decoder.side_information.scene.depth.render_between",),
     "corrections by tracks": ("decoder.side_information.scene.tracked.corrected",),
-    "prediction by tracks alone": (
-        "decoder.side_information.scene.tracked.interpolate_by_tracks",
-        "decoder.side_information.extrapolation.TrackedExtrapolation.predict",
-    ),
+    "prediction by tracks alone": ("decoder.side_information.scene.tracked.interpolate_by_tracks",),
     "rest of the prediction": ("decoder.group.GroupDecoder._predict",),
     "refinement: block search": ("decoder.side_information.block_motion.refinement._search",),
     "refinement: rest": ("decoder.side_information.block_motion.refinement.BlockRefiner.refine",),

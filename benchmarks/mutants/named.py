@@ -17,10 +17,6 @@ class Named(NamedTuple):
 
 
 NAMED = (
-    Named("encoder", "MAX_LOST_SHARE =", "0.53", "0.4"),
-    Named("encoder", "LEAVING_WEIGHT =", "0.18", "0.5"),
-    Named("encoder", "MAX_P_TYPE_LOST_SHARE =", "0.65", "0.75"),
-    Named("encoder", "MAX_ESTIMATED_LOST_SHARE =", "0.08", "0.2"),
     Named("encoder", "MIN_WORTH =", "1.5", "2.0"),
     Named("encoder", "BITS_PER_BIT =", "1.6", "1.3"),
     Named("encoder", "REFERENCE_RATE_MARGIN =", "0.15", "0.3"),

@@ -2,8 +2,8 @@
 
 ``python -m benchmarks.searches.settings SETTINGS ... [--clips box tree] [--qp 26 32 38] [--frames 65]`` codes
 and decodes clips as usual, and with each of the settings, those that are tried together joined by commas:
-values of the configuration (``gop.p_type_distance=4``, ``key.qp=-1`` relative to the usual) and constants
-of modules, for the encoder (``encoder.intra_decision.MAX_LOST_SHARE=0.6``,
+values of the configuration (``key.intra_period=24``, ``key.qp=-1`` relative to the usual) and constants
+of modules, for the encoder (``dvc.keyframes.INTRA_QP_OFFSET=-2``,
 ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``); where groups end (``rule.lost_share=0.4``), and with
 ``--no-feedback``, as files without feedback, the rate margin (``delivery.rate_margin_percent=40``). With
 ``--colour`` chroma is coded, too, and PSNR is (6 Y + Cb + Cr) / 8. A row tells the change of rate less what

@@ -46,15 +46,15 @@ def test_what_psnr_is_worth_is_taken_off() -> None:
 
 def test_a_clip_is_coded_with_settings(street: str) -> None:
     """Finer key frames take more bytes and look better; constants of the encoder are put back."""
-    from encoder import intra_decision
+    from dvc import keyframes
 
     usual, finer = (coded(Place(street, 40, settings), 2, ParityBuffer()) for settings in ("", "key.qp=-6"))
     assert finer.num_bytes > usual.num_bytes
     assert finer.psnr_db > usual.psnr_db
-    before = intra_decision.MAX_LOST_SHARE
-    keyed = coded(Place(street, 40, "encoder.intra_decision.MAX_LOST_SHARE=-1.0"), 2, ParityBuffer())
-    assert before == intra_decision.MAX_LOST_SHARE
-    assert keyed.num_bytes != usual.num_bytes
+    before = keyframes.INTRA_QP_OFFSET
+    coarser = coded(Place(street, 40, "dvc.keyframes.INTRA_QP_OFFSET=0"), 2, ParityBuffer())
+    assert before == keyframes.INTRA_QP_OFFSET
+    assert coarser.num_bytes < usual.num_bytes
 
 
 def test_rates_may_be_estimated(street: str) -> None:
