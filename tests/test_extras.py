@@ -73,4 +73,4 @@ def test_extras_are_those_of_the_package() -> None:
         )
     assert [of_an_extra(name) for name in ("scipy.linalg", "numpy", None)] == [True, False, False]
     assert listed["all"] == ["dvc3d[dask,decode,mesh,report,stereo]"]
-    assert len(PROJECT["dependencies"]) <= 5
+    assert len(PROJECT["dependencies"]) <= 6

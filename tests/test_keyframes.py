@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.errors import BitstreamError, VideoError
-from dvc.keyframes import CHROMA_QP_OFFSET, FAST_DECISIONS, KeyFrameDecoder, KeyFrameEncoder, Qp
+from dvc.keyframes import CHROMA_QP_OFFSET, KeyFrameDecoder, KeyFrameEncoder, Qp
 from dvc.metrics import psnr_db
 from dvc.video import Frame, chroma_shape, open_video
 from dvc.video.pixels import picture_from_frame
@@ -105,22 +105,6 @@ def test_grey_frames_count_as_neutral_in_colour(moving_frames: MakeFrames) -> No
     encoder = KeyFrameEncoder(20, 12, "lossless")
     got = decoder_of((20, 12), encoder).decode(encoder.encode(frame).data)
     assert same_frame(got, frame.with_chroma())
-
-
-def test_quick_pictures_are_as_good_for_a_few_more_bits(shared_sequences: Path) -> None:
-    """Any decoder reads them; without the searches they cost more, though not more than a tenth."""
-    with open_video(shared_sequences / "box.mkv", num_frames=1) as reader:
-        frame = next(iter(reader))
-    sizes, quality_db = {}, {}
-    for quick, parameters in ((False, {}), (True, FAST_DECISIONS)):
-        encoder = KeyFrameEncoder(352, 288, 30, parameters=parameters)
-        data = encoder.encode(frame).data
-        decoder = decoder_of((352, 288), encoder)
-        sizes[quick], quality_db[quick] = len(data), psnr_db(frame.luma, decoder.decode(data).luma)
-    assert sizes[True] != sizes[False]
-    # Six decibels are twelve steps of QP, which halve the bits of a picture twice.
-    cost = sizes[True] / sizes[False] * 2 ** (-(quality_db[True] - quality_db[False]) / 3)
-    assert 1.0 < cost < 1.1
 
 
 def test_coding_is_repeatable(moving_frames: MakeFrames) -> None:

@@ -315,7 +315,7 @@ def test_decoder_leaves_nothing_on_a_full_disk(tmp_path: Path, stream: Path, out
 
 def test_encoder_leaves_nothing_on_a_full_disk(tmp_path: Path, clip: Path) -> None:
     """A stream that finds no room ends in one line and status 2, and no file is left."""
-    encoder = start("encoder", clip, tmp_path / "full.dvc", preexec_fn=limit_file_size(1000))
+    encoder = start("encoder", clip, tmp_path / "full.dvc", preexec_fn=limit_file_size(100))
     assert_refused(finish(encoder), "dvc-encode:", "full.dvc")
     assert list(tmp_path.iterdir()) == []
 

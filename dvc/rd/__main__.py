@@ -134,13 +134,8 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         help="any other option of dvc-encode, such as references=all or noise-model=band; repeatable",
     )
     add("--side-information", metavar="METHOD", help="predict with METHOD instead of what the stream names")
-    add(
-        "--anchor",
-        action="append",
-        dest="anchors",
-        choices=ANCHORS,
-        help="codec to compare with; x264-ippp-zero codes luma only and takes --luma-only",
-    )
+    text = "codec to compare with; x264-ippp-zero codes luma only and takes --luma-only"
+    add("--anchor", action="append", dest="anchors", choices=ANCHORS, help=text)
     add("--anchor-qp", metavar="LIST", help="default: 20-44:4 and the QPs of the sweep")
     _add_measuring(run)
 

@@ -25,7 +25,7 @@ from encoder.options import parser, session
 
 
 def test_steps_double_every_six_qps() -> None:
-    """As those of H.264 do; a bit must save four times what it must there, in the mean over roundings."""
+    """As those of H.264 do; a bit must save six times what it must there, in the mean over roundings."""
     fine, coarse = Qp(24), Qp(30)
     assert (fine.key_qp, coarse.key_qp) == (24, 30)
     assert coarse.wyner_ziv.step(2) == pytest.approx(2 * fine.wyner_ziv.step(2))
@@ -33,7 +33,7 @@ def test_steps_double_every_six_qps() -> None:
     for qp in range(24, 36):
         index = quantizer.index_of_step(Qp(qp).wyner_ziv.step(2))
         found.append(quantizer.quantization_of_step(index, (1,) * 16).multiplier / key_lambda(qp))
-    assert np.exp(np.mean(np.log(found))) == pytest.approx(4.0, rel=0.1)
+    assert np.exp(np.mean(np.log(found))) == pytest.approx(6.0, rel=0.1)
 
 
 @pytest.mark.parametrize("qp", [1, 30, MAX_QP])

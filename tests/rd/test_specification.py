@@ -216,7 +216,7 @@ def test_a_sweep_has_the_groups_of_its_codec() -> None:
         options: {point.gop for point in Sweep(("clip",), codec="3d-te", options=options).points()}
         for options in ((), (("references", "keys"),))
     }
-    assert lengths == {(): {16}, (("references", "keys"),): {8}}
+    assert lengths == {(): {8}, (("references", "keys"),): {8}}
     assert {point.gop for point in Sweep(("clip",), codec="3d").points()} == {2}
 
 

@@ -28,5 +28,5 @@ def test_planes_are_those_that_decoding_has_met() -> None:
     planes = met((FOLDER / "2d-qp-punctured.dvc").read_bytes())
     assert LearnedPriors.learn is usual
     terms, llr, bits = planes[1].together()
-    assert terms.shape[1] == llr.size == bits.size > 100
+    assert terms.shape[1] == llr.size == bits.size > 50
     assert np.corrcoef(terms[0], llr)[0, 1] > 0.8
