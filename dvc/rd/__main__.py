@@ -125,7 +125,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     add("--gop", type=cli.integer(1, 256), metavar="N", help="default: that of dvc-encode")
     add("--start", type=cli.integer(0, 10**9), metavar="K", help="first frame; default: 0")
     add("--frames", type=cli.integer(1, 10**9), metavar="N", help="default: all")
-    add("--luma-only", action="store_true", default=None, help="leave chroma out; default: colour")
+    add("--luma-only", action="store_true", default=None, help="leave chroma out, as x264-ippp-zero does")
     add(
         "--option",
         action="append",
@@ -134,8 +134,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         help="any other option of dvc-encode, such as references=all or noise-model=band; repeatable",
     )
     add("--side-information", metavar="METHOD", help="predict with METHOD instead of what the stream names")
-    text = "codec to compare with; x264-ippp-zero codes luma only and takes --luma-only"
-    add("--anchor", action="append", dest="anchors", choices=ANCHORS, help=text)
+    add("--anchor", action="append", dest="anchors", choices=ANCHORS, help="codec to compare with")
     add("--anchor-qp", metavar="LIST", help="default: 20-44:4 and the QPs of the sweep")
     _add_measuring(run)
 

@@ -156,7 +156,7 @@ def test_no_motion_where_there_is_some(clip: Path, tmp_path: Path) -> None:
     sizes = {}
     for name in ("x264-ippp", "x264-ippp-zero"):
         file = tmp_path / f"{name}.264"
-        encode_file(clip, file, ANCHOR_CODECS[name], 30)
+        encode_file(clip, file, ANCHOR_CODECS[name], 30, luma_only=True)
         sizes[name] = file.stat().st_size
     still = write_clip(tmp_path / "still.mkv", 48, 32, 1)
     with open_video(still) as reader:
@@ -164,8 +164,9 @@ def test_no_motion_where_there_is_some(clip: Path, tmp_path: Path) -> None:
     with create_video(tmp_path / "twice.mkv", (48, 32), 25, luma_only=True) as writer:
         for _ in range(3):
             writer.write(frame)
-    encode_file(tmp_path / "twice.mkv", tmp_path / "twice.264", ANCHOR_CODECS["x264-ippp-zero"], 30)
-    measured = measure_file(tmp_path / "twice.264", tmp_path / "twice.mkv", zero_motion=True)
+    twice, file = tmp_path / "twice.mkv", tmp_path / "twice.264"
+    encode_file(twice, file, ANCHOR_CODECS["x264-ippp-zero"], 30, luma_only=True)
+    measured = measure_file(file, twice, zero_motion=True)
     assert measured["num_vectors"] > 0 == measured["num_nonzero_vectors"]
     assert sizes["x264-ippp-zero"] > sizes["x264-ippp"]
 
@@ -273,7 +274,7 @@ def test_vectors_that_cannot_be_read_are_no_proof(
 ) -> None:
     """Where FFmpeg exports no vectors the file is refused."""
     file = tmp_path / "still.264"
-    encode_file(clip, file, ANCHOR_CODECS["x264-ippp-zero"], 24)
+    encode_file(clip, file, ANCHOR_CODECS["x264-ippp-zero"], 24, luma_only=True)
     assert decoding._exports_vectors()
     monkeypatch.setattr(decoding, "_count_vectors", lambda _: (0, 0))
     decoding._exports_vectors.cache_clear()
@@ -297,7 +298,7 @@ def test_another_x264_is_refused(
     """Where x264 is not laid out as expected, nothing is overwritten and the reason is told."""
     monkeypatch.setattr(zero_motion, name, value)
     with pytest.raises(ConfigError, match=f"zero motion: .*{message}"):
-        encode_file(clip, tmp_path / "x.264", ANCHOR_CODECS["x264-ippp-zero"], 30)
+        encode_file(clip, tmp_path / "x.264", ANCHOR_CODECS["x264-ippp-zero"], 30, luma_only=True)
     assert not (tmp_path / "x.264").exists()
 
 
@@ -308,7 +309,7 @@ def test_missing_encoder_is_named(
     """Without the encoder there is one line that names it."""
     monkeypatch.setattr(av, "codecs_available", set())
     with pytest.raises(ConfigError, match=f"{codec.name}: .* without the encoder {codec.library}"):
-        encode_file(clip, tmp_path / f"x{codec.suffix}", codec, 30)
+        encode_file(clip, tmp_path / f"x{codec.suffix}", codec, 30, luma_only=True)
 
 
 @pytest.mark.parametrize("name", ["x264-ippp", "x265", "svtav1"])
@@ -316,7 +317,7 @@ def test_damaged_files_are_refused(clip: Path, tmp_path: Path, name: str) -> Non
     """A file that is cut or changed gives other pictures or a DvcError, never anything else."""
     codec = ANCHOR_CODECS[name]
     file = tmp_path / f"whole{codec.suffix}"
-    encode_file(clip, file, codec, 30)
+    encode_file(clip, file, codec, 30, luma_only=True)
     data, rng = file.read_bytes(), np.random.default_rng(5)
     other = tmp_path / f"other{codec.suffix}"
     for position in rng.integers(0, len(data), 12):
