@@ -92,7 +92,8 @@ class Clip(NamedTuple):
         """Return the mean PSNR of the stream that was coded last."""
         if not self.live:
             self.decode(stream)
-        return float(report_of(self.report)["psnr_y_db"])
+        report = report_of(self.report)
+        return float(report.get("psnr_yuv_db", report["psnr_y_db"]))
 
     def constant_psnr_db(self, num_bytes: int) -> float:
         """Return the mean PSNR of streams of constant QP at a size, from those next to it."""
@@ -142,7 +143,7 @@ def main(words: Sequence[str] | None = None) -> int:
                 frame_rate = float(reader.info.frame_rate)
             num_frames = round(arguments.seconds * frame_rate)
             video = source_of(name, num_frames, folder)
-            clip = Clip(video, ("--luma-only", "--frames", num_frames), arguments.live, folder)
+            clip = Clip(video, ("--frames", num_frames), arguments.live, folder)
             for bits_per_s in arguments.bitrate:
                 print(Path(name).stem, row(clip, bits_per_s, frame_rate, arguments.psnr), flush=True)
     return 0

@@ -8,10 +8,16 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dvc.environment import child_environment, python_module
+from dvc.page.plotting import new_figure
+
+if TYPE_CHECKING:
+    from dvc.video import Frame
 
 QPS, PROVEN_QP, SHOWN_QP = (36, 30), 36, 30
 """Qualities of the codec; the one that is coded in every way; the one that is drawn."""
@@ -35,8 +41,8 @@ class Row:
 
     @property
     def psnr_db(self) -> float:
-        """Mean PSNR of luma over all frames."""
-        return float(self.report["psnr_y_db"])
+        """Mean PSNR over all frames: (6 Y + Cb + Cr) / 8, or of luma if the video has no chroma."""
+        return float(self.report.get("psnr_yuv_db", self.report["psnr_y_db"]))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -70,11 +76,11 @@ def _render(folder: Path) -> Path:
 
 
 def _run(module: str, *arguments: object) -> None:
-    subprocess.run([sys.executable, "-m", module, *map(str, arguments)], check=True)
+    subprocess.run(python_module(module, *arguments), env=child_environment(), check=True)
 
 
 def _options(qp: int) -> list[object]:
-    return ["--qp", qp, "--luma-only", "--quiet"]
+    return ["--qp", qp, "--quiet"]
 
 
 def _outputs(folder: Path, name: str) -> list[object]:
@@ -96,9 +102,8 @@ def _prove(video: Path, folder: Path, wait: Any) -> None:
     wait()
     name = f"qp{PROVEN_QP}"
     _run("decoder", folder / f"{name}_punctured.dvc", *_outputs(folder, "again"))
-    command = [sys.executable, "-m", "encoder", str(video), "--serve", "127.0.0.1:0"]
-    command += [str(word) for word in _options(PROVEN_QP)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server:
+    command = python_module("encoder", video, "--serve", "127.0.0.1:0", *_options(PROVEN_QP))
+    with subprocess.Popen(command, env=child_environment(), stderr=subprocess.PIPE, text=True) as server:
         assert server.stderr is not None
         address = server.stderr.readline().split()[-1]
         try:
@@ -140,11 +145,11 @@ def _saving(row: Row, curve: list[Row]) -> str:
 
 def _print_table(rows: list[Row], curves: dict[str, list[Row]]) -> None:
     lines: list[tuple[str, ...]] = [
-        ("", "kbit/s", "PSNR", "prediction", *(f"vs {name}" for name in curves), "decoding"),
-        ("", "", "dB", "dB", *["at equal dB"] * len(curves), "s per WZ frame"),
+        ("", "kbit/s", "luma", "colour", "prediction", *(f"vs {name}" for name in curves), "decoding"),
+        ("", "", "dB", "dB", "luma, dB", *["at equal colour dB"] * len(curves), "s per WZ frame"),
     ]
     for row in [*rows, *(row for curve in curves.values() for row in curve)]:
-        cells = [row.name, f"{row.rate_kbps:.1f}", f"{row.psnr_db:.2f}"]
+        cells = [row.name, f"{row.rate_kbps:.1f}", f"{row.report['psnr_y_db']:.2f}", f"{row.psnr_db:.2f}"]
         if row in rows:
             num_predicted = sum(frame["type"] == "wz" for frame in row.report["per_frame"])
             cells += [
@@ -162,13 +167,21 @@ def _print_table(rows: list[Row], curves: dict[str, list[Row]]) -> None:
         f"\nRates are sizes of files. A fresh process decoded the punctured stream of QP {PROVEN_QP} without"
     )
     print("feedback, and the same was coded again live, over TCP: the same frames, the same bits.")
+    print("PSNR in colour is (6 Y + Cb + Cr) / 8.")
 
 
-def _luma(path: Path, index: int) -> Luma:
+def _frame(path: Path, index: int) -> "Frame":
     from dvc.video import open_video
 
     with open_video(path, start=index, num_frames=1) as reader:
-        return next(iter(reader)).luma
+        return next(iter(reader))
+
+
+def _colours(frame: "Frame") -> NDArray[np.uint8]:
+    from dvc.video.pixels import picture_from_frame
+
+    picture = picture_from_frame(frame.with_chroma(), "yuv420p")
+    return np.asarray(picture.to_ndarray(format="rgb24"), np.uint8)
 
 
 def _depth(first: Luma, second: Luma) -> NDArray[np.float64] | None:
@@ -184,39 +197,33 @@ def _depth(first: Luma, second: Luma) -> NDArray[np.float64] | None:
 
 def _draw(video: Path, folder: Path) -> None:
     """Draw how one Wyner-Ziv frame comes about: key frame, depth, prediction, decoded frame."""
-    import matplotlib as mpl
-
-    mpl.use("agg")
-    from matplotlib import pyplot as plt
-
     name = f"qp{SHOWN_QP}"
     types = [frame["type"] for frame in _report(folder / f"{name}.json")["per_frame"]]
     shown, last = len(types) // 2, len(types) - 1
     decoded = folder / f"{name}.mkv"
-    depth = _depth(_luma(decoded, 0), _luma(decoded, last))
-    original, key = _luma(video, shown), _luma(decoded, 0)
-    panels: list[tuple[NDArray[Any], str, str, float]] = [
-        (key, "frame 0: a key frame, as decoded", "gray", 255.0),
-    ]
+    original, key = _frame(video, shown), _frame(decoded, 0)
+    depth = _depth(key.luma, _frame(decoded, last).luma)
+    panels: list[tuple[NDArray[Any], str]] = [(_colours(key), "frame 0: a key frame, as decoded")]
     for path, told in ((folder / f"{name}_predicted.mkv", "predicted"), (decoded, "decoded")):
-        luma = _luma(path, shown)
-        panels.append((luma, f"frame {shown}, {told}: {_db(original, luma)}", "gray", 255.0))
-    seen, title = np.zeros(key.shape), "no depth: no scene that can be trusted"
+        frame = _frame(path, shown)
+        panels.append((_colours(frame), f"frame {shown}, {told}: luma {_db(original, frame)}"))
+    seen, title = np.zeros(key.luma.shape), "no depth: no scene that can be trusted"
     if depth is not None:
         seen, title = depth, "depth, from decoded frames (bright is near)"
-    panels.insert(1, (seen, title, "viridis", float(max(np.percentile(seen, 99), 1e-9))))
-    figure, axes = plt.subplots(1, len(panels), figsize=(16, 3.7), layout="constrained")
-    for place, (picture, title, colours, white) in zip(axes, panels, strict=True):
-        place.imshow(picture, cmap=colours, vmin=0, vmax=white)
-        place.set_title(title)
-        place.axis("off")
-    figure.savefig(folder / "demo.png", dpi=90)
+    panels.insert(1, (seen, title))
+    with new_figure((16, 3.7)) as figure:
+        axes = figure.subplots(1, len(panels))
+        for place, (picture, title) in zip(axes, panels, strict=True):
+            place.imshow(picture, cmap="viridis", vmin=0, vmax=float(max(np.percentile(seen, 99), 1e-9)))
+            place.set_title(title)
+            place.axis("off")
+        figure.savefig(folder / "demo.png", dpi=90)
 
 
-def _db(original: Luma, picture: Luma) -> str:
+def _db(original: "Frame", frame: "Frame") -> str:
     from dvc.metrics import psnr_db
 
-    return f"{psnr_db(original, picture):.1f} dB"
+    return f"{psnr_db(original.luma, frame.luma):.1f} dB"
 
 
 if __name__ == "__main__":

@@ -17,6 +17,8 @@ import venv
 from collections.abc import Sequence
 from pathlib import Path
 
+from dvc.environment import python_module
+
 RENDER = "dvc-sequences render street --size 176x144 --frames 9 --out street.mkv"
 ENCODE = "dvc-encode street.mkv street.dvc --qp 30 --quiet"
 DECODE = (
@@ -54,7 +56,7 @@ def _install(wheel: Path, folder: Path) -> Path:
     python = folder / "venv" / "bin" / "python"
     options = ["install", "--quiet", "--no-deps", "--no-index", "--disable-pip-version-check"]
     started = time.monotonic()
-    subprocess.run([sys.executable, "-m", "pip", "--python", python, *options, wheel], check=True)
+    subprocess.run(python_module("pip", "--python", python, *options, wheel), check=True)
     print(f"install {time.monotonic() - started:.1f} s")
     packages = next((folder / "venv").glob("lib/python*/site-packages"))
     (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib"))

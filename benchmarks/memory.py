@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from benchmarks.results.harness import run_module
 from benchmarks.speed import MIB, source_of
+from dvc.environment import child_environment, python_module
 from dvc.errors import DvcError
 
 PERIOD_S = 0.02
@@ -56,10 +57,10 @@ def resident_bytes(pid: int) -> tuple[int, int]:
     return now, most
 
 
-def watched(command: Sequence[object]) -> Peak:
+def watched(command: Sequence[str]) -> Peak:
     """Run a command to its end, and look at its memory all the time."""
     peak = Peak(0, 0)
-    with subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL) as process:
+    with subprocess.Popen(command, env=child_environment(), stdout=subprocess.DEVNULL) as process:
         while process.poll() is None:
             held = [resident_bytes(pid) for pid in processes(process.pid)]
             peak = Peak(
@@ -67,7 +68,7 @@ def watched(command: Sequence[object]) -> Peak:
             )
             time.sleep(PERIOD_S)
     if process.returncode:
-        raise DvcError(f"{' '.join(map(str, command))} ended with status {process.returncode}")
+        raise DvcError(f"{' '.join(command)} ended with status {process.returncode}")
     return peak
 
 
@@ -78,7 +79,7 @@ def decoding(clip: str, num_frames: int, qp: int, jobs: int) -> Peak:
         video = source_of(clip, num_frames, folder)
         run_module("encoder", video, folder / "coded.dvc", "--qp", qp, "--frames", num_frames, "--quiet")
         words = [folder / "coded.dvc", folder / "decoded.mkv", "--jobs", jobs, "--quiet"]
-        return watched([sys.executable, "-m", "decoder", *words])
+        return watched(python_module("decoder", *words))
 
 
 def table(peaks: dict[int, Peak]) -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.environment import baseline_environment
+from dvc.environment import baseline_environment, python_module
 
 if TYPE_CHECKING:
     from decoder.tasks import DecodedGroup
@@ -175,7 +175,8 @@ def enter_baseline_environment(module: str) -> None:
     """Start a module anew in the environment in which streams are decoded, unless it is in it."""
     wanted = baseline_environment()
     if os.environ.get("OPENCV_CPU_DISABLE") != wanted.get("OPENCV_CPU_DISABLE"):
-        os.execve(sys.executable, [sys.executable, "-m", module, *sys.argv[1:]], wanted)
+        command = python_module(module, *sys.argv[1:])
+        os.execve(command[0], command, wanted)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ has loaded before.
 import atexit
 import signal
 import subprocess
-import sys
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -26,7 +25,7 @@ from typing import Any, Protocol
 
 from decoder.losses import Losses
 from decoder.tasks import Answered, Bits, DecodedGroup, GroupTask
-from dvc.environment import ONE_HEAP, baseline_environment
+from dvc.environment import ONE_HEAP, baseline_environment, python_module
 from dvc.errors import BitstreamError, DvcError
 from dvc.feedback import ParityAnswer
 from dvc.slepian_wolf import ParityRequest, Place, Round
@@ -48,7 +47,7 @@ class DecodingProcess:
 
     def _start(self, connection: "Connection[Any, Any]") -> Any:
         """Start the process with its end of the pipe; return it as `Popen` does."""
-        command = [sys.executable, "-P", "-m", "decoder.worker", str(connection.fileno())]
+        command = python_module("decoder.worker", connection.fileno())
         # Whoever starts the process ends it; an interrupt from the terminal is not for it.
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:

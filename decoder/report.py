@@ -12,7 +12,7 @@ import dvc
 from decoder.tasks import DecodedFrame, DecodedGroup
 from dvc.config import CodecConfig
 from dvc.errors import ConfigError, VideoError
-from dvc.metrics import PSNR_CAP_DB, psnr_db, psnr_of_mean_error_db
+from dvc.metrics import PSNR_CAP_DB, psnr_db, psnr_of_mean_error_db, psnr_yuv_db
 from dvc.stream import gop_bits
 from dvc.video import Frame, VideoReader
 
@@ -142,7 +142,7 @@ class DecodeReport:
             "worst_psnr_y_db": min(_values(frames, "psnr_y_db"), default=None),
             "key_psnr_y_db": _mean([frame for frame in frames if frame["type"] == "key"], "psnr_y_db"),
             "wz_psnr_y_db": _mean(wyner_ziv, "psnr_y_db"),
-            **{name: _mean(frames, name) for name in CHROMA if name in frames[0]},
+            **_mean_in_colour(frames),
             "si_psnr_y_db": _mean(wyner_ziv, "si_psnr_y_db"),
             "refined_si_psnr_y_db": _mean(wyner_ziv, "refined_si_psnr_y_db"),
             "num_requests": sum(frame["num_requests"] for frame in wyner_ziv),
@@ -184,6 +184,15 @@ def _mse_psnr(frames: list[dict[str, Any]]) -> float | None:
     """Return the PSNR of the mean squared error over frames."""
     psnrs_db = _values(frames, "psnr_y_db")
     return psnr_of_mean_error_db(psnrs_db) if psnrs_db else None
+
+
+def _mean_in_colour(frames: list[dict[str, Any]]) -> dict[str, float]:
+    """Return the mean PSNRs of chroma and of all planes, if there is a reference with chroma."""
+    if not all(name in frame for frame in frames for name in CHROMA):
+        return {}
+    cb_db, cr_db = (fmean(_values(frames, name)) for name in CHROMA)
+    yuv_db = psnr_yuv_db(fmean(_values(frames, "psnr_y_db")), cb_db, cr_db)
+    return {**dict(zip(CHROMA, (cb_db, cr_db), strict=True)), "psnr_yuv_db": yuv_db}
 
 
 def _mean(frames: list[dict[str, Any]], name: str) -> float | None:

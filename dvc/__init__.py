@@ -1,3 +1,3 @@
 """Shared library of the distributed video codec: video, stream, key frames, turbo and Wyner-Ziv coding."""
 
-__version__ = "1.0.2"
+__version__ = "2.0.0.dev0"

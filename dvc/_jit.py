@@ -3,6 +3,8 @@
 import ast
 import contextlib
 import fcntl
+import os
+import stat
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,17 +15,22 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 import numpy.ma  # numba asks for it when a kernel first gets an array
-from numba.core import caching, codegen
-from numba.core.runtime.nrt import rtsys
 
+from dvc.environment import without_settings
 from dvc.memory import resident_bytes
+
+with without_settings(".numba_config.yaml"):
+    import numba
+    from numba.core import caching, codegen
+    from numba.core.runtime.nrt import rtsys
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _CONFIG: Any = numba.config
+_CONFIG._config_fname = ""  # numba looks for the file again whenever it compiles
+_CONFIG.reload_config()  # where another has imported numba before
 _ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -96,6 +103,17 @@ RUNS_PORTABLE = _NEEDED.issubset((codegen.get_host_cpu_features() if _TOLD is No
 """Whether this processor, as numba is told or finds, runs such code."""
 
 
+def _can_be_trusted(folder: Path, source: Path) -> bool:
+    """Return whether code can come from no others than the user, root, and who can change its source."""
+    if not (folder.is_absolute() or _CONFIG.CACHE_DIR):  # numba's own place where there is no home
+        return False
+    with contextlib.suppress(OSError):
+        found, own = folder.stat(), source.stat()
+        known = found.st_uid in (os.geteuid(), 0, own.st_uid)
+        return known and not found.st_mode & ~own.st_mode & stat.S_IWOTH
+    return True
+
+
 class _ReadOnlyLocator(caching.InTreeCacheLocator):
     """The folder beside a source, where numba finds none to write to."""
 
@@ -123,7 +141,9 @@ class _Cache(caching.FunctionCache):
         beside = Path(function.__code__.co_filename).with_name("__pycache__")
         made = caching.IndexDataCacheFile(str(beside), self._impl.filename_base, kept._source_stamp)
         # Code beside the source does not check bounds.
-        self._files = [kept] if _CONFIG.BOUNDSCHECK or beside == Path(self.cache_path) else [made, kept]
+        files = [kept] if _CONFIG.BOUNDSCHECK or beside == Path(self.cache_path) else [made, kept]
+        source = Path(function.__code__.co_filename)
+        self._files = [file for file in files if _can_be_trusted(Path(file._cache_path), source)]
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return the code for a signature, None where there is none.
@@ -142,6 +162,8 @@ class _Cache(caching.FunctionCache):
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep the code for a signature, where there is a folder for it."""
+        if self._cache_file not in self._files:
+            return
         with _file_lock(Path(self.cache_path)), contextlib.suppress(OSError):
             super().save_overload(signature, result)
 

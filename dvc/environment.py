@@ -1,8 +1,18 @@
-"""Environments of child processes, for what numeric libraries read once, before they load."""
+"""What child processes and libraries take from their surroundings: nothing of the current folder.
+
+Who runs a program in a folder of strangers wants none of their code and settings. Python looks there for
+modules, numba and matplotlib for settings, and the loader for shared libraries once OpenCV is loaded: it
+leaves an empty entry in `LD_LIBRARY_PATH`.
+"""
 
 import os
 import platform
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+_LOCK = threading.RLock()
 
 SINGLE_THREADED = dict.fromkeys(
     ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1"
@@ -30,12 +40,41 @@ _X86_BASELINE = {
 _ARM_BASELINE = {"OPENBLAS_CORETYPE": "ARMV8"}
 
 
+def python_module(module: str, *words: object) -> list[str]:
+    """Return the command that runs a module in a process of its own, with `child_environment`."""
+    return [sys.executable, "-P", "-m", module, *map(str, words)]
+
+
+def child_environment() -> dict[str, str]:
+    """Return an environment in which Python finds the modules of this process, and no others."""
+    path = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    return {**os.environ, **_library_path(), "PYTHONPATH": path, "PYTHONSAFEPATH": "1"}
+
+
+def _library_path() -> dict[str, str]:
+    """Return where shared libraries are looked for, without empty entries, which are the current folder."""
+    found = os.environ.get("LD_LIBRARY_PATH")
+    return {} if found is None else {"LD_LIBRARY_PATH": ":".join(filter(None, found.split(":")))}
+
+
+@contextmanager
+def without_settings(name: str) -> Iterator[None]:
+    """Import a library that would read settings from a file of this name in the current folder."""
+    with _LOCK:
+        os.environ |= _library_path()  # matplotlib starts a program
+        exists = os.path.exists
+        os.path.exists = lambda path: path != name and exists(path)
+        try:
+            yield
+        finally:
+            os.path.exists = exists
+
+
 def baseline_environment() -> dict[str, str]:
     """Return an environment in which libraries compute the same on every processor of a family."""
     import numpy as np
 
-    environment = {**os.environ, **SINGLE_THREADED, "OPENCV_LOG_LEVEL": "ERROR"}
-    environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    environment = {**child_environment(), **SINGLE_THREADED, "OPENCV_LOG_LEVEL": "ERROR"}
     environment.pop("NPY_ENABLE_CPU_FEATURES", None)
     extensions = np.show_config(mode="dicts")["SIMD Extensions"]
     dispatched = [*extensions.get("found", []), *extensions.get("not found", [])]

@@ -72,9 +72,9 @@ _PREDICTED: dict[str, object] = {
 """On the front of rate and time that `benchmarks.searches.key_pictures` finds; slower ones do not leave
 the encoder as cheap as x264 superfast. Chosen on box, cube, desk, river, stone and tree."""
 _RATE_FACTOR = 30
-CHROMA_QP_OFFSET = -4
-"""QP of chroma over that of luma: chroma of all frames between rests on it. Chosen on box, desk, river,
-stone, street and tree; `benchmarks.searches.settings --colour` searches."""
+CHROMA_QP_OFFSET = -2
+"""QP of chroma over that of luma: chroma of all frames between rests on it. Chosen on box and tree by
+`benchmarks.searches.settings dvc.keyframes.CHROMA_QP_OFFSET=0 --colour`."""
 # Nothing may be concealed: any syntax error ends the decoding of the picture.
 _DECODER_OPTIONS = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}
 

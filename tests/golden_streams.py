@@ -33,8 +33,7 @@ class Golden:
     num_frames: int
     coding: str
     method: str
-    has_p_type: bool = False
-    comes_back: bool = False  # the camera pans away fast, and back
+    predicted_keys: bool = False  # whether some key frames are predicted
     uneven: bool = False  # frames come at a variable rate
 
     @property
@@ -65,6 +64,7 @@ def scene(name: str, size: tuple[int, int], coding: str, method: str = "depth") 
 
 
 HIERARCHICAL = "--qp 28 --gop 8 --references hierarchical"
+PREDICTED = "--codec 2d --qp 28 --gop 3 --key-frames predicted"
 GOLDEN = [
     moving_texture_stream("colour", (48, 32), 5, "--wz-q 5"),
     moving_texture_stream("odd-luma", (45, 35), 5, "--wz-q 3 --gop 4 --luma-only"),
@@ -73,6 +73,8 @@ GOLDEN = [
     moving_texture_stream("lossless-keys", (48, 32), 5, "--wz-q 4 --key-qp lossless"),
     moving_texture_stream("hierarchical", (48, 32), 9, "--wz-q 4 --gop 8 --references hierarchical"),
     moving_texture_stream("qp", (48, 32), 9, HIERARCHICAL),
+    Golden("2d-predicted", (48, 32), 13, "--codec 2d --qp 30 --gop 4 --intra-period 8", "mci", True),
+    Golden("2d-predicted-lossless", (45, 35), 7, f"{PREDICTED} --key-qp lossless", "mci", True),
     moving_texture_stream("long-delay", (48, 32), 9, f"{HIERARCHICAL} --long-delay"),
     Golden("2d-time-stamps", (48, 32), 5, "--codec 2d --wz-q 4", "mci", uneven=True),
     Golden("2d-limited", (48, 32), 17, "--codec 2d --gop 4 --luma-only --bitrate 40k", "mci"),
@@ -87,22 +89,13 @@ GOLDEN = [
     scene("te-blocks", (104, 88), "-te --gop 3 --min-gop 3 --wz-q 4", "blocks"),
     scene("te-mesh", (104, 88), "-te --gop 3 --min-gop 3 --wz-q 4", "mesh"),
     scene("fused", (104, 88), " --gop 3 --wz-q 5", "fused"),
-    scene("te-qp", (104, 88), "-te --gop 3 --min-gop 3 --qp 26 --intra-period 1"),
-    Golden("3d-te-p-type", (104, 88), 7, "--codec 3d-te --gop 3 --qp 35 --intra-period 8", "depth", True),
-    Golden(
-        "3d-te-long-term",
-        (80, 64),
-        13,
-        "--codec 3d-te --gop 3 --min-gop 3 --longest-track 99 --qp 38",
-        "depth",
-        True,
-        True,
-    ),
+    scene("te-qp", (104, 88), "-te --gop 3 --min-gop 3 --qp 26 --key-frames intra"),
+    Golden("3d-te-predicted", (104, 88), 7, "--codec 3d-te --gop 3 --qp 35 --intra-period 8", "depth", True),
     Golden(
         "3d-te",
         (104, 88),
         7,
-        "--gop 2 --qp 35 --luma-only --intra-period 8 --no-feedback",
+        "--gop 6 --qp 18 --luma-only --intra-period 8 --no-feedback --rate-margin 400",
         "depth",
         True,
     ),
@@ -112,11 +105,8 @@ GOLDEN = [
 def source(golden: Golden, folder: Path) -> Path:
     """Write the clip that a golden stream was made from."""
     width, height = golden.size
-    if golden.comes_back:
-        away = moving_texture(4 * golden.num_frames, height, width, (0.0, 16.0))[: golden.num_frames // 2 + 1]
-        frames: Sequence[Frame] = [*away, *away[-2::-1]]
-    elif golden.method == "mci":
-        frames = moving_texture(golden.num_frames, height, width)
+    if golden.method == "mci":
+        frames: Sequence[Frame] = moving_texture(golden.num_frames, height, width)
     else:
         half = ((height + 1) // 2, (width + 1) // 2)
         chroma = np.full(half, 100, np.uint8), np.full(half, 150, np.uint8)

@@ -439,8 +439,8 @@ def test_help_tells_the_defaults_of_the_variants(
     for name, variant in VARIANTS.items():
         assert f"{name}: {variant.summary}" in told
     assert f"default: {DEFAULT_CODEC}" in told
-    assert "2 with 2d and 3d; 10 with 3d-td; 16 (8 if only key frames are references) with 3d-te" in told
-    assert "default: 64 (40 if only key frames are references, 40 with --no-feedback)" in told
+    assert "2 with 2d and 3d; 10 with 3d-td; 8 (16 with --key-frames intra) with 3d-te" in told
+    assert "default: 64 (40 if only key frames are references)" in told
 
 
 def test_expected_errors_become_one_line(capsys: pytest.CaptureFixture[str]) -> None:

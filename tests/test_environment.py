@@ -1,12 +1,14 @@
 """Libraries of a process that is started with the baseline environment run the same code on any processor."""
 
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from dvc.environment import ONE_HEAP, baseline_environment
+from dvc.environment import ONE_HEAP, baseline_environment, child_environment, without_settings
 
 REPORT = """
 import json
@@ -58,6 +60,30 @@ def test_baseline_is_stated_whole(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv(name, "other")
     assert baseline_environment() == plain
     assert plain["DVC_SOMETHING"] == "else"
+
+
+def test_shared_libraries_are_not_looked_for_in_the_current_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Empty entries go, those of the user stay."""
+    monkeypatch.setenv("LD_LIBRARY_PATH", ":/one::/two:")
+    assert child_environment()["LD_LIBRARY_PATH"] == "/one:/two"
+    with without_settings("any"):
+        assert os.environ["LD_LIBRARY_PATH"] == "/one:/two"
+    monkeypatch.setenv("LD_LIBRARY_PATH", ":")
+    assert child_environment()["LD_LIBRARY_PATH"] == ""
+    monkeypatch.delenv("LD_LIBRARY_PATH")
+    assert "LD_LIBRARY_PATH" not in child_environment()
+
+
+def test_settings_are_hidden_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only by their name in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("settings", "other"):
+        Path(name).touch()
+    with without_settings("settings"):
+        assert not os.path.exists("settings")
+        assert os.path.exists("other")
+        assert os.path.exists(tmp_path / "settings")
+    assert os.path.exists("settings")
 
 
 def test_memory_is_kept_whatever_the_parent_does(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -84,11 +84,8 @@ def test_golden_stream_decodes_to_the_frozen_frames(golden: Golden, form: str, t
     record, frames = decode(golden, form, tmp_path)
     assert record == frozen.records(FOLDER)[golden.path(form).name]
     served = {(frame["side_information"], frame["side_information_reason"]) for frame in frames}
-    expected = {(golden.method, "")} | ({("p-type", "")} if golden.has_p_type else set())
-    if golden.comes_back:  # by turning: there is no scene to reconstruct
-        assert {method for method, _ in served} == {"tracks", "p-type"}
-    else:
-        assert expected == served if form != "no-feedback" else expected <= served
+    expected = {(golden.method, "")}
+    assert expected == served if form != "no-feedback" else expected <= served
     assert {frame["num_failed_planes"] for frame in frames} == {0}
 
 

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -88,6 +89,34 @@ def test_kernels_run_where_no_folder_can_be_written_to(
     function._cache.save_overload(function.signatures[0], function.overloads[function.signatures[0]])
     assert function._cache.load_overload(function.signatures[0], function.targetctx) is not None
     assert [path.parent.name for path in tmp_path.rglob("*.nbi")] == ["__pycache__"]
+
+
+@pytest.mark.parametrize("change", ["nothing", "mode", "owner"])
+def test_code_that_others_may_have_written_is_not_loaded(tmp_path: Path, change: str) -> None:
+    """A cache that all may write to, or that another user owns, is neither read nor written."""
+    if change == "owner" and os.geteuid() != 0:
+        pytest.skip("only root can give a folder away")
+    (tmp_path / "caller.py").write_text(KERNEL.format("", "kernel", "caller", "x + 1"))
+    assert [result_of(tmp_path, 1) for _ in range(2)] == ["1 0\n", "1 1\n"]
+    (index,) = tmp_path.rglob("*.nbi")
+    if change == "mode":
+        index.parent.chmod(0o777)
+    if change == "owner":
+        os.chown(index.parent, 12345, 12345)
+    told = tmp_path / "told"
+    index.write_bytes(pickle.dumps(_Stranger(told)))
+    assert result_of(tmp_path, 1) == "1 0\n"
+    assert told.exists() == (change == "nothing")
+
+
+class _Stranger:
+    """Runs code when it is read."""
+
+    def __init__(self, told: Path) -> None:
+        self._told = told
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self._told,)
 
 
 def test_what_is_loaded_needs_nothing_of_the_compiler(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from dvc.wynerziv.quantizer import quantization_of_step
 def bomb(width: int, height: int, gop: int, num_gops: int) -> bytes:
     """Return a stream of grey key frames, and of Wyner-Ziv frames between them that have no plane."""
     keys = KeyFrameEncoder(width, height, 51, luma_only=True)
-    key = keys.encode(Frame(np.full((height, width), 128, np.uint8)))
+    key = keys.encode(Frame(np.full((height, width), 128, np.uint8))).data
     video = VideoConfig(width, height, 25, 1, luma_only=True)
     key_config = {"parameter_sets": keys.parameter_sets}
     config = codec_config(video, "2d", Qp(51), gop={"length": gop}, key=key_config)
@@ -32,7 +32,7 @@ def bomb(width: int, height: int, gop: int, num_gops: int) -> bytes:
     with StreamWriter(file, config, "buffered") as writer:
         writer.write_gop(GopRecord(1, key))
         for _ in range(num_gops):
-            writer.write_gop(GopRecord(gop, key, b"", (empty,) * (gop - 1)))
+            writer.write_gop(GopRecord(gop, key, False, b"", (empty,) * (gop - 1)))
     return file.getvalue()
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.errors import RdCurveError
-from dvc.metrics import BdResult, Method, bd_psnr, bd_rate, mean_psnr_db, psnr_db, ssim
+from dvc.metrics import BdResult, Method, bd_psnr, bd_rate, mean_psnr_db, psnr_db, psnr_yuv_db, ssim
 
 RATES = [100.0, 210.0, 380.0, 700.0, 1300.0]
 PSNRS_DB = [28.1, 31.0, 33.6, 36.1, 39.0]
@@ -52,6 +52,11 @@ def test_mean_psnr_is_the_mean_of_frames() -> None:
     assert mean_psnr_db([30.0, math.inf]) == math.inf
     with pytest.raises(ValueError, match="empty"):
         mean_psnr_db([])
+
+
+def test_luma_weighs_most_in_colour() -> None:
+    """Six of eight parts are luma, one is each plane of chroma."""
+    assert psnr_yuv_db(32.0, 40.0, 48.0) == 35.0
 
 
 def test_ssim_orders_distortions() -> None:

@@ -28,8 +28,8 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def encoded(clip: Path, stream: Path, *options: str) -> Path:
     """Encode the clip without feedback; return the stream."""
-    arguments = [str(clip), str(stream), "--gop", "2", "--qp", "26", "--luma-only", "--quiet"]
-    assert encoder.main([*arguments, "--intra-period", "6", "--no-feedback", *options]) == 0
+    arguments = [str(clip), str(stream), "--gop", "6", "--qp", "14", "--luma-only", "--quiet"]
+    assert encoder.main([*arguments, "--no-feedback", *options]) == 0
     return stream
 
 
@@ -78,7 +78,7 @@ def test_planes_that_are_short_are_concealed(clip: Path, tmp_path: Path) -> None
 
 def test_what_is_short_serves_all_the_same(clip: Path, tmp_path: Path) -> None:
     """Frames of which a syndrome was too short are hardly worse than their prediction."""
-    stream = encoded(clip, tmp_path / "short.dvc", "--rate-margin", "0")
+    stream = encoded(clip, tmp_path / "short.dvc", "--rate-margin", "0", "--qp", "18")
     report, _ = decoded(stream, tmp_path, "--reference", str(clip))
     rows = [row for row in report["per_frame"] if row.get("num_failed_planes")]
     assert rows
@@ -90,14 +90,14 @@ def test_streams_are_small(clip: Path, tmp_path: Path) -> None:
     sizes = [
         encoded(clip, tmp_path / "s.dvc", "--rate-margin", margin).stat().st_size for margin in ("0", "200")
     ]
-    arguments = [str(clip), str(tmp_path / "b.dvc"), "--gop", "3", "--qp", "26", "--luma-only", "--quiet"]
+    arguments = [str(clip), str(tmp_path / "b.dvc"), "--gop", "6", "--qp", "14", "--luma-only", "--quiet"]
     assert encoder.main(arguments) == 0
     assert sizes[0] < sizes[1] < (tmp_path / "b.dvc").stat().st_size
 
 
 @pytest.mark.parametrize("num_frames", [1, 2])
 def test_short_clips(clip: Path, tmp_path: Path, num_frames: int) -> None:
-    """One frame is a key frame; two are two, or one and a P-type frame."""
+    """One frame is a key frame; two are two."""
     stream = encoded(clip, tmp_path / "one.dvc", "--frames", str(num_frames))
     assert decoded(stream, tmp_path)[0]["frames"] == num_frames
 
@@ -110,8 +110,7 @@ def test_short_clips(clip: Path, tmp_path: Path, num_frames: int) -> None:
         (["--rate-margin", "10"], "--rate-margin is for --no-feedback"),
         (["--no-feedback", "--coder", "turbo"], "--long-delay and --coder are not for --no-feedback"),
         (["--no-feedback", "--long-delay"], "--long-delay and --coder are not for --no-feedback"),
-        (["--long-term", "5", "--codec", "2d"], "--long-term is for GOPs whose points are tracked"),
-        (["--long-term", "5", "--wz-q", "4"], "--long-term is for GOPs whose points are tracked"),
+        (["--key-frames", "intra", "--intra-period", "9"], "--intra-period is for --key-frames predicted"),
         (["--no-feedback", "--serve", "127.0.0.1:0"], "give either OUTPUT or --serve"),
         (["--bitrate", "300k"], "--bitrate and --max-bits-per-frame are for --serve and --no-feedback"),
         (["--max-bits-per-frame", "300k"], "--bitrate and --max-bits-per-frame are for --serve"),

@@ -206,7 +206,7 @@ def kinds() -> dict[str, Kind]:
         "qp-punctured": _made("2d", "punctured", by_qp=True),
         "tracks": _made("3d-te", "buffered"),
         "points": _made("3d-td", "buffered"),
-        "p-type": _made("3d-te", "buffered", by_qp=True),
+        "predicted": _made("3d-te", "buffered", by_qp=True),
         "no-feedback": _of_stream(partial(frozen, "3d-te-no-feedback"), scene),
         "colour": _of_stream(partial(frozen, "2d-odd-colour-punctured"), small),
         "lossless-keys": _of_stream(partial(frozen, "2d-lossless-keys-buffered"), small),

@@ -25,6 +25,7 @@ import numpy as np
 from benchmarks.hostile.lost_links import Decoded, Ends, Files, check_end, source_of
 from benchmarks.results.encoder import looped
 from benchmarks.results.harness import report_of
+from dvc.environment import child_environment, python_module
 from dvc.feedback import parse_address
 from dvc.feedback.authentication import GREETING, NONCE_BYTES, PROOF_BYTES, authenticate
 from dvc.feedback.opening import NEW, SESSION_BYTES, Opening
@@ -107,8 +108,8 @@ def good_run(
         started_s = time.monotonic()
         decoder = ends.decoder(address, files, *token)
         if hellos:
-            words = ["-m", __spec__.name, "--send", address, *map(str, hellos)]
-            sender = subprocess.Popen([sys.executable, *words])
+            command = python_module(__spec__.name, "--send", address, *hellos)
+            sender = subprocess.Popen(command, env=child_environment())
         check_end(decoder, 0)
         wall_s = time.monotonic() - started_s
     taken = Taken(wall_s, _children_s() - before_s, report_of(ends.encoder_report)["coding_cpu_s"])

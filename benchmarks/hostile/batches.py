@@ -3,7 +3,6 @@
 import resource
 import signal
 import subprocess
-import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -15,6 +14,7 @@ from benchmarks.hostile.attempts import Kind, kinds
 from benchmarks.hostile.workers import forked_workers
 from decoder.processes import stop_idle_processes
 from dvc import cli
+from dvc.environment import child_environment, python_module
 from dvc.errors import DvcError
 from dvc.memory import address_bytes
 
@@ -119,13 +119,13 @@ def run(tries: Sequence[Try], advance: Advance = lambda _: None) -> list[str]:
 
 def _child(tries: Sequence[Try], advance: Advance) -> tuple[list[str], str]:
     """Return outcomes of a process as far as it came, and how it ended."""
-    command = [sys.executable, "-m", "benchmarks.hostile", "--child"]
+    command = python_module("benchmarks.hostile", "--child")
     outcomes: list[str] = []
     with TemporaryFile("w+") as asked, TemporaryFile() as said:
         asked.writelines(f"{kind} {number}\n" for kind, number in tries)
         asked.seek(0)
         with subprocess.Popen(
-            command, stdin=asked, stdout=subprocess.PIPE, stderr=said, text=True
+            command, env=child_environment(), stdin=asked, stdout=subprocess.PIPE, stderr=said, text=True
         ) as process:
             _running.append(process)
             assert process.stdout is not None

@@ -24,6 +24,7 @@ from benchmarks.results.encoder import looped
 from benchmarks.results.harness import clip_source, report_of
 from benchmarks.slow_link import SlowLink, slow_link
 from dvc.cli import EXIT_PARTIAL
+from dvc.environment import child_environment, python_module
 from dvc.feedback import parse_address
 from dvc.files import PARTIAL_SUFFIX
 from dvc.video import open_video
@@ -84,8 +85,8 @@ def start(
     module: str, *words: object, stdin: int | None = None, patience_s: int = PATIENCE_S
 ) -> "subprocess.Popen[str]":
     """Start one end."""
-    command = [sys.executable, "-m", module, *map(str, words), "--patience", str(patience_s), "--quiet"]
-    return subprocess.Popen(command, stdin=stdin, stderr=subprocess.PIPE, text=True)
+    command = python_module(module, *words, "--patience", patience_s, "--quiet")
+    return subprocess.Popen(command, env=child_environment(), stdin=stdin, stderr=subprocess.PIPE, text=True)
 
 
 class Ends:

@@ -22,6 +22,7 @@ from typing import Any
 
 from benchmarks.mutants.named import NAMED, named_change
 from benchmarks.mutants.operators import OPERATORS, Change, changes
+from dvc.environment import child_environment, python_module
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = (
@@ -95,21 +96,10 @@ def stages(change: Change, root: Path) -> list[tuple[str, ...]]:
 
 def failed(tree: Path, tests: Sequence[str], limit_s: float) -> bool | None:
     """Tell whether tests fail; None if they take too long."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-x",
-        "-q",
-        "-m",
-        "not slow",
-        "-p",
-        "no:cacheprovider",
-        "--timeout=60",
-    ]
-    environment = {**os.environ, "PYTHONPATH": str(tree), "DVC_REGENERATE": "0"}
+    options = ["-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", "--timeout=60"]
+    environment = child_environment() | {"PYTHONPATH": str(tree), "DVC_REGENERATE": "0"}
     with subprocess.Popen(
-        [*command, *tests],
+        python_module("pytest", *options, *tests),
         cwd=tree,
         env=environment,
         stdout=subprocess.DEVNULL,

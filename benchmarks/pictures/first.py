@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.pictures.drawing import Picture
+from dvc.environment import child_environment, python_module
 from dvc.multiview.depth_maps import estimate_depths
 from dvc.page.drawing import colour_disparity, in_rows, with_title
 from dvc.video import Frame, open_video
@@ -49,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(module: str, *arguments: str) -> None:
-    subprocess.run([sys.executable, "-m", module, *arguments], check=True)
+    subprocess.run(python_module(module, *arguments), env=child_environment(), check=True)
 
 
 def _draw(decoded: str, predicted: str, frames: list[dict[str, Any]]) -> Picture:

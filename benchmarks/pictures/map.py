@@ -8,6 +8,8 @@ from pathlib import Path
 
 import cv2
 
+from dvc.environment import child_environment, python_module
+
 PICTURE = Path("docs/scene/map.jpg")
 SIZE_PX = 960, 600
 QP = "30"
@@ -32,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(module: str, *arguments: str) -> None:
-    subprocess.run([sys.executable, "-m", module, *arguments], check=True)
+    subprocess.run(python_module(module, *arguments), env=child_environment(), check=True)
 
 
 def _take(page_path: Path, target: Path) -> None:

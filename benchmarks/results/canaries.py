@@ -29,8 +29,10 @@ def anchors() -> str:
         run_module("sequences", "render", "street", "--size", _CODED_SIZE, "--frames", 17, "--out", video)
         for name, codec in ANCHOR_CODECS.items():
             files += [Path(scratch) / f"{name}{codec.suffix}", Path(scratch) / f"{name}.json"]
-            encode_file(video, files[-2], codec, 28)
-            measured = measure_file(files[-2], video, zero_motion=codec.zero_motion)
+            encode_file(video, files[-2], codec, 28, luma_only=codec.zero_motion)
+            measured = measure_file(
+                files[-2], video, zero_motion=codec.zero_motion, luma_only=codec.zero_motion
+            )
             files[-1].write_text(json.dumps(measured["per_frame"]), encoding="utf-8")
         return _digest(files)
 
@@ -43,7 +45,7 @@ def _codec(*options: object, **num_frames: int) -> Callable[[Path], str]:
             video, stream, punctured = (folder / f"{scene}{end}" for end in (".mkv", ".dvc", "-small.dvc"))
             sizes = "--size", _CODED_SIZE, "--frames", frames
             run_module("sequences", "render", scene, *sizes, "--out", video)
-            run_module("encoder", video, stream, *options, "--luma-only", "--quiet")
+            run_module("encoder", video, stream, *options, "--quiet")
             files = [] if "--no-feedback" in options else ["--punctured", punctured]
             run_module("decoder", stream, folder / f"{scene}.y4m", *files, "--quiet")
         return _digest(folder.iterdir()) + anchors()[:8]
@@ -88,7 +90,7 @@ CANARIES: dict[str, Callable[[Path], str]] = {
     "default": _codec("--qp", 30, street=25, stairway=34),
     "no-feedback": _codec("--qp", 30, "--no-feedback", street=25, stairway=25),
     "2d": _codec("--qp", 30, "--codec", "2d", street=9),
-    "matrices": _codec("--wz-q", 3, street=9),
+    "matrices": _codec("--wz-q", 3, "--luma-only", street=9),
     "stereo": _stereo,
     "texture-depth": _texture_depth,
     "depth-map": _depth_map,

@@ -2,15 +2,15 @@
 
 import statistics
 import subprocess
-import sys
 from collections.abc import Callable
 from functools import cache
 
 from benchmarks.results.harness import Measured, Missing, Setting, mean_of
+from dvc.environment import child_environment, python_module
 from dvc.errors import DvcError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.curves import ANCHOR_LABEL, Curve, experiments
-from dvc.rd.differences import compare_curves
+from dvc.rd.differences import Measure, compare_curves
 from dvc.rd.point_result import PointResult
 from dvc.rd.points import ANCHORS
 from dvc.rd.results import read_results
@@ -20,14 +20,17 @@ FRAMES, QUICK_FRAMES = 49, 9
 QPS, FEW_QPS, PROVEN_QP = (24, 28, 32, 36), (24, 30, 36), 36
 QUICK_QPS = (28, 36)
 ANCHOR_QPS = (20, 24, 28, 32, 36, 42)
-DEFAULT = "default"
+DEFAULT, LUMA_ONLY = "default", "luma-only"
 CODECS: dict[str, tuple[str, ...]] = {
     "2d": ("--codec", "2d"),
     "no-feedback": ("--no-feedback",),
+    LUMA_ONLY: ("--luma-only",),
 }
 """Options of `dvc-rd run` beside qualities, by the name of the folder."""
 MATRICES, QUICK_MATRICES = (1, 3, 5), (1, 3)
 """DISCOVER quantisation matrices that reach the PSNRs of `QPS`."""
+_OF_LUMA = (LUMA_ONLY, "matrices", "scene", "block-motion")
+"""Folders of streams without chroma; all others are in colour."""
 
 
 def frames(setting: Setting) -> int:
@@ -41,9 +44,9 @@ def _numbers(values: tuple[int, ...]) -> str:
 
 def run_sweep(setting: Setting, clips: list[str], name: str, *options: str, num_frames: int) -> None:
     """Measure points by `dvc-rd run`; those that are there, of this code, are kept."""
-    command = [sys.executable, "-m", "dvc.rd", "run", *clips, "--frames", str(num_frames), *options]
+    command = python_module("dvc.rd", "run", *clips, "--frames", num_frames, *options)
     command += ["--out", str(setting.scratch(name)), "--jobs", str(setting.jobs)]
-    if subprocess.run(command, check=False).returncode != 0:
+    if subprocess.run(command, env=child_environment(), check=False).returncode != 0:
         raise DvcError(f"some points of {name} could not be measured; see above")
 
 
@@ -54,9 +57,11 @@ def sweep(setting: Setting, name: str, anchor: str | None = None) -> dict[str, C
     if anchor is not None:
         qps = setting.choose(ANCHOR_QPS, ANCHOR_QPS[1::2])
         words = ["--qp", str(PROVEN_QP), "--anchor", anchor, "--anchor-qp", _numbers(qps)]
+        words += ["--luma-only", "--no-proof"] if name == LUMA_ONLY else []
         run_sweep(setting, clips, name, *words, num_frames=count)
     elif name == "matrices":
-        words = ["--wz-q", _numbers(setting.choose(MATRICES, QUICK_MATRICES)), "--no-proof"]
+        matrices = _numbers(setting.choose(MATRICES, QUICK_MATRICES))
+        words = ["--wz-q", matrices, "--luma-only", "--no-proof"]
         run_sweep(setting, clips, name, *words, num_frames=count)
     elif name == DEFAULT:
         qps = tuple(qp for qp in setting.choose(QPS, QUICK_QPS) if qp != PROVEN_QP)
@@ -81,28 +86,31 @@ def curves_in(
         matching = [
             curve for curve in one.curves if (not curve.is_anchor if label is None else curve.label == label)
         ]
-        if clip in clips and one.key[2] == num_frames and matching:
+        if clip in clips and one.key[2:] == (num_frames, name in _OF_LUMA) and matching:
             found[clip] = matching[0]
     if missing := set(clips) - set(found):
         raise Missing(f"{name}: no curve of {', '.join(sorted(missing))}")
     return found
 
 
-def bd_rates(reference: dict[str, Curve], other: dict[str, Curve]) -> dict[str, float]:
+def bd_rates(
+    reference: dict[str, Curve], other: dict[str, Curve], measure: Measure = "luma"
+) -> dict[str, float]:
     """Return BD-rates in percent, by clip."""
     found = {}
     for clip, curve in other.items():
-        difference = compare_curves(reference[clip], curve)
+        difference = compare_curves(reference[clip], curve, "rate", measure)
         if isinstance(difference, str):
             raise DvcError(f"{clip}: {difference}")
         found[clip] = difference.value
     return found
 
 
-def against_anchor(setting: Setting, anchor: str, name: str = DEFAULT) -> Measured:
+def against_anchor(setting: Setting, anchor: str, name: str = DEFAULT, measure: Measure = "luma") -> Measured:
     """Compare with a standard codec on the same frames."""
     codec = sweep(setting, name)
-    return mean_of(bd_rates(sweep(setting, DEFAULT, anchor), codec), frames(setting))
+    reference = sweep(setting, name if name == LUMA_ONLY else DEFAULT, anchor)
+    return mean_of(bd_rates(reference, codec, measure), frames(setting))
 
 
 def against_codec(setting: Setting, reference: str, name: str = DEFAULT) -> Measured:
@@ -163,7 +171,10 @@ def concealed_percent(setting: Setting) -> Measured:
 
 
 SIDE_INFORMATION_FRAMES = 33
-_SIDE_INFORMATION = ("--wz-q", "1", "--key-qp", "lossless", "--option", "references=keys", "--no-proof")
+_SIDE_INFORMATION = (
+    *("--wz-q", "1", "--key-qp", "lossless", "--option", "references=keys"),
+    *("--luma-only", "--no-proof"),
+)
 
 
 def side_information_gain(setting: Setting) -> Measured:

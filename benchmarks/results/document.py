@@ -132,7 +132,8 @@ The {count} headline results, made by `make results`; nothing is typed in. All a
 code whose canaries gave the same bytes; two sum up what `make fuzz` and `make cuts` have tried so far.
 Means over clips, least and largest clip in brackets. BD-rate: mean difference in rate at equal PSNR, negative
 is less; `dvc-rd compare` tells the same of the folders of `results/headline`. Clips: box, desk, river, stone,
-tree, cube (`../shared/sequences`) and the rendered scenes street, stairway, statue; luma, CIF. Rates are
+tree, cube (`../shared/sequences`) and the rendered scenes street, stairway, statue; CIF. Streams are in
+colour unless a result says luma only; PSNRs are of luma unless it says colour, (6 Y + Cb + Cr) / 8. Rates are
 sizes of files. [Anchors](anchors.md) run at constant QP on the same frames. A missed target says that the
 project is not where it shall be; a document that tells another number than the result, a false claim, makes a
 test fail. `python -m benchmarks.results --check` tells which results are those of the code.

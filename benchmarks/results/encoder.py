@@ -33,7 +33,7 @@ MIB = 2**20
 
 def _encode(source: Path, folder: Path, frames: int, *options: object) -> dict[str, Any]:
     report = folder / "encoder.json"
-    words = [source, folder / "stream.dvc", "--luma-only", "--frames", frames, *options]
+    words = [source, folder / "stream.dvc", "--frames", frames, *options]
     run_module("encoder", *words, "--json", report, "--quiet")
     return report_of(report)
 

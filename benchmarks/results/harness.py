@@ -10,6 +10,7 @@ from itertools import cycle, islice
 from pathlib import Path
 from typing import Any, TypeVar
 
+from dvc.environment import child_environment, python_module
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.sources import Source, default_cache, find_source
@@ -108,8 +109,9 @@ print(json.dumps([status, wall, used.ru_utime + used.ru_stime, used.ru_maxrss * 
 
 def run_module(module: str, *arguments: object) -> Usage:
     """Run a module of the project in a fresh process, to its end."""
-    command = [sys.executable, "-I", "-S", "-c", _LAUNCHER, sys.executable, "-m", module]
-    launched = subprocess.run([*command, *map(str, arguments)], capture_output=True, text=True, check=True)
+    python, *words = python_module(module, *arguments)
+    command = [python, "-I", "-S", "-c", _LAUNCHER, python, *words]
+    launched = subprocess.run(command, env=child_environment(), capture_output=True, text=True, check=True)
     status, wall_s, cpu_s, peak_bytes = json.loads(launched.stdout)
     if status != 0:
         raise DvcError(f"python -m {module} ended with status {status}: {launched.stderr.strip()[-300:]}")

@@ -2,7 +2,6 @@
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 from benchmarks.hostile.attempts import kinds
@@ -10,6 +9,7 @@ from benchmarks.hostile.batches import GOOD, outcome_of
 from benchmarks.hostile.parts import CUTS, FUZZING, Tried
 from benchmarks.results.code import ROOT
 from benchmarks.results.harness import Measured, Missing, Setting
+from dvc.environment import child_environment, python_module
 from dvc.errors import DvcError
 
 COUNT, QUICK_COUNT = 400, 5
@@ -20,8 +20,8 @@ FINDS = ROOT / "tests" / "golden" / "finds"
 def harmful(setting: Setting) -> Measured:
     """Mutate what commands receive; count crashes, hangs, tracebacks and large allocations."""
     count = setting.choose(COUNT, QUICK_COUNT)
-    command = [sys.executable, "-m", "benchmarks.hostile", "--count", str(count)]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    command = python_module("benchmarks.hostile", "--count", count)
+    done = subprocess.run(command, env=child_environment(), stdout=subprocess.PIPE, text=True, check=False)
     kinds = re.findall(r"^([a-z][\w-]*): (.*)", done.stdout, flags=re.MULTILINE)
     if not kinds or done.returncode not in (0, 2):
         raise DvcError(f"the mutations ended with status {done.returncode}: {done.stdout[-300:]}")

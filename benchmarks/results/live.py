@@ -1,7 +1,6 @@
 """Live runs of both programs: what the encoder takes for all requests, and whether files say the same."""
 
 import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.results.encoder import anchor_frame_ms, later_frames_ms, own_cpu_s
 from benchmarks.results.harness import Measured, Setting, clip_source, mean_of, report_of, run_module
+from dvc.environment import child_environment, python_module
 from dvc.errors import DvcError
 
 LENGTHS, QUICK_LENGTHS = (9, 33), (5, 9)
@@ -28,18 +28,9 @@ class LiveRun:
 @contextmanager
 def serving(video: Path, folder: Path, options: Sequence[object]) -> Iterator[str]:
     """Run an encoder that waits for a decoder, which comes to the address that the block is given."""
-    words = [
-        sys.executable,
-        "-m",
-        "encoder",
-        str(video),
-        "--serve",
-        "127.0.0.1:0",
-        "--timeout",
-        str(PATIENCE_S),
-    ]
-    words += [*map(str, options), "--json", str(folder / "encoder.json"), "--quiet"]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as encoder:
+    words = [video, "--serve", "127.0.0.1:0", "--timeout", PATIENCE_S, *options]
+    command = python_module("encoder", *words, "--json", folder / "encoder.json", "--quiet")
+    with subprocess.Popen(command, env=child_environment(), stderr=subprocess.PIPE, text=True) as encoder:
         assert encoder.stderr is not None
         try:
             yield encoder.stderr.readline().split()[-1]
@@ -72,7 +63,7 @@ def _runs(setting: Setting) -> dict[str, tuple[float, bool]]:
     lengths, found = setting.choose(LENGTHS, QUICK_LENGTHS), {}
     for clip in setting.clips(setting.choose(CLIPS, QUICK_CLIPS)):
         folder, video = setting.scratch(f"live-{clip}"), clip_source(clip).path
-        runs = {n: live_run(video, folder, ["--luma-only", "--frames", str(n)]) for n in lengths}
+        runs = {n: live_run(video, folder, ["--frames", str(n)]) for n in lengths}
         taken_s = {n: run.encoder_cpu_s for n, run in runs.items()}
         ours_ms = later_frames_ms(taken_s.__getitem__, lengths)
         found[clip] = (

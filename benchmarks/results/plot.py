@@ -7,13 +7,14 @@ from benchmarks.results.code import ROOT
 from benchmarks.results.harness import Setting
 from dvc.errors import DvcError
 from dvc.files import atomic_output
+from dvc.page.plotting import new_figure
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.curves import Curve
 from dvc.rd.points import ANCHORS
 
 PLOT = ROOT / "docs" / "rd.svg"
 CLIPS = ("box", "street")
-SHOWN = ("intra", "x264-ippp-zero", "x264-ippp", "x264-medium", "x265-medium", "svtav1-6")
+SHOWN = ("intra", "x264-ippp", "x264-medium", "x265-medium", "svtav1-6")
 TITLE = "3D-DVC-TE (default)"
 
 
@@ -41,13 +42,9 @@ def curves_of(setting: Setting, clip: str) -> dict[str, Curve]:
 def _drawn(found: dict[str, dict[str, Curve]]) -> bytes:
     from io import BytesIO
 
-    import matplotlib as mpl
-
-    mpl.use("agg")
-    from matplotlib import pyplot as plt
-
-    with mpl.rc_context({"svg.hashsalt": "rd", "svg.fonttype": "path", "font.size": 8}):
-        figure, axes = plt.subplots(1, len(found), figsize=(4.2 * len(found), 3.4), layout="constrained")
+    settings = {"svg.hashsalt": "rd", "svg.fonttype": "path", "font.size": 8}
+    with new_figure((4.2 * len(found), 3.4), settings) as figure:
+        axes = figure.subplots(1, len(found))
         for place, (clip, by_name) in zip(axes, found.items(), strict=True):
             own = by_name[TITLE]
             for name, curve in by_name.items():
@@ -61,5 +58,4 @@ def _drawn(found: dict[str, dict[str, Curve]]) -> bytes:
         axes[0].legend(fontsize=6)
         buffer = BytesIO()
         figure.savefig(buffer, format="svg", metadata={"Date": None})
-        plt.close(figure)
     return buffer.getvalue()

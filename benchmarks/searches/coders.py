@@ -6,14 +6,13 @@ clip with every coder in processes of their own, one at a time, and prints a row
 
 import argparse
 import json
-import os
 import resource
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 from dvc.config import CODERS
+from dvc.environment import child_environment, python_module
 
 POINTS = ("qp=24", "qp=30", "qp=36", "wz-q=1", "wz-q=4", "wz-q=8")
 
@@ -21,7 +20,8 @@ POINTS = ("qp=24", "qp=30", "qp=36", "wz-q=1", "wz-q=4", "wz-q=8")
 def _cpu_s(*command: str) -> float:
     """Run a module of the project; return the processor time that it took."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([sys.executable, "-m", *command], check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    environment = child_environment() | {"OMP_NUM_THREADS": "1"}
+    subprocess.run(python_module(*command), env=environment, check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

@@ -2,18 +2,20 @@
 
 ``python -m benchmarks.searches.settings SETTINGS ... [--clips box tree] [--qp 26 32 38] [--frames 65]`` codes
 and decodes clips as usual, and with each of the settings, those that are tried together joined by commas:
-values of the configuration (``gop.length=16``, ``key.qp=-1`` relative to the usual) and constants of modules,
-for the encoder (``encoder.track_budget.MIN_TRACKS=48``, ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``);
-where groups end (``rule.lost_share=0.4``), and with ``--no-feedback``, as files without feedback, the rate
-margin (``delivery.rate_margin_percent=40``). With ``--colour`` chroma is coded, too, and PSNR is (6 Y + Cb +
-Cr) / 8. A row tells the change of rate less what the change of PSNR is worth on the clip's usual curve, in
-percent: the mean, its standard error, and that of each QP and clip.
+values of the configuration (``gop.length=4``, ``key.qp=-1`` relative to the usual) and constants of modules,
+for the encoder (``dvc.keyframes.INTRA_QP_OFFSET=-2``, ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``);
+bounds at which groups end (``rule.lost_share=0.4``), and with ``--no-feedback``, the
+rate margin (``delivery.rate_margin_percent=40``). With ``--colour`` chroma is coded, too, and PSNR is
+(6 Y + Cb + Cr) / 8. A row states the change of rate less what the change of PSNR is worth on the clip's usual
+curve, in percent: the mean, its standard error, and that of each QP and clip. The last row leaves each clip
+out in turn: what it changes by with what is best for the others.
 """
 
 import argparse
 import io
 import math
 import multiprocessing
+import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
@@ -38,7 +40,8 @@ from dvc.config import (
     VideoConfig,
     codec_config,
 )
-from dvc.metrics import psnr_db
+from dvc.environment import child_environment
+from dvc.metrics import psnr_db, psnr_yuv_db
 from dvc.stream import Form, StreamReader, StreamWriter
 from dvc.video import Frame, VideoInfo, open_video
 from encoder.session import EncoderSession
@@ -113,7 +116,7 @@ def frame_psnr_db(original: Frame, decoded: Frame) -> float:
     luma_db = psnr_db(original.luma, decoded.luma)
     if original.chroma is None or decoded.chroma is None:
         return luma_db
-    return (6.0 * luma_db + sum(map(psnr_db, original.chroma, decoded.chroma))) / 8.0
+    return psnr_yuv_db(luma_db, *map(psnr_db, original.chroma, decoded.chroma))
 
 
 def coded(place: Place, num_frames: int, delivery: Delivery, luma_only: bool = True) -> Coded:
@@ -161,6 +164,29 @@ def row(found: Mapping[Place, Coded], settings: str) -> str:
     return f"{settings}: {values.mean():+.2f} +- {error:.2f} %; QP {means('qp')}; {means('clip')}{tail}"
 
 
+def left_out(found: Mapping[Place, Coded]) -> str:
+    """Return what each clip changes by with the settings that are best for all others."""
+    clips, tried = (
+        [*dict.fromkeys(getattr(place, name) for place in found)] for name in ("clip", "settings")
+    )
+    net = {
+        clip: [
+            np.mean([net_percent(found, at) for at in found if (at.clip, at.settings) == (clip, settings)])
+            for settings in tried
+        ]
+        for clip in clips
+    }
+    best = {
+        clip: int(np.argmin(np.sum([net[other] for other in clips if other != clip], axis=0)))
+        for clip in clips
+    }
+    values = [net[clip][best[clip]] for clip in clips]
+    chosen = ", ".join(
+        f"{clip} {net[clip][best[clip]]:+.1f} ({tried[best[clip]] or 'usual'})" for clip in clips
+    )
+    return f"each clip with what is best for the others: {np.mean(values):+.2f} %; {chosen}"
+
+
 def main(words: Sequence[str] | None = None) -> None:
     """Print a row for each of the settings."""
     parser = argparse.ArgumentParser("python -m benchmarks.searches.settings", description=__doc__)
@@ -180,6 +206,7 @@ def main(words: Sequence[str] | None = None) -> None:
     found: dict[Place, Coded] = {}
     spawning = multiprocessing.get_context("spawn")
     with (
+        mock.patch.dict(os.environ, child_environment()),
         ProcessPoolExecutor(arguments.jobs, spawning) as pool,
         progress_bar("streams", len(places)) as progress,
     ):
@@ -190,6 +217,8 @@ def main(words: Sequence[str] | None = None) -> None:
             progress(1)
     for settings in tried if arguments.no_feedback else arguments.settings:
         print(row(found, settings), flush=True)
+    if len(arguments.clips) > 1:
+        print(left_out(found), flush=True)
 
 
 if __name__ == "__main__":

@@ -8,8 +8,8 @@ from dvc.errors import ConfigError
 
 MAX_TRACKS_BPP = 0.01
 """Most bits that tracks cost, per pixel of the Wyner-Ziv frames."""
-MAX_NEW_TRACKS = 48
-"""Most points of the key frame that closes a group which are followed back."""
+NEW_TRACKS_SHARE = 0.375
+"""Most points of the key frame that closes a group which are followed back, of the most of a key frame."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,9 @@ VARIANTS = {
         side_information=_DEPTH,
         tracks=TracksConfig("encoder", subpixel_bits=1),  # half pixels save more than they cost
         references="hierarchical",
-        usual_groups=GroupPreset(8, KeyFrameRule(longest_track_px=64.0, lost_share=0.68)),
+        # Chosen by `benchmarks.searches.settings rule.lost_share=0.35 rule.lost_share=0.68 gop.length=4
+        # gop.length=16` on the nine clips of the results.
+        usual_groups=GroupPreset(8, KeyFrameRule(longest_track_px=64.0, lost_share=0.45)),
         groups_of_keys=GroupPreset(8),
         intra_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.68)),
         intra_period=INTRA_PERIOD,

@@ -1,10 +1,12 @@
 """Line plots that the colour-blind can read, as bytes that are the same for the same numbers."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from dvc.environment import without_settings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +26,7 @@ MATPLOTLIB_DASHES = {
 SIZE_INCHES = (7.0, 4.8)
 DPI = 150
 SUFFIXES = (".png", ".svg")
+_SETTINGS = {"svg.hashsalt": "dvc3d", "svg.fonttype": "none", "font.size": 10}
 
 
 class Line(NamedTuple):
@@ -35,13 +38,16 @@ class Line(NamedTuple):
 
 
 @contextmanager
-def new_figure(size_inches: tuple[float, float] = SIZE_INCHES) -> "Iterator[Figure]":
-    """Give a figure; a fixed salt, so that the same results give the same bytes."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def new_figure(
+    size_inches: tuple[float, float] = SIZE_INCHES, settings: Mapping[str, Any] = _SETTINGS
+) -> "Iterator[Figure]":
+    """Give a figure whose bytes are the same for the same results, whatever matplotlib is set to."""
+    with without_settings("matplotlibrc"):
+        from matplotlib import style
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
 
-    with mpl.rc_context({"svg.hashsalt": "dvc3d", "svg.fonttype": "none", "font.size": 10}):
+    with style.context(["default", dict(settings)]):
         figure = Figure(figsize=size_inches, layout="constrained")
         FigureCanvasAgg(figure)
         yield figure

@@ -50,7 +50,8 @@ def _add_report(report: argparse.ArgumentParser) -> None:
         "--reference-rows",
         type=Path,
         metavar="FILE.csv",
-        help="points of the H.264 reference software to show beside ours; default: what DVC_ANCHORS names",
+        help="points of the H.264 reference software, of luma only, to show beside those of"
+        " `run --luma-only`; default: what DVC_ANCHORS names",
     )
 
 
@@ -73,9 +74,8 @@ def _add_compare(compare: argparse.ArgumentParser) -> None:
     add(
         "--quality",
         choices=("luma", "mse", "colour"),
-        default="luma",
         help="compare at equal mean PSNR of luma, PSNR of its mean squared error, or (6 Y + Cb + Cr) / 8;"
-        " default: %(default)s",
+        " default: both luma and colour",
     )
     add("--csv", metavar="FILE", help="also write the values (-: instead, to stdout)")
 
@@ -125,9 +125,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     add("--gop", type=cli.integer(1, 256), metavar="N", help="default: that of dvc-encode")
     add("--start", type=cli.integer(0, 10**9), metavar="K", help="first frame; default: 0")
     add("--frames", type=cli.integer(1, 10**9), metavar="N", help="default: all")
-    colour = run.add_mutually_exclusive_group()
-    colour.add_argument("--luma-only", action="store_true", default=None, help="the default")
-    colour.add_argument("--colour", dest="luma_only", action="store_false", help="code chroma as well")
+    add("--luma-only", action="store_true", default=None, help="leave chroma out; default: colour")
     add(
         "--option",
         action="append",
@@ -136,7 +134,13 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         help="any other option of dvc-encode, such as references=all or noise-model=band; repeatable",
     )
     add("--side-information", metavar="METHOD", help="predict with METHOD instead of what the stream names")
-    add("--anchor", action="append", dest="anchors", choices=ANCHORS, help="codec to compare with")
+    add(
+        "--anchor",
+        action="append",
+        dest="anchors",
+        choices=ANCHORS,
+        help="codec to compare with; x264-ippp-zero codes luma only and takes --luma-only",
+    )
     add("--anchor-qp", metavar="LIST", help="default: 20-44:4 and the QPs of the sweep")
     _add_measuring(run)
 
@@ -216,6 +220,8 @@ def _report(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--out must be a file name that ends with .html or .md, got {str(outputs[0])!r}")
     collection = read_folders(arguments.folders)
     reference = reference_results(collection.results, arguments.reference_rows)
+    if arguments.reference_rows and not reference:
+        sys.stderr.write(f"{PROG}: no reference rows: they are of luma only, as `dvc-rd run --luma-only`\n")
     results = [*collection.results, *reference]
     anchor = find_label(results, arguments.against) if arguments.against else ANCHOR_LABEL
     written = write_reports(
@@ -231,19 +237,19 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from dvc.rd.compare import HEAD, at_equal, compare, comparison_csv, comparison_rows
+    from dvc.rd.compare import at_equal, compare, comparison_csv, comparison_table
     from dvc.rd.results import read_results
 
-    before, after = (
-        None if folder is None else at_equal(read_results(folder), arguments.quality)
-        for folder in (arguments.before, arguments.after)
-    )
-    assert before is not None
+    before = read_results(arguments.before)
+    after = None if arguments.after is None else read_results(arguments.after)
+    if arguments.quality is not None:
+        before = at_equal(before, arguments.quality)
+        after = None if after is None else at_equal(after, arguments.quality)
     found = compare(before, after, arguments.against, arguments.curves)
     if arguments.csv is not None:
         _write(arguments.csv, comparison_csv(found))
     if arguments.csv != "-":
-        _show_table(HEAD, comparison_rows(found))
+        _show_table(*comparison_table(found))
     if not any(one.comparable for one in found):
         raise DvcError("none of these curves can be compared; the table says why")
     return 0

@@ -1,6 +1,6 @@
 """Comparison of curves: is one codec better than another, by how much, and up to which rate."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -8,21 +8,22 @@ import numpy as np
 
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
-from dvc.rd.differences import bd_text, compare_curves, crossing_text, crossings_kbps
+from dvc.rd.differences import (
+    MEASURES,
+    NO_CHROMA,
+    Measure,
+    bd_text,
+    compare_curves,
+    crossing_text,
+    crossings_kbps,
+    told_measures,
+)
 from dvc.rd.point_result import PointResult, number
 from dvc.rd.tables import NOTHING, csv_text
 
 if TYPE_CHECKING:
     from dvc.metrics import BdResult
 
-HEAD = (
-    "sequence",
-    "codec",
-    "against",
-    "BD-rate (overlap, points)",
-    "BD-PSNR",
-    "PSNR at equal rate",
-)
 CSV_COLUMNS = (
     "sequence",
     "codec",
@@ -40,6 +41,8 @@ CSV_COLUMNS = (
     "refused",
     "first_frame",
     "frames",
+    "bd_rate_yuv_percent",
+    "bd_psnr_yuv_db",
 )
 """Columns of the table for machines, in this order."""
 
@@ -51,14 +54,19 @@ class Comparison:
     sequence: str  # name
     reference: Curve  # the curves; negative BD-rates mean that `other` needs less
     other: Curve
-    # mean difference in rate at equal PSNR, and in PSNR at equal rate, or why there is none
-    rate: "BdResult | str"
-    psnr: "BdResult | str"
+    # mean difference in rate at equal PSNR, and in PSNR at equal rate, or why there is none, by measure
+    rates: "Mapping[Measure, BdResult | str]"
+    psnrs: "Mapping[Measure, BdResult | str]"
+
+    @property
+    def in_colour(self) -> bool:
+        """Whether both curves have PSNRs in colour."""
+        return self.rates["colour"] != NO_CHROMA
 
     @property
     def comparable(self) -> bool:
         """Whether there is a figure, of rate or of PSNR."""
-        return not (isinstance(self.rate, str) and isinstance(self.psnr, str))
+        return not all(isinstance(one, str) for one in (*self.rates.values(), *self.psnrs.values()))
 
 
 QUALITIES = ("luma", "mse", "colour")
@@ -67,10 +75,11 @@ chroma, (6 Y + Cb + Cr) / 8."""
 
 
 def at_equal(results: Sequence[PointResult], quality: str) -> list[PointResult]:
-    """Return points whose PSNR is another measure of their quality."""
+    """Return points whose only PSNR is one measure of their quality."""
     found = []
     for result in results:
         totals = {**result.data["totals"], "psnr_y_db": _psnr_db(result, quality)}
+        totals.pop("psnr_yuv_db", None)
         found.append(replace(result, data={**result.data, "totals": totals}))
     return found
 
@@ -85,11 +94,9 @@ def _psnr_db(result: PointResult, quality: str) -> float:
             raise ConfigError(f"{result.name} has {'a frame without PSNR' if psnrs_db else 'no frames'}")
         return psnr_of_mean_error_db(known)
     if quality == "colour":
-        chroma = [result.total(name) for name in ("psnr_cb_db", "psnr_cr_db")]
-        known = [psnr_db for psnr_db in chroma if psnr_db is not None]
-        if len(known) < len(chroma):
-            raise ConfigError(f"{result.name} has no chroma: `dvc-rd run --colour` measures it")
-        return (6 * result.psnr_y_db + sum(known)) / 8
+        if result.psnr_yuv_db is None:
+            raise ConfigError(f"{result.name} has no chroma: `dvc-rd run` measures it without --luma-only")
+        return result.psnr_yuv_db
     return result.psnr_y_db
 
 
@@ -165,20 +172,28 @@ def find_label(results: Sequence[PointResult], text: str) -> str:
     return found[0]
 
 
-def comparison_rows(comparisons: Sequence[Comparison]) -> list[list[str]]:
-    """Write comparisons as rows of a table, with means over the sequences."""
+def comparison_table(comparisons: Sequence[Comparison]) -> tuple[list[str], list[list[str]]]:
+    """Return head and rows of a table of comparisons, with means over the sequences."""
+    measures = told_measures(any(one.in_colour for one in comparisons))
+    told = [f", {measure}" for measure in measures] if len(measures) > 1 else [""]
+    head = ["sequence", "codec", "against", *(f"BD-rate{one} (overlap, points)" for one in told)]
+    head += [*(f"BD-PSNR{one}" for one in told), f"{'luma ' if len(measures) > 1 else ''}PSNR at equal rate"]
     rows = [
         [
             one.sequence,
             one.other.label,
             one.reference.label,
-            bd_text(one.rate),
-            NOTHING if isinstance(one.psnr, str) else f"{one.psnr.value:+.2f} dB",
+            *(bd_text(one.rates[measure]) for measure in measures),
+            *(_psnr_text(one.psnrs[measure]) for measure in measures),
             crossing_text(one.reference, one.other),
         ]
         for one in comparisons
     ]
-    return rows + _means(comparisons)
+    return head, rows + _means(comparisons, measures)
+
+
+def _psnr_text(difference: "BdResult | str") -> str:
+    return NOTHING if isinstance(difference, str) else f"{difference.value:+.2f} dB"
 
 
 def comparison_csv(comparisons: Iterable[Comparison]) -> str:
@@ -188,39 +203,50 @@ def comparison_csv(comparisons: Iterable[Comparison]) -> str:
         crossings = " ".join(f"{rate:.1f}" for rate, _ in crossings_kbps(one.reference, one.other)[1:])
         rate: list[object] = [None] * 6
         psnr: list[object] = [None] * 3
-        if not isinstance(one.rate, str):
-            shares = (*one.rate.overlap, one.rate.overlap_share)
-            rate = [one.rate.value, *shares, one.rate.num_points[1], one.rate.num_points[0]]
-        if not isinstance(one.psnr, str):
-            psnr = [one.psnr.value, *one.psnr.overlap]
-        refused = one.rate if isinstance(one.rate, str) else None
+        by_rate, by_psnr = one.rates["luma"], one.psnrs["luma"]
+        if not isinstance(by_rate, str):
+            shares = (*by_rate.overlap, by_rate.overlap_share)
+            rate = [by_rate.value, *shares, by_rate.num_points[1], by_rate.num_points[0]]
+        if not isinstance(by_psnr, str):
+            psnr = [by_psnr.value, *by_psnr.overlap]
+        refused = by_rate if isinstance(by_rate, str) else None
+        in_colour = [getattr(found["colour"], "value", None) for found in (one.rates, one.psnrs)]
         names = [one.sequence, one.other.label, one.reference.label]
         data = one.other.points[0].data
         frames = [data["options"]["start"], data["totals"]["frames"]]
-        rows.append([*names, *rate, *psnr, crossings, refused, *frames])
+        rows.append([*names, *rate, *psnr, crossings, refused, *frames, *in_colour])
     return csv_text(CSV_COLUMNS, rows)
 
 
 def _compare(experiment: Experiment, reference: Curve, other: Curve) -> Comparison:
-    rate = compare_curves(reference, other)
-    return Comparison(experiment.name, reference, other, rate, compare_curves(reference, other, "psnr"))
+    rates = {one: compare_curves(reference, other, "rate", one) for one in MEASURES}
+    psnrs = {one: compare_curves(reference, other, "psnr", one) for one in MEASURES}
+    return Comparison(experiment.name, reference, other, rates, psnrs)
 
 
-def _means(comparisons: Sequence[Comparison]) -> list[list[str]]:
+def _means(comparisons: Sequence[Comparison], measures: Sequence[Measure]) -> list[list[str]]:
     """Return a row for each pair of curves that is compared on several sequences."""
     groups: dict[tuple[str, str], list[Comparison]] = {}
     for one in comparisons:
         groups.setdefault((one.other.label, one.reference.label), []).append(one)
     rows = []
-    for (label, reference), members in groups.items():
-        known = [(one.rate, one.psnr) for one in members if not isinstance(one.rate, str)]
-        rates = [rate.value for rate, _ in known]
-        psnrs = [psnr.value for _, psnr in known if not isinstance(psnr, str)]
-        if len(rates) > 1:
-            count = f"{len(rates)} of {len(members)} sequences"
-            spread = f"{min(rates):+.1f} to {max(rates):+.1f} %"
-            gain = f"{np.mean(psnrs):+.2f} dB" if len(psnrs) == len(rates) else NOTHING
-            rows.append(
-                ["*mean*", label, reference, f"{np.mean(rates):+.1f} % ({count}, {spread})", gain, NOTHING]
-            )
+    for labels, members in groups.items():
+        cells = [_mean_cells(members, measure) for measure in measures]
+        if any(rate != NOTHING for rate, _ in cells):
+            rates, gains = zip(*cells, strict=True)
+            rows.append(["*mean*", *labels, *rates, *gains, NOTHING])
     return rows
+
+
+def _mean_cells(members: Sequence[Comparison], measure: Measure) -> tuple[str, str]:
+    """Return means of BD-rate and BD-PSNR over the sequences that can be compared, if these are several."""
+    known = [one for one in members if not isinstance(one.rates[measure], str)]
+    rates, gains = (
+        [found.value for found in differences if not isinstance(found, str)]
+        for differences in ([one.rates[measure] for one in known], [one.psnrs[measure] for one in known])
+    )
+    if len(rates) < 2:
+        return NOTHING, NOTHING
+    count = f"{len(rates)} of {len(members)} sequences"
+    text = f"{np.mean(rates):+.1f} % ({count}, {min(rates):+.1f} to {max(rates):+.1f} %)"
+    return text, f"{np.mean(gains):+.2f} dB" if len(gains) == len(rates) else NOTHING

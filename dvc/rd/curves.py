@@ -35,6 +35,12 @@ class Curve:
         """PSNRs of the points in dB."""
         return [point.psnr_y_db for point in self.points]
 
+    @property
+    def psnrs_yuv_db(self) -> list[float]:
+        """PSNRs of the points in colour, in dB; none if a point has no chroma."""
+        known = [psnr_db for point in self.points if (psnr_db := point.psnr_yuv_db) is not None]
+        return known if len(known) == len(self.points) else []
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -46,6 +52,11 @@ class Experiment:
     # what the curves have in common: digest of the sequence, first frame, number of frames, luma only
     key: tuple[str, int, int, bool]
     curves: tuple[Curve, ...]  # anchors last
+
+    @property
+    def in_colour(self) -> bool:
+        """Whether a curve tells PSNRs in colour beside those of luma."""
+        return any(curve.psnrs_yuv_db for curve in self.curves)
 
     def anchor(self, label: str = ANCHOR_LABEL) -> Curve | None:
         """Return the curve to compare with."""

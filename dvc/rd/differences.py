@@ -8,27 +8,47 @@ from numpy.typing import NDArray
 
 from dvc.errors import RdCurveError
 from dvc.rd.curves import Curve
+from dvc.rd.tables import NOTHING
 
 if TYPE_CHECKING:
     from dvc.metrics import BdResult
 
+Measure = Literal["luma", "colour"]
+"""Which PSNR is compared at: that of luma, or (6 Y + Cb + Cr) / 8."""
+NO_CHROMA = "no PSNR of chroma"
+MEASURES: tuple[Measure, ...] = ("luma", "colour")
 NUM_SAMPLES = 2001
 EQUAL_DB = 1e-6
 
 
-def compare_curves(reference: Curve, other: Curve, of: Literal["rate", "psnr"] = "rate") -> "BdResult | str":
-    """Return the mean difference of a curve to another."""
+def compare_curves(
+    reference: Curve,
+    other: Curve,
+    of: Literal["rate", "psnr"] = "rate",
+    measure: Measure = "luma",
+) -> "BdResult | str":
+    """Return the mean difference of a curve to another, or why there is none."""
     from dvc.metrics import bd_psnr, bd_rate
 
     difference = bd_rate if of == "rate" else bd_psnr
+    psnrs_db = [curve.psnrs_y_db if measure == "luma" else curve.psnrs_yuv_db for curve in (reference, other)]
+    if not all(psnrs_db):
+        return NO_CHROMA
     try:
-        return difference(reference.rates_kbps, reference.psnrs_y_db, other.rates_kbps, other.psnrs_y_db)
+        return difference(reference.rates_kbps, psnrs_db[0], other.rates_kbps, psnrs_db[1])
     except RdCurveError as err:
         return str(err)
 
 
+def told_measures(in_colour: bool) -> tuple[Measure, ...]:
+    """Return the measures that a table has columns for."""
+    return MEASURES if in_colour else MEASURES[:1]
+
+
 def bd_text(difference: "BdResult | str") -> str:
     """Write a difference in rate with its overlap."""
+    if difference == NO_CHROMA:
+        return NOTHING
     if isinstance(difference, str):
         return f"not comparable: {difference}"
     low, high = difference.overlap

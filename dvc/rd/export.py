@@ -88,6 +88,9 @@ POINT_COLUMNS: dict[str, Column] = {
     "tracking_cpu_s": _entry("times", "tracking_cpu_s"),
     "coding_cpu_s": _entry("times", "coding_cpu_s"),
     "qp": _entry("options", "qp"),
+    "psnr_cb_db": _entry("totals", "psnr_cb_db"),
+    "psnr_cr_db": _entry("totals", "psnr_cr_db"),
+    "psnr_yuv_db": _entry("totals", "psnr_yuv_db"),
 }
 """Columns of `results_csv` after `sequence` and `curve`; new ones are added at the end only."""
 
@@ -109,6 +112,8 @@ FRAME_COLUMNS = (
     "parity_bits",
     "crc_bits",
     "header_bits",
+    "psnr_cb_db",
+    "psnr_cr_db",
 )
 """Columns of a frame, after those of its point; new ones are added at the end only."""
 

@@ -18,10 +18,13 @@ OPENDVC: Final = "opendvc"
 """Name of the points of openDVC, which come with this package."""
 MAX_CHARACTERS: Final = 2**24
 """Of a file."""
-TOTALS: Final = ("key_psnr_y_db", "wz_psnr_y_db", "si_psnr_y_db", "refined_si_psnr_y_db")
+TOTALS: Final = (
+    *("key_psnr_y_db", "wz_psnr_y_db", "si_psnr_y_db", "refined_si_psnr_y_db"),
+    *("psnr_cb_db", "psnr_cr_db", "psnr_yuv_db"),
+)
 """Columns that become totals of the same name, where they hold a number."""
 _REQUIRED: Final = ("sequence", "codec", "rate_kbps", "psnr_y_db", "frames")
-_TRUTHS: Final = {"": True, "true": True, "false": False}
+_TRUTHS: Final = {"": False, "true": True, "false": False}
 _MAX_PX, _MAX_DB = 2**16, 1000.0
 
 

@@ -3,11 +3,11 @@
 import filecmp
 import json
 import shlex
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from dvc.environment import python_module
 from dvc.errors import DvcError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.pictures import save_pictures
@@ -140,8 +140,8 @@ def _anchor_commands(task: Task, original: str, folder: str = "") -> tuple[list[
     decode += ["--reference-start", str(point.start), "--video", folder + _VIDEO]
     if ANCHOR_CODECS[point.codec].zero_motion:
         decode.append("--zero-motion")
-    colour = [] if point.luma_only else ["--colour"]
-    return [*encode, *colour], [*decode, *colour, "--json", folder + _DECODER_JSON]
+    planes = ["--luma-only"] if point.luma_only else []
+    return [*encode, *planes], [*decode, *planes, "--json", folder + _DECODER_JSON]
 
 
 def _anchor_file(task: Task) -> str:
@@ -149,7 +149,7 @@ def _anchor_file(task: Task) -> str:
 
 
 def _process(arguments: list[str]) -> list[str]:
-    return [sys.executable, "-m", *arguments, "--quiet"]
+    return [*python_module(*arguments), "--quiet"]
 
 
 def _shown(commands: tuple[list[str], ...]) -> list[str]:

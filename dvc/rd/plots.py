@@ -156,8 +156,9 @@ def _focus(axes: "Axes", curves: list[Curve]) -> None:
 
 
 def _legend(curve: Curve, anchor: Curve | None) -> str:
-    difference = None if anchor in (None, curve) else compare_curves(anchor, curve)
-    if difference is None or isinstance(difference, str):
+    if anchor in (None, curve) or isinstance(difference := compare_curves(anchor, curve), str):
         return curve.label
-    against = "" if anchor is None or anchor.label == ANCHOR_LABEL else f" against {anchor.label}"
-    return f"{curve.label} (BD-rate{against} {difference.value:+.1f} %)"
+    against = "" if anchor.label == ANCHOR_LABEL else f" against {anchor.label}"
+    in_colour = compare_curves(anchor, curve, "rate", "colour")
+    colour = "" if isinstance(in_colour, str) else f", colour {in_colour.value:+.1f} %"
+    return f"{curve.label} (BD-rate{against} {difference.value:+.1f} %{colour})"

@@ -32,6 +32,11 @@ class PointResult:
         """Mean of the PSNRs of the frames in dB."""
         return float(self.data["totals"]["psnr_y_db"])
 
+    @property
+    def psnr_yuv_db(self) -> float | None:
+        """Mean of the PSNRs of the frames in colour, (6 Y + Cb + Cr) / 8; None without chroma."""
+        return self.total("psnr_yuv_db")
+
     def total(self, name: str) -> float | None:
         """Return a number of the totals."""
         return number(self.data["totals"].get(name))

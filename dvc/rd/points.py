@@ -32,7 +32,7 @@ class Point:
     gop: int  # frames from one key frame to the next; 0 where only the first is one
     start: int = 0  # first frame
     frames: int | None = None  # number of frames; None for all
-    luma_only: bool = True  # whether chroma is left out
+    luma_only: bool = False  # whether chroma is left out
     # further options of the encoder without their dashes, sorted; the value ``"true"`` stands for a flag
     options: tuple[tuple[str, str], ...] = ()
     # method that the decoder predicts with instead of what the stream names

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import IO
 
-from dvc.environment import SINGLE_THREADED
+from dvc.environment import SINGLE_THREADED, child_environment
 from dvc.errors import DvcError
 
 _MAX_MESSAGE_BYTES = 4096
@@ -89,7 +89,7 @@ class ProcessGroup:
                     stdin=subprocess.DEVNULL,
                     stdout=output or subprocess.DEVNULL,
                     stderr=errors,
-                    env={**os.environ, **SINGLE_THREADED},
+                    env=child_environment() | SINGLE_THREADED,
                     start_new_session=True,
                 )
             except OSError as err:

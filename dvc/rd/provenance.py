@@ -10,6 +10,7 @@ from importlib import util
 from pathlib import Path
 
 import dvc
+from dvc.environment import child_environment
 from dvc.versions import codec_digest
 
 _CODEC_PACKAGES = ("dvc", "encoder", "decoder", "sfm")
@@ -83,6 +84,7 @@ def _commit(source: Path) -> str | None:
 
 
 def _git(folder: Path, *command: str) -> str | None:
-    """Return what git says, or None if it fails."""
-    done = subprocess.run(["git", "-C", str(folder), *command], capture_output=True, check=False, text=True)
+    """Return what git says, or None if it fails; the repository may not name a program to run."""
+    words = ["git", "-c", "core.fsmonitor=false", "-C", str(folder), *command]
+    done = subprocess.run(words, env=child_environment(), capture_output=True, check=False, text=True)
     return done.stdout.strip() if done.returncode == 0 else None

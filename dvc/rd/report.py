@@ -9,7 +9,7 @@ from dvc.errors import DvcError
 from dvc.files import atomic_output
 from dvc.page.plotting import SUFFIXES
 from dvc.rd.curves import ANCHOR_LABEL, Experiment, experiments
-from dvc.rd.differences import bd_text, compare_curves
+from dvc.rd.differences import bd_text, compare_curves, told_measures
 from dvc.rd.plots import curve_styles, render_experiment
 from dvc.rd.point_result import PointResult
 from dvc.rd.rate_cost import CAPTION, rate_cost_cells, rate_costs, render_rate_cost
@@ -95,15 +95,19 @@ def report_text(
 
 def _bd_table(found: Sequence[Experiment], anchor: str) -> str:
     """Return the table of BD-rates against one curve."""
-    rows = []
+    rows, measures = [], told_measures(any(experiment.in_colour for experiment in found))
     for experiment in found:
         reference = experiment.anchor(anchor)
         for curve in experiment.curves:
             if curve.label == anchor or curve.has_lossless_keys or (curve.is_anchor and reference is None):
                 continue
-            text = NOTHING if reference is None else bd_text(compare_curves(reference, curve))
-            rows.append([experiment.name, curve.label, text])
-    head = ["sequence", "codec", f"BD-rate against {anchor} (overlap, points)"]
+            texts = [
+                NOTHING if reference is None else bd_text(compare_curves(reference, curve, "rate", measure))
+                for measure in measures
+            ]
+            rows.append([experiment.name, curve.label, *texts])
+    told = [f", {measure}" for measure in measures] if len(measures) > 1 else [""]
+    head = ["sequence", "codec", *(f"BD-rate against {anchor}{one} (overlap, points)" for one in told)]
     note = "Mean difference in rate at equal PSNR (PCHIP on the logarithm of the rate); negative is better.\n"
     return note + "\n" + table(head, rows)
 
@@ -129,7 +133,7 @@ def _all_pairs(judged: Sequence["Verdict"]) -> str:
         rows = [[name, *(cell.text for cell in cells)] for name, cells in verdict.matrix]
         parts += [
             f"<details><summary>Against {escaped(verdict.anchor)}</summary>\n",
-            table(["sequence", *verdict.codecs], rows),
+            table(["sequence", *verdict.columns], rows),
             "</details>\n",
         ]
     return "\n".join(parts)

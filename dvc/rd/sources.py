@@ -3,17 +3,16 @@
 import json
 import os
 import re
-import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dvc.environment import python_module
 from dvc.files import lock
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.provenance import files_digest, input_digest, package_sources
 
-_SEQUENCES = (sys.executable, "-m", "sequences")
 _PATIENCE_S = 0.2
 
 
@@ -52,7 +51,7 @@ def _render(scene: str, path: Path, processes: ProcessGroup) -> None:
         while not _locks(file.fileno()):
             processes.pause(_PATIENCE_S)
         if not path.is_file():
-            processes.run([*_SEQUENCES, "render", scene, "--out", str(path)])
+            processes.run(python_module("sequences", "render", scene, "--out", path))
         guard.unlink(missing_ok=True)
 
 
@@ -82,7 +81,7 @@ def source_name(sequence: str) -> str:
 def _ask(processes: ProcessGroup, *arguments: str) -> Any:
     """Return what the catalogue says."""
     with tempfile.TemporaryFile() as output:
-        processes.run([*_SEQUENCES, *arguments], output)
+        processes.run(python_module("sequences", *arguments), output)
         output.seek(0)
         return json.load(output)
 

@@ -55,7 +55,7 @@ class Sweep:
     gop: int | None = None  # as in `Point`; None for the codec's own
     start: int = 0  # as in `Point`
     frames: int | None = None
-    luma_only: bool = True
+    luma_only: bool = False
     options: tuple[tuple[str, str], ...] = ()
     side_information: str | None = None
     anchors: tuple[str, ...] = ()  # names in `ANCHORS`
@@ -82,7 +82,7 @@ class Sweep:
             if name not in ANCHORS:
                 raise ConfigError(f"the anchor must be one of {', '.join(ANCHORS)}, got {name!r}")
             if name in ANCHOR_CODECS and ANCHOR_CODECS[name].zero_motion and not self.luma_only:
-                raise ConfigError(f"the anchor {name} codes luma only")
+                raise ConfigError(f"the anchor {name} codes luma only: add --luma-only")
         if self.side_information is not None:
             check_option(self.side_information)
         for name, _ in self.options:

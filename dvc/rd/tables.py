@@ -48,7 +48,14 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def preface(results: Sequence[PointResult]) -> str:
     """Say what a report rests on."""
-    return f"{measured_text(results)} {rates_text(results)} PSNRs are of luma, means of frames.\n"
+    return f"{measured_text(results)} {rates_text(results)} {psnrs_text(results)}\n"
+
+
+def psnrs_text(results: Sequence[PointResult]) -> str:
+    """Say what PSNRs are of."""
+    if any(result.psnr_yuv_db is not None for result in results):
+        return "PSNRs are means of frames: of luma, and in colour (6 Y + Cb + Cr) / 8."
+    return "PSNRs are of luma, means of frames."
 
 
 def rates_text(results: Sequence[PointResult]) -> str:
@@ -152,7 +159,8 @@ COLUMNS: dict[str, Cell] = {
     "level": _level,
     "key QP": _key_qp,
     "rate [kbit/s]": _total("rate_kbps", "{:.1f}"),
-    "PSNR [dB]": _total("psnr_y_db", "{:.2f}"),
+    "luma PSNR [dB]": _total("psnr_y_db", "{:.2f}"),
+    "colour PSNR [dB]": _total("psnr_yuv_db", "{:.2f}"),
     "key PSNR": _total("key_psnr_y_db", "{:.2f}"),
     "WZ PSNR": _total("wz_psnr_y_db", "{:.2f}"),
     "SI initial": _total("si_psnr_y_db", "{:.2f}"),

@@ -37,4 +37,4 @@ def test_table_has_a_line_per_point(capsys: pytest.CaptureFixture[str]) -> None:
     assert names == ["3d-te", "3d-te", "x264 medium", "x264 medium", "intra", "intra"]
     assert "-50.0 %" in lines[3]
     assert "-75.0 %" in lines[3]
-    assert len(lines[8].split()) == 4
+    assert len(lines[8].split()) == 5

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Generator, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,27 +18,33 @@ from distributed import Client, LocalCluster
 
 import decoder.__main__ as decoder
 from decoder import cluster
-from decoder.cluster import DecodedChain, decode_chain, decode_on_cluster
-from decoder.session import CHAINS_PER_PROCESS, decode_stream, stream_tasks
+from decoder.cluster import GROUPS_PER_THREAD, decode_group, decode_on_cluster
+from decoder.session import decode_stream, stream_tasks
 from decoder.tasks import DecodedGroup, GroupTask
 from dvc.config import DiscoverMatrix, VideoConfig, codec_config
 from dvc.errors import BitstreamError, DvcError
-from dvc.stream import GopRecord, StreamReader, StreamWriter
+from dvc.stream import StreamReader, StreamWriter
 from dvc.versions import codec_digest, library_versions
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 from tests.waiting import wait_until
 
-CONFIG = codec_config(VideoConfig(96, 64, 25, 1), "2d", DiscoverMatrix(4), gop={"length": 3}, key={"qp": 30})
-NUM_CHAINS = 9
+CONFIG = codec_config(
+    VideoConfig(96, 64, 25, 1),
+    "2d",
+    DiscoverMatrix(4),
+    gop={"length": 3},
+    key={"qp": 30, "intra_period": 8},
+)
+NUM_GROUPS = 9
 PATIENCE_S = 60
 
 
 @pytest.fixture(scope="module")
 def stream() -> bytes:
-    """Return a buffered stream of nine chains, the first of which is a key frame alone."""
+    """Return a buffered stream of nine groups, of which some begin a chain of key frames."""
     file = io.BytesIO()
-    EncoderSession(CONFIG).write(moving_texture(3 * NUM_CHAINS - 2, 64, 96), file, lambda _: None)
+    EncoderSession(CONFIG).write(moving_texture(3 * NUM_GROUPS - 2, 64, 96), file, lambda _: None)
     return file.getvalue()
 
 
@@ -92,7 +99,7 @@ def kill_a_worker_at_work(client: Client) -> int:
 
 
 def test_a_killed_worker_changes_nothing(stream: bytes, workers: LocalCluster) -> None:
-    """A worker process dies while it decodes: its chains run again, and all comes back in order."""
+    """A worker process dies while it decodes: its groups run again, and all comes back in order."""
     reader = StreamReader(io.BytesIO(stream))
     expected = contents(list(decode_stream(reader.config, reader, 2)))
     killed, found = 0, []
@@ -103,7 +110,7 @@ def test_a_killed_worker_changes_nothing(stream: bytes, workers: LocalCluster) -
                 killed = kill_a_worker_at_work(client)
         client.wait_for_workers(2, timeout=PATIENCE_S)
         assert killed not in client.run(os.getpid).values()
-    assert len(found) == NUM_CHAINS
+    assert len(found) == NUM_GROUPS
     assert contents(found) == expected
 
 
@@ -136,7 +143,7 @@ def test_a_recording_is_decoded_to_the_same_files(
         assert (tmp_path / f"dask{suffix}").read_bytes() == (tmp_path / f"jobs{suffix}").read_bytes()
     report = report_of(tmp_path / "dask")
     assert report == report_of(tmp_path / "jobs")
-    assert report["frames"] == 2 * (3 * NUM_CHAINS - 2)
+    assert report["frames"] == 2 * (3 * NUM_GROUPS - 2)
     part = (tmp_path / "part.y4m", "--frames", "24:27", "--dask", workers.scheduler_address)
     assert run(recording, *part) == 0
     size = 3 * 96 * 64 // 2 + len(b"FRAME\n")
@@ -145,14 +152,14 @@ def test_a_recording_is_decoded_to_the_same_files(
     assert (tmp_path / "part.y4m").read_bytes()[head:] == whole[head + 24 * size : head + 27 * size]
 
 
-def test_what_a_chain_ends_with_has_its_place(stream: bytes, workers: LocalCluster) -> None:
+def test_what_a_group_ends_with_has_its_place(stream: bytes, workers: LocalCluster) -> None:
     """Damage that a worker meets is raised after all groups before it, and names its group."""
     reader = StreamReader(io.BytesIO(stream))
     records = list(reader)
-    bad = GopRecord(3, records[3].key, b"", (records[3].wyner_ziv[0], b""))
+    bad = replace(records[3], wyner_ziv=(records[3].wyner_ziv[0], b""))
     file = io.BytesIO()
     with StreamWriter(file, reader.config, "buffered") as writer:
-        for record in (*records[:3], bad, *records[3:]):
+        for record in (*records[:3], bad, *records[4:]):
             writer.write_gop(record)
     found: list[int] = []
     with Client(workers.scheduler_address, set_as_default=False) as client:
@@ -166,7 +173,7 @@ class Kept:
     """A cluster that notes what it is given, and decodes it when it is asked for."""
 
     class Future:
-        """One chain."""
+        """One group."""
 
         def __init__(self, given: tuple[Any, ...]) -> None:
             self.given, self.asked = given, False
@@ -174,10 +181,10 @@ class Kept:
         def exception(self, timeout: float) -> None:
             """Say that it went well."""
 
-        def result(self) -> DecodedChain:
+        def result(self) -> DecodedGroup | Exception:
             """Decode it."""
             self.asked = True
-            return decode_chain(*self.given)
+            return decode_group(*self.given)
 
     def __init__(self, num_threads: int) -> None:
         self.num_threads = num_threads
@@ -190,8 +197,8 @@ class Kept:
         return {"one": self.num_threads - 1, "other": 1}
 
     def submit(self, function: object, *given: Any, key: str) -> "Kept.Future":
-        """Take a chain."""
-        assert function is decode_chain
+        """Take a group."""
+        assert function is decode_group
         assert key
         self.futures.append(Kept.Future(given))
         self.most_open = max(self.most_open, sum(not future.asked for future in self.futures))
@@ -202,15 +209,16 @@ class Kept:
         self.cancelled += futures
 
 
-def test_no_worker_gets_more_than_its_chain(stream: bytes) -> None:
-    """A task is the groups of one chain and a digest; there are no more than the threads have use for."""
+def test_no_worker_gets_more_than_its_group(stream: bytes) -> None:
+    """A task is one group and a digest; there are no more than the threads have use for."""
     client = Kept(3)
     groups = list(decoded(stream, client))
-    assert client.most_open == 3 * CHAINS_PER_PROCESS < NUM_CHAINS == len(groups)
-    chains = [future.given[0] for future in client.futures]
-    assert [[task.number for task in chain] for chain in chains] == [[k] for k in range(NUM_CHAINS)]
+    assert client.most_open == 3 * GROUPS_PER_THREAD < NUM_GROUPS == len(groups)
+    tasks = [future.given[0] for future in client.futures]
+    assert [task.number for task in tasks] == list(range(NUM_GROUPS))
+    assert {task.record.predicted for task in tasks} == {False, True}
     frame_bytes = 3 * 96 * 64 // 2
-    for (task,), record in zip(chains, StreamReader(io.BytesIO(stream)), strict=True):
+    for task, record in zip(tasks, StreamReader(io.BytesIO(stream)), strict=True):
         assert isinstance(task, GroupTask)
         assert task.record == record
         most = len(record.key) + sum(map(len, record.wyner_ziv)) + 2 * frame_bytes + 2000
@@ -225,36 +233,48 @@ def test_what_is_given_up_is_cancelled(stream: bytes) -> None:
     groups = decoded(stream, client)
     next(groups)
     groups.close()
-    assert len(client.futures) == CHAINS_PER_PROCESS + 1
+    assert len(client.futures) == GROUPS_PER_THREAD + 1
     assert client.cancelled == client.futures[1:]
 
 
-def test_a_chain_that_nobody_wants_ends(stream: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+def tasks_of(stream: bytes) -> list[GroupTask]:
+    reader = StreamReader(io.BytesIO(stream))
+    return list(stream_tasks(reader.config, reader))
+
+
+def test_a_group_that_nobody_wants_ends(stream: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker looks whether its task was cancelled while it waits for the decoding process."""
     monkeypatch.setattr(cluster, "POLL_S", 0.0)
     monkeypatch.setattr(cluster, "_is_wanted", lambda: lambda: False)
+    ended = decode_group(tasks_of(stream)[-1], codec_digest())
+    assert isinstance(ended, DvcError)
+    assert "nobody wants" in str(ended)
+
+
+def test_a_group_is_all_that_a_worker_needs(stream: bytes) -> None:
+    """Also if its key frame is predicted: that is decoded already."""
     reader = StreamReader(io.BytesIO(stream))
-    *_, chain = stream_tasks(reader.config, reader)
-    ended = decode_chain(chain, codec_digest())
-    assert ended.groups == []
-    assert "nobody wants" in str(ended.failure)
+    expected = list(decode_stream(reader.config, reader))
+    task = tasks_of(stream)[2]
+    assert task.record.predicted
+    found = decode_group(pickle.loads(pickle.dumps(task)), codec_digest())
+    assert isinstance(found, DecodedGroup)
+    assert contents([found]) == contents(expected[2:3])
 
 
 def test_a_worker_with_other_code_decodes_nothing(stream: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither other code on its disk nor code that was changed since it was loaded will do."""
-    reader = StreamReader(io.BytesIO(stream))
-    chain = next(stream_tasks(reader.config, reader))
-    assert "another version of the code" in str(decode_chain(chain, "f" * 32).failure)
-    digest = codec_digest()
-    assert decode_chain(chain, digest).failure is None
+    task, digest = tasks_of(stream)[0], codec_digest()
+    assert "another version of the code" in str(decode_group(task, "f" * 32))
+    assert isinstance(decode_group(task, digest), DecodedGroup)
     monkeypatch.setattr(cluster, "_loaded_digest", lambda: "e" * 32)
-    assert isinstance(decode_chain(chain, digest).failure, DvcError)
+    assert isinstance(decode_group(task, digest), DvcError)
 
 
 def test_an_interrupt_leaves_nothing_on_the_cluster(
     recording: Path, workers: LocalCluster, tmp_path: Path
 ) -> None:
-    """Ctrl-C ends the command as usual; its chains are gone, and so is its output."""
+    """Ctrl-C ends the command as usual; its groups are gone, and so is its output."""
     arguments = [recording, tmp_path / "o.y4m", "--dask", workers.scheduler_address]
     process = subprocess.Popen(
         [sys.executable, "-m", "decoder", *map(str, arguments)], stderr=subprocess.PIPE, text=True

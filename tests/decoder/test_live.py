@@ -46,18 +46,18 @@ from tests.clips import moving_texture
 PATIENCE_S = 20.0
 
 
-def configuration(**gop: int) -> CodecConfig:
+def configuration(intra_period: int) -> CodecConfig:
     return codec_config(
         VideoConfig(32, 24, 25, 1, luma_only=True),
         "2d",
         Qp(32),
-        gop={"length": 4, "references": "hierarchical"} | gop,
-        key={"qp": 36},
+        gop={"length": 4, "references": "hierarchical"},
+        key={"qp": 36, "intra_period": intra_period},
         coder=CascadeConfig(20),
     )
 
 
-CONFIG = configuration()
+CONFIG, CHAINED = configuration(0), configuration(12)
 
 
 @pytest.fixture(scope="module")
@@ -161,24 +161,15 @@ def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
     assert taken_s > 8 * link.forth.num_bytes / 5e5
 
 
-def test_groups_without_a_key_frame_wait_for_the_one_before(frames: list[Frame]) -> None:
-    """A chain is decoded in order, beside others, to what it is decoded to from a file."""
-    config = chained()
-    still = [frames[0]] * 14
+def test_predicted_key_frames_are_those_of_a_file(frames: list[Frame]) -> None:
+    """Chains of them, in however many processes the groups between are decoded."""
     file = io.BytesIO()
-    session(config).write(still, file, lambda _: None)
+    session(CHAINED).write(frames, file, lambda _: None)
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         wanted = list(decode_stream(reader.config, reader))
-    assert any(group.key is None for group in wanted)
-    with serving(lambda end: serve(session(config, Live()), still, end, lambda _: None)) as address:
+    assert [group.record.predicted for group in wanted] == [False, True, True, False, True, True, True]
+    with serving(lambda end: serve(session(CHAINED, Live()), frames, end, lambda _: None)) as address:
         assert_same(list(decoded(address, 2)), wanted)
-
-
-def chained() -> CodecConfig:
-    """Return a configuration in which groups without key frames follow each other."""
-    config = configuration(p_type_distance=2, intra_period=12)
-    config = replace(config, codec="3d-te", side_information=replace(config.side_information, method="depth"))
-    return replace(config, tracks=replace(config.tracks, kind="encoder"))
 
 
 def taken_over(
@@ -219,17 +210,16 @@ def taken_over(
     return left, more, source.endpoint.first_frame, told[0]
 
 
-@pytest.mark.parametrize("chain", [False, True], ids=["key frames", "chain"])
-def test_another_decoder_gets_the_rest(frames: list[Frame], chain: bool) -> None:
-    """The same frames as ever, from a key frame on before what the first has not written."""
-    config, video = (chained(), [frames[0]] * 26) if chain else (CONFIG, frames)
+@pytest.mark.parametrize("config", [CONFIG, CHAINED], ids=["intra", "predicted"])
+def test_another_decoder_gets_the_rest(frames: list[Frame], config: CodecConfig) -> None:
+    """The same frames as ever, from an IDR picture on before what the first has not written."""
     file = io.BytesIO()
-    session(config).write(video, file, lambda _: None)
+    session(config).write(frames, file, lambda _: None)
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         wanted = [frame.luma for group in decode_stream(reader.config, reader) for frame in group.frames]
-    left, more, begins, told = taken_over(config, video, 7 if chain else 4)
+    left, more, begins, told = taken_over(config, frames, 6)
     assert 0 < begins <= len(left)
-    assert len(more) == len(video) - begins
+    assert len(more) == len(frames) - begins
     for frame, luma in zip([*left, *more], [*wanted[: len(left)], *wanted[begins:]], strict=True):
         np.testing.assert_array_equal(frame.luma, luma)
     assert (told["num_decoders"], told["frames_lost"]) == (2, [])
@@ -238,10 +228,10 @@ def test_another_decoder_gets_the_rest(frames: list[Frame], chain: bool) -> None
 
 
 def test_what_could_not_be_kept_is_named(frames: list[Frame], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where no key frame is kept, another one is made, and the frames before it are lost."""
+    """If no IDR picture is kept, another one is made, and the frames before it are lost."""
     monkeypatch.setattr(live, "KeptGroups", lambda _: KeptGroups(5))
     monkeypatch.setattr(flow_control, "MAX_OPEN_GOPS", 3)
-    left, more, begins, told = taken_over(chained(), [frames[0]] * 60, 2)
+    left, more, begins, told = taken_over(CHAINED, [frames[0]] * 60, 2)
     assert len(left) < begins
     assert len(more) == 60 - begins
     ((first, last),) = told["frames_lost"]
@@ -336,7 +326,7 @@ def answer_twice(liar: Liar) -> None:
 def send_more_groups(liar: Liar) -> None:
     """Send a group of pictures that was not asked for, though many others are open."""
     while liar.endpoint.num_credits:
-        liar.endpoint.send_gop(GopRecord(1, b"x", b"", ()))
+        liar.endpoint.send_gop(GopRecord(1, b"x"))
     data = liar.endpoint.bytes_to_send()
     liar.link.send(data * 2)
     stall(liar)
@@ -453,13 +443,13 @@ def test_no_more_frames_are_decoded_than_are_allowed(
 ) -> None:
     """A live run ends in one error before the group with which there are too many frames."""
     found, ended = list[DecodedGroup](), list[FeedbackError]()
-    most = offline[2].last.index + 1
+    most = offline[3].first_index
 
     def _decode(address: str) -> None:
         for group in decoded(address, limits=Limits(max_frames=most)):
             found.append(group)
 
-    words = f"{offline[3].last.index + 1} frames, more than the {most} that are allowed; --max-frames"
+    words = f"{offline[4].first_index} frames, more than the {most} that are allowed; --max-frames"
     with serving(until_left(frames, ended)) as address, pytest.raises(BitstreamError, match=words):
         _decode(address)
     assert len(ended) == 1

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
@@ -19,8 +18,7 @@ import pytest
 
 from decoder import processes
 from decoder.processes import DecodingProcess, GroupsInFlight, decoding_process
-from decoder.session import CHAINS_PER_PROCESS, StreamGroups, decode_stream, stream_tasks
-from decoder.side_information.protocol import ReferenceFrame
+from decoder.session import GROUPS_PER_PROCESS, StreamGroups, decode_stream, stream_tasks
 from decoder.tasks import DecodedGroup, GroupTask
 from dvc.errors import BitstreamError, DvcError
 from dvc.stream import Form, GopRecord, StreamReader
@@ -95,7 +93,7 @@ def test_busy_processes_do_not_come_back() -> None:
 def test_a_killed_process_is_said_and_replaced() -> None:
     """Decoding ends in one error, and the next sequence gets another process."""
     with StreamReader(STREAM) as reader:
-        _, [task] = stream_tasks(reader.config, reader)
+        _, task = stream_tasks(reader.config, reader)
     with decoding_process() as process:
         threading.Timer(0.3, process.kill).start()
         with pytest.raises(DvcError, match="decoding process was killed"):
@@ -108,7 +106,7 @@ def test_a_killed_process_is_said_and_replaced() -> None:
 def test_a_fault_is_told_with_its_place() -> None:
     """What nobody foresaw arrives as an exception that says where it came from, and the process goes on."""
     with StreamReader(STREAM) as reader:
-        _, [task] = stream_tasks(reader.config, reader)
+        _, task = stream_tasks(reader.config, reader)
     with decoding_process() as process:
         with pytest.raises(RuntimeError) as caught:
             outcome_of(process, replace(task, record=None))  # type: ignore[arg-type]
@@ -148,7 +146,7 @@ def test_a_user_that_is_collected_gives_its_process_back(monkeypatch: pytest.Mon
     gc.collect()  # what other tests have left
     monkeypatch.setattr(processes, "_idle", [])
     with StreamReader(STREAM) as reader:
-        _, [task] = stream_tasks(reader.config, reader)
+        _, task = stream_tasks(reader.config, reader)
 
     def user() -> Iterator[list[object]]:
         cycle: list[object] = []
@@ -192,16 +190,17 @@ def test_features_that_are_not_there_are_no_news(
 KEY: Frame = moving_texture(1, 16, 16)[0]
 
 
-def chain(number: int) -> list[GroupTask]:
-    """Return a group that is a key frame."""
-    return [GroupTask(b"", number, number, None, KEY, GopRecord(1, b"x"), Form.BUFFERED)]
+def task_of(number: int, payloads: tuple[bytes, ...] = ()) -> GroupTask:
+    """Return a group that is a key frame, or has others before it."""
+    record = GopRecord(1 + len(payloads), b"x", wyner_ziv=payloads)
+    return GroupTask(b"", number, number, None, KEY, record, Form.BUFFERED)
 
 
-def damaged(count: int, seen: list[int]) -> Iterator[Sequence[GroupTask]]:
+def damaged(count: int, seen: list[int]) -> Iterator[GroupTask]:
     """Give some groups, and then what is wrong with the stream; note what was given."""
     for number in range(count):
         seen.append(number)
-        yield chain(number)
+        yield task_of(number)
     raise BitstreamError("broken")
 
 
@@ -216,7 +215,7 @@ def test_damage_comes_after_the_groups_before_it(jobs: int) -> None:
     seen: list[int] = []
     groups = GroupsInFlight(StreamGroups(damaged(20, seen), jobs), jobs).decode()
     assert next(groups).first_index == 0
-    assert seen == list(range(CHAINS_PER_PROCESS * jobs))
+    assert seen == list(range(GROUPS_PER_PROCESS * jobs))
     found = []
     with pytest.raises(BitstreamError, match="broken"):
         found.extend(group.first_index for group in groups)
@@ -233,56 +232,58 @@ class Interrupted(StreamGroups):
 
 def test_what_is_decoded_comes_before_an_interrupt() -> None:
     """Whatever waits is given up."""
-    open_end = GroupTask(b"", 2, 2, None, None, GopRecord(1, b"", b"", (b"x",)), Form.BUFFERED)
-    groups = GroupsInFlight(Interrupted([chain(0), chain(1), [open_end]], 2), 2).decode()
+    tasks = [task_of(0), task_of(1), task_of(2, (b"x",))]
+    groups = GroupsInFlight(Interrupted(tasks, 2), 2).decode()
     assert [next(groups).first_index, next(groups).first_index] == [0, 1]
     with pytest.raises(KeyboardInterrupt):
         next(groups)
 
 
 class Immediate:
-    """A process that has decoded a group as soon as it gets it, and tells of its last frame first."""
+    """A process that has decoded a group as soon as it gets it."""
 
-    num_running, began_s = 0, 0.0
+    began_s = 0.0
 
-    def __init__(self) -> None:
-        self.told: list[tuple[int, ReferenceFrame | DecodedGroup]] = []
+    def __init__(self, most_running: list[int]) -> None:
+        self._most_running = most_running
+        self.told: list[DecodedGroup] = []
+
+    @property
+    def num_running(self) -> int:
+        return len(self.told)
 
     def submit(self, task: GroupTask) -> None:
-        last = ReferenceFrame(task.last_index, KEY)
-        LASTS.append(weakref.ref(last))
-        self.told += [
-            (task.number, last),
-            (task.number, DecodedGroup(task.first_index, (), None, task.record)),
-        ]
+        self.told.append(DecodedGroup(task.first_index, (), task.key, task.record))
+        self._most_running.append(self.num_running)
 
-    def receive(self) -> tuple[int, ReferenceFrame | DecodedGroup]:
-        return self.told.pop(0)
+    def receive(self) -> tuple[int, DecodedGroup]:
+        group = self.told.pop(0)
+        return group.first_index, group
 
 
 class Told(StreamGroups):
     """A source of whose processes all has come."""
 
     def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
-        """Name each as often as it has something to tell."""
-        return [process for process in processes for _ in process.told]  # type: ignore[attr-defined]
+        """Name those that have something to tell, the last of them first."""
+        return [process for process in reversed(processes) if process.num_running]
 
 
-LASTS: list[weakref.ref[ReferenceFrame]] = []
+@pytest.mark.parametrize("jobs", [1, 2, 4])
+def test_groups_come_in_order_and_wait_for_an_idle_process(
+    monkeypatch: pytest.MonkeyPatch, jobs: int
+) -> None:
+    """However many there are; each process has one group of a stream at a time."""
+    lent: list[Immediate] = []
+    most_running: list[int] = []
 
+    def lend() -> nullcontext[Immediate]:
+        lent.append(Immediate(most_running))
+        return nullcontext(lent[-1])
 
-@pytest.mark.parametrize("jobs", [1, 4])
-def test_last_frames_that_no_group_wants_are_forgotten(monkeypatch: pytest.MonkeyPatch, jobs: int) -> None:
-    """Where a lone key frame comes behind a group that none ends, as where frames were left out."""
-    monkeypatch.setattr("decoder.processes.decoding_process", lambda: nullcontext(Immediate()))
-    LASTS.clear()
-    reference = ReferenceFrame(0, KEY)
-    chains = [
-        [GroupTask(b"", n, n, reference, None, GopRecord(1, b"", b"", (b"x",)), Form.BUFFERED), *chain(n + 1)]
-        for n in range(0, 20, 2)
-    ]
-    num_held = []
-    for _ in GroupsInFlight(Told(chains, jobs), jobs).decode():
-        num_held.append(sum(last() is not None for last in LASTS))
-    assert len(num_held) == 20
-    assert max(num_held) <= 1
+    monkeypatch.setattr("decoder.processes.decoding_process", lend)
+    tasks = [task_of(number, (b"x",) * (number % 3 > 0)) for number in range(20)]
+    found = [group.first_index for group in GroupsInFlight(Told(tasks, jobs), jobs).decode()]
+    assert found == list(range(20))
+    assert set(most_running) == {1}
+    assert len(lent) == jobs

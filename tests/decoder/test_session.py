@@ -23,7 +23,7 @@ from dvc.config import (
 )
 from dvc.errors import BitstreamError, ConfigError, VideoError
 from dvc.metrics import psnr_db
-from dvc.stream import GopRecord, StreamReader, StreamWriter
+from dvc.stream import StreamReader, StreamWriter
 from dvc.tracks import PointTracks, encode_tracks
 from dvc.video import Frame, VideoInfo
 from encoder.session import EncoderSession
@@ -109,7 +109,7 @@ def test_groups_before_damage_are_decoded(stream: bytes, groups: list[DecodedGro
 def test_nothing_after_damage_is_decoded(stream: bytes, jobs: int) -> None:
     """A group whose contents make no sense ends the sequence, however many are decoded at a time."""
     config, records = StreamReader(io.BytesIO(stream)).config, list(StreamReader(io.BytesIO(stream)))
-    bad = GopRecord(3, records[1].key, b"", (b"", records[1].wyner_ziv[1]))
+    bad = replace(records[1], wyner_ziv=(b"", records[1].wyner_ziv[1]))
     file = io.BytesIO()
     with StreamWriter(file, config, "buffered") as writer:
         for record in (*records[:2], bad, *records[1:], *records[1:]):
@@ -127,7 +127,7 @@ def test_payloads_of_the_wrong_size_are_refused(stream: bytes, length: int) -> N
     reader = StreamReader(io.BytesIO(stream))
     config, records = reader.config, list(reader)
     payloads = (bytes(length), records[1].wyner_ziv[1])
-    records[1] = GopRecord(3, records[1].key, b"", payloads)
+    records[1] = replace(records[1], wyner_ziv=payloads)
     file = io.BytesIO()
     with StreamWriter(file, config, "buffered") as writer:
         for record in records:
@@ -203,6 +203,8 @@ def test_report_accounts_for_every_bit(groups: list[DecodedGroup], frames: list[
     wyner_ziv = [row for row in rows if row["type"] == "wz"]
     assert totals["wz_psnr_y_db"] == pytest.approx(np.mean([row["psnr_y_db"] for row in wyner_ziv]))
     assert totals["num_requests"] == sum(row["num_requests"] for row in wyner_ziv)
+    in_colour = [(6 * row["psnr_y_db"] + row["psnr_cb_db"] + row["psnr_cr_db"]) / 8 for row in rows]
+    assert totals["psnr_yuv_db"] == pytest.approx(np.mean(in_colour))
 
 
 def test_report_without_reference_has_no_quality(groups: list[DecodedGroup]) -> None:
@@ -216,7 +218,7 @@ def test_report_without_reference_has_no_quality(groups: list[DecodedGroup]) -> 
     same.add(groups[0])
     assert same.to_dict(100)["psnr_y_db"] == PSNR_CAP_DB
     assert ("psnr_cb_db" in same.to_dict(100)) == (groups[0].key.chroma is not None)
-    assert "psnr_cb_db" not in totals
+    assert not {"psnr_cb_db", "psnr_yuv_db"} & set(totals)
 
 
 def test_a_report_that_nobody_reads_keeps_nothing(groups: list[DecodedGroup]) -> None:
@@ -242,7 +244,7 @@ def test_report_refuses_a_reference_that_does_not_fit(
 TRACKED = replace(
     CONFIG,
     codec="3d-te",
-    gop=GopConfig(3, "hierarchical", 0, 0),
+    gop=GopConfig(3, "hierarchical"),
     side_information=SideInformationConfig(track_corrections=False, fallback="block-motion"),
     tracks=TracksConfig("encoder", subpixel_bits=0),
 )
@@ -257,9 +259,8 @@ def with_tracks(config: CodecConfig, tracks: bytes, position: int) -> bytes:
     with StreamWriter(file, config, "buffered") as writer:
         for number, group in enumerate(session.groups(moving_texture(6, 16, 24))):
             encoded = session.encode(group)
-            payloads = encoded.record.wyner_ziv
             sent = tracks if number == position else b""
-            writer.write_gop(GopRecord(len(payloads) + 1, encoded.record.key, sent, payloads))
+            writer.write_gop(replace(encoded.record, tracks=sent))
     return file.getvalue()
 
 

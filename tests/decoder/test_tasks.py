@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.tasks import DecodedFrame, DecodedGroup, GroupTask, following, frames_digest, naming_group
+from decoder.tasks import DecodedFrame, DecodedGroup, GroupTask, frames_digest, naming_group
 from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord
 from dvc.video import Frame
@@ -24,39 +24,25 @@ def decoded(index: int, colour: bool = False) -> DecodedFrame:
     return DecodedFrame(index, frame, frame.luma, frame.luma, "test", "", 3, 16, 40, 0, 0, punctured=bytes(9))
 
 
-def task_of(form: Form, key: Frame | None) -> GroupTask:
-    """Return a group of two frames, and a key frame if there is one."""
-    record = GopRecord(2 + (key is not None), b"key" if key else b"", b"tracks", (b"a" * 30, b"b" * 40))
-    return GroupTask(b"", 1, 5, ReferenceFrame(4, frame_of(1)), key, record, form)
+def task_of(form: Form) -> GroupTask:
+    """Return a group of two frames and a key frame."""
+    record = GopRecord(3, b"key", True, b"tracks", (b"a" * 30, b"b" * 40))
+    return GroupTask(b"", 1, 5, ReferenceFrame(4, frame_of(1)), frame_of(70), record, form)
 
 
 def test_records_hold_what_was_needed() -> None:
     """Payloads of the punctured form and the digest of the frames; a no-feedback record stays as it is."""
     frames = decoded(5), decoded(6)
-    task = task_of(Form.BUFFERED, frame_of(70))
+    task = task_of(Form.BUFFERED)
     group = DecodedGroup.of(task, frames)
     assert group.record.wyner_ziv == (bytes(9), bytes(9))
     assert group.record.digest == frames_digest(frames)
-    assert (group.record.key, group.record.tracks) == (b"key", b"tracks")
-    no_feedback = task_of(Form.NO_FEEDBACK, frame_of(70))
+    assert (group.record.key, group.record.predicted, group.record.tracks) == (b"key", True, b"tracks")
+    assert group.frames == [frames[0].frame, frames[1].frame, task.key]
+    assert task.last_index == 7
+    no_feedback = task_of(Form.NO_FEEDBACK)
     assert DecodedGroup.of(no_feedback, frames).record == no_feedback.record
     assert frames[0].header_bits == 72 - 16 - 40
-
-
-@pytest.mark.parametrize("key", [frame_of(70), None])
-def test_the_last_frame_is_left_to_the_next_group(key: Frame | None) -> None:
-    """The key frame is known before; a last frame that was decoded is handed on."""
-    task = task_of(Form.BUFFERED, key)
-    group = DecodedGroup.of(task, (decoded(5), decoded(6)))
-    assert group.last.index == task.last_index == (7 if key else 6)
-    assert group.frames[-1] is group.last.frame
-    assert len(group.frames) == task.record.num_frames
-    later = replace(task, number=2, first_index=task.last_index + 1)
-    found = following(later, group)
-    assert found.before is (later.before if key else found.before)
-    assert found.before is not None
-    assert found.before.frame is (group.frames[-1] if key is None else later.before.frame)  # type: ignore[union-attr]
-    assert following(later, None) is later
 
 
 def test_digests_tell_samples_apart() -> None:

@@ -1,4 +1,4 @@
-"""Threads that share cores and memory: results in order, as many at a time as there is room for."""
+"""Threads that share a core and memory: results in order, as many at a time as there is room for."""
 
 import threading
 import time
@@ -13,7 +13,6 @@ from tests.waiting import wait_until
 def test_results_keep_their_order() -> None:
     """Whoever is first; and the first failure, in their order, is raised."""
     team = Team()
-    team.cores.resize(4)
 
     def late(number: int) -> int:
         time.sleep(0.01 * (3 - number))
@@ -28,31 +27,22 @@ def test_results_keep_their_order() -> None:
         team.run([lambda: 0, lambda: fail(1), lambda: fail(2)])
 
 
-@pytest.mark.parametrize("cores", [1, 3])
-def test_no_more_run_than_there_are_cores(cores: int) -> None:
-    """One after the other by default; all cores are used where there are more."""
-    team, lock = Team(), threading.Lock()
-    team.cores.resize(cores)
+def test_one_computes_while_others_wait() -> None:
+    """Whoever waits for an answer leaves the core to the next."""
+    team, both = Team(), threading.Barrier(2)
     running = most = 0
 
     def work() -> None:
         nonlocal running, most
-        with lock:
-            running += 1
-            most = max(most, running)
-        time.sleep(0.05)
-        with lock:
-            running -= 1
+        running += 1
+        most = max(most, running)
+        time.sleep(0.02)
+        running -= 1
+        with team.core.given(1):
+            both.wait(timeout=30)
 
-    team.run([work] * 6)
-    assert most == cores
-
-
-def test_cores_may_come_while_a_level_is_decoded() -> None:
-    """What waits for a core begins when there is one more."""
-    team, both = Team(), threading.Barrier(2)
-    threading.Timer(0.05, team.cores.resize, (2,)).start()
-    assert len(team.run([lambda: both.wait(timeout=30)] * 2)) == 2
+    team.run([work] * 2)
+    assert most == 1
 
 
 class Takers:

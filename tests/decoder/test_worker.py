@@ -4,19 +4,18 @@ import io
 import random
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from dataclasses import replace
 from multiprocessing import Pipe
 
 import numpy as np
 import pytest
 
-from decoder.group import GroupDecoder, RecordedGroup
+from decoder.group import GroupDecoder, Rank, RecordedGroup
 from decoder.processes import DecodingProcess, decoding_process
 from decoder.session import stream_tasks
-from decoder.tasks import Answered, DecodedGroup, GroupTask
-from decoder.team import Rank, Result, Team
+from decoder.tasks import Answered, DecodedFrame, DecodedGroup, GroupTask
+from decoder.wyner_ziv import FrameCoroutine
 from dvc.config import CascadeConfig, CodecConfig, Qp, VideoConfig, codec_config
 from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError
@@ -71,18 +70,17 @@ def config_and_tasks() -> tuple[CodecConfig, list[GroupTask]]:
         [Frame(frame.luma) for frame in moving_texture(30, 24, 32)], file, lambda _: None
     )
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
-        chains = list(stream_tasks(reader.config, reader))
-    return reader.config, [task for chain in chains for task in chain if task.before is not None]
+        tasks = list(stream_tasks(reader.config, reader))
+    return reader.config, [task for task in tasks if task.before is not None]
 
 
-@pytest.mark.parametrize("cores", [1, 3])
+@pytest.mark.parametrize("seed", [1, 3])
 def test_any_order_of_answers_gives_the_same(
-    config_and_tasks: tuple[CodecConfig, list[GroupTask]], cores: int
+    config_and_tasks: tuple[CodecConfig, list[GroupTask]], seed: int
 ) -> None:
-    """Groups are those of a stream, however many frames are at it, and no step of decoding is left over."""
-    (config, tasks), shuffled = config_and_tasks, random.Random(cores)
+    """Groups are those of a stream, and no step of decoding is left over."""
+    (config, tasks), shuffled = config_and_tasks, random.Random(seed)
     with decoding_process() as process:
-        process.use(cores)
         live = Answering(process, config, tasks)
         while len(live.groups) < len(tasks):
             answers = process.num_pending == 0 or shuffled.random() < 0.5
@@ -101,23 +99,10 @@ class NotedLevels(RecordedGroup):
         super().__init__(task, config)
         self.levels: list[tuple[Rank, int]] = []
 
-    def level(self, rank: Rank, num_frames: int) -> AbstractContextManager[None]:
+    def decode_level(self, rank: Rank, frames: Sequence[FrameCoroutine]) -> list[DecodedFrame]:
         """Note the rank of a level, and how many frames it has."""
-        self.levels.append((rank, num_frames))
-        return super().level(rank, num_frames)
-
-
-class NotedRanks(Team):
-    """A team that notes ranks."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.ranks: list[Rank] = []
-
-    def run(self, functions: Sequence[Callable[[], Result]], rank: Rank = ()) -> list[Result]:
-        """Note the rank of a level."""
-        self.ranks.append(rank)
-        return super().run(functions, rank)
+        self.levels.append((rank, len(frames)))
+        return super().decode_level(rank, frames)
 
 
 def test_what_most_levels_depend_on_comes_first(
@@ -125,11 +110,10 @@ def test_what_most_levels_depend_on_comes_first(
 ) -> None:
     """The middle frame comes before all others; at the same level the first group comes first."""
     config, tasks = config_and_tasks
-    encoder, team = NotedLevels(tasks[0], config), NotedRanks()
-    GroupDecoder(config, team=team).decode(tasks[0], encoder=encoder)
+    encoder = NotedLevels(tasks[0], config)
+    GroupDecoder(config).decode(tasks[0], encoder)
     number = tasks[0].number
     assert encoder.levels == [((-3, number), 1), ((-2, number), 2), ((-1, number), 4)]
-    assert team.ranks == [rank for rank, _ in encoder.levels]
 
 
 def test_wrong_answers_end_the_group(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:

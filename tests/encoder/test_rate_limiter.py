@@ -39,7 +39,7 @@ class Keys:
 
 
 def test_predicted_key_frames_are_coded_once() -> None:
-    """The next is predicted from the one coded last: no quality can be tried, unlike that of IDR pictures."""
+    """The next is predicted from what was coded last, so that no quality can be tried."""
     keys = Keys(1000, 100)
     limiter = keys.limiter(RateLimits(bits_per_s=20_000))
     for number in range(30):

@@ -3,7 +3,7 @@
 import re
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,15 +40,20 @@ from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.stream import GopRecord
 
 CONFIG = codec_config(
-    VideoConfig(176, 144, 15, 1), "2d", DiscoverMatrix(4), gop={"length": 4}, coder=TurboConfig()
+    VideoConfig(176, 144, 15, 1),
+    "2d",
+    DiscoverMatrix(4),
+    gop={"length": 4},
+    key={"intra_period": 16},
+    coder=TurboConfig(),
 )
 NUM_BITS = 1584
 NUM_CRC_BITS = 16
 RECORDS = [
     GopRecord(1, b"first key"),
-    GopRecord(4, b"key" * 100, b"", (b"header 1", b"", b"header 3")),
-    GopRecord(2, b"another key", b"tracks", (b"header 5",)),
-    GopRecord(3, b"last key", b"", (b"header 7", b"header 8")),
+    GopRecord(4, b"key" * 100, True, b"", (b"header 1", b"", b"header 3")),
+    GopRecord(2, b"another key", False, b"tracks", (b"header 5",)),
+    GopRecord(3, b"last key", True, b"", (b"header 7", b"header 8")),
 ]
 
 
@@ -311,7 +316,7 @@ TO_DECODER: list[tuple[list[Message], str]] = [
     ([ParityAnswers(bytes(1))] * 2, "that were not asked for"),
     ([Gop(3, RECORDS[2])], "group of pictures 3 where 2 is the next"),
     ([Gop(2, RECORDS[2]), Gop(3, RECORDS[3])], "that was not asked for"),
-    ([Gop(2, GopRecord(5, b"", b"", (b"",) * 4))], "5 frames in group of pictures 2, at most 4"),
+    ([Gop(2, GopRecord(5, b"", False, b"", (b"",) * 4))], "5 frames in group of pictures 2, at most 4"),
     ([End(7)], "end after 7 frames, but 5 were sent"),
     ([End(5), End(5)], "a second end"),
     ([End(5), Gop(2, RECORDS[2])], "a group of pictures after the end"),
@@ -401,6 +406,27 @@ def test_malformed_answers_are_refused() -> None:
             decoder.receive(bytes([5, len(payload)]) + payload)
 
 
+@pytest.mark.parametrize(("intra_period", "number"), [(0, 1), (0, 0), (16, 0)])
+def test_predicted_key_frames_where_there_can_be_none_are_refused(intra_period: int, number: int) -> None:
+    """First of all, and if the configuration has none; by both ends."""
+    config = replace(CONFIG, key=replace(CONFIG.key, intra_period=intra_period))
+    encoder, decoder = EncoderEndpoint(config), DecoderEndpoint()
+    encoder.receive(decoder.bytes_to_send())
+    decoder.receive(encoder.bytes_to_send())
+    for record in RECORDS[:number]:
+        decoder.send_next_gop()
+        encoder.receive(decoder.bytes_to_send())
+        encoder.send_gop(record)
+        decoder.receive(encoder.bytes_to_send())
+    decoder.send_next_gop()
+    encoder.receive(decoder.bytes_to_send())
+    wrong = GopRecord(1, b"key", predicted=True)
+    with pytest.raises(ValueError, match=f"the key frame of group of pictures {number} cannot be predicted"):
+        encoder.send_gop(wrong)
+    with pytest.raises(FeedbackError, match=f"the key frame of group of pictures {number} cannot be"):
+        decoder.receive(encode_message(Gop(number, wrong)))
+
+
 def test_many_requests_take_few_messages() -> None:
     """Requests go together, in order of frames, as long as the answers fit into one message."""
     encoder, decoder = opened()
@@ -434,7 +460,7 @@ def test_size_of_a_gop_is_bounded_by_its_frames() -> None:
     ("step", "text"),
     [
         (lambda encoder, decoder: encoder.send_answers(b"x"), "not asked for"),
-        (lambda encoder, decoder: encoder.send_gop(GopRecord(5, b"", b"", (b"",) * 4)), "5 frames"),
+        (lambda encoder, decoder: encoder.send_gop(GopRecord(5, b"", False, b"", (b"",) * 4)), "5 frames"),
         (lambda encoder, decoder: [encoder.send_gop(RECORDS[2]) for _ in range(2)], "not asked for"),
         (lambda encoder, decoder: [encoder.send_end() for _ in range(2)], "second end"),
         (lambda encoder, decoder: decoder.send_gop_done(2), "not open"),

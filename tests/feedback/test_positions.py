@@ -209,7 +209,7 @@ def opened_ends() -> tuple[EncoderEndpoint, DecoderEndpoint]:
     encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint()
     encoder.receive(decoder.bytes_to_send())
     decoder.receive(encoder.bytes_to_send())
-    for record in (GopRecord(1, b"key"), GopRecord(2, b"key", b"", (b"header",))):
+    for record in (GopRecord(1, b"key"), GopRecord(2, b"key", False, b"", (b"header",))):
         decoder.send_next_gop()
         encoder.receive(decoder.bytes_to_send())
         encoder.send_gop(record)

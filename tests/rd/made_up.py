@@ -1,17 +1,25 @@
 """Made-up results for the tests of reports."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
+from dvc.metrics import psnr_yuv_db
 from dvc.rd.points import SCHEMA
 from dvc.rd.results import POINTS_FOLDER
 
 
 def result_data(
-    rate_kbps: float, psnr_y_db: float, *, wz_q: int | None = 1, codec: str = "2d", **changes: Any
+    rate_kbps: float,
+    psnr_y_db: float,
+    *,
+    wz_q: int | None = 1,
+    codec: str = "2d",
+    chroma_db: float | None = None,
+    **changes: Any,
 ) -> dict[str, Any]:
-    """Return the contents of a result file."""
+    """Return the contents of a result file, with a PSNR of chroma in colour."""
     wyner_ziv = codec != "h264-intra"
     totals: dict[str, Any] = {
         "frames": 3,
@@ -21,6 +29,9 @@ def result_data(
         "psnr_y_db": psnr_y_db,
     }
     totals |= {"bits": {"key": 6000, "tracks": 0, "parity": 1600, "crc": 80, "header": 320}}
+    if chroma_db is not None:
+        yuv_db = psnr_yuv_db(psnr_y_db, chroma_db, chroma_db)
+        totals |= {"psnr_cb_db": chroma_db, "psnr_cr_db": chroma_db, "psnr_yuv_db": yuv_db}
     if wyner_ziv:
         totals |= {"si_psnr_y_db": 30.0, "num_requests": 12, "decode_s": 0.5, "wz_psnr_y_db": 31.0}
     return {
@@ -36,7 +47,7 @@ def result_data(
             "gop": 2 if wyner_ziv else 1,
             "start": 0,
             "frames": 3,
-            "luma_only": True,
+            "luma_only": chroma_db is None,
             "options": {},
         },
         "code": {"version": "0.0", "commit": None, "digest": "c1"},
@@ -61,6 +72,19 @@ def write_results(folder: Path, scale: float = 1.0) -> Path:
     for number, (rate_kbps, psnr_y_db) in enumerate([(60.0, 29.0), (90.0, 31.5), (200.0, 35.0)], start=1):
         codec = result_data(scale * rate_kbps, psnr_y_db, wz_q=number)
         intra = result_data(1.25 * scale * rate_kbps, psnr_y_db, codec="h264-intra")
+        for name, data in ((f"codec-{number}", codec), (f"intra-{number}", intra)):
+            (folder / POINTS_FOLDER / f"{name}.json").write_text(json.dumps(data), encoding="utf-8")
+    return folder
+
+
+def write_colour_results(folder: Path) -> Path:
+    """Write a codec's curve and an intra curve in colour: a fifth less rate by luma, none by all planes."""
+    (folder / POINTS_FOLDER).mkdir(parents=True)
+    lead_db = 3.0 * math.log2(1.25)  # as 3 dB take twice the rate; chroma makes up for it
+    for number, (rate_kbps, psnr_y_db) in enumerate([(60.0, 29.0), (120.0, 32.0), (240.0, 35.0)], start=1):
+        codec = result_data(rate_kbps, psnr_y_db, wz_q=number, chroma_db=38.0 + number)
+        chroma_db = 38.0 + number + 3.0 * lead_db
+        intra = result_data(rate_kbps, psnr_y_db - lead_db, codec="h264-intra", chroma_db=chroma_db)
         for name, data in ((f"codec-{number}", codec), (f"intra-{number}", intra)):
             (folder / POINTS_FOLDER / f"{name}.json").write_text(json.dumps(data), encoding="utf-8")
     return folder

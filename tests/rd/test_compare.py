@@ -5,6 +5,7 @@ import io
 import itertools
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,20 +17,19 @@ from dvc.errors import ConfigError, DvcError
 from dvc.rd.__main__ import main
 from dvc.rd.compare import (
     CSV_COLUMNS,
-    HEAD,
     QUALITIES,
     at_equal,
     compare,
     comparison_csv,
-    comparison_rows,
+    comparison_table,
     find_label,
 )
 from dvc.rd.curves import Curve
-from dvc.rd.differences import crossing_text, crossings_kbps
+from dvc.rd.differences import MEASURES, crossing_text, crossings_kbps
 from dvc.rd.point_result import PointResult
 from dvc.rd.results import POINTS_FOLDER, read_results
 from dvc.rd.tables import table
-from tests.rd.made_up import result_data, write_results
+from tests.rd.made_up import result_data, write_colour_results, write_results
 
 CODEC, INTRA = "2D-DVC, GOP 2", "H.264 intra"
 
@@ -47,7 +47,7 @@ def test_curves_that_two_experiments_have_in_common(tmp_path: Path) -> None:
     """A tenth more rate everywhere is a BD-rate of +10 %; other frames have nothing in common."""
     before = read_results(write_results(tmp_path / "a"))
     after = read_results(write_results(tmp_path / "b", scale=1.1))
-    text = table(HEAD, comparison_rows(compare(before, after)))
+    text = table(*comparison_table(compare(before, after)))
     assert text.count("+10.0 %") == 2
     assert text.count("-0.") == 2
     assert text.count("worse at all common rates") == 2
@@ -63,11 +63,11 @@ def test_curves_within_an_experiment(tmp_path: Path) -> None:
     results = read_results(write_results(tmp_path / "a"))
     (one,) = compare(results)
     assert (one.other.label, one.reference.label) == (CODEC, INTRA)
-    assert not isinstance(one.rate, str)
-    assert one.rate.value == pytest.approx(-20.0)
+    assert not isinstance(one.rates["luma"], str)
+    assert one.rates["luma"].value == pytest.approx(-20.0)
     (back,) = compare(results, against="2d")
-    assert not isinstance(back.rate, str)
-    assert back.rate.value == pytest.approx(25.0)
+    assert not isinstance(back.rates["luma"], str)
+    assert back.rates["luma"].value == pytest.approx(25.0)
     (pair,) = compare(results, curves=("intra", "2D-DVC"))
     assert (pair.sequence, pair.other.label, pair.reference.label) == ("clip", CODEC, INTRA)
 
@@ -78,7 +78,7 @@ def test_all_curves_of_an_experiment_against_one_of_another(tmp_path: Path) -> N
     after = read_results(write_results(tmp_path / "b", scale=1.1))
     rows = compare(before, after, against=INTRA)
     assert [row.other.label for row in rows] == [CODEC, INTRA]
-    rates = [row.rate.value for row in rows if not isinstance(row.rate, str)]
+    rates = [row.rates["luma"].value for row in rows if not isinstance(row.rates["luma"], str)]
     assert rates == pytest.approx([-12.0, 10.0])
 
 
@@ -121,7 +121,7 @@ def test_means_over_sequences(tmp_path: Path) -> None:
         _add(folder, f"x{number}", result_data(rate_kbps, psnr_y_db, sequence=sequence))
         intra = result_data(2 * rate_kbps, psnr_y_db, codec="h264-intra", sequence=sequence)
         _add(folder, f"y{number}", intra)
-    text = table(HEAD, comparison_rows(compare(read_results(folder))))
+    text = table(*comparison_table(compare(read_results(folder))))
     assert "| *mean* | 2D-DVC, GOP 2 | H.264 intra | -35.0 % (2 of 2 sequences, -50.0 to -20.0 %) |" in text
 
 
@@ -193,7 +193,8 @@ def test_compare_command(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> N
     a, b = write_results(tmp_path / "a"), write_results(tmp_path / "b", 0.9)
     assert main(["compare", str(a), str(b), "--csv", str(tmp_path / "c.csv")]) == 0
     printed = capfd.readouterr().out
-    assert printed.splitlines()[0] == "| " + " | ".join(HEAD) + " |"
+    head = "| sequence | codec | against | BD-rate (overlap, points) | BD-PSNR | PSNR at equal rate |"
+    assert printed.splitlines()[0] == head
     assert printed.count("-10.0 %") == 2
     assert len((tmp_path / "c.csv").read_text(encoding="utf-8").splitlines()) == 3
     assert main(["compare", str(a), "--curves", "intra", "2d", "--csv", "-"]) == 0
@@ -234,15 +235,19 @@ def test_columns_of_comparisons_are_documented() -> None:
 def test_curves_are_compared_at_other_qualities(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By the mean squared error, or with chroma, where it was measured; chroma weighs a quarter."""
     point = PointResult("x", result_data(60.0, 30.0))
-    totals = {**point.data["totals"], "psnr_cb_db": 40.0, "psnr_cr_db": 42.0}
+    totals = {**point.data["totals"], "psnr_yuv_db": 32.75}
     frames = [{"psnr_y_db": 40.0}, {"psnr_y_db": 20.0}]
     full = PointResult("x", {**point.data, "totals": totals, "per_frame": frames})
     found = {quality: at_equal([full], quality)[0].psnr_y_db for quality in QUALITIES}
     assert found["luma"] == 30.0
     assert found["mse"] == pytest.approx(10 * math.log10(2 / (1e-4 + 1e-2)))
-    assert found["colour"] == pytest.approx((6 * 30.0 + 40.0 + 42.0) / 8)
+    assert found["colour"] == 32.75
+    assert all(at_equal([full], quality)[0].psnr_yuv_db is None for quality in QUALITIES)
     bare = PointResult("x", {**point.data, "totals": {"psnr_y_db": 30.0}, "per_frame": []})
-    for quality, message in (("colour", "no chroma: `dvc-rd run --colour`"), ("mse", "no frames")):
+    for quality, message in (
+        ("colour", "no chroma: `dvc-rd run` measures it without --luma-only"),
+        ("mse", "no frames"),
+    ):
         with pytest.raises(ConfigError, match=message):
             at_equal([bare], quality)
     for frame in ({}, {"psnr_y_db": None}):
@@ -254,3 +259,38 @@ def test_curves_are_compared_at_other_qualities(tmp_path: Path, capsys: pytest.C
     usual = capsys.readouterr().out
     assert main(["compare", str(folder), "--quality", "luma"]) == 0
     assert capsys.readouterr().out == usual
+
+
+def test_curves_are_compared_by_luma_and_in_colour(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Both figures stand side by side; a quality that is chosen stands alone."""
+    folder = write_colour_results(tmp_path / "a")
+    (one,) = compare(read_results(folder))
+    values = [getattr(one.rates[measure], "value", None) for measure in MEASURES]
+    assert values == pytest.approx([-20.0, 0.0], abs=1e-6)
+    (row,) = csv.DictReader(io.StringIO(comparison_csv([one])))
+    assert float(row["bd_rate_percent"]) == pytest.approx(-20.0)
+    assert float(row["bd_rate_yuv_percent"]) == pytest.approx(0.0, abs=1e-6)
+    assert float(row["bd_psnr_yuv_db"]) == pytest.approx(0.0, abs=1e-6)
+    assert main(["compare", str(folder)]) == 0
+    head, _, line = capsys.readouterr().out.splitlines()
+    assert "| BD-rate, luma (overlap, points) | BD-rate, colour (overlap, points) |" in head
+    assert "| BD-PSNR, luma | BD-PSNR, colour | luma PSNR at equal rate |" in head
+    assert re.search(r"-20\.0 % \(.*?\) \| [+-]0\.0 % \(", line)
+    for quality, figure in (("luma", "-20.0 %"), ("colour", "0.0 %")):
+        assert main(["compare", str(folder), "--quality", quality]) == 0
+        head, _, line = capsys.readouterr().out.splitlines()
+        assert "| BD-rate (overlap, points) | BD-PSNR |" in head
+        assert figure in line
+
+
+def test_means_stand_for_each_measure(tmp_path: Path) -> None:
+    """The mean in colour is over the sequences that have chroma."""
+    results = read_results(write_colour_results(tmp_path / "a"))
+    other = {"name": "other", "digest": "d2", "width": 32, "height": 16, "frames_per_s": 25.0}
+    moved = [PointResult(f"b{one.name}", {**one.data, "sequence": other}) for one in results]
+    head, rows = comparison_table(compare([*results, *moved]))
+    mean = dict(zip(head, rows[-1], strict=True))
+    assert mean["BD-rate, luma (overlap, points)"].startswith("-20.0 % (2 of 2 sequences")
+    assert mean["BD-rate, colour (overlap, points)"].lstrip("+-").startswith("0.0 % (2 of 2 sequences")

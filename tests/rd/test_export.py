@@ -11,7 +11,7 @@ from dvc.rd.__main__ import main
 from dvc.rd.export import FRAME_COLUMNS, POINT_COLUMNS, results_csv
 from dvc.rd.point_result import PointResult
 from dvc.rd.results import read_results
-from tests.rd.made_up import result_data, write_results
+from tests.rd.made_up import result_data, write_colour_results, write_results
 
 
 def test_points_are_lines(tmp_path: Path) -> None:
@@ -23,6 +23,16 @@ def test_points_are_lines(tmp_path: Path) -> None:
     assert (first["rate_kbps"], first["psnr_y_db"], first["wz_q"]) == ("60.0", "29.0", "1")
     assert (first["parity_bits"], first["lossless_keys"], first["luma_only"]) == ("1600", "false", "true")
     assert rows[-1]["si_psnr_y_db"] == rows[-1]["wz_q"] == ""
+
+
+def test_points_in_colour_have_psnrs_of_chroma(tmp_path: Path) -> None:
+    """The PSNRs of both planes and of all; empty without chroma."""
+    names = ("psnr_cb_db", "psnr_cr_db", "psnr_yuv_db")
+    text = results_csv(read_results(write_colour_results(tmp_path / "a")))
+    first = next(csv.DictReader(io.StringIO(text)))
+    assert [float(first[name]) for name in names] == [39.0, 39.0, 31.5]
+    text = results_csv(read_results(write_results(tmp_path / "b")))
+    assert {next(csv.DictReader(io.StringIO(text)))[name] for name in names} == {""}
 
 
 def test_frames_are_lines() -> None:

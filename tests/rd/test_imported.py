@@ -10,7 +10,7 @@ from dvc.rd.__main__ import main
 from dvc.rd.curves import experiments
 from dvc.rd.results import POINTS_FOLDER, read_results
 from dvc.rd.tables import preface
-from tests.rd.made_up import write_results
+from tests.rd.made_up import write_colour_results, write_results
 
 HEAD = "sequence,codec,rate_kbps,psnr_y_db,frames"
 SIZE = "width,height,frames_per_s"
@@ -28,10 +28,10 @@ def test_points_stand_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[
     ours = write_results(tmp_path / "ours")
     lines = [
         "# from a paper",
-        HEAD,
-        "clip,Theirs,50,29,3",
-        "clip,Theirs,100,32.5,3",
-        "clip,Theirs,180,35.5,3",
+        f"{HEAD},luma_only",
+        "clip,Theirs,50,29,3,true",
+        "clip,Theirs,100,32.5,3,true",
+        "clip,Theirs,180,35.5,3,true",
     ]
     assert main(["import", write_points(tmp_path, *lines), "--out", str(ours)]) == 0
     assert capsys.readouterr().err == "dvc-rd: 3 points imported\n"
@@ -83,6 +83,26 @@ def test_what_was_exported_can_be_imported(tmp_path: Path) -> None:
     assert after.key == before.key
     curves = [{curve.label: curve.rates_kbps for curve in one.curves} for one in (before, after)]
     assert curves[0] == curves[1]
+
+
+def test_imported_points_are_in_colour(tmp_path: Path) -> None:
+    """Unless a column says luma only, rates are of all planes; PSNRs of chroma are taken over."""
+    ours, table, theirs = (
+        write_colour_results(tmp_path / "ours"),
+        tmp_path / "points.csv",
+        tmp_path / "theirs",
+    )
+    assert main(["export", str(ours), "--csv", str(table)]) == 0
+    lines = table.read_text(encoding="utf-8").splitlines()
+    column = lines[0].split(",").index("luma_only")
+    cells = [line.replace(", GOP", " GOP").split(",") for line in lines]
+    bare = [",".join(row[:column] + row[column + 1 :]) for row in cells]
+    assert main(["import", write_points(tmp_path, *bare), "--out", str(theirs)]) == 0
+    (before,), (after,) = experiments(read_results(ours)), experiments(read_results(theirs))
+    assert before.key == after.key
+    assert before.key[-1] is False
+    found = [sorted(curve.psnrs_yuv_db for curve in one.curves) for one in (before, after)]
+    assert found[0] == found[1]
 
 
 def test_importing_again_replaces(tmp_path: Path) -> None:

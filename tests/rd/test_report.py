@@ -1,5 +1,6 @@
 """Curves, tables, plots and comparisons from results alone."""
 
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from dvc.rd.rate_cost import rate_costs
 from dvc.rd.report import write_reports
 from dvc.rd.results import read_results
 from dvc.rd.tables import points_cells, rates_text, table
-from tests.rd.made_up import result_data, write_results
+from tests.rd.made_up import result_data, write_colour_results, write_results
 from tests.rd.made_up_page import HOSTILE
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
@@ -182,3 +183,31 @@ def test_report_shows_rate_against_cost(tmp_path: Path) -> None:
     assert (tmp_path / "report-rate-against-cost.svg") in written
     write_reports([one for one in results if one.data["codec"] == "2d"], [tmp_path / "b.md"])
     assert "Rate against cost" not in (tmp_path / "b.md").read_text(encoding="utf-8")
+
+
+def test_report_shows_luma_and_colour(tmp_path: Path) -> None:
+    """Points in colour have two PSNRs, and curves two BD-rates, in every table and in the plot."""
+    results = read_results(write_colour_results(tmp_path / "a"))
+    for one in results:
+        one.data["times"]["coding_cpu_s"] = 0.003
+    (experiment,) = experiments(results)
+    assert experiment.title.endswith(", colour")
+    written = write_reports(results, [tmp_path / "report.md"])
+    text = written[0].read_text(encoding="utf-8")
+    assert "PSNRs are means of frames: of luma, and in colour (6 Y + Cb + Cr) / 8." in text
+    heads = [line for line in text.splitlines() if "BD-rate against" in line and line.startswith("| ")]
+    assert (
+        "| BD-rate against H.264 intra, luma (overlap, points) | BD-rate against H.264 intra, colour"
+        in heads[0]
+    )
+    assert "| BD-rate against H.264 intra, luma | BD-rate against H.264 intra, colour |" in heads[1]
+    assert re.search(r"\| clip \| 2D-DVC, GOP 2 \| -20\.0 % \(.*?\) \| [+-]0\.0 % \(", text)
+    assert re.search(r"\| 2D-DVC, GOP 2 \| 1\.00 \| -20\.0 % \| [+-]0\.0 % \| 1 \|", text)
+    assert "| sequence | 2D-DVC, GOP 2: luma | 2D-DVC, GOP 2: colour |" in text
+    assert "| luma PSNR [dB] | colour PSNR [dB] |" in text
+    assert "| Q1 | 34 | 60.0 | 29.00 | 31.50 |" in text
+    assert "colour" not in table(
+        *points_cells(experiments([PointResult("a", result_data(60.0, 30.0))])[0].curves[0])
+    )
+    svg = (tmp_path / "report-clip.svg").read_text(encoding="utf-8")
+    assert re.search(r"BD-rate [-−]20\.0 %, colour [+−-]0\.0 %", svg)

@@ -60,7 +60,8 @@ def test_points_are_measured_by_processes(folder: Path) -> None:
     assert codec["totals"]["rate_kbps"] == pytest.approx(8 * num_bytes * 25 / NUM_FRAMES / 1000)
     assert sum(codec["totals"]["bits"].values()) == 8 * num_bytes
     assert codec["sequence"]["name"] == "clip"
-    assert codec["config"]["video"]["luma_only"]
+    assert not codec["config"]["video"]["luma_only"]
+    assert min(codec["totals"]["psnr_yuv_db"], intra["totals"]["psnr_yuv_db"]) > 20
     assert codec["totals"]["duration_s"] == intra["totals"]["duration_s"] < codec["per_frame"][-1]["time_s"]
     assert intra["key"]["qp"] == 40
 

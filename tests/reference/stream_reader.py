@@ -83,8 +83,8 @@ class Group:
     """A GOP record."""
 
     num_frames: int
+    predicted: bool
     tracks: bytes = b""
-    matches: bytes = b""
     wyner_ziv: list[bytes] = field(default_factory=list)
     key: bytes = b""
 
@@ -182,19 +182,28 @@ def read_group(payload: bytes) -> Group:
     """Read a GOP record, in which there are no digests."""
     values = Bytes(payload)
     head = values.varint()
-    group = Group((head & 1023) >> 1)
-    if head & 4096:
+    group = Group((head & 2047) >> 2, bool(head & 2))
+    if head & 2048:
         for _ in range(1 + group.num_frames):
             values.varint()
     if head & 1:
         group.tracks = values.counted()
-    if head & 2048:
-        values.varint()
-        group.matches = values.counted()
-    count = group.num_frames - (0 if head & 1024 else 1)
-    group.wyner_ziv = [values.counted() for _ in range(count)]
+    group.wyner_ziv = [values.counted() for _ in range(group.num_frames - 1)]
     group.key = values.take(len(payload) - values.at)
     return group
+
+
+def key_chains(config: dict[str, object], groups: list[Group]) -> list[list[bytes]]:
+    """Return the NAL units of the key frames, without start codes, by chains."""
+    chains: list[list[bytes]] = []
+    num_frames = 0
+    for group in groups:
+        if not group.predicted:
+            chains.append([])
+        chains[-1].append((b"\x41" if group.predicted else b"\x65") + group.key)
+        num_frames = num_frames + group.num_frames if group.predicted else 1
+        assert not group.predicted or num_frames <= config["intra_period"]  # type: ignore[operator]
+    return chains
 
 
 def num_blocks(config: dict[str, object]) -> int:

@@ -30,7 +30,7 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "bitstream.md"
 BEGIN, END = "<!-- fields: begin -->\n", "<!-- fields: end -->\n"
 TYPES = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes", tuple: "integers"}
 CONFIG = CodecConfig(VideoConfig(176, 144, 15, 1), key=KeyFrameConfig(25))
-RECORDS = [GopRecord(1, b"K0"), GopRecord(2, b"K2", wyner_ziv=(b"W1!",), digest=0x13579BDF)]
+RECORDS = [GopRecord(1, b"K0"), GopRecord(2, b"K2", True, b"", (b"W1!",), 0x13579BDF)]
 
 
 def field_rows(section: Any, place: str = "", path: str = "") -> Iterator[str]:

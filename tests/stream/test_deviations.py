@@ -1,6 +1,7 @@
 """Time stamps of streams: when frames are shown, in one stream and in the segments of a recording."""
 
 import io
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -51,7 +52,7 @@ def with_times(
     with StreamWriter(file, config, "punctured") as writer:
         for record, late in zip(coded, late_ticks, strict=True):
             deviations = Deviations(clock, (late,)) if late else None
-            writer.write_gop(GopRecord(1, record.key, deviations=deviations))
+            writer.write_gop(replace(record, deviations=deviations))
     return file.getvalue()
 
 

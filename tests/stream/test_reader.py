@@ -31,12 +31,12 @@ from dvc.stream import (
 from dvc.stream.index import encode_end
 from dvc.stream.records import frame_record
 
-CONFIG = codec_config(VideoConfig(176, 144, 15, 1), "2d", gop={"length": 4})
+CONFIG = codec_config(VideoConfig(176, 144, 15, 1), "2d", gop={"length": 4}, key={"intra_period": 16})
 RECORDS = [
     GopRecord(1, b"first key"),
-    GopRecord(4, b"a key" * 40, b"", (b"wz 1" * 40, b"", b"wz 3")),
-    GopRecord(4, b"", b"tracks", (b"wz 5", b"wz 6", b"wz 7")),
-    GopRecord(2, b"last key", b"", (b"wz 9",)),
+    GopRecord(4, b"a key" * 40, True, b"", (b"wz 1" * 40, b"", b"wz 3")),
+    GopRecord(4, b"", False, b"tracks", (b"wz 5", b"wz 6", b"wz 7")),
+    GopRecord(2, b"last key", True, b"", (b"wz 9",)),
 ]
 forms = pytest.mark.parametrize("form", list(Form))
 
@@ -129,10 +129,11 @@ def test_streams_come_back(form: Form, lengths: list[int], rng: np.random.Genera
         GopRecord(
             n,
             rng.bytes(int(rng.integers(200))),
+            number > 0 and bool(rng.integers(2)),
             b"",
             tuple(rng.bytes(int(rng.integers(200))) for _ in range(n - 1)),
         )
-        for n in lengths
+        for number, n in enumerate(lengths)
     ]
     data = write(form, records)
     reader = StreamReader(io.BytesIO(data))
@@ -183,6 +184,22 @@ def test_punctured_form_pays_for_no_index() -> None:
     assert len(write("buffered", RECORDS)) > head + sizes[Form.BUFFERED] + 7
 
 
+@pytest.mark.parametrize(("intra_period", "place"), [(0, 1), (0, 0), (16, 0)])
+def test_predicted_key_frames_where_there_can_be_none_are_refused(intra_period: int, place: int) -> None:
+    """First in a stream, and if its configuration has none."""
+    file = io.BytesIO()
+    config = replace(CONFIG, key=replace(CONFIG.key, intra_period=intra_period))
+    with StreamWriter(file, config, "buffered") as writer:
+        for number in range(3):
+            writer.write_gop(GopRecord(1, b"key", predicted=number == place))
+    reader = StreamReader(io.BytesIO(file.getvalue()))
+    assert [next(reader).predicted for _ in range(place)] == [False] * place
+    with pytest.raises(
+        BitstreamError, match=rf"record {place + 1} .*a predicted key frame where there can be"
+    ):
+        next(reader)
+
+
 def test_writer_refuses_what_readers_would() -> None:
     """The first GOP is one key frame, others are no longer than configured, and nothing follows the end."""
     writer = StreamWriter(io.BytesIO(), CONFIG, "buffered")
@@ -190,7 +207,7 @@ def test_writer_refuses_what_readers_would() -> None:
         writer.write_gop(RECORDS[1])
     writer.write_gop(RECORDS[0])
     with pytest.raises(ValueError, match="must add 4 frames or fewer, got 5"):
-        writer.write_gop(GopRecord(5, b"", b"", (b"",) * 4))
+        writer.write_gop(GopRecord(5, b"", False, b"", (b"",) * 4))
     with pytest.raises(BitstreamError, match="takes 67108865 bytes"):
         writer.write_gop(GopRecord(1, bytes(2**26)))
     writer.close()
@@ -346,7 +363,7 @@ def head(form: Form) -> bytes:
             "4 frames where at most 1 are allowed",
         ),
         (
-            lambda start, gop, end: start + gop + frame_record(RecordType.GOP, b"\x0a" + bytes(9)) + end,
+            lambda start, gop, end: start + gop + frame_record(RecordType.GOP, b"\x14" + bytes(9)) + end,
             "5 frames where at most 4 are allowed",
         ),
         (

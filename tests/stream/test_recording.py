@@ -17,8 +17,8 @@ def write(path: Path, key: bytes, form: Form = Form.BUFFERED, width: int = 64) -
     with path.open("wb") as file, StreamWriter(file, config, form) as writer:
         digest = 7 if form is Form.PUNCTURED else None
         writer.write_gop(GopRecord(1, key + b"0"))
-        writer.write_gop(GopRecord(3, key + b"1", b"", (b"a", b"b"), digest))
-        writer.write_gop(GopRecord(2, key + b"2", b"", (b"c",), digest))
+        writer.write_gop(GopRecord(3, key + b"1", True, b"", (b"a", b"b"), digest))
+        writer.write_gop(GopRecord(2, key + b"2", True, b"", (b"c",), digest))
 
 
 def keys(reader: RecordingReader | StreamReader) -> list[str]:

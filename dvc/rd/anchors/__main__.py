@@ -10,8 +10,8 @@ from dvc.rd.anchors.codecs import ANCHOR_CODECS
 
 PROG = "dvc.rd.anchors"
 EXAMPLES = """\
-  python -m dvc.rd.anchors encode box.mkv box.264 --codec x264-ippp-zero --qp 28 --frames 51 --json -
-  python -m dvc.rd.anchors decode box.264 --reference box.mkv --zero-motion --json -
+  python -m dvc.rd.anchors encode box.mkv box.264 --codec x264-medium --qp 28 --frames 51 --json -
+  python -m dvc.rd.anchors decode box.264 --reference box.mkv --json -
 """
 
 
@@ -44,7 +44,9 @@ def _parser() -> argparse.ArgumentParser:
     decode.add_argument("--zero-motion", action="store_true", help="refuse motion vectors that are not zero")
     decode.add_argument("--video", type=Path, metavar="OUT", help="write the luma: .y4m or .mkv")
     for command in (encode, decode):
-        command.add_argument("--colour", action="store_true", help="chroma as well as luma")
+        command.add_argument(
+            "--luma-only", action="store_true", help="leave chroma out; x264-ippp-zero codes nothing else"
+        )
         command.add_argument("--json", metavar="FILE", help="write what was found (-: standard output)")
         command.add_argument("--quiet", action="store_true", help="accepted like by the other commands")
     return parser
@@ -61,7 +63,7 @@ def _encode(arguments: argparse.Namespace) -> int:
         arguments.qp,
         arguments.start,
         arguments.frames,
-        colour=arguments.colour,
+        luma_only=arguments.luma_only,
     )
     if arguments.json:
         cli.write_json(arguments.json, coded)
@@ -78,7 +80,7 @@ def _decode(arguments: argparse.Namespace) -> int:
         arguments.reference,
         arguments.reference_start,
         zero_motion=arguments.zero_motion,
-        colour=arguments.colour,
+        luma_only=arguments.luma_only,
         video=arguments.video,
     )
     if arguments.json:

@@ -65,9 +65,9 @@ class AnchorCodec:
         """Name that FFmpeg has for such a file."""
         return {"libx264": "h264", "libx265": "hevc", "libsvtav1": "obu"}[self.library]
 
-    def pixel_format(self, *, colour: bool) -> Literal["gray", "yuv420p"]:
-        """Without colour luma alone where the encoder takes that, otherwise 4:2:0 with chroma of 128."""
-        return "yuv420p" if colour or self.library == "libsvtav1" else "gray"
+    def pixel_format(self, *, luma_only: bool) -> Literal["gray", "yuv420p"]:
+        """4:2:0, or luma alone where the encoder takes that, otherwise 4:2:0 with chroma of 128."""
+        return "gray" if luma_only and self.library != "libsvtav1" else "yuv420p"
 
     def encoder_qp(self, qp: int) -> int:
         """Return the encoder's own quantizer for a QP on the scale of H.264."""

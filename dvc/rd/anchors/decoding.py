@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dvc.errors import ConfigError, VideoError
-from dvc.metrics import PSNR_CAP_DB, mean_psnr_db, psnr_db
+from dvc.metrics import PSNR_CAP_DB, mean_psnr_db, psnr_db, psnr_yuv_db
 from dvc.rd.anchors.bitstream import picture_bytes
 from dvc.video import Frame, create_video, open_video
 from dvc.video.frames import Plane, check_size
@@ -68,7 +68,7 @@ def measure_file(
     start: int = 0,
     *,
     zero_motion: bool = False,
-    colour: bool = False,
+    luma_only: bool = False,
     video: Path | None = None,
 ) -> dict[str, Any]:
     """Decode a file and compare it with its original."""
@@ -82,7 +82,7 @@ def measure_file(
                 if found != expected:
                     raise VideoError(f"{path.name}: pictures of {found}, not {expected}")
                 num_vectors, moved = num_vectors + picture.num_vectors, moved + picture.num_moving
-                rows.append(_row(index, picture, frame if colour else frame.without_chroma()))
+                rows.append(_row(index, picture, frame.without_chroma() if luma_only else frame))
                 if output is not None:
                     output.write(picture.frame.without_chroma())
             if not rows:
@@ -200,12 +200,14 @@ def _totals(rows: list[dict[str, Any]], num_bytes: int, duration_s: float) -> di
         kind: [row["psnr_y_db"] for row in rows if kind in ("", row["type"])]
         for kind in ("", "intra", "inter")
     }
+    means_db = {name: mean_psnr_db([row[name] for row in rows]) for name in _PSNRS if name in rows[0]}
     return {
         "frames": len(rows),
         "duration_s": duration_s,
         "stream_bytes": num_bytes,
         "rate_kbps": 8 * num_bytes / duration_s / 1000,
         "bits": bits,
-        **{name: mean_psnr_db([row[name] for row in rows]) for name in _PSNRS if name in rows[0]},
+        **means_db,
+        **({"psnr_yuv_db": psnr_yuv_db(*means_db.values())} if len(means_db) == len(_PSNRS) else {}),
         **{f"{kind}_psnr_y_db": mean_psnr_db(psnrs[kind]) for kind in ("intra", "inter") if psnrs[kind]},
     }

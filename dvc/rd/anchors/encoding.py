@@ -34,13 +34,13 @@ def encode_file(
     start: int = 0,
     frames: int | None = None,
     *,
-    colour: bool = False,
+    luma_only: bool = False,
 ) -> dict[str, Any]:
     """Code a video into a file: its luma, or all of it."""
     if Path(path).suffix != codec.suffix:
         raise ConfigError(f"a file of {codec.name} ends in {codec.suffix}, got {str(path)!r}")
-    if colour and codec.zero_motion:
-        raise ConfigError(f"{codec.name} codes luma only")
+    if codec.zero_motion and not luma_only:
+        raise ConfigError(f"{codec.name} codes luma only: add --luma-only")
     parameters = codec.encoder_parameters(qp)
     cpu_s, read_s, num_frames = 0.0, 0.0, 0
 
@@ -49,7 +49,8 @@ def encode_file(
         source = iter(reader)
         while True:
             started = time.process_time()
-            frames = [frame if colour else frame.without_chroma() for frame in islice(source, READ_AT_ONCE)]
+            read = islice(source, READ_AT_ONCE)
+            frames = [frame.without_chroma() if luma_only else frame for frame in read]
             read_s += time.process_time() - started
             if not frames:
                 return
@@ -58,7 +59,7 @@ def encode_file(
 
     with open_video(source, start=start, num_frames=frames) as reader, atomic_output(path) as temporary:
         size, rate = reader.info.size, reader.info.frame_rate
-        parts = encode_frames(_counted(reader), size, rate, codec, qp, colour=colour)
+        parts = encode_frames(_counted(reader), size, rate, codec, qp, luma_only=luma_only)
         with temporary.open("wb") as file:
             while True:
                 started = time.process_time()
@@ -72,7 +73,7 @@ def encode_file(
         "frames": num_frames,
         "bytes": num_bytes,
         "coding_cpu_s": cpu_s - read_s,
-        "config": _configuration(codec, qp, parameters, codec.pixel_format(colour=colour)),
+        "config": _configuration(codec, qp, parameters, codec.pixel_format(luma_only=luma_only)),
     }
 
 
@@ -83,7 +84,7 @@ def encode_frames(
     codec: AnchorCodec,
     qp: int,
     *,
-    colour: bool = False,
+    luma_only: bool = False,
 ) -> Iterator[bytes]:
     """Code frames, and give the parts of the file as they are made."""
     parameters = codec.encoder_parameters(qp)
@@ -93,7 +94,7 @@ def encode_frames(
             (frame.luma for frame in frames), size, rate, codec.preset, parameters
         )
         return
-    context = _open(codec, size, rate, parameters, codec.pixel_format(colour=colour))
+    context = _open(codec, size, rate, parameters, codec.pixel_format(luma_only=luma_only))
     # AV1 has its sequence header in the first packet anyway.
     head = b"" if codec.file_format == "obu" else context.extradata or b""
     yield without_overhead(head, codec.file_format)

@@ -28,7 +28,7 @@ from dvc.rd.plots import (
 )
 from dvc.rd.point_result import PointResult
 from dvc.rd.rate_cost import rate_costs, render_rate_cost
-from dvc.rd.tables import code_digests, points_cells, preface, rates_text
+from dvc.rd.tables import code_digests, points_cells, preface, psnrs_text, rates_text
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -104,6 +104,7 @@ def _texts(
     return {
         "preface": preface(results),
         "rates": rates_text(results),
+        "psnrs": psnrs_text(results),
         "num_versions": len(code_digests(results)),
         "verdicts": judged,
         "anchor": anchor if anchor in names else names[0] if names else "",

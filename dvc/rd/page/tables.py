@@ -105,6 +105,7 @@ def chart_points(curve: Curve) -> list[dict[str, Any]]:
             "lossless": point.data["key"].get("lossless") is True,
             "rate": round(point.rate_kbps, 3),
             "psnr": round(point.psnr_y_db, 3),
+            "colour": None if point.psnr_yuv_db is None else round(point.psnr_yuv_db, 3),
             "frames": point.frame_columns,
         }
         for point in curve.points

@@ -2,11 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from dvc.rd.curves import Curve, Experiment
-from dvc.rd.differences import compare_curves, crossing_text
+from dvc.rd.differences import NO_CHROMA, Measure, compare_curves, crossing_text, told_measures
 from dvc.rd.point_result import mean
 from dvc.rd.tables import NOTHING
+
+if TYPE_CHECKING:
+    from dvc.metrics import BdResult
 
 MIN_PERCENT = 0.05
 """Smaller differences in rate are rounded to none."""
@@ -18,8 +22,10 @@ class Row:
 
     sequence: str  # what is compared
     codec: str
-    rate: str  # BD-rate and BD-PSNR, or why there is none
+    rate: str  # BD-rate and BD-PSNR of luma, or why there is none
     psnr: str
+    rate_yuv: str  # the same in colour
+    psnr_yuv: str
     overlap: str  # what the figure rests on
     points: str
     where: str  # at which rates the codec is better
@@ -39,10 +45,18 @@ class Verdict:
     """All curves against one."""
 
     anchor: str  # its label
-    codecs: tuple[str, ...]  # labels of the others, columns of the matrix
+    codecs: tuple[str, ...]  # labels of the others
+    measures: tuple[Measure, ...]  # which BD-rates the matrix has a column for, of each codec
     # name and cells of each sequence; the means last, where there are several sequences
     matrix: tuple[tuple[str, tuple[Cell, ...]], ...]
     rows: tuple[Row, ...]  # the same with everything that it rests on
+
+    @property
+    def columns(self) -> list[str]:
+        """Titles of the columns of the matrix."""
+        if len(self.measures) == 1:
+            return list(self.codecs)
+        return [f"{label}: {measure}" for label in self.codecs for measure in self.measures]
 
 
 def verdicts(found: Sequence[Experiment]) -> list[Verdict]:
@@ -61,66 +75,70 @@ def signed(value: float, decimals: int, unit: str) -> str:
 
 
 def _verdict(found: Sequence[Experiment], anchor: str, labels: Sequence[str]) -> Verdict:
-    rows: list[Row] = []
-    rates: dict[str, list[float | None]] = {label: [] for label in labels}
+    measures = told_measures(any(one.in_colour for one in found))
+    pairs = [
+        (one.name, reference, {label: curve for label in labels if (curve := one.anchor(label)) is not None})
+        for one in found
+        if (reference := one.anchor(anchor)) is not None
+    ]
+    kept = [label for label in labels if any(label in curves for _, _, curves in pairs)]
     matrix = []
-    for one in found:
-        reference = one.anchor(anchor)
-        if reference is None:
-            continue
-        cells = []
-        for label in labels:
-            curve = one.anchor(label)
-            row, rate = (None, None) if curve is None else _compare(one.name, reference, curve)
-            rates[label].append(rate)
-            cells.append(_cell(rate, row))
-            rows += [] if row is None else [row]
-        matrix.append((one.name, tuple(cells)))
-    kept = [i for i, label in enumerate(labels) if any(row.codec == label for row in rows)]
-    lines = [(name, tuple(cells[i] for i in kept)) for name, cells in matrix]
-    lines += _mean_line(rates, [labels[i] for i in kept])
-    return Verdict(anchor, tuple(labels[i] for i in kept), tuple(lines), tuple(rows))
+    rates: list[list[float | None]] = []
+    for name, reference, curves in pairs:
+        differences = [
+            compare_curves(reference, curves[label], "rate", measure) if label in curves else None
+            for label in kept
+            for measure in measures
+        ]
+        rates.append([getattr(difference, "value", None) for difference in differences])
+        matrix.append((name, tuple(_cell(difference) for difference in differences)))
+    matrix += _mean_line([list(column) for column in zip(*rates, strict=True)])
+    rows = [
+        _compare(name, reference, curve) for name, reference, curves in pairs for curve in curves.values()
+    ]
+    return Verdict(anchor, tuple(kept), measures, tuple(matrix), tuple(rows))
 
 
-def _compare(name: str, reference: Curve, curve: Curve) -> tuple[Row, float | None]:
+def _compare(name: str, reference: Curve, curve: Curve) -> Row:
     difference = compare_curves(reference, curve)
-    if isinstance(difference, str):
-        where = crossing_text(reference, curve)
-        reason = f"not comparable: {difference}"
-        return Row(
-            name, curve.label, reason, NOTHING, NOTHING, _points(reference, curve), where, "none"
-        ), None
-    low, high = difference.overlap
-    share = f"{100 * difference.overlap_share:.0f} %"
-    other, num_reference = difference.num_points[1], difference.num_points[0]
-    row = Row(
+    overlap, points = NOTHING, f"{len(curve.points)} and {len(reference.points)}"
+    psnr, verdict = NOTHING, "none"
+    if not isinstance(difference, str):
+        low, high = difference.overlap
+        overlap = f"{low:.1f} to {high:.1f} dB ({100 * difference.overlap_share:.0f} %)"
+        points = f"{difference.num_points[1]} and {difference.num_points[0]}"
+        psnr, verdict = (
+            _text(compare_curves(reference, curve, "psnr"), 2, "dB"),
+            _verdict_of(difference.value),
+        )
+    return Row(
         sequence=name,
         codec=curve.label,
-        rate=signed(difference.value, 1, "%"),
-        psnr=_psnr_text(reference, curve),
-        overlap=f"{low:.1f} to {high:.1f} dB ({share})",
-        points=f"{other} and {num_reference}",
+        rate=_text(difference, 1, "%"),
+        psnr=psnr,
+        rate_yuv=_text(compare_curves(reference, curve, "rate", "colour"), 1, "%"),
+        psnr_yuv=_text(compare_curves(reference, curve, "psnr", "colour"), 2, "dB"),
+        overlap=overlap,
+        points=points,
         where=crossing_text(reference, curve),
-        verdict=_verdict_of(difference.value),
+        verdict=verdict,
     )
-    return row, difference.value
 
 
-def _points(reference: Curve, curve: Curve) -> str:
-    return f"{len(curve.points)} and {len(reference.points)}"
-
-
-def _psnr_text(reference: Curve, curve: Curve) -> str:
-    difference = compare_curves(reference, curve, "psnr")
+def _text(difference: "BdResult | str", decimals: int, unit: str) -> str:
+    if difference == NO_CHROMA:
+        return NOTHING
     if isinstance(difference, str):
         return f"not comparable: {difference}"
-    return signed(difference.value, 2, "dB")
+    return signed(difference.value, decimals, unit)
 
 
-def _cell(rate: float | None, row: Row | None) -> Cell:
-    if rate is None:
-        return Cell(NOTHING if row is None else "not comparable", "none")
-    return Cell(signed(rate, 1, "%"), _verdict_of(rate))
+def _cell(difference: "BdResult | str | None") -> Cell:
+    if difference is None or difference == NO_CHROMA:
+        return Cell(NOTHING, "none")
+    if isinstance(difference, str):
+        return Cell("not comparable", "none")
+    return Cell(signed(difference.value, 1, "%"), _verdict_of(difference.value))
 
 
 def _verdict_of(rate: float) -> str:
@@ -130,13 +148,13 @@ def _verdict_of(rate: float) -> str:
     return "better" if rate < 0 else "worse"
 
 
-def _mean_line(
-    rates: dict[str, list[float | None]], labels: Sequence[str]
-) -> list[tuple[str, tuple[Cell, ...]]]:
-    """Return the mean of every codec over the sequences on which it has a figure, if these are several."""
+def _mean_line(columns: Sequence[list[float | None]]) -> list[tuple[str, tuple[Cell, ...]]]:
+    """Return the mean of every column over the sequences on which it has a figure, if these are several."""
     cells = []
-    for label in labels:
-        count = sum(rate is not None for rate in rates[label])
-        cell = _cell(mean(rates[label]) if count > 1 else None, None)
-        cells.append(Cell(f"{cell.text} ({count})", cell.verdict) if count > 1 else cell)
+    for rates in columns:
+        count, value = sum(rate is not None for rate in rates), mean(rates)
+        if count < 2 or value is None:
+            cells.append(Cell(NOTHING, "none"))
+        else:
+            cells.append(Cell(f"{signed(value, 1, '%')} ({count})", _verdict_of(value)))
     return [("mean (sequences)", tuple(cells))] if any(cell.text != NOTHING for cell in cells) else []

@@ -1,6 +1,5 @@
 """Figures 5.3 and 5.10: correspondences and epipolar geometry between the first two key frames."""
 
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dvc.environment import python_module
 from dvc.errors import DvcError
 from dvc.page.drawing import Picture
 from dvc.rd.processes import ProcessGroup
@@ -34,7 +34,7 @@ def correspondences(sequence: str, apart: int = LOSSLESS_GOP) -> dict[str, Pictu
 
 
 def _run(processes: ProcessGroup, program: str, words: Sequence[str]) -> None:
-    processes.run([sys.executable, "-m", program, *words, "--quiet"])
+    processes.run(python_module(program, *words, "--quiet"))
 
 
 def _drawn(processes: ProcessGroup, video: Path, apart: int, folder: Path) -> Picture:

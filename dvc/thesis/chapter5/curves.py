@@ -63,6 +63,7 @@ class Method(NamedTuple):
             ("lossless",),
             LOSSLESS_GOP,
             frames=frames,
+            luma_only=True,
             options=options,
             side_information=method,
         )
@@ -101,7 +102,7 @@ def sweeps(sequence: str, preset: Preset, frames: int, way: Way) -> dict[str, li
     found = {}
     for name, codec in CODECS.items():
         if way is Way.OURS:
-            sweep = Sweep((sequence,), codec, frames=frames, qp=preset.qp)
+            sweep = Sweep((sequence,), codec, frames=frames, luma_only=True, qp=preset.qp)
         else:
             tracked = codec in ("3d-td", "3d-te")
             options = TURBO + (KEYS if tracked else ())
@@ -111,6 +112,7 @@ def sweeps(sequence: str, preset: Preset, frames: int, way: Way) -> dict[str, li
                 preset.wz_q,
                 gop=LOSSLESS_GOP if codec in ("3d", "3d-td") else None,
                 frames=frames,
+                luma_only=True,
                 options=tuple(sorted(options)),
                 side_information=None if codec == "2d" else "mesh",
             )
@@ -122,6 +124,7 @@ def sweeps(sequence: str, preset: Preset, frames: int, way: Way) -> dict[str, li
             preset.wz_q,
             gop=1,
             frames=frames,
+            luma_only=True,
             anchors=(anchor,),
             anchor_qp=preset.anchor_qp,
         )

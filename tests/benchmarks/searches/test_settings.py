@@ -5,7 +5,16 @@ from fractions import Fraction
 
 import pytest
 
-from benchmarks.searches.settings import Coded, Place, coded, divided, encoder_session, net_percent, row
+from benchmarks.searches.settings import (
+    Coded,
+    Place,
+    coded,
+    divided,
+    encoder_session,
+    left_out,
+    net_percent,
+    row,
+)
 from dvc.config import EstimatedRate, ParityBuffer
 from dvc.video import VideoInfo
 from sequences.sequence import RenderedSequence
@@ -44,17 +53,29 @@ def test_what_psnr_is_worth_is_taken_off() -> None:
     assert "QP 32 +0.0, 38 +9.5; a +4.8; 12.5 % of frames failed" in row(found, "x")
 
 
+def test_each_clip_is_left_out_of_the_choice() -> None:
+    """A clip gets the settings that are best for the others, whatever they do to it."""
+    found = {}
+    for clip, bytes_of in {"a": (1000, 900, 1300), "b": (1000, 800, 700), "c": (1000, 990, 700)}.items():
+        for settings, num_bytes in zip(("", "x", "y"), bytes_of, strict=True):
+            found[Place(clip, 32, settings)] = Coded(2 * num_bytes, 38.0, 0.0)
+            found[Place(clip, 38, settings)] = Coded(num_bytes, 34.0, 0.0)
+    text = left_out(found)
+    assert "a +26.2 (y), b -22.3 (x), c -1.0 (x)" in text
+    assert "+0.97 %" in text
+
+
 def test_a_clip_is_coded_with_settings(street: str) -> None:
     """Finer key frames take more bytes and look better; constants of the encoder are put back."""
-    from encoder import intra_decision
+    from dvc import keyframes
 
     usual, finer = (coded(Place(street, 40, settings), 2, ParityBuffer()) for settings in ("", "key.qp=-6"))
     assert finer.num_bytes > usual.num_bytes
     assert finer.psnr_db > usual.psnr_db
-    before = intra_decision.MAX_LOST_SHARE
-    keyed = coded(Place(street, 40, "encoder.intra_decision.MAX_LOST_SHARE=-1.0"), 2, ParityBuffer())
-    assert before == intra_decision.MAX_LOST_SHARE
-    assert keyed.num_bytes != usual.num_bytes
+    before = keyframes.INTRA_QP_OFFSET
+    coarser = coded(Place(street, 40, "dvc.keyframes.INTRA_QP_OFFSET=0"), 2, ParityBuffer())
+    assert before == keyframes.INTRA_QP_OFFSET
+    assert coarser.num_bytes < usual.num_bytes
 
 
 def test_rates_may_be_estimated(street: str) -> None:

@@ -58,7 +58,7 @@ def test_files_are_what_is_measured(
     """Any size and number of frames decodes in order; the rate is the size of the file, bit for bit."""
     clip = write_clip(tmp_path / "clip.mkv", width, height, num_frames)
     file = tmp_path / f"stream{codec.suffix}"
-    coded = encode_file(clip, file, codec, 24)
+    coded = encode_file(clip, file, codec, 24, luma_only=True)
     measured = measure_file(file, clip, zero_motion=codec.zero_motion)
     totals, rows = measured["totals"], measured["per_frame"]
     assert coded["frames"] == totals["frames"] == len(rows) == num_frames
@@ -73,7 +73,7 @@ def test_files_are_what_is_measured(
 
 
 @pytest.mark.parametrize("name", ["x264-medium", "x265-medium", "svtav1-6"])
-def test_chroma_is_coded_where_it_is_asked_for(tmp_path: Path, name: str) -> None:
+def test_chroma_is_coded_unless_luma_is_asked_for(tmp_path: Path, name: str) -> None:
     """In colour the chroma is that of the original; without, whatever the original has, there is none."""
     noise = np.random.default_rng(3).integers(60, 200, (2, 16, 24)).astype(np.uint8)
     cb, cr = (cv2.GaussianBlur(plane, (0, 0), 3) for plane in noise)
@@ -82,16 +82,17 @@ def test_chroma_is_coded_where_it_is_asked_for(tmp_path: Path, name: str) -> Non
         for level in (100, 104, 108):
             writer.write(Frame(np.full((32, 48), level, np.uint8), (cb, cr)))
     psnrs_db, sizes = [], []
-    for colour in (False, True):
-        file = tmp_path / f"{colour}{codec.suffix}"
-        sizes.append(encode_file(clip, file, codec, 24, colour=colour)["bytes"])
-        totals = measure_file(file, clip, colour=colour)["totals"]
-        psnrs_db.append([totals.get(plane) for plane in ("psnr_cb_db", "psnr_cr_db")])
-    assert psnrs_db[0] == [None, None]
+    for luma_only in (True, False):
+        file = tmp_path / f"{luma_only}{codec.suffix}"
+        sizes.append(encode_file(clip, file, codec, 24, luma_only=luma_only)["bytes"])
+        totals = measure_file(file, clip, luma_only=luma_only)["totals"]
+        psnrs_db.append([totals.get(plane) for plane in ("psnr_cb_db", "psnr_cr_db", "psnr_yuv_db")])
+    assert psnrs_db[0] == [None, None, None]
     assert min(psnrs_db[1]) > 35
+    assert psnrs_db[1][2] == pytest.approx((6 * totals["psnr_y_db"] + sum(psnrs_db[1][:2])) / 8)
     assert sizes[0] < sizes[1]
     with pytest.raises(ConfigError, match="codes luma only"):
-        encode_file(clip, tmp_path / "x.264", ANCHOR_CODECS["x264-ippp-zero"], 24, colour=True)
+        encode_file(clip, tmp_path / "x.264", ANCHOR_CODECS["x264-ippp-zero"], 24)
 
 
 @EVERY_CODEC
@@ -100,7 +101,7 @@ def test_coarser_quantization_needs_less(clip: Path, tmp_path: Path, codec: Anch
     found = []
     for number, qp in enumerate((20, 44, 44)):
         file = tmp_path / f"{number}{codec.suffix}"
-        encode_file(clip, file, codec, qp)
+        encode_file(clip, file, codec, qp, luma_only=True)
         totals = measure_file(file, clip)["totals"]
         found.append((totals["stream_bytes"], totals["psnr_y_db"], file.read_bytes()))
     assert found[0][0] > found[1][0]
@@ -376,7 +377,7 @@ def test_too_small_pictures_are_refused(tmp_path: Path) -> None:
 def results(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[PointResult]]:
     """Measure an anchor with real processes, and one whose encoder refuses the pictures."""
     folder = tmp_path_factory.mktemp("rd")
-    points = [Point(str(clip), "x264-ippp-zero", None, "30", 0, start=1, frames=3)]
+    points = [Point(str(clip), "x264-ippp-zero", None, "30", 0, start=1, frames=3, luma_only=True)]
     tiny = write_clip(clip.with_name("tiny.mkv"), 3, 3, 1)
     points.append(Point(str(tiny), "svtav1", None, "30", 0))
     summary = run_points(points, folder, folder)

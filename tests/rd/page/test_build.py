@@ -20,7 +20,7 @@ from dvc.rd.page.verdict import verdicts
 from dvc.rd.pictures import read_picture
 from dvc.rd.point_result import PointResult
 from dvc.rd.results import POINTS_FOLDER, read_folders, read_results
-from tests.rd.made_up import result_data, write_results
+from tests.rd.made_up import result_data, write_colour_results, write_results
 from tests.rd.made_up_page import HOSTILE, write_many
 
 
@@ -254,3 +254,20 @@ def test_files_that_are_no_pictures_of_points(tmp_path: Path, data: bytes) -> No
     (tmp_path / "p.png").write_bytes(data)
     assert read_picture(tmp_path / "p.png") is None
     assert read_picture(tmp_path / "none.png") is None
+
+
+def test_page_shows_luma_and_colour(tmp_path: Path) -> None:
+    """In colour the verdict has a column for each measure, and points of charts have both PSNRs."""
+    results = read_results(write_colour_results(tmp_path / "a"))
+    judged = {verdict.anchor: verdict for verdict in verdicts(experiments(results))}
+    intra = judged["H.264 intra"]
+    assert intra.columns == ["2D-DVC, GOP 2: luma", "2D-DVC, GOP 2: colour"]
+    ((_, cells),) = intra.matrix
+    assert [cell.verdict for cell in cells] == ["better", "none"]
+    assert (intra.rows[0].rate, intra.rows[0].rate_yuv.lstrip("+−")) == ("−20.0 %", "0.0 %")
+    page = own_text(page_of(results, tmp_path / "page.html"))
+    assert "2D-DVC, GOP 2: colour</th>" in page
+    assert "BD-rate, colour</th>" in page
+    assert '"colour":31.5' in page.replace(" ", "")
+    plain = own_text(page_of(read_results(write_results(tmp_path / "b")), tmp_path / "page.html"))
+    assert "BD-rate, colour" not in plain

@@ -97,6 +97,7 @@ def test_points_as_written_are_those_of_the_text() -> None:
     assert curves["3D-DVC"][0].gop == curves["3D-DVC-TD"][0].gop == LOSSLESS_GOP == 10
     anchors = {name: points for name, points in curves.items() if name not in CODECS}
     assert all(points and not point.has_wyner_ziv for points in anchors.values() for point in points)
+    assert all(point.luma_only for points in curves.values() for point in points)
     assert {points[0].codec for points in anchors.values()} == {"h264-intra", "x264-ippp-zero", "x264-ippp"}
 
 
@@ -106,7 +107,7 @@ def test_ours_have_their_own_settings() -> None:
     for name in CODECS:
         assert [point.qp for point in curves[name]] == list(FULL.qp)
         assert all(point.options == () and point.side_information is None for point in curves[name])
-        assert {point.frames for point in curves[name]} == {5}
+        assert {(point.frames, point.luma_only) for point in curves[name]} == {(5, True)}
 
 
 def test_table_5_1_is_measured_with_lossless_key_frames() -> None:
@@ -117,6 +118,7 @@ def test_table_5_1_is_measured_with_lossless_key_frames() -> None:
     ours = [method.point("street", 9, Way.OURS) for method in OURS_METHODS]
     assert [point.codec for point in ours] == list(CODECS.values())
     assert {point.side_information for point in ours} == {None}
+    assert all(point.luma_only for point in (*written, *ours))
 
 
 @pytest.mark.parametrize("way", Way)

@@ -46,10 +46,11 @@
       return {
         x: curve.points.map((point) => point.rate), y: curve.points.map((point) => point.psnr),
         text: curve.points.map((point) => `${plain(curve.label)}<br>${plain(point.name)}`),
+        customdata: curve.points.map((point) => (point.colour === null ? "" : `, colour ${point.colour.toFixed(2)} dB`)),
         name: plain(curve.label), mode: curve.points.length > 1 ? "lines+markers" : "markers",
         line: { color: colourOf(style), dash: style.dash, width: 2 },
         marker: { symbol: style.symbol, size: 9, color: colourOf(style), line: { width: 2, color: colourOf(style) } },
-        hovertemplate: "%{text}<br>%{x:.1f} kbit/s, %{y:.2f} dB<extra></extra>",
+        hovertemplate: "%{text}<br>%{x:.1f} kbit/s, %{y:.2f} dB%{customdata}<extra></extra>",
       };
     });
   }
