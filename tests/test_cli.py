@@ -330,7 +330,7 @@ def test_salvage_of_nothing_writes_nothing(desk: Path, capsys: pytest.CaptureFix
         first_key = data.index(next(iter(reader)).key)
     (desk / "cut.dvc").write_bytes(data[: first_key + 1])
     assert decode("cut.dvc", "kept.y4m", "--salvage") == 2
-    assert one_line_of(capsys).startswith("dvc-decode: cut.dvc: record 1 ")
+    assert one_line_of(capsys).startswith("dvc-decode: cut.dvc: lost: record 1 ")
     assert not (desk / "kept.y4m").exists()
 
 
