@@ -23,6 +23,7 @@ EXAMPLES = """\
   dvc-decode street.dvc out.mkv --punctured small.dvc           also write the stream that was really needed
   dvc-decode street.dvc part.mkv --frames 40:48                 frames 40 to 47, no more groups than they need
   dvc-decode day-0003.dvc.part day.mkv --unfinished             what a recording holds that was cut off
+  dvc-decode damaged.dvc saved.mkv --salvage                    all that is whole; what is lost is named
   dvc-decode street.dvc street.mkv --scene map                  and the map: cameras, depth, points, a page
   dvc-decode street.dvc street.mkv --view                       a page to watch it while it goes on
   dvc-decode recording day.mkv --dask tcp://127.0.0.1:8786      all segments in a folder, on a Dask cluster
@@ -76,8 +77,8 @@ def _add_endings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--salvage",
         action="store_true",
-        help="keep the frames of a damaged stream that are whole, and name those that are lost: damage of a"
-        " key frame costs its chain, up to the next IDR picture (exit status 2 all the same; files only:"
+        help="keep the frames of a damaged stream that are whole, and name those that are lost: a damaged key"
+        " frame costs all frames up to the next IDR picture (exit status 2 all the same; files only:"
         " what a live run has decoded when it ends early stays as OUTPUT.part, with exit status 3)",
     )
     parser.add_argument(

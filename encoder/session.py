@@ -156,12 +156,12 @@ class EncoderSession:
         return groups(frames, length)
 
     def begin_again(self, number: int) -> None:
-        """Let no later group be predicted from what is before a group with a key frame.
+        """Begin a chain of key frames with a group, so that a decoder can begin there.
 
         Parameters
         ----------
         number : int
-            Of the group, which gets an IDR picture if it is still to be encoded.
+            Of the group, whose key frame becomes an IDR picture if it is still to be encoded.
         """
         if number >= self._num_groups:
             self._num_chained = 0
