@@ -205,14 +205,24 @@ def test_other_specs_are_refused(tmp_path: Path, text: str) -> None:
         read_spec(path)
 
 
-def test_a_sweep_has_the_groups_of_its_codec() -> None:
-    """Without a length the points have that of the encoder, which depends on the references."""
-    lengths = {
-        options: {point.gop for point in Sweep(("clip",), codec="3d-te", options=options).points()}
-        for options in ((), (("references", "keys"),))
-    }
-    assert lengths == {(): {16}, (("references", "keys"),): {8}}
-    assert {point.gop for point in Sweep(("clip",), codec="3d").points()} == {2}
+@pytest.mark.parametrize(
+    ("codec", "wz_q", "options", "length"),
+    [
+        ("3d-te", (), {}, 8),
+        ("3d-te", (), {"references": "keys"}, 8),
+        ("3d-te", (), {"key-frames": "intra"}, 16),
+        ("3d-te", (4,), {}, 16),
+        ("3d-te", (4,), {"intra-period": "30"}, 8),
+        ("3d", (), {}, 2),
+        ("3d", (4,), {}, 2),
+    ],
+)
+def test_a_sweep_has_the_groups_of_its_codec(
+    codec: str, wz_q: tuple[int, ...], options: dict[str, str], length: int
+) -> None:
+    """Without a length the points have that of the encoder, which depends on references and key frames."""
+    sweep = Sweep(("clip",), codec=codec, wz_q=wz_q, options=tuple(options.items()))
+    assert {point.gop for point in sweep.points()} == {length}
 
 
 def test_anchors_that_are_files() -> None:
