@@ -135,7 +135,10 @@ class Sweep:
         return [(None, qp) for qp in self.qp or USUAL_QPS]
 
     def _gop_length(self) -> int:
-        usual = variant_of(self.codec).groups(dict(self.options).get("references")).length
+        options = dict(self.options)
+        is_chosen = bool({"key-frames", "intra-period"} & options.keys())
+        is_intra = options.get("key-frames") == "intra" or (bool(self.wz_q) and not is_chosen)
+        usual = variant_of(self.codec).groups(options.get("references"), 0 if is_intra else None).length
         return usual if self.gop is None else self.gop
 
     def anchor_qps(self) -> list[int]:

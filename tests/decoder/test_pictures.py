@@ -54,7 +54,8 @@ def test_calls_do_what_commands_do(frames: list[Frame], tmp_path: Path) -> None:
 
 def test_depth_is_that_of_the_scene(frames: list[Frame], tmp_path: Path) -> None:
     """Where a frame was predicted from the scene, near is near; key frames have none."""
-    encoder.encode(frames, CONFIG, tmp_path / "stream.dvc")
+    config = codec_config(VIDEO, quality=Qp(18))
+    encoder.encode(frames, config, tmp_path / "stream.dvc")
     pictures = list(decoder.decode(tmp_path / "stream.dvc"))
     assert pictures[0].inverse_depth is None
     of_scene = [number for number, picture in enumerate(pictures) if picture.inverse_depth is not None]

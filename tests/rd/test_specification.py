@@ -67,20 +67,15 @@ def test_options_of_the_experiment_itself_are_refused(word: str) -> None:
 
 def test_encoder_options_name_everything() -> None:
     """A point gives the encoder its options, flags without a value."""
-    point = Point(
-        "clip", "2d", 3, "auto", 4, 5, 7, luma_only=True, options=(("adaptive", "true"), ("seed", "2"))
-    )
+    point = Point("clip", "2d", 3, "auto", 4, 5, 7, options=(("adaptive", "true"), ("seed", "2")))
     assert " ".join(point.encoder_options()) == (
         "--codec 2d --gop 4 --key-qp auto --start 5 --wz-q 3 --frames 7 --luma-only --adaptive --seed 2"
     )
 
 
-def test_colour_is_the_default() -> None:
-    """Points, sweeps and the command code chroma unless they are told not to."""
-    assert "--luma-only" not in Point("clip", "2d", 3, "auto", 2).encoder_options()
-    assert {point.luma_only for point in Sweep(("clip",), anchors=("intra",)).points()} == {False}
-    sweep = build_sweep({"sequences": ["clip"], "luma_only": True})
-    assert all("--luma-only" in point.encoder_options() for point in sweep.points())
+def test_colour_is_coded_without_the_flag() -> None:
+    """A point in colour does not ask for luma only."""
+    assert "--luma-only" not in Point("clip", "2d", 3, "auto", 2, luma_only=False).encoder_options()
 
 
 def test_anchor_has_the_qps_of_the_sweep_and_its_own() -> None:
@@ -210,25 +205,35 @@ def test_other_specs_are_refused(tmp_path: Path, text: str) -> None:
         read_spec(path)
 
 
-def test_a_sweep_has_the_groups_of_its_codec() -> None:
-    """Without a length the points have that of the encoder, which depends on the references."""
-    lengths = {
-        options: {point.gop for point in Sweep(("clip",), codec="3d-te", options=options).points()}
-        for options in ((), (("references", "keys"),))
-    }
-    assert lengths == {(): {8}, (("references", "keys"),): {8}}
-    assert {point.gop for point in Sweep(("clip",), codec="3d").points()} == {2}
+@pytest.mark.parametrize(
+    ("codec", "wz_q", "options", "length"),
+    [
+        ("3d-te", (), {}, 8),
+        ("3d-te", (), {"references": "keys"}, 8),
+        ("3d-te", (), {"key-frames": "intra"}, 16),
+        ("3d-te", (4,), {}, 16),
+        ("3d-te", (4,), {"intra-period": "30"}, 8),
+        ("3d", (), {}, 2),
+        ("3d", (4,), {}, 2),
+    ],
+)
+def test_a_sweep_has_the_groups_of_its_codec(
+    codec: str, wz_q: tuple[int, ...], options: dict[str, str], length: int
+) -> None:
+    """Without a length the points have that of the encoder, which depends on references and key frames."""
+    sweep = Sweep(("clip",), codec=codec, wz_q=wz_q, options=tuple(options.items()))
+    assert {point.gop for point in sweep.points()} == {length}
 
 
 def test_anchors_that_are_files() -> None:
     """Points of anchors say how far apart intra frames are, 0 for a first only; one is for luma alone."""
     anchors = ("x264-intra", "x264-ippp-zero", "x264-ippp-16")
-    sweep = Sweep(("clip",), "2d", wz_q=(8,), anchors=anchors, anchor_qp=(30,), luma_only=True)
+    sweep = Sweep(("clip",), "2d", wz_q=(8,), anchors=anchors, anchor_qp=(30,))
     found = {(point.codec, point.gop) for point in sweep.points() if point.codec != "2d"}
     assert found == {("x264-intra", 1), ("x264-ippp-zero", 0), ("x264-ippp-16", 16)}
-    assert Sweep(("clip",), anchors=("x265",))
-    with pytest.raises(ConfigError, match="x264-ippp-zero codes luma only: add --luma-only"):
-        Sweep(("clip",), anchors=("x264-ippp-zero",))
+    assert Sweep(("clip",), anchors=("x265",), luma_only=False)
+    with pytest.raises(ConfigError, match="x264-ippp-zero codes luma only"):
+        Sweep(("clip",), anchors=("x264-ippp-zero",), luma_only=False)
 
 
 def test_side_information_is_an_option_of_the_decoder() -> None:
