@@ -51,7 +51,18 @@ def psnr_db(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
 
 
 def psnr_yuv_db(psnr_y_db: float, psnr_cb_db: float, psnr_cr_db: float) -> float:
-    """Return the PSNR of a picture in colour, (6 Y + Cb + Cr) / 8, or the mean of several."""
+    """Return the PSNR of a picture in colour: luma weighs six times as much as either plane of chroma.
+
+    Parameters
+    ----------
+    psnr_y_db, psnr_cb_db, psnr_cr_db : float
+        PSNRs of the planes, or their means over frames.
+
+    Returns
+    -------
+    float
+        Decibels: (6 Y + Cb + Cr) / 8.
+    """
     return (6.0 * psnr_y_db + psnr_cb_db + psnr_cr_db) / 8.0
 
 

@@ -46,7 +46,7 @@ def test_a_stream_has_its_bitrate(clip: Path, tmp_path: Path) -> None:
         stream, report = encoded(clip, tmp_path, "--bitrate", text)
         off = deviations(group_rates(stream), FRAME_RATE, bits_per_s)
         assert len(off) > 3
-        assert max(map(abs, off)) < 0.08
+        assert max(map(abs, off)) < 0.1
         assert 0 < report["limits"]["most_bits_owed"] < 0.6 * bits_per_s
     report = tmp_path / "decoder.json"
     words = [str(stream), str(tmp_path / "decoded.y4m"), "--frames", "0:17", "--json", str(report)]

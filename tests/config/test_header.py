@@ -36,7 +36,7 @@ from dvc.config import (
 from dvc.errors import BitstreamError
 
 QCIF = VideoConfig(176, 144, 15, 1)
-DEFAULT = codec_config(QCIF)
+DEFAULT = CodecConfig(QCIF)
 BEFORE_SETS = [None] * [field.name for field in fields(KeyFrameConfig)].index("parameter_sets")
 
 

@@ -69,13 +69,13 @@ def test_encoder_options_name_everything() -> None:
     """A point gives the encoder its options, flags without a value."""
     point = Point("clip", "2d", 3, "auto", 4, 5, 7, options=(("adaptive", "true"), ("seed", "2")))
     assert " ".join(point.encoder_options()) == (
-        "--codec 2d --gop 4 --key-qp auto --start 5 --wz-q 3 --frames 7 --luma-only --adaptive --seed 2"
+        "--codec 2d --gop 4 --key-qp auto --start 5 --wz-q 3 --frames 7 --adaptive --seed 2"
     )
 
 
-def test_colour_is_coded_without_the_flag() -> None:
-    """A point in colour does not ask for luma only."""
-    assert "--luma-only" not in Point("clip", "2d", 3, "auto", 2, luma_only=False).encoder_options()
+def test_luma_alone_is_coded_with_the_flag() -> None:
+    """A point of luma asks for it."""
+    assert "--luma-only" in Point("clip", "2d", 3, "auto", 2, luma_only=True).encoder_options()
 
 
 def test_anchor_has_the_qps_of_the_sweep_and_its_own() -> None:
@@ -228,12 +228,12 @@ def test_a_sweep_has_the_groups_of_its_codec(
 def test_anchors_that_are_files() -> None:
     """Points of anchors say how far apart intra frames are, 0 for a first only; one is for luma alone."""
     anchors = ("x264-intra", "x264-ippp-zero", "x264-ippp-16")
-    sweep = Sweep(("clip",), "2d", wz_q=(8,), anchors=anchors, anchor_qp=(30,))
+    sweep = Sweep(("clip",), "2d", wz_q=(8,), anchors=anchors, anchor_qp=(30,), luma_only=True)
     found = {(point.codec, point.gop) for point in sweep.points() if point.codec != "2d"}
     assert found == {("x264-intra", 1), ("x264-ippp-zero", 0), ("x264-ippp-16", 16)}
-    assert Sweep(("clip",), anchors=("x265",), luma_only=False)
+    assert Sweep(("clip",), anchors=("x265",))
     with pytest.raises(ConfigError, match="x264-ippp-zero codes luma only"):
-        Sweep(("clip",), anchors=("x264-ippp-zero",), luma_only=False)
+        Sweep(("clip",), anchors=("x264-ippp-zero",))
 
 
 def test_side_information_is_an_option_of_the_decoder() -> None:
