@@ -340,7 +340,7 @@ class _SyntaxReader(BitReader):
         super().__init__(_unescaped(unit))
 
     def unsigned(self) -> int:
-        """Read ue(v), an Exp-Golomb code ([H264] 9.1)."""
+        """Read an unsigned Exp-Golomb code ([H264] 9.1)."""
         num_zeros = 0
         while not self.read_number(1):
             num_zeros += 1
