@@ -6,7 +6,6 @@ They lie beside their sources, where programs look first. Under another numba, t
 import os
 import shutil
 import subprocess
-import sys
 import sysconfig
 import tomllib
 from pathlib import Path
@@ -17,6 +16,7 @@ from setuptools.build_meta import *  # noqa: F403
 from setuptools.command.build_py import build_py
 
 from dvc.compile_kernels import listed
+from dvc.environment import child_environment, python_module
 from dvc.extras import EXTRAS
 
 
@@ -30,10 +30,11 @@ class CompiledPackages(build_py):  # type: ignore[misc]
             return
         shutil.rmtree(self.build_lib, ignore_errors=True)  # what is no more is not shipped
         super().run()
-        environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
-        command = [sys.executable, "-m", "dvc.compile_kernels"]
-        subprocess.run(command, cwd=self.build_lib, env=environment, check=True)
-        _prune(Path(self.build_lib))
+        packages, environment = Path(self.build_lib).resolve(), child_environment()
+        environment = {name: value for name, value in environment.items() if not name.startswith("NUMBA_")}
+        environment["PYTHONPATH"] = f"{packages}{os.pathsep}{environment['PYTHONPATH']}"
+        subprocess.run(python_module("dvc.compile_kernels"), env=environment, check=True)
+        _prune(packages)
 
 
 def _prune(root: Path) -> None:

@@ -35,7 +35,8 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def built(hook: str, source: Path, folder: Path) -> Path:
     """Call a hook of the backend as pip does; return what it has built."""
     code = f"import wheel_backend; print(wheel_backend.{hook}({str(folder)!r}))"
-    environment = os.environ | {"PYTHONPATH": str(source), "NUMBA_CACHE_DIR": str(folder / "not-there")}
+    own = {"PYTHONPATH": str(source), "PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": str(folder / "not-there")}
+    environment = os.environ | own
     command = [sys.executable, "-c", code]
     run = subprocess.run(command, cwd=source, env=environment, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
