@@ -215,7 +215,8 @@ def _report(arguments: argparse.Namespace) -> int:
     collection = read_folders(arguments.folders)
     reference = reference_results(collection.results, arguments.reference_rows)
     if arguments.reference_rows and not reference:
-        sys.stderr.write(f"{PROG}: no reference rows: they are of luma only, as `dvc-rd run --luma-only`\n")
+        told = "no reference rows of these frames; they are of luma only (run --luma-only)"
+        sys.stderr.write(f"{PROG}: {told}\n")
     results = [*collection.results, *reference]
     anchor = find_label(results, arguments.against) if arguments.against else ANCHOR_LABEL
     written = write_reports(

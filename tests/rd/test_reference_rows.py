@@ -5,12 +5,13 @@ from pathlib import Path
 import pytest
 
 from dvc.errors import DvcError
+from dvc.rd.__main__ import main
 from dvc.rd.curves import experiments
 from dvc.rd.point_result import PointResult
 from dvc.rd.reference_rows import ROWS_VARIABLE, read_reference_rows, reference_results
 from dvc.rd.report import report_text
 from dvc.rd.tables import preface
-from tests.rd.made_up import result_data
+from tests.rd.made_up import result_data, write_colour_results
 
 HEAD = "# a comment\nclip,codec,entropy,chroma,qp,frames,bits_total,kbps30,psnr_y\n"
 ROWS = """clip,jm95-intra,cabac,none,28,3,24000,240.0,33.5
@@ -70,6 +71,17 @@ def test_other_frames_have_no_rows(rows: Path) -> None:
     longer = result_data(60.0, 30.0)
     longer["totals"] = {**longer["totals"], "frames": 5}
     assert reference_results([PointResult("a", longer)], rows) == []
+
+
+def test_rows_that_stand_beside_nothing_are_told(
+    rows: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A report of points in colour says in one line that rows are of luma only."""
+    folder = write_colour_results(tmp_path / "a")
+    assert main(["report", str(folder), "--reference-rows", str(rows)]) == 0
+    assert capsys.readouterr().err == (
+        "dvc-rd: no reference rows of these frames; they are of luma only (run --luma-only)\n"
+    )
 
 
 def test_file_of_the_environment(rows: Path, monkeypatch: pytest.MonkeyPatch) -> None:
