@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.config import MAX_NEW_TRACKS
 from dvc.video.frames import Plane
 from encoder import _kernels
 from encoder.corners import TRACKED_CORNERS, CornerSettings, find_corners
@@ -41,7 +42,7 @@ class PointTrackerSettings:
     large_noise: float = 16.0  # grey levels a sample that are never small
     # Points of the key frame that closes a group are followed back in time where they are so far from all
     # tracks, up to a number; those that are found in fewer frames between the key frames are left out.
-    max_new_tracks: int | None = None  # None: `NEW_TRACKS_SHARE` of the most points
+    max_new_tracks: int = MAX_NEW_TRACKS
     new_track_distance_px: float = 14.0
     min_new_track_frames: int = 2
 

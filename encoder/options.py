@@ -15,11 +15,11 @@ from dvc.config import (
     INTRA_PERIOD,
     MAX_GOP_LENGTH,
     MAX_INTRA_PERIOD,
+    MAX_NEW_TRACKS,
     MAX_POINTS,
     MAX_QP,
     MAX_RATE_MARGIN_PERCENT,
     MAX_TRACKS_BPP,
-    NEW_TRACKS_SHARE,
     NOISE_MODELS,
     REFERENCES,
     VARIANTS,
@@ -109,18 +109,13 @@ def _rule_option(
     )
 
 
-def _shown_points(variant: CodecVariant) -> str:
-    fewer = " up to --qp 26 in CIF, fewer beyond or in smaller frames" * (variant.tracks.kind == "encoder")
-    return f"{variant.tracks.num_points}{fewer}"
-
-
 _TRACK_OPTIONS = (
     _TrackOption(
         "points",
         cli.integer(1, MAX_POINTS),
         "N",
         "most tracks of a GOP, or corners of a frame",
-        _shown_points,
+        lambda variant: variant.tracks.num_points,
         tracked=False,
     ),
     _TrackOption(
@@ -161,7 +156,7 @@ _TRACK_OPTIONS = (
         cli.integer(0, MAX_POINTS),
         "N",
         "most new tracks: points that are followed back from the closing key frame of a GOP",
-        lambda _: f"{NEW_TRACKS_SHARE} of --points",
+        lambda _: MAX_NEW_TRACKS,
     ),
 )
 

@@ -25,7 +25,7 @@ from encoder.rate_control.limits import RateLimits
 from encoder.rate_limiter import FrameCoders, RateLimiter, limited
 from encoder.report import EncoderStatistics
 from encoder.time_stamps import CodingClock
-from encoder.track_budget import encode_within_budget
+from encoder.track_budget import encode_within_budget, worthwhile
 from encoder.tracking import PointTracker
 from encoder.wyner_ziv import wyner_ziv_encoder
 
@@ -241,8 +241,9 @@ class EncoderSession:
         started = coding_time_s()
         payload = b""
         if group.tracks is not None:
-            payload = encode_within_budget(group.tracks, self.config, self._max_tracks_bpp)
-            self.statistics.tracking.num_positions += predicted_positions(group.tracks)
+            tracks = worthwhile(group.tracks, self.config)
+            payload = encode_within_budget(tracks, self.config, self._max_tracks_bpp)
+            self.statistics.tracking.num_positions += predicted_positions(tracks)
         elif group.points is not None:
             payload = encode_points(group.points, self.config)
         self.statistics.tracking.cpu_s += coding_time_s() - started

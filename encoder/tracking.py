@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import NEW_TRACKS_SHARE
 from dvc.tracks import PointTracks
 from dvc.video.frames import Plane
 from encoder import _kernels
@@ -29,10 +28,7 @@ class PointTracker:
     ) -> None:
         self._num_points = num_points
         self._subpixel_bits = subpixel_bits
-        self._settings = settings = settings or PointTrackerSettings()
-        self._max_new = settings.max_new_tracks
-        if self._max_new is None:
-            self._max_new = int(NEW_TRACKS_SHARE * num_points)
+        self._settings = settings or PointTrackerSettings()
         self._last_moved: tuple[Integers, NDArray[np.bool_]] | None = None
         self._num_before = 0
         self.work = TrackingWork() if work is None else work
@@ -123,7 +119,7 @@ class PointTracker:
         settings, points = self._settings, self._matching.points
         squares, velocity = np.empty(len(points.positions)), np.empty_like(points.positions)
         _kernels.move_as_nearest(points.positions, np.ascontiguousarray(ends), squares, velocity)
-        chosen = np.flatnonzero(squares >= settings.new_track_distance_px**2)[: self._max_new]
+        chosen = np.flatnonzero(squares >= settings.new_track_distance_px**2)[: settings.max_new_tracks]
         return BlockMatchingTracker(points[chosen], velocity[chosen], self._subpixel_bits, settings)
 
     def _last_motion(self) -> Integers:

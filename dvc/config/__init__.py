@@ -60,8 +60,8 @@ from dvc.config.sections import (
 )
 from dvc.config.variants import (
     DEFAULT_CODEC,
+    MAX_NEW_TRACKS,
     MAX_TRACKS_BPP,
-    NEW_TRACKS_SHARE,
     VARIANTS,
     CodecVariant,
     GroupPreset,
@@ -82,6 +82,7 @@ __all__ = [
     "MAX_BAND_PLANES",
     "MAX_GOP_LENGTH",
     "MAX_INTRA_PERIOD",
+    "MAX_NEW_TRACKS",
     "MAX_PARAMETER_SETS_BYTES",
     "MAX_POINTS",
     "MAX_QP",
@@ -89,7 +90,6 @@ __all__ = [
     "MAX_SIDE_PX",
     "MAX_TICKS_PER_SECOND",
     "MAX_TRACKS_BPP",
-    "NEW_TRACKS_SHARE",
     "NOISE_MODELS",
     "NUM_BANDS",
     "PRIORS",

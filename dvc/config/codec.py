@@ -28,7 +28,7 @@ from dvc.errors import ConfigError
 
 @dataclass(frozen=True)
 class CodecConfig(Section):
-    """All that encoder and decoder must agree on; the defaults are those of `codec_config` at a fine quality.
+    """All that encoder and decoder must agree on; the defaults are those of `codec_config`.
 
     Attributes
     ----------
@@ -118,20 +118,12 @@ def codec_config(
         "coder": CascadeConfig(),
         "side_information": variant.side_information,
         "geometry": GeometryConfig(),
-        "tracks": _tracks_config(variant, quality, video),
+        "tracks": variant.tracks,
         "seed": 0,
     }
     for name, given in overrides.items():
         sections[name] = replace(sections[name], **given) if isinstance(given, Mapping) else given
     return CodecConfig(video, codec, **sections)
-
-
-def _tracks_config(variant: CodecVariant, quality: Quality, video: VideoConfig) -> TracksConfig:
-    """Return what is sent of the geometry: with tracks, as many points as the quality is worth."""
-    tracks = variant.tracks
-    if tracks.kind != "encoder" or not isinstance(quality, Qp):
-        return tracks
-    return replace(tracks, num_points=quality.num_points(tracks.num_points, video.width * video.height))
 
 
 def _gop_config(variant: CodecVariant, key: KeyFrameConfig, overrides: Mapping[str, Any]) -> GopConfig:

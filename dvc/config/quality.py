@@ -1,6 +1,5 @@
 """Quality: one QP that sets key frames, Wyner-Ziv steps and requests together, or a DISCOVER matrix."""
 
-import math
 from dataclasses import dataclass
 
 from dvc.config.fields import check_range, shown
@@ -14,8 +13,6 @@ from dvc.config.sections import (
 from dvc.errors import ConfigError
 
 _KEY_QP = (40, 39, 38, 34, 34, 32, 29, 25)  # for Q1 to Q8: the published choice for the foreman sequence
-_ALL_POINTS_QP, _ALL_POINTS_PIXELS = 26, 352 * 288
-_MIN_POINTS = 32  # cameras have eleven unknowns
 
 
 @dataclass(frozen=True)
@@ -38,24 +35,6 @@ class Qp:
     def key_qp(self) -> int:
         """H.264 quantisation parameter of the key frames."""
         return self.qp
-
-    def num_points(self, most: int, num_pixels: int) -> int:
-        """Return how many points of a frame are worth the bits of their tracks.
-
-        Parameters
-        ----------
-        most : int
-            The most there can be.
-        num_pixels : int
-            Of a frame.
-
-        Returns
-        -------
-        int
-            `most` in a CIF frame up to a QP of 26; half as many 8 above it, or in a quarter of the pixels.
-        """
-        share = math.sqrt(num_pixels / _ALL_POINTS_PIXELS) * math.exp2((_ALL_POINTS_QP - self.qp) / 8)
-        return min(max(round(share * most), _MIN_POINTS), most)
 
     @property
     def wyner_ziv(self) -> WynerZivConfig:

@@ -8,8 +8,8 @@ from dvc.errors import ConfigError
 
 MAX_TRACKS_BPP = 0.01
 """Most bits that tracks cost, per pixel of the Wyner-Ziv frames."""
-NEW_TRACKS_SHARE = 0.375
-"""Most points of the key frame that closes a group which are followed back, of the most of a key frame."""
+MAX_NEW_TRACKS = 48
+"""Most points of the key frame that closes a group which are followed back."""
 
 
 @dataclass(frozen=True)

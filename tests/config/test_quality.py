@@ -8,8 +8,6 @@ import pytest
 from dvc.config import (
     INTRA_PERIOD,
     MAX_QP,
-    VARIANTS,
-    DiscoverMatrix,
     Qp,
     VideoConfig,
     WynerZivConfig,
@@ -43,17 +41,6 @@ def test_every_quality_makes_a_stream(qp: int) -> None:
     assert decode_config(encode_config(config)) == config
     step = config.wyner_ziv.step(2)
     assert quantizer.step_from_index(quantizer.index_of_step(step)) >= min(step, 1440.0)
-
-
-def test_coarse_qualities_and_small_frames_have_fewer_points() -> None:
-    """Half as many 8 QPs above 26, or in a quarter of the pixels, 32 at least; matrices and corners: all."""
-    cif, qcif = (VideoConfig(width, 144 * width // 176, 25, 1) for width in (352, 176))
-    configs = [codec_config(cif, quality=Qp(qp)) for qp in (1, 26, 34, 42, MAX_QP)]
-    assert [config.tracks.num_points for config in configs] == [128, 128, 64, 32, 32]
-    assert codec_config(qcif, quality=Qp(26)).tracks.num_points == 64
-    assert codec_config(qcif, quality=Qp(34), tracks={"num_points": 7}).tracks.num_points == 7
-    for other in (codec_config(qcif, quality=DiscoverMatrix(1)), codec_config(qcif, "3d-td", Qp(51))):
-        assert other.tracks == VARIANTS[other.codec].tracks
 
 
 @pytest.mark.parametrize("options", [["--codec", "3d-te", "--qp", "30"], ["--codec", "3d-td", "--wz-q", "4"]])

@@ -22,7 +22,6 @@ from dvc.config import (
     ParityBuffer,
     Qp,
     Quality,
-    TracksConfig,
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
@@ -168,9 +167,7 @@ def test_importing_the_configuration_is_quick() -> None:
 
 def test_the_default_of_the_library_is_the_codec_that_is_advertised() -> None:
     """What is not said is the best codec at the usual quality, in a file with all planes."""
-    usual = codec_config(QCIF)
-    assert usual == codec_config(QCIF, "3d-te", Qp(30), ParityBuffer())
-    assert replace(usual, tracks=TracksConfig()) == CodecConfig(QCIF)
+    assert CodecConfig(QCIF) == codec_config(QCIF) == codec_config(QCIF, "3d-te", Qp(30), ParityBuffer())
     assert codec_config(QCIF) == codec_config(QCIF, delivery=Live())
 
 

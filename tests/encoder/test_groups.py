@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.config import DiscoverMatrix, KeyFrameRule, VideoConfig, codec_config
+from dvc.config import DiscoverMatrix, KeyFrameRule, Qp, VideoConfig, codec_config
 from dvc.errors import ConfigError
 from dvc.stream import StreamReader
 from dvc.tracks import PointTracks, decode_points, decode_tracks
@@ -16,7 +16,7 @@ from encoder.__main__ import main
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, tracked_groups
 from encoder.session import EncoderSession
-from encoder.track_budget import thinned
+from encoder.track_budget import thinned, worthwhile
 from encoder.tracking import PointTracker
 from tests.clips import moving_texture, write_clip
 
@@ -245,7 +245,7 @@ def test_small_odd_and_short_videos(codec: str, width: int, height: int, num_fra
 
 def test_tracks_keep_to_their_budget() -> None:
     """Where bits are few a group keeps the tracks that last, and never fewer than cameras need."""
-    config = session_of("3d-te", 128, 96, 2).config
+    config = codec_config(VideoConfig(128, 96, 25, 1), gop={"length": 2}, quality=Qp(10))
     kept = []
     for budget in (10.0, 0.035, 0.0001):
         session = EncoderSession(config, None, FREE, budget)
@@ -268,6 +268,42 @@ def test_thinning_keeps_what_lasts() -> None:
     positions[2:, 0] = np.nan
     new_tracks = thinned(PointTracks(positions, 2), 2)
     assert (new_tracks.positions[:, -1, 0].tolist(), new_tracks.num_backward) == ([1, 2], 1)
+
+
+@pytest.mark.parametrize(("qp", "count"), [(30, 128), (36, 64), (42, 32), (51, 32)])
+def test_coarse_qualities_keep_tracks_that_are_far_apart(qp: int, count: int) -> None:
+    """The longest go first, each where it starts away from those before; new ones start in the last frame."""
+    rng = np.random.default_rng(qp)
+    config = codec_config(VideoConfig(352, 288, 25, 1), quality=Qp(qp))
+    positions = rng.uniform([0.0, 0.0], [351.0, 287.0], (152, 3, 2))
+    positions[:64:2, 2], positions[128::2, 0] = np.nan, np.nan
+    tracks = PointTracks(positions, 24)
+    kept = worthwhile(tracks, config)
+    if count == 128:
+        assert kept is tracks
+        return
+    away = 0.65 * (352 * 288 / count) ** 0.5
+    for some, all_of_them, start, most in (
+        (kept.forward, tracks.forward, 0, count),
+        (kept.backward, tracks.backward, -1, 3 * count // 8),
+    ):
+        expected: list[np.ndarray] = []
+        for track in sorted(all_of_them, key=lambda one: np.isnan(one[:, 0]).any()):
+            if all(np.hypot(*(track - other)[start]) >= away for other in expected):
+                expected.append(track)
+        assert 0 < len(some) <= most
+        assert np.array_equal(some, expected[:most], equal_nan=True)
+
+
+def test_worth_of_tracks_counts_pixels_and_keeps_few() -> None:
+    """A frame of four times the pixels has twice as many; no group has too few, or none of no tracks."""
+    large = codec_config(VideoConfig(704, 576, 25, 1), quality=Qp(36))
+    positions = np.full((150, 2, 2), 7.0)
+    positions[:, :, 0] = 4.0 * np.arange(150)[:, None]
+    tracks = PointTracks(positions)
+    assert worthwhile(tracks, large) is tracks
+    none = worthwhile(PointTracks.none(4), codec_config(VideoConfig(16, 16, 25, 1), quality=Qp(51)))
+    assert (len(none), none.num_instants) == (0, 4)
 
 
 def test_command_chooses_key_frames(tmp_path: Path) -> None:
