@@ -34,7 +34,7 @@ MAX_OPEN_GROUPS = 2
 class CodedFrames(NamedTuple):
     """The frames of a group, coded."""
 
-    key: KeyPicture | None  # the key frame that ends the group; None if it is still to be coded
+    key: KeyPicture  # the key frame that ends the group
     wyner_ziv: tuple[EncodedFrame, ...]
     limits: tuple[bytes, ...] = ()  # how much a live decoder may ask for, as headers state it
 
@@ -50,14 +50,26 @@ class FrameCoders(NamedTuple):
     """What these take, at the QP of the key frame."""
 
 
+class _CodedKey(NamedTuple):
+    """A key frame within the limit of frames, or as near to it as may be."""
+
+    picture: KeyPicture
+    qp: int
+    fits: bool
+
+    @property
+    def num_bits(self) -> int:
+        """What it takes."""
+        return 8 * len(self.picture.data)
+
+
 class _Tried(NamedTuple):
     """A group at one quality."""
 
-    coded: CodedFrames
-    key_qp: int
-    key_bits: float
-    expected: ExpectedBits  # of the Wyner-Ziv frames
-    num_too_large: int
+    key: _CodedKey | None  # none of a predicted key frame that is still to be coded
+    frames: tuple[EncodedFrame, ...]
+    expected: ExpectedBits  # of all
+    frames_fit: bool
 
 
 def limited(config: CodecConfig, delivery: Delivery, limits: RateLimits) -> CodecConfig:
@@ -99,21 +111,35 @@ class RateLimiter:
         self._bitrate = before._bitrate
 
     def code(self, group: Group, begins_chain: bool, num_bits: int) -> CodedFrames:
-        """Code the next group, which takes so many bits beside its frames."""
+        """Code the next group, which takes so many bits beside its frames.
+
+        Any quality of an IDR picture is tried. A predicted key frame is coded once, at the quality that suits
+        what it is expected to take; the quality of the other frames makes up for what it does take.
+        """
+        key: _CodedKey | None = None
         tried: dict[QualityStep, _Tried] = {}
 
         def expect(quality: QualityStep) -> ExpectedBits:
             tried.clear()  # frames take memory
-            found = tried[quality] = self._try(group, begins_chain, quality)
-            return found.expected._replace(certain=num_bits + found.key_bits + found.expected.certain)
+            own = self._idr_picture(group, quality.qp) if key is None and begins_chain else key
+            found = tried[quality] = self._try(group, own, quality, num_bits)
+            return found.expected
 
-        quality = self._usual
+        quality, num_frames = self._usual, len(group.wyner_ziv) + 1
+        outlook: QualityStep | None = None
+        if not begins_chain:
+            if self._bitrate is not None:
+                quality = outlook = self._bitrate.outlook(num_frames, expect)
+            key = self._predicted_key(group, quality.qp)
         if self._bitrate is not None:
-            quality = self._bitrate.choose(len(group.wyner_ziv) + 1, expect)
-        if quality not in tried:
+            quality = self._bitrate.choose(num_frames, expect, outlook)
+        if quality not in tried or tried[quality].key is None:
             expect(quality)
-        coded, num_too_large = self._with_key(group, tried[quality])
-        self._num_too_large += num_too_large
+        found = tried[quality]
+        assert found.key is not None
+        self._predicted.learn(found.key.qp, found.key.picture, group.begins_scene)
+        self._num_too_large += (not found.key.fits) + (not found.frames_fit)
+        coded = CodedFrames(found.key.picture, found.frames)
         if self._bitrate is None or not self._tells_limits:
             return coded
         return coded._replace(limits=tuple(_limits(self._bitrate.allowed.tolist())))
@@ -138,21 +164,36 @@ class RateLimiter:
         owed = {} if self._bitrate is None else {"most_bits_owed": round(self._bitrate.most_owed)}
         return owed | ({} if self._limits.bits_per_frame is None else {"too_large": self._num_too_large})
 
-    def _try(self, group: Group, begins_chain: bool, quality: QualityStep) -> _Tried:
-        """Code a group, coarser if a frame is too large; a predicted key frame cannot be tried."""
-        key: KeyPicture | None = None
-        key_qp, num_bits = quality.qp, 0.0
+    def _idr_picture(self, group: Group, qp: int) -> _CodedKey:
+        """Code the key frame as an IDR picture, coarser if it is too large."""
+        found: list[_CodedKey] = []
+
+        def bits(coarser: int) -> float:
+            picture = self._coders.key(group.key, True, qp + coarser)
+            found.append(_CodedKey(picture, qp + coarser, fits=True))
+            return found[-1].num_bits
+
+        fits = keep_within(self._most_bits, MAX_QP - qp, bits)
+        return found[-1]._replace(fits=fits)
+
+    def _predicted_key(self, group: Group, qp: int) -> _CodedKey:
+        """Code the key frame, predicted; as a coarser IDR picture if it turns out too large."""
+        tried: list[int] = []
+
+        def bits(coarser: int) -> float:
+            tried.append(qp + coarser)
+            return self._predicted.bits(qp + coarser)
+
+        keep_within(self._most_bits, MAX_QP - qp, bits)
+        key = _CodedKey(self._coders.key(group.key, False, tried[-1]), tried[-1], fits=True)
+        return key if key.num_bits <= self._most_bits else self._idr_picture(group, tried[-1])
+
+    def _try(self, group: Group, key: _CodedKey | None, quality: QualityStep, num_bits: int) -> _Tried:
+        """Code the Wyner-Ziv frames of a group, coarser if one is too large."""
+        key_qp = quality.qp if key is None else key.qp
+        key_bits = self._predicted.bits(key_qp) if key is None else key.num_bits
         frames: tuple[EncodedFrame, ...] = ()
         expected = ExpectedBits(0.0)
-
-        def key_bits(coarser: int) -> float:
-            nonlocal key, key_qp, num_bits
-            key_qp = quality.qp + coarser
-            num_bits = self._predicted.bits(key_qp)
-            if begins_chain:
-                key = self._coders.key(group.key, True, key_qp)
-                num_bits = 8 * len(key.data)
-            return num_bits
 
         def most_bits(coarser: int) -> float:
             nonlocal frames, expected
@@ -160,52 +201,35 @@ class RateLimiter:
             expected = self._coders.expect(group, frames, key_qp)
             return expected.most
 
-        key_fits, frames_fit = (
-            keep_within(self._most_bits, MAX_QP - quality.qp, bits) for bits in (key_bits, most_bits)
-        )
-        num_too_large = (begins_chain and not key_fits) + (not frames_fit)
-        return _Tried(CodedFrames(key, frames), key_qp, num_bits, expected, num_too_large)
-
-    def _with_key(self, group: Group, tried: _Tried) -> tuple[CodedFrames, int]:
-        """Code the key frame if that is still to be done; count the frames that are too large."""
-        coded, num_too_large, key = tried.coded, tried.num_too_large, tried.coded.key
-        if key is None:
-            key = self._coders.key(group.key, False, tried.key_qp)
-            if 8 * len(key.data) > self._most_bits:  # a coarser IDR picture in its place
-
-                def bits(coarser: int) -> float:
-                    nonlocal key
-                    key = self._coders.key(group.key, True, tried.key_qp + coarser)
-                    return 8 * len(key.data)
-
-                num_too_large += not keep_within(self._most_bits, MAX_QP - tried.key_qp, bits)
-            if self._bitrate is not None:
-                self._bitrate.correct(8 * len(key.data) - tried.key_bits)
-        self._predicted.learn(tried.key_qp, key)
-        return coded._replace(key=key), num_too_large
+        fits = keep_within(self._most_bits, MAX_QP - quality.qp, most_bits)
+        expected = expected._replace(certain=num_bits + key_bits + expected.certain)
+        return _Tried(key, frames, expected, fits)
 
 
 class _PredictedKeys:
-    """Bits of the next predicted key frame, by those of the one before."""
+    """Bits of the next predicted key frame, by those of the one before or of the first of a scene."""
 
     def __init__(self) -> None:
-        self._qp, self._bits, self._begins_chain = MAX_QP, 0.0, True
+        self._qp, self._bits, self._is_first = MAX_QP, 0.0, True
         self._share, self._octaves_per_qp = PREDICTED_SHARE, STEPS * OCTAVES_PER_STEP[0]
 
-    def learn(self, qp: int, key: KeyPicture) -> None:
+    def learn(self, qp: int, key: KeyPicture, begins_scene: bool) -> None:
         """Note what a key frame has taken."""
         num_bits, expected = 8.0 * len(key.data), self.bits(qp)
-        if key.predicted and self._begins_chain and expected:
+        if not key.predicted:
+            if begins_scene or self._is_first:
+                self._qp, self._bits, self._is_first = qp, self._share * num_bits, True
+            return
+        if expected and self._is_first:
             self._share = min(self._share * num_bits / expected, 1.0)
-        elif key.predicted and expected:
+        elif expected:
             if qp != self._qp:
                 _, least, most = (STEPS * octaves for octaves in OCTAVES_PER_STEP)
                 octaves = math.log2(self._bits / num_bits) / (qp - self._qp)
                 self._octaves_per_qp = min(max(0.5 * (self._octaves_per_qp + octaves), least), most)
             # One that rests on a coarser one takes more than it would take again: else they would alternate.
             num_bits = math.sqrt(num_bits * expected)
-        self._qp, self._begins_chain = qp, not key.predicted
-        self._bits = num_bits * (1.0 if key.predicted else self._share)
+        self._qp, self._bits, self._is_first = qp, num_bits, False
 
     def bits(self, qp: int) -> float:
         """Return what the next one is expected to take."""

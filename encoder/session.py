@@ -184,7 +184,6 @@ class EncoderSession:
         begins_chain = self._begins_chain(group)
         if self.limiter is not None:
             key, frames, allowed = self.limiter.code(group, begins_chain, 8 * len(tracks))
-            assert key is not None
         else:
             key = self._code_key(group.key, begins_chain)
             frames, allowed = self._code_wyner_ziv(group), ()

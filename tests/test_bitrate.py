@@ -24,12 +24,10 @@ SIZE, NUM_FRAMES, FRAME_RATE = (104, 88), 240, 25
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write views of a static scene, forth and back, with the noise of a camera: no view is there twice."""
-    views = [render(time, PixelFrame(*SIZE))[0] for time in np.linspace(0.0, 1.0, 21)]
-    noise = np.random.default_rng(1).normal(0.0, 2.0, (NUM_FRAMES, *views[0].shape))
-    lumas = ([*views, *views[-2:0:-1]] * 6)[:NUM_FRAMES] + noise
-    frames = [Frame(luma) for luma in np.clip(lumas, 0.0, 255.0).astype(np.uint8)]
-    return write_clip(tmp_path_factory.mktemp("clip") / "clip.y4m", frames)
+    """Write views of a static scene, forth and back."""
+    views = [Frame(render(time, PixelFrame(*SIZE))[0]) for time in np.linspace(0.0, 1.0, 21)]
+    frames = [*views, *views[-2:0:-1]] * 6
+    return write_clip(tmp_path_factory.mktemp("clip") / "clip.y4m", frames[:NUM_FRAMES])
 
 
 def encoded(clip: Path, folder: Path, *options: str) -> tuple[Path, dict[str, Any]]:
@@ -42,11 +40,11 @@ def encoded(clip: Path, folder: Path, *options: str) -> tuple[Path, dict[str, An
 
 def test_a_stream_has_its_bitrate(clip: Path, tmp_path: Path) -> None:
     """In all windows, but for what the first key frame takes; its frames are those of any such stream."""
-    for bits_per_s, text in ((100_000, "100k"), (200_000, "0.2M")):
+    for bits_per_s, text in ((100_000, "100k"), (150_000, "0.15M")):
         stream, report = encoded(clip, tmp_path, "--bitrate", text)
         off = deviations(group_rates(stream), FRAME_RATE, bits_per_s)
         assert len(off) > 3
-        assert max(map(abs, off)) < 0.1
+        assert max(map(abs, off)) < 0.06
         assert 0 < report["limits"]["most_bits_owed"] < 0.6 * bits_per_s
     report = tmp_path / "decoder.json"
     words = [str(stream), str(tmp_path / "decoded.y4m"), "--frames", "0:17", "--json", str(report)]
@@ -96,7 +94,7 @@ def largest_frame(stream: Path) -> int:
 
 def test_a_live_decoder_takes_what_it_may(clip: Path, tmp_path: Path) -> None:
     """The bitrate holds for what it took in all; its stream is decoded to the same frames."""
-    options = ["--luma-only", "--bitrate", "60k", "--frames", "41"]
+    options = ["--luma-only", "--bitrate", "60k", "--frames", "81"]
     live, stream, again = tmp_path / "live.y4m", tmp_path / "live.dvc", tmp_path / "again.y4m"
     with serving(clip, tmp_path, options) as address:
         words = ["--connect", address, str(live), "--punctured", str(stream), "--quiet"]

@@ -62,6 +62,11 @@ class QualityStep(NamedTuple):
         """Return the quality of a number, `STEPS` times the QP."""
         return cls(number // STEPS, number % STEPS / STEPS)
 
+    @property
+    def number(self) -> int:
+        """Number of the quality; inverse of `of`."""
+        return round(STEPS * (self.qp + self.coarser_share))
+
     def qps(self, distances: Sequence[int]) -> list[int]:
         """Return the QPs of frames whose references are so far apart."""
         order = sorted(range(len(distances)), key=distances.__getitem__)
@@ -81,6 +86,16 @@ class _OpenGroup(NamedTuple):
     certain: float  # bits beyond its share of time
     assumed: float  # bits that a decoder asks for
     allowed: float
+
+
+class _Found(NamedTuple):
+    """The quality of a group."""
+
+    number: int
+    estimate: ExpectedBits
+    share: float  # bits of its time
+    most_bits: float  # that it may take
+    slope: float  # octaves from one quality to the next
 
 
 class BitrateController:
@@ -104,10 +119,39 @@ class BitrateController:
         """What groups take beyond their share, as far as it is known and assumed, in bits."""
         return self._settled + sum(group.certain + group.assumed for group in self._open.values())
 
-    def choose(self, num_frames: int, expect: Callable[[QualityStep], ExpectedBits]) -> QualityStep:
-        """Choose the quality of the next group of so many frames.
+    def choose(
+        self,
+        num_frames: int,
+        expect: Callable[[QualityStep], ExpectedBits],
+        outlook: QualityStep | None = None,
+    ) -> QualityStep:
+        """Choose the quality of the next group of so many frames, near an outlook; enter what it takes."""
+        found = self._search(num_frames, expect, outlook)
+        if outlook is None:
+            self._slope = found.slope
+        start = 0.0 if self._number is not None else START_S * self._bits_per_s
+        self._enter(found.estimate, found.share, found.most_bits)
+        self.most_owed = max(self.most_owed, self.owed + start)
+        self._num_groups += 1
+        self._num_frames += num_frames
+        self._number = found.number
+        return QualityStep.of(found.number)
 
-        `expect` tells what it would take at one; bits that are estimated count as much as those of earlier
+    def outlook(self, num_frames: int, expect: Callable[[QualityStep], ExpectedBits]) -> QualityStep:
+        """Return the quality that suits a group of which something is still to be coded at it."""
+        found = self._search(num_frames, expect)
+        self._slope = found.slope
+        return QualityStep.of(found.number)
+
+    def _search(
+        self,
+        num_frames: int,
+        expect: Callable[[QualityStep], ExpectedBits],
+        outlook: QualityStep | None = None,
+    ) -> _Found:
+        """Find the quality of the next group.
+
+        `expect` returns what it takes at one; bits that are estimated count as much as those of earlier
         groups have turned out to.
         """
         start = START_S * self._bits_per_s if self._number is None else 0.0
@@ -123,15 +167,11 @@ class BitrateController:
         number, most = self._number or STEPS * DEFAULT_QP, STEPS * MAX_QP
         if self._num_frames * self._bits_per_frame > WINDOW_S * self._bits_per_s:
             most = min(number + MAX_RISE, most)
+        if outlook is not None:
+            number = outlook.number
         search = Search(max(min(share - self.owed, most_bits), 1.0), self._bound, self._slope)
         number = search.run(bits, number, most)
-        self._slope = search.slope
-        self._enter(tried[number], share, most_bits)
-        self.most_owed = max(self.most_owed, self.owed + start)
-        self._num_groups += 1
-        self._num_frames += num_frames
-        self._number = number
-        return QualityStep.of(number)
+        return _Found(number, tried[number], share, most_bits, search.slope)
 
     def _wished(self, estimate: ExpectedBits) -> Floats:
         """Return what a decoder would ask for of each frame if it were allowed to."""
@@ -150,10 +190,6 @@ class BitrateController:
         self.allowed *= allowed / wished
         certain = estimate.certain - share
         self._open[self._num_groups] = _OpenGroup(estimate, certain, wished / AIM, allowed)
-
-    def correct(self, num_bits: float) -> None:
-        """Count bits that the latest group has taken beyond what was certain."""
-        self._settled += num_bits
 
     def leave_out(self, last: int) -> None:
         """Expect nothing more of the groups up to a number: no decoder gets their frames any more."""

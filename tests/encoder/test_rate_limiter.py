@@ -78,7 +78,7 @@ def test_a_predicted_key_frame_that_is_too_large_gives_way_to_an_idr_picture(
     keys = Keys(1000, 10)
     limiter = keys.limiter(RateLimits(bits_per_frame=most_bits))
     if not begins:
-        limiter._predicted.learn(30, keys.code(GROUP.key, False, 30))
+        limiter._predicted.learn(30, keys.code(GROUP.key, False, 30), False)
     keys.sizes[False] = 200  # more than is expected
     keys.coded.clear()
     key = limiter.code(GROUP, begins, 0).key
