@@ -99,7 +99,7 @@ def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> in
         frames = arguments.frames
         wanted = None if frames is None else options.frame_range(frames, reader.index.num_frames)
         with ExitStack() as stack:
-            losses = Losses() if arguments.salvage else None
+            losses = Losses(wanted) if arguments.salvage else None
             groups = _decoded(config, reader, wanted, losses, arguments, stack)
             form = Form.NO_FEEDBACK if reader.form == Form.NO_FEEDBACK else Form.PUNCTURED
             num_frames = len(wanted) if wanted is not None else reader.num_frames or None

@@ -59,21 +59,20 @@ class _GroupsOnCluster:
         self._digest, self._run = codec_digest(), uuid.uuid4().hex[:8]
         self._finished = False
         self._failure: BitstreamError | None = None  # what ended the stream
-        self._futures: deque[tuple[Future[DecodedGroup | Exception], range]] = deque()  # and their frames
+        self._futures: deque[tuple[Future[DecodedGroup | Exception], GroupTask]] = deque()
 
     def decode(self) -> Generator[DecodedGroup]:
         """Decode in order of display; what ends the run is raised after all groups before it."""
         try:
             self._submit()
             while self._futures:
-                group, (_, frames) = self._result(self._futures[0][0]), self._futures.popleft()
+                group, (_, task) = self._result(self._futures[0][0]), self._futures.popleft()
                 self._submit()
                 if isinstance(group, BitstreamError) and self._losses is not None:
-                    self._losses.add(frames, group)
-                elif isinstance(group, Exception):
+                    group = self._losses.rest_of(task, group)
+                if isinstance(group, Exception):
                     raise group
-                else:
-                    yield group
+                yield group
             if self._failure is not None:
                 raise self._failure
         finally:
@@ -91,7 +90,7 @@ class _GroupsOnCluster:
             if task is not None:
                 key = f"decode-{self._run}-{task.number}"
                 future = self._client.submit(decode_group, task, self._digest, key=key)
-                self._futures.append((future, range(task.first_index, task.last_index + 1)))
+                self._futures.append((future, task))
 
     def _result(self, future: "Future[DecodedGroup | Exception]") -> DecodedGroup | Exception:
         try:

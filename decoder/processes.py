@@ -193,7 +193,7 @@ class GroupsInFlight:
         self._waiting: deque[GroupTask] = deque()  # groups of a stream, until a process is idle
         self._asked: dict[Place, _Asked] = {}
         self._order: deque[int] = deque()  # of groups that are not handed on
-        self._frames: dict[int, range] = {}  # of these
+        self._tasks: dict[int, GroupTask] = {}  # these, of which something is left where they are damaged
         self._outcomes: dict[int, DecodedGroup | Exception] = {}
 
     def decode(self) -> Iterator[DecodedGroup]:
@@ -211,13 +211,12 @@ class GroupsInFlight:
                     failure = err
                 while self._is_ready():
                     number = self._order.popleft()
-                    outcome, frames = self._outcomes.pop(number), self._frames.pop(number, range(0))
-                    if isinstance(outcome, BitstreamError) and self._losses is not None and frames:
-                        self._losses.add(frames, outcome)
-                    elif isinstance(outcome, Exception):
+                    outcome, task = self._outcomes.pop(number), self._tasks.pop(number, None)
+                    if isinstance(outcome, BitstreamError) and self._losses is not None and task is not None:
+                        outcome = self._losses.rest_of(task, outcome)
+                    if isinstance(outcome, Exception):
                         raise outcome
-                    else:
-                        yield outcome
+                    yield outcome
                     self._source.taken()
         if failure is not None:
             raise failure
@@ -242,7 +241,8 @@ class GroupsInFlight:
                 self._outcomes[-1] = received
                 continue
             self._order.append(received.number)
-            self._frames[received.number] = range(received.first_index, received.last_index + 1)
+            if self._losses is not None:
+                self._tasks[received.number] = received
             if received.record.wyner_ziv:
                 self._waiting.append(received)
             else:

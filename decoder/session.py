@@ -103,7 +103,7 @@ def stream_tasks(
         limits.check_frames(task.last_index + 1 - first_index, reader.num_bytes, config.video)
         is_whole = task.before is not None or task.record.num_frames == 1
         if losses is not None and not is_whole:
-            losses.add(range(index, task.last_index), "the key frame before them is lost")
+            losses.add(range(index, task.last_index), "the key frame before is lost")
             task, is_whole = task.key_alone(), True
         if is_whole and (frames is None or task.last_index >= frames.start):
             yield task

@@ -270,9 +270,12 @@ def offset_between(before, here, after):
 
 @kernel
 def finish_frame(points, last, search, scale, velocity, path):
-    """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; nan for what is not found."""
-    (first, small), (position, sads, beside, found) = points, search
-    longest, sum_of_sads = 0, 0
+    """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; nan for what is not found.
+
+    Return the longest squared way of a point.
+    """
+    (first, _), (position, sads, beside, found) = points, search
+    longest = 0
     for i in range(found.size):
         square = 0
         for axis in range(2):
@@ -286,8 +289,7 @@ def finish_frame(points, last, search, scale, velocity, path):
                     offset = offset_between(beside[i, 2 * axis], sads[i], beside[i, 2 * axis + 1])
                 path[i, axis] = np.rint((position[i, axis] + offset) * scale) / scale
         longest = max(longest, square if found[i] else 0)
-        sum_of_sads += sads[i] if found[i] else small[i]
-    return longest, sum_of_sads
+    return longest
 
 
 @kernel
@@ -300,6 +302,5 @@ def follow(matching, quarter, points, movement, spirals, limits, search, ends):
     (max_coarse_searches, least), (scale, velocity, path) = limits, ends
     num_found = track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search)
     if num_found < least:
-        return num_found, 0, 0
-    longest, sum_of_sads = finish_frame(points, movement.last, search, scale, velocity, path)
-    return num_found, longest, sum_of_sads
+        return num_found, 0
+    return num_found, finish_frame(points, movement.last, search, scale, velocity, path)

@@ -107,7 +107,6 @@ class BlockMatchingTracker:
         self.path: list[Floats] = [points.positions.astype(np.float64)]
         self._last = points.positions
         self._longest_px2 = 0
-        self._sum_of_sads = 0
         self._quarter_blocks = np.empty((0, _QUARTER_SIDE_PX, _QUARTER_SIDE_PX), np.uint8)
         self._scale = 2.0**subpixel_bits
         self._settings = settings
@@ -137,11 +136,6 @@ class BlockMatchingTracker:
         """Largest distance of a live point from where it started, in pixels; 0 if none is left."""
         return math.sqrt(self._longest_px2)
 
-    @property
-    def change(self) -> float:
-        """Mean difference of the blocks from those of the key frame, in grey levels a sample."""
-        return self._sum_of_sads / len(self.alive) / _SIDE_PX**2 if len(self.alive) else 0.0
-
     def _search(
         self,
         luma: Plane,
@@ -158,7 +152,7 @@ class BlockMatchingTracker:
             if len(self._quarter_blocks) == 0:
                 self._quarter_blocks = np.empty((len(self.alive), *self._quarter_blocks.shape[1:]), np.uint8)
                 _kernels.cut_blocks(_quarter(points.luma), points.positions // 4, self._quarter_blocks)
-        self.num_alive, self._longest_px2, self._sum_of_sads = _kernels.follow(
+        self.num_alive, self._longest_px2 = _kernels.follow(
             _kernels.Matching(luma, points.blocks, operations),
             _kernels.Matching(quarter, self._quarter_blocks, operations),
             self._known,

@@ -26,7 +26,8 @@ from encoder.rate_control.bitrate import (
 from encoder.rate_control.limits import RateLimits
 
 PREDICTED_SHARE = 0.3
-"""Bits of a predicted key frame over those of the IDR picture before it, until one is known."""
+"""Bits of a predicted key frame over those of the IDR picture before it, until one is known: the mean of the
+first two that `dvc-encode` codes of each of the nine clips of the results, at QP 24, 30 and 36."""
 MAX_OPEN_GROUPS = 2
 """Of which it may be unknown what a decoder asks for."""
 

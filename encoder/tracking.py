@@ -84,11 +84,6 @@ class PointTracker:
         """Share of the points of the last frame but one that were lost in the last; 0 if there were none."""
         return 1.0 - self._matching.num_alive / self._num_before if self._num_before else 0.0
 
-    @property
-    def change(self) -> float:
-        """How much the blocks of the points have changed since the key frame, in grey levels a sample."""
-        return self._matching.change
-
     def tracks(self, num_instants: int) -> PointTracks:
         """Return the tracks up to an instant."""
         positions = self.path(num_instants)

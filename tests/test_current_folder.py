@@ -84,6 +84,13 @@ def run(folder: Path, *words: str) -> str:
     return done.stdout + done.stderr
 
 
+def run_program(folder: Path, program: str) -> str:
+    """Run a program that lies elsewhere in a folder; return what it prints."""
+    path = folder.parent / "program.py"
+    path.write_text(program)
+    return run(folder, str(path))
+
+
 def streams(strange: Path, clean: Path) -> list[bytes]:
     """Encode a clip in both folders; return what comes of it."""
     clip = write_clip(clean / "clip.mkv", moving_texture(3, 48, 64))
@@ -105,15 +112,14 @@ def test_settings_of_numba(strange: Path, clean: Path, text: str) -> None:
 
 def test_settings_of_numba_when_it_compiles(strange: Path) -> None:
     """It looks for them anew; those that were read by who has imported it before are forgotten."""
-    program = strange.parent / "program.py"
-    program.write_text(
+    program = (
         "import numba; print(numba.config.BOUNDSCHECK)\n"
         "from dvc._jit import kernel\n"
         "@kernel\ndef one(x):\n    return x + 1\n"
         "one(1); print(numba.config.BOUNDSCHECK)\n"
     )
     (strange / ".numba_config.yaml").write_text("boundscheck: 1\n")
-    assert run(strange, str(program)).split() == ["1", "None"]
+    assert run_program(strange, program).split() == ["1", "None"]
 
 
 def test_decoder(strange: Path, clean: Path) -> None:
@@ -139,15 +145,14 @@ def test_experiment(strange: Path, clean: Path) -> None:
 
 def test_spawned_processes(strange: Path) -> None:
     """Nor where `multiprocessing` starts Python, as `dvc-compile` does."""
-    program = strange.parent / "program.py"
-    program.write_text(
+    program = (
         "import os\nfrom multiprocessing import get_context\n"
         "from dvc.environment import baseline_environment\n"
         "if __name__ == '__main__':\n"
         "    import cv2\n    os.environ |= baseline_environment()\n"
         "    with get_context('spawn').Pool(1) as pool:\n        print(pool.map(abs, [-1]))\n"
     )
-    assert run(strange, str(program)) == "[1]\n"
+    assert run_program(strange, program) == "[1]\n"
 
 
 def test_compiler_of_kernels(strange: Path) -> None:

@@ -24,8 +24,8 @@ CONFIG = codec_config(
     VideoConfig(WIDTH, HEIGHT, 25, 1), "2d", gop=GopConfig(LENGTH), key={"intra_period": 10, "qp": 34}
 )
 FRAMES = [
-    *moving_texture(14, HEIGHT, WIDTH, (0.5, 0.5)),
-    *moving_texture(NUM_FRAMES - 14, HEIGHT, WIDTH, (0.0, 1.0)),
+    *moving_texture(13, HEIGHT, WIDTH, (0.5, 0.5)),  # up to a key frame
+    *moving_texture(NUM_FRAMES - 13, HEIGHT, WIDTH, (0.0, 1.0)),
 ]
 
 
@@ -53,11 +53,11 @@ def planes_of(groups: Sequence[DecodedGroup]) -> dict[int, list[bytes]]:
 
 
 def test_chains_have_their_length(groups: list[DecodedGroup]) -> None:
-    """Ten frames from an IDR picture, itself counted; frames where the motion turns are the worst."""
+    """Ten frames from an IDR picture, itself counted; quality stays."""
     assert "".join("IP"[group.record.predicted] for group in groups) == "IPPPIPPPIPP"
     found = [frame for group in groups for frame in group.frames]
     quality = [psnr_db(one.luma, other.luma) for one, other in zip(FRAMES, found, strict=True)]
-    assert min(quality) > np.mean(quality) - 7.0
+    assert min(quality) > np.mean(quality) - 6.0
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 3])

@@ -107,7 +107,7 @@ def test_points_follow_the_nearest_that_is_found(seed: int, twin: bool) -> None:
 @pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("scale", [1.0, 2.0, 8.0])
 def test_frames_are_finished_as_their_twin_says(scale: float, twin: bool) -> None:
-    """Velocities, paths at parts of a pixel, and what is summed over the points."""
+    """Velocities, paths at parts of a pixel, and the longest way."""
     finish = python_twin(_kernels.finish_frame) if twin else _kernels.finish_frame
     rng = np.random.default_rng(int(scale))
     first, last, position = (rng.integers(0, 100, (40, 2)) for _ in range(3))
@@ -115,10 +115,9 @@ def test_frames_are_finished_as_their_twin_says(scale: float, twin: bool) -> Non
     beside, found = rng.integers(8, 16, (40, 4)), rng.random(40) < 0.7
     velocity, path = np.empty((40, 2), np.int64), np.empty((40, 2))
     points, search = _kernels.Points(first, small), _kernels.Found(position, sads, beside, found)
-    longest, total = finish(points, last, search, scale, velocity, path)
+    longest = finish(points, last, search, scale, velocity, path)
     assert np.array_equal(velocity, position - last)
     assert longest == ((position - first) ** 2).sum(axis=1)[found].max()
-    assert total == np.where(found, sads, small).sum()
     for i in range(40):
         sides = beside[i].reshape(2, 2).tolist()
         moved = [reference.between_pixels(before, int(sads[i]), after) for before, after in sides]
@@ -142,9 +141,9 @@ def test_frames_are_finished_once_enough_points_are_found(twin: bool) -> None:
     )
     ends = 1.0, np.zeros((3, 2), np.int64), np.zeros((3, 2))
     given = matching, matching, _kernels.Points(points, np.full(3, 10)), movement, (spiral(5), spiral(5))
-    assert follow(*given, (0, 3.0), search, ends) == (2, 0, 0)
+    assert follow(*given, (0, 3.0), search, ends) == (2, 0)
     assert not ends[1].any()
-    assert follow(*given, (0, 2.0), search, ends) == (2, 9, 10)
+    assert follow(*given, (0, 2.0), search, ends) == (2, 9)
     assert ends[1][:2].tolist() == [[0, -3], [0, -3]]
     np.testing.assert_array_equal(ends[2], [[30, 27], [60, 37], [np.nan, np.nan]])
 

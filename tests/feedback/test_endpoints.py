@@ -184,6 +184,12 @@ def greeted() -> tuple[EncoderEndpoint, DecoderEndpoint]:
 def opened(num_gops: int = 2) -> tuple[EncoderEndpoint, DecoderEndpoint]:
     """Return two ends with some GOPs open, and a credit left."""
     encoder, decoder = greeted()
+    open_gops(encoder, decoder, num_gops)
+    return encoder, decoder
+
+
+def open_gops(encoder: EncoderEndpoint, decoder: DecoderEndpoint, num_gops: int) -> None:
+    """Send some GOPs, and give a credit for another."""
     for record in RECORDS[:num_gops]:
         decoder.send_next_gop()
         encoder.receive(decoder.bytes_to_send())
@@ -191,7 +197,6 @@ def opened(num_gops: int = 2) -> tuple[EncoderEndpoint, DecoderEndpoint]:
         decoder.receive(encoder.bytes_to_send())
     decoder.send_next_gop()
     encoder.receive(decoder.bytes_to_send())
-    return encoder, decoder
 
 
 @settings(max_examples=25)
@@ -413,13 +418,7 @@ def test_predicted_key_frames_where_there_can_be_none_are_refused(intra_period: 
     encoder, decoder = EncoderEndpoint(config), DecoderEndpoint()
     encoder.receive(decoder.bytes_to_send())
     decoder.receive(encoder.bytes_to_send())
-    for record in RECORDS[:number]:
-        decoder.send_next_gop()
-        encoder.receive(decoder.bytes_to_send())
-        encoder.send_gop(record)
-        decoder.receive(encoder.bytes_to_send())
-    decoder.send_next_gop()
-    encoder.receive(decoder.bytes_to_send())
+    open_gops(encoder, decoder, number)
     wrong = GopRecord(1, b"key", predicted=True)
     with pytest.raises(ValueError, match=f"the key frame of group of pictures {number} cannot be predicted"):
         encoder.send_gop(wrong)
