@@ -43,8 +43,8 @@ _PROFILES = (100, 244)
 MAX_REFERENCES: Final = 4
 """Pictures that a decoder keeps to predict the next one."""
 INTRA_QP_OFFSET: Final = -3
-"""QP of IDR pictures over that of predicted ones, which rest on them. On the nine clips of the results -2 costs
-the same within .6 % (`benchmarks.searches.settings dvc.keyframes.INTRA_QP_OFFSET=-2 --qp 28 36`)."""
+"""QP of IDR pictures over that of predicted ones, which rest on them. On the nine clips of the results -2
+costs the same within .6 % (`benchmarks.searches.settings dvc.keyframes.INTRA_QP_OFFSET=-2 --qp 28 36`)."""
 _X264_PARAMETERS = {
     "psy": 0,
     "ipratio": 1,
