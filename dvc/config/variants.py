@@ -127,8 +127,8 @@ VARIANTS = {
         side_information=_DEPTH,
         tracks=TracksConfig("encoder", subpixel_bits=1),  # half pixels save more than they cost
         references="hierarchical",
-        # By `benchmarks.searches.settings rule.lost_share=0.35 rule.lost_share=0.68 --qp 28 36` the nine clips
-        # of the results take 1.1 and 2.5 % more; `gop.length=16` saved nothing on box, desk and river.
+        # By `benchmarks.searches.settings rule.lost_share=0.35 rule.lost_share=0.68` at QP 28 and 36 the nine
+        # clips of the results take 1.1 and 2.5 % more; `gop.length=16` saved nothing on box, desk and river.
         usual_groups=GroupPreset(8, KeyFrameRule(longest_track_px=64.0, lost_share=0.45)),
         groups_of_keys=GroupPreset(8),
         intra_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.68)),
