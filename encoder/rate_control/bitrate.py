@@ -119,6 +119,11 @@ class BitrateController:
         """What groups take beyond their share, as far as it is known and assumed, in bits."""
         return self._settled + sum(group.certain + group.assumed for group in self._open.values())
 
+    @property
+    def _start_bits(self) -> float:
+        """What the first group may take beyond its time."""
+        return START_S * self._bits_per_s if self._number is None else 0.0
+
     def choose(
         self,
         num_frames: int,
@@ -129,9 +134,8 @@ class BitrateController:
         found = self._search(num_frames, expect, outlook)
         if outlook is None:
             self._slope = found.slope
-        start = 0.0 if self._number is not None else START_S * self._bits_per_s
         self._enter(found.estimate, found.share, found.most_bits)
-        self.most_owed = max(self.most_owed, self.owed + start)
+        self.most_owed = max(self.most_owed, self.owed + self._start_bits)
         self._num_groups += 1
         self._num_frames += num_frames
         self._number = found.number
@@ -154,8 +158,7 @@ class BitrateController:
         `expect` returns what it takes at one; bits that are estimated count as much as those of earlier
         groups have turned out to.
         """
-        start = START_S * self._bits_per_s if self._number is None else 0.0
-        share = num_frames * self._bits_per_frame + start
+        share = num_frames * self._bits_per_frame + self._start_bits
         most_owed = self._settled + sum(group.certain + group.allowed for group in self._open.values())
         most_bits = share + self._bound - most_owed
         tried: dict[int, ExpectedBits] = {}
