@@ -39,7 +39,7 @@ STAGES = {
     "refinement: rest": ("decoder.side_information.block_motion.refinement.BlockRefiner.refine",),
     "fusion of predictions": ("decoder.frame_state.FrameState.use",),
     "noise scales": ("decoder.frame_state.FrameState.scale", "dvc.wynerziv.noise.fit_gain"),
-    "expected worth of planes": ("decoder.wyner_ziv.expected_refinement",),
+    "expected worth of planes": ("decoder.band.expected_refinement",),
     "priors of planes": (
         "dvc.wynerziv.priors.LearnedPriors.plane",
         "dvc.wynerziv.priors.LearnedPriors.learn",

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from decoder.allowances import Allowance, GroupAllowance
+from decoder.learned import Learned
 from decoder.no_feedback import NoFeedbackDecoder
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
@@ -21,10 +22,9 @@ from dvc.errors import BitstreamError, DvcError
 from dvc.slepian_wolf import Answer, Round
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
-from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
+from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.hierarchy import Around, decoding_order, levels
 from dvc.wynerziv.payloads import EncodedFrame, PuncturedFrame, PunctureRecorder, disagreement
-from dvc.wynerziv.priors import LearnedPriors
 from dvc.wynerziv.quantizer import FrameLayout
 
 Points = PointTracks | FeaturePoints | None
@@ -104,17 +104,17 @@ class GroupDecoder:
         points = self._received(task.record.tracks, task.record.num_frames - 1)
         encoder = encoder or RecordedGroup(task, self._config)
         frames: list[DecodedFrame] = []
-        priors, order = self._decoder.new_priors(), _order(task, self._config)
+        so_far, order = self._decoder.nothing_learned(), _order(task, self._config)
         allowance = GroupAllowance(self._told_bits(task))
         for levels_left, level in zip(range(len(order), 0, -1), order, strict=True):
-            learned = [LearnedPriors.mean([priors]) for _ in level[1:]] + [priors]
+            learned = [so_far.copy() for _ in level]
             allowed = allowance.begin_level([index for index, _ in level])
             coroutines = [
                 self._frame(task, known, points, place, (own, may_ask))
                 for place, own, may_ask in zip(level, learned, allowed, strict=True)
             ]
             decoded = encoder.decode_level((-levels_left, task.number), coroutines)
-            priors = LearnedPriors.mean(learned)
+            so_far = so_far.joined(learned)
             allowance.end_level(sum(frame.crc_bits + frame.parity_bits for frame in decoded))
             known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
             frames += decoded
@@ -137,7 +137,7 @@ class GroupDecoder:
         known: Known,
         points: Points,
         place: tuple[int, Around],
-        own: tuple[LearnedPriors, Allowance],
+        own: tuple[Learned, Allowance],
     ) -> FrameCoroutine:
         """Decode one frame, without any request where its record holds what an encoder chose."""
         (index, around), started = place, time.perf_counter()

@@ -113,9 +113,10 @@ class _Encoder:
             return self._team.run([partial(self._drive, frame) for frame in frames], rank)
 
     def _drive(self, frame: "FrameCoroutine") -> DecodedFrame:
-        decoded = slepian_wolf.drive(frame, self._answers)
-        self._parent.send(self._number, (), 1)
-        return decoded
+        try:
+            return slepian_wolf.drive(frame, self._answers)
+        finally:  # else requests of others would be held for this one
+            self._parent.send(self._number, (), 1)
 
     def _answers(self, requests: slepian_wolf.Round) -> Sequence[Bits]:
         """Ask for bits, and leave the core to others until they come."""

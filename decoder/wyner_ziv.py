@@ -1,30 +1,35 @@
 """Decoding of one Wyner-Ziv frame as a coroutine without I/O: it yields requests and is sent bits.
 
-Bands are decoded in zigzag order, each plane by plane: the noise model turns side information and what is
-known so far into log-likelihood ratios, the Slepian-Wolf decoder asks for parity until the plane is right,
-and the conditional mean reconstructs the coefficients. What has been decoded teaches the rest: scales are
-fitted to the decoded intervals, blocks that turned out worse than expected are expected to be bad in later
-bands, and the side information is refined and fused with what it was at first. Bands between two refinements
-are decoded side by side: what they ask for goes together.
+Bands are decoded in zigzag order, each plane by plane, in the areas where a plane saves more than it costs:
+the noise model turns side information and known planes into log-likelihood ratios, the Slepian-Wolf decoder
+asks for parity until the bits are right, and the conditional mean reconstructs the coefficients. Decoded
+planes teach the rest: scales are fitted to the decoded intervals, blocks that turned out worse than expected
+are expected to be bad in later bands, and the side information is refined and fused with that of the start.
+Bands between two refinements are decoded side by side: bits whose bins are equally wide are one run of the
+coder, if it can.
 """
 
-from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from decoder.allowances import Allowance
-from decoder.frame_state import FrameState, KnownBand
+from decoder.asking import Asking, Choice, Wanted
+from decoder.band import Band, Part
+from decoder.frame_state import FrameState
+from decoder.learned import Learned
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import BandCost, DecodedFrame
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
-from dvc.wynerziv import noise, quantizer
-from dvc.wynerziv.priors import LearnedPriors
+from dvc.slepian_wolf.llr import bounded_llr, ideal_bits
+from dvc.wynerziv import noise
+from dvc.wynerziv.areas import Areas
+from dvc.wynerziv.priors import LearnedPriors, PlanePrior
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
-from dvc.wynerziv.refinement import Refinement, expected_refinement
 
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
@@ -33,40 +38,16 @@ REFINE_AFTER = (0, 1, 2, 4, 8)
 """Positions of bands in coding order after which the side information is refined, beside the last one."""
 REFINING_WIDTH = 4.0
 """Mean interval of the first band, in scales, below which each of its planes refines the side information."""
-NUM_FITTED_PLANES = 5
-"""Planes of a band after which the scale is fitted again; later planes tell little."""
-LOOK_AHEAD = 2
-"""Planes of a band that are looked at together before the next is given up."""
 
 
 FrameCoroutine = Generator[slepian_wolf.Round, Sequence[Bits], DecodedFrame]
-BandCoroutine = Generator[slepian_wolf.ParityRequest, Bits, "DecodedBand"]
-
-
-@dataclass(frozen=True)
-class DecodedBand:
-    """A band as far as its planes were asked for."""
-
-    planes: list[slepian_wolf.PlaneResult]
-    gain: float  # factor on the scale of the noise
-    known: KnownBand
-
-
-def _cost(band: int, results: list[slepian_wolf.PlaneResult]) -> BandCost:
-    ideal_bits = sum(result.ideal_bits for result in results)
-    return BandCost(band, ideal_bits, sum(result.parity_bits + result.crc_bits for result in results))
+RunCoroutine = Generator[slepian_wolf.ParityRequest, Bits, slepian_wolf.PlaneResult]
 
 
 def _between_refinements(bands: Sequence[int]) -> Iterator[Sequence[int]]:
     """Divide bands, in coding order, where the side information is refined."""
     ends = [0, *(position + 1 for position in REFINE_AFTER if position + 1 < len(bands)), len(bands)]
     return (bands[first:end] for first, end in pairwise(ends) if first < end)
-
-
-def _is_worth_its_rate(worth: Refinement, cost: slepian_wolf.PlaneCost, multiplier: float) -> bool:
-    """Tell whether the next plane of a band, or the next few together, save `multiplier` for every bit."""
-    ahead = enumerate(zip(worth.bits, worth.saved, strict=True), 1)
-    return any(saved > multiplier * cost.bits(bits, planes) for planes, (bits, saved) in ahead)
 
 
 class WynerZivDecoder:
@@ -77,53 +58,59 @@ class WynerZivDecoder:
         self._config = config
         self._coder = slepian_wolf.plane_coder(config)
 
-    def new_priors(self) -> LearnedPriors:
-        """Return what is known of priors before anything is decoded."""
-        return LearnedPriors(self.layout.band_shape)
+    def nothing_learned(self) -> Learned:
+        """Return what is known before anything is decoded."""
+        return Learned(LearnedPriors(self.layout.band_shape))
 
     def decode(
         self,
         index: int,
         quantization: Quantization,
         prediction: Prediction,
-        priors: LearnedPriors,
+        learned: Learned,
         allowance: Allowance | None = None,
     ) -> FrameCoroutine:
         """Decode one frame."""
         planes = self._coder.decoder(self.layout.num_bits)
         state = FrameState(self.layout, prediction, self._config.wyner_ziv.noise_model)
         allowance = allowance or Allowance()
-        return _Frame(self._config, self.layout, planes, priors, allowance, index).decode(quantization, state)
+        asking = Asking(Areas(self.layout.band_shape), learned.worth, planes.cost, quantization.multiplier)
+        choose = asking.by_areas if self._coder.by_positions else asking.whole_planes
+        is_learned = self._config.wyner_ziv.priors == "learned"
+        return _Frame(index, state, planes, learned, is_learned, choose, allowance).decode(quantization)
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Frame:
     """One frame while it is decoded."""
 
-    config: CodecConfig
-    layout: FrameLayout
-    plane_decoder: slepian_wolf.PlaneDecoder
-    priors: LearnedPriors
-    allowance: Allowance
     index: int
+    state: FrameState
+    plane_decoder: slepian_wolf.PlaneDecoder
+    learned: Learned
+    has_learned_priors: bool
+    choose: Callable[[Sequence[Band], int], list[Choice]]
+    allowance: Allowance
+    bands: dict[int, Band] = field(default_factory=dict)
+    runs: dict[int, slepian_wolf.PlaneResult] = field(default_factory=dict)  # by their first planes
+    costs: dict[int, list[float]] = field(default_factory=dict)  # of bands: ideal bits, bits
 
-    def decode(self, quantization: Quantization, state: FrameState) -> FrameCoroutine:
-        decoded: dict[int, list[slepian_wolf.PlaneResult]] = {}
-        check = slepian_wolf.FrameCheck()
-        for bands in _between_refinements(quantization.bands):
-            steps = [self._decode_band(band, quantization, state) for band in bands]
-            found = yield from slepian_wolf.side_by_side(steps)
-            for band, own in zip(bands, found, strict=True):
-                decoded[band] = own.planes
-                if own.planes:
-                    state.gain = float(np.sqrt(state.gain * own.gain))
-                    state.set_known(band, own.known)
-            if bands[-1] == quantization.bands[-1]:
+    def decode(self, quantization: Quantization) -> FrameCoroutine:
+        state, check = self.state, slepian_wolf.FrameCheck()
+        for numbers in _between_refinements(quantization.bands):
+            bands = [Band.start(number, quantization, state) for number in numbers]
+            self.bands |= dict(zip(numbers, bands, strict=True))
+            yield from self._decode_stage(bands)
+            asked = [band for band in bands if band.parts]
+            for band in asked:
+                state.gain = float(np.sqrt(state.gain * band.gain))
+                state.set_known(band.number, band.known)
+            if numbers[-1] == quantization.bands[-1]:
                 (check,) = yield from slepian_wolf.side_by_side([self.plane_decoder.check(self.index)])
-                self._correct(check, decoded, quantization, state)
-            if any(own.planes for own in found):
+                self._correct(check)
+            if asked:
                 state.refine()
-        results = [result for planes in decoded.values() for result in planes]
+        results = self.runs.values()
         return DecodedFrame(
             index=self.index,
             frame=state.frame(),
@@ -137,75 +124,77 @@ class _Frame:
             crc_bits=check.crc_bits + sum(result.crc_bits for result in results),
             parity_bits=sum(result.parity_bits for result in results),
             num_failed_planes=int(not check.success),
-            num_skipped_planes=quantization.num_planes - len(results),
-            band_costs=tuple(_cost(band, planes) for band, planes in decoded.items() if planes),
+            num_skipped_planes=quantization.num_planes - sum(len(b.parts) for b in self.bands.values()),
+            band_costs=tuple(
+                BandCost(band, ideal, round(bits)) for band, (ideal, bits) in sorted(self.costs.items())
+            ),
         )
 
-    def _decode_band(self, band: int, quantization: Quantization, state: FrameState) -> BandCoroutine:
-        edges = quantization.edges(band)
-        planes, shape = quantization.planes[band], self.layout.band_shape
-        refined = not state.known
-        predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
-        prefix = np.zeros(self.layout.num_bits, dtype=np.int64)
-        lower, upper = quantizer.prefix_borders(prefix, planes, edges)
-        gain, results, multiplier, expected_bits = state.gain, [], quantization.multiplier, 0.0
-        for plane in range(planes):
-            missing = planes - plane - 1
-            if multiplier > 0:
-                depth = min(missing + 1, LOOK_AHEAD)
-                worth = expected_refinement(prefix, missing + 1, edges, predicted, scale * gain, depth)
-                if not _is_worth_its_rate(worth, self.plane_decoder.cost, multiplier):
-                    break
-                expected_bits = self.plane_decoder.cost.bits(float(worth.bits[0]))
-            if not self.allowance.begin(expected_bits):
-                break
-            middle, _ = quantizer.prefix_borders(2 * prefix + 1, missing, edges)
-            place, borders = (quantization.first_plane[band] + plane, band, plane), (lower, middle, upper)
-            result = yield from self._decode_plane(place, borders, predicted, scale * gain, state)
-            results.append(result)
-            self.allowance.end(expected_bits, result.parity_bits + result.crc_bits)
-            prefix = 2 * prefix + result.bits
-            lower, upper = quantizer.prefix_borders(prefix, missing, edges)
-            if plane < NUM_FITTED_PLANES or missing == 0:
-                gain = noise.fit_gain(lower, upper, predicted, scale, gain if missing else state.gain)
-            if refined and missing and np.mean(upper - lower) < REFINING_WIDTH * gain * np.mean(scale):
-                state.refine_by_part(band, KnownBand.of(lower, upper, scale * gain, shape))
-                predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
-                gain = noise.fit_gain(lower, upper, predicted, scale, gain)
-        return DecodedBand(results, gain, KnownBand.of(lower, upper, scale * gain, shape))
+    def _decode_stage(self, bands: Sequence[Band]) -> Generator[slepian_wolf.Round, Sequence[Bits], None]:
+        """Decode bands side by side, from their widest bins to the finest, each as far as that pays."""
+        refines = not self.state.known and len(bands) == 1
+        for missing in reversed(range(max(band.num_planes for band in bands))):
+            ready = [band for band in bands if band.num_planes > missing and band.open.size]
+            found = self.choose(ready, missing) if ready else []
+            choices = [choice for choice in found if self.allowance.begin(choice.bits)]
+            going_on = {wanted.band.number for choice in choices for wanted in choice.wanted}
+            for band in ready:
+                if band.number not in going_on:
+                    band.open = band.open[:0]
+            yield from slepian_wolf.side_by_side([self._decode_run(choice, missing) for choice in choices])
+            if refines and missing and going_on:
+                (band,) = bands
+                if np.mean(band.upper - band.lower) < REFINING_WIDTH * band.gain * np.mean(band.scale):
+                    self.state.refine_by_part(band.number, band.known)
+                    band.predict(self.state)
 
-    def _decode_plane(
-        self,
-        place: tuple[int, int, int],
-        borders: tuple[Array, Array, Array],
-        predicted: Array,
-        scale: Array,
-        state: FrameState,
-    ) -> Generator[slepian_wolf.ParityRequest, Bits, slepian_wolf.PlaneResult]:
-        """Decode a plane; `place` is its number in the frame, its band, and its number in that."""
-        number = self.index, place[0]
-        if self.config.wyner_ziv.priors == "laplacian":
-            llr = noise.bit_llr(*borders, predicted, scale)
-            return (yield from self.plane_decoder.decode(llr, number))
-        prior = self.priors.plane(place[1:], borders, predicted, scale, state.dc_error())
-        result = yield from self.plane_decoder.decode(prior.llr, number, prior.coupling)
-        self.priors.learn(prior, result.bits)
+    def _decode_run(self, choice: Choice, missing: int) -> RunCoroutine:
+        """Decode the next plane of some bands, in the blocks where it is wanted."""
+        priors = [self._prior(wanted, missing) for wanted in choice.wanted]
+        couplings = [prior.coupling for prior in priors if isinstance(prior, PlanePrior)]
+        coupling = slepian_wolf.NeighbourCoupling.stacked(couplings) if couplings else None
+        number = choice.run.planes[0]
+        llr = np.concatenate([prior.llr if isinstance(prior, PlanePrior) else prior for prior in priors])
+        steps = self.plane_decoder.decode(llr, (self.index, number), coupling)
+        result = yield from slepian_wolf.beginning(choice.run, steps)
+        num_bits = result.parity_bits + result.crc_bits
+        self.allowance.end(choice.bits, num_bits)
+        self.runs[number] = result
+        first, found = 0, []
+        for wanted, prior in zip(choice.wanted, priors, strict=True):
+            part = Part(wanted.blocks, number, first)
+            found.append(self._take(wanted.band, part, prior, missing))
+            first += wanted.blocks.size
+        whole = sum(ideal for ideal, _ in found)
+        for wanted, (ideal, saved) in zip(choice.wanted, found, strict=True):
+            paid = num_bits * (ideal / whole if whole > 0.0 else 1.0 / len(found))
+            cost = self.costs.setdefault(wanted.band.number, [0.0, 0.0])
+            cost[:] = cost[0] + ideal, cost[1] + paid
+            self.learned.worth.learn(wanted.band.number, missing, wanted.expected, (saved, paid))
         return result
 
-    def _correct(
-        self,
-        check: slepian_wolf.FrameCheck,
-        decoded: dict[int, list[slepian_wolf.PlaneResult]],
-        quantization: Quantization,
-        state: FrameState,
-    ) -> None:
-        """Put planes that the check of the frame has corrected in the place of those decoded before."""
-        for band, results in decoded.items():
-            first = quantization.first_plane[band]
-            places = check.corrected.keys() & range(first, first + len(results))
-            for place in places:
-                results[place - first] = check.corrected[place]
-            if places:
-                prefix = quantizer.from_planes(np.stack([result.bits for result in results]))
-                missing = quantization.planes[band] - len(results)
-                state.correct(band, *quantizer.prefix_borders(prefix, missing, quantization.edges(band)))
+    def _prior(self, wanted: Wanted, missing: int) -> PlanePrior | Array:
+        """Return what is known of bits before they are decoded; LLRs alone where nothing is learned."""
+        band, borders = wanted.band, wanted.band.borders(missing)
+        if not self.has_learned_priors:
+            return noise.bit_llr(*borders, band.predicted, band.noise)[wanted.blocks]
+        dc_error = self.state.dc_error()
+        return self.learned.priors.plane(
+            band.place(missing), borders, band.predicted, band.noise, dc_error, wanted.blocks
+        )
+
+    def _take(self, band: Band, part: Part, prior: PlanePrior | Array, missing: int) -> tuple[float, float]:
+        """Take in bits of a band; return their ideal code length, and the squared error they take off."""
+        bits = part.of(self.runs[part.run].bits)
+        if isinstance(prior, PlanePrior):
+            self.learned.priors.learn(prior, bits)
+        llr = prior.coupling.llr_in_sequence(bits) if isinstance(prior, PlanePrior) else prior
+        return ideal_bits(bounded_llr(llr), bits), band.take(part, bits, missing)
+
+    def _correct(self, check: slepian_wolf.FrameCheck) -> None:
+        """Put runs that the check of the frame has corrected in the place of those decoded before."""
+        self.runs |= check.corrected
+        for number, band in self.bands.items():
+            if any(part.run in check.corrected for part in band.parts):
+                band.enter_again({part.run: self.runs[part.run].bits for part in band.parts})
+                self.state.correct(number, band.lower, band.upper)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dvc.errors import DvcError, FeedbackError, SupersededError
+from dvc.errors import BitstreamError, DvcError, FeedbackError, SupersededError
 from dvc.feedback import EncoderEndpoint, Event, GopDone, Link, LinkCounts
 from dvc.slepian_wolf import RequestTable
 from dvc.slepian_wolf.requests import COUNT, SLOT
@@ -249,7 +249,7 @@ class _LiveEncoder:
     def _answer(self, requests: RequestTable) -> None:
         try:
             bits = self._buffer.answer(requests)
-        except ValueError as err:  # no such plane in this frame: flow control knows only what they may have
+        except (ValueError, BitstreamError) as err:  # no such bit in this frame, no areas
             raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
         np.add.at(self._num_bits, requests.rows[:, SLOT], requests.rows[:, COUNT])
         self.endpoint.send_answers(bits)

@@ -12,7 +12,7 @@ from dvc.keyframes import KeyFrameEncoder, KeyPicture
 from dvc.stream import GopRecord, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
-from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
+from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.hierarchy import reference_distances
 from dvc.wynerziv.payloads import EncodedFrame
 from encoder.block_matching import PointTrackerSettings

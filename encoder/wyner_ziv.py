@@ -11,7 +11,7 @@ from dvc.config import CodecConfig, Delivery, EstimatedRate, Live
 from dvc.stream import Form
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
-from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
+from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.payloads import EncodedFrame, transform_frame
 from dvc.wynerziv.quantizer import FrameLayout
 from encoder.groups import Group

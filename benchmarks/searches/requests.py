@@ -1,8 +1,8 @@
-"""How much of a plane to ask for at a time: bits and requests of planes that real decoding has met.
+"""How much of a run of bits to ask for at a time: bits and requests of runs that real decoding has met.
 
 ``python -m benchmarks.searches.requests [CLIP ...] [--percent 0 6 20] [--set RANGE_BIAS=0.2]`` decodes clips
-once, keeps what was known of each plane, and reconciles these planes anew with each share of what is
-unknown; `--set` gives a constant of `dvc.slepian_wolf.cascade` another value. The defaults of
+once, keeps what was known of each run, and reconciles these runs anew with each share of what is unknown;
+`--set` gives a constant of `dvc.slepian_wolf.cascade` another value. The defaults of
 `CascadeConfig.batch_percent`, `WORTH_ASKING`, `RANGE_BIAS`, `MORE_BITS` and of `--long-delay` were chosen on
 box, stone, street, tree, cube and desk; `SWEEPS` and `CHANGE` on box, street and desk, and tested on stone,
 tree, cube and river.
@@ -21,7 +21,7 @@ from benchmarks.stages import coded, decoded
 from dvc.config import CascadeConfig
 from dvc.slepian_wolf import CRC_BITS, NeighbourCoupling, ParityRequest, PlaneResult, crc, drive
 from dvc.slepian_wolf.cascade import coder, posterior, reconciliation
-from dvc.slepian_wolf.cascade.orders import bit_orders
+from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_order
 from dvc.slepian_wolf.llr import bounded_llr, ideal_bits
 
 CLIPS = ("box", "stone", "street", "tree", "cube", "desk")
@@ -29,47 +29,48 @@ SEED = 0
 Bits = NDArray[np.uint8]
 
 
-class Plane(NamedTuple):
-    """A plane as decoding has met it."""
+class Known(NamedTuple):
+    """A run of bits as decoding has met it."""
 
     llr: NDArray[np.floating]
     coupling: NeighbourCoupling | None
     bits: Bits
 
 
-def met(streams: list[bytes]) -> list[Plane]:
-    """Decode streams; return their planes."""
-    planes: list[Plane] = []
+def met(streams: list[bytes]) -> list[Known]:
+    """Decode streams; return their runs."""
+    runs: list[Known] = []
     usual, usual_check = coder.CascadeDecoder.decode, coder.CascadeDecoder.check
 
     def noted(self, llr, position=(0, 0), coupling=None):  # type: ignore[no-untyped-def]
         result = yield from usual(self, llr, position, coupling)
-        vars(self).setdefault("noted", {})[position[1]] = Plane(llr.copy(), coupling, result.bits)
+        vars(self).setdefault("noted", {})[position[1]] = Known(llr.copy(), coupling, result.bits)
         return result
 
     def noted_check(self, frame=0):  # type: ignore[no-untyped-def]
         result = yield from usual_check(self, frame)
         own = vars(self).pop("noted", {})
         right = {number: other.bits for number, other in result.corrected.items()}
-        planes.extend(plane._replace(bits=right.get(number, plane.bits)) for number, plane in own.items())
+        runs.extend(run._replace(bits=right.get(number, run.bits)) for number, run in own.items())
         return result
 
     coder.CascadeDecoder.decode, coder.CascadeDecoder.check = noted, noted_check  # type: ignore[method-assign]
     for stream in streams:
         decoded(stream)
     coder.CascadeDecoder.decode, coder.CascadeDecoder.check = usual, usual_check  # type: ignore[method-assign]
-    return planes
+    return runs
 
 
-def ideal_bits_of(planes: list[Plane]) -> float:
-    """Return the ideal code length of planes under their priors."""
-    llrs = (p.llr if p.coupling is None else p.coupling.llr_in_sequence(p.bits) for p in planes)
-    return sum(ideal_bits(bounded_llr(llr), p.bits) for llr, p in zip(llrs, planes, strict=True))
+def ideal_bits_of(runs: list[Known]) -> float:
+    """Return the ideal code length of runs under their priors."""
+    llrs = (r.llr if r.coupling is None else r.coupling.llr_in_sequence(r.bits) for r in runs)
+    return sum(ideal_bits(bounded_llr(llr), r.bits) for llr, r in zip(llrs, runs, strict=True))
 
 
 def answering(bits: Bits) -> Callable[[ParityRequest], Bits]:
-    """Return what answers requests for a plane."""
-    parities = np.bitwise_xor.accumulate(bits[bit_orders(bits.size, SEED)], axis=1).ravel()
+    """Return what answers requests for a run."""
+    orders = np.stack([bit_order(number, bits.size, SEED) for number in range(NUM_ORDERS)])
+    parities = np.bitwise_xor.accumulate(bits[orders], axis=1).ravel()
     check = crc(bits, CRC_BITS)
 
     def answer(request: ParityRequest) -> Bits:
@@ -81,27 +82,27 @@ def answering(bits: Bits) -> Callable[[ParityRequest], Bits]:
     return answer
 
 
-def reconciled(planes: list[Plane], settings: CascadeConfig) -> Iterator[tuple[Plane, PlaneResult]]:
-    """Decode planes, each by itself."""
-    beliefs = {size: posterior.RangePosterior(size, SEED) for size in {plane.bits.size for plane in planes}}
-    for plane in planes:
-        steps = reconciliation.PlaneReconciliation(plane.llr, settings, (0, 0), plane.coupling)
-        yield plane, drive(steps.decode(beliefs[plane.bits.size]), answering(plane.bits))
+def reconciled(runs: list[Known], settings: CascadeConfig) -> Iterator[tuple[Known, PlaneResult]]:
+    """Decode runs, each by itself."""
+    for run in runs:
+        steps = reconciliation.PlaneReconciliation(run.llr, settings, (0, 0), run.coupling)
+        beliefs = posterior.RangePosterior(run.bits.size, SEED)
+        yield run, drive(steps.decode(beliefs), answering(run.bits))
 
 
-def row(planes: list[Plane], percent: int) -> str:
+def row(runs: list[Known], percent: int) -> str:
     """Return a line for a share of what is unknown."""
     started = time.process_time()
-    found = list(reconciled(planes, CascadeConfig(percent)))
+    found = list(reconciled(runs, CascadeConfig(percent)))
     spent_ms = 1e3 * (time.process_time() - started)
     paid = sum(result.parity_bits + result.crc_bits for _, result in found)
-    ideal = ideal_bits_of(planes)
-    wrong = sum(not np.array_equal(plane.bits, result.bits) for plane, result in found)
+    ideal = ideal_bits_of(runs)
+    wrong = sum(not np.array_equal(run.bits, result.bits) for run, result in found)
     requests = sum(result.num_requests for _, result in found)
     count = len(found)
     return (
         f"{percent:4d} % {paid:9d} bits {paid / ideal:6.3f} of ideal {requests / count:6.2f} requests"
-        f" {spent_ms / count:6.2f} ms {count:6d} planes, {wrong:3d} of them passed wrongly"
+        f" {spent_ms / count:6.2f} ms {count:6d} runs, {wrong:3d} of them passed wrongly"
     )
 
 
@@ -116,7 +117,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/stages"), help="folder of streams")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    planes = met(
+    runs = met(
         [coded(c, qp, arguments.frames, arguments.out) for c in arguments.clips for qp in arguments.qp]
     )
     for given in arguments.set:
@@ -124,7 +125,7 @@ def main() -> None:
         (owner,) = (module for module in (reconciliation, posterior) if name in vars(module))
         setattr(owner, name, type(getattr(owner, name))(value))
     for percent in arguments.percent:
-        print(row(planes, percent), flush=True)
+        print(row(runs, percent), flush=True)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from dvc.feedback.messages import (
     encode_message,
     max_payload_bytes,
 )
-from dvc.slepian_wolf import ParityRequest, RequestTable
+from dvc.slepian_wolf import ParityRequest, RequestTable, Run
 from dvc.slepian_wolf.requests import PLANE
 from dvc.stream import GopRecord
 
@@ -379,7 +379,8 @@ def _parts(requests: Sequence[ParityRequest]) -> Iterator[list[ParityRequest]]:
     part: list[ParityRequest] = []
     num_bits = num_bytes = 0
     for request in requests:
-        size = MAX_VARINT_BYTES * (6 + len(request.positions))
+        run = request.run or Run(())
+        size = MAX_VARINT_BYTES * (6 + len(request.positions) + len(run.planes)) + len(run.areas)
         if part and (num_bits + request.count > MAX_ANSWER_BITS or num_bytes + size > MAX_REQUEST_BYTES):
             yield part
             part, num_bits, num_bytes = [], 0, 0

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvc.config import CodecConfig
+from dvc.config.sections import NUM_BANDS
 from dvc.feedback import _kernels
 from dvc.feedback.messages import MAX_ANSWER_BITS
-from dvc.slepian_wolf import CRC_BITS, KINDS, RequestTable, plane_coder
-from dvc.slepian_wolf.requests import SLOT
+from dvc.slepian_wolf import CRC_BITS, KINDS, RequestTable, Run, plane_coder
+from dvc.slepian_wolf.requests import FRAME, PLANE, RUN, SLOT
 
 MAX_OPEN_GOPS = 32
 """Most groups of pictures that are sent or promised and not done."""
@@ -52,6 +53,7 @@ class FlowControl:
         self.num_frames = 0  # of all groups of pictures sent
         self.ended = False
         self._has_predicted = config.key.predicted
+        self._max_areas_bytes = 64 + config.video.num_blocks
         num_planes = sum(config.wyner_ziv.max_planes)
         coder = plane_coder(config)
         limits = {
@@ -72,6 +74,7 @@ class FlowControl:
         self._frames = _kernels.OpenFrames(
             np.zeros((max_open_gops(config), 2), np.int64),
             np.zeros((*planes, len(KINDS)), np.int32),
+            np.zeros(planes, np.int32),
             np.zeros(planes, np.int32),
         )
         self._waiting: deque[RequestTable] = deque()
@@ -112,6 +115,7 @@ class FlowControl:
         row = self._free.pop()
         slots = slice(row * self._rules.gop_length, (row + 1) * self._rules.gop_length)
         self._frames.requested[slots] = 0
+        self._frames.num_planes[slots] = 0
         self._frames.gops[row] = self.num_frames, num_frames - 1
         self._open[number] = _OpenGop(row, slots)
         self.num_credits -= 1
@@ -126,12 +130,31 @@ class FlowControl:
         """Enter requests that go in one message; where frames are held is written to the table."""
         if not len(table.rows) or table.num_bits > MAX_ANSWER_BITS:
             raise ValueError(f"{table.num_bits} bits asked for at once, not 1 to {MAX_ANSWER_BITS}")
+        for row, run in zip(table.rows[table.rows[:, RUN] >= 0], table.runs, strict=True):
+            self._begin(int(row[FRAME]), int(row[PLANE]), run)
         number, fault = _kernels.enter_requests(
             table.rows, table.positions, self._frames, self._rules, in_turn
         )
         if fault:
             raise ValueError(self._complaint(table, number, fault))
         self._waiting.append(table)
+
+    def _begin(self, frame: int, plane: int, run: Run) -> None:
+        """Enter a run."""
+        slot = int(_kernels.slot_of(frame, self._frames.gops, self._rules.gop_length))
+        known = self._frames.num_planes
+        if slot < 0 or not 0 <= plane < known.shape[1]:
+            return  # which the first request tells
+        planes = list(run.planes)
+        if len(planes) > NUM_BANDS or len(run.areas) > self._max_areas_bytes:
+            raise ValueError(f"a run of {len(planes)} planes, with areas of {len(run.areas)} bytes")
+        if planes[:1] != [plane] or planes != sorted(set(planes)) or planes[-1] >= known.shape[1]:
+            there_are = f"plane {plane} of frame {frame}, there are {known.shape[1]}"
+            raise ValueError(f"a run of planes {planes} for {there_are}")
+        if known[slot, planes].any():
+            raise ValueError(f"a second run with plane {plane} of frame {frame}, or those after it")
+        known[slot, planes] = -1
+        known[slot, plane] = len(planes)
 
     def _complaint(self, table: RequestTable, number: int, fault: int) -> str:
         """Say in words why a request may not be."""
@@ -143,10 +166,11 @@ class FlowControl:
             return f"plane {request.plane}, there are {num_planes}"
         slot = int(table.rows[number, SLOT])
         known = self._frames.requested[slot, request.plane, KINDS.index(kind)]
-        num_orders = self._rules.num_codes - request.code
-        last = (num_planes if kind == "joint" else num_orders * self._rules.limits[_kernels.PARITY]) - 1
+        size = self._rules.limits[_kernels.PARITY] * self._frames.num_planes[slot, request.plane]
+        last = (num_planes if kind == "joint" else (self._rules.num_codes - request.code) * size) - 1
         return {
             _kernels.NO_FRAME: f"frame {request.frame} is no Wyner-Ziv frame of an open group of pictures",
+            _kernels.NO_RUN: f"{kind} bits of {where}, naming a plane that begins no run",
             _kernels.SECOND: f"a second request for {where} before the answer to the first",
             _kernels.OUT_OF_TURN: f"{kind} bits of {where} from number {start} on, where {known} is the next",
             _kernels.TOO_MANY: f"{count} {kind} bits of {where} from number {start} on",

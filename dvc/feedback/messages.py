@@ -10,11 +10,11 @@ from dvc.bits import decode_varint, encode_varint
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.feedback import _kernels
-from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable
+from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable, Run
 from dvc.slepian_wolf.requests import NUM_COLUMNS
 from dvc.stream import GopRecord, decode_gop, encode_gop
 
-PROTOCOL_VERSION = 8
+PROTOCOL_VERSION = 9
 MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 
@@ -25,7 +25,7 @@ MAX_ANSWER_BITS = 2**21
 
 _MAX_FAILURE_BYTES = 500
 _MIN_REQUEST_BYTES = 4
-_MAX_POSITION_BYTES = 2  # on the average: the orders of a plane are a few times as long as their bits
+_MAX_POSITION_BYTES = 2  # on the average: the orders of a run are a few times as long as their bits
 _FAULTS = {
     _kernels.ENDS: "data end within a request",
     _kernels.NEEDLESS: "integer is longer than it need be",
@@ -115,7 +115,7 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
     if config is None:
         raise ValueError(f"`config` bounds a {message_type.__name__}, got None")
     if message_type is ParityRequests:
-        largest = max(config.video.num_blocks, sum(config.wyner_ziv.max_planes))
+        largest = config.video.num_blocks * len(config.wyner_ziv.max_planes)
         return MAX_REQUEST_BYTES + _MAX_POSITION_BYTES * largest
     area_px = (config.video.width + 15) * (config.video.height + 15)
     return 4 * area_px + 2**20 + MAX_HEADER_BYTES * config.gop.length
@@ -154,12 +154,19 @@ def _encode_requests(table: RequestTable) -> bytes:
 def _encode_request(request: ParityRequest, frame: int) -> bytes:
     """Write a request that follows one for `frame`."""
     positions = request.positions
-    first = 8 * request.code + _kernels.HAS_POSITIONS * bool(positions) + KINDS.index(request.kind)
+    run = request.run
+    first = 16 * request.code + KINDS.index(request.kind)
+    first += _kernels.BEGINS * (run is not None) + _kernels.HAS_POSITIONS * bool(positions)
     numbers = [first, request.frame - frame, request.plane, request.count]
     if positions and request.kind == "joint":
         numbers.append(len(positions))
     numbers += (after - before for before, after in pairwise((-1, *positions)))
-    return b"".join(map(encode_varint, numbers))
+    if run is None:
+        return b"".join(map(encode_varint, numbers))
+    numbers.append(len(run.planes) - 1)
+    numbers += (after - before for before, after in pairwise(run.planes))
+    numbers.append(len(run.areas))
+    return b"".join(map(encode_varint, numbers)) + run.areas
 
 
 def decode_payload(message_type: type[Message], payload: bytes) -> Message:
@@ -184,10 +191,17 @@ def _decode_requests(payload: bytes) -> ParityRequests:
     data = np.frombuffer(payload, np.uint8)
     rows = np.empty((data.size // _MIN_REQUEST_BYTES + 1, NUM_COLUMNS), np.int64)
     positions = np.empty(data.size, np.int64)
-    num_rows, num_positions, num_bits, fault = _kernels.parse_requests(data, rows, positions)
+    planes, ends = np.empty(data.size, np.int64), np.empty((len(rows), 3), np.int64)
+    num_rows, num_positions, num_bits, num_runs, fault = _kernels.parse_requests(
+        data, rows, positions, planes, ends
+    )
     if fault:
         raise BitstreamError(_FAULTS[fault])
-    return ParityRequests(RequestTable(rows[:num_rows], positions[:num_positions], num_bits))
+    runs, first = [], 0
+    for last, start, stop in ends[:num_runs].tolist():
+        runs.append(Run(tuple(planes[first:last].tolist()), payload[start:stop]))
+        first = last
+    return ParityRequests(RequestTable(rows[:num_rows], positions[:num_positions], num_bits, tuple(runs)))
 
 
 # Payloads without content are empty: their limit is 0 bytes.

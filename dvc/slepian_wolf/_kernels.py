@@ -153,7 +153,7 @@ def prior_information(llr, decisions):
 
 
 class Lattice(NamedTuple):
-    """Bits that depend on their neighbours; all of shape (rows, columns), but `weights` of shape (3,)."""
+    """Bits that depend on their neighbours; all of shape (rows, columns), but `weights`: (rows, 3)."""
 
     alone: NDArray[np.float64]
     shift: NDArray[np.float64]
@@ -172,10 +172,10 @@ def llr_of(lattice, deviation, r, c, causal):
     for k in range(2 if causal else 4):
         y, x = r - (k == 1) + (k == 3), c - (k == 0) + (k == 2)
         if 0 <= y < rows and 0 <= x < columns:
-            moved += weights[k & 1] * (shift[y, x] * deviation[y, x])
+            moved += weights[r, k & 1] * (shift[y, x] * deviation[y, x])
             spread += excess[y, x] * deviation[y, x]
     spread = min(max(spread, -_MAX_SPREAD), _MAX_SPREAD)
-    return alone[r, c] + slope[r, c] * moved + widening[r, c] * (weights[2] * spread)
+    return alone[r, c] + slope[r, c] * moved + widening[r, c] * (weights[r, 2] * spread)
 
 
 @kernel

@@ -1,7 +1,9 @@
 """Bits on a lattice that depend on their neighbours: LLRs of each, given beliefs of these."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,11 @@ Bits = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class NeighbourCoupling:
-    """A plane as an Ising model: a bit gives the shift of its neighbours, and how far they spread."""
+    """A run of bits as an Ising model: a bit gives the shift of its neighbours, and how far they spread.
+
+    Bits stand on a lattice, of which all arrays have the shape (rows, columns) but `weights`, (rows, 3), and
+    `places`, (N,). Of places without a bit nothing is known or asked.
+    """
 
     alone: Array  # LLR log p(0) / p(1) of each bit where nothing is known of its neighbours
     shift: Array  # by how much a bit of 1, in place of 0, shifts the values of its neighbours
@@ -24,6 +30,25 @@ class NeighbourCoupling:
     energy: Array
     widening: Array  # by how much the LLR changes with the energy of neighbours beyond what was expected
     weights: Array  # of shifts from the sides, of those from above and below, and of energies
+    places: NDArray[np.int64]  # raster index of each bit
+
+    @classmethod
+    def stacked(cls, parts: Sequence[Self]) -> Self:
+        """Join bits of several lattices of one shape, which do not depend on each other."""
+        if len(parts) == 1:
+            return parts[0]
+        rows, columns = parts[0].alone.shape
+        gap = (rows + 1) * columns  # a row between two lattices keeps them apart
+
+        def stack(name: str) -> Array:
+            padded = [np.pad(getattr(part, name), ((0, 1), (0, 0))) for part in parts]
+            return np.concatenate(padded)
+
+        places = np.concatenate([number * gap + part.places for number, part in enumerate(parts)])
+        alone, shift, slope, energy, widening, weights = map(
+            stack, ("alone", "shift", "slope", "energy", "widening", "weights")
+        )
+        return cls(alone, shift, slope, energy, widening, weights, places)
 
     @cached_property
     def probability_alone(self) -> Array:
@@ -45,6 +70,12 @@ class NeighbourCoupling:
             self.alone, self.shift, self.slope, self.excess_energy, self.widening, self.weights
         )
 
+    def deviation(self, probability: NDArray[np.floating] | Bits) -> Array:
+        """Return by how much what is believed of bits differs from `probability_alone`, on the lattice."""
+        found = np.zeros(self.alone.size)
+        found[self.places] = probability - self.probability_alone.ravel()[self.places]
+        return found.reshape(self.alone.shape)
+
     def llr_given(self, probability: NDArray[np.floating]) -> NDArray[np.float32]:
         """Return the LLR of each bit, given what is believed of its neighbours."""
         return self._llr(probability, causal=False)
@@ -54,7 +85,6 @@ class NeighbourCoupling:
         return self._llr(bits, causal=True)
 
     def _llr(self, probability: NDArray[np.floating] | Bits, causal: bool) -> NDArray[np.float32]:
-        deviation = probability.astype(np.float64).reshape(self.alone.shape) - self.probability_alone
         llr = np.empty_like(self.alone)
-        _kernels.add_neighbours(self.lattice, deviation, causal, llr)
-        return llr.ravel().astype(np.float32)
+        _kernels.add_neighbours(self.lattice, self.deviation(probability), causal, llr)
+        return llr.ravel()[self.places].astype(np.float32)

@@ -1,7 +1,7 @@
 """What a decoder asks for: one kind of request, and the driver of coroutines that yield them."""
 
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from typing import Literal, NamedTuple, TypeVar
 
@@ -14,27 +14,35 @@ KINDS: tuple[Kind, ...] = ("crc", "parity", "uncoded", "joint")
 """Check bits, parity, the bits of the plane themselves, or check bits of several planes together."""
 
 
+class Run(NamedTuple):
+    """Bits that are decoded together: those of some planes of a frame, one plane after the other."""
+
+    planes: tuple[int, ...]  # increasing; the first of them names the run
+    areas: bytes = b""  # in which areas of the frame, as who asks and who answers code it; none: in all
+
+
 @dataclass(frozen=True)
 class ParityRequest:
-    """Bits of a plane that are wanted: `count` of them from number `start` on, in their order of release.
+    """Bits of a run that are wanted: `count` of them from number `start` on, in their order of release.
 
     Parities of ranges have no such order: `positions` says where the ranges end. Joint check bits always
-    start with the first one; `plane` is the first of the planes that `positions` names.
+    start with the first one; `plane` is the first of the runs that `positions` names.
     """
 
     frame: int  # number of the Wyner-Ziv frame in the sequence, from 0 in order of display
-    plane: int  # number of the plane in the frame, from 0
+    plane: int  # number of the first plane of the run in the frame, from 0
     kind: Kind
-    code: int  # number of the code in its family; the same for all requests of a plane
+    code: int  # number of the code in its family; the same for all requests of a run
     start: int  # number of the first wanted bit: as many as were asked for before
     count: int  # number of bits
-    positions: tuple[int, ...] = ()  # increasing: positions in order number `code`, or planes
+    positions: tuple[int, ...] = ()  # increasing: positions in order number `code`, or runs
+    run: Run | None = None  # with the first request for a run: which bits it has
 
 
-FRAME, PLANE, KIND, CODE, START, COUNT, LAST, SLOT = range(8)
-NUM_COLUMNS = 8
+FRAME, PLANE, KIND, CODE, START, COUNT, LAST, SLOT, RUN = range(9)
+NUM_COLUMNS = 9
 """Columns of a `RequestTable`: numbers of frame, plane, kind and code; first bit and number of bits; where
-its positions end among all; where the frame is held, if that is known."""
+its positions end among all; where the frame is held, if that is known; its run among all, or -1."""
 
 
 class RequestTable(NamedTuple):
@@ -43,19 +51,25 @@ class RequestTable(NamedTuple):
     rows: NDArray[np.int64]  # a request each; see `FRAME` to `SLOT`
     positions: NDArray[np.int64]  # their positions, one request's after the other's
     num_bits: int  # bits that are wanted in all
+    runs: tuple[Run, ...] = ()  # that begin with a request
 
     @classmethod
     def of(cls, requests: Sequence[ParityRequest]) -> "RequestTable":
         """Return requests as a table."""
         ends = accumulate(len(request.positions) for request in requests)
+        begun = accumulate(request.run is not None for request in requests)
         rows = [
             (request.frame, request.plane, KINDS.index(request.kind), request.code, request.start,
-             request.count, end, 0)
-            for request, end in zip(requests, ends, strict=True)
+             request.count, end, 0, -1 if request.run is None else number - 1)
+            for request, end, number in zip(requests, ends, begun, strict=True)
         ]  # fmt: skip
         positions = [position for request in requests for position in request.positions]
-        num_bits = sum(request.count for request in requests)
-        return cls(np.array(rows, np.int64).reshape(-1, NUM_COLUMNS), np.array(positions, np.int64), num_bits)
+        return cls(
+            np.array(rows, np.int64).reshape(-1, NUM_COLUMNS),
+            np.array(positions, np.int64),
+            sum(request.count for request in requests),
+            tuple(request.run for request in requests if request.run is not None),
+        )
 
     def divided(self, packed: bytes) -> list[Bits]:
         """Return the bits that each request wants, of those that all want."""
@@ -69,18 +83,18 @@ class RequestTable(NamedTuple):
         return [
             ParityRequest(
                 row[FRAME], row[PLANE], KINDS[row[KIND]], row[CODE], row[START], row[COUNT],
-                tuple(positions[first:last]),
+                tuple(positions[first:last]), None if row[RUN] < 0 else self.runs[row[RUN]],
             )
             for row, (first, last) in zip(rows, pairwise(ends), strict=True)
         ]  # fmt: skip
 
 
 Round = Sequence[ParityRequest]
-"""Requests for different planes of a frame that are made, and answered, together."""
+"""Requests for different runs of a frame that are made, and answered, together."""
 Answer = Callable[[Round], Sequence[Bits]]
 """Turns requests into the bits of each: ndarray of shape (count,), uint8."""
 Place = tuple[int, int]
-"""Index of a frame, and of a plane in it: at most one request for a plane waits for its answer."""
+"""Index of a frame, and of the first plane of a run: at most one request for a run waits for its answer."""
 Asked = TypeVar("Asked")
 Given = TypeVar("Given")
 Result = TypeVar("Result")
@@ -93,6 +107,19 @@ def ask(request: ParityRequest) -> Generator[ParityRequest, Bits, Bits]:
         wanted = f"{request.count} {request.kind} bits"
         raise ValueError(f"expected {wanted} as uint8, got {bits.dtype} of shape {bits.shape}")
     return bits
+
+
+def beginning(
+    run: Run, coroutine: Generator[ParityRequest, Bits, Result]
+) -> Generator[ParityRequest, Bits, Result]:
+    """Say with the first request of a coroutine for which run it is."""
+    try:
+        bits = yield replace(next(coroutine), run=run)
+        while True:
+            bits = yield coroutine.send(bits)
+    except StopIteration as stop:
+        result: Result = stop.value
+        return result
 
 
 def drive(coroutine: Generator[Asked, Given, Result], answer: Callable[[Asked], Given]) -> Result:

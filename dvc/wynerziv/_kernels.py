@@ -4,6 +4,7 @@ import numpy as np
 
 from dvc._jit import inlined_kernel, kernel
 from dvc.entropy.binarisation import NUM_EXPONENTS, code_exp_golomb
+from dvc.entropy.contexts import code_adaptive
 from dvc.entropy.range_coder import FAILED
 from dvc.slepian_wolf.crc import joint_check_of_words
 from dvc.slepian_wolf.ldpc.graph import add_block
@@ -16,6 +17,7 @@ _HALF_MANTISSA = 0x3FE0000000000000
 _SQRT_HALF = 0.7071067811865476
 _NARROW = 1e-3  # width of an interval, in scales, below which a Laplacian is constant on it
 BIN_CONTEXTS = 2 + 2 * NUM_EXPONENTS  # of a difference: zero, sign, exponents and mantissas
+AREA_CONTEXTS = 8
 SURROUNDINGS = 3  # by how much bins beside a bin differ, and as many by bands before
 _HALVINGS = 5  # 32 probabilities above the share of outliers have a product that is a normal number
 
@@ -181,6 +183,36 @@ def code_band(coder, counts, band, planes, zero, columns, words, energy):
         if band > 0:
             energy[n] += abs(difference)
     put_bits(numbers, num_planes, first_plane, words)
+
+
+@kernel
+def pick_bits(words, planes, areas, chosen, bits):
+    """Write bits of planes, one after the other, in blocks of chosen areas.
+
+    `words`: (W, N), a bit for each plane; `areas`: (N,), of blocks; `chosen`: (planes, areas).
+    """
+    count = 0
+    for k in range(planes.size):
+        row, shift = words[planes[k] // 64], np.uint64(63 - planes[k] % 64)
+        for n in range(row.size):
+            if chosen[k, areas[n]]:
+                bits[count] = (row[n] >> shift) & np.uint64(1)
+                count += 1
+
+
+@kernel
+def code_areas(coder, counts, flags):
+    """Code which areas are chosen: 0 or 1 each, in raster order, by those left, above, and beside that."""
+    for r in range(flags.shape[0]):
+        for c in range(flags.shape[1]):
+            context = 0
+            if c > 0:
+                context += flags[r, c - 1]
+            if r > 0:
+                context += 2 * flags[r - 1, c]
+                if c + 1 < flags.shape[1]:
+                    context += 4 * flags[r - 1, c + 1]
+            flags[r, c] = code_adaptive(coder, counts, context, flags[r, c])
 
 
 @kernel
@@ -402,9 +434,9 @@ def _cell_moments(borders, scale, near, outliers, moments):
 
 
 @kernel
-def refinement(prefix, missing, edges, side_information, scale, outliers, parts, sums):
-    """Add what the next 1, 2, ... planes are expected to cost in bits and to save, to `sums` (2, D)."""
-    depth, last = sums.shape[1], edges.size - 1
+def refinement(prefix, missing, edges, side_information, scale, outliers, bits, saved):
+    """Write what the next 1, 2, ... planes are expected to cost in bits and to save: (D, N), of zeros."""
+    depth, last = bits.shape[0], edges.size - 1
     count, cell_planes = 1 << depth, missing - depth
     borders, moments = np.empty(count + 1), np.empty((count, 3))
     for n in range(prefix.size):
@@ -417,27 +449,27 @@ def refinement(prefix, missing, edges, side_information, scale, outliers, parts,
         power, q = exponential(-near / scale[n])
         share = 2.0 * outliers + 2e-12 / (power + power * q)  # of a mass of 2 where zero lies within
         _cell_moments(borders, scale[n], near, share, moments)
-        _add_levels(moments, depth, parts, sums)
+        _write_levels(moments, bits[:, n], saved[:, n])
 
 
 @kernel
-def _add_levels(moments, depth, parts, sums):
-    """Join neighbouring cells, depth by depth; add their entropy, and the variance between them."""
+def _write_levels(moments, bits, saved):
+    """Join neighbouring cells, depth by depth; write their entropy, and the variance between them."""
     total, mean, square = 0.0, 0.0, 0.0
     for k in range(moments.shape[0]):
         total += moments[k, 0]
         mean += moments[k, 1]
         square += moments[k, 2]
     before = square - mean * mean / total
-    for d in range(depth, 0, -1):
+    for d in range(bits.size, 0, -1):
         entropy, within = 0.0, 0.0
         for k in range(1 << d):
             mass = moments[k, 0]
             if mass > 1e-9 * total:
                 entropy -= mass * logarithm(mass / total)
                 within += moments[k, 2] - moments[k, 1] * moments[k, 1] / mass
-        sums[0, d - 1] += np.int64(entropy / total * _LOG2E * parts + 0.5)
-        sums[1, d - 1] += np.int64(max(before - within, 0.0) / total * parts + 0.5)
+        bits[d - 1] = entropy / total * _LOG2E
+        saved[d - 1] = max(before - within, 0.0) / total
         for k in range(1 << (d - 1)):
             for m in range(3):
                 moments[k, m] = moments[2 * k, m] + moments[2 * k + 1, m]

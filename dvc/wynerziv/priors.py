@@ -89,12 +89,12 @@ def _coupled(*values: float) -> _Weights:
 
 @dataclass(frozen=True)
 class PlanePrior:
-    """What is known of a plane before it is decoded."""
+    """What is known of bits of a plane before they are decoded."""
 
-    llr: Array  # LLR log p(0) / p(1) of each bit
+    llr: Array  # LLR log p(0) / p(1) of each bit; shape (N,)
     coupling: NeighbourCoupling  # how bits depend on their neighbours
     position: tuple[int, int]  # the band, and which of its planes
-    inputs: Array  # terms of the LLR
+    inputs: Array  # terms of the LLR; shape (terms, N)
 
 
 @dataclass(frozen=True)
@@ -182,8 +182,9 @@ class LearnedPriors:
         side_information: Array,
         scale: Array,
         dc_error: Array | None,
+        blocks: NDArray[np.int64],
     ) -> PlanePrior:
-        """Return the prior of the next plane of a band."""
+        """Return the prior of the next plane of a band in some blocks."""
         band, number = position[0], _class_of(*position)
         lower, middle, upper = borders
         shape = self._shape
@@ -204,12 +205,13 @@ class LearnedPriors:
             laplacian.slope.reshape(shape),
             ((jump / scale) ** 2).reshape(shape),
             laplacian.widening.reshape(shape),
-            np.array([along if horizontal else across, along if vertical else across, spread]),
+            np.tile([along if horizontal else across, along if vertical else across, spread], (shape[0], 1)),
+            blocks,
         )
-        return PlanePrior(corrected, coupling, position, inputs)
+        return PlanePrior(corrected[blocks], coupling, position, inputs.take(blocks, 1))
 
     def learn(self, prior: PlanePrior, bits: Bits) -> None:
-        """Learn from a plane that is decoded."""
+        """Learn from bits that are decoded."""
         number = _class_of(*prior.position)
         self._alone[number].learn(prior.inputs, np.zeros_like(prior.llr), bits)
         self._coupled[number].learn(_coupled_inputs(prior, bits), prior.llr, bits)
@@ -260,7 +262,7 @@ def _ramp(dc_error: Array, band: int) -> Array:
 def _coupled_inputs(prior: PlanePrior, bits: Bits) -> Array:
     """Return what neighbours along and across, and their excess energy, tell where all bits are known."""
     coupling = prior.coupling
-    deviation = bits.reshape(coupling.alone.shape) - coupling.probability_alone
+    deviation = coupling.deviation(bits)
     shift = np.pad(coupling.shift * deviation, 1)
     sides, ends = shift[1:-1, :-2] + shift[1:-1, 2:], shift[:-2, 1:-1] + shift[2:, 1:-1]
     excess = np.pad(coupling.excess_energy * deviation, 1)
@@ -273,4 +275,4 @@ def _coupled_inputs(prior: PlanePrior, bits: Bits) -> Array:
         coupling.slope * across,
         coupling.widening * np.clip(spread, -MAX_SPREAD, MAX_SPREAD),
     )
-    return _bounded(np.stack(terms).reshape(3, -1))
+    return _bounded(np.stack(terms).reshape(3, -1).take(coupling.places, 1))

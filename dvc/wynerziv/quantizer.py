@@ -125,7 +125,7 @@ def from_planes(planes: NDArray[np.uint8]) -> NDArray[np.int64]:
 
 
 def prefix_borders(
-    prefix: NDArray[np.int64], missing_planes: int, edges: NDArray[np.float64]
+    prefix: NDArray[np.int64], missing_planes: int | NDArray[np.int64], edges: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the interval in which a coefficient lies, given the planes known so far."""
     last = edges.size - 1

@@ -4,9 +4,12 @@ import io
 import random
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from multiprocessing import Pipe
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
@@ -15,6 +18,8 @@ from decoder.group import GroupDecoder, Rank, RecordedGroup
 from decoder.processes import DecodingProcess, decoding_process
 from decoder.session import stream_tasks
 from decoder.tasks import Answered, DecodedFrame, DecodedGroup, GroupTask
+from decoder.team import Team
+from decoder.worker import _Encoder
 from decoder.wyner_ziv import FrameCoroutine
 from dvc.config import CascadeConfig, CodecConfig, Qp, VideoConfig, codec_config
 from dvc.environment import baseline_environment
@@ -166,3 +171,40 @@ def test_a_process_that_nobody_wants_ends_without_a_word(
     ours.close()
     _, said = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, said) == (0, b"")
+
+
+def test_a_frame_that_fails_does_not_hold_up_others() -> None:
+    """Its step is over for the other side, which else would hold the requests of the frames beside it."""
+
+    class Parent:
+        def __init__(self) -> None:
+            self.answers: dict[int, SimpleQueue[Sequence[np.ndarray]]] = {}
+            self.asked: SimpleQueue[object] = SimpleQueue()
+            self.steps = 0
+
+        def send(self, number: int, outcome: object, steps: int = 0) -> None:
+            assert number == 0
+            self.steps += steps
+            if outcome:
+                self.asked.put(outcome)
+
+    def asking() -> FrameCoroutine:
+        yield (ParityRequest(5, 0, "crc", 0, 0, 8),)
+        raise AssertionError("no such frame is decoded")
+
+    def failing() -> FrameCoroutine:
+        raise BitstreamError("damage")
+        yield ()
+
+    parent, video = Parent(), VideoConfig(32, 24, 25, 1)
+    worker = _Encoder(0, video, parent, Team())  # type: ignore[arg-type]
+    with ThreadPoolExecutor() as pool:
+        level = pool.submit(worker.decode_level, (0, 0), [asking(), failing()])
+        parent.asked.get(timeout=PATIENCE_S)
+        deadline = time.monotonic() + PATIENCE_S
+        while parent.steps and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert parent.steps == 0
+        parent.answers[5].put([np.zeros(8, np.uint8)])
+        with pytest.raises(AssertionError, match="no such frame"):
+            level.result(PATIENCE_S)

@@ -21,10 +21,11 @@ from dvc.config import (
     codec_config,
 )
 from dvc.metrics import psnr_db
-from dvc.slepian_wolf import CRC_BITS, Answer, Round, drive, plane_coder
+from dvc.slepian_wolf import CRC_BITS, Answer, Round, Run, drive, plane_coder
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
-from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
+from dvc.wynerziv.areas import Areas
+from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.payloads import EncodedFrame, quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
 from encoder.wyner_ziv import WynerZivEncoder
@@ -50,10 +51,9 @@ def decode(
     encoded = WynerZivEncoder(config).encode(original, step)
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
-    steps = decoder.decode(5, quantization, prediction, decoder.new_priors())
     answer, finest = answering(config, encoded), quantization.step(0) or 1.0
     with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", slope / finest**2):
-        return drive(steps, answer)
+        return drive(decoder.decode(5, quantization, prediction, decoder.nothing_learned()), answer)
 
 
 def answering(config: CodecConfig, encoded: EncodedFrame) -> Answer:
@@ -168,45 +168,75 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
         return bits_of(requests)
 
     quantization = decoder.layout.read_header(encoded.header)
-    steps = decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.new_priors())
+    steps = decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.nothing_learned())
     decoded = drive(steps, answer)
     assert {plane for plane, _ in seen} == set(range(quantization.num_planes))
     assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
     assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
 
 
-def test_bands_between_refinements_ask_together(original: Frame) -> None:
-    """The first three bands are alone; the next two, the next four and the rest go in step, by planes."""
-    config = _learning(embedded_config(), "cascade")
+def runs_of(config: CodecConfig, original: Frame, prediction: Prediction, slope: float) -> list[Run]:
+    """Return the runs that a frame is decoded by, in order."""
     encoded = WynerZivEncoder(config).encode(original, 8.0)
     answer, decoder = answering(config, encoded), WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
-    band_of = {
-        quantization.first_plane[band] + k: band
-        for band in quantization.bands
-        for k in range(quantization.planes[band])
-    }
-    together: list[list[int]] = []
+    runs: list[Run] = []
 
     def answered(requests: Round) -> Sequence[np.ndarray]:
-        together.append([band_of[request.plane] for request in requests])
+        runs.extend(request.run for request in requests if request.run is not None)
         return answer(requests)
 
-    steps = decoder.decode(5, quantization, noisy_prediction(original, 2.5), decoder.new_priors())
-    with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", 0.0):
-        drive(steps, answered)
-    *rounds, check = together
-    assert check == [0]
+    with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", slope / 64.0):
+        drive(decoder.decode(5, quantization, prediction, decoder.nothing_learned()), answered)
+    return runs
+
+
+def test_bands_between_refinements_are_runs(original: Frame) -> None:
+    """The first three bands are alone; of the next two, the next four and the rest, equal bins are a run."""
+    config = _learning(embedded_config(), "cascade")
+    runs = runs_of(config, original, noisy_prediction(original, 2.5), 0.0)
+    quantization, _ = quantize_frame(FrameLayout.of(config), original.luma, quantizer.index_of_step(8.0))
+    planes, first = quantization.planes, quantization.first_plane
     parts = [
-        quantization.bands[first:end] for first, end in ((0, 1), (1, 2), (2, 3), (3, 5), (5, 9), (9, 16))
+        quantization.bands[start:end] for start, end in ((0, 1), (1, 2), (2, 3), (3, 5), (5, 9), (9, 16))
     ]
-    numbers = [next(k for k, part in enumerate(parts) if own[0] in part) for own in rounds]
-    assert numbers == sorted(numbers)
-    for own, number in zip(rounds, numbers, strict=True):
-        assert set(own) <= set(parts[number])
-        assert len(set(own)) == len(own)
-    for number, part in enumerate(parts):
-        assert list(part) == next(own for own, k in zip(rounds, numbers, strict=True) if k == number)
+    assert runs == [
+        Run(tuple(first[band] + planes[band] - missing - 1 for band in part if planes[band] > missing))
+        for part in parts
+        for missing in reversed(range(max(planes[band] for band in part)))
+    ]
+
+
+def test_bits_are_asked_for_in_areas_that_are_badly_predicted() -> None:
+    """Where one corner of a frame is wrong, runs are of areas there, and the rest stays as predicted."""
+    original = moving_texture(1, 96, 160)[0].without_chroma()
+    config = _learning(replace(embedded_config(), video=VideoConfig(160, 96, 25, 1)), "cascade")
+    prediction = noisy_prediction(original, 0.5)
+    wrong = noisy_prediction(original, 25.0)
+    for plane, other in (
+        (prediction.luma, wrong.luma),
+        *zip(prediction.compensated, wrong.compensated, strict=True),
+    ):
+        plane[:48, :64] = other[:48, :64]
+    areas = Areas((24, 40))
+    runs = runs_of(config, original, prediction, 100.0)
+    assert len(runs) > 5
+    chosen = np.mean([areas.decoded(run.areas).reshape(areas.shape) for run in runs], axis=0)
+    assert chosen[:3, :4].mean() > 0.8
+    assert chosen[4:, 5:].mean() < 0.3
+
+
+def test_a_frame_whose_means_are_right_is_decoded(original: Frame) -> None:
+    """If nothing is asked for of DC, bands of later stages are decoded as always."""
+    config = _learning(embedded_config(), "cascade")
+    bands = transform.forward(original.luma)
+    bands[1:] += np.random.default_rng(3).laplace(0.0, 20.0, bands[1:].shape)
+    luma = transform.inverse(bands, HEIGHT, WIDTH)
+    prediction = Prediction(luma, None, (luma, luma - 0.5), "test")
+    runs = runs_of(config, original, prediction, 60.0)
+    quantization, _ = quantize_frame(FrameLayout.of(config), original.luma, quantizer.index_of_step(8.0))
+    assert min(run.planes[0] for run in runs) >= quantization.planes[0]
+    assert any(len(run.planes) > 1 for run in runs)
 
 
 NESTED = WynerZivConfig(priors="laplacian")
@@ -299,11 +329,11 @@ def test_every_group_learns_by_itself(original: Frame) -> None:
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
     prediction = noisy_prediction(original, 5.0)
-    costs, priors, answer = [], decoder.new_priors(), answering(config, encoded)
+    costs, learned, answer = [], decoder.nothing_learned(), answering(config, encoded)
     for number in range(3):
         if number == 2:
-            priors = decoder.new_priors()
-        steps = decoder.decode(5, quantization, prediction, priors)
+            learned = decoder.nothing_learned()
+        steps = decoder.decode(5, quantization, prediction, learned)
         decoded = drive(steps, answer)
         costs.append([cost.ideal_bits for cost in decoded.band_costs])
     assert costs[0] == costs[2] != costs[1]

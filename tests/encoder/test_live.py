@@ -3,13 +3,16 @@
 import math
 from fractions import Fraction
 
+import numpy as np
 import pytest
 
 from dvc.config import Live, Qp, VideoConfig, codec_config
 from dvc.errors import FeedbackError, SupersededError
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, LinkCounts
-from dvc.feedback.messages import Gop
+from dvc.feedback.messages import Gop, ParityRequests, encode_message
+from dvc.slepian_wolf import ParityRequest, RequestTable, Run
 from dvc.video import Frame
+from dvc.wynerziv.areas import Areas
 from encoder import live
 from encoder.kept_groups import KeptGroups
 from encoder.live import serve
@@ -20,6 +23,7 @@ from tests.clips import moving_texture
 
 CONFIG = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
 HELLO = DecoderEndpoint().bytes_to_send()
+NO_AREAS = np.zeros(Areas((6, 8)).count, np.bool_)
 
 
 def test_no_frame_is_taken_before_the_hello() -> None:
@@ -101,6 +105,61 @@ class Decoder:
 
     has_received = staticmethod(lambda: False)
     close = staticmethod(lambda: None)
+
+
+class Asking(Decoder):
+    """Asks for bits, whether it may or not, as soon as it has got a group with a Wyner-Ziv frame."""
+
+    def __init__(self, requests: list[ParityRequest]) -> None:
+        super().__init__()
+        self._says = encode_message(ParityRequests(RequestTable.of(requests)))
+
+    def send(self, data: bytes) -> None:
+        for event in self._endpoint.receive(data):
+            if isinstance(event, Gop) and event.record.num_frames > 1:
+                self._answer, self._says = self._says, b""
+        if not self._endpoint.num_credits:
+            self._endpoint.send_next_gop()
+
+    def receive(self) -> bytes:
+        said, self._answer = self._answer, b""
+        return super().receive() + said
+
+
+LAST_PLANE = sum(CONFIG.wyner_ziv.max_planes) - 1
+
+
+@pytest.mark.parametrize(
+    ("requests", "text"),
+    [
+        ([ParityRequest(1, 0, "crc", 0, 0, 8, (), Run((0,), b"\xff" * 20))], "range-coded data are damaged"),
+        ([ParityRequest(1, LAST_PLANE, "crc", 0, 0, 8, (), Run((LAST_PLANE,)))], "plane 191 of frame 1"),
+        ([ParityRequest(1, 0, "crc", 0, 0, 8, (), Run((0, LAST_PLANE)))], "plane 191 of frame 1"),
+        ([ParityRequest(1, 0, "crc", 0, 0, 8)], "plane 0 of frame 1, naming a plane that begins no run"),
+        (
+            [
+                ParityRequest(1, 0, "joint", 0, 0, 8, (0, 1), Run((0,))),
+                ParityRequest(1, 1, "crc", 0, 0, 8, (), Run((1,))),
+            ],
+            "joint bits of plane 0 of frame 1, naming a plane that begins no run",
+        ),
+        (
+            [ParityRequest(1, 0, "uncoded", 0, 0, 48, (), Run((0,), Areas((6, 8)).coded(NO_AREAS)))],
+            "bit 47 of a run of 0 in frame 1",
+        ),
+    ],
+)
+def test_bits_that_a_frame_does_not_have_end_the_run(requests: list[ParityRequest], text: str) -> None:
+    """A decoder that asks for planes or areas of no frame, or for no run, is told off in one line."""
+    frames = [Frame(frame.luma) for frame in moving_texture(9, 24, 32)]
+    session, decoder = EncoderSession(CONFIG, Live()), Asking(requests)
+    endpoint = EncoderEndpoint(session.config)
+    decoder.enter(endpoint)
+    with pytest.raises(
+        FeedbackError, match=f"the other side broke the feedback protocol: .*{text}"
+    ) as caught:
+        serve(session, frames, decoder, lambda _: None, None, endpoint)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("intra_period", "begins"), [(0, 8), (5, 6), (96, 0)])

@@ -1,10 +1,12 @@
-"""Requests for parities of ranges, and for check bits of several planes, over the feedback channel."""
+"""Requests for runs, parities of ranges, and check bits of several runs, over the feedback channel."""
+
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.bits import decode_varint, encode_varint
+from dvc.bits import decode_bytes, decode_varint, encode_varint
 from dvc.config import CodecConfig, DiscoverMatrix, TurboConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint
@@ -15,19 +17,24 @@ from dvc.feedback.messages import (
     encode_message,
     max_payload_bytes,
 )
-from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable
+from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable, Run
+from dvc.slepian_wolf.requests import Kind
 from dvc.stream import GopRecord
 
 VIDEO = VideoConfig(176, 144, 15, 1)
-CONFIG = codec_config(VIDEO, "2d", DiscoverMatrix(4))
+CONFIG = codec_config(VIDEO, "2d", DiscoverMatrix(4), gop={"length": 4})
 TURBO = codec_config(VIDEO, "2d", DiscoverMatrix(4), coder=TurboConfig())
 NUM_BITS = VIDEO.num_blocks
 NUM_PLANES = sum(CONFIG.wyner_ziv.max_planes)
+MAX_RUN_PLANES = len(CONFIG.wyner_ziv.max_planes)
+MAX_AREAS_BYTES = 64 + NUM_BITS
 
 
 def payload_of(message: bytes) -> bytes:
-    """Return the payload of an encoded message, which is less than 16,384 bytes long."""
-    return message[2:] if message[1] < 0x80 else message[3:]
+    """Return the payload of an encoded message."""
+    size, start = decode_varint(message, 1)
+    assert len(message) == start + size
+    return message[start:]
 
 
 def written(*requests: ParityRequest) -> bytes:
@@ -46,51 +53,78 @@ def enter(flow: FlowControl, *requests: ParityRequest) -> None:
     flow.request(RequestTable.of(requests))
 
 
-def opened(config: CodecConfig) -> FlowControl:
-    """Return the flow of a sequence of which frame 1 is open."""
+def opened(config: CodecConfig, num_frames: int = 2) -> FlowControl:
+    """Return the flow of a sequence of which frame 1 is open, or more between it and the key frame."""
     flow = FlowControl(config)
-    for number, frames in enumerate((1, 2)):
+    for number, frames in enumerate((1, num_frames)):
         flow.add_credit()
         flow.open_gop(number, frames)
     return flow
 
 
-def ranges(*positions: int, start: int = 0, order: int = 0) -> ParityRequest:
-    return ParityRequest(1, 0, "parity", order, start, len(positions), positions)
+def ranges(*positions: int, start: int = 0, order: int = 0, run: Run | None = None) -> ParityRequest:
+    return ParityRequest(1, 0, "parity", order, start, len(positions), positions, run)
+
+
+def beginning(*planes: int, frame: int = 1, areas: bytes = b"") -> ParityRequest:
+    """Return a request for a check bit, with which a run begins."""
+    return ParityRequest(frame, planes[0], "crc", 0, 0, 1, run=Run(planes, areas))
+
+
+def together(*planes: int, start: int = 0, count: int = 8) -> ParityRequest:
+    """Return a request for joint check bits of runs."""
+    return ParityRequest(1, planes[0], "joint", 0, start, count, planes)
 
 
 places = st.sets(st.integers(0, NUM_BITS - 1), min_size=1)
+descriptions = st.none() | st.tuples(st.sets(st.integers(1, 40), max_size=15), st.binary(max_size=200))
 entries = st.tuples(
-    st.integers(0, 2**30), st.integers(0, 300), st.sampled_from(KINDS), st.integers(0, 7), places
+    st.integers(0, 2**30),
+    st.integers(0, 300),
+    st.sampled_from(KINDS),
+    st.integers(0, 7),
+    places,
+    descriptions,
 )
+Entry = tuple[int, int, Kind, int, set[int], tuple[set[int], bytes] | None]
 
 
 @given(st.lists(entries, min_size=1, max_size=5))
-def test_requests_survive_the_wire(drawn: list[tuple[int, int, str, int, set[int]]]) -> None:
-    """Any requests with any increasing positions come back, in a message no longer than one may be."""
+def test_requests_survive_the_wire(drawn: list[Entry]) -> None:
+    """Requests with any increasing positions and runs come back, in a message no longer than one may be."""
     requests = []
-    for frame, plane, kind, code, chosen in sorted(drawn, key=lambda entry: entry[0]):
+    for frame, plane, kind, code, chosen, described in sorted(drawn, key=lambda entry: entry[0]):
         positions = tuple(sorted(chosen)) if kind in ("parity", "joint") else ()
         count = 3 if kind == "joint" else len(chosen)
-        requests.append(ParityRequest(frame, plane, kind, code, 0, count, positions))
+        run = None
+        if described is not None:
+            steps, areas = described
+            run = Run((plane, *(plane + step for step in sorted(steps))), areas)
+        requests.append(ParityRequest(frame, plane, kind, code, 0, count, positions, run))
     payload = payload_of(written(*requests))
-    assert read(payload) == requests
+    assert read(payload) == plain_requests(payload) == requests
     assert len(payload) <= max_payload_bytes(ParityRequests, CONFIG)
 
 
-@given(st.binary(max_size=40))
+payloads = st.binary(max_size=60) | st.lists(st.integers(0, 15), max_size=60).map(bytes)
+
+
+@given(payloads)
 def test_any_bytes_are_requests_or_refused(payload: bytes) -> None:
-    """Whatever is read as requests has increasing positions, and stays as it is when it is written again."""
+    """Whatever is read as requests has increasing positions and planes, and comes back when it is written."""
     try:
         requests = read(payload)
     except BitstreamError:
         return
     for request in requests:
         assert list(request.positions) == sorted(set(request.positions))
+        if request.run is not None:
+            assert list(request.run.planes) == sorted({request.plane, *request.run.planes})
+            assert request.run.planes[0] == request.plane
     assert read(payload_of(written(*requests))) == requests
 
 
-@given(st.binary(max_size=60))
+@given(payloads)
 def test_compiled_syntax_is_that_of_its_plain_twin(payload: bytes) -> None:
     """Requests and faults of any bytes are those that reading them number by number finds."""
     try:
@@ -112,37 +146,52 @@ def plain_requests(payload: bytes) -> list[ParityRequest]:
             value, at = decode_varint(payload, at)
             numbers.append(value)
         first, step, plane, count = numbers
-        frame, num_positions = frame + step, 0
+        frame, num_positions, kind = frame + step, 0, KINDS[first % 4]
         if first & 4:
             num_positions = count
-            if KINDS[first & 3] == "joint":
+            if kind == "joint":
                 num_positions, at = decode_varint(payload, at)
-        positions = [-1]
-        for _ in range(num_positions):
-            value, at = decode_varint(payload, at)
-            if value == 0:
-                raise BitstreamError("standing")
-            positions.append(positions[-1] + value)
-        requests.append(
-            ParityRequest(frame, plane, KINDS[first & 3], first >> 3, 0, count, tuple(positions[1:]))
-        )
+        positions, at = plain_increasing(payload, at, num_positions, -1)
+        run = None
+        if first & 8:
+            num_more, at = decode_varint(payload, at)
+            more, at = plain_increasing(payload, at, num_more, plane)
+            areas, at = decode_bytes(payload, at, len(payload))
+            run = Run((plane, *more), areas)
+        requests.append(ParityRequest(frame, plane, kind, first // 16, 0, count, positions, run))
     return requests
 
 
+def plain_increasing(payload: bytes, at: int, count: int, before: int) -> tuple[tuple[int, ...], int]:
+    numbers = [before]
+    for _ in range(count):
+        step, at = decode_varint(payload, at)
+        if step == 0:
+            raise BitstreamError("standing")
+        numbers.append(numbers[-1] + step)
+    return tuple(numbers[1:]), at
+
+
 def test_orders_may_change_and_requests_go_on() -> None:
-    """Ranges of several orders, then check bits of planes together, are entered one after the other."""
+    """Ranges of several orders, then check bits of runs together, are entered one after the other."""
     flow = opened(CONFIG)
     for request in (
-        ranges(5, 80, NUM_BITS - 1),
+        ranges(5, 80, NUM_BITS - 1, run=Run((0,))),
         ranges(9, start=3, order=7),
         ranges(6, start=4),
         ranges(7, NUM_BITS, 6 * NUM_BITS - 1, start=5, order=2),
         ParityRequest(1, 0, "crc", 0, 0, 5),
-        ParityRequest(1, 0, "joint", 0, 0, 16, (0, 3, NUM_PLANES - 1)),
-        ParityRequest(1, 0, "joint", 0, 16, 6, (0, 3)),
+        beginning(3, 5),
+        beginning(NUM_PLANES - 1),
+        together(0, 3, NUM_PLANES - 1, count=16),
+        together(0, 3, start=16, count=6),
+        together(3, NUM_PLANES - 1),
     ):
         enter(flow, request)
         assert flow.answer().requests() == [request]
+
+
+FIRST = Run((0,))
 
 
 @pytest.mark.parametrize(
@@ -153,7 +202,9 @@ def test_orders_may_change_and_requests_go_on() -> None:
         (ranges(-1, 4), "must increase"),
         (ranges(3, NUM_BITS, order=7), "must increase"),
         (ranges(3, 2 * NUM_BITS, order=6), "must increase"),
+        (ranges(3, 2 * NUM_BITS, order=7, run=Run((0, 9))), "must increase from 0 to 3167"),
         (ranges(*range(NUM_BITS + 1)), "1585 parity bits"),
+        (ranges(*range(2 * NUM_BITS + 1), run=Run((0, 9))), "3169 parity bits"),
         (ranges(5, order=8), "code 8"),
         (ranges(5, start=1), "number 1 on, where 0 is the next"),
         (ParityRequest(1, 0, "parity", 0, 0, 3), "3 parity bits of plane 0 of frame 1 at 0 positions"),
@@ -161,36 +212,126 @@ def test_orders_may_change_and_requests_go_on() -> None:
         (ParityRequest(1, 0, "crc", 0, 0, 1, (1,)), "positions of crc bits"),
         (ParityRequest(1, 0, "uncoded", 0, 0, 1, (1,)), "positions of uncoded bits"),
         (ParityRequest(1, 0, "joint", 0, 0, 8), "joint bits of other planes"),
-        (ParityRequest(1, 0, "joint", 0, 0, 8, (1, 2)), "joint bits of other planes"),
-        (ParityRequest(1, 0, "joint", 0, 0, 17, (0, 1)), "17 joint bits of plane 0 of frame 1 at once"),
-        (ParityRequest(1, 0, "joint", 0, 0, 8, (0, NUM_PLANES)), "must increase"),
+        (replace(together(1, 2), plane=0), "joint bits of other planes"),
+        (together(0, 1, count=17), "17 joint bits of plane 0 of frame 1 at once"),
+        (together(0, NUM_PLANES), "must increase"),
+        (together(0, 3, 3), "must increase"),
     ],
 )
 def test_hostile_positions_are_refused(request_: ParityRequest, text: str) -> None:
     """Positions that are none, too many, out of order or out of place break the protocol."""
+    flow = opened(CONFIG)
+    enter(flow, beginning(3))
+    flow.answer()
     with pytest.raises(ValueError, match=text):
-        enter(opened(CONFIG), request_)
+        enter(flow, request_ if request_.run else replace(request_, run=FIRST))
 
 
 @pytest.mark.parametrize("kind", ["parity", "joint"])
-def test_turbo_codes_have_no_positions(kind: str) -> None:
+def test_turbo_codes_have_no_positions(kind: Kind) -> None:
     """Where parity has an order of release, requests by position are refused."""
     with pytest.raises(ValueError, match=r"positions of parity bits|joint bits"):
-        enter(opened(TURBO), ParityRequest(1, 0, kind, 0, 0, 1, (0,)))
+        enter(opened(TURBO), ParityRequest(1, 0, kind, 0, 0, 1, (0,), FIRST))
 
 
-def test_what_a_plane_may_cost_is_bounded() -> None:
-    """No more parities than the plane has bits, and no more joint bits than all its planes have."""
-    flow = opened(CONFIG)
-    enter(flow, ranges(*range(NUM_BITS)))
-    flow.answer()
-    with pytest.raises(ValueError, match="1 parity bits"):
-        enter(flow, ranges(0, start=NUM_BITS))
+@pytest.mark.parametrize("planes", [(0,), (0, 7, NUM_PLANES - 1)])
+def test_what_a_run_may_cost_is_bounded(planes: tuple[int, ...]) -> None:
+    """No more parities or uncoded bits than its planes have, nor joint bits than all planes of the frame."""
+    flow, num_bits = opened(CONFIG), len(planes) * NUM_BITS
+    for request in (
+        ranges(*range(num_bits - 5), run=Run(planes)),
+        ranges(*range(5), start=num_bits - 5),
+        ParityRequest(1, 0, "uncoded", 0, 0, num_bits),
+        ParityRequest(1, 0, "crc", 0, 0, 16),
+    ):
+        enter(flow, request)
+        flow.answer()
+    for refused, text in (
+        (ranges(0, start=num_bits), "1 parity bits"),
+        (ParityRequest(1, 0, "uncoded", 0, num_bits, 1), "1 uncoded bits"),
+        (ParityRequest(1, 0, "crc", 0, 16, 1), "1 crc bits"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            enter(flow, refused)
     for number in range(NUM_PLANES):
-        enter(flow, ParityRequest(1, 0, "joint", 0, 16 * number, 16, (0,)))
+        enter(flow, together(0, start=16 * number, count=16))
         flow.answer()
     with pytest.raises(ValueError, match="1 joint bits"):
-        enter(flow, ParityRequest(1, 0, "joint", 0, 16 * NUM_PLANES, 1, (0,)))
+        enter(flow, together(0, start=16 * NUM_PLANES, count=1))
+
+
+@pytest.mark.parametrize(
+    ("before", "requests"),
+    [
+        ([], [together(0, 3)]),
+        ([], [together(3)]),
+        ([beginning(0)], [together(0, 3)]),
+        ([beginning(3)], [together(0, 3)]),
+        ([beginning(0, 3)], [together(0, 3)]),
+        ([beginning(0), beginning(3, 5)], [together(0, 3, 5)]),
+        ([beginning(0), beginning(3, frame=2)], [together(0, 3)]),
+        ([], [replace(together(0, 3), run=Run((0, 3)))]),
+        ([], [replace(together(0, 3), run=FIRST), beginning(3)]),
+        ([beginning(0)], [together(0, 3), beginning(3)]),
+    ],
+)
+def test_joint_bits_are_of_runs_that_have_begun(
+    before: list[ParityRequest], requests: list[ParityRequest]
+) -> None:
+    """A request for check bits of several runs does not go ahead of the first request for one of them."""
+    flow = opened(CONFIG, 3)
+    if before:
+        enter(flow, *before)
+        flow.answer()
+    with pytest.raises(
+        ValueError, match=r"joint bits of plane \d of frame 1, naming a plane that begins no run"
+    ):
+        enter(flow, *requests)
+
+
+def test_a_run_may_begin_in_the_same_message() -> None:
+    """Joint check bits may be asked for right behind the first request for another run, or as the first."""
+    flow = opened(CONFIG)
+    requests = [beginning(3, 5), replace(together(0, 3), run=FIRST)]
+    enter(flow, *requests)
+    assert flow.answer().requests() == requests
+
+
+@pytest.mark.parametrize(
+    "second", [Run((0,)), Run((0, 1)), Run((0, NUM_PLANES)), Run((0, 2**34)), Run((1, 2)), Run(())]
+)
+def test_a_run_is_told_once(second: Run) -> None:
+    """A plane that names a run cannot begin another one, whatever that is said to be."""
+    flow = opened(CONFIG)
+    enter(flow, beginning(0, 3))
+    flow.answer()
+    with pytest.raises(
+        ValueError, match=r"a second run with plane 0 of frame 1|a run of planes .* for plane 0"
+    ):
+        enter(flow, ParityRequest(1, 0, "crc", 0, 1, 1, run=second))
+
+
+def test_runs_end_with_their_group_of_pictures() -> None:
+    """Where another group is held later, all its runs must be told again."""
+    flow = opened(CONFIG)
+    slot = flow.first_slot(1)
+    enter(flow, beginning(0, 3))
+    flow.answer()
+    flow.close_gop(1)
+    flow.add_credit()
+    flow.open_gop(2, 2)
+    assert flow.first_slot(2) == slot
+    with pytest.raises(ValueError, match="plane 0 of frame 3, naming a plane that begins no run"):
+        enter(flow, replace(beginning(0, frame=3), run=None))
+    enter(flow, beginning(0, 1, frame=3), beginning(3, frame=3))
+
+
+def test_frames_have_their_own_runs() -> None:
+    """Planes of two frames are in runs of their own, as many as each frame has planes."""
+    flow = opened(CONFIG, 3)
+    alone = [beginning(plane) for plane in range(NUM_PLANES)]
+    enter(flow, *alone, beginning(*range(0, NUM_PLANES, 2), frame=2), beginning(1, frame=2))
+    assert len(flow.answer().runs) == NUM_PLANES + 2
 
 
 def test_endpoint_refuses_requests_that_are_too_long() -> None:
@@ -198,18 +339,19 @@ def test_endpoint_refuses_requests_that_are_too_long() -> None:
     encoder = EncoderEndpoint(CONFIG)
     encoder.receive(DecoderEndpoint().bytes_to_send())
     limit = max_payload_bytes(ParityRequests, CONFIG)
-    assert limit == 2**16 + 2 * NUM_BITS
+    assert limit == 2**16 + 2 * MAX_RUN_PLANES * NUM_BITS
     too_long = b"\x04" + encode_varint(limit + 1)
     with pytest.raises(FeedbackError, match=f"at most {limit}"):
         encoder.receive(too_long)
 
 
-def opened_ends() -> tuple[EncoderEndpoint, DecoderEndpoint]:
-    """Return both ends of a sequence of which frame 1 is open."""
+def opened_ends(num_frames: int = 2) -> tuple[EncoderEndpoint, DecoderEndpoint]:
+    """Return both ends of a sequence of which frame 1 is open, or more between it and the key frame."""
     encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint()
     encoder.receive(decoder.bytes_to_send())
     decoder.receive(encoder.bytes_to_send())
-    for record in (GopRecord(1, b"key"), GopRecord(2, b"key", False, b"", (b"header",))):
+    headers = (b"header",) * (num_frames - 1)
+    for record in (GopRecord(1, b"key"), GopRecord(num_frames, b"key", False, b"", headers)):
         decoder.send_next_gop()
         encoder.receive(decoder.bytes_to_send())
         encoder.send_gop(record)
@@ -219,20 +361,72 @@ def opened_ends() -> tuple[EncoderEndpoint, DecoderEndpoint]:
 
 def test_many_positions_take_several_messages() -> None:
     """What is asked for at once is divided into messages that the encoder takes."""
-    encoder, decoder = opened_ends()
     everything = tuple(range(NUM_BITS))
-    requests = [ParityRequest(1, plane, "parity", 0, 0, NUM_BITS, everything) for plane in range(NUM_PLANES)]
+    check_division(
+        [
+            ParityRequest(1, plane, "parity", 0, 0, NUM_BITS, everything, Run((plane,)))
+            for plane in range(NUM_PLANES)
+        ]
+    )
+
+
+def test_many_areas_take_several_messages() -> None:
+    """Descriptions of runs count as positions do."""
+    check_division(
+        [
+            beginning(plane, frame=frame, areas=bytes([plane]) * MAX_AREAS_BYTES)
+            for frame in range(1, 4)
+            for plane in range(NUM_PLANES)
+        ]
+    )
+
+
+def check_division(requests: list[ParityRequest]) -> None:
+    encoder, decoder = opened_ends(4)
     decoder.send_requests(requests)
     tables = [event for event in encoder.receive(decoder.bytes_to_send()) if isinstance(event, RequestTable)]
     assert len(tables) > 1
     assert [request for table in tables for request in table.requests()] == requests
 
 
+def test_the_largest_request_fits() -> None:
+    """All bits of the largest run, at positions that take the most bytes, go in one message."""
+    encoder, decoder = opened_ends()
+    num_bits = MAX_RUN_PLANES * NUM_BITS
+    num_wide = 7 * num_bits // 127
+    positions = [*range(0, 128 * num_wide, 128)]
+    positions += range(8 * num_bits - (num_bits - num_wide), 8 * num_bits)
+    run = Run((0, *range(NUM_PLANES - MAX_RUN_PLANES + 1, NUM_PLANES)), bytes(MAX_AREAS_BYTES))
+    request = ranges(*positions, run=run)
+    assert request.count == num_bits
+    decoder.send_requests([request])
+    (table,) = encoder.receive(decoder.bytes_to_send())
+    assert isinstance(table, RequestTable)
+    assert table.requests() == [request]
+
+
+@pytest.mark.parametrize(
+    ("run", "text"),
+    [
+        (Run((*range(MAX_RUN_PLANES + 1),)), f"a run of {MAX_RUN_PLANES + 1} planes"),
+        (Run((0,), bytes(MAX_AREAS_BYTES + 1)), f"with areas of {MAX_AREAS_BYTES + 1} bytes"),
+        (Run((0, NUM_PLANES)), f"there are {NUM_PLANES}"),
+    ],
+)
+def test_endpoints_refuse_runs_that_cannot_be(run: Run, text: str) -> None:
+    """Planes or areas that are too many, or planes that no frame has, end the channel."""
+    encoder, decoder = opened_ends()
+    with pytest.raises(ValueError, match=text):
+        decoder.send_requests([ranges(3, run=run)])
+    with pytest.raises(FeedbackError, match=text):
+        encoder.receive(written(ranges(3, run=run)))
+
+
 def test_endpoint_breaks_off_at_hostile_positions() -> None:
     """A request that flow control refuses ends the channel, as any breach does."""
     encoder, _ = opened_ends()
-    (table,) = encoder.receive(written(ranges(3, 9)))
+    (table,) = encoder.receive(written(ranges(3, 9, run=FIRST)))
     assert isinstance(table, RequestTable)
-    assert table.requests() == [ranges(3, 9)]
+    assert table.requests() == [ranges(3, 9, run=FIRST)]
     with pytest.raises(FeedbackError, match="second request"):
         encoder.receive(written(ranges(3, 9)))

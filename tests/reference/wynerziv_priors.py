@@ -10,10 +10,11 @@ MAX_SPREAD = 2.0
 
 
 def coupled_llr(coupling: NeighbourCoupling, probability: Array, causal: bool) -> Array:
-    """Return LLRs with what is believed of the neighbours, or of those to the left and above."""
+    """Return LLRs on the lattice with what is believed of neighbours, or of those to the left and above."""
     alone = coupling.alone
     expected = 1.0 / (1.0 + np.exp(alone))
-    deviation = probability - expected
+    has_bit = np.isin(np.arange(alone.size), coupling.places).reshape(alone.shape)
+    deviation = np.where(has_bit, probability - expected, 0.0)
     llr = alone.copy()
     steps = [((0, -1), 0), ((-1, 0), 1), ((0, 1), 0), ((1, 0), 1)]
     for place in np.ndindex(alone.shape):
@@ -21,12 +22,11 @@ def coupled_llr(coupling: NeighbourCoupling, probability: Array, causal: bool) -
         for (down, right), weight in steps[: 2 if causal else 4]:
             other = place[0] + down, place[1] + right
             if 0 <= other[0] < alone.shape[0] and 0 <= other[1] < alone.shape[1]:
-                moved += coupling.weights[weight] * coupling.shift[other] * deviation[other]
+                moved += coupling.weights[place[0], weight] * coupling.shift[other] * deviation[other]
                 spread += coupling.energy[other] * (1 - 2 * expected[other]) * deviation[other]
         llr[place] += coupling.slope[place] * moved
-        llr[place] += (
-            coupling.widening[place] * coupling.weights[2] * np.clip(spread, -MAX_SPREAD, MAX_SPREAD)
-        )
+        spread = float(np.clip(spread, -MAX_SPREAD, MAX_SPREAD))
+        llr[place] += coupling.widening[place] * coupling.weights[place[0], 2] * spread
     return llr
 
 

@@ -4,11 +4,30 @@ from collections.abc import Generator
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc.slepian_wolf import ParityRequest, Round, ask, drive, side_by_side
+from dvc.slepian_wolf import (
+    KINDS,
+    ParityRequest,
+    RequestTable,
+    Round,
+    Run,
+    ask,
+    beginning,
+    drive,
+    side_by_side,
+)
 
 Bits = NDArray[np.uint8]
+NUMBERS = st.integers(0, 2**20)
+INCREASING = st.sets(NUMBERS, max_size=5).map(lambda numbers: tuple(sorted(numbers)))
+RUNS = st.builds(Run, INCREASING, st.binary(max_size=5))
+REQUESTS = st.builds(
+    ParityRequest, NUMBERS, NUMBERS, st.sampled_from(KINDS), NUMBERS, NUMBERS, st.integers(1, 40), INCREASING,
+    st.none() | RUNS,
+)  # fmt: skip
 
 
 def asking(frame: int, counts: list[int]) -> Generator[ParityRequest, Bits, list[int]]:
@@ -58,3 +77,33 @@ def test_too_few_answers_are_refused() -> None:
     """A round takes an answer to each of its requests."""
     with pytest.raises(ValueError, match="zip"):
         drive(side_by_side([asking(0, [3]), asking(1, [1])]), lambda requests: [answer(requests[0])])
+
+
+@given(st.lists(REQUESTS, max_size=6))
+def test_tables_hold_requests_and_runs_as_they_are(requests: list[ParityRequest]) -> None:
+    """Positions and runs come back with their requests, and bits of all are divided among them."""
+    table = RequestTable.of(requests)
+    assert table.requests() == requests
+    assert table.runs == tuple(request.run for request in requests if request.run is not None)
+    counts = [request.count for request in requests]
+    assert table.num_bits == sum(counts)
+    bits = np.random.default_rng(1).integers(0, 2, table.num_bits, dtype=np.uint8)
+    divided = table.divided(np.packbits(bits).tobytes())
+    assert [own.size for own in divided] == counts
+    np.testing.assert_array_equal(np.concatenate([*divided, bits[:0]]), bits)
+
+
+def test_only_the_first_request_says_for_which_run_it_is() -> None:
+    """Others, and what is returned, are as they are without; so is a coroutine that asks for nothing."""
+    run, asked = Run((2, 5), b"areas"), []
+
+    def answered(request: ParityRequest) -> Bits:
+        asked.append(request)
+        return answer(request)
+
+    counts = [3, 1, 9]
+    assert drive(beginning(run, asking(4, counts)), answered) == drive(asking(4, counts), answer)
+    wanted = [ParityRequest(4, k, "uncoded", 0, k, count) for k, count in enumerate(counts)]
+    wanted[0] = ParityRequest(4, 0, "uncoded", 0, 0, 3, run=run)
+    assert asked == wanted
+    assert drive(beginning(run, asking(4, [])), answer) == []

@@ -1,14 +1,18 @@
 """Priors that learn: corrections that fit, neighbours that tell, and numbers whatever the planes are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
 from dvc.wynerziv import _kernels, noise
+from dvc.wynerziv import priors as priors_module
 from dvc.wynerziv.priors import LearnedPriors, PlanePrior
-from tests.reference.wynerziv_priors import newton
+from tests.reference.wynerziv_priors import coupled_llr, newton
 
 SHAPE = (40, 44)
+ALL = np.arange(SHAPE[0] * SHAPE[1])
 STEP = 8.0
 
 
@@ -52,7 +56,7 @@ def test_wrong_scales_are_corrected() -> None:
     ratios = []
     for _ in range(8):
         borders, predicted, scale, bits = planes(rng, rng.laplace(0.0, 8.0, SHAPE), 2.0)
-        prior = priors.plane((1, 1), borders, predicted, scale, None)
+        prior = priors.plane((1, 1), borders, predicted, scale, None, ALL)
         before = code_length(np.clip(noise.bit_llr(*borders, predicted, scale), -9.0, 9.0), bits)
         ratios.append(code_length(np.clip(prior.llr, -9.0, 9.0), bits) / before)
         priors.learn(prior, bits)
@@ -68,7 +72,7 @@ def test_smooth_errors_are_told_by_neighbours() -> None:
     for number in range(6):
         error = 60.0 * uniform_filter(rng.normal(0.0, 1.0, SHAPE), 9) + rng.laplace(0.0, 0.7, SHAPE)
         borders, predicted, scale, bits = planes(rng, error, 4.0)
-        prior = priors.plane((0, 1), borders, predicted, scale, None)
+        prior = priors.plane((0, 1), borders, predicted, scale, None, ALL)
         if number > 2:
             alone += code_length(prior.llr, bits)
             coupled += code_length(prior.coupling.llr_in_sequence(bits), bits)
@@ -81,9 +85,10 @@ def test_neighbours_along_edges_count_the_most(band: int, ends: int, sides: int)
     """Blocks above and below lie along the edges of horizontal frequencies, those at the sides across."""
     rng = np.random.default_rng(4)
     borders, predicted, scale, _ = planes(rng, rng.laplace(0.0, 4.0, SHAPE), 4.0)
-    weights = LearnedPriors(SHAPE).plane((band, 1), borders, predicted, scale, None).coupling.weights
-    usual = weights[:2].max()
-    np.testing.assert_array_equal(weights[:2] == usual, [bool(sides), bool(ends)])
+    weights = LearnedPriors(SHAPE).plane((band, 1), borders, predicted, scale, None, ALL).coupling.weights
+    usual = weights[:, :2].max()
+    assert weights.shape == (SHAPE[0], 3)
+    np.testing.assert_array_equal(weights[:, :2] == usual, np.tile([bool(sides), bool(ends)], (SHAPE[0], 1)))
 
 
 def test_ramps_of_dc_errors_tell_first_frequencies() -> None:
@@ -92,8 +97,8 @@ def test_ramps_of_dc_errors_tell_first_frequencies() -> None:
     borders, predicted, scale, _ = planes(rng, rng.laplace(0.0, 4.0, SHAPE), 4.0)
     ramp = np.tile(-4.0 * np.arange(SHAPE[1], dtype=np.float64), (SHAPE[0], 1))
     for band, moved in ((1, True), (2, False)):
-        plain = LearnedPriors(SHAPE).plane((band, 1), borders, predicted, scale, None).llr
-        found = LearnedPriors(SHAPE).plane((band, 1), borders, predicted, scale, ramp).llr
+        plain = LearnedPriors(SHAPE).plane((band, 1), borders, predicted, scale, None, ALL).llr
+        found = LearnedPriors(SHAPE).plane((band, 1), borders, predicted, scale, ramp, ALL).llr
         assert np.mean(found - plain) < -0.1 if moved else np.array_equal(found, plain)
 
 
@@ -103,13 +108,14 @@ def test_errors_around_make_bits_less_sure() -> None:
     predicted[::2, :22], predicted[1::2, :22] = 68.0, 20.0  # outside the interval, equally far
     borders = (np.full(predicted.size, 32.0), np.full(predicted.size, 48.0), np.full(predicted.size, 56.0))
     scale = np.full(predicted.size, 4.0)
-    llr = LearnedPriors(SHAPE).plane((0, 1), borders, predicted.ravel(), scale, None).llr.reshape(SHAPE)
+    llr = LearnedPriors(SHAPE).plane((0, 1), borders, predicted.ravel(), scale, None, ALL).llr.reshape(SHAPE)
     beside, far = np.abs(llr[4:-4, 23]), np.abs(llr[4:-4, 30])
     assert beside.mean() < 0.95 * far.mean()
 
 
 @pytest.mark.parametrize("width", [0.0, 1e-9, 1e6])
-def test_planes_of_any_kind_give_numbers(width: float) -> None:
+@pytest.mark.parametrize("blocks", [ALL, ALL[::7], ALL[:1]], ids=["all", "some", "one"])
+def test_planes_of_any_kind_give_numbers(width: float, blocks: np.ndarray) -> None:
     """Bins without width, or far away from the prediction, and bits that nobody expects, are borne."""
     rng = np.random.default_rng(6)
     size = SHAPE[0] * SHAPE[1]
@@ -119,10 +125,59 @@ def test_planes_of_any_kind_give_numbers(width: float) -> None:
     for band in (0, 1, 5, 15) * 3:
         scale = rng.choice([0.3, 1e4], size)
         prior = priors.plane(
-            (band, 1), borders, rng.uniform(-1e4, 1e4, size), scale, rng.normal(0, 1e5, SHAPE)
+            (band, 1), borders, rng.uniform(-1e4, 1e4, size), scale, rng.normal(0, 1e5, SHAPE), blocks
         )
         assert _is_sound(prior)
-        priors.learn(prior, rng.integers(0, 2, size, dtype=np.uint8))
+        priors.learn(prior, rng.integers(0, 2, blocks.size, dtype=np.uint8))
+
+
+def plain_terms(prior: PlanePrior, bits: np.ndarray, weights: list[float]) -> np.ndarray:
+    """Return what LLRs gain by neighbours, some of which have bits, where all are known."""
+    coupling = replace(prior.coupling, weights=np.tile(weights, (SHAPE[0], 1)))
+    believed = np.zeros(ALL.size)
+    believed[coupling.places] = bits
+    gained = coupled_llr(coupling, believed.reshape(SHAPE), False) - coupling.alone
+    return np.clip(gained.ravel()[coupling.places], -12.0, 12.0)
+
+
+@pytest.mark.parametrize("band", [0, 1, 2])
+def test_some_blocks_are_known_as_all_are(band: int) -> None:
+    """LLRs and their terms are those of the blocks among all; neighbours tell where they have bits."""
+    rng = np.random.default_rng(8)
+    borders, predicted, scale, bits = planes(rng, rng.laplace(0.0, 6.0, SHAPE), 4.0)
+    blocks = np.sort(rng.permutation(ALL.size)[:900])
+    ramp = rng.normal(0.0, 3.0, SHAPE)
+    whole, some = (
+        LearnedPriors(SHAPE).plane((band, 1), borders, predicted, scale, ramp, own) for own in (ALL, blocks)
+    )
+    np.testing.assert_array_equal(some.llr, whole.llr[blocks])
+    np.testing.assert_array_equal(some.inputs, whole.inputs[:, blocks])
+    np.testing.assert_array_equal(some.coupling.places, blocks)
+    for prior in (whole, some):
+        own = bits[prior.coupling.places]
+        sides, ends = plain_terms(prior, own, [1.0, 0.0, 0.0]), plain_terms(prior, own, [0.0, 1.0, 0.0])
+        along, across = {0: (sides + ends, 0.0 * sides), 1: (ends, sides), 2: (sides, ends)}[band]
+        spread = plain_terms(prior, own, [0.0, 0.0, 1.0])
+        found = priors_module._coupled_inputs(prior, own)
+        np.testing.assert_allclose(found, np.stack([along, across, spread]), atol=1e-4)
+
+
+def test_some_blocks_teach_as_a_plane_does() -> None:
+    """Where the noise model is wrong, bits in half of the blocks correct those of the others."""
+    rng = np.random.default_rng(9)
+    priors = LearnedPriors(SHAPE)
+    half, others = ALL[: ALL.size // 2], ALL[ALL.size // 2 :]
+    ratios = []
+    for _ in range(12):
+        borders, predicted, scale, bits = planes(rng, rng.laplace(0.0, 8.0, SHAPE), 2.0)
+        llr = priors.plane((1, 1), borders, predicted, scale, None, others).llr
+        before = code_length(
+            np.clip(noise.bit_llr(*borders, predicted, scale)[others], -9.0, 9.0), bits[others]
+        )
+        ratios.append(code_length(np.clip(llr, -9.0, 9.0), bits[others]) / before)
+        priors.learn(priors.plane((1, 1), borders, predicted, scale, None, half), bits[half])
+    assert max(ratios[6:]) < 0.97
+    assert np.mean(ratios[6:]) < np.mean(ratios[:2])
 
 
 def _is_sound(prior: PlanePrior) -> bool:
@@ -137,13 +192,13 @@ def test_what_was_learned_side_by_side_is_averaged() -> None:
     borders, predicted, scale, bits = planes(rng, rng.laplace(0.0, 8.0, SHAPE), 2.0)
 
     def llr(priors: LearnedPriors) -> np.ndarray:
-        return priors.plane((1, 1), borders, predicted, scale, None).coupling.alone
+        return priors.plane((1, 1), borders, predicted, scale, None, ALL).coupling.alone
 
-    several[0].learn(several[0].plane((1, 1), borders, predicted, scale, None), bits)
+    several[0].learn(several[0].plane((1, 1), borders, predicted, scale, None, ALL), bits)
     before = [llr(priors) for priors in several]
     np.testing.assert_array_equal(llr(LearnedPriors.mean(several[:1])), before[0])
     mean = LearnedPriors.mean(several)
     np.testing.assert_allclose(llr(mean), (before[0] + before[1]) / 2.0, atol=1e-9)
-    mean.learn(mean.plane((1, 1), borders, predicted, scale, None), bits)
+    mean.learn(mean.plane((1, 1), borders, predicted, scale, None, ALL), bits)
     for priors, wanted in zip(several, before, strict=True):
         np.testing.assert_array_equal(llr(priors), wanted)

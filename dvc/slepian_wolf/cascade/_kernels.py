@@ -47,10 +47,11 @@ class Coupled(NamedTuple):
 
     alone: NDArray[np.float64]  # (rows, columns), probability of a 1 where nothing is known of neighbours
     deviation: NDArray[np.float64]  # (rows, columns), what is believed less that
+    places: NDArray[np.int64]  # (N,), raster index of each bit
     decided: NDArray[np.uint8]  # (N,), first decisions
     llr: NDArray[np.float32]  # (N,), LLRs that priors follow from
     bound: NDArray[np.float32]  # (1,), of their magnitude
-    marks: NDArray[np.uint8]  # (N,)
+    marks: NDArray[np.uint8]  # (rows * columns,)
 
 
 @kernel
@@ -134,15 +135,15 @@ def _note_beliefs(coupled, odds):
     alone, columns = coupled.alone.ravel(), coupled.deviation.shape[1]
     marks[:] = 0
     for n in range(odds.size):
-        wrong = odds[n] / (1.0 + odds[n])
-        found = (1.0 - wrong if coupled.decided[n] else wrong) - alone[n]
-        if abs(found - deviation[n]) > _NEGLIGIBLE_BELIEF:
-            deviation[n] = found
-            column = n % columns
-            marks[n - columns if n >= columns else n] = 1
-            marks[n + columns if n + columns < odds.size else n] = 1
-            marks[n - 1 if column else n] = 1
-            marks[n + 1 if column + 1 < columns else n] = 1
+        wrong, place = odds[n] / (1.0 + odds[n]), coupled.places[n]
+        found = (1.0 - wrong if coupled.decided[n] else wrong) - alone[place]
+        if abs(found - deviation[place]) > _NEGLIGIBLE_BELIEF:
+            deviation[place] = found
+            column = place % columns
+            marks[place - columns if place >= columns else place] = 1
+            marks[place + columns if place + columns < marks.size else place] = 1
+            marks[place - 1 if column else place] = 1
+            marks[place + 1 if column + 1 < columns else place] = 1
 
 
 @kernel
@@ -156,9 +157,10 @@ def couple(beliefs, num_orders, lattice, coupled, scale, least_change):
     count, more = 0, 0.0
     _note_beliefs(coupled, odds)
     for n in range(odds.size):
-        if not coupled.marks[n]:
+        place = coupled.places[n]
+        if not coupled.marks[place]:
             continue
-        found = np.float32(llr_of(lattice, coupled.deviation, n // columns, n % columns, False))
+        found = np.float32(llr_of(lattice, coupled.deviation, place // columns, place % columns, False))
         llr = min(max(found, -coupled.bound[0]), coupled.bound[0])
         if abs(llr - coupled.llr[n]) < least_change:
             continue
@@ -341,8 +343,10 @@ def uncertainty_bits(odds):
 
 @kernel
 def prefix_parities(words, order, released):
-    """Add up words in an order, modulo 2; `released` receives the sum up to, and including, each position."""
-    total = np.uint64(0)
+    """Add up words in an order, which may name others, modulo 2, up to, and including, each position."""
+    total, size, count = np.uint64(0), np.uint32(words.size), 0
     for j in range(order.size):
-        total ^= words[order[j]]
-        released[j] = total
+        if order[j] < size:
+            total ^= words[order[j]]
+            released[count] = total
+            count += 1

@@ -4,13 +4,11 @@ Check bits that make sure of one plane cost more than a plane of low entropy its
 """
 
 from collections.abc import Generator
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import CascadeConfig
-from dvc.pool import Pool
 from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, prefix_parities
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
 from dvc.slepian_wolf.cascade.reconciliation import PlaneReconciliation
@@ -29,8 +27,8 @@ class CascadeDecoder:
 
     cost = PlaneCost(1.06, 6.0)
 
-    def __init__(self, settings: CascadeConfig, posteriors: Pool[RangePosterior]) -> None:
-        self._settings, self._posteriors = settings, posteriors
+    def __init__(self, settings: CascadeConfig, seed: int) -> None:
+        self._settings, self._seed = settings, seed
         self._planes: dict[int, tuple[PlaneReconciliation, PlaneResult]] = {}
 
     def decode(
@@ -41,8 +39,7 @@ class CascadeDecoder:
     ) -> PlaneCoroutine:
         """Decode a plane as a coroutine: it yields requests and is sent the bits."""
         plane = PlaneReconciliation(llr_ch, self._settings, position, coupling)
-        with self._posteriors.lent() as posterior:
-            result = yield from plane.decode(posterior)
+        result = yield from plane.decode(RangePosterior(len(llr_ch), self._seed))
         self._planes[position[1]] = plane, result
         return result
 
@@ -57,8 +54,8 @@ class CascadeDecoder:
         while not (success := (yield from check.holds(sorted(planes), CRC_BITS))) and suspects:
             number = yield from check.find(suspects, search_bits)
             suspects.remove(number)
-            with self._posteriors.lent() as posterior:
-                corrected[number] = yield from planes[number][0].correct(posterior)
+            posterior = RangePosterior(planes[number][1].bits.size, self._seed)
+            corrected[number] = yield from planes[number][0].correct(posterior)
             check.set_bits(number, corrected[number].bits)
             if np.array_equal(corrected[number].bits, planes[number][1].bits):
                 search_bits = CRC_BITS  # a wrong plane must have passed for right
@@ -111,7 +108,6 @@ class CascadeCoder:
 
     def __init__(self, settings: CascadeConfig, seed: int) -> None:
         self._settings, self._seed = settings, seed
-        self._posteriors: dict[int, Pool[RangePosterior]] = {}  # by length of the planes
 
     def encode(self, code: int, words: Words, parity: Words) -> None:
         """Compute the parities of all that comes first in one of the orders, of up to 64 planes."""
@@ -119,5 +115,5 @@ class CascadeCoder:
 
     def decoder(self, num_bits: int) -> CascadeDecoder:
         """Return a decoder of planes."""
-        new = partial(RangePosterior, num_bits, self._seed)
-        return CascadeDecoder(self._settings, self._posteriors.setdefault(num_bits, Pool(new)))
+        del num_bits
+        return CascadeDecoder(self._settings, self._seed)

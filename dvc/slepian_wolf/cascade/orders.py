@@ -1,4 +1,4 @@
-"""Pseudo-random orders of a plane's bits, and the parities of all that comes first in them."""
+"""Pseudo-random orders of the bits of a run, and the parities of all that comes first in them."""
 
 from functools import lru_cache
 
@@ -9,17 +9,22 @@ from dvc.slepian_wolf.cascade import _kernels
 from dvc.slepian_wolf.permutations import random_permutation
 
 NUM_ORDERS = 8
-"""Orders of a plane's bits that encoder and decoder share."""
+"""Orders of the bits that encoder and decoder share."""
 
 
-@lru_cache(maxsize=16)
-def bit_orders(num_bits: int, seed: int) -> NDArray[np.uint32]:
-    """Return the orders of the bits of a plane."""
+@lru_cache(maxsize=8 * NUM_ORDERS)
+def _order_of_power(number: int, exponent: int, seed: int) -> NDArray[np.uint32]:
+    """Return an order of a number of bits that is a power of two."""
     first_seed = (seed + 1) << 8  # apart from those of the turbo codes' interleavers
-    permutations = [random_permutation(first_seed + number, num_bits) for number in range(NUM_ORDERS)]
-    orders = np.stack(permutations).astype(np.uint32)  # unsigned, which spares a test of every index
-    orders.flags.writeable = False
-    return orders
+    order = random_permutation(first_seed + number, 1 << exponent).astype(np.uint32)
+    order.flags.writeable = False
+    return order
+
+
+def bit_order(number: int, num_bits: int, seed: int) -> NDArray[np.uint32]:
+    """Return an order of bits: that of the next power of two, without the bits that are too many."""
+    order = _order_of_power(number, (num_bits - 1).bit_length(), seed)
+    return order if order.size == num_bits else order[order < num_bits]
 
 
 def prefix_parities(
@@ -28,5 +33,6 @@ def prefix_parities(
     """Add up the bits of up to 64 planes at once, modulo 2, one machine word per bit position."""
     if released is None:
         released = np.empty(words.size, np.uint64)
-    _kernels.prefix_parities(words, bit_orders(words.size, seed)[order], released)
+    exponent = (words.size - 1).bit_length()
+    _kernels.prefix_parities(words, _order_of_power(order, exponent, seed), released)
     return released

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dvc.slepian_wolf import _kernels as shared_kernels
 from dvc.slepian_wolf.cascade import _kernels
-from dvc.slepian_wolf.cascade.orders import bit_orders
+from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_order
 from dvc.slepian_wolf.coupling import NeighbourCoupling
 from dvc.slepian_wolf.llr import MAX_LLR
 
@@ -30,8 +30,10 @@ class RangePosterior:
     """Beliefs of errors, by the prior and by what was answered so far."""
 
     def __init__(self, num_bits: int, seed: int) -> None:
-        self._orders = bit_orders(num_bits, seed)
-        shape = self._orders.shape
+        self._seed = seed
+        shape = NUM_ORDERS, num_bits
+        self._orders = np.empty(shape, np.uint32)
+        self._orders_known = 0  # others take no memory
         self._beliefs = _kernels.Beliefs(
             self._orders,
             last=np.empty(shape, np.int32),
@@ -94,10 +96,11 @@ class RangePosterior:
             self._coupled = _kernels.Coupled(
                 coupling.probability_alone,
                 deviation=np.zeros(coupling.alone.shape),
+                places=coupling.places,
                 decided=self._first_decisions,
                 llr=llr_ch.copy(),
                 bound=np.array([MAX_LLR], np.float32),
-                marks=np.empty(self.num_bits, np.uint8),
+                marks=np.empty(coupling.alone.size, np.uint8),
             )
         beliefs = self._beliefs
         beliefs.prior[:] = beliefs.odds[:] = self._prior_odds(llr_ch)
@@ -125,6 +128,7 @@ class RangePosterior:
     def _begin_order(self) -> None:
         """Begin the next order with one range; of orders that no plane has needed yet memory is not used."""
         beliefs, order = self._beliefs, self.num_orders
+        self._know_order(order)
         beliefs.last[order] = beliefs.ends[:, order] = self.num_bits - 1
         beliefs.first[order], beliefs.messages[order] = 0, 1.0
         beliefs.prefix[order, -1] = beliefs.prefix[0, -1] if order else 0  # the parity of the plane
@@ -228,7 +232,14 @@ class RangePosterior:
             self._laid_out = self.num_bits
         return self._lay_out(self.num_orders, max_bias) if self.orders_left else None
 
+    def _know_order(self, order: int) -> None:
+        """Write down an order that is looked at for the first time."""
+        if order >= self._orders_known:
+            self._orders[order] = bit_order(order, self.num_bits, self._seed)
+            self._orders_known = order + 1
+
     def _lay_out(self, order: int, max_bias: float, start: int = 0) -> tuple[int, Positions] | None:
+        self._know_order(order)
         count = _kernels.lay_out(self._orders, order, start, self.odds, max_bias, self._positions)
         positions = self._positions[:count].copy()
         if order == 0 and not start:  # the parity of the plane is not known yet

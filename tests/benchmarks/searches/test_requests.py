@@ -1,28 +1,28 @@
-"""Planes that decoding has met, reconciled anew."""
+"""Runs of bits that decoding has met, reconciled anew."""
 
 import numpy as np
 
-from benchmarks.searches.requests import Plane, met, row
+from benchmarks.searches.requests import Known, met, row
 from dvc.slepian_wolf.cascade.coder import CascadeDecoder
 from dvc.testing.plane_exchange import noisy
 from tests.golden_streams import FOLDER
 
 
 def test_more_at_a_time_takes_fewer_requests() -> None:
-    """For more bits; a row tells both, of all planes."""
+    """For more bits; a row tells both, of all runs."""
     drawn = [noisy(np.random.default_rng(k), 1584, 0.03) for k in range(4)]
-    planes = [Plane(llr, None, bits) for bits, llr in drawn]
-    few, many = (row(planes, percent).split() for percent in (0, 30))
+    runs = [Known(llr, None, bits) for bits, llr in drawn]
+    few, many = (row(runs, percent).split() for percent in (0, 30))
     assert (few[0], many[0], few[11], many[11]) == ("0", "30", "4", "4")
     assert float(few[4]) < float(many[4])
     assert float(few[7]) > 2 * float(many[7])
 
 
-def test_planes_are_those_that_decoding_has_met() -> None:
+def test_runs_are_those_that_decoding_has_met() -> None:
     """Each with its bits, of which the most likely ones are most; the decoder is left as it was."""
     usual = CascadeDecoder.decode
-    planes = met([(FOLDER / "2d-qp-punctured.dvc").read_bytes()])
+    runs = met([(FOLDER / "2d-qp-buffered.dvc").read_bytes()])
     assert CascadeDecoder.decode is usual
-    right = [np.mean((plane.llr < 0) == plane.bits) for plane in planes]
-    assert len(planes) > 10
+    right = [np.mean((run.llr < 0) == run.bits) for run in runs]
+    assert len(runs) > 10
     assert np.mean(right) > 0.8

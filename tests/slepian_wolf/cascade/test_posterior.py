@@ -7,7 +7,7 @@ import pytest
 
 from dvc._jit import python_twin
 from dvc.slepian_wolf.cascade import _kernels, posterior
-from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_orders, prefix_parities
+from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_order, prefix_parities
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
 from dvc.slepian_wolf.coupling import NeighbourCoupling
 from dvc.slepian_wolf.llr import bounded_llr
@@ -28,28 +28,29 @@ def started(num_bits: int, seed: int) -> tuple[RangePosterior, np.ndarray, np.nd
 
 def tell(beliefs: RangePosterior, bits: np.ndarray, order: int, *positions: int) -> None:
     """Answer with the parities of a plane."""
-    orders = bit_orders(bits.size, SEED)
-    parities = np.bitwise_xor.accumulate(bits[orders[order]])[list(positions)]
+    parities = np.bitwise_xor.accumulate(bits[bit_order(order, bits.size, SEED)])[list(positions)]
     beliefs.add_answers(order, np.array(positions), parities)
 
 
 def random_coupling(
     rng: np.random.Generator, shape: tuple[int, int], size: float, llr: np.ndarray
 ) -> NeighbourCoupling:
-    """Return a coupling of any bits that have these LLRs alone."""
-    shift, slope, energy, widening = rng.normal(0.0, size, (4, *shape))
-    alone = llr.astype(np.float64).reshape(shape)
-    return NeighbourCoupling(alone, shift, slope, energy**2, widening, rng.normal(0.0, 0.3, 3))
+    """Return a coupling of any bits that have these LLRs alone, at some places of a lattice or at all."""
+    alone, shift, slope, energy, widening = rng.normal(0.0, size, (5, *shape))
+    places = np.sort(rng.permutation(alone.size)[: llr.size])
+    alone.ravel()[places] = llr
+    weights = rng.normal(0.0, 0.3, (shape[0], 3))
+    return NeighbourCoupling(alone, shift, slope, energy**2, widening, weights, places)
 
 
 def ranges_of(bits: np.ndarray, llr_sign: np.ndarray, order: int, *ends: int) -> list[Range]:
     """Return the ranges of an order that end at some positions, with the parities of their errors."""
-    orders = bit_orders(bits.size, SEED)
+    whole = bit_order(order, bits.size, SEED)
     errors = bits ^ llr_sign
     edges = [-1, *ends]
     known = []
     for before, end in itertools.pairwise(edges):
-        own = orders[order, before + 1 : end + 1]
+        own = whole[before + 1 : end + 1]
         known.append((own, int(errors[own].sum() % 2)))
     return known
 
@@ -89,8 +90,8 @@ def test_division_is_the_fairest_one(seed: int) -> None:
     assert question is not None
     order, (position,) = question
     known = ranges_of(bits, first, 0, 8)
-    orders = bit_orders(9, SEED)
-    biases = [abs(2 * probability_odd(prior, known, orders[0, : cut + 1]) - 1) for cut in range(8)]
+    whole = bit_order(0, 9, SEED)
+    biases = [abs(2 * probability_odd(prior, known, whole[: cut + 1]) - 1) for cut in range(8)]
     assert order == 0
     assert biases[position] == pytest.approx(min(biases), abs=1e-6)
 
@@ -157,8 +158,8 @@ def test_residual_errors_count_pairs_that_no_parity_shows() -> None:
     assert beliefs.residual_errors() - beliefs.expected_errors == pytest.approx(pairs, rel=1e-4)
     tell(beliefs, bits, 1, 31)
     beliefs.propagate(10, 0.0)
-    orders = bit_orders(64, SEED)
-    halves = [{int(bit) for bit in orders[k, part]} for k in (0, 1) for part in (slice(32), slice(32, 64))]
+    orders = [bit_order(k, 64, SEED) for k in (0, 1)]
+    halves = [{int(bit) for bit in own[part]} for own in orders for part in (slice(32), slice(32, 64))]
     sizes = [len(a & b) for a in halves[:2] for b in halves[2:]]
     pairs = sum(n * (n - 1) / 2 for n in sizes) * np.exp(-12.0)
     assert beliefs.residual_errors() - beliefs.expected_errors == pytest.approx(pairs, rel=1e-4)
@@ -179,12 +180,13 @@ def test_prior_learns_how_many_errors_there_are() -> None:
     assert beliefs.expected_errors > 1.2 * before
 
 
-def test_priors_follow_neighbours() -> None:
+@pytest.mark.parametrize("shape", [(20, 30), (31, 29)])
+def test_priors_follow_neighbours(shape: tuple[int, int]) -> None:
     """Priors are those of LLRs with neighbours added, but for less than a change that is used."""
     rng = np.random.default_rng(4)
     bits = rng.integers(0, 2, 600, dtype=np.uint8)
     llr = (rng.normal(2.0, 2.0, 600) * (1 - 2.0 * bits)).astype(np.float32)
-    coupling = random_coupling(rng, (20, 30), 1.0, llr)
+    coupling = random_coupling(rng, shape, 1.0, llr)
     beliefs = RangePosterior(600, SEED)
     beliefs.start(bounded_llr(llr), coupling)
     decided = beliefs.decisions
@@ -213,13 +215,14 @@ def test_bits_that_are_likelier_wrong_than_right_count_as_errors(odds: float, is
 
 
 @pytest.mark.nojit
-def test_kernels_equal_their_twins(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("shape", [(10, 20), (13, 24)])
+def test_kernels_equal_their_twins(monkeypatch: pytest.MonkeyPatch, shape: tuple[int, int]) -> None:
     """Compiled and as Python, a plane is asked for the same and believed the same, to the last bit."""
     rng = np.random.default_rng(5)
     num_bits = 200
     bits = rng.integers(0, 2, num_bits, dtype=np.uint8)
     llr = (rng.normal(2.0, 2.0, num_bits) * (1 - 2.0 * bits)).astype(np.float32)
-    coupling = random_coupling(rng, (10, 20), 1.0, llr)
+    coupling = random_coupling(rng, shape, 1.0, llr)
 
     @np.errstate(over="ignore")  # hashes wrap around, of which plain Python warns
     def course() -> list[object]:
@@ -247,14 +250,15 @@ def test_kernels_equal_their_twins(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(compiled) > 10
 
 
-def test_orders_are_permutations_and_words_hold_all_planes() -> None:
+@pytest.mark.parametrize("num_bits", [1, 2, 3, 64, 65, 100, 127, 128, 1000])
+def test_orders_are_permutations_and_words_hold_all_planes(num_bits: int) -> None:
     """Every order has each bit once, and words carry 64 planes at once."""
-    orders = bit_orders(100, 7)
-    assert orders.shape == (NUM_ORDERS, 100)
-    assert len({tuple(order) for order in orders.tolist()}) == NUM_ORDERS
-    np.testing.assert_array_equal(np.sort(orders, axis=1), np.tile(np.arange(100), (NUM_ORDERS, 1)))
+    orders = np.stack([bit_order(number, num_bits, 7) for number in range(NUM_ORDERS)])
+    if num_bits > 50:
+        assert len({tuple(order) for order in orders.tolist()}) == NUM_ORDERS
+    np.testing.assert_array_equal(np.sort(orders, axis=1), np.tile(np.arange(num_bits), (NUM_ORDERS, 1)))
     rng = np.random.default_rng(0)
-    words = rng.integers(0, 2**64, 100, dtype=np.uint64)
+    words = rng.integers(0, 2**64, num_bits, dtype=np.uint64)
     parities = prefix_parities(words, 3, 7)
     for plane in (0, 17, 63):
         plane_bits = (words >> np.uint64(plane)) & np.uint64(1)
@@ -262,18 +266,75 @@ def test_orders_are_permutations_and_words_hold_all_planes() -> None:
         np.testing.assert_array_equal((parities >> np.uint64(plane)) & np.uint64(1), expected)
 
 
+@pytest.mark.parametrize("num_bits", [33, 50, 63])
+def test_orders_are_those_of_the_next_power_of_two(num_bits: int) -> None:
+    """Bits that are too many are left out, and the others stay in order."""
+    for number in range(NUM_ORDERS):
+        whole = bit_order(number, 64, SEED)
+        wanted = [bit for bit in whole.tolist() if bit < num_bits]
+        assert bit_order(number, num_bits, SEED).tolist() == wanted
+
+
 @pytest.mark.nojit
+@pytest.mark.parametrize("num_bits", [1, 37, 64])
+def test_prefix_parities_equal_their_twin(num_bits: int) -> None:
+    """Compiled and as Python, of an order that names other words, too."""
+    words = np.random.default_rng(2).integers(0, 2**64, num_bits, dtype=np.uint64)
+    found = np.empty_like(words)
+    python_twin(_kernels.prefix_parities)(words, bit_order(5, 64, SEED), found)
+    expected = np.bitwise_xor.accumulate(words[bit_order(5, 64, SEED)[bit_order(5, 64, SEED) < num_bits]])
+    np.testing.assert_array_equal(found, expected)
+    _kernels.prefix_parities(words, bit_order(5, 64, SEED), found)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_orders_are_fetched_as_they_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that were neither laid out nor answered are not, and none is twice."""
+    fetched: list[int] = []
+
+    def counting(number: int, num_bits: int, seed: int) -> np.ndarray:
+        fetched.append(number)
+        return bit_order(number, num_bits, seed)
+
+    monkeypatch.setattr(posterior, "bit_order", counting)
+    beliefs, bits, _ = started(300, 2)
+    assert not fetched
+    question = beliefs.new_order(0.2)
+    assert question is not None
+    assert fetched == [0]
+    tell(beliefs, bits, question[0], *question[1].tolist())
+    tell(beliefs, bits, 1, 149)
+    assert beliefs.new_order(0.2) is not None
+    assert fetched == [0, 1, 2]
+    beliefs.start(np.full(300, 3.0, np.float32))
+    assert beliefs.new_order(0.2) is not None
+    assert fetched == [0, 1, 2]
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("left_out", [set(), {2, 4, 10}])
 @pytest.mark.parametrize(
     ("changed", "marked"), [(5, {1, 4, 6, 9}), (0, {0, 1, 4}), (7, {3, 6, 7, 11}), (11, {7, 10, 11})]
 )
-def test_neighbours_of_what_is_believed_otherwise_are_marked(changed: int, marked: set[int]) -> None:
-    """Those in the same row and column; at a border the bit itself in place of one that there is not."""
+def test_neighbours_of_what_is_believed_otherwise_are_marked(
+    changed: int, marked: set[int], left_out: set[int]
+) -> None:
+    """Places in the same row and column; at a border the place itself instead of one that there is not."""
     shape = 3, 4
-    zeros = np.zeros(12, np.uint8)
-    llr = np.zeros(12, np.float32), np.ones(1, np.float32)
-    coupled = _kernels.Coupled(np.full(shape, 0.2), np.zeros(shape), zeros, *llr, zeros.copy())
-    odds = np.full(12, 0.25)
-    odds[changed] = 1.0
+    places = np.array([place for place in range(12) if place not in left_out])
+    zeros, llr = np.zeros(places.size, np.uint8), np.zeros(places.size, np.float32)
+    coupled = _kernels.Coupled(
+        np.full(shape, 0.2),
+        np.zeros(shape),
+        places,
+        zeros,
+        llr,
+        np.ones(1, np.float32),
+        np.zeros(12, np.uint8),
+    )
+    odds = np.full(places.size, 0.25)
+    odds[places == changed] = 1.0
     python_twin(_kernels._note_beliefs)(coupled, odds)
     assert set(np.flatnonzero(coupled.marks).tolist()) == marked
     assert coupled.deviation.ravel()[changed] == pytest.approx(0.3)
+    assert not coupled.deviation.ravel()[list(left_out)].any()

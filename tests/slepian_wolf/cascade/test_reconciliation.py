@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dvc.config import CascadeConfig
-from dvc.slepian_wolf import PlaneCoder, PlaneResult, drive, joint_check
-from dvc.testing.plane_exchange import PlaneSource, exchange, noisy
+from dvc.slepian_wolf import CRC_BITS, ParityRequest, PlaneCoder, PlaneResult, crc, drive, joint_check
+from dvc.testing.plane_exchange import Bits, PlaneSource, exchange, noisy
 from tests.coders import coder_of
 
 CASCADE, SINGLE = coder_of("cascade"), coder_of("cascade", CascadeConfig(0))
@@ -61,6 +61,31 @@ def test_wrong_planes_are_found_and_corrected() -> None:
     for plane, result in check.corrected.items():
         np.testing.assert_array_equal(result.bits, planes[plane])
     assert drive(decoder.check(), source.answer).crc_bits == 0  # nothing is left to be checked
+
+
+def test_runs_of_any_length_are_checked_together() -> None:
+    """Runs of a frame differ in their number of bits; a wrong one among them comes out right."""
+    rng = np.random.default_rng(9)
+    runs = {plane: noisy(rng, num_bits, 0.02) for plane, num_bits in {0: 300, 4: 1, 5: 17, 9: 1024}.items()}
+    sources = {plane: PlaneSource(np.tile(bits, (10, 1)), CASCADE) for plane, (bits, _) in runs.items()}
+
+    def answer(request: ParityRequest) -> Bits:
+        if request.kind == "joint":
+            checks = [crc(runs[plane][0], CRC_BITS) for plane in request.positions]
+            return joint_check(np.stack(checks))[: request.count]
+        return sources[request.plane].answer(request)
+
+    decoder = CASCADE.decoder(300)
+    for plane, (bits, llr_ch) in runs.items():
+        result = drive(decoder.decode(llr_ch, (0, plane)), answer)
+        np.testing.assert_array_equal(result.bits, bits)
+    own, result = decoder._planes[5]
+    decoder._planes[5] = own, PlaneResult(result.bits ^ 1, 1, 0, 0, 0, 0.0, 0.0)
+    check = drive(decoder.check(), answer)
+    assert check.success
+    assert 5 in check.corrected
+    for plane, corrected in check.corrected.items():
+        np.testing.assert_array_equal(corrected.bits, runs[plane][0])
 
 
 def test_the_same_error_in_two_planes_shows() -> None:

@@ -1,0 +1,119 @@
+"""What is asked for next of bands that are decoded side by side: which of them, and in which areas."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from decoder.band import Band
+from decoder.learned import LearnedWorth
+from dvc.slepian_wolf import PlaneCost, Run
+from dvc.wynerziv.areas import Areas
+
+Array = NDArray[np.float64]
+
+LOOK_AHEAD = 2
+"""Planes of a band that are looked at together before the next is given up."""
+LEAST_RUN_BITS, LEAST_PART_BITS = 8.0, 2.0
+"""What a run, and each plane in it, must save beyond what it is expected to cost."""
+
+
+MAX_RUN_BITS = 2**20
+"""Bits of a run of several planes: a decoder takes some hundred bytes of memory for each."""
+NEIGHBOURS = 0.5
+"""Weight of the 3x3 areas around one in what is made of its gain."""
+
+
+class Wanted(NamedTuple):
+    """A plane of which bits are asked for."""
+
+    band: Band
+    blocks: NDArray[np.int64]
+    expected: tuple[float, float]  # squared error that it takes off by the noise model, and bits
+
+
+class Choice(NamedTuple):
+    """What is asked for in one run."""
+
+    wanted: list[Wanted]
+    run: Run
+    bits: float  # that it is expected to cost
+
+
+class Asking:
+    """Chooses what is worth its rate, as learned so far."""
+
+    def __init__(self, areas: Areas, worth: LearnedWorth, cost: PlaneCost, multiplier: float) -> None:
+        self._areas, self._worth, self._cost, self._multiplier = areas, worth, cost, multiplier
+
+    def whole_planes(self, bands: Sequence[Band], missing: int) -> list[Choice]:
+        """Choose planes of all blocks, each in a run of its own."""
+        return [choice for band in bands if (choice := self._whole(band, missing)) is not None]
+
+    def _whole(self, band: Band, missing: int) -> Choice | None:
+        """Choose the next plane of a band if that, or the next few together, save enough for every bit."""
+        worth = band.worth(missing, min(missing + 1, LOOK_AHEAD))
+        saved, bits = worth.saved.sum(axis=1), worth.bits.sum(axis=1)
+        costs = [self._cost.bits(own, planes) for planes, own in enumerate(bits, 1)]
+        if self._multiplier > 0 and not np.any(saved > self._multiplier * np.array(costs)):
+            return None
+        wanted = [Wanted(band, band.open, (float(saved[0]), costs[0]))]
+        return _run(wanted, missing, b"", 0.0)
+
+    def by_areas(self, bands: Sequence[Band], missing: int) -> list[Choice]:
+        """Choose planes in those areas where they save enough, all in one run."""
+        if self._multiplier == 0:
+            return _runs([Wanted(band, band.open, (0.0, 0.0)) for band in bands], missing, b"")
+        worths = [band.worth(missing, min(missing + 1, LOOK_AHEAD)) for band in bands]
+        gains = []
+        for band, worth in zip(bands, worths, strict=True):
+            factors = self._worth.factors(band.number, missing, self._multiplier)
+            bit = self._multiplier * self._cost.per_ideal_bit * factors.bits
+            net = (factors.saved * worth.saved - bit * worth.bits).max(axis=0)
+            gains.append(self._smoothed(self._areas.sums(band.open, net)))
+        chosen, areas = self._worthwhile(gains)
+        if not chosen:
+            return []
+        wanted = []
+        for number in chosen:
+            band, worth = bands[number], worths[number]
+            inside = areas[self._areas.of_blocks[band.open]]
+            bits = self._cost.per_ideal_bit * float(worth.bits[0, inside].sum())
+            wanted.append(Wanted(band, band.open[inside], (float(worth.saved[0, inside].sum()), bits)))
+        return _runs(wanted, missing, self._areas.coded(areas), self._cost.per_plane)
+
+    def _smoothed(self, gains: Array) -> Array:
+        """Let the gain of each area depend on that around it: errors are never alone."""
+        around = uniform_filter(gains.reshape(self._areas.shape), 3, mode="nearest").ravel()
+        mixed: Array = (1.0 - NEIGHBOURS) * gains + NEIGHBOURS * around
+        return mixed
+
+    def _worthwhile(self, gains: list[Array]) -> tuple[list[int], NDArray[np.bool_]]:
+        """Choose bands and areas such that each band gains in these areas, and each area by these bands."""
+        least = LEAST_PART_BITS * self._multiplier
+        chosen = [number for number, own in enumerate(gains) if np.maximum(own, 0.0).sum() > least]
+        while chosen:
+            areas = np.sum([gains[number] for number in chosen], axis=0) > 0.0
+            found = [float(gains[number][areas].sum()) for number in chosen]
+            if min(found) > least:
+                enough = sum(found) > LEAST_RUN_BITS * self._multiplier
+                return (chosen, areas) if enough else ([], areas)
+            del chosen[int(np.argmin(found))]
+        return [], np.zeros(self._areas.count, np.bool_)
+
+
+def _runs(wanted: Sequence[Wanted], missing: int, areas: bytes, per_run: float = 0.0) -> list[Choice]:
+    """Divide what is wanted into as few runs as may be."""
+    runs: list[list[Wanted]] = [[]]
+    for own in wanted:
+        if runs[-1] and sum(other.blocks.size for other in (*runs[-1], own)) > MAX_RUN_BITS:
+            runs.append([])
+        runs[-1].append(own)
+    return [_run(run, missing, areas, per_run) for run in runs]
+
+
+def _run(wanted: list[Wanted], missing: int, areas: bytes, per_run: float) -> Choice:
+    planes = tuple(own.band.first_plane + own.band.place(missing)[1] for own in wanted)
+    return Choice(wanted, Run(planes, areas), per_run + sum(own.expected[1] for own in wanted))

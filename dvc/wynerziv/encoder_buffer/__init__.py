@@ -1,1 +1,0 @@
-"""Answers to what a decoder asks of the frames that it works at."""

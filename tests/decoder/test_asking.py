@@ -1,0 +1,127 @@
+"""What is asked for: bits in areas where they save more than they cost, and of bands that gain there."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from decoder import asking
+from decoder.asking import Asking, Choice
+from decoder.band import Band
+from decoder.learned import LearnedWorth
+from dvc.slepian_wolf import PlaneCost
+from dvc.wynerziv import quantizer
+from dvc.wynerziv.areas import Areas
+
+SHAPE = (16, 24)
+AREAS = Areas(SHAPE)
+STEP, PLANES = 8.0, 5
+MULTIPLIER = 0.1 * STEP**2
+WRONG = (slice(4, 12), slice(8, 16))
+"""Blocks of four areas in the middle, which are expected to be badly predicted."""
+
+
+def band_of(number: int, scale: np.ndarray, planes: int = PLANES) -> Band:
+    """Return a band of which the finest plane is missing, with predictions at random in their bins."""
+    edges = quantizer.embedded_edges(number, planes, STEP)
+    rng = np.random.default_rng(number)
+    prefix = np.full(scale.size, (1 << planes - 1) // 2)
+    lower, upper = quantizer.prefix_borders(prefix, 1, edges)
+    band = Band(
+        number, planes, PLANES * number, edges, rng.uniform(lower, upper), scale.ravel(), 1.0, 1.0, SHAPE,
+        prefix, np.full(scale.size, planes - 1), np.arange(scale.size), lower, upper,
+    )  # fmt: skip
+    return band
+
+
+def scales(inside: float, outside: float = 0.3) -> np.ndarray:
+    """Return scales of the noise that are larger in some blocks."""
+    found = np.full(SHAPE, outside)
+    found[WRONG] = inside
+    return found
+
+
+def chosen_areas(choice: Choice) -> np.ndarray:
+    return AREAS.decoded(choice.run.areas).reshape(AREAS.shape)
+
+
+def ask(bands: Sequence[Band], worth: LearnedWorth | None = None) -> list[Choice]:
+    return Asking(AREAS, worth or LearnedWorth(), PlaneCost(1.06, 6.0), MULTIPLIER).by_areas(bands, 0)
+
+
+def test_areas_that_are_badly_predicted_are_asked_for() -> None:
+    """Those, with some that touch them, and no others, of both bands in one run."""
+    (choice,) = ask([band_of(1, scales(40.0)), band_of(2, scales(40.0))])
+    chosen = chosen_areas(choice)
+    assert chosen[1:3, 2:4].all()
+    assert not chosen[:, [0, 5]].any()
+    assert choice.run.planes == (PLANES + PLANES - 1, 2 * PLANES + PLANES - 1)
+    for wanted in choice.wanted:
+        np.testing.assert_array_equal(np.flatnonzero(chosen.ravel()[AREAS.of_blocks]), wanted.blocks)
+        assert wanted.expected[0] > MULTIPLIER * wanted.expected[1]
+    assert choice.bits == 6.0 + sum(wanted.expected[1] for wanted in choice.wanted)
+
+
+def test_a_good_prediction_is_left_alone() -> None:
+    """Where noise is small against the bins nothing gains."""
+    assert ask([band_of(1, scales(0.3)), band_of(2, scales(0.3))]) == []
+
+
+def test_a_band_that_does_not_gain_is_left_out() -> None:
+    """Others are asked for as without it."""
+    (alone,) = ask([band_of(1, scales(40.0))])
+    (choice,) = ask([band_of(1, scales(40.0)), band_of(2, scales(0.3))])
+    assert choice.run == alone.run
+
+
+def test_blocks_that_were_left_stay_so() -> None:
+    """Only open blocks are asked for, whatever the other bands of the run want."""
+    first, second = band_of(1, scales(40.0)), band_of(2, scales(40.0))
+    second.open = np.flatnonzero(np.arange(second.open.size) % SHAPE[1] < 12)
+    (choice,) = ask([first, second])
+    assert set(choice.wanted[1].blocks) == set(choice.wanted[0].blocks) & set(second.open)
+
+
+@pytest.mark.parametrize(("saved", "is_asked"), [(0.2, False), (5.0, True)])
+def test_what_was_learned_decides(saved: float, is_asked: bool) -> None:
+    """Planes that turned out to save little are asked for no more, and those that saved much are."""
+    worth = LearnedWorth()
+    worth.learn(1, 0, (1e9, 1e4), (saved * 1e9, 1e4))
+    assert bool(ask([band_of(1, scales(7.0, 7.0))], worth)) == is_asked
+
+
+def test_little_is_not_worth_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is saved beyond the cost must be several bits."""
+    bands = [band_of(1, scales(40.0))]
+    (choice,) = ask(bands)
+    (wanted,) = choice.wanted
+    gain_bits = wanted.expected[0] / MULTIPLIER - wanted.expected[1]
+    assert gain_bits > asking.LEAST_RUN_BITS
+    monkeypatch.setattr(asking, "LEAST_RUN_BITS", 1.05 * gain_bits)
+    assert ask(bands) == []
+
+
+def test_long_runs_are_divided(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run has at most so many bits, or one plane."""
+    bands = [band_of(number, scales(40.0, 40.0)) for number in (9, 10, 11, 12, 13)]
+    size = SHAPE[0] * SHAPE[1]
+    for most, lengths in ((10 * size, [5]), (2 * size, [2, 2, 1]), (1, [1, 1, 1, 1, 1])):
+        monkeypatch.setattr(asking, "MAX_RUN_BITS", most)
+        assert [len(choice.run.planes) for choice in ask(bands)] == lengths
+
+
+def test_whole_planes_are_asked_for_as_a_whole() -> None:
+    """Each in a run of its own, if all of it is worth its rate."""
+    chooser = Asking(AREAS, LearnedWorth(), PlaneCost(1.06, 6.0), MULTIPLIER)
+    bands = [band_of(1, scales(40.0, 40.0)), band_of(2, scales(0.3)), band_of(3, scales(40.0, 40.0))]
+    choices = chooser.whole_planes(bands, 0)
+    assert [choice.run for choice in choices] == [((2 * PLANES - 1,), b""), ((4 * PLANES - 1,), b"")]
+    assert all(choice.wanted[0].blocks.size == SHAPE[0] * SHAPE[1] for choice in choices)
+
+
+def test_without_a_slope_everything_is_asked_for() -> None:
+    """In one run, also of what is predicted well."""
+    chooser = Asking(AREAS, LearnedWorth(), PlaneCost(1.06, 6.0), 0.0)
+    (choice,) = chooser.by_areas([band_of(1, scales(0.3)), band_of(2, scales(40.0))], 0)
+    assert choice.run == ((2 * PLANES - 1, 3 * PLANES - 1), b"")
+    assert len(chooser.whole_planes([band_of(1, scales(0.3))], 0)) == 1
