@@ -1,14 +1,14 @@
 """Settings of the stream and of the encoder: how much more or less a clip takes with others at equal PSNR.
 
-``python -m benchmarks.searches.settings SETTINGS ... [--clips box tree] [--qp 26 32 38] [--frames 65]`` codes
-and decodes clips as usual, and with each of the settings, those that are tried together joined by commas:
-values of the configuration (``gop.length=4``, ``key.qp=-1`` relative to the usual) and constants of modules,
-for the encoder (``dvc.keyframes.INTRA_QP_OFFSET=-2``, ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``);
-bounds at which groups end (``rule.lost_share=0.4``), and with ``--no-feedback``, the
-rate margin (``delivery.rate_margin_percent=40``). With ``--colour`` chroma is coded, too, and PSNR is
-(6 Y + Cb + Cr) / 8. A row states the change of rate less what the change of PSNR is worth on the clip's usual
-curve, in percent: the mean, its standard error, and that of each QP and clip. The last row leaves each clip
-out in turn: what it changes by with what is best for the others.
+``python -m benchmarks.searches.settings SETTINGS ... [--clips box tree] [--qp 26 32 38] [--frames 65]``
+codes and decodes clips as usual, and with each of the settings, those that are tried together joined by
+commas: values of the configuration (``gop.length=4``, ``key.qp=-1`` relative to the usual) and constants of
+modules (``dvc.keyframes.INTRA_QP_OFFSET=-2``, ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``); bounds at
+which groups end (``rule.lost_share=0.4``), and with ``--no-feedback``, the rate margin
+(``delivery.rate_margin_percent=40``). With ``--colour`` chroma is coded, too, and PSNR is (6 Y + Cb + Cr) /
+8. A row states the change of rate less what the change of PSNR is worth on the clip's usual curve, in
+percent: the mean, its standard error, and that of each QP and clip. The last row leaves each clip out in
+turn: what it changes by with what is best for the others.
 """
 
 import argparse
@@ -28,7 +28,8 @@ from unittest import mock
 import numpy as np
 
 from benchmarks.results.harness import CLIPS, clip_source
-from decoder.session import decode_stream
+from decoder.group import GroupDecoder
+from decoder.session import stream_tasks
 from dvc.cli import progress_bar
 from dvc.config import (
     DEFAULT_CODEC,
@@ -128,10 +129,11 @@ def coded(place: Place, num_frames: int, delivery: Delivery, luma_only: bool = T
         originals = list(islice(video, num_frames))
         session, stream = encoder_session(video.info, place.qp, of_config, delivery, luma_only), io.BytesIO()
         session.write(originals, stream, lambda _: None)
-    reader, punctured = StreamReader(io.BytesIO(stream.getvalue())), io.BytesIO()
+        reader, punctured = StreamReader(io.BytesIO(stream.getvalue())), io.BytesIO()
+        decoder = GroupDecoder(reader.config)  # in this process, whose constants are changed
+        groups = [decoder.decode(task) for task in stream_tasks(reader.config, reader)]
     form = reader.form if isinstance(delivery, EstimatedRate) else Form.PUNCTURED
     with StreamWriter(punctured, reader.config, form) as writer:
-        groups = list(decode_stream(reader.config, reader))
         for group in groups:
             writer.write_gop(group.record)
     found = [frame for group in groups for frame in group.frames]
