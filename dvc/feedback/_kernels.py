@@ -25,9 +25,7 @@ class Rules(NamedTuple):
     """What requests of a configuration may be."""
 
     gop_length: int
-    limits: NDArray[
-        np.int64
-    ]  # most bits of a plane, by kinds; those of a run are not more than of its planes
+    limits: NDArray[np.int64]  # most bits of a plane, by kinds
     crc_bits: int
     num_codes: int
 
