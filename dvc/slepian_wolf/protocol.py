@@ -26,14 +26,14 @@ class PlaneDecoder(Protocol):
         position: tuple[int, int],
         coupling: NeighbourCoupling | None = None,
     ) -> PlaneCoroutine:
-        """Decode a plane as a coroutine: it yields requests and is sent the bits.
+        """Decode a plane, or a run of bits, as a coroutine: it yields requests and is sent the bits.
 
         Parameters
         ----------
         llr_ch : ndarray of shape (N,), float
             Side information as LLR log p(0) / p(1) of every bit.
         position : tuple of two int
-            Index of the frame, and of the plane in it.
+            Index of the frame, and of the plane in it, or the first plane of a run.
         coupling : NeighbourCoupling, optional
             How bits depend on each other, where they do; a coder may leave that aside.
         """
@@ -56,7 +56,8 @@ class PlaneCoder(Protocol):
     num_codes : int
         Kinds of parity of a plane, each as long as the plane.
     by_positions : bool
-        Whether a decoder names the bits of parity that it wants; else they are released in order.
+        Whether a decoder names the bits of parity that it wants; else they are released in order. If it does,
+        it must decode runs of any length, with bits of several planes; else whole planes, one at a time.
     """
 
     @property
@@ -84,5 +85,5 @@ class PlaneCoder(Protocol):
         Parameters
         ----------
         num_bits : int
-            Length N of the planes.
+            Length N of whole planes.
         """
