@@ -18,8 +18,6 @@ LOOK_AHEAD = 2
 """Planes of a band that are looked at together before the next is given up."""
 LEAST_RUN_BITS, LEAST_PART_BITS = 8.0, 2.0
 """What a run, and each plane in it, must save beyond what it is expected to cost."""
-
-
 MAX_RUN_BITS = 2**20
 """Bits of a run of several planes: a decoder takes some hundred bytes of memory for each."""
 NEIGHBOURS = 0.5

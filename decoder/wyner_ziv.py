@@ -57,6 +57,7 @@ class WynerZivDecoder:
         self.layout = FrameLayout.of(config)
         self._config = config
         self._coder = slepian_wolf.plane_coder(config)
+        self._areas = Areas(self.layout.band_shape)
 
     def nothing_learned(self) -> Learned:
         """Return what is known before anything is decoded."""
@@ -74,7 +75,7 @@ class WynerZivDecoder:
         planes = self._coder.decoder(self.layout.num_bits)
         state = FrameState(self.layout, prediction, self._config.wyner_ziv.noise_model)
         allowance = allowance or Allowance()
-        asking = Asking(Areas(self.layout.band_shape), learned.worth, planes.cost, quantization.multiplier)
+        asking = Asking(self._areas, learned.worth, planes.cost, quantization.multiplier)
         choose = asking.by_areas if self._coder.by_positions else asking.whole_planes
         is_learned = self._config.wyner_ziv.priors == "learned"
         return _Frame(index, state, planes, learned, is_learned, choose, allowance).decode(quantization)
