@@ -10,8 +10,8 @@ from dvc.entropy import RangeCoder, context_counts
 from dvc.wynerziv import _kernels
 
 SIDE = 4
-"""Blocks along each side of an area, which has as many pixels as a macroblock: the smaller areas are, the more
-a decoder has to say about them. `benchmarks.searches.settings dvc.wynerziv.areas.SIDE=2` compares."""
+"""Blocks along each side of an area, which has as many pixels as a macroblock: the smaller areas are, the
+more a decoder has to say about them. `benchmarks.searches.settings dvc.wynerziv.areas.SIDE=2` compares."""
 Chosen = NDArray[np.bool_]
 
 

@@ -37,7 +37,7 @@ class CascadeDecoder:
         position: tuple[int, int] = (0, 0),
         coupling: NeighbourCoupling | None = None,
     ) -> PlaneCoroutine:
-        """Decode a plane as a coroutine: it yields requests and is sent the bits."""
+        """Decode a run of bits as a coroutine: it yields requests and is sent the bits."""
         plane = PlaneReconciliation(llr_ch, self._settings, position, coupling)
         result = yield from plane.decode(RangePosterior(len(llr_ch), self._seed))
         self._planes[position[1]] = plane, result
