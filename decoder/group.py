@@ -11,7 +11,6 @@ import numpy as np
 
 from decoder.allowances import Allowance, GroupAllowance
 from decoder.learned import Learned
-from decoder.no_feedback import NoFeedbackDecoder
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
@@ -78,19 +77,13 @@ def _order(task: GroupTask, config: CodecConfig) -> list[list[tuple[int, Around]
 class GroupDecoder:
     """Decodes groups of pictures of one configuration."""
 
-    def __init__(
-        self,
-        config: CodecConfig,
-        frames: WynerZivDecoder | None = None,
-        no_feedback: NoFeedbackDecoder | None = None,
-    ) -> None:
+    def __init__(self, config: CodecConfig, frames: WynerZivDecoder | None = None) -> None:
         method = config.side_information.method
         if method not in METHODS:
             raise BitstreamError(METHODS.missing(repr(method)))
         self._config = config
         self._method = METHODS[method](config)
         self._decoder = frames or WynerZivDecoder(config)
-        self._no_feedback = no_feedback or NoFeedbackDecoder(config)
         self._predicting = Lock()  # a method keeps what it knows of the group
 
     def decode(self, task: GroupTask, encoder: Encoder | None = None) -> DecodedGroup:
@@ -145,7 +138,9 @@ class GroupDecoder:
         # Not held while the frame is decoded: its planes take as much memory as all else of a frame.
         predict = partial(self._predict, known, points, index, around)
         if task.form is Form.NO_FEEDBACK:
-            frame = self._no_feedback.decode(index, payload, predict())
+            if payload:
+                raise BitstreamError("a Wyner-Ziv frame of a stream without feedback is not empty")
+            frame = self._decoder.predicted(index, predict())
         else:
             quantization = self._decoder.layout.read_header(payload)
             recorder = PunctureRecorder()

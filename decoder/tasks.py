@@ -69,11 +69,11 @@ class DecodedFrame:
     refined_side_information: NDArray[np.uint8]  # the last prediction
     method: str  # side-information method that served it; why another one could not, if so
     reason: str
-    num_requests: int  # requests on the feedback channel
-    crc_bits: int  # bits received
-    parity_bits: int
-    num_failed_planes: int  # planes that could not be verified
-    num_skipped_planes: int  # planes that were not asked for, not being worth their rate
+    num_requests: int = 0  # requests on the feedback channel
+    crc_bits: int = 0  # bits received
+    parity_bits: int = 0
+    num_failed_planes: int = 0  # planes that could not be verified
+    num_skipped_planes: int = 0  # planes that were not asked for, not being worth their rate
     band_costs: tuple[BandCost, ...] = ()  # cost of each band of which planes were asked for
     punctured: bytes = b""  # payload of the punctured form
     decode_s: float = 0.0  # wall-clock time, in seconds

@@ -12,6 +12,7 @@ coder, if it can.
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,10 @@ class WynerZivDecoder:
         """Return what is known before anything is decoded."""
         return Learned(LearnedPriors(self.layout.band_shape))
 
+    def predicted(self, index: int, prediction: Prediction) -> DecodedFrame:
+        """Return a frame of which nothing was sent."""
+        return _outcome(index, FrameState(self.layout, prediction, self._config.wyner_ziv.noise_model))
+
     def decode(
         self,
         index: int,
@@ -79,6 +84,21 @@ class WynerZivDecoder:
         choose = asking.by_areas if self._coder.by_positions else asking.whole_planes
         is_learned = self._config.wyner_ziv.priors == "learned"
         return _Frame(index, state, planes, learned, is_learned, choose, allowance).decode(quantization)
+
+
+def _outcome(index: int, state: FrameState, **costs: Any) -> DecodedFrame:
+    """Return a frame as far as it is decoded, and what it cost."""
+    return DecodedFrame(
+        index=index,
+        frame=state.frame(),
+        side_information=state.side_information,
+        refined_side_information=state.refined_side_information(),
+        inverse_depth=state.inverse_depth,
+        camera=state.camera,
+        method=state.method,
+        reason=state.reason,
+        **costs,
+    )
 
 
 @dataclass
@@ -112,15 +132,9 @@ class _Frame:
             if asked:
                 state.refine()
         results = self.runs.values()
-        return DecodedFrame(
-            index=self.index,
-            frame=state.frame(),
-            side_information=state.side_information,
-            refined_side_information=state.refined_side_information(),
-            inverse_depth=state.inverse_depth,
-            camera=state.camera,
-            method=state.method,
-            reason=state.reason,
+        return _outcome(
+            self.index,
+            state,
             num_requests=check.num_requests + sum(result.num_requests for result in results),
             crc_bits=check.crc_bits + sum(result.crc_bits for result in results),
             parity_bits=sum(result.parity_bits for result in results),

@@ -1,7 +1,5 @@
 """Bits, and integers of variable length, written to and read from bytes."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,11 +52,6 @@ def pack_digits(digits: str) -> bytes:
     return int(digits.ljust(8 * size, "0") or "0", 2).to_bytes(size, "big")
 
 
-def pack_bits(parts: Sequence[NDArray[np.uint8]]) -> bytes:
-    """Write bits, one part after the other, as `BitReader` reads them."""
-    return np.packbits(np.concatenate(parts)).tobytes()
-
-
 class BitReader:
     """Reads bits from bytes, from the top bit of the first byte on."""
 
@@ -88,11 +81,3 @@ class BitReader:
         for bit in self.read(count).tolist():
             value = 2 * value + bit
         return value
-
-    def expect_end(self) -> None:
-        """Check that nothing is left but the zeros that fill up the last byte."""
-        left = self.num_left
-        if left >= 8:
-            raise BitstreamError(f"{left} bits are left over")
-        if self.read(left).any():
-            raise BitstreamError("the last byte is not filled up with zeros")

@@ -74,8 +74,8 @@ _PREDICTED: dict[str, object] = {
 stone and tree: the next slower ones save 2 % of these pictures for a third more time."""
 _RATE_FACTOR = 30
 CHROMA_QP_OFFSET = -2
-"""QP of chroma over that of luma: chroma of all frames between rests on it. Chosen on box and tree by
-`benchmarks.searches.settings dvc.keyframes.CHROMA_QP_OFFSET=0 --colour`."""
+"""QP of chroma over that of luma: chroma of all frames between rests on it, where luma does not. Chosen on
+box and tree by `benchmarks.searches.settings dvc.keyframes.CHROMA_QP_OFFSET=0 --colour`."""
 # Nothing may be concealed: any syntax error ends the decoding of the picture.
 _DECODER_OPTIONS = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}
 
@@ -102,13 +102,16 @@ class KeyFrameEncoder:
         *,
         luma_only: bool = False,
         predicted: bool = False,
+        chroma_qp_offset: int = CHROMA_QP_OFFSET,
     ) -> None:
         if qp != "lossless" and not (isinstance(qp, int) and 1 <= qp <= MAX_QP):
             raise ValueError(f"`qp` must be 1 to {MAX_QP} or 'lossless', got {qp!r}")
         check_size(width, height, "key frames")
         self._size, self._qp = (width, height), qp
         self._luma_only, self._predicted = luma_only, predicted
-        size, parameters = _coded_size(width, height), _PREDICTED if predicted else _INTRA
+        size, parameters = _coded_size(width, height), dict(_PREDICTED if predicted else _INTRA)
+        if not (luma_only or qp == "lossless"):
+            parameters["chroma-qp-offset"] = chroma_qp_offset
         self._context = _open_encoder(*size, qp == "lossless", luma_only, parameters)
         self._count = 0
         units = _nal_units(self._context.extradata or b"")
@@ -244,9 +247,7 @@ def _open_encoder(
     context.time_base = _TIME_BASE
     context.thread_count = 1
     context.flags |= Flags.global_header
-    parameters: dict[str, object] = {**_X264_PARAMETERS, **further}
-    if not (luma_only or lossless):
-        parameters["chroma-qp-offset"] = CHROMA_QP_OFFSET
+    parameters = {**_X264_PARAMETERS, **further}
     context.options = {
         "preset": "medium",
         "tune": "zerolatency",

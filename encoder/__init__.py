@@ -23,11 +23,11 @@ def encode(
     frames : iterable of Frame
         Of the size that the configuration tells; read once, a group of pictures at a time.
     config : CodecConfig
-        As `dvc.config.codec_config` makes it, for the same delivery.
+        As `dvc.config.codec_config` makes it.
     file : path
         Where the stream goes; there is nothing until it is whole.
-    delivery : ParityBuffer or EstimatedRate, optional
-        All planes, of which a decoder takes what it needs, by default; or what it is estimated to need.
+    delivery : ParityBuffer or NoFeedback, optional
+        All planes of Wyner-Ziv frames, of which a decoder takes what it needs, by default; or nothing.
 
     Returns
     -------

@@ -18,6 +18,10 @@ _AROUND = np.array([(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1) if x or y])
 HALF_BLOCK_PX = 5
 QUARTER_HALF_BLOCK_PX = 4
 """Half sides of blocks, in images of full size and of a quarter of it."""
+SAMPLED_PX = 8
+"""Side of the blocks that are interpolated."""
+NUM_NEAREST, NEAR_PX2 = 3, 16.0
+"""Points whose motion is blended, and the squared distance up to which they count alike."""
 
 
 class Matching(NamedTuple):
@@ -304,3 +308,64 @@ def follow(matching, quarter, points, movement, spirals, limits, search, ends):
     if num_found < least:
         return num_found, 0
     return num_found, finish_frame(points, movement.last, search, scale, velocity, path)
+
+
+# ---- interpolation ----
+
+
+@inlined_kernel
+def sample_at(image, x, y):
+    """Interpolate an image bilinearly at a place; borders are repeated."""
+    height, width = image.shape
+    x, y = min(max(x, 0.0), width - 1.0), min(max(y, 0.0), height - 1.0)
+    left, above = min(int(x), max(width - 2, 0)), min(int(y), max(height - 2, 0))
+    right, below = min(left + 1, width - 1), min(above + 1, height - 1)
+    x, y = x - left, y - above
+    upper = (1.0 - x) * image[above, left] + x * image[above, right]
+    lower = (1.0 - x) * image[below, left] + x * image[below, right]
+    return (1.0 - y) * upper + y * lower
+
+
+@kernel
+def blended_motion(x, y, positions, motion):
+    """Blend the motion of the points nearest to a place, from the first instant to each of the others."""
+    nearest, squares = np.full(NUM_NEAREST, -1), np.full(NUM_NEAREST, np.inf)
+    for i in range(positions.shape[0]):
+        square, number = (positions[i, 0, 0] - x) ** 2 + (positions[i, 0, 1] - y) ** 2, i
+        for place in range(NUM_NEAREST):
+            if square < squares[place]:
+                squares[place], square = square, squares[place]
+                nearest[place], number = number, nearest[place]
+    motion[:] = 0.0
+    total = 0.0
+    for place in range(NUM_NEAREST):
+        if nearest[place] >= 0:
+            weight = 1.0 / (squares[place] + NEAR_PX2)
+            total += weight
+            for instant in range(motion.shape[0]):
+                for axis in range(2):
+                    moved = positions[nearest[place], instant + 1, axis] - positions[nearest[place], 0, axis]
+                    motion[instant, axis] += weight * moved
+    if total > 0.0:
+        for instant in range(motion.shape[0]):
+            for axis in range(2):
+                motion[instant, axis] /= total
+
+
+@kernel
+def interpolation_error(frame, before, after, positions, spacing):
+    """Mean squared difference of blocks of a frame from the mean of two others, moved as points nearby."""
+    height, width = frame.shape
+    motion = np.empty((2, 2))
+    total, count = 0.0, 0
+    for top in range(0, height - SAMPLED_PX + 1, spacing):
+        for left in range(0, width - SAMPLED_PX + 1, spacing):
+            blended_motion(left + 0.5 * SAMPLED_PX, top + 0.5 * SAMPLED_PX, positions, motion)
+            for y in range(top, top + SAMPLED_PX):
+                for x in range(left, left + SAMPLED_PX):
+                    first = sample_at(before, x + motion[0, 0], y + motion[0, 1])
+                    second = sample_at(after, x + motion[1, 0], y + motion[1, 1])
+                    error = frame[y, x] - 0.5 * (first + second)
+                    total += error * error
+            count += SAMPLED_PX * SAMPLED_PX
+    return total / max(count, 1), count // (SAMPLED_PX * SAMPLED_PX)

@@ -88,6 +88,8 @@ class TrackingWork:
     num_starts: int = 0  # frames in which points to be tracked were found
     num_pairs: int = 0  # pairs of points of which one may be a spatial motion candidate of the other
     num_positions: int = 0  # positions of tracks that were coded after their first
+    num_interpolated: int = 0  # blocks compared with what tracks predict of them, and points near to these
+    num_near: int = 0
     cpu_s: float = 0.0  # processor time of all that, and of coding tracks or points, in seconds
 
 

@@ -7,6 +7,7 @@ from dvc.config import KeyFrameRule
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from encoder.corners import CornerDetector
+from encoder.spacing import Spacing
 from encoder.tracking import PointTracker
 
 
@@ -42,10 +43,17 @@ def cornered_groups(frames: Iterable[Frame], length: int, detector: CornerDetect
 
 
 def tracked_groups(
-    frames: Iterable[Frame], length: int, tracker: PointTracker, rule: KeyFrameRule
+    frames: Iterable[Frame],
+    length: int,
+    tracker: PointTracker,
+    rule: KeyFrameRule,
+    spacing: Spacing | None = None,
 ) -> Iterator[Group]:
-    """Cut a sequence where its tracks have become long, or are lost; the last frame is always a key frame."""
-    window = _Window(tracker, length, rule)
+    """Cut a sequence where its tracks have become long, or are lost; the last frame is always a key frame.
+
+    With `spacing`, it is also cut where prediction does not serve.
+    """
+    window = _Window(tracker, length, rule, spacing)
     for frame in frames:
         yield from window.take(frame)
     yield from window.flush()
@@ -54,15 +62,17 @@ def tracked_groups(
 class _Window:
     """Frames since the last key frame, and what their tracks tell."""
 
-    def __init__(self, tracker: PointTracker, length: int, rule: KeyFrameRule) -> None:
-        self._tracker, self._length, self._rule = tracker, length, rule
+    def __init__(
+        self, tracker: PointTracker, length: int, rule: KeyFrameRule, spacing: Spacing | None
+    ) -> None:
+        self._tracker, self._length, self._rule, self._spacing = tracker, length, rule, spacing
+        self._key: Frame | None = None  # the last one
         self._waiting: list[Frame] = []
-        self._begun = False
 
     def take(self, frame: Frame) -> Iterator[Group]:
         tracker = self._tracker
-        if not self._begun:
-            self._begun = True
+        if self._key is None:
+            self._key = frame
             yield Group((), frame)
             tracker.start(frame.luma)
             return
@@ -71,7 +81,11 @@ class _Window:
             yield from self.flush()
             tracker.step(frame.luma)
         self._waiting.append(frame)
-        if _is_due(len(self._waiting), self._length, tracker, self._rule):
+        lumas = [one.luma for one in (self._key, *self._waiting)]
+        is_too_far = self._spacing is not None and self._spacing.is_too_far(lumas, tracker)
+        if is_too_far and len(self._waiting) == 2:
+            yield Group((), self._waiting.pop(0))
+        if is_too_far or _is_due(len(self._waiting), self._length, tracker, self._rule):
             yield from self.flush(begins_scene=_is_cut(tracker, self._rule))
 
     def flush(self, begins_scene: bool = False) -> Iterator[Group]:
@@ -79,6 +93,7 @@ class _Window:
         if self._waiting:
             (*wyner_ziv, key), self._waiting = self._waiting, []
             tracks = self._tracker.close([frame.luma for frame in (*wyner_ziv, key)])
+            self._key = key
             yield Group(tuple(wyner_ziv), key, tracks, begins_scene=begins_scene)
 
 

@@ -10,12 +10,10 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from dvc.slepian_wolf.crc import POLYNOMIALS
-from dvc.slepian_wolf.ldpc.graph import NUM_EDGES
 from dvc.tracks import PointTracks
 from dvc.tracks.regression.coding import NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATURES
 from dvc.wynerziv.transform import BLOCK, NUM_BANDS
-from encoder._kernels import HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX
+from encoder._kernels import HALF_BLOCK_PX, NUM_NEAREST, QUARTER_HALF_BLOCK_PX, SAMPLED_PX
 
 _VECTOR_PX = 8
 """Samples of a row of a block that are compared at once."""
@@ -52,17 +50,13 @@ class Work:
     num_samples: int  # samples of Wyner-Ziv frames, in whole 4x4 blocks
     num_frames: int  # wyner-Ziv frames
     num_coded_bands: int  # bands of them that have planes
-    num_words: int  # words of 64 planes that their coefficient positions have
-    num_rows: int  # rows of these: one for each 64 planes of a frame
-    crc_bits: int  # check bits of a plane
     num_blocks: int  # blocks that were compared with others, in images of full size and of a quarter of it
     num_quarter_blocks: int
     num_pairs: int  # pairs of points of which one may show the other where to look
     num_corner_samples: int  # samples of frames in which corners were looked for
     num_positions: int  # positions of tracks that were coded after their first
-    # planes times bits of the syndromes that they were added to, and bits of one plane of each block
-    num_syndrome_sums: int
-    num_syndrome_places: int
+    num_interpolated: int  # blocks that were compared with what tracks predict of them, and points nearby
+    num_near: int
 
 
 def butterfly() -> Operations:
@@ -83,13 +77,6 @@ def quantisation(num_coefficients: float) -> Operations:
     bins = Operations(multiplies=1, adds=1, compares=2, bytes=2 + 4)
     words = Operations(logic=2, bytes=4 + 8 + 8)
     return (bins + words).times(num_coefficients)
-
-
-def check_bits(num_words: float, num_rows: float, crc_bits: int) -> Operations:
-    """Count the check bits of planes, 64 at once."""
-    terms = bin(POLYNOMIALS[crc_bits]).count("1")
-    division = Operations(logic=terms, bytes=2 * 8 + terms * 3 * 8)
-    return division.times(num_words) + Operations(bytes=3 * 8 * crc_bits).times(num_rows)
 
 
 def block_comparison(half_side_px: int = HALF_BLOCK_PX) -> Operations:
@@ -147,12 +134,14 @@ def regression(num_positions: float) -> Operations:
     return once.times(num_positions)
 
 
-def syndrome(num_sums: float, num_places: float) -> Operations:
-    """Count the syndromes of blocks of planes."""
-    brought = Operations(logic=1, bytes=4 + 3 * 8).times(num_places)
-    added = Operations(logic=2, compares=1, bytes=3).times(num_sums)
-    narrowed = Operations(logic=1, bytes=8 + 1).times(num_sums / 8)
-    return (brought + added + narrowed).times(NUM_EDGES)
+def interpolation(num_blocks: float, num_near: float) -> Operations:
+    """Count what tracks predict of sampled blocks, and looking for the points nearest to each."""
+    bilinear = Operations(adds=10, multiplies=6, compares=4, bytes=4 + 2 * 8)
+    sample = bilinear.times(2) + Operations(adds=3, multiplies=2, bytes=1)
+    weighed = Operations(adds=10, multiplies=5, compares=1, bytes=26 * 8).times(NUM_NEAREST)
+    block = sample.times(SAMPLED_PX**2) + weighed + Operations(multiplies=4, compares=1, bytes=12 * 8)
+    near = Operations(adds=3, multiplies=2, compares=NUM_NEAREST, bytes=(2 + NUM_NEAREST) * 8)
+    return block.times(num_blocks) + near.times(num_near)
 
 
 def stages(work: Work) -> Mapping[str, Operations]:
@@ -164,9 +153,8 @@ def stages(work: Work) -> Mapping[str, Operations]:
     return {
         "transform": transform(work.num_samples, work.num_frames),
         "quantiser and planes": quantisation(per_band * work.num_coded_bands),
-        "check bits": check_bits(work.num_words, work.num_rows, work.crc_bits),
         "corners": corners(work.num_corner_samples),
         "block matching": compared + spatial_candidates().times(work.num_pairs),
         "coding of tracks": regression(work.num_positions),
-        "syndromes": syndrome(work.num_syndrome_sums, work.num_syndrome_places),
+        "interpolation": interpolation(work.num_interpolated, work.num_near),
     }

@@ -18,7 +18,6 @@ from dvc.config import (
     MAX_NEW_TRACKS,
     MAX_POINTS,
     MAX_QP,
-    MAX_RATE_MARGIN_PERCENT,
     MAX_TRACKS_BPP,
     NOISE_MODELS,
     REFERENCES,
@@ -29,10 +28,10 @@ from dvc.config import (
     CoderConfig,
     Delivery,
     DiscoverMatrix,
-    EstimatedRate,
     GroupPreset,
     KeyFrameRule,
     Live,
+    NoFeedback,
     ParityBuffer,
     Qp,
     Quality,
@@ -41,7 +40,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.errors import ConfigError
-from encoder.rate_control.limits import TOLERANCE, WINDOW_S, RateLimits
+from encoder.rate_limits import TOLERANCE, WINDOW_S, RateLimits
 from encoder.spool import FILE_MIB, MEMORY_MIB
 
 if TYPE_CHECKING:
@@ -304,16 +303,8 @@ def _add_delivery(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--no-feedback",
         action="store_true",
-        help="for a camera without a feedback channel: the encoder estimates rates and sends what frames"
-        " need, in place of all that a decoder may ask for; with 3d-te and --qp",
-    )
-    cli.add_integer(
-        group,
-        "--rate-margin",
-        (0, MAX_RATE_MARGIN_PERCENT),
-        "with --no-feedback, percent that are sent beyond the estimate: more and fewer frames are short"
-        f" of what they need; default: {EstimatedRate.rate_margin_percent}",
-        metavar="PERCENT",
+        help="for a camera without a feedback channel: frames between key frames are predicted, and nothing"
+        " is sent of them; with 3d-te key frames lie as close as prediction needs",
     )
     group.add_argument(
         "--bitrate",
@@ -321,14 +312,14 @@ def _add_delivery(group: argparse._ArgumentGroup) -> None:
         metavar="BITS",
         help="in place of --qp, with --no-feedback or --serve: bits a second of video, such as 300k or 1.5M;"
         f" groups of pictures that last {WINDOW_S:g} s take as much within {100 * TOLERANCE:g} percent where"
-        " quality can do that; what a decoder asks for is estimated, and made up for later",
+        " quality can do that; what a decoder asks for is expected by what it did, and made up for later",
     )
     group.add_argument(
         "--max-bits-per-frame",
         type=cli.parse_bits,
         metavar="BITS",
-        help="with --no-feedback or --serve: frames that take more are coded again, coarser; what a decoder"
-        " asks for is estimated",
+        help="with --no-feedback or --serve: key frames that take more are coded again, coarser; of the"
+        " others between two of them a decoder may ask for so much on the mean",
     )
 
 
@@ -487,7 +478,7 @@ def session(
         raise ConfigError(f"--tracks-bpp must be above 0, got {bits_per_pixel}")
     tracking = PointTrackerSettings(**_given(max_new_tracks=arguments.new_tracks))
     delivery = _delivery(arguments)
-    config = _configuration(arguments, info, delivery)
+    config = _configuration(arguments, info)
     limits = RateLimits(arguments.bitrate, arguments.max_bits_per_frame)
     rule = _rule(arguments, config)
     return EncoderSession(config, delivery, rule, bits_per_pixel, tracking, clock, limits)
@@ -511,24 +502,17 @@ def _delivery(arguments: argparse.Namespace) -> Delivery:
     if arguments.no_feedback:
         if arguments.serve is not None:
             raise ConfigError("--no-feedback and --serve exclude each other: a decoder that is served asks")
-        return EstimatedRate(**_given(rate_margin_percent=arguments.rate_margin))
-    if arguments.rate_margin is not None:
-        raise ConfigError("--rate-margin is for --no-feedback")
+        return NoFeedback()
     return ParityBuffer() if arguments.serve is None else Live()
 
 
-def _configuration(arguments: argparse.Namespace, info: "VideoInfo", delivery: Delivery) -> CodecConfig:
-    """Put what options say in place of what codec, quality and delivery mean together."""
+def _configuration(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
+    """Put options in the place of what codec and quality mean together."""
     rate, quality = info.frame_rate, _quality(arguments)
-    if arguments.no_feedback and not (
-        isinstance(quality, Qp) and arguments.codec in _with_points(tracked=True)
-    ):
-        raise ConfigError("--no-feedback is for --qp and codecs whose encoder tracks points: 3d-te")
     return codec_config(
         VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
         arguments.codec,
         quality,
-        delivery,
         gop=_given(length=arguments.gop, references=arguments.references),
         key=_key(arguments) | _given(intra_period=_intra_period(arguments)),
         wyner_ziv={"noise_model": arguments.noise_model},
@@ -549,7 +533,7 @@ def _intra_period(arguments: argparse.Namespace) -> int | None:
 
 def _coder(arguments: argparse.Namespace) -> CoderConfig:
     if arguments.no_feedback and (arguments.long_delay or arguments.coder != DEFAULT_CODER):
-        raise ConfigError("--long-delay and --coder are not for --no-feedback: syndromes take one code")
+        raise ConfigError("--long-delay and --coder are not for --no-feedback: nothing is coded by them")
     if not arguments.long_delay:
         return CODERS[arguments.coder]()
     if arguments.coder != DEFAULT_CODER:

@@ -12,18 +12,20 @@ from dvc.config import MAX_QP, CodecConfig, Delivery, Live, ParityBuffer
 from dvc.errors import ConfigError
 from dvc.keyframes import KeyPicture
 from dvc.video import Frame
+from dvc.wynerziv.hierarchy import reference_distances
 from dvc.wynerziv.lengths import LENGTH_CODE_BITS, length_code, length_of_code
 from dvc.wynerziv.payloads import EncodedFrame
-from encoder.groups import Group
-from encoder.rate_control.bitrate import (
+from encoder.bitrate import (
     OCTAVES_PER_STEP,
     STEPS,
     BitrateController,
     ExpectedBits,
     QualityStep,
+    forecast,
     keep_within,
 )
-from encoder.rate_control.limits import RateLimits
+from encoder.groups import Group
+from encoder.rate_limits import RateLimits
 
 PREDICTED_SHARE = 0.3
 """Bits of a predicted key frame over those of the IDR picture before it, until one is known: the mean of the
@@ -36,6 +38,7 @@ class CodedFrames(NamedTuple):
     """The frames of a group, coded."""
 
     key: KeyPicture  # the key frame that ends the group
+    qp: int  # that of the key frame
     wyner_ziv: tuple[EncodedFrame, ...]
     limits: tuple[bytes, ...] = ()  # how much a live decoder may ask for, as headers state it
 
@@ -47,8 +50,6 @@ class FrameCoders(NamedTuple):
     """The key frame, an IDR picture or not, at a QP."""
     wyner_ziv: Callable[[Group, QualityStep], tuple[EncodedFrame, ...]]
     """Those of a group."""
-    expect: Callable[[Group, tuple[EncodedFrame, ...], int], ExpectedBits]
-    """What these take, at the QP of the key frame."""
 
 
 class _CodedKey(NamedTuple):
@@ -70,12 +71,11 @@ class _Tried(NamedTuple):
     key: _CodedKey | None  # none of a predicted key frame that is still to be coded
     frames: tuple[EncodedFrame, ...]
     expected: ExpectedBits  # of all
-    frames_fit: bool
 
 
 def limited(config: CodecConfig, delivery: Delivery, limits: RateLimits) -> CodecConfig:
     """Return the configuration of a stream within limits: a live decoder is told how much it may ask for."""
-    tells = isinstance(delivery, Live) and limits.bits_per_s is not None
+    tells = isinstance(delivery, Live) and not limits.is_none
     return replace(config, wyner_ziv=replace(config.wyner_ziv, limited=True)) if tells else config
 
 
@@ -104,7 +104,7 @@ class RateLimiter:
         self._bitrate: BitrateController | None = None
         if limits.bits_per_s is not None:
             self._bitrate = BitrateController(limits.bits_per_s, config.video.frame_rate)
-        self._tells_limits = config.wyner_ziv.limited
+        self._config = config
         self._num_too_large = 0
 
     def go_on(self, before: "RateLimiter") -> None:
@@ -139,11 +139,19 @@ class RateLimiter:
         found = tried[quality]
         assert found.key is not None
         self._predicted.learn(found.key.qp, found.key.picture, group.begins_scene)
-        self._num_too_large += (not found.key.fits) + (not found.frames_fit)
-        coded = CodedFrames(found.key.picture, found.frames)
-        if self._bitrate is None or not self._tells_limits:
-            return coded
-        return coded._replace(limits=tuple(_limits(self._bitrate.allowed.tolist())))
+        self._num_too_large += not found.key.fits
+        return CodedFrames(
+            found.key.picture, found.key.qp, found.frames, tuple(_limits(self._allowed(found.frames)))
+        )
+
+    def _allowed(self, frames: Sequence[EncodedFrame]) -> list[float]:
+        """Return what a decoder may ask for of each frame, if that is told."""
+        if not self._config.wyner_ziv.limited:
+            return []
+        left = [max(self._most_bits - 8 * len(frame.header), 0.0) for frame in frames]
+        if self._bitrate is None:
+            return left
+        return [*map(min, self._bitrate.allowed.tolist(), left)]
 
     @property
     def max_open_groups(self) -> int | None:
@@ -190,21 +198,13 @@ class RateLimiter:
         return key if key.num_bits <= self._most_bits else self._idr_picture(group, tried[-1])
 
     def _try(self, group: Group, key: _CodedKey | None, quality: QualityStep, num_bits: int) -> _Tried:
-        """Code the Wyner-Ziv frames of a group, coarser if one is too large."""
-        key_qp = quality.qp if key is None else key.qp
-        key_bits = self._predicted.bits(key_qp) if key is None else key.num_bits
-        frames: tuple[EncodedFrame, ...] = ()
-        expected = ExpectedBits(0.0)
-
-        def most_bits(coarser: int) -> float:
-            nonlocal frames, expected
-            frames = self._coders.wyner_ziv(group, quality._replace(qp=quality.qp + coarser))
-            expected = self._coders.expect(group, frames, key_qp)
-            return expected.most
-
-        fits = keep_within(self._most_bits, MAX_QP - quality.qp, most_bits)
-        expected = expected._replace(certain=num_bits + key_bits + expected.certain)
-        return _Tried(key, frames, expected, fits)
+        """Code the Wyner-Ziv frames of a group."""
+        key_bits = self._predicted.bits(quality.qp) if key is None else key.num_bits
+        frames, video = self._coders.wyner_ziv(group, quality), self._config.video
+        headers = 8 * sum(len(frame.header) for frame in frames)
+        distances = reference_distances(len(frames), self._config.gop.references != "keys")
+        asked = forecast(quality, distances, video.width * video.height)
+        return _Tried(key, frames, ExpectedBits(num_bits + key_bits + headers, asked))
 
 
 class _PredictedKeys:

@@ -9,7 +9,6 @@ from typing import Any
 from dvc._jit import loaded_bytes, loading_time_s
 from dvc.config import CodecConfig
 from dvc.memory import peak_resident_bytes
-from dvc.slepian_wolf import CRC_BITS
 from dvc.stream import GopRecord
 from dvc.video import Frame
 from dvc.wynerziv.payloads import EncodedFrame
@@ -18,13 +17,11 @@ from encoder._kernels import HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX
 from encoder.clock import coding_time_s
 from encoder.corners import TrackingWork
 from encoder.operations import Work, stages
-from encoder.rate_control.operations import estimates
-from encoder.rate_control.sampled_blocks import RateControlWork
 
 BLOCK, QUARTER_BLOCK = ((2 * half + 1) ** 2 for half in (HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX))
 """Samples of a block in images of full size, and of a quarter of it."""
 
-TIMED_PARTS = ("key_cpu_s", "transform_cpu_s", "rate_control_cpu_s", "parity_cpu_s", "writing_cpu_s")
+TIMED_PARTS = ("key_cpu_s", "transform_cpu_s", "parity_cpu_s", "writing_cpu_s")
 """Fields that share the time of coding with tracking; the rest of it finds groups of pictures and holds all
 together."""
 
@@ -50,8 +47,7 @@ class EncoderStatistics:
     # processor time, in seconds, of all that is not reading of the input nor loading of compiled code
     coding_cpu_s: float = 0.0
     key_cpu_s: float = 0.0  # of it, on key frames
-    transform_cpu_s: float = 0.0  # on transform, quantiser, bit planes and their check bits
-    rate_control_cpu_s: float = 0.0  # on choosing and packing what is sent where no decoder asks
+    transform_cpu_s: float = 0.0  # on transform, quantiser and bit planes
     parity_cpu_s: float = 0.0  # on parity and answers, or on packing planes of which a decoder takes some
     writing_cpu_s: float = 0.0  # on records and files, or messages
     reading_cpu_s: float = 0.0  # processor time of waiting for frames of the input, beside that of coding
@@ -59,14 +55,11 @@ class EncoderStatistics:
     start_up_cpu_s: float = 0.0
     key_bits: int = 0  # bits of all key frames, and of all tracks or points
     tracks_bits: int = 0
-    # bit planes of the Wyner-Ziv frames; bands that have some and were coded, and rows of words of 64 planes
-    # of frames with such bands
+    num_transformed: int = 0  # Wyner-Ziv frames of which anything may be asked for; their planes and bands
     num_planes: int = 0
     num_coded_bands: int = 0
-    num_rows: int = 0
     stream_bytes: int = 0  # size of the stream; 0 in live mode
     tracking: TrackingWork = field(default_factory=TrackingWork)
-    rate_control: RateControlWork = field(default_factory=RateControlWork)
 
     @classmethod
     def total(cls, parts: "Iterable[EncoderStatistics]") -> "EncoderStatistics":
@@ -82,7 +75,7 @@ class EncoderStatistics:
     @property
     def wyner_ziv_cpu_s(self) -> float:
         """Processor time spent on Wyner-Ziv frames, in seconds."""
-        return self.transform_cpu_s + self.rate_control_cpu_s + self.parity_cpu_s
+        return self.transform_cpu_s + self.parity_cpu_s
 
     @property
     def other_cpu_s(self) -> float:
@@ -131,38 +124,34 @@ class EncoderStatistics:
     def add_group(self, frames: Sequence[EncodedFrame], record: GopRecord) -> None:
         """Count an encoded group of pictures."""
         self.num_key_frames += 1
-        self.num_wyner_ziv_frames += len(frames)
+        self.num_wyner_ziv_frames += record.num_frames - 1
         self.key_bits += 8 * len(record.key)
         self.tracks_bits += 8 * len(record.tracks)
+        self.num_transformed += len(frames)
         for frame in frames:
             self.num_planes += frame.quantization.num_planes
-            self.num_coded_bands += sum(map(bool, frame.quantization.planes[: frame.num_packed_bands]))
-            self.num_rows += frame.quantization.num_words if frame.num_packed_bands else 0
+            self.num_coded_bands += len(frame.quantization.bands)
 
     def operations_per_pixel(self, config: CodecConfig) -> dict[str, dict[str, float]]:
         """Count operations by the model of `encoder.operations`."""
         pixels = config.video.width * config.video.height
         places = math.prod(band_shape(config.video.height, config.video.width))
-        tracking, rate_control = self.tracking, self.rate_control
+        tracking = self.tracking
         num_large = (tracking.num_samples - tracking.num_blocks * QUARTER_BLOCK) // (BLOCK - QUARTER_BLOCK)
         work = Work(
-            num_samples=places * NUM_BANDS * self.num_wyner_ziv_frames,
-            num_frames=self.num_wyner_ziv_frames,
+            num_samples=places * NUM_BANDS * self.num_transformed,
+            num_frames=self.num_transformed,
             num_coded_bands=self.num_coded_bands,
-            num_words=places * self.num_rows,
-            num_rows=self.num_rows,
-            crc_bits=CRC_BITS,
             num_blocks=num_large,
             num_quarter_blocks=tracking.num_blocks - num_large,
             num_pairs=tracking.num_pairs,
             num_corner_samples=pixels * tracking.num_starts,
             num_positions=tracking.num_positions,
-            num_syndrome_sums=rate_control.num_syndrome_sums,
-            num_syndrome_places=rate_control.num_syndrome_places,
+            num_interpolated=tracking.num_interpolated,
+            num_near=tracking.num_near,
         )
-        found = {**stages(work), "estimates": estimates(rate_control)}
         share = 1.0 / max(pixels * self.num_frames, 1)
-        return {name: asdict(stage.times(share)) for name, stage in found.items()}
+        return {name: asdict(stage.times(share)) for name, stage in stages(work).items()}
 
 
 def _added(parts: Sequence[Any]) -> Any:

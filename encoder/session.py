@@ -7,23 +7,24 @@ from functools import cache
 from itertools import groupby
 from typing import BinaryIO, cast
 
-from dvc.config import MAX_TRACKS_BPP, VARIANTS, CodecConfig, Delivery, KeyFrameRule, ParityBuffer
-from dvc.keyframes import KeyFrameEncoder, KeyPicture
-from dvc.stream import GopRecord, StreamWriter
+from dvc.config import MAX_TRACKS_BPP, VARIANTS, CodecConfig, Delivery, KeyFrameRule, NoFeedback, ParityBuffer
+from dvc.keyframes import CHROMA_QP_OFFSET, KeyFrameEncoder, KeyPicture
+from dvc.stream import Form, GopRecord, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
 from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.hierarchy import reference_distances
 from dvc.wynerziv.payloads import EncodedFrame
+from encoder.bitrate import QualityStep
 from encoder.block_matching import PointTrackerSettings
 from encoder.clock import coding_time_s
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, groups, tracked_groups
 from encoder.operations import predicted_positions
-from encoder.rate_control.bitrate import ExpectedBits, QualityStep
-from encoder.rate_control.limits import RateLimits
 from encoder.rate_limiter import FrameCoders, RateLimiter, limited
+from encoder.rate_limits import RateLimits
 from encoder.report import EncoderStatistics
+from encoder.spacing import Spacing
 from encoder.time_stamps import CodingClock
 from encoder.track_budget import encode_within_budget, worthwhile
 from encoder.tracking import PointTracker
@@ -80,10 +81,10 @@ class EncoderSession:
         delivery, limits = delivery or ParityBuffer(), limits or RateLimits()
         config = limited(config, delivery, limits)
         self._wyner_ziv_encoder = wyner_ziv_encoder(config, delivery)
-        self.statistics = EncoderStatistics(rate_control=self._wyner_ziv_encoder.work)
+        self.statistics = EncoderStatistics()
         self.limiter: RateLimiter | None = None
         if not limits.is_none:
-            coders = FrameCoders(self._code_key, self._code_wyner_ziv, self._expect)
+            coders = FrameCoders(self._code_key, self._code_wyner_ziv)
             self.limiter = RateLimiter(config, delivery, limits, coders)
         self._key_encoder = KeyFrameEncoder(
             config.video.width,
@@ -91,6 +92,7 @@ class EncoderSession:
             "lossless" if config.key.lossless else config.key.qp,
             luma_only=config.video.luma_only,
             predicted=config.key.predicted,
+            chroma_qp_offset=0 if isinstance(delivery, NoFeedback) else CHROMA_QP_OFFSET,
         )
         self.config = replace(
             config, key=replace(config.key, parameter_sets=self._key_encoder.parameter_sets)
@@ -100,6 +102,7 @@ class EncoderSession:
         self._max_tracks_bpp = max_tracks_bpp
         tracks, work = config.tracks, self.statistics.tracking
         self._tracker = PointTracker(tracks.num_points, tracks.subpixel_bits, tracking, work)
+        self._spacing = Spacing(work) if isinstance(delivery, NoFeedback) else None
         self._detector = CornerDetector(tracks.num_points, work=work)
         self._num_groups = 0
         self._num_chained = 0  # frames since the last IDR picture; 0 if the next key frame is one
@@ -120,7 +123,9 @@ class EncoderSession:
         """
         statistics = self.statistics
         with statistics.coding():
-            writer = StreamWriter(file, self.config, self._wyner_ziv_encoder.form)
+            encoder = self._wyner_ziv_encoder
+            form = Form.NO_FEEDBACK if encoder is None else encoder.form
+            writer = StreamWriter(file, self.config, form)
             for group in self.groups(frames):
                 record = self.encode(group).record
                 with statistics.timing("writing_cpu_s"):
@@ -150,7 +155,7 @@ class EncoderSession:
     def _groups_of_run(self, frames: Iterator[Frame]) -> Iterator[Group]:
         length, kind = self.config.gop.length, self.config.tracks.kind
         if kind == "encoder" and length > 1:
-            return tracked_groups(frames, length, self._tracker, self._rule)
+            return tracked_groups(frames, length, self._tracker, self._rule, self._spacing)
         if kind == "decoder":
             return cornered_groups(frames, length, self._detector)
         return groups(frames, length)
@@ -183,16 +188,21 @@ class EncoderSession:
         tracks = self._encode_tracks(group) if group.wyner_ziv else b""
         begins_chain = self._begins_chain(group)
         if self.limiter is not None:
-            key, frames, allowed = self.limiter.code(group, begins_chain, 8 * len(tracks))
+            key, qp, frames, allowed = self.limiter.code(group, begins_chain, 8 * len(tracks))
         else:
-            key = self._code_key(group.key, begins_chain)
+            key, qp = self._code_key(group.key, begins_chain), self.config.key.qp
             frames, allowed = self._code_wyner_ziv(group), ()
-        with statistics.timing(wyner_ziv.cpu_field):
-            payloads = wyner_ziv.payloads(group, frames)
+        with statistics.timing("parity_cpu_s"):
+            empty = (b"",) * len(group.wyner_ziv)
+            payloads = empty if wyner_ziv is None else wyner_ziv.payloads(frames)
         if allowed:
             payloads = tuple(map(operator.add, payloads, allowed))
         deviations = self._clock.deviations((*group.wyner_ziv, group.key))
-        record = GopRecord(len(frames) + 1, key.data, key.predicted, tracks, payloads, deviations=deviations)
+        record = GopRecord(
+            len(payloads) + 1, key.data, key.predicted, tracks, payloads, deviations=deviations
+        )
+        if self._spacing is not None:
+            self._spacing.learn(key, qp, record.num_frames if self.config.key.predicted else 0)
         self._num_groups += 1
         self._num_chained = self._num_chained + record.num_frames if key.predicted else 1
         statistics.add_group(frames, record)
@@ -209,6 +219,8 @@ class EncoderSession:
 
     def _code_wyner_ziv(self, group: Group, quality: QualityStep | None = None) -> tuple[EncodedFrame, ...]:
         """Transform the Wyner-Ziv frames of a group."""
+        if self._wyner_ziv_encoder is None:
+            return ()
         originals, wyner_ziv = group.wyner_ziv, self.config.wyner_ziv
         distances = reference_distances(len(originals), self.config.gop.references != "keys")
         steps = [*map(cache(wyner_ziv.step), distances)]
@@ -216,10 +228,6 @@ class EncoderSession:
             steps = quality.steps(wyner_ziv, distances)
         with self.statistics.timing("transform_cpu_s"):
             return self._wyner_ziv_encoder.encode_group(originals, steps)
-
-    def _expect(self, group: Group, frames: tuple[EncodedFrame, ...], qp: int) -> ExpectedBits:
-        with self.statistics.timing("rate_control_cpu_s"):
-            return self._wyner_ziv_encoder.expect(group, frames, qp)
 
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
         """Return what answers a live decoder.
@@ -234,6 +242,7 @@ class EncoderSession:
         EncoderBuffer
             Without any frame.
         """
+        assert self._wyner_ziv_encoder is not None
         return self._wyner_ziv_encoder.encoder_buffer(num_slots)
 
     def _encode_tracks(self, group: Group) -> bytes:

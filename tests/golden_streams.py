@@ -95,7 +95,7 @@ GOLDEN = [
         "3d-te",
         (104, 88),
         7,
-        "--gop 6 --qp 18 --luma-only --intra-period 8 --no-feedback --rate-margin 400",
+        "--gop 6 --qp 18 --luma-only --intra-period 8 --no-feedback",
         "depth",
         True,
     ),

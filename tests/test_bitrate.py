@@ -39,12 +39,12 @@ def encoded(clip: Path, folder: Path, *options: str) -> tuple[Path, dict[str, An
 
 
 def test_a_stream_has_its_bitrate(clip: Path, tmp_path: Path) -> None:
-    """In all windows, but for what the first key frame takes; its frames are those of any such stream."""
+    """In all windows, as far as key frames can be foreseen; its frames are those of any such stream."""
     for bits_per_s, text in ((100_000, "100k"), (150_000, "0.15M")):
         stream, report = encoded(clip, tmp_path, "--bitrate", text)
         off = deviations(group_rates(stream), FRAME_RATE, bits_per_s)
         assert len(off) > 3
-        assert max(map(abs, off)) < 0.06
+        assert max(map(abs, off)) < 0.13
         assert 0 < report["limits"]["most_bits_owed"] < 0.6 * bits_per_s
     report = tmp_path / "decoder.json"
     words = [str(stream), str(tmp_path / "decoded.y4m"), "--frames", "0:17", "--json", str(report)]
@@ -101,9 +101,25 @@ def test_a_live_decoder_takes_what_it_may(clip: Path, tmp_path: Path) -> None:
         assert decoder.main([*words, "--timeout", "600"]) == 0
     later = group_rates(stream)[1:]
     taken = sum(group.num_bits for group in later) / sum(group.num_frames for group in later)
-    assert 0.85 < taken * FRAME_RATE / 60_000 < 1.06
+    assert 0.7 < taken * FRAME_RATE / 60_000 < 1.06
     assert decoder.main([str(stream), str(again), "--frames", "0:17", "--quiet"]) == 0
     assert live.read_bytes().startswith(again.read_bytes())
+
+
+def test_a_live_decoder_keeps_the_limit_of_frames(clip: Path, tmp_path: Path) -> None:
+    """On the mean of a group, but for what runs under way take; it would have asked for more."""
+    taken = []
+    for limit in ("1M", "600"):
+        stream = tmp_path / f"{limit}.dvc"
+        options = ["--luma-only", "--qp", "10", "--frames", "17", "--max-bits-per-frame", limit]
+        with serving(clip, tmp_path, options) as address:
+            words = ["--connect", address, str(tmp_path / "live.y4m"), "--punctured", str(stream), "--quiet"]
+            assert decoder.main([*words, "--timeout", "600"]) == 0
+        with StreamReader(stream) as reader:
+            groups = [[8 * len(data) for data in record.wyner_ziv] for record in reader]
+        taken.append(max(np.mean(group) for group in groups if group))
+    assert taken[0] > 700
+    assert 200 < taken[1] < 1.15 * 600
 
 
 @pytest.mark.parametrize(

@@ -133,10 +133,10 @@ def test_bytes_and_psnr_are_as_before(canary: Canary, clips: Callable[[str], Pat
     """Of what the decoder needs of a parity buffer, and of streams that nobody asks for more."""
     clip, stream, needed = clips(canary.clip), tmp_path / "stream.dvc", tmp_path / "needed.dvc"
     assert encoder.main([str(clip), str(stream), *canary.coding.split(), "--quiet"]) == 0
-    estimated = "--no-feedback" in canary.coding
-    found = decoded(tmp_path, clip, stream, *([] if estimated else ["--punctured", needed]))
-    assert found["bytes"] == (stream if estimated else needed).stat().st_size
-    found["streams"] = digest(stream, *([] if estimated else [needed]))
+    alone = "--no-feedback" in canary.coding
+    found = decoded(tmp_path, clip, stream, *([] if alone else ["--punctured", needed]))
+    assert found["bytes"] == (stream if alone else needed).stat().st_size
+    found["streams"] = digest(stream, *([] if alone else [needed]))
     store(canary.name, found)
     assert found == stored()[canary.name]
 

@@ -1,4 +1,4 @@
-"""What no estimate is made for, without a feedback channel: noise, cuts, and margins at their bounds."""
+"""What no prediction is made for, without a feedback channel: noise, cuts, and frames without any point."""
 
 import json
 from collections.abc import Callable
@@ -10,7 +10,6 @@ import pytest
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
 from dvc.video import Frame
-from encoder.options import MAX_RATE_MARGIN_PERCENT
 from tests.clips import moving_texture, write_clip
 
 HEIGHT, WIDTH, NUM_FRAMES = 48, 64, 7
@@ -30,23 +29,12 @@ def _still() -> list[Frame]:
     return [Frame(np.full((HEIGHT, WIDTH), 128, np.uint8))] * NUM_FRAMES
 
 
-@pytest.mark.parametrize("margin", [0, MAX_RATE_MARGIN_PERCENT])
 @pytest.mark.parametrize("frames", [_noise, _cut, _still], ids=["noise", "cut", "flat"])
-def test_any_input_decodes(tmp_path: Path, frames: Callable[[], list[Frame]], margin: int) -> None:
-    """All frames come out, key frames as good as ever; what failed is counted, and the counts add up."""
+def test_any_input_decodes(tmp_path: Path, frames: Callable[[], list[Frame]]) -> None:
+    """All frames come out, key frames as good as ever, others as predicted; the counts add up."""
     clip = write_clip(tmp_path / "clip.y4m", frames())
     stream, video, report = (tmp_path / name for name in ("s.dvc", "v.y4m", "r.json"))
-    coding = [
-        "--no-feedback",
-        "--rate-margin",
-        str(margin),
-        "--gop",
-        "3",
-        "--qp",
-        "26",
-        "--luma-only",
-        "--quiet",
-    ]
+    coding = ["--no-feedback", "--gop", "3", "--qp", "26", "--luma-only", "--quiet"]
     assert encoder.main([str(clip), str(stream), *coding]) == 0
     arguments = [str(stream), str(video), "--reference", str(clip), "--json", str(report), "--quiet"]
     assert decoder.main(arguments) == 0
@@ -55,8 +43,7 @@ def test_any_input_decodes(tmp_path: Path, frames: Callable[[], list[Frame]], ma
     assert [row["index"] for row in rows] == list(range(NUM_FRAMES))
     assert video.read_bytes().count(b"FRAME") == NUM_FRAMES
     assert sum(found["bits"].values()) == 8 * stream.stat().st_size
-    assert sum(row.get("num_failed_planes") or 0 for row in rows) == found["num_failed_planes"]
     assert all(row["psnr_y_db"] > 28.0 for row in rows if row["type"] == "key")
     for row in rows:
-        if row["type"] == "wz" and not row.get("num_failed_planes"):
-            assert row["psnr_y_db"] >= row["si_psnr_y_db"] - 0.5
+        if row["type"] == "wz":
+            assert row["psnr_y_db"] == pytest.approx(row["si_psnr_y_db"], abs=0.1)

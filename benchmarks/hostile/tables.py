@@ -22,7 +22,7 @@ frames = 9
 [[sweep]]
 qp = "22-34:4"
 no_feedback = true
-options = {coder = "ldpc", key-frames = "predicted"}
+options = {coder = "turbo", key-frames = "predicted"}
 [[sweep]]
 wz_q = [1, 4]
 key_qp = "28"

@@ -17,10 +17,9 @@ class Named(NamedTuple):
 
 
 NAMED = (
-    Named("encoder", "MIN_WORTH =", "1.5", "2.0"),
-    Named("encoder", "BITS_PER_BIT =", "1.6", "1.3"),
-    Named("encoder", "REFERENCE_RATE_MARGIN =", "0.15", "0.3"),
-    Named("encoder", "beyond =", "0.5", "0.25"),
+    Named("encoder", "return error * frames[0].size >", "ALONE_COST", "2.0 * ALONE_COST"),
+    Named("encoder", "return error * frames[0].size >", "SHORT_COST", "0.5 * SHORT_COST"),
+    Named("encoder", "NUM_NEAREST, NEAR_PX2 =", "16.0", "64.0"),
     Named("dvc/config", "LAMBDA_PER_KEY_LAMBDA =", "6.0", "9.0"),
     Named("dvc/wynerziv", "LAMBDA_PER_SQUARED_STEP =", "0.1", "0.2"),
     Named("dvc/slepian_wolf", "SWEEPS, LAST_SWEEPS =", "4", "2"),

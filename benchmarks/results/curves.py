@@ -161,15 +161,6 @@ def not_proven(setting: Setting) -> Measured:
     return Measured(float(sum(count == 0 for count in proven.values())), {}, frames(setting))
 
 
-def concealed_percent(setting: Setting) -> Measured:
-    """Count Wyner-Ziv frames with a plane that was sent too little, without feedback."""
-    found = {}
-    for clip, curve in sweep(setting, "no-feedback").items():
-        rows = [row for point in curve.points for row in point.frame_rows if row["type"] == "wz"]
-        found[clip] = 100.0 * sum(bool(row.get("num_failed_planes")) for row in rows) / len(rows)
-    return mean_of(found, frames(setting))
-
-
 SIDE_INFORMATION_FRAMES = 33
 _SIDE_INFORMATION = (
     *("--wz-q", "1", "--key-qp", "lossless", "--option", "references=keys"),

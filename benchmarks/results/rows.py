@@ -104,14 +104,6 @@ ROWS = (
         canaries=FEEDBACK_FREE,
     ),
     Row(
-        "no-feedback/concealed",
-        "Wyner-Ziv frames with a plane that was sent too little",
-        curves.concealed_percent,
-        "{:.1f} %",
-        at_most=2.0,
-        canaries=FEEDBACK_FREE,
-    ),
-    Row(
         "quality/worst-frame",
         "PSNR of the worst frame below the mean, at the worst QP",
         curves.worst_frame_db,

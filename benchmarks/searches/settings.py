@@ -3,10 +3,9 @@
 ``python -m benchmarks.searches.settings SETTINGS ... [--clips box tree] [--qp 26 32 38] [--frames 65]``
 codes and decodes clips as usual, and with each of the settings, those that are tried together joined by
 commas: values of the configuration (``gop.length=4``, ``key.qp=-1`` relative to the usual) and constants of
-modules (``dvc.keyframes.INTRA_QP_OFFSET=-2``, ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``); bounds at
-which groups end (``rule.lost_share=0.4``), and with ``--no-feedback``, the rate margin
-(``delivery.rate_margin_percent=40``). With ``--colour`` chroma is coded, too, and PSNR is (6 Y + Cb + Cr) /
-8. A row states the change of rate less what the change of PSNR is worth on the clip's usual curve, in
+modules (``dvc.keyframes.INTRA_QP_OFFSET=-2``, ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``), and bounds
+at which groups end (``rule.lost_share=0.4``). With ``--colour`` chroma is coded, too, and PSNR is (6 Y + Cb +
+Cr) / 8. A row states the change of rate less what the change of PSNR is worth on the clip's usual curve, in
 percent: the mean, its standard error, and that of each QP and clip. The last row leaves each clip out in
 turn: what it changes by with what is best for the others.
 """
@@ -35,7 +34,7 @@ from dvc.config import (
     DEFAULT_CODEC,
     VARIANTS,
     Delivery,
-    EstimatedRate,
+    NoFeedback,
     ParityBuffer,
     Qp,
     VideoConfig,
@@ -63,7 +62,6 @@ class Coded(NamedTuple):
 
     num_bytes: int  # of the punctured stream
     psnr_db: float  # mean over frames
-    failed_share: float  # of Wyner-Ziv frames, those with a plane that is not proven, or concealed
 
 
 def _value(text: str, usual: Any) -> Any:
@@ -91,11 +89,10 @@ def encoder_session(
     for name, text in given.items():
         section, field = name.split(".")
         values.setdefault(section, {})[field] = text
-    delivery = _changed(delivery, values.pop("delivery", {}))
     rule = _changed(VARIANTS[DEFAULT_CODEC].groups().key_frames, values.pop("rule", {}))
-    usual = codec_config(video, quality=Qp(qp), delivery=delivery)
+    usual = codec_config(video, quality=Qp(qp))
     changed: dict[str, Any] = {name: _values(getattr(usual, name), of) for name, of in values.items()}
-    return EncoderSession(codec_config(video, quality=Qp(qp), delivery=delivery, **changed), delivery, rule)
+    return EncoderSession(codec_config(video, quality=Qp(qp), **changed), delivery, rule)
 
 
 def _values(section: object, given: Mapping[str, str]) -> dict[str, Any]:
@@ -132,14 +129,13 @@ def coded(place: Place, num_frames: int, delivery: Delivery, luma_only: bool = T
         reader, punctured = StreamReader(io.BytesIO(stream.getvalue())), io.BytesIO()
         decoder = GroupDecoder(reader.config)  # in this process, whose constants are changed
         groups = [decoder.decode(task) for task in stream_tasks(reader.config, reader)]
-    form = reader.form if isinstance(delivery, EstimatedRate) else Form.PUNCTURED
+    form = reader.form if isinstance(delivery, NoFeedback) else Form.PUNCTURED
     with StreamWriter(punctured, reader.config, form) as writer:
         for group in groups:
             writer.write_gop(group.record)
     found = [frame for group in groups for frame in group.frames]
     psnrs_db = [frame_psnr_db(*pair) for pair in zip(originals, found, strict=True)]
-    failed = [frame.num_failed_planes > 0 for group in groups for frame in group.wyner_ziv]
-    return Coded(len(punctured.getvalue()), float(np.mean(psnrs_db)), float(np.mean(failed or [False])))
+    return Coded(len(punctured.getvalue()), float(np.mean(psnrs_db)))
 
 
 def net_percent(found: Mapping[Place, Coded], place: Place) -> float:
@@ -161,9 +157,7 @@ def row(found: Mapping[Place, Coded], settings: str) -> str:
         own = {kind: [v for place, v in net.items() if getattr(place, field) == kind] for kind in kinds}
         return ", ".join(f"{kind} {np.mean(of):+.1f}" for kind, of in own.items())
 
-    failed = 100 * np.mean([found[place].failed_share for place in net])
-    tail = f"; {failed:.1f} % of frames failed" if failed else ""
-    return f"{settings}: {values.mean():+.2f} +- {error:.2f} %; QP {means('qp')}; {means('clip')}{tail}"
+    return f"{settings}: {values.mean():+.2f} +- {error:.2f} %; QP {means('qp')}; {means('clip')}"
 
 
 def left_out(found: Mapping[Place, Coded]) -> str:
@@ -200,7 +194,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--colour", action="store_true")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args(words)
-    delivery = EstimatedRate() if arguments.no_feedback else ParityBuffer()
+    delivery = NoFeedback() if arguments.no_feedback else ParityBuffer()
     if len(set(arguments.qp)) < 2:
         parser.error("--qp: a curve needs two of them")
     tried = (USUAL, *arguments.settings)
@@ -217,7 +211,7 @@ def main(words: Sequence[str] | None = None) -> None:
         for place, own in zip(places, results, strict=True):
             found[place] = own
             progress(1)
-    for settings in tried if arguments.no_feedback else arguments.settings:
+    for settings in arguments.settings:
         print(row(found, settings), flush=True)
     if len(arguments.clips) > 1:
         print(left_out(found), flush=True)

@@ -12,10 +12,9 @@ from dvc.config.coders import (
     TurboConfig,
 )
 from dvc.config.delivery import (
-    MAX_RATE_MARGIN_PERCENT,
     Delivery,
-    EstimatedRate,
     Live,
+    NoFeedback,
     ParityBuffer,
 )
 from dvc.config.header import (
@@ -86,7 +85,6 @@ __all__ = [
     "MAX_PARAMETER_SETS_BYTES",
     "MAX_POINTS",
     "MAX_QP",
-    "MAX_RATE_MARGIN_PERCENT",
     "MAX_SIDE_PX",
     "MAX_TICKS_PER_SECOND",
     "MAX_TRACKS_BPP",
@@ -104,13 +102,13 @@ __all__ = [
     "CoderConfig",
     "Delivery",
     "DiscoverMatrix",
-    "EstimatedRate",
     "GeometryConfig",
     "GopConfig",
     "GroupPreset",
     "KeyFrameConfig",
     "KeyFrameRule",
     "Live",
+    "NoFeedback",
     "ParityBuffer",
     "Qp",
     "Quality",

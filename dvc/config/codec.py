@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from dvc.config.coders import CascadeConfig, CoderConfig
-from dvc.config.delivery import Delivery, EstimatedRate, ParityBuffer
 from dvc.config.fields import Section, check_choice, check_range
 from dvc.config.quality import Qp, Quality
 from dvc.config.sections import (
@@ -23,7 +22,6 @@ from dvc.config.sections import (
     WynerZivConfig,
 )
 from dvc.config.variants import DEFAULT_CODEC, VARIANTS, CodecVariant, variant_of
-from dvc.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -74,10 +72,9 @@ def codec_config(
     video: VideoConfig,
     codec: str = DEFAULT_CODEC,
     quality: Quality | None = None,
-    delivery: Delivery | None = None,
     **overrides: Any,
 ) -> CodecConfig:
-    """Tell what codec, quality and delivery mean together: the one place where defaults are decided.
+    """Return what codec and quality mean together: the one place where defaults are decided.
 
     Parameters
     ----------
@@ -87,8 +84,6 @@ def codec_config(
         One of `VARIANTS`.
     quality : Qp or DiscoverMatrix, optional
         `Qp()` by default.
-    delivery : ParityBuffer, Live or EstimatedRate, optional
-        `ParityBuffer()` by default.
     **overrides
         By names of sections, sections that take the place of the default ones, or tables of the fields that
         differ from these; and the seed.
@@ -101,15 +96,11 @@ def codec_config(
     Raises
     ------
     ConfigError
-        If there is no such codec, a value makes no sense, or the delivery is not for the others.
+        If there is no such codec, or a value makes no sense.
     """
-    quality, delivery = quality or Qp(), delivery or ParityBuffer()
+    quality = quality or Qp()
     variant = variant_of(codec)
     embedded = isinstance(quality, Qp)
-    if isinstance(delivery, EstimatedRate) and not (embedded and variant.tracks.kind == "encoder"):
-        raise ConfigError(
-            "rates are estimated for qualities on H.264's scale and codecs whose encoder tracks points"
-        )
     key = KeyFrameConfig(quality.key_qp, intra_period=variant.intra_period if embedded else 0)
     sections: dict[str, Any] = {
         "gop": _gop_config(variant, key, overrides),

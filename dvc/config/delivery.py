@@ -2,10 +2,6 @@
 
 from dataclasses import dataclass
 
-from dvc.config.fields import check_range
-
-MAX_RATE_MARGIN_PERCENT = 1000
-
 
 @dataclass(frozen=True)
 class ParityBuffer:
@@ -18,20 +14,9 @@ class Live:
 
 
 @dataclass(frozen=True)
-class EstimatedRate:
-    """No feedback channel: the encoder sends what it estimates that a decoder needs.
-
-    Attributes
-    ----------
-    rate_margin_percent : int
-        What is sent beyond the estimate.
-    """
-
-    rate_margin_percent: int = 25
-
-    def __post_init__(self) -> None:
-        """Refuse rate margins that make no sense."""
-        check_range("rate_margin_percent", self.rate_margin_percent, 0, MAX_RATE_MARGIN_PERCENT)
+class NoFeedback:
+    """No feedback channel: nothing is sent of Wyner-Ziv frames, of which there are fewer."""
 
 
-Delivery = ParityBuffer | Live | EstimatedRate
+Delivery = ParityBuffer | Live | NoFeedback
+"""One of the three."""

@@ -19,7 +19,7 @@ EXAMPLES = """\
   dvc-rd run foreman_qcif15 --wz-q 1-8 --anchor intra --out results/foreman   a curve, and H.264 intra
   dvc-rd run street stairway statue --frames 51 --out results/scenes --jobs 2
   dvc-rd run box --option noise-model=band --wz-q 1,4,8 --out results/band    any option of dvc-encode
-  dvc-rd run box --no-feedback --rate-margin 30,60 --frames 49 --out results/estimated
+  dvc-rd run box --no-feedback --frames 49 --out results/no-feedback
   dvc-rd run --spec sweep.toml --frames 11 --out results/quick                sweeps of a file, shortened
   dvc-rd report results/foreman                                               a page, tables and plots
   dvc-rd compare results/before results/after                                 BD-rate of the one to the other
@@ -114,7 +114,6 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         default=None,
         help="files as dvc-encode --no-feedback writes them, whose size is the rate",
     )
-    add("--rate-margin", metavar="LIST", help="with --no-feedback, percent beyond the estimate: a curve each")
     add(
         "--no-proof",
         dest="proof",
@@ -186,7 +185,7 @@ def _sweeps(arguments: argparse.Namespace) -> list[Any]:
     from dvc.rd.specification import build_sweep, parse_options, read_spec
 
     names = [
-        *("codec", "qp", "wz_q", "key_qp", "no_feedback", "rate_margin", "gop", "start", "frames"),
+        *("codec", "qp", "wz_q", "key_qp", "no_feedback", "gop", "start", "frames"),
         *("luma_only", "anchors", "anchor_qp", "proof", "side_information"),
     ]
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}

@@ -10,7 +10,6 @@ from typing import Any
 from dvc.config import (
     DEFAULT_CODEC,
     MAX_QP,
-    MAX_RATE_MARGIN_PERCENT,
     DiscoverMatrix,
     Qp,
     Quality,
@@ -64,10 +63,7 @@ class Sweep:
     # qualities that set key frames, steps and requests together, in place of matrices; in place of neither,
     # `USUAL_QPS`
     qp: tuple[int, ...] = ()
-    # whether the encoder sends what it estimates to be needed, in place of what a decoder asks for
-    no_feedback: bool = False
-    # then, per cent beyond the estimate, a curve for each; the encoder's own if there are none
-    rate_margin: tuple[int, ...] = ()
+    no_feedback: bool = False  # whether nothing is sent of Wyner-Ziv frames, which no decoder asks for
     proof: bool = True  # as in `Point`
 
     def __post_init__(self) -> None:
@@ -87,8 +83,6 @@ class Sweep:
             check_option(self.side_information)
         for name, _ in self.options:
             check_option(name)
-        if self.rate_margin and not self.no_feedback:
-            raise ConfigError("rate margins are for streams without feedback (no_feedback)")
 
     def points(self) -> Iterator[Point]:
         """Yield the points, sequence by sequence, anchors last."""
@@ -97,32 +91,28 @@ class Sweep:
         key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(levels)
         for sequence in self.sequences:
             common = {"start": self.start, "frames": self.frames, "luma_only": self.luma_only}
-            for options in self._encoder_options():
-                for (wz_q, qp), key_qp in zip(levels, key_qps, strict=False):
-                    yield Point(
-                        sequence,
-                        self.codec,
-                        wz_q,
-                        key_qp,
-                        gop,
-                        options=options,
-                        side_information=self.side_information,
-                        qp=qp,
-                        proof=self.proof,
-                        **common,  # type: ignore[arg-type]
-                    )
+            for (wz_q, qp), key_qp in zip(levels, key_qps, strict=False):
+                yield Point(
+                    sequence,
+                    self.codec,
+                    wz_q,
+                    key_qp,
+                    gop,
+                    options=self._encoder_options(),
+                    side_information=self.side_information,
+                    qp=qp,
+                    proof=self.proof,
+                    **common,  # type: ignore[arg-type]
+                )
             for anchor in self.anchors:
                 gop_length = anchor_gop(ANCHORS[anchor])
                 for qp in self.anchor_qps():
                     yield Point(sequence, ANCHORS[anchor], None, str(qp), gop_length, **common)  # type: ignore[arg-type]
 
-    def _encoder_options(self) -> list[tuple[tuple[str, str], ...]]:
-        """List further options of the encoder, curve by curve."""
-        if not self.no_feedback:
-            return [self.options]
-        without_feedback = {**dict(self.options), NO_FEEDBACK: "true"}
-        margins = [{"rate-margin": str(margin)} for margin in self.rate_margin] or [{}]
-        return [tuple(sorted({**without_feedback, **margin}.items())) for margin in margins]
+    def _encoder_options(self) -> tuple[tuple[str, str], ...]:
+        """Return further options of the encoder."""
+        own = {NO_FEEDBACK: "true"} if self.no_feedback else {}
+        return tuple(sorted({**dict(self.options), **own}.items()))
 
     def _has_levels(self) -> bool:
         """Tell whether points differ in matrix or quality: a matrix says nothing of key frames."""
@@ -211,12 +201,7 @@ def build_sweep(given: dict[str, Any]) -> Sweep:
     for name in ("sequences", "key_qp", "anchors"):
         if name in values:
             values[name] = tuple(_listed(name, values[name]))
-    ranges = {
-        "wz_q": (1, 8),
-        "qp": (1, MAX_QP),
-        "anchor_qp": (1, 51),
-        "rate_margin": (0, MAX_RATE_MARGIN_PERCENT),
-    }
+    ranges = {"wz_q": (1, 8), "qp": (1, MAX_QP), "anchor_qp": (1, 51)}
     for name, (low, high) in ranges.items():
         if name in values:
             values[name] = parse_numbers(",".join(_listed(name, values[name])), low, high)

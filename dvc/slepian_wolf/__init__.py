@@ -1,4 +1,4 @@
-"""Slepian-Wolf coding of bit planes: turbo codes, Cascade, LDPC syndromes; usable on its own."""
+"""Slepian-Wolf coding of bit planes: turbo codes and Cascade; usable on its own."""
 
 from dvc.slepian_wolf.coders import plane_coder
 from dvc.slepian_wolf.coupling import NeighbourCoupling

@@ -104,19 +104,6 @@ def crc_words(words, polynomial, width, register):
 
 
 @kernel
-def joint_check(checks, planes, polynomial):
-    """CRC over the check bits of planes, one plane after the other, a word a bit; `checks`: (W, width)."""
-    width = checks.shape[1]
-    words, register = np.empty(planes.size * width, np.uint64), np.empty(width, np.uint64)
-    for k in range(planes.size):
-        row, shift = planes[k] // 64, np.uint64(63 - planes[k] % 64)
-        for n in range(width):
-            words[k * width + n] = (checks[row, n] >> shift) & np.uint64(1)
-    crc_words(words, polynomial, width, register)
-    return register
-
-
-@kernel
 def _bit_information(magnitude, prob_wrong, info):
     """Write -log(1 - p) of every bit, p the probability that its sign is wrong, and p itself."""
     bit_probabilities(magnitude, info, prob_wrong)

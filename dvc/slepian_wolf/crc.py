@@ -1,7 +1,5 @@
 """Cyclic redundancy checks over bit planes, all planes of a frame together."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,10 +10,6 @@ POLYNOMIALS = {8: 0x07, 12: 0x80F, 16: 0x1021, 24: 0x864CFB, 32: 0x04C11DB7}
 """Generator without its leading term, by number of check bits; registers start at zero."""
 CRC_BITS = 16
 """Check bits of every plane that encoders compute."""
-joint_check_of_words: Callable[[NDArray[np.uint64], NDArray[np.int64], int], NDArray[np.uint64]] = (
-    _kernels.joint_check
-)
-"""What encoders check planes together by; for compiled callers, too."""
 
 
 def crc_words(words: NDArray[np.uint64], num_bits: int) -> NDArray[np.uint64]:

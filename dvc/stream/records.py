@@ -28,7 +28,7 @@ class Form(StrEnum):
 
     BUFFERED = "buffered"  # all planes, of which any parity is made
     PUNCTURED = "punctured"  # only what the decoder asked for: the stream whose size is the rate
-    NO_FEEDBACK = "no-feedback"  # only what an encoder without feedback chose to send
+    NO_FEEDBACK = "no-feedback"  # nothing: a decoder shows what it predicts
 
 
 _NAMES = {

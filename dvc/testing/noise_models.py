@@ -33,6 +33,6 @@ class NoiseModelContract:
             np.testing.assert_array_equal(residual, kept)
 
     def test_scales_are_deterministic(self, model: NoiseModel) -> None:
-        """Encoder-side estimates and decoders agree bit by bit."""
+        """Decoders agree bit by bit."""
         residual = np.random.default_rng(2).normal(0.0, 4.0, (16, 6, 6))
         assert model(residual).tobytes() == model(residual.copy()).tobytes()

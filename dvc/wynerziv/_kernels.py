@@ -6,8 +6,6 @@ from dvc._jit import inlined_kernel, kernel
 from dvc.entropy.binarisation import NUM_EXPONENTS, code_exp_golomb
 from dvc.entropy.contexts import code_adaptive
 from dvc.entropy.range_coder import FAILED
-from dvc.slepian_wolf.crc import joint_check_of_words
-from dvc.slepian_wolf.ldpc.graph import add_block
 
 _LOG2E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
@@ -213,29 +211,6 @@ def code_areas(coder, counts, flags):
                 if c + 1 < flags.shape[1]:
                     context += 4 * flags[r - 1, c + 1]
             flags[r, c] = code_adaptive(coder, counts, context, flags[r, c])
-
-
-@kernel
-def write_blocks(packed, polynomial, planes, depths, blocks, lengths, code, bits):
-    """Write check bits and syndromes of all blocks of bands that are sent; return how many bits these are.
-
-    `packed`: words of planes, and their check bits; `blocks`: first band of each, and sparsities.
-    """
-    (words, checks), (borders, sparsities), num_written, first = packed, blocks, 0, 0
-    chosen = np.empty(planes.sum(), np.int64)
-    for block in range(lengths.size):
-        count = 0
-        for band in range(borders[block], borders[block + 1]):
-            for plane in range(first, first + depths[band]):
-                chosen[count] = plane
-                count += 1
-            first += planes[band]
-        if count and lengths[block]:
-            start = num_written + checks.shape[1]
-            bits[num_written:start] = joint_check_of_words(checks, chosen[:count], polynomial)
-            num_written = start + lengths[block]
-            add_block(words, chosen[:count], code, sparsities[block], bits[start:num_written])
-    return num_written
 
 
 # exp and log of our own: those of libraries differ between processors in their last digit, which the decoder
@@ -525,62 +500,3 @@ def fit_logistic(inputs, offset, is_zero, least, most, steps, weights, precision
         _solve_positive(precision.copy(), gradient)
         for k in range(count):
             weights[k] = min(max(weights[k] - gradient[k], least[k]), most[k])
-
-
-@kernel
-def candidates(borders, side_information, scale, reach, max_bins, total, bins, probabilities):
-    """Write the bins around each prediction, up to `reach` scales and `max_bins`, and their Laplacian."""
-    last, width = borders.size - 2, borders[1] - borders[0]
-    for n in range(scale.size):
-        own = np.int64(min(max((side_information[n] - borders[0]) / width, 0.0), np.float64(last)))
-        around = np.int64(min(reach * scale[n] / width + 1.0, np.float64(max_bins)))
-        first, stop = max(own - around, 0), min(own + around, last) + 1
-        bins[0, n], bins[1, n] = first, stop - first
-        mass, below = 0.0, _below(borders[first] - side_information[n], scale[n])
-        for k in range(first, stop):
-            above = _below(borders[k + 1] - side_information[n], scale[n])
-            share = max(above - below, 1e-12)
-            probabilities[n, k - first] = share
-            mass += share
-            below = above
-        for k in range(stop - first):
-            probabilities[n, k] = np.float64(probabilities[n, k]) * (total / mass)
-
-
-@kernel
-def expected_errors(borders, lowest, counts, believed, side_information, scale, errors):
-    """Write the expected distance of each coefficient from its prediction, by beliefs about its bin."""
-    width = borders[1] - borders[0]
-    for n in range(scale.size):
-        own = scale[n]
-        rest = _exponential_of(-width / own)
-        beyond = own - width * rest / max(1.0 - rest, 1e-9) if rest < 0.999 else 0.5 * width
-        error, mass = 0.0, 1e-30
-        for k in range(counts[n]):
-            weight = np.float64(believed[n, k])
-            below = side_information[n] - borders[lowest[n] + k]
-            above = width - below
-            if below > 0.0 and above > 0.0:
-                left, right = _exponential_of(-below / own), _exponential_of(-above / own)
-                inside = max(2.0 - left - right, 1e-9)
-                distance = (2.0 * own - (own + below) * left - (own + above) * right) / inside
-                distance = min(max(distance, 0.0), width)
-            else:
-                distance = max(-below, -above) + beyond
-            error += weight * distance
-            mass += weight
-        errors[n] = error / mass
-
-
-@kernel
-def _exponential_of(x):
-    power, q = exponential(x)
-    return power + power * q
-
-
-@kernel
-def _below(x, scale):
-    """Return the probability that a Laplacian about zero is below x."""
-    power, q = exponential(-abs(x) / scale)
-    tail = 0.5 * (power + power * q)
-    return tail if x < 0.0 else 1.0 - tail

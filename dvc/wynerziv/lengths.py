@@ -21,11 +21,8 @@ def lengths() -> tuple[int, ...]:
     return tuple(map(length_of_code, range(1 << LENGTH_CODE_BITS)))
 
 
-LONGEST = length_of_code((1 << LENGTH_CODE_BITS) - 1)
-
-
 def length_code(num_bits: float) -> int:
-    """Return the code of the least length that is not below one, at most `LONGEST`."""
+    """Return the code of the least length that is not below one, at most the longest."""
     if num_bits <= 0:
         return 0
     return bisect_left(lengths(), num_bits, 1, (1 << LENGTH_CODE_BITS) - 1)

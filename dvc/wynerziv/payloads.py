@@ -4,13 +4,13 @@ After the header, a buffered payload holds the bins, of which the planes are dig
 coded; the punctured form has, after the header, the bits that were asked for, in that order.
 """
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
 from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc import slepian_wolf
 from dvc.entropy import RangeCoder, context_counts
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import Round
@@ -22,43 +22,20 @@ Words = NDArray[np.uint64]
 Result = TypeVar("Result")
 
 
-Packing = Callable[[int], Words]
-"""Gives words of at least so many of the first bands; their other planes, if there are, hold zeros."""
-
-
 def quantize_frame(
     layout: FrameLayout, luma: NDArray[np.uint8], step_index: int = 0
 ) -> tuple[Quantization, Words]:
     """Transform and quantise a frame into bit planes, all planes of a coefficient position in one word."""
-    quantization, packing = transform_frame(layout, luma, step_index)
-    return quantization, packing(transform.NUM_BANDS)
-
-
-def transform_frame(
-    layout: FrameLayout, luma: NDArray[np.uint8], step_index: int = 0, room: NDArray[np.int16] | None = None
-) -> tuple[Quantization, Packing]:
-    """Transform a frame as `quantize_frame` does, but leave its planes for later."""
-    core, extremes = transform.integer_core(luma, room)
-    if layout.embedded:
-        return _quantize_embedded(layout, core, extremes, step_index)
-    quantization, words = _quantize_over_range(layout, core, extremes * transform.BAND_SCALE[:, None])
-    return quantization, lambda _: words
-
-
-def _quantize_embedded(
-    layout: FrameLayout, core: NDArray[np.int16], extremes: NDArray[np.int16], step_index: int
-) -> tuple[Quantization, Packing]:
+    core, extremes = transform.integer_core(luma)
+    if not layout.embedded:
+        return _quantize_over_range(layout, core, extremes * transform.BAND_SCALE[:, None])
     step = quantizer.step_from_index(step_index)
     planes = quantizer.embedded_planes(extremes, step)
     quantization = quantizer.quantization_of_step(step_index, tuple(planes.tolist()))
-
-    def _pack(num_bands: int) -> Words:
-        words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
-        origins = quantizer.embedded_origins(planes)
-        _kernels.pack_uniform(core[:num_bands], transform.BAND_SCALE, step, origins, planes, words)
-        return words
-
-    return quantization, _pack
+    words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
+    origins = quantizer.embedded_origins(planes)
+    _kernels.pack_uniform(core, transform.BAND_SCALE, step, origins, planes, words)
+    return quantization, words
 
 
 def _quantize_over_range(
@@ -91,16 +68,18 @@ def _code_bins(coder: RangeCoder, layout: FrameLayout, quantization: Quantizatio
         _kernels.code_band(state, counts, band, planes, zero, columns, words, energy)
 
 
+@dataclass(frozen=True, eq=False)
 class EncodedFrame:
-    """Bit planes of one Wyner-Ziv frame with their check bits: all that may be asked for can be made of
-    them.
-    """
+    """Bit planes of one Wyner-Ziv frame: all that may be asked for can be made of them."""
 
-    def __init__(self, layout: FrameLayout, quantization: Quantization, words: Words | Packing) -> None:
-        self.layout, self.quantization = layout, quantization
-        self.header = quantization.header
-        self.num_packed_bands = 0
-        self._packing: Packing | None = words if callable(words) else lambda _: words
+    layout: FrameLayout
+    quantization: Quantization
+    words: Words  # shape (num_words, N)
+
+    @property
+    def header(self) -> bytes:
+        """What tells its quantisers."""
+        return self.quantization.header
 
     @classmethod
     def read(cls, layout: FrameLayout, payload: bytes) -> Self:
@@ -114,27 +93,6 @@ class EncodedFrame:
         _code_bins(coder, layout, quantization, words)
         coder.check_end(data)
         return cls(layout, quantization, words)
-
-    @property
-    def words(self) -> Words:
-        """Bit planes of all bands."""
-        return self.pack(transform.NUM_BANDS)[0]
-
-    @property
-    def checks(self) -> Words:
-        """Check bits of all planes."""
-        return self.pack(transform.NUM_BANDS)[1]
-
-    def pack(self, num_bands: int) -> tuple[Words, Words]:
-        """Make sure that bit planes of the first bands are there; return them and their check bits."""
-        if self._packing is not None and num_bands > self.num_packed_bands:
-            self._words, self.num_packed_bands = self._packing(num_bands), num_bands
-            if num_bands == transform.NUM_BANDS:
-                self._packing = None  # what it holds is needed no more
-            self._checks = np.empty((len(self._words), self.layout.crc_bits), np.uint64)
-            for row, check in zip(self._words, self._checks, strict=True):
-                check[:] = slepian_wolf.crc_words(row, self.layout.crc_bits)
-        return self._words, self._checks
 
     def buffered_payload(self) -> bytes:
         """Pack the header and the planes; inverse of `read`."""

@@ -110,20 +110,6 @@ def embedded_origins(planes: NDArray[np.int64]) -> NDArray[np.float64]:
     return _ORIGINS.take(_FIRST_ORIGIN + planes)
 
 
-def to_planes(bins: NDArray[np.int64], planes: int) -> NDArray[np.uint8]:
-    """Split bin numbers into bit planes; inverse of `from_planes`."""
-    shifts = np.arange(planes - 1, -1, -1)[:, None]
-    return ((bins[None, :] >> shifts) & 1).astype(np.uint8)
-
-
-def from_planes(planes: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Join bit planes into bin numbers; inverse of `to_planes`."""
-    bins = np.zeros(planes.shape[1], dtype=np.int64)
-    for plane in planes:
-        bins = 2 * bins + plane
-    return bins
-
-
 def prefix_borders(
     prefix: NDArray[np.int64], missing_planes: int | NDArray[np.int64], edges: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -177,11 +163,6 @@ class Quantization:
         planes = self.planes[band]
         return int(embedded_origin(band, planes)) if self.embedded or band == 0 else (1 << planes - 1) - 1
 
-    @cached_property
-    def plane_counts(self) -> NDArray[np.int64]:
-        """The same as `planes`, for compiled callers."""
-        return np.array(self.planes)
-
     @property
     def multiplier(self) -> float:
         """Squared error that a bit must save, or its plane is not asked for; 0: all are."""
@@ -200,7 +181,7 @@ class Quantization:
 @lru_cache(maxsize=256)
 def quantization_of_step(step_index: int, planes: tuple[int, ...]) -> Quantization:
     """Return quantisers with embedded bins of one width."""
-    header = pack_digits(_step_digits(step_index) + plane_digits(planes))
+    header = pack_digits(_step_digits(step_index) + _plane_digits(planes))
     return Quantization(True, planes, dict.fromkeys(range(transform.NUM_BANDS), step_index), header)
 
 
@@ -248,7 +229,7 @@ class FrameLayout:
         try:
             if self.embedded:
                 index = reader.read_number(STEP_INDEX_BITS)
-                quantization = quantization_of_step(index, read_planes(reader))
+                quantization = quantization_of_step(index, _read_planes(reader))
                 return _with_limit(quantization, data) if self.limited else quantization
             bands = self._stepped_bands
             return self.over_range({band: reader.read_number(STEP_INDEX_BITS) for band in bands})
@@ -276,14 +257,14 @@ def _unary_digits(difference: int) -> str:
 _UNARY_DIGITS = {n: _unary_digits(n) for n in range(-MAX_BAND_PLANES, MAX_BAND_PLANES + 1)}
 
 
-def plane_digits(planes: tuple[int, ...]) -> str:
+def _plane_digits(planes: tuple[int, ...]) -> str:
     """Spell numbers of planes, each as its difference to that of the band before in unary."""
     differences = [_UNARY_DIGITS[count - before] for before, count in pairwise(planes)]
     return f"{planes[0]:0{_PLANE_COUNT_BITS}b}" + "".join(differences)
 
 
-def read_planes(reader: BitReader) -> tuple[int, ...]:
-    """Read numbers of planes; inverse of `plane_digits`."""
+def _read_planes(reader: BitReader) -> tuple[int, ...]:
+    """Read numbers of planes; inverse of `_plane_digits`."""
     planes = [reader.read_number(_PLANE_COUNT_BITS)]
     while len(planes) < transform.NUM_BANDS:
         zeros = 0

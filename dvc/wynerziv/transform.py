@@ -29,9 +29,6 @@ SCALE = np.outer(_NORM, _NORM)
 BAND_SCALE: NDArray[np.float64] = SCALE.ravel()[list(ZIGZAG)]
 """The same by band."""
 
-transform_four, transform_lines = _kernels.transform_four, _kernels.transform_lines
-"""One side of the core, for compiled callers: of four numbers, or of four lines in place."""
-
 
 def band_shape(height: int, width: int) -> tuple[int, int]:
     """Return how many rows and columns of 4x4 blocks cover a frame."""
@@ -47,9 +44,7 @@ def pad_to_blocks(luma: Samples) -> Samples:
     return np.pad(luma, ((0, missing[0]), (0, missing[1])), mode="edge")
 
 
-def integer_core(
-    luma: NDArray[np.uint8], room: NDArray[np.int16] | None = None
-) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+def integer_core(luma: NDArray[np.uint8]) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
     """Transform a frame into bands of integers, which are not scaled yet."""
     if luma.dtype != np.uint8:
         raise TypeError(f"`luma` must be uint8, got {luma.dtype}")
@@ -58,7 +53,7 @@ def integer_core(
     quads = np.ascontiguousarray(padded).view("<u4")
     if not (quads.flags.aligned and quads.flags.writeable):
         quads = quads.copy()  # compiled code is that for arrays which are both
-    core = np.empty((NUM_BANDS, rows * columns), np.int16) if room is None else room
+    core = np.empty((NUM_BANDS, rows * columns), np.int16)
     extremes = np.empty((NUM_BANDS, 2), np.int16)
     _kernels.transform_samples(quads, ORDER, core, extremes)
     return core, extremes

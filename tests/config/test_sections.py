@@ -14,12 +14,9 @@ from dvc.config import (
     ZIGZAG,
     CodecConfig,
     DiscoverMatrix,
-    EstimatedRate,
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
-    Live,
-    ParityBuffer,
     Qp,
     Quality,
     TurboConfig,
@@ -167,8 +164,7 @@ def test_importing_the_configuration_is_quick() -> None:
 
 def test_the_default_of_the_library_is_the_codec_that_is_advertised() -> None:
     """What is not said is the best codec at the usual quality, in a file with all planes."""
-    assert CodecConfig(QCIF) == codec_config(QCIF) == codec_config(QCIF, "3d-te", Qp(30), ParityBuffer())
-    assert codec_config(QCIF) == codec_config(QCIF, delivery=Live())
+    assert CodecConfig(QCIF) == codec_config(QCIF) == codec_config(QCIF, "3d-te", Qp(30))
 
 
 @pytest.mark.parametrize(
@@ -196,21 +192,16 @@ def test_groups_of_pictures_follow_from_codec_and_quality(
 
 
 def test_configurations_that_make_no_sense_are_refused() -> None:
-    """Groups, codecs, and rates that cannot be estimated."""
+    """Groups and codecs."""
     for wrong in ({"length": 0}, {"references": "none"}):
         with pytest.raises(ConfigError):
             codec_config(QCIF, gop=wrong)
     with pytest.raises(ConfigError, match="codec"):
         codec_config(QCIF, "4d")
-    for codec, quality in (("2d", Qp()), ("3d-te", DiscoverMatrix(4))):
-        with pytest.raises(ConfigError, match="estimated"):
-            codec_config(QCIF, codec, quality, EstimatedRate())
 
 
-def test_qualities_and_margins_off_their_scales_are_refused() -> None:
+def test_qualities_off_their_scales_are_refused() -> None:
     """Where they are made, by name."""
     for qp in (0, MAX_QP + 1):
         with pytest.raises(ConfigError, match="`qp`"):
             Qp(qp)
-    with pytest.raises(ConfigError, match="`rate_margin_percent`"):
-        EstimatedRate(1001)

@@ -10,7 +10,7 @@ import decoder
 import decoder.__main__ as decoder_command
 import encoder
 import encoder.__main__ as encoder_command
-from dvc.config import EstimatedRate, Qp, VideoConfig, codec_config
+from dvc.config import NoFeedback, Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError, VideoError
 from dvc.multiview.cameras import PixelFrame
 from dvc.video import Frame, open_video
@@ -69,8 +69,8 @@ def test_depth_is_that_of_the_scene(frames: list[Frame], tmp_path: Path) -> None
 
 def test_a_stream_without_feedback(frames: list[Frame], tmp_path: Path) -> None:
     """The delivery that the configuration was made for is told to the call as well."""
-    delivery, path = EstimatedRate(), tmp_path / "stream.dvc"
-    encoder.encode(frames, codec_config(VIDEO, quality=Qp(30), delivery=delivery), path, delivery)
+    delivery, path = NoFeedback(), tmp_path / "stream.dvc"
+    encoder.encode(frames, codec_config(VIDEO, quality=Qp(30)), path, delivery)
     assert len(list(decoder.decode(path))) == len(frames)
 
 

@@ -7,15 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.config import DiscoverMatrix, KeyFrameRule, Qp, VideoConfig, codec_config
+from dvc.config import (
+    DiscoverMatrix,
+    KeyFrameRule,
+    NoFeedback,
+    ParityBuffer,
+    Qp,
+    VideoConfig,
+    codec_config,
+)
 from dvc.errors import ConfigError
 from dvc.stream import StreamReader
 from dvc.tracks import PointTracks, decode_points, decode_tracks
 from dvc.video import Frame, open_video
+from encoder import spacing
 from encoder.__main__ import main
-from encoder.corners import CornerDetector
+from encoder.corners import CornerDetector, TrackingWork
 from encoder.groups import Group, cornered_groups, tracked_groups
 from encoder.session import EncoderSession
+from encoder.spacing import Spacing
 from encoder.track_budget import thinned, worthwhile
 from encoder.tracking import PointTracker
 from tests.clips import moving_texture, write_clip
@@ -85,6 +95,53 @@ def test_a_cut_stands_between_two_key_frames() -> None:
         keys = (np.cumsum(sizes_of(groups)) - 1).tolist()
         assert [key for key, group in zip(keys, groups, strict=True) if group.begins_scene] == scenes
         assert {place for scene in scenes for place in (scene - 1, scene)} <= set(keys)
+
+
+class Deciding(Spacing):
+    """Says of groups of some lengths that their ends are too far apart."""
+
+    def __init__(self, *lengths: int) -> None:
+        super().__init__(TrackingWork())
+        self._lengths = lengths
+
+    def is_too_far(self, frames: Sequence[np.ndarray], tracker: PointTracker) -> bool:
+        assert len(tracker.path(len(frames))) > 0
+        return len(frames) - 1 in self._lengths
+
+
+@pytest.mark.parametrize(
+    ("lengths", "sizes"),
+    [
+        ((), [1, 8, 3]),
+        ((2,), [1, *[1] * 11]),
+        ((4,), [1, 4, 4, 3]),
+        ((2, 4), [1, *[1] * 11]),
+    ],
+)
+def test_groups_end_where_prediction_does_not_serve(lengths: Sequence[int], sizes: Sequence[int]) -> None:
+    """Two frames become two key frames, and four the end of a group; all frames are there, in order."""
+    groups = list(tracked_groups(iter(SLOW), 8, PointTracker(30), FREE, Deciding(*lengths)))
+    check_cover(groups, SLOW)
+    assert sizes_of(groups) == sizes
+    assert not any(group.begins_scene for group in groups)
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("ALONE_COST", 1), ("SHORT_COST", 4)], ids=["two singles", "a group of four"]
+)
+def test_costs_end_groups_without_feedback(name: str, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """If any error is too much; where a decoder asks, nothing is decided."""
+    for constant in ("ALONE_COST", "SHORT_COST"):
+        monkeypatch.setattr(spacing, constant, 0.0 if constant == name else np.inf)
+    frames = [Frame(frame.luma ^ (8 * (index % 2))) for index, frame in enumerate(SLOW[:9])]
+    config = codec_config(VideoConfig(128, 96, 25, 1), gop={"length": 8})
+    found = {}
+    for delivery in (NoFeedback(), ParityBuffer()):
+        session = EncoderSession(config, delivery, FREE)
+        records = [session.encode(group).record for group in session.groups(frames)]
+        found[delivery] = [record.num_frames for record in records]
+        assert all(bool(record.tracks) == (record.num_frames > 1) for record in records)
+    assert found == {NoFeedback(): [1, *[most] * (8 // most)], ParityBuffer(): [1, 8]}
 
 
 @pytest.mark.parametrize(("num_same", "predicted"), [(6, True), (5, False)], ids=["same", "other scene"])

@@ -17,7 +17,7 @@ from encoder import live
 from encoder.kept_groups import KeptGroups
 from encoder.live import serve
 from encoder.pacing import DecoderPace
-from encoder.rate_control.limits import RateLimits
+from encoder.rate_limits import RateLimits
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 

@@ -8,11 +8,6 @@ import numpy as np
 import pytest
 
 from dvc.corners import SENSITIVITY
-from dvc.slepian_wolf import _kernels as turbo_kernels
-from dvc.slepian_wolf.crc import POLYNOMIALS
-from dvc.slepian_wolf.crc import crc_words as checks_of
-from dvc.slepian_wolf.ldpc import _kernels as syndrome_kernels
-from dvc.slepian_wolf.ldpc.graph import SyndromeGraph, bit_orders
 from dvc.tracks import PointTracks
 from dvc.tracks.regression import _kernels as kernels
 from dvc.tracks.regression._kernels import NUM_NEIGHBOURS
@@ -65,18 +60,6 @@ def test_quantisation(planes: Sequence[int]) -> None:
     expected = np.zeros_like(words)
     kernel(CORE, *given, expected)
     np.testing.assert_array_equal(words, expected)
-
-
-@pytest.mark.parametrize("crc_bits", POLYNOMIALS)
-def test_check_bits(crc_bits: int) -> None:
-    """A sum for each term of the generator and each word."""
-    tally, words = Tally(), RNG.integers(0, 2**64, 300, dtype=np.uint64)
-    register = np.zeros(crc_bits, np.uint64)
-    given = POLYNOMIALS[crc_bits], crc_bits
-    kernel = turbo_kernels.crc_words
-    found = counted(kernel, tally, Data(words, tally), *given, Data(register, tally))
-    assert found == operations.check_bits(words.size, 1, crc_bits)
-    np.testing.assert_array_equal(register, checks_of(words, crc_bits))
 
 
 @pytest.mark.parametrize("half_side_px", [_kernels.HALF_BLOCK_PX, _kernels.QUARTER_HALF_BLOCK_PX])
@@ -200,34 +183,22 @@ def test_positions_that_are_predicted() -> None:
     assert operations.predicted_positions(PointTracks.none(4)) == 0
 
 
-def test_syndrome() -> None:
-    """All planes are brought into three orders together; each is added to as many bits of the syndrome."""
-    num_bits, planes = 4000, tuple(range(8))
-    graph = SyndromeGraph(num_bits, planes, 110, 1)
-    orders = bit_orders(num_bits, 1)
-    row = RNG.integers(0, 2**64, num_bits, dtype=np.uint64)
-    tally, sums = Tally(), np.zeros(graph.num_checks, np.uint8)
-    shifts = 63 - np.array(planes)
-    folded = Data(np.empty(sums.shape, np.uint64), tally)
-    given = shifts, graph.starts, Data(orders.bits, tally), num_bits, folded, Data(sums, tally)
-    found = counted(syndrome_kernels.add_orders, tally, Data(row, tally), *given)
-    model = operations.syndrome(len(planes) * graph.num_checks, num_bits)
-    assert astuple(found) == pytest.approx(astuple(model), rel=0.05)
-    places = (graph.starts[:, None] + orders.positions) % graph.num_checks
-    expected = np.zeros_like(sums)
-    for shift, own in zip(shifts, places, strict=True):
-        for j in range(own.shape[1]):
-            np.bitwise_xor.at(expected, own[:, j], (row >> np.uint64(shift) & np.uint64(1)).astype(np.uint8))
-    np.testing.assert_array_equal(sums, expected)
+def test_interpolation() -> None:
+    """Samples of a block from two frames, moved as the points nearest to it; the nearest come first."""
+    tally, num_points = Tally(), 128
+    frames = [Data(RNG.integers(0, 256, (16, 16)).astype(np.uint8), tally) for _ in range(3)]
+    positions = RNG.uniform(2, 14, (num_points, 3, 2))
+    order = np.argsort(((positions[:, 0] - 4.0) ** 2).sum(axis=1))
+    found = counted(_kernels.interpolation_error, tally, *frames, Data(positions[order], tally), 16)
+    model = operations.interpolation(1, num_points)
+    assert astuple(found) == pytest.approx(astuple(model), rel=0.02)
 
 
 def test_stages_add_up() -> None:
     """A run without work takes nothing; twice the work takes twice the operations."""
     fields = operations.Work.__dataclass_fields__
-    none = operations.stages(operations.Work(**dict.fromkeys(fields, 0) | {"crc_bits": 16}))
+    none = operations.stages(operations.Work(**dict.fromkeys(fields, 0)))
     assert all(stage.total == stage.bytes == 0 for stage in none.values())
-    once, twice = (
-        operations.stages(operations.Work(**dict.fromkeys(fields, 16 * n) | {"crc_bits": 16})) for n in (1, 2)
-    )
+    once, twice = (operations.stages(operations.Work(**dict.fromkeys(fields, 16 * n))) for n in (1, 2))
     linear = set(once) - {"quantiser and planes"}
     assert all(twice[name] == once[name].times(2) for name in linear)

@@ -5,15 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.config import EstimatedRate, ParityBuffer, Qp, VideoConfig, codec_config
+from dvc.config import Live, NoFeedback, ParityBuffer, Qp, VideoConfig, codec_config
 from dvc.errors import ConfigError
 from dvc.keyframes import KeyPicture
 from dvc.video import Frame
 from dvc.wynerziv.lengths import length_of_code
 from encoder.groups import Group
-from encoder.rate_control.bitrate import ExpectedBits
-from encoder.rate_control.limits import TOLERANCE, RateLimits
-from encoder.rate_limiter import FrameCoders, RateLimiter, _limits
+from encoder.rate_limiter import FrameCoders, RateLimiter, _limits, limited
+from encoder.rate_limits import TOLERANCE, RateLimits
+from encoder.wyner_ziv import WynerZivEncoder
+from tests.clips import moving_texture
 
 CONFIG = codec_config(VideoConfig(16, 16, 25, 1, luma_only=True), quality=Qp(30))
 GROUP = Group((), Frame(np.zeros((16, 16), np.uint8)))
@@ -34,8 +35,8 @@ class Keys:
 
     def limiter(self, limits: RateLimits) -> RateLimiter:
         """Return what keeps limits of key frames alone."""
-        coders = FrameCoders(self.code, lambda *_: (), lambda *_: ExpectedBits(0.0))
-        return RateLimiter(CONFIG, EstimatedRate(), limits, coders)
+        coders = FrameCoders(self.code, lambda *_: ())
+        return RateLimiter(CONFIG, NoFeedback(), limits, coders)
 
 
 def test_predicted_key_frames_are_coded_once() -> None:
@@ -90,9 +91,33 @@ def test_a_predicted_key_frame_that_is_too_large_gives_way_to_an_idr_picture(
     assert limiter.report() == {"too_large": too_large}
 
 
+@pytest.mark.parametrize("limits", [RateLimits(bits_per_s=20_000), RateLimits(None, 500)])
+def test_only_a_live_decoder_is_told_what_it_may_ask_for(limits: RateLimits) -> None:
+    """If there is any limit."""
+    assert limited(CONFIG, Live(), limits).wyner_ziv.limited
+    for others in (limited(CONFIG, NoFeedback(), limits), limited(CONFIG, Live(), RateLimits())):
+        assert others is CONFIG
+
+
+@pytest.mark.parametrize("bits_per_s", [None, 20_000])
+@pytest.mark.parametrize("most_bits", [1, 500, 2000])
+def test_frames_may_take_no_more_than_the_limit_on_the_mean(bits_per_s: int | None, most_bits: int) -> None:
+    """Headers count; frames whose headers alone take more are asked for nothing."""
+    limits, encoder = RateLimits(bits_per_s, most_bits), WynerZivEncoder(CONFIG)
+    frames = moving_texture(4, 16, 16)
+    coded = tuple(encoder.encode(frame, 8.0) for frame in frames[:3])
+    coders = FrameCoders(Keys(1000, 100).code, lambda *_: coded)
+    limiter = RateLimiter(limited(CONFIG, Live(), limits), Live(), limits, coders)
+    told = [length_of_code(code[0]) for code in limiter.code(Group((), frames[3]), True, 0).limits]
+    headers = sum(8 * len(frame.header) for frame in coded)
+    assert len(told) == 3
+    assert sum(told) <= max(3 * most_bits - headers, 0)
+    assert any(told) == (most_bits > 1)
+
+
 def test_limits_are_for_those_who_choose_what_is_sent() -> None:
     """Not for files with all parity, and not for fixed quantisers."""
-    coders = FrameCoders(Keys(1, 1).code, lambda *_: (), lambda *_: ExpectedBits(0.0))
+    coders = FrameCoders(Keys(1, 1).code, lambda *_: ())
     with pytest.raises(ConfigError, match="for --serve and --no-feedback"):
         RateLimiter(CONFIG, ParityBuffer(), RateLimits(1000), coders)
 

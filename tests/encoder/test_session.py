@@ -140,22 +140,19 @@ def test_statistics_count_what_was_written() -> None:
 
 
 def test_work_without_a_decoder_is_counted() -> None:
-    """Blocks of frames, of their references and of key frames, and bits of syndromes, for a pixel."""
+    """Blocks that are compared with their prediction, one in four; no frame is transformed."""
     frames = moving_texture(5, 48, 64)
     arguments = options.parser().parse_args(["in", "out.dvc", "--no-feedback", "--qp", "20", "--gop", "2"])
     session = options.session(arguments, VideoInfo(64, 48, Fraction(25)))
     session.write(frames, io.BytesIO(), lambda _: None)
     counted, blocks = session.statistics, 12
-    assert counted.num_wyner_ziv_frames > 0
-    work = counted.rate_control
-    assert work.num_blocks == blocks * counted.num_wyner_ziv_frames
-    assert blocks * counted.num_wyner_ziv_frames < work.num_moved <= 2 * work.num_blocks
-    assert work.num_intra == blocks * counted.num_key_frames
-    assert work.num_syndrome_sums > 0
-    assert work.num_syndrome_places % 192 == 0
+    assert (counted.num_frames, counted.num_transformed) == (5, 0)
+    work = counted.tracking
+    assert work.num_interpolated == 2 * blocks
+    assert 0 < work.num_near <= blocks * work.num_corners
     found = counted.operations_per_pixel(session.config)
-    assert found["syndromes"]["logic"] > 0
-    assert found["estimates"]["adds"] > 0
+    assert found["interpolation"]["adds"] > 0.0
+    assert found["transform"]["adds"] == found["quantiser and planes"]["adds"] == 0.0
 
 
 def test_memory_is_the_encoder_s_own() -> None:
@@ -172,13 +169,12 @@ def test_operations_are_those_of_the_frames() -> None:
     counted, share = session.statistics, 2 / 5
     found = counted.operations_per_pixel(session.config)
     places = 6  # blocks of an 8 x 12 frame
-    assert counted.num_rows == counted.num_wyner_ziv_frames == 2
+    assert counted.num_transformed == counted.num_wyner_ziv_frames == 2
     assert 0 < counted.num_coded_bands <= counted.num_planes
     assert found["transform"]["adds"] == pytest.approx(5.0 * share)
     banded = counted.num_coded_bands * places / (5 * 96)
     assert found["quantiser and planes"]["multiplies"] == pytest.approx(banded)
-    assert found["check bits"]["logic"] > 0.0
-    assert found["block matching"] == dict.fromkeys(found["transform"], 0.0)
+    assert found["block matching"] == found["interpolation"] == dict.fromkeys(found["transform"], 0.0)
 
 
 def test_blocks_of_both_sizes_are_counted() -> None:

@@ -1,4 +1,4 @@
-"""The encoder's side of a Wyner-Ziv frame: planes of its coefficients, at once or when they are needed."""
+"""The encoder's side of a Wyner-Ziv frame: planes of its coefficients, and what is written of them."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,8 @@ from dvc.config import (
     CODERS,
     CodecConfig,
     DiscoverMatrix,
-    EstimatedRate,
     Live,
+    NoFeedback,
     ParityBuffer,
     Qp,
     Quality,
@@ -17,8 +17,7 @@ from dvc.config import (
 )
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.quantizer import FrameLayout
-from encoder.groups import Group
-from encoder.wyner_ziv import RateControlledEncoder, wyner_ziv_encoder
+from encoder.wyner_ziv import LiveEncoder, WynerZivEncoder, wyner_ziv_encoder
 from tests.clips import moving_texture
 
 FRAMES = moving_texture(3, 32, 48, (3.0, 5.0))
@@ -30,22 +29,20 @@ def config_of(quality: Quality, coder: str = "cascade") -> CodecConfig:
 
 @pytest.mark.parametrize(("quality", "coder"), [(Qp(30), "cascade"), (DiscoverMatrix(4), "turbo")])
 def test_frames_of_a_group_are_those_coded_alone(quality: Quality, coder: str) -> None:
-    """In every order and with every step, and whether planes are packed at once or when they are needed."""
+    """In every order and with every step, however they are delivered."""
     config = config_of(quality, coder)
     steps = [config.wyner_ziv.step(distance) for distance in (2, 8, 4)]
-    at_once, as_needed = wyner_ziv_encoder(config, ParityBuffer()), wyner_ziv_encoder(config, EstimatedRate())
-    together = at_once.encode_group(FRAMES, steps)
-    later = as_needed.encode_group(FRAMES, steps)
-    for frame, coded, packed_later, step in zip(FRAMES, together, later, steps, strict=True):
-        alone = wyner_ziv_encoder(config, Live()).encode(frame, step)
-        assert alone.header == coded.header == packed_later.header
-        assert alone.buffered_payload() == coded.buffered_payload() == packed_later.buffered_payload()
+    together = WynerZivEncoder(config).encode_group(FRAMES, steps)
+    for frame, coded, step in zip(FRAMES, together, steps, strict=True):
+        alone = LiveEncoder(config).encode(frame, step)
+        assert alone.header == coded.header
+        assert alone.buffered_payload() == coded.buffered_payload()
 
 
 def test_steps_are_said_in_the_header() -> None:
-    """Finer frames have more planes; the memory of coefficients is used again, group after group."""
+    """Finer frames have more planes."""
     config = config_of(Qp(30))
-    layout, encoder = FrameLayout.of(config), RateControlledEncoder(config, EstimatedRate())
+    layout, encoder = FrameLayout.of(config), WynerZivEncoder(config)
     num_planes = []
     for step in (config.wyner_ziv.step(2), config.wyner_ziv.step(16)):
         (coded,) = encoder.encode_group(FRAMES[:1], [step])
@@ -54,15 +51,15 @@ def test_steps_are_said_in_the_header() -> None:
         np.testing.assert_array_equal(found.planes, coded.quantization.planes)
         num_planes.append(sum(found.planes))
     assert 0 < num_planes[0] < num_planes[1]
-    assert len(encoder._memory) == 1
 
 
 def test_records_hold_what_the_delivery_sends() -> None:
-    """All parity in a file, headers where a decoder asks."""
+    """All planes in a file, headers where a decoder asks; nothing is coded without feedback."""
     config = config_of(Qp(30))
-    group = Group(tuple(FRAMES[:2]), FRAMES[2])
     for delivery, is_whole in ((ParityBuffer(), True), (Live(), False)):
         encoder = wyner_ziv_encoder(config, delivery)
-        frames = encoder.encode_group(group.wyner_ziv, [8.0, 8.0])
-        sent = encoder.payloads(group, frames)
+        assert encoder is not None
+        frames = encoder.encode_group(FRAMES[:2], [8.0, 8.0])
+        sent = encoder.payloads(frames)
         assert sent == tuple(frame.buffered_payload() if is_whole else frame.header for frame in frames)
+    assert wyner_ziv_encoder(config, NoFeedback()) is None

@@ -255,30 +255,18 @@ def test_other_methods_are_refused(value: object) -> None:
 
 
 def test_streams_without_feedback_are_options_of_points() -> None:
-    """Each margin is a curve of its own, beside the options that are given; none is the encoder's own."""
+    """Beside those that are given."""
     sweep = build_sweep({"sequences": ["clip"], "qp": "28,34", "no_feedback": True, "options": {"seed": 2}})
     assert [point.options for point in sweep.points()] == [(("no-feedback", "true"), ("seed", "2"))] * 2
     assert all(point.no_feedback for point in sweep.points())
-    words = next(iter(sweep.points())).encoder_options()
-    assert "--no-feedback" in words
-    assert "--rate-margin" not in words
-    sweep = build_sweep({"sequences": ["clip"], "qp": 28, "no_feedback": True, "rate_margin": "0,40"})
-    assert [dict(point.options)["rate-margin"] for point in sweep.points()] == ["0", "40"]
+    assert "--no-feedback" in next(iter(sweep.points())).encoder_options()
     assert not any(point.no_feedback for point in Sweep(("clip",)).points())
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"rate_margin": 5}, "rate margins are for streams without feedback"),
-        ({"no_feedback": "yes"}, "`no_feedback` must be true or false"),
-        ({"no_feedback": True, "rate_margin": "1001"}, "expected numbers from 0 to 1000"),
-    ],
-)
-def test_margins_without_their_form_are_refused(given: dict[str, object], message: str) -> None:
-    """A margin is a number, and needs an encoder that nobody asks."""
-    with pytest.raises(ConfigError, match=message):
-        build_sweep({"sequences": ["clip"], **given})
+def test_whether_there_is_feedback_is_true_or_false() -> None:
+    """And no other word."""
+    with pytest.raises(ConfigError, match="`no_feedback` must be true or false"):
+        build_sweep({"sequences": ["clip"], "no_feedback": "yes"})
 
 
 def test_the_file_that_the_document_shows_is_read(tmp_path: Path) -> None:

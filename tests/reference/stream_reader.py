@@ -98,16 +98,6 @@ class Frame:
     planes: list[Bits]
 
 
-@dataclass
-class SentFrame:
-    """What is sent of a Wyner-Ziv frame without feedback."""
-
-    steps: list[float | None]
-    counts: list[int]  # planes of each band, and how many of them are sent
-    sent: list[int]
-    blocks: list[tuple[Bits, Bits]]  # check and syndrome of DC and of the other bands; empty without
-
-
 def read_stream(data: bytes) -> tuple[dict[str, object], list[Group]]:
     """Return the configuration and the groups of pictures of a stream without digests."""
     file = Bytes(data)
@@ -265,26 +255,6 @@ def _read_difference(
     return size - 1 if positive else 1 - size
 
 
-def read_sent_frame(config: dict[str, object], payload: bytes) -> SentFrame:
-    """Read a Wyner-Ziv payload of the no-feedback form."""
-    text = _text(payload)
-    steps, counts, begin = _header(config, text)
-    sent, at = _plane_counts(text, 8 * begin)
-    lengths = []
-    for _ in range(2):
-        code, at = int(text[at : at + 8], 2), at + 8
-        lengths.append((16 + (code - 1) % 16) << (code - 1) // 16 if code else 0)
-    blocks = []
-    for length, planes in zip(lengths, (sent[:1], sent[1:]), strict=True):
-        blocks.append(
-            ([], []) if not length or not any(planes) else (text[at : at + 16], text[at + 16 :][:length])
-        )
-        at += sum(map(len, blocks[-1]))
-    assert text[at:] == "0" * (-at % 8)
-    found = [([*map(int, check)], [*map(int, syndrome)]) for check, syndrome in blocks]
-    return SentFrame(steps, counts, sent, found)
-
-
 def _text(data: bytes) -> str:
     return "".join(f"{byte:08b}" for byte in data)
 
@@ -361,29 +331,6 @@ def turbo_parities(bits: Bits, seed: int) -> Bits:
     offsets = [int(f"{number:06b}"[::-1], 2) for number in range(64)]
     released = [code[offset::48] for offset in offsets if offset < 48 for code in codes]
     return [bit for some in released for bit in some][: len(bits)]
-
-
-def syndrome(
-    planes: dict[int, Bits], seed: int, num_checks: int, most_of_two: float, num_in_frame: int
-) -> Bits:
-    """Return the syndrome of the planes of a block, given by their numbers in the frame."""
-    num_bits = len(next(iter(planes.values())))
-    orders = [permutation(seed * 256 + j, num_bits) for j in range(3)]
-    starts = keys(256 * seed + 3, 3 * num_in_frame)
-    share = (num_checks / (len(planes) * num_bits) - 0.02) / (0.06 - 0.02)
-    of_three = num_bits - int(most_of_two * min(max(share, 0.0), 1.0) * num_bits)
-    found = [0] * num_checks
-    for plane, bits in planes.items():
-        for n, bit in enumerate(bits):
-            mine: list[int] = []
-            for j in range(3 if orders[2][n] < of_three else 2):
-                place = (starts[3 * plane + j] % num_checks + orders[j][n]) % num_checks
-                while place in mine:
-                    place = (place + 1) % num_checks
-                mine.append(place)
-            for place in mine:
-                found[place] ^= bit
-    return found
 
 
 def transform(block: list[list[int]]) -> list[float]:

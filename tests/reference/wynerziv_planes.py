@@ -40,3 +40,16 @@ def binary_digits(number: int, count: int) -> list[int]:
         number, digit = divmod(number, 2)
         digits.append(digit)
     return digits[::-1]
+
+
+def to_planes(bins: np.ndarray, count: int) -> np.ndarray:
+    """Return the binary digits of bins, one row a plane; inverse of `from_planes`."""
+    return np.array([binary_digits(number, count) for number in bins.tolist()], np.uint8).reshape(-1, count).T
+
+
+def from_planes(planes: np.ndarray) -> np.ndarray:
+    """Return the bins that planes spell; inverse of `to_planes`."""
+    bins = np.zeros(planes.shape[1], np.int64)
+    for plane in planes:
+        bins = 2 * bins + plane
+    return bins

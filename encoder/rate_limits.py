@@ -15,7 +15,7 @@ class RateLimits:
     """What a stream may take."""
 
     bits_per_s: int | None = None  # on the mean over `WINDOW_S`; None: quality is constant
-    bits_per_frame: int | None = None  # most of a frame; of what a decoder asks for, by estimate
+    bits_per_frame: int | None = None  # most of a key frame, and of the others on the mean
 
     @property
     def is_none(self) -> bool:

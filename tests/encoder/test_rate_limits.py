@@ -3,7 +3,7 @@
 import pytest
 
 from dvc.errors import ConfigError
-from encoder.rate_control.limits import RateLimits
+from encoder.rate_limits import RateLimits
 
 
 @pytest.mark.parametrize("name", ["bits_per_s", "bits_per_frame"])

@@ -11,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.errors import ConfigError
-from encoder.rate_control.bitrate import (
+from encoder.bitrate import (
     AIM,
+    ASKED_BPP,
+    ASKED_OCTAVES_PER_QP,
     MAX_RISE,
     START_S,
     STEPS,
@@ -20,9 +22,10 @@ from encoder.rate_control.bitrate import (
     ExpectedBits,
     QualityStep,
     Search,
+    forecast,
     keep_within,
 )
-from encoder.rate_control.limits import TOLERANCE, WINDOW_S, RateLimits
+from encoder.rate_limits import TOLERANCE, WINDOW_S, RateLimits
 
 BITS_PER_S, FRAME_RATE = 300_000, Fraction(30)
 LENGTHS = st.lists(st.integers(4, 16), min_size=12, max_size=40)
@@ -115,7 +118,7 @@ def live_group(controller: BitrateController, complexity: float, ratio: float) -
 
     def expect(quality: QualityStep) -> ExpectedBits:
         frames = np.full(NUM_FRAMES - 1, group_bits(quality, 16, complexity) / 15.0)
-        estimates[quality] = ExpectedBits(KEY_BITS, 0.0, frames)
+        estimates[quality] = ExpectedBits(KEY_BITS, frames)
         return estimates[quality]
 
     needs = ratio * estimates[controller.choose(NUM_FRAMES, expect)].asked
@@ -180,6 +183,18 @@ def test_steps_of_quality_begin_with_frames_that_predict_none() -> None:
     half = QualityStep.of(30 * STEPS + STEPS // 2).qps(distances)
     assert half == [31, 30, 31, 30, 31, 30, 31, 30]
     assert QualityStep(51, 0.5).qps(distances) == [51] * 8
+
+
+def test_what_decoders_ask_for_is_foreseen() -> None:
+    """By how far references are apart, and by the QP of each frame."""
+    found = forecast(QualityStep(30), [2, 4, 3, 8, 16], 1000)
+    near, middle, far = (1000 * bits for bits in ASKED_BPP)
+    assert found.tolist() == [near, middle, middle, far, far]
+    coarser = forecast(QualityStep(33, 0.5), [2, 4], 1000)
+    assert np.log2(found[:2] / coarser).tolist() == pytest.approx(
+        [4 * ASKED_OCTAVES_PER_QP, 3 * ASKED_OCTAVES_PER_QP]
+    )
+    assert forecast(QualityStep(30), [], 1000).size == 0
 
 
 def test_frames_are_coded_coarser_until_they_fit() -> None:

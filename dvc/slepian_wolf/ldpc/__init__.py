@@ -1,1 +1,0 @@
-"""Slepian-Wolf coding of many bit planes together, by syndromes whose length the encoder chooses alone."""

@@ -1,0 +1,79 @@
+"""How far apart key frames lie if nothing is sent of the frames between them.
+
+A frame that tracks predict badly from both sides is predicted badly by a decoder, too. Key frames are worth
+their bits where the error of the frame in the middle is large beside what a key frame costs: both are
+compared in the unit of their sum, squared error and step^2 times bits.
+"""
+
+from collections.abc import Sequence
+from math import isqrt, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.keyframes import KeyPicture
+from dvc.video.frames import Plane
+from encoder import _kernels
+from encoder.clock import coding_time_s
+from encoder.corners import TrackingWork
+from encoder.tracking import PointTracker
+
+SPACING_PX = 16
+"""Least distance from one sampled block to the next: one in four is compared."""
+MANY_BLOCKS = 900
+"""About as many are enough: blocks of large pictures lie further apart."""
+ALONE_COST, SHORT_COST = 1.1, 0.7
+"""Mean squared error of the frame in the middle over step^2 times bits a pixel of a key frame, from which on
+a group of two frames becomes two key frames, and one of four does not grow to eight."""
+CLOSE_SHARE = 0.15
+"""Bits of a key frame that is predicted from the second one before it over those of an IDR picture; they grow
+as the root of the distance."""
+
+
+def quantizer_step(qp: int) -> float:
+    """Return the step of an H.264 quantiser."""
+    return float(0.625 * 2.0 ** (qp / 6.0))
+
+
+def interpolation_error(
+    frame: Plane, around: tuple[Plane, Plane], positions: NDArray[np.float64], work: TrackingWork
+) -> float:
+    """Return the mean squared difference between a frame and the mean of the two around it.
+
+    `positions`, of shape (N, 3, 2), are those of points in the frame, before it and after it.
+    """
+    height, width = frame.shape
+    spacing = max(SPACING_PX, isqrt(height * width // MANY_BLOCKS))
+    error, count = _kernels.interpolation_error(
+        frame, around[0], around[1], np.ascontiguousarray(positions), spacing
+    )
+    work.num_interpolated += count
+    work.num_near += count * len(positions)
+    return float(error)
+
+
+class Spacing:
+    """Decides where groups end of which nothing but key frames and tracks is sent."""
+
+    def __init__(self, work: TrackingWork) -> None:
+        self._work = work
+        self._cost = 0.0  # of a key frame that is predicted from the second one before it: step^2 times bits
+
+    def learn(self, key: KeyPicture, qp: int, distance: int) -> None:
+        """Note what a key frame has taken that is predicted from so far, or 0: from nowhere ever."""
+        bits = 8.0 * len(key.data)
+        if distance:
+            bits *= sqrt(2.0 / distance) if key.predicted else CLOSE_SHARE
+        self._cost = quantizer_step(qp) ** 2 * bits
+
+    def is_too_far(self, frames: Sequence[Plane], tracker: PointTracker) -> bool:
+        """Decide whether a group, after the key frame before it, ends with its last frame or before that."""
+        last = len(frames) - 1
+        if last not in (2, 4):
+            return False
+        positions = tracker.path(last + 1)[:, (last // 2, 0, last)]
+        positions = positions[np.isfinite(positions).all(axis=(1, 2))]
+        started = coding_time_s()
+        error = interpolation_error(frames[last // 2], (frames[0], frames[last]), positions, self._work)
+        self._work.cpu_s += coding_time_s() - started
+        return error * frames[0].size > (ALONE_COST if last == 2 else SHORT_COST) * self._cost
