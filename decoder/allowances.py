@@ -33,7 +33,7 @@ class Allowance:
             self._left -= expected_bits
         return has_room
 
-    def end(self, expected_bits: float, num_bits: int) -> None:
+    def end(self, expected_bits: float, num_bits: float) -> None:
         """Put in its place what the plane has cost."""
         self._left += expected_bits - num_bits
 

@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter
 
 from decoder.band import Band
 from decoder.learned import LearnedWorth
-from dvc.slepian_wolf import PlaneCost, Run
+from dvc.slepian_wolf import MAX_RUN_BITS, PlaneCost
 from dvc.wynerziv.areas import Areas
 
 Array = NDArray[np.float64]
@@ -18,8 +18,6 @@ LOOK_AHEAD = 2
 """Planes of a band that are looked at together before the next is given up."""
 LEAST_RUN_BITS, LEAST_PART_BITS = 8.0, 2.0
 """What a run, and each plane in it, must save beyond what it is expected to cost."""
-MAX_RUN_BITS = 2**20
-"""Bits of a run of several planes: a decoder takes some hundred bytes of memory for each."""
 NEIGHBOURS = 0.5
 """Weight of the 3x3 areas around one in what is made of its gain; 0 takes .2 % more rate. By
 `benchmarks.searches.settings decoder.asking.NEIGHBOURS=0 --qp 28 36 --frames 33 --clips box desk river
@@ -36,10 +34,11 @@ class Wanted(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """What is asked for in one run."""
+    """What is asked for together, in the same areas."""
 
     wanted: list[Wanted]
-    run: Run
+    planes: tuple[int, ...]  # their numbers in the frame
+    areas: bytes
     bits: float  # that it is expected to cost
 
 
@@ -117,4 +116,4 @@ def _runs(wanted: Sequence[Wanted], missing: int, areas: bytes, per_run: float =
 
 def _run(wanted: list[Wanted], missing: int, areas: bytes, per_run: float) -> Choice:
     planes = tuple(own.band.first_plane + own.band.place(missing)[1] for own in wanted)
-    return Choice(wanted, Run(planes, areas), per_run + sum(own.expected[1] for own in wanted))
+    return Choice(wanted, planes, areas, per_run + sum(own.expected[1] for own in wanted))

@@ -1,8 +1,6 @@
 """A band of a Wyner-Ziv frame while it is decoded: how deep each of its coefficients is known."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +16,6 @@ Blocks = NDArray[np.int64]
 
 NUM_FITTED_PLANES = 5
 """Planes of a band after which the scale is fitted again; later planes tell little."""
-
-
-class Part(NamedTuple):
-    """Bits of one plane of a band that are decoded in a run."""
-
-    blocks: Blocks
-    run: int  # number of the run, which is that of its first plane in the frame
-    first: int  # number of their first bit in the run
-
-    def of(self, bits: Bits) -> Bits:
-        """Return its bits among those of the run."""
-        return bits[self.first : self.first + self.blocks.size]
 
 
 @dataclass
@@ -50,7 +36,7 @@ class Band:
     open: Blocks  # blocks of which further planes may be asked for
     lower: Array
     upper: Array
-    parts: list[Part] = field(default_factory=list)
+    num_taken: int = 0  # planes of which bits were taken in
 
     @classmethod
     def start(cls, number: int, quantization: Quantization, state: FrameState) -> "Band":
@@ -91,21 +77,20 @@ class Band:
         middle, _ = quantizer.prefix_borders(2 * self.prefix + 1, missing, self.edges)
         return self.lower, middle, self.upper
 
-    def take(self, part: Part, bits: Bits, missing: int) -> float:
+    def take(self, blocks: Blocks, bits: Bits, missing: int) -> float:
         """Take in decoded bits of a plane; return the squared error that they have taken off."""
-        blocks, predicted, noise_scale = part.blocks, self.predicted[part.blocks], self.noise[part.blocks]
+        predicted, noise_scale = self.predicted[blocks], self.noise[blocks]
         before = noise.conditional_mean(self.lower[blocks], self.upper[blocks], predicted, noise_scale)
-        self.parts.append(part)
+        self.num_taken += 1
         self.open = blocks
-        self.enter(part, bits)
+        self.enter(blocks, bits)
         after = noise.conditional_mean(self.lower[blocks], self.upper[blocks], predicted, noise_scale)
         if self.place(missing)[1] < NUM_FITTED_PLANES or missing == 0:
             self.fit(self.gain if missing else self.start_gain)
         return float(np.sum((after - before) ** 2))
 
-    def enter(self, part: Part, bits: Bits) -> None:
+    def enter(self, blocks: Blocks, bits: Bits) -> None:
         """Make the intervals of some blocks half as wide."""
-        blocks = part.blocks
         self.prefix[blocks] = 2 * self.prefix[blocks] + bits
         self.depth[blocks] += 1
         missing = self.num_planes - self.depth[blocks]
@@ -122,9 +107,7 @@ class Band:
         self.predicted, self.scale = state.predicted[self.number].ravel(), state.scale(self.number).ravel()
         self.fit(self.gain)
 
-    def enter_again(self, runs: Mapping[int, Bits]) -> None:
-        """Enter all planes anew, of which some were wrong."""
+    def forget(self) -> None:
+        """Make the intervals as wide as they were, to enter all planes anew."""
         self.prefix[:] = self.depth[:] = 0
         self.lower, self.upper = quantizer.prefix_borders(self.prefix, self.num_planes, self.edges)
-        for part in self.parts:
-            self.enter(part, part.of(runs[part.run]))

@@ -1,20 +1,20 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures, whose key frames are decoded already."""
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from threading import Lock
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from decoder.allowances import Allowance, GroupAllowance
 from decoder.learned import Learned
+from decoder.level import decode_level
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
-from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
+from decoder.wyner_ziv import WynerZivDecoder
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, DvcError
@@ -30,13 +30,22 @@ Points = PointTracks | FeaturePoints | None
 Known = dict[int, ReferenceFrame]
 Rank = tuple[int, int]
 """Levels that follow, negative, and the number of the group: the lowest comes first."""
+MAX_LEVEL_PX = 2**21
+"""Pixels of frames that are decoded in step, if they are more than one: each takes memory until all end."""
 
 
-class Encoder(Protocol):
-    """Who answers what frames of a group ask for."""
+class LevelBegins(NamedTuple):
+    """Frames are decoded from here on, once there is memory for them."""
 
-    def decode_level(self, rank: Rank, frames: Sequence[FrameCoroutine]) -> list[DecodedFrame]:
-        """Decode frames that do not depend on each other, answering their requests."""
+    rank: Rank
+    frames: tuple[int, ...]  # display positions
+    num_px: int  # of all of them
+
+
+_Place = tuple[tuple[int, Around], Learned, Allowance]
+"""A frame, and the references around it; what it learns, and what it may ask for."""
+GroupCoroutine = Generator[Round | LevelBegins, Sequence[Bits], DecodedGroup]
+"""Yields requests and is sent their bits, and nothing where a level begins."""
 
 
 def single_prediction(found: object, shape: tuple[int, ...], method: str) -> Prediction:
@@ -84,10 +93,13 @@ class GroupDecoder:
         self._config = config
         self._method = METHODS[method](config)
         self._decoder = frames or WynerZivDecoder(config)
-        self._predicting = Lock()  # a method keeps what it knows of the group
 
-    def decode(self, task: GroupTask, encoder: Encoder | None = None) -> DecodedGroup:
-        """Decode a group, whose record answers unless an encoder does."""
+    def decode(self, task: GroupTask) -> DecodedGroup:
+        """Decode a group, whose record answers."""
+        return slepian_wolf.drive(self.steps(task), RecordedGroup(task, self._config).answer)
+
+    def steps(self, task: GroupTask) -> GroupCoroutine:
+        """Decode a group as a coroutine, which asks for what it needs."""
         if not task.record.wyner_ziv:
             return DecodedGroup.of(task, [])
         if task.before is None:
@@ -95,18 +107,20 @@ class GroupDecoder:
         last = ReferenceFrame(task.last_index, task.key)
         known = {task.before.index: task.before, last.index: last}
         points = self._received(task.record.tracks, task.record.num_frames - 1)
-        encoder = encoder or RecordedGroup(task, self._config)
         frames: list[DecodedFrame] = []
         so_far, order = self._decoder.nothing_learned(), _order(task, self._config)
         allowance = GroupAllowance(self._told_bits(task))
         for levels_left, level in zip(range(len(order), 0, -1), order, strict=True):
             learned = [so_far.copy() for _ in level]
             allowed = allowance.begin_level([index for index, _ in level])
-            coroutines = [
-                self._frame(task, known, points, place, (own, may_ask))
-                for place, own, may_ask in zip(level, learned, allowed, strict=True)
-            ]
-            decoded = encoder.decode_level((-levels_left, task.number), coroutines)
+            decoded: list[DecodedFrame] = []
+            for part in self._parts([*zip(level, learned, allowed, strict=True)]):
+                indices = tuple(index for (index, _), _, _ in part)
+                yield LevelBegins((-levels_left, task.number), indices, len(indices) * self._frame_px)
+                if task.form is Form.NO_FEEDBACK:
+                    decoded += [self._predicted(task, known, points, place) for place, _, _ in part]
+                else:
+                    decoded += yield from self._asked(task, known, points, part)
             so_far = so_far.joined(learned)
             allowance.end_level(sum(frame.crc_bits + frame.parity_bits for frame in decoded))
             known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
@@ -116,6 +130,15 @@ class GroupDecoder:
             _check_agreement(group.record, task.record)
         return group
 
+    @property
+    def _frame_px(self) -> int:
+        return self._config.video.width * self._config.video.height
+
+    def _parts(self, level: Sequence[_Place]) -> list[Sequence[_Place]]:
+        """Divide the frames of a level into those that are decoded in step."""
+        count = max(MAX_LEVEL_PX // self._frame_px, 1) if self._decoder.coder.by_positions else 1
+        return [level[first : first + count] for first in range(0, len(level), count)]
+
     def _told_bits(self, task: GroupTask) -> dict[int, int] | None:
         """Return how much the encoder allows because of each frame, if it does not allow all."""
         layout = self._decoder.layout
@@ -124,35 +147,45 @@ class GroupDecoder:
         headers = map(layout.read_header, task.record.wyner_ziv)
         return {index: header.told_bits or 0 for index, header in enumerate(headers, task.first_index)}
 
-    def _frame(
-        self,
-        task: GroupTask,
-        known: Known,
-        points: Points,
-        place: tuple[int, Around],
-        own: tuple[Learned, Allowance],
-    ) -> FrameCoroutine:
-        """Decode one frame, without any request where its record holds what an encoder chose."""
+    def _predicted(
+        self, task: GroupTask, known: Known, points: Points, place: tuple[int, Around]
+    ) -> DecodedFrame:
+        """Return a frame of which nothing was sent."""
         (index, around), started = place, time.perf_counter()
-        payload = task.record.wyner_ziv[index - task.first_index]
-        # Not held while the frame is decoded: its planes take as much memory as all else of a frame.
-        predict = partial(self._predict, known, points, index, around)
-        if task.form is Form.NO_FEEDBACK:
-            if payload:
-                raise BitstreamError("a Wyner-Ziv frame of a stream without feedback is not empty")
-            frame = self._decoder.predicted(index, predict())
-        else:
-            quantization = self._decoder.layout.read_header(payload)
-            recorder = PunctureRecorder()
-            steps = self._decoder.decode(index, quantization, predict(), *own)
-            frame = yield from recorder.watch(steps)
-            frame = replace(frame, punctured=recorder.payload(payload[: len(quantization.header)]))
+        if task.record.wyner_ziv[index - task.first_index]:
+            raise BitstreamError("a Wyner-Ziv frame of a stream without feedback is not empty")
+        frame = self._decoder.predicted(index, self._predict(known, points, index, around))
         return replace(frame, decode_s=time.perf_counter() - started)
+
+    def _asked(
+        self, task: GroupTask, known: Known, points: Points, level: Sequence[_Place]
+    ) -> Generator[Round, Sequence[Bits], list[DecodedFrame]]:
+        """Decode frames in step; the first one's payload has what was asked for."""
+        started, layout, coder = time.perf_counter(), self._decoder.layout, self._decoder.coder
+        headers, coroutines = [], {}
+        for (index, around), learned, allowance in level:
+            payload = task.record.wyner_ziv[index - task.first_index]
+            quantization = layout.read_header(payload)
+            headers.append(payload[: len(quantization.header)])
+            # Not held while the frame is decoded: its planes take as much memory as all else of a frame.
+            prediction = self._predict(known, points, index, around)
+            coroutines[index] = self._decoder.decode(index, quantization, prediction, learned, allowance)
+            del prediction
+        predict_s = (time.perf_counter() - started) / len(level)
+        recorder = PunctureRecorder()
+        steps = decode_level(coroutines, coder.decoder(layout.num_bits), coder.by_positions)
+        frames = yield from recorder.watch(steps)
+        payloads = [recorder.payload(headers[0]), *headers[1:]]
+        left = 8 * sum(map(len, payloads)) - sum(frame.crc_bits + frame.parity_bits for frame in frames)
+        header_bits = [left - 8 * sum(map(len, headers[1:])), *(8 * len(own) for own in headers[1:])]
+        return [
+            replace(frame, punctured=payload, header_bits=bits, decode_s=frame.decode_s + predict_s)
+            for frame, payload, bits in zip(frames, payloads, header_bits, strict=True)
+        ]
 
     def _predict(self, known: Known, points: Points, index: int, around: Around) -> Prediction:
         usable = [known[k] for k in _usable(known, around, self._config.gop.references)]
-        with self._predicting:
-            found = self._method.predict(usable, points, [index])
+        found = self._method.predict(usable, points, [index])
         return single_prediction(found, usable[0].frame.luma.shape, self._config.side_information.method)
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:
@@ -168,34 +201,33 @@ class GroupDecoder:
 
 
 class RecordedGroup:
-    """The record of a group of a stream, which answers requests; see `Encoder`."""
+    """The record of a group of a stream, which answers requests."""
 
     def __init__(self, task: GroupTask, config: CodecConfig) -> None:
         self._task, self._layout, self._coder = task, FrameLayout.of(config), slepian_wolf.plane_coder(config)
-        self._answers: dict[int, Answer] = {}  # of frames that are being decoded
+        self._level: tuple[int, ...] = ()  # frames that are decoded now
+        self._source: Answer | None = None
 
-    def decode_level(self, rank: Rank, frames: Sequence[FrameCoroutine]) -> list[DecodedFrame]:
-        """Decode frames one after the other."""
-        del rank
-        return [*map(self._drive, frames)]
+    def answer(self, asked: Round | LevelBegins) -> Sequence[Bits]:
+        """Answer requests of a level, whose payloads are read once it asks for something."""
+        if isinstance(asked, LevelBegins):
+            self._level, self._source = asked.frames, None
+            return ()
+        self._source = self._source or self._opened()
+        return self._source(asked)
 
-    def _drive(self, frame: FrameCoroutine) -> DecodedFrame:
-        decoded = slepian_wolf.drive(frame, self.answer)
-        self._answers.pop(decoded.index, None)
-        return decoded
-
-    def answer(self, requests: Round) -> Sequence[Bits]:
-        """Answer requests of a frame, whose payload is read once it asks for something."""
-        index = requests[0].frame
-        if index not in self._answers:
-            self._answers[index] = self._source(index)
-        return self._answers[index](requests)
-
-    def _source(self, index: int) -> Answer:
-        payload = self._task.record.wyner_ziv[index - self._task.first_index]
-        if self._task.form is Form.BUFFERED:
-            return EncoderBuffer.of(EncodedFrame.read(self._layout, payload), self._coder).answer_round
-        return PuncturedFrame(self._layout, payload).answer
+    def _opened(self) -> Answer:
+        """Read the payloads of a level."""
+        first = min(self._level)
+        payloads = {
+            index: self._task.record.wyner_ziv[index - self._task.first_index] for index in self._level
+        }
+        if self._task.form is not Form.BUFFERED:
+            return PuncturedFrame(self._layout, payloads[first]).answer
+        buffer = EncoderBuffer(self._layout, self._coder, max(self._level) - first + 1)
+        for index, payload in payloads.items():
+            buffer.enter(index - first, EncodedFrame.read(self._layout, payload))
+        return partial(buffer.answer_round, first_frame=first)
 
 
 def _check_agreement(needed: GopRecord, sent: GopRecord) -> None:

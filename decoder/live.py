@@ -111,7 +111,7 @@ class HeldRequests:
         """Return the requests, which are sent now."""
         requests, self._held = self._held, []
         now_s = self._clock()
-        self._sent_s |= {(request.frame, request.plane): now_s for request in requests}
+        self._sent_s |= {(request.frame, request.run): now_s for request in requests}
         return requests
 
 
@@ -150,8 +150,8 @@ class LiveGroups:
                     except BitstreamError as err:
                         self._damaged = True
                         yield err
-                case ParityAnswer(frame, plane):
-                    self._held.answered((frame, plane))
+                case ParityAnswer(frame, run):
+                    self._held.answered((frame, run))
                     self._source.num_asked -= 1
                     yield event
 

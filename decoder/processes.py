@@ -38,8 +38,7 @@ class DecodingProcess:
     """A process that decodes groups; see `decoder.worker`."""
 
     def __init__(self) -> None:
-        self.num_running = self.num_pending = 0
-        self._is_live = self._failed = False
+        self.num_running = self.num_pending = self._num_sent = 0
         self.step_s = self.began_s = 0.0
         self._connection, other = Pipe()
         with other:
@@ -65,9 +64,9 @@ class DecodingProcess:
         """Begin groups, besides those that are under way, or go on with some."""
         tasks = [message for message in messages if isinstance(message, GroupTask)]
         self.num_running += len(tasks)
-        self._is_live |= any(task.form is None for task in tasks)
         if not self.num_pending:
             self.began_s = time.monotonic()
+        self._num_sent += len(messages)
         self.num_pending += len(messages)
         try:
             self._connection.send(messages)  # at once: each wakes the process
@@ -77,12 +76,11 @@ class DecodingProcess:
     def receive(self) -> tuple[int, Outcome]:
         """Wait for what a group asks for, or comes to."""
         try:
-            number, outcome, steps = self._connection.recv()
+            number, outcome, num_ready, num_taken = self._connection.recv()
         except (EOFError, OSError) as err:
             raise self._death() from err
         self.num_running -= isinstance(outcome, DecodedGroup | Exception)
-        self._failed |= self._is_live and isinstance(outcome, Exception)
-        self.num_pending -= steps
+        self.num_pending = num_ready + self._num_sent - num_taken
         now_s = time.monotonic()
         self.step_s, self.began_s = now_s - self.began_s, now_s
         return number, outcome
@@ -104,8 +102,8 @@ class DecodingProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether it can decode, and no frames of a live group that failed wait in it for ever."""
-        return self._process.poll() is None and not self._failed
+        """Whether it can decode."""
+        return self._process.poll() is None
 
     def kill(self) -> None:
         """Make it end, whatever it does."""
@@ -176,9 +174,10 @@ class GroupSource(Protocol):
 
 @dataclass
 class _Asked:
-    """What a frame has asked for together."""
+    """What a group has asked for together."""
 
     process: DecodingProcess
+    number: int  # of the group
     places: list[Place]
     answers: dict[Place, Bits] = field(default_factory=dict)
 
@@ -229,12 +228,12 @@ class GroupsInFlight:
         answers: dict[DecodingProcess, list[Answered]] = {}
         for received in self._source.received():
             if isinstance(received, ParityAnswer):
-                place = received.frame, received.plane
+                place = received.frame, received.run
                 asked = self._asked.pop(place)
                 asked.answers[place] = received.bits
                 if len(asked.answers) == len(asked.places):
                     bits = tuple(asked.answers[place] for place in asked.places)
-                    answers.setdefault(asked.process, []).append(Answered(received.frame, bits))
+                    answers.setdefault(asked.process, []).append(Answered(asked.number, bits))
                 continue
             if isinstance(received, BitstreamError):
                 self._order.append(-1)
@@ -270,6 +269,6 @@ class GroupsInFlight:
         if isinstance(outcome, DecodedGroup | Exception):
             self._outcomes[number] = outcome
         else:
-            asked = _Asked(process, [(request.frame, request.plane) for request in outcome])
+            asked = _Asked(process, number, [(request.frame, request.run) for request in outcome])
             self._asked |= dict.fromkeys(asked.places, asked)
             self._source.ask(outcome, process)

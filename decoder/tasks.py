@@ -44,10 +44,10 @@ class GroupTask:
 
 
 class Answered(NamedTuple):
-    """Bits that a frame has asked for together."""
+    """Bits that a group has asked for together."""
 
-    frame: int
-    bits: tuple[Bits, ...]  # of each plane
+    number: int  # of the group
+    bits: tuple[Bits, ...]  # of each request
 
 
 @dataclass(frozen=True)
@@ -75,16 +75,13 @@ class DecodedFrame:
     num_failed_planes: int = 0  # planes that could not be verified
     num_skipped_planes: int = 0  # planes that were not asked for, not being worth their rate
     band_costs: tuple[BandCost, ...] = ()  # cost of each band of which planes were asked for
-    punctured: bytes = b""  # payload of the punctured form
+    header_bits: int = 0  # bits of its own header, and what fills up the payload
+    # Payload of the punctured form: that of the first frame of a level has the bits of all of them.
+    punctured: bytes = b""
     decode_s: float = 0.0  # wall-clock time, in seconds
     # Depth that it was predicted by, where there is a dense one, in the unit of a model of its group.
     inverse_depth: NDArray[np.float16] | None = None
     camera: NDArray[np.float64] | None = None  # of the frame, in the basis of its group's model
-
-    @property
-    def header_bits(self) -> int:
-        """Bits of the frame's own header, padding of its payload included."""
-        return 8 * len(self.punctured) - self.crc_bits - self.parity_bits
 
 
 @dataclass(frozen=True)

@@ -3,157 +3,193 @@
 Tasks come through the connection whose file descriptor is the only argument and, if the encoder is live,
 answers to requests. What goes back has the number of its group: requests, and at last the decoded group or
 the exception that it ended with. Groups of a stream, whose records answer, are decoded one after the other.
-Each group of a live encoder has a thread, and so has each frame of a level: while some wait for answers,
-others go on, first of all those with the most to be decoded after them. Memory bounds how many frames are
-decoded at the same time, however many groups are open.
+Groups of a live encoder are coroutines: while some wait for answers, others go on, first of all those with
+the most to be decoded after them. Memory bounds how many levels are decoded at the same time.
 """
 
+import heapq
 import os
 import sys
 import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Sequence
+from itertools import count
 from multiprocessing.connection import Connection
-from queue import SimpleQueue
-from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
-from decoder.tasks import Answered, Bits, DecodedFrame, GroupTask, naming_group
-from decoder.team import Rank, Team
-from dvc import slepian_wolf
-from dvc.config import VideoConfig, decode_config
+from decoder.tasks import Answered, Bits, GroupTask, naming_group
+from dvc.config import decode_config
 from dvc.errors import DvcError
 
 if TYPE_CHECKING:
-    from decoder.group import GroupDecoder
-    from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
+    from decoder.group import GroupCoroutine, GroupDecoder, Rank
+    from decoder.wyner_ziv import WynerZivDecoder
+
+MAX_ACTIVE_PX = 3 << 20
+"""Pixels of frames of live groups that are decoded at a time, if that leaves one level of one group."""
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
     """Decode groups until nobody wants any."""
-    parent, team, tasks = _Parent(connection), Team(), SimpleQueue[GroupTask]()
-    Thread(target=_receive, args=(parent, tasks), daemon=True).start()
     _import_opencv_quietly()
-    decoders = _Decoders()
+    worker = _Worker(connection)
     while True:
-        task = tasks.get()
-        if task.form is None:
-            Thread(target=_decode, args=(task, decoders, parent, team), daemon=True).start()
-        else:
-            _decode(task, decoders, parent, team)
+        try:
+            worker.take(wait=worker.is_idle)
+            worker.step()
+        except (EOFError, OSError):  # nobody is left who wants anything
+            os._exit(0)
 
 
-def _receive(parent: "_Parent", tasks: "SimpleQueue[GroupTask]") -> None:
-    """Take what comes."""
-    while True:
-        with _ending_alone():
-            messages = parent.connection.recv()
-        for message in messages:
-            if isinstance(message, Answered):
-                parent.answers.pop(message.frame).put(message.bits)
-            else:
-                tasks.put(message)
+class _LiveGroup:
+    """A group whose coroutine waits for its turn, for memory or for answers."""
+
+    def __init__(self, number: int, steps: "GroupCoroutine", decoder: "GroupDecoder", config: bytes) -> None:
+        self.number, self.steps, self.decoder, self.config = number, steps, decoder, config
+        self.rank: Rank = (0, number)
+        self.num_px = 0  # of the level that is decoded
 
 
-@contextmanager
-def _ending_alone() -> Iterator[None]:
-    """End the process, whatever it does, where nobody is left who wants it."""
-    try:
-        yield
-    except (EOFError, OSError):
-        os._exit(0)
-
-
-def _decode(task: GroupTask, decoders: "_Decoders", parent: "_Parent", team: Team) -> None:
-    """Decode a group, and send what comes of it."""
-    outcome: object
-    try:
-        with naming_group(task.number), decoders.lent(task.config) as decoder:
-            encoder = None
-            if task.form is None:
-                parent.send(task.number, (), 1)
-                encoder = _Encoder(task.number, decode_config(task.config).video, parent, team)
-            outcome = decoder.decode(task, encoder)
-    except DvcError as err:
-        outcome = err
-    except Exception as err:  # whose class the other side may be unable to read
-        outcome = RuntimeError(repr(err))
-        outcome.add_note(f"in the decoding process:\n{traceback.format_exc()}")
-    parent.send(task.number, outcome, int(task.form is not None))
-
-
-class _Parent:
-    """The process that wants groups decoded."""
+class _Worker:
+    """Groups that are under way, in one thread."""
 
     def __init__(self, connection: "Connection[Any, Any]") -> None:
-        self.connection = connection
-        self.answers: dict[int, SimpleQueue[Sequence[Bits]]] = {}  # to come, by frame
-        self._sending = Lock()
+        self._connection = connection
+        self._decoders = _Decoders()
+        self._num_taken = 0  # messages
+        self._order = count()
+        self._tasks: list[GroupTask] = []  # of streams
+        self._groups: dict[int, _LiveGroup] = {}
+        self._ready: list[tuple[Rank, int, int, Sequence[Bits] | None]] = []  # by numbers, with what is sent
+        self._paused: list[tuple[Rank, int, int]] = []  # for lack of memory
+        self._used_px = 0
 
-    def send(self, number: int, outcome: object, steps: int = 0) -> None:
-        """Send what a group comes to, and how many steps less of decoding are under way."""
-        with self._sending, _ending_alone():
-            self.connection.send((number, outcome, steps))
+    @property
+    def is_idle(self) -> bool:
+        """Whether there is nothing to do until something comes."""
+        return not (self._ready or self._tasks)
 
+    def take(self, wait: bool) -> None:
+        """Take what comes."""
+        while wait or self._connection.poll():
+            for message in self._connection.recv():
+                self._num_taken += 1
+                if isinstance(message, Answered):
+                    self._go_on(self._groups[message.number], message.bits)
+                elif message.form is not None:
+                    self._tasks.append(message)
+                else:
+                    self._begin(message)
+            wait = False
 
-class _Encoder:
-    """The live encoder, as the frames of a group see it: each waits for its own answers."""
-
-    def __init__(self, number: int, video: VideoConfig, parent: _Parent, team: Team) -> None:
-        self._number, self._parent, self._team = number, parent, team
-        self._frame_px = video.width * video.height
-        self._rank: Rank = ()
-
-    def decode_level(self, rank: Rank, frames: "Sequence[FrameCoroutine]") -> list[DecodedFrame]:
-        """Decode frames side by side, once there is memory for them."""
-        self._rank = rank
-        with self._team.pixels.taken(len(frames) * self._frame_px, rank):
-            self._parent.send(self._number, (), -len(frames))
-            return self._team.run([partial(self._drive, frame) for frame in frames], rank)
-
-    def _drive(self, frame: "FrameCoroutine") -> DecodedFrame:
+    def _begin(self, task: GroupTask) -> None:
         try:
-            return slepian_wolf.drive(frame, self._answers)
-        finally:  # else requests of others would be held for this one
-            self._parent.send(self._number, (), 1)
+            with naming_group(task.number):
+                decoder = self._decoders.taken(task.config)
+        except Exception as err:
+            self._send(task.number, _told(err))
+            return
+        group = _LiveGroup(task.number, decoder.steps(task), decoder, task.config)
+        self._groups[task.number] = group
+        self._go_on(group, None)
 
-    def _answers(self, requests: slepian_wolf.Round) -> Sequence[Bits]:
-        """Ask for bits, and leave the core to others until they come."""
-        answers = self._parent.answers[requests[0].frame] = SimpleQueue[Sequence[Bits]]()
-        self._parent.send(self._number, requests, 1)
-        with self._team.core.given(1, self._rank):
-            return answers.get()
+    def _go_on(self, group: _LiveGroup, sent: Sequence[Bits] | None) -> None:
+        heapq.heappush(self._ready, (group.rank, next(self._order), group.number, sent))
+
+    def step(self) -> None:
+        """Decode a group of a stream, or the group of the first rank up to what it asks for next."""
+        if self._tasks:
+            self._decode(self._tasks.pop(0))
+        elif self._ready:
+            _, _, number, sent = heapq.heappop(self._ready)
+            self._advance(self._groups[number], sent)
+
+    def _decode(self, task: GroupTask) -> None:
+        """Decode a group whose record answers."""
+        try:
+            with naming_group(task.number):
+                decoder = self._decoders.taken(task.config)
+                outcome: object = decoder.decode(task)
+                self._decoders.give_back(decoder, task.config)
+        except Exception as err:
+            outcome = _told(err)
+        self._send(task.number, outcome)
+
+    def _advance(self, group: _LiveGroup, sent: Sequence[Bits] | None) -> None:
+        """Let a group go on to what it asks for, to the beginning of a level or to its end."""
+        from decoder.group import LevelBegins
+
+        try:
+            with naming_group(group.number):
+                asked = next(group.steps) if sent is None else group.steps.send(sent)
+        except StopIteration as stop:
+            self._decoders.give_back(group.decoder, group.config)
+            self._end(group, stop.value)
+            return
+        except Exception as err:
+            self._end(group, _told(err))
+            return
+        if isinstance(asked, LevelBegins):
+            self._used_px -= group.num_px
+            group.rank, group.num_px = asked.rank, asked.num_px
+            heapq.heappush(self._paused, (group.rank, next(self._order), group.number))
+            self._resume()
+            asked = ()
+        self._send(group.number, asked)
+
+    def _resume(self) -> None:
+        """Let levels begin for which there is memory."""
+        while self._paused:
+            group = self._groups[self._paused[0][2]]
+            if self._used_px and self._used_px + group.num_px > MAX_ACTIVE_PX:
+                return
+            heapq.heappop(self._paused)
+            self._used_px += group.num_px
+            self._go_on(group, ())
+
+    def _end(self, group: _LiveGroup, outcome: object) -> None:
+        del self._groups[group.number]
+        self._used_px -= group.num_px
+        self._resume()
+        self._send(group.number, outcome)
+
+    def _send(self, number: int, outcome: object) -> None:
+        """Send what a group asks for or comes to, and how much there is to do beside what is to be taken."""
+        self._connection.send((number, outcome, len(self._ready) + len(self._tasks), self._num_taken))
+
+
+def _told(err: Exception) -> Exception:
+    """Return an error, in the place of one whose class the other side may be unable to read."""
+    if isinstance(err, DvcError):
+        return err
+    told = RuntimeError(repr(err))
+    told.add_note(f"in the decoding process:\n{''.join(traceback.format_exception(err))}")
+    return told
 
 
 class _Decoders:
     """Decoders of groups, which are kept for others of the same configuration."""
 
     def __init__(self) -> None:
-        self._lock = Lock()
         self._config = b""
         self._frames: WynerZivDecoder | None = None
         self._idle: list[GroupDecoder] = []
 
-    @contextmanager
-    def lent(self, config: bytes) -> "Iterator[GroupDecoder]":
-        """Lend one; it does not come back where it fails."""
-        decoder = self._taken(config)
-        yield decoder
-        if config == self._config:
-            self._idle.append(decoder)
-
-    def _taken(self, config: bytes) -> "GroupDecoder":
+    def taken(self, config: bytes) -> "GroupDecoder":
+        """Return one that nobody uses."""
         from decoder.group import GroupDecoder
         from decoder.wyner_ziv import WynerZivDecoder
 
-        with self._lock:
-            if config != self._config:
-                self._config, self._idle = config, []
-                self._frames = WynerZivDecoder(decode_config(config))
-            if self._idle:
-                return self._idle.pop()
-            return GroupDecoder(decode_config(config), self._frames)
+        if config != self._config:
+            self._config, self._idle = config, []
+            self._frames = WynerZivDecoder(decode_config(config))
+        if self._idle:
+            return self._idle.pop()
+        return GroupDecoder(decode_config(config), self._frames)
+
+    def give_back(self, decoder: "GroupDecoder", config: bytes) -> None:
+        """Keep a decoder that has not failed."""
+        if config == self._config:
+            self._idle.append(decoder)
 
 
 def _import_opencv_quietly() -> None:

@@ -22,7 +22,7 @@ SPACING_PX = 16
 """Least distance from one sampled block to the next: one in four is compared."""
 MANY_BLOCKS = 900
 """About as many are enough: blocks of large pictures lie further apart."""
-ALONE_COST, SHORT_COST = 1.1, 0.7
+ALONE_COST, SHORT_COST = 0.7, 0.7
 """Mean squared error of the frame in the middle over step^2 times bits a pixel of a key frame, from which on
 a group of two frames becomes two key frames, and one of four does not grow to eight."""
 CLOSE_SHARE = 0.15

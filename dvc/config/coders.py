@@ -40,7 +40,7 @@ class CascadeConfig(CoderConfig):
 
     # What the answers to a request are to tell, in percent of what is unknown of the plane; where that is 0:
     # as little as costs the fewest bits.
-    batch_percent: int = 6
+    batch_percent: int = 12
 
     def _check_values(self) -> None:
         check_range("batch_percent", self.batch_percent, 0, 100)

@@ -10,13 +10,25 @@ from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
 from dvc.bits import MAX_VARINT_BYTES
-from dvc.slepian_wolf.requests import CODE, COUNT, FRAME, KIND, KINDS, LAST, PLANE, RUN, SLOT, START
+from dvc.slepian_wolf.requests import (
+    BEGUN,
+    CODE,
+    COUNT,
+    FRAME,
+    KIND,
+    KINDS,
+    LAST,
+    MAX_RUN_BITS,
+    RUN,
+    SLOT,
+    START,
+)  # fmt: skip
 
 ENDS, NEEDLESS, LONG, STANDING = 1, 2, 3, 4  # faults of syntax
 (
-    NO_PLANE, NO_FRAME, SECOND, OUT_OF_TURN, TOO_MANY, NO_CODE, TOO_MANY_JOINT, OTHER_PLANES,
-    OTHER_COUNT, NEEDLESS_POSITIONS, NO_POSITIONS, NO_RUN,
-) = range(1, 13)  # fmt: skip
+    NO_RUN, NO_FRAME, SECOND, OUT_OF_TURN, TOO_MANY, NO_CODE, TOO_MANY_JOINT, OTHER_RUNS,
+    OTHER_COUNT, NEEDLESS_POSITIONS, NO_POSITIONS,
+) = range(1, 12)  # fmt: skip
 CRC, PARITY, UNCODED, JOINT = (KINDS.index(kind) for kind in ("crc", "parity", "uncoded", "joint"))
 HAS_POSITIONS, BEGINS = 4, 8  # bits of the first byte of a request beside its kind; the code comes above
 
@@ -31,13 +43,12 @@ class Rules(NamedTuple):
 
 
 class OpenFrames(NamedTuple):
-    """What has been asked for of the frames of open groups of pictures, by slots and planes."""
+    """What has been asked for of the frames of open groups of pictures, by slots and runs."""
 
     gops: NDArray[np.int64]  # first frame and number of frames of each open group
     requested: NDArray[np.int32]  # bits, by kinds
     awaited: NDArray[np.int32]  # bits that are asked for and have not come
-    # of planes that name runs: how many these have; -1: in another's run, 0: in none
-    num_planes: NDArray[np.int32]
+    num_planes: NDArray[np.int32]  # that a run has bits of; 0 of a run that is not begun
 
 
 @inlined_kernel
@@ -68,39 +79,48 @@ def _increasing(data, at, count, before, numbers, num_numbers):
 
 
 @kernel
-def _run(data, at, plane, planes, num_planes, run):
-    """Read a run; return what follows, how many planes of runs there are now, and what is wrong."""
+def _run(data, at, planes, num_planes, parts, num_parts, number):
+    """Read a run; return what follows, how many planes and parts of runs there are now, and what is wrong."""
     count, at, fault = _varint(data, at)
-    if fault:
-        return at, num_planes, fault
-    planes[num_planes] = plane
-    at, num_planes, fault = _increasing(data, at, count, plane, planes, num_planes + 1)
-    if fault:
-        return at, num_planes, fault
-    size, at, fault = _varint(data, at)
-    if fault or size > data.size - at:
-        return at, num_planes, fault or ENDS
-    run[0], run[1], run[2] = num_planes, at, at + size
-    return at + size, num_planes, 0
+    offset = -1
+    for _ in range(0 if fault else count):
+        step, at, fault = _varint(data, at)
+        if fault or step == 0:
+            return at, num_planes, num_parts, fault or STANDING
+        offset += step
+        count_planes, at, fault = _varint(data, at)
+        if fault:
+            return at, num_planes, num_parts, fault
+        at, num_planes, fault = _increasing(data, at, count_planes, -1, planes, num_planes)
+        if fault:
+            return at, num_planes, num_parts, fault
+        size, at, fault = _varint(data, at)
+        if fault or size > data.size - at:
+            return at, num_planes, num_parts, fault or ENDS
+        part = parts[num_parts]
+        part[0], part[1], part[2], part[3], part[4] = number, offset, num_planes, at, at + size
+        at += size
+        num_parts += 1
+    return at, num_planes, num_parts, fault
 
 
 @kernel
-def parse_requests(data, rows, positions, planes, runs):
-    """Read requests; return the number of them, of positions, bits wanted and runs, and what is wrong.
+def parse_requests(data, rows, positions, planes, parts):
+    """Read requests; return how many they are, their positions, bits, runs and parts, and what is wrong.
 
-    `runs` (n, 3): where the planes of each end, and where its areas begin and end in the data.
+    `parts` (n, 5): run, offset of the frame, where its planes end, where its areas begin and end in the data.
     """
-    at, n, m, frame, num_bits, num_planes, num_runs = 0, 0, 0, 0, 0, 0, 0
-    while at < data.size:
+    at, n, m, frame, num_bits, num_planes, num_runs, num_parts = 0, 0, 0, 0, 0, 0, 0, 0
+    fault = 0
+    while at < data.size and not fault:
         value, at, fault = _varint(data, at)
-        if fault:
-            return n, m, num_bits, num_runs, fault
         rows[n, KIND], rows[n, CODE] = value & 3, value >> 4
         num_positions, begins = value & HAS_POSITIONS, value & BEGINS
-        for column in (FRAME, PLANE, COUNT):
-            rows[n, column], at, fault = _varint(data, at)
-            if fault:
-                return n, m, num_bits, num_runs, fault
+        for column in (FRAME, RUN, COUNT):
+            if not fault:
+                rows[n, column], at, fault = _varint(data, at)
+        if fault:
+            break
         frame += rows[n, FRAME]
         num_bits += rows[n, COUNT]
         rows[n, FRAME], rows[n, START], rows[n, SLOT] = frame, 0, 0
@@ -108,18 +128,15 @@ def parse_requests(data, rows, positions, planes, runs):
             num_positions = rows[n, COUNT]
             if rows[n, KIND] == JOINT:
                 num_positions, at, fault = _varint(data, at)
-                if fault:
-                    return n, m, num_bits, num_runs, fault
-        at, m, fault = _increasing(data, at, num_positions, -1, positions, m)
-        rows[n, LAST], rows[n, RUN] = m, -1
+        if not fault:
+            at, m, fault = _increasing(data, at, num_positions, -1, positions, m)
+        rows[n, LAST], rows[n, BEGUN] = m, -1
         if begins and not fault:
-            rows[n, RUN] = num_runs
-            at, num_planes, fault = _run(data, at, rows[n, PLANE], planes, num_planes, runs[num_runs])
+            rows[n, BEGUN] = num_runs
+            at, num_planes, num_parts, fault = _run(data, at, planes, num_planes, parts, num_parts, num_runs)
             num_runs += 1
-        if fault:
-            return n, m, num_bits, num_runs, fault
         n += 1
-    return n, m, num_bits, num_runs, 0
+    return n, m, num_bits, num_runs, num_parts, fault
 
 
 @kernel
@@ -131,6 +148,14 @@ def slot_of(frame, gops, gop_length):
     return -1
 
 
+@inlined_kernel
+def _limit(rules, kind, num_planes):
+    """Return how many bits of a kind a run may have."""
+    if kind in (PARITY, UNCODED):
+        return min(rules.limits[kind] * num_planes, MAX_RUN_BITS)
+    return rules.limits[kind]
+
+
 @kernel
 def _fault_of_positions(row, chosen, rules, num_planes, requested):
     """Say what is wrong with the positions of a request: given where, and only where, they mean something."""
@@ -139,10 +164,10 @@ def _fault_of_positions(row, chosen, rules, num_planes, requested):
         limit = num_planes.size
         if row[COUNT] > rules.crc_bits:
             fault = TOO_MANY_JOINT
-        elif chosen.size == 0 or chosen[0] != row[PLANE]:
-            fault = OTHER_PLANES
+        elif chosen.size == 0 or chosen[0] != row[RUN]:
+            fault = OTHER_RUNS
     elif limits[JOINT] > 0 and row[KIND] == PARITY:
-        limit = limits[PARITY] * num_planes[row[PLANE]] * (rules.num_codes - row[CODE])
+        limit = _limit(rules, PARITY, num_planes[row[RUN]]) * (rules.num_codes - row[CODE])
         if chosen.size != row[COUNT]:
             fault = OTHER_COUNT
     if chosen.size and limit == 0:
@@ -152,16 +177,10 @@ def _fault_of_positions(row, chosen, rules, num_planes, requested):
         if position <= before or position >= limit:
             return fault or NO_POSITIONS
         # Runs that the message begins are all known by now; those of later requests have no bits yet.
-        if row[KIND] == JOINT and position != row[PLANE] and not requested[position].any():
+        if row[KIND] == JOINT and position != row[RUN] and not requested[position].any():
             return fault or NO_RUN
         before = position
     return fault
-
-
-@inlined_kernel
-def _limit(rules, kind, num_planes):
-    """Return how many bits of a kind a run may have."""
-    return rules.limits[kind] * (num_planes if kind in (PARITY, UNCODED) else 1)
 
 
 @kernel
@@ -171,36 +190,34 @@ def enter_requests(rows, positions, frames, rules, in_turn):
     start = 0
     for n in range(rows.shape[0]):
         row = rows[n]
-        plane, kind, code = row[PLANE], row[KIND], row[CODE]
+        run, kind, code = row[RUN], row[KIND], row[CODE]
         chosen = positions[start : row[LAST]]
         start = row[LAST]
         slot = slot_of(row[FRAME], frames.gops, rules.gop_length)
         row[SLOT] = slot
         fault = 0
-        if not 0 <= plane < awaited.shape[1]:
-            fault = NO_PLANE
-        elif slot < 0:
+        if slot < 0:
             fault = NO_FRAME
-        elif awaited[slot, plane]:
-            fault = SECOND
-        elif num_planes[slot, plane] <= 0:
+        elif not 0 <= run < awaited.shape[1] or num_planes[slot, run] == 0:
             fault = NO_RUN
+        elif awaited[slot, run]:
+            fault = SECOND
         if fault:
             return n, fault
-        before = np.int64(requested[slot, plane, kind])
+        before = np.int64(requested[slot, run, kind])
         if in_turn:
             row[START] = before
         if row[START] != before:
             fault = OUT_OF_TURN
-        elif not 1 <= row[COUNT] <= _limit(rules, kind, num_planes[slot, plane]) - before:
+        elif not 1 <= row[COUNT] <= _limit(rules, kind, num_planes[slot, run]) - before:
             fault = TOO_MANY
         elif kind != UNCODED and not 0 <= code < rules.num_codes:
             fault = NO_CODE
         fault = fault or _fault_of_positions(row, chosen, rules, num_planes[slot], requested[slot])
         if fault:
             return n, fault
-        requested[slot, plane, kind] += row[COUNT]
-        awaited[slot, plane] = row[COUNT]
+        requested[slot, run, kind] += row[COUNT]
+        awaited[slot, run] = row[COUNT]
     return -1, 0
 
 
@@ -208,4 +225,4 @@ def enter_requests(rows, positions, frames, rules, in_turn):
 def enter_answers(rows, awaited):
     """Strike out requests that are answered now; `awaited` as in `enter_requests`."""
     for n in range(rows.shape[0]):
-        awaited[rows[n, SLOT], rows[n, PLANE]] = 0
+        awaited[rows[n, SLOT], rows[n, RUN]] = 0

@@ -29,8 +29,8 @@ from dvc.feedback.messages import (
     encode_message,
     max_payload_bytes,
 )
-from dvc.slepian_wolf import ParityRequest, RequestTable, Run
-from dvc.slepian_wolf.requests import PLANE
+from dvc.slepian_wolf import ParityRequest, RequestTable
+from dvc.slepian_wolf.requests import RUN
 from dvc.stream import GopRecord
 
 
@@ -39,7 +39,7 @@ class ParityAnswer:
     """The bits that a request wanted."""
 
     frame: int
-    plane: int
+    run: int
     bits: NDArray[np.uint8]  # shape (count,), each element 0 or 1
 
 
@@ -345,7 +345,7 @@ class DecoderEndpoint(_Endpoint):
         Parameters
         ----------
         requests : sequence of ParityRequest
-            For planes without a request that waits for its answer; bits are asked for in order, each once.
+            For runs without a request that waits for its answer; bits are asked for in order, each once.
 
         Raises
         ------
@@ -379,8 +379,9 @@ def _parts(requests: Sequence[ParityRequest]) -> Iterator[list[ParityRequest]]:
     part: list[ParityRequest] = []
     num_bits = num_bytes = 0
     for request in requests:
-        run = request.run or Run(())
-        size = MAX_VARINT_BYTES * (6 + len(request.positions) + len(run.planes)) + len(run.areas)
+        begun = request.begun or ()
+        num_numbers = 6 + len(request.positions) + sum(3 + len(part.planes) for part in begun)
+        size = MAX_VARINT_BYTES * num_numbers + sum(len(part.areas) for part in begun)
         if part and (num_bits + request.count > MAX_ANSWER_BITS or num_bytes + size > MAX_REQUEST_BYTES):
             yield part
             part, num_bits, num_bytes = [], 0, 0
@@ -405,8 +406,7 @@ def _divided(table: RequestTable, packed: bytes) -> list[Event]:
     _check_size(table, packed)
     if packed and packed[-1] & (1 << -table.num_bits % 8) - 1:
         raise BitstreamError("the last byte is not filled up with zeros")
-    places = table.rows[:, : PLANE + 1].tolist()
+    places = table.rows[:, : RUN + 1].tolist()
     return [
-        ParityAnswer(frame, plane, own)
-        for (frame, plane), own in zip(places, table.divided(packed), strict=True)
+        ParityAnswer(frame, run, own) for (frame, run), own in zip(places, table.divided(packed), strict=True)
     ]

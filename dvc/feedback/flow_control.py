@@ -13,13 +13,15 @@ from dvc.config import CodecConfig
 from dvc.config.sections import NUM_BANDS
 from dvc.feedback import _kernels
 from dvc.feedback.messages import MAX_ANSWER_BITS
-from dvc.slepian_wolf import CRC_BITS, KINDS, RequestTable, Run, plane_coder
-from dvc.slepian_wolf.requests import FRAME, PLANE, RUN, SLOT
+from dvc.slepian_wolf import CRC_BITS, KINDS, MAX_RUN_BITS, RequestTable, Run, plane_coder
+from dvc.slepian_wolf.requests import BEGUN, FRAME, RUN, SLOT
 
 MAX_OPEN_GOPS = 32
 """Most groups of pictures that are sent or promised and not done."""
 MAX_OPEN_PX = 2**26
 """Most pixels of all their frames, where that leaves two groups; so both ends need bounded memory."""
+MAX_RUNS = 256
+"""Most runs that a frame may name."""
 
 
 def max_open_gops(config: CodecConfig) -> int:
@@ -54,13 +56,13 @@ class FlowControl:
         self.ended = False
         self._has_predicted = config.key.predicted
         self._max_areas_bytes = 64 + config.video.num_blocks
-        num_planes = sum(config.wyner_ziv.max_planes)
+        self._num_planes = sum(config.wyner_ziv.max_planes)
         coder = plane_coder(config)
         limits = {
             "crc": CRC_BITS,
             "parity": config.video.num_blocks,
             "uncoded": config.video.num_blocks,
-            "joint": num_planes * CRC_BITS if coder.by_positions else 0,
+            "joint": MAX_RUNS * CRC_BITS if coder.by_positions else 0,
         }
         self._rules = _kernels.Rules(
             config.gop.length,
@@ -70,13 +72,14 @@ class FlowControl:
         )
         self._num_gops = 0
         self.num_slots = max_open_gops(config) * config.gop.length
-        planes = self.num_slots, num_planes
+        runs = self.num_slots, MAX_RUNS
         self._frames = _kernels.OpenFrames(
             np.zeros((max_open_gops(config), 2), np.int64),
-            np.zeros((*planes, len(KINDS)), np.int32),
-            np.zeros(planes, np.int32),
-            np.zeros(planes, np.int32),
+            np.zeros((*runs, len(KINDS)), np.int32),
+            np.zeros(runs, np.int32),
+            np.zeros(runs, np.int32),
         )
+        self._num_runs = [0] * self.num_slots
         self._waiting: deque[RequestTable] = deque()
         self._open: dict[int, _OpenGop] = {}
         self._free = list(range(max_open_gops(config)))
@@ -116,6 +119,7 @@ class FlowControl:
         slots = slice(row * self._rules.gop_length, (row + 1) * self._rules.gop_length)
         self._frames.requested[slots] = 0
         self._frames.num_planes[slots] = 0
+        self._num_runs[slots] = [0] * self._rules.gop_length
         self._frames.gops[row] = self.num_frames, num_frames - 1
         self._open[number] = _OpenGop(row, slots)
         self.num_credits -= 1
@@ -130,8 +134,8 @@ class FlowControl:
         """Enter requests that go in one message; where frames are held is written to the table."""
         if not len(table.rows) or table.num_bits > MAX_ANSWER_BITS:
             raise ValueError(f"{table.num_bits} bits asked for at once, not 1 to {MAX_ANSWER_BITS}")
-        for row, run in zip(table.rows[table.rows[:, RUN] >= 0], table.runs, strict=True):
-            self._begin(int(row[FRAME]), int(row[PLANE]), run)
+        for row, run in zip(table.rows[table.rows[:, BEGUN] >= 0], table.runs, strict=True):
+            self._begin(int(row[FRAME]), int(row[RUN]), run)
         number, fault = _kernels.enter_requests(
             table.rows, table.positions, self._frames, self._rules, in_turn
         )
@@ -139,44 +143,45 @@ class FlowControl:
             raise ValueError(self._complaint(table, number, fault))
         self._waiting.append(table)
 
-    def _begin(self, frame: int, plane: int, run: Run) -> None:
+    def _begin(self, frame: int, number: int, run: Run) -> None:
         """Enter a run."""
-        slot = int(_kernels.slot_of(frame, self._frames.gops, self._rules.gop_length))
-        known = self._frames.num_planes
-        if slot < 0 or not 0 <= plane < known.shape[1]:
+        gops, where = self._frames.gops, f"run {number} of frame {frame}"
+        slot = int(_kernels.slot_of(frame, gops, self._rules.gop_length))
+        if slot < 0:
             return  # which the first request tells
-        planes = list(run.planes)
-        if len(planes) > NUM_BANDS or len(run.areas) > self._max_areas_bytes:
-            raise ValueError(f"a run of {len(planes)} planes, with areas of {len(run.areas)} bytes")
-        if planes[:1] != [plane] or planes != sorted(set(planes)) or planes[-1] >= known.shape[1]:
-            there_are = f"plane {plane} of frame {frame}, there are {known.shape[1]}"
-            raise ValueError(f"a run of planes {planes} for {there_are}")
-        if known[slot, planes].any():
-            raise ValueError(f"a second run with plane {plane} of frame {frame}, or those after it")
-        known[slot, planes] = -1
-        known[slot, plane] = len(planes)
+        if number != self._num_runs[slot] or number >= MAX_RUNS:
+            raise ValueError(f"{where} begins, {self._num_runs[slot]} is the next of {MAX_RUNS}")
+        first, count = gops[slot // self._rules.gop_length].tolist()
+        offsets = [part.offset for part in run]
+        if not run or offsets != sorted({*offsets}) or offsets[0] < 0 or frame + offsets[-1] >= first + count:
+            raise ValueError(f"{where} has frames {offsets} after that")
+        for part in run:
+            planes = list(part.planes)
+            if not 0 < len(planes) <= NUM_BANDS or len(part.areas) > self._max_areas_bytes:
+                raise ValueError(f"{where} has {len(planes)} planes, areas of {len(part.areas)} bytes")
+            if planes != sorted({*planes}) or planes[0] < 0 or planes[-1] >= self._num_planes:
+                raise ValueError(f"{where} has planes {planes}, there are {self._num_planes}")
+        self._num_runs[slot] += 1
+        self._frames.num_planes[slot, number] = sum(len(part.planes) for part in run)
 
     def _complaint(self, table: RequestTable, number: int, fault: int) -> str:
         """Say in words why a request may not be."""
         request = table.requests()[number]
         kind, count, start, positions = request.kind, request.count, request.start, request.positions
-        where = f"plane {request.plane} of frame {request.frame}"
-        num_planes = self._frames.awaited.shape[1]
-        if fault == _kernels.NO_PLANE:
-            return f"plane {request.plane}, there are {num_planes}"
-        slot = int(table.rows[number, SLOT])
-        known = self._frames.requested[slot, request.plane, KINDS.index(kind)]
-        size = self._rules.limits[_kernels.PARITY] * self._frames.num_planes[slot, request.plane]
-        last = (num_planes if kind == "joint" else (self._rules.num_codes - request.code) * size) - 1
+        where = f"run {request.run} of frame {request.frame}"
+        slot, run = int(table.rows[number, SLOT]), min(request.run, MAX_RUNS - 1)
+        known = self._frames.requested[slot, run, KINDS.index(kind)]
+        size = min(self._rules.limits[_kernels.PARITY] * self._frames.num_planes[slot, run], MAX_RUN_BITS)
+        last = (MAX_RUNS if kind == "joint" else (self._rules.num_codes - request.code) * size) - 1
         return {
             _kernels.NO_FRAME: f"frame {request.frame} is no Wyner-Ziv frame of an open group of pictures",
-            _kernels.NO_RUN: f"{kind} bits of {where}, naming a plane that begins no run",
+            _kernels.NO_RUN: f"{kind} bits of {where}, or another one that was not begun",
             _kernels.SECOND: f"a second request for {where} before the answer to the first",
             _kernels.OUT_OF_TURN: f"{kind} bits of {where} from number {start} on, where {known} is the next",
             _kernels.TOO_MANY: f"{count} {kind} bits of {where} from number {start} on",
             _kernels.NO_CODE: f"code {request.code} for {where}",
             _kernels.TOO_MANY_JOINT: f"{count} joint bits of {where} at once",
-            _kernels.OTHER_PLANES: f"joint bits of other planes than {where}",
+            _kernels.OTHER_RUNS: f"joint bits of other runs than {where}",
             _kernels.OTHER_COUNT: f"{count} {kind} bits of {where} at {len(positions)} positions",
             _kernels.NEEDLESS_POSITIONS: f"positions of {kind} bits of {where}",
             _kernels.NO_POSITIONS: f"positions of {kind} bits of {where} must increase from 0 to {last}",

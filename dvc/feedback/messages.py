@@ -10,11 +10,11 @@ from dvc.bits import decode_varint, encode_varint
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.feedback import _kernels
-from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable, Run
+from dvc.slepian_wolf import KINDS, MAX_RUN_BITS, ParityRequest, Part, RequestTable
 from dvc.slepian_wolf.requests import NUM_COLUMNS
 from dvc.stream import GopRecord, decode_gop, encode_gop
 
-PROTOCOL_VERSION = 9
+PROTOCOL_VERSION = 10
 MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 
@@ -115,8 +115,8 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
     if config is None:
         raise ValueError(f"`config` bounds a {message_type.__name__}, got None")
     if message_type is ParityRequests:
-        largest = config.video.num_blocks * len(config.wyner_ziv.max_planes)
-        return MAX_REQUEST_BYTES + _MAX_POSITION_BYTES * largest
+        frame_bits = config.video.num_blocks * len(config.wyner_ziv.max_planes)
+        return MAX_REQUEST_BYTES + _MAX_POSITION_BYTES * min(frame_bits * config.gop.length, MAX_RUN_BITS)
     area_px = (config.video.width + 15) * (config.video.height + 15)
     return 4 * area_px + 2**20 + MAX_HEADER_BYTES * config.gop.length
 
@@ -154,19 +154,26 @@ def _encode_requests(table: RequestTable) -> bytes:
 def _encode_request(request: ParityRequest, frame: int) -> bytes:
     """Write a request that follows one for `frame`."""
     positions = request.positions
-    run = request.run
+    begun = request.begun
     first = 16 * request.code + KINDS.index(request.kind)
-    first += _kernels.BEGINS * (run is not None) + _kernels.HAS_POSITIONS * bool(positions)
-    numbers = [first, request.frame - frame, request.plane, request.count]
+    first += _kernels.BEGINS * (begun is not None) + _kernels.HAS_POSITIONS * bool(positions)
+    numbers = [first, request.frame - frame, request.run, request.count]
     if positions and request.kind == "joint":
         numbers.append(len(positions))
     numbers += (after - before for before, after in pairwise((-1, *positions)))
-    if run is None:
-        return b"".join(map(encode_varint, numbers))
-    numbers.append(len(run.planes) - 1)
-    numbers += (after - before for before, after in pairwise(run.planes))
-    numbers.append(len(run.areas))
-    return b"".join(map(encode_varint, numbers)) + run.areas
+    data = b"".join(map(encode_varint, numbers))
+    if begun is None:
+        return data
+    offsets = (-1, *(part.offset for part in begun))
+    steps = (after - before for before, after in pairwise(offsets))
+    return data + encode_varint(len(begun)) + b"".join(map(_encode_part, steps, begun))
+
+
+def _encode_part(step: int, part: Part) -> bytes:
+    """Write a part of a run, so many frames after the one before."""
+    planes = (after - before for before, after in pairwise((-1, *part.planes)))
+    numbers = (step, len(part.planes), *planes, len(part.areas))
+    return b"".join(map(encode_varint, numbers)) + part.areas
 
 
 def decode_payload(message_type: type[Message], payload: bytes) -> Message:
@@ -191,17 +198,19 @@ def _decode_requests(payload: bytes) -> ParityRequests:
     data = np.frombuffer(payload, np.uint8)
     rows = np.empty((data.size // _MIN_REQUEST_BYTES + 1, NUM_COLUMNS), np.int64)
     positions = np.empty(data.size, np.int64)
-    planes, ends = np.empty(data.size, np.int64), np.empty((len(rows), 3), np.int64)
-    num_rows, num_positions, num_bits, num_runs, fault = _kernels.parse_requests(
-        data, rows, positions, planes, ends
+    planes, parts = np.empty(data.size, np.int64), np.empty((data.size // 3 + 1, 5), np.int64)
+    num_rows, num_positions, num_bits, num_runs, num_parts, fault = _kernels.parse_requests(
+        data, rows, positions, planes, parts
     )
     if fault:
         raise BitstreamError(_FAULTS[fault])
-    runs, first = [], 0
-    for last, start, stop in ends[:num_runs].tolist():
-        runs.append(Run(tuple(planes[first:last].tolist()), payload[start:stop]))
+    found: list[list[Part]] = [[] for _ in range(num_runs)]
+    first = 0
+    for run, offset, last, start, stop in parts[:num_parts].tolist():
+        found[run].append(Part(offset, tuple(planes[first:last].tolist()), payload[start:stop]))
         first = last
-    return ParityRequests(RequestTable(rows[:num_rows], positions[:num_positions], num_bits, tuple(runs)))
+    runs = tuple(map(tuple, found))
+    return ParityRequests(RequestTable(rows[:num_rows], positions[:num_positions], num_bits, runs))
 
 
 # Payloads without content are empty: their limit is 0 bytes.

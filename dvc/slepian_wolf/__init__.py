@@ -6,9 +6,11 @@ from dvc.slepian_wolf.crc import CRC_BITS, crc, crc_words, joint_check
 from dvc.slepian_wolf.protocol import PlaneCoder, PlaneDecoder
 from dvc.slepian_wolf.requests import (
     KINDS,
+    MAX_RUN_BITS,
     Answer,
     Kind,
     ParityRequest,
+    Part,
     Place,
     RequestTable,
     Round,
@@ -23,11 +25,13 @@ from dvc.slepian_wolf.results import FrameCheck, PlaneCost, PlaneResult
 __all__ = [
     "CRC_BITS",
     "KINDS",
+    "MAX_RUN_BITS",
     "Answer",
     "FrameCheck",
     "Kind",
     "NeighbourCoupling",
     "ParityRequest",
+    "Part",
     "Place",
     "PlaneCoder",
     "PlaneCost",

@@ -9,16 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 Bits = NDArray[np.uint8]
+MAX_RUN_BITS = 2**20
+"""Bits of a run: those of a plane of the largest frames; a decoder takes some hundred bytes for each."""
 Kind = Literal["crc", "parity", "uncoded", "joint"]
 KINDS: tuple[Kind, ...] = ("crc", "parity", "uncoded", "joint")
 """Check bits, parity, the bits of the plane themselves, or check bits of several planes together."""
 
 
-class Run(NamedTuple):
-    """Bits that are decoded together: those of some planes of a frame, one plane after the other."""
+class Part(NamedTuple):
+    """Bits of one frame in a run: those of some of its planes, one plane after the other."""
 
-    planes: tuple[int, ...]  # increasing; the first of them names the run
+    offset: int  # of the frame, in display order, from that which names the run
+    planes: tuple[int, ...]  # increasing
     areas: bytes = b""  # in which areas of the frame, as who asks and who answers code it; none: in all
+
+
+Run = tuple[Part, ...]
+"""Bits that are decoded together: of one frame after the other, in display order."""
 
 
 @dataclass(frozen=True)
@@ -26,29 +33,30 @@ class ParityRequest:
     """Bits of a run that are wanted: `count` of them from number `start` on, in their order of release.
 
     Parities of ranges have no such order: `positions` says where the ranges end. Joint check bits always
-    start with the first one; `plane` is the first of the runs that `positions` names.
+    start with the first one; `run` is the first of those that `positions` names.
     """
 
-    frame: int  # number of the Wyner-Ziv frame in the sequence, from 0 in order of display
-    plane: int  # number of the first plane of the run in the frame, from 0
+    frame: int  # that names the run: its number in the sequence, from 0 in order of display
+    run: int  # number of the run: as many with this frame were begun before
     kind: Kind
     code: int  # number of the code in its family; the same for all requests of a run
     start: int  # number of the first wanted bit: as many as were asked for before
     count: int  # number of bits
     positions: tuple[int, ...] = ()  # increasing: positions in order number `code`, or runs
-    run: Run | None = None  # with the first request for a run: which bits it has
+    begun: Run | None = None  # with the first request for a run: which bits it has
 
 
-FRAME, PLANE, KIND, CODE, START, COUNT, LAST, SLOT, RUN = range(9)
+FRAME, RUN, KIND, CODE, START, COUNT, LAST, SLOT, BEGUN = range(9)
 NUM_COLUMNS = 9
-"""Columns of a `RequestTable`: numbers of frame, plane, kind and code; first bit and number of bits; where
-its positions end among all; where the frame is held, if that is known; its run among all, or -1."""
+"""Columns of a `RequestTable`: numbers of frame, run, kind and code; first bit and number of bits; where its
+positions end among all; where the frame is held, if that is known; the run that it begins among all, or -1.
+"""
 
 
 class RequestTable(NamedTuple):
     """Many requests, in the order in which they are answered, as columns."""
 
-    rows: NDArray[np.int64]  # a request each; see `FRAME` to `SLOT`
+    rows: NDArray[np.int64]  # a request each; see `FRAME` to `BEGUN`
     positions: NDArray[np.int64]  # their positions, one request's after the other's
     num_bits: int  # bits that are wanted in all
     runs: tuple[Run, ...] = ()  # that begin with a request
@@ -57,10 +65,10 @@ class RequestTable(NamedTuple):
     def of(cls, requests: Sequence[ParityRequest]) -> "RequestTable":
         """Return requests as a table."""
         ends = accumulate(len(request.positions) for request in requests)
-        begun = accumulate(request.run is not None for request in requests)
+        begun = accumulate(request.begun is not None for request in requests)
         rows = [
-            (request.frame, request.plane, KINDS.index(request.kind), request.code, request.start,
-             request.count, end, 0, -1 if request.run is None else number - 1)
+            (request.frame, request.run, KINDS.index(request.kind), request.code, request.start,
+             request.count, end, 0, -1 if request.begun is None else number - 1)
             for request, end, number in zip(requests, ends, begun, strict=True)
         ]  # fmt: skip
         positions = [position for request in requests for position in request.positions]
@@ -68,7 +76,7 @@ class RequestTable(NamedTuple):
             np.array(rows, np.int64).reshape(-1, NUM_COLUMNS),
             np.array(positions, np.int64),
             sum(request.count for request in requests),
-            tuple(request.run for request in requests if request.run is not None),
+            tuple(request.begun for request in requests if request.begun is not None),
         )
 
     def divided(self, packed: bytes) -> list[Bits]:
@@ -82,19 +90,19 @@ class RequestTable(NamedTuple):
         ends = [0, *(row[LAST] for row in rows)]
         return [
             ParityRequest(
-                row[FRAME], row[PLANE], KINDS[row[KIND]], row[CODE], row[START], row[COUNT],
-                tuple(positions[first:last]), None if row[RUN] < 0 else self.runs[row[RUN]],
+                row[FRAME], row[RUN], KINDS[row[KIND]], row[CODE], row[START], row[COUNT],
+                tuple(positions[first:last]), None if row[BEGUN] < 0 else self.runs[row[BEGUN]],
             )
             for row, (first, last) in zip(rows, pairwise(ends), strict=True)
         ]  # fmt: skip
 
 
 Round = Sequence[ParityRequest]
-"""Requests for different runs of a frame that are made, and answered, together."""
+"""Requests for different runs that are made, and answered, together."""
 Answer = Callable[[Round], Sequence[Bits]]
 """Turns requests into the bits of each: ndarray of shape (count,), uint8."""
 Place = tuple[int, int]
-"""Index of a frame, and of the first plane of a run: at most one request for a run waits for its answer."""
+"""Index of a frame, and number of a run: at most one request for a run waits for its answer."""
 Asked = TypeVar("Asked")
 Given = TypeVar("Given")
 Result = TypeVar("Result")
@@ -114,7 +122,7 @@ def beginning(
 ) -> Generator[ParityRequest, Bits, Result]:
     """Say with the first request of a coroutine for which run it is."""
     try:
-        bits = yield replace(next(coroutine), run=run)
+        bits = yield replace(next(coroutine), begun=run)
         while True:
             bits = yield coroutine.send(bits)
     except StopIteration as stop:

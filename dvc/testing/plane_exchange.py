@@ -9,7 +9,7 @@ Bits = NDArray[np.uint8]
 
 
 class PlaneSource:
-    """Answers requests for planes of one frame, and counts what it answers by kind."""
+    """Answers requests for planes of one frame, a run each, and counts what it answers by kind."""
 
     def __init__(self, planes: Bits, coder: PlaneCoder) -> None:
         self._planes, self._coder = planes, coder
@@ -20,26 +20,26 @@ class PlaneSource:
 
     def answer(self, request: ParityRequest) -> Bits:
         """Answer a request, and check that no bit is asked for twice."""
-        key = request.plane, request.kind
+        key = request.run, request.kind
         assert request.start == self._charged.get(key, 0)
         self._charged[key] = request.start + request.count
         self.paid[request.kind] += request.count
         if request.kind == "joint":
             check = joint_check(np.stack([crc(self._planes[p], CRC_BITS) for p in request.positions]))
             return check[: request.count]
-        source: Bits = self._planes[request.plane]
+        source: Bits = self._planes[request.run]
         if request.kind == "crc":
             source = crc(source, CRC_BITS)
         elif request.kind == "parity":
             source = np.concatenate(
-                [self._parity_of(request.plane, k) for k in range(request.code, self._coder.num_codes)]
+                [self._parity_of(request.run, k) for k in range(request.code, self._coder.num_codes)]
             )
             assert bool(request.positions) == self._coder.by_positions
         if not request.positions:
             released: Bits = source[request.start : request.start + request.count]
             return released
         size = self._planes.shape[1]
-        wanted = {(request.plane, request.code * size + position) for position in request.positions}
+        wanted = {(request.run, request.code * size + position) for position in request.positions}
         assert len(wanted) == request.count
         assert not wanted & self.asked
         self.asked |= wanted

@@ -42,7 +42,7 @@ def scales(inside: float, outside: float = 0.3) -> np.ndarray:
 
 
 def chosen_areas(choice: Choice) -> np.ndarray:
-    return AREAS.decoded(choice.run.areas).reshape(AREAS.shape)
+    return AREAS.decoded(choice.areas).reshape(AREAS.shape)
 
 
 def ask(bands: Sequence[Band], worth: LearnedWorth | None = None) -> list[Choice]:
@@ -55,7 +55,7 @@ def test_areas_that_are_badly_predicted_are_asked_for() -> None:
     chosen = chosen_areas(choice)
     assert chosen[1:3, 2:4].all()
     assert not chosen[:, [0, 5]].any()
-    assert choice.run.planes == (PLANES + PLANES - 1, 2 * PLANES + PLANES - 1)
+    assert choice.planes == (PLANES + PLANES - 1, 2 * PLANES + PLANES - 1)
     for wanted in choice.wanted:
         np.testing.assert_array_equal(np.flatnonzero(chosen.ravel()[AREAS.of_blocks]), wanted.blocks)
         assert wanted.expected[0] > MULTIPLIER * wanted.expected[1]
@@ -71,7 +71,7 @@ def test_a_band_that_does_not_gain_is_left_out() -> None:
     """Others are asked for as without it."""
     (alone,) = ask([band_of(1, scales(40.0))])
     (choice,) = ask([band_of(1, scales(40.0)), band_of(2, scales(0.3))])
-    assert choice.run == alone.run
+    assert (choice.planes, choice.areas) == (alone.planes, alone.areas)
 
 
 def test_blocks_that_were_left_stay_so() -> None:
@@ -107,7 +107,7 @@ def test_long_runs_are_divided(monkeypatch: pytest.MonkeyPatch) -> None:
     size = SHAPE[0] * SHAPE[1]
     for most, lengths in ((10 * size, [5]), (2 * size, [2, 2, 1]), (1, [1, 1, 1, 1, 1])):
         monkeypatch.setattr(asking, "MAX_RUN_BITS", most)
-        assert [len(choice.run.planes) for choice in ask(bands)] == lengths
+        assert [len(choice.planes) for choice in ask(bands)] == lengths
 
 
 def test_whole_planes_are_asked_for_as_a_whole() -> None:
@@ -115,7 +115,10 @@ def test_whole_planes_are_asked_for_as_a_whole() -> None:
     chooser = Asking(AREAS, LearnedWorth(), PlaneCost(1.06, 6.0), MULTIPLIER)
     bands = [band_of(1, scales(40.0, 40.0)), band_of(2, scales(0.3)), band_of(3, scales(40.0, 40.0))]
     choices = chooser.whole_planes(bands, 0)
-    assert [choice.run for choice in choices] == [((2 * PLANES - 1,), b""), ((4 * PLANES - 1,), b"")]
+    assert [(choice.planes, choice.areas) for choice in choices] == [
+        ((2 * PLANES - 1,), b""),
+        ((4 * PLANES - 1,), b""),
+    ]
     assert all(choice.wanted[0].blocks.size == SHAPE[0] * SHAPE[1] for choice in choices)
 
 
@@ -123,5 +126,5 @@ def test_without_a_slope_everything_is_asked_for() -> None:
     """In one run, also of what is predicted well."""
     chooser = Asking(AREAS, LearnedWorth(), PlaneCost(1.06, 6.0), 0.0)
     (choice,) = chooser.by_areas([band_of(1, scales(0.3)), band_of(2, scales(40.0))], 0)
-    assert choice.run == ((2 * PLANES - 1, 3 * PLANES - 1), b"")
+    assert (choice.planes, choice.areas) == ((2 * PLANES - 1, 3 * PLANES - 1), b"")
     assert len(chooser.whole_planes([band_of(1, scales(0.3))], 0)) == 1

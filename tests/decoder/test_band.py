@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from decoder.band import Band, Part
+from decoder.band import Band
 from dvc.wynerziv import quantizer
 
 SHAPE = (6, 8)
@@ -40,25 +40,22 @@ def test_intervals_close_in_on_values(band: Band) -> None:
     blocks = np.arange(truth.size)
     for missing in reversed(range(PLANES)):
         blocks = blocks[rng.random(blocks.size) < 0.8]
-        part = Part(blocks, 7, 3)
-        bits = np.concatenate([np.zeros(3, np.uint8), bits_of(band, truth, missing)[blocks]])
         assert band.place(missing) == (1, PLANES - missing - 1)
-        band.take(part, part.of(bits), missing)
+        band.take(blocks, bits_of(band, truth, missing)[blocks], missing)
         width[blocks] /= 2
         np.testing.assert_allclose(band.upper - band.lower, width)
         assert (band.lower <= truth)[blocks].all()
         assert (truth < band.upper)[blocks].all()
         np.testing.assert_array_equal(band.open, blocks)
-    assert len(band.parts) == PLANES
+    assert band.num_taken == PLANES
 
 
 def test_what_bits_take_off_is_what_means_move(band: Band) -> None:
     """The squared change of the conditional mean; nothing where the prediction was sure and right."""
     truth = np.where(np.arange(band.predicted.size) < 10, band.predicted + 90.0, band.predicted)
-    part = Part(np.arange(truth.size), 7, 0)
     before = band.known.reconstruct(band.predicted.reshape(SHAPE))
     gain = band.gain
-    saved = band.take(part, bits_of(band, truth, PLANES - 1), PLANES - 1)
+    saved = band.take(np.arange(truth.size), bits_of(band, truth, PLANES - 1), PLANES - 1)
     band.gain = gain
     after = band.known.reconstruct(band.predicted.reshape(SHAPE))
     assert saved == pytest.approx(np.sum((after - before) ** 2))
@@ -69,8 +66,7 @@ def test_scales_are_fitted_to_what_is_known(band: Band) -> None:
     """Values far from their predictions raise the factor on the scales."""
     truth = band.predicted + 25.0 * (-1.0) ** np.arange(band.predicted.size)
     for missing in reversed(range(PLANES)):
-        part = Part(np.arange(truth.size), 7, 0)
-        band.take(part, bits_of(band, truth, missing), missing)
+        band.take(np.arange(truth.size), bits_of(band, truth, missing), missing)
     assert band.gain > 3.0
 
 
@@ -78,15 +74,19 @@ def test_planes_that_are_entered_again_replace_wrong_ones(band: Band) -> None:
     """As if they had been right at once."""
     rng = np.random.default_rng(3)
     truth = band.predicted + rng.laplace(0.0, 9.0, band.predicted.size)
-    runs = {}
+    taken = []
     for missing in reversed(range(PLANES)):
         blocks = band.open[rng.random(band.open.size) < 0.9]
-        runs[missing] = bits_of(band, truth, missing)[blocks]
-        wrong = runs[missing].copy()
+        bits = bits_of(band, truth, missing)[blocks]
+        taken.append((blocks, bits))
+        wrong = bits.copy()
         wrong[0] ^= missing == 2
-        band.take(Part(blocks, missing, 0), wrong, missing)
+        band.take(blocks, wrong, missing)
     wrong_lower = band.lower.copy()
-    band.enter_again(runs)
+    band.forget()
+    np.testing.assert_array_equal(band.upper - band.lower, STEP * 2**PLANES)
+    for blocks, bits in taken:
+        band.enter(blocks, bits)
     assert (band.lower != wrong_lower).any()
     known = band.depth == PLANES
     assert known.sum() > 20

@@ -252,7 +252,7 @@ def test_requests_wait_for_others_while_there_is_something_to_do() -> None:
     """They go when the rest of the work takes as long as answers do, or a little after that."""
     clock = Clock()
     held = HeldRequests(clock)
-    requests = [ParityRequest(1, plane, "crc", 0, 0, 8) for plane in range(3)]
+    requests = [ParityRequest(1, run, "crc", 0, 0, 8) for run in range(3)]
     held.add(requests[:1])
     assert held.left_s(9) == 0.0
     for _ in range(200):

@@ -1,35 +1,44 @@
 """Groups of a live encoder in a decoding process: the same for any order of answers."""
 
 import io
+import multiprocessing
 import random
 import subprocess
 import sys
-import time
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from multiprocessing import Pipe
-from queue import SimpleQueue
+from functools import partial
 
 import numpy as np
 import pytest
 
-from decoder.group import GroupDecoder, Rank, RecordedGroup
-from decoder.processes import DecodingProcess, decoding_process
+from decoder import worker
+from decoder.group import GroupCoroutine, GroupDecoder, LevelBegins, RecordedGroup
+from decoder.processes import DecodingProcess, Outcome, decoding_process
 from decoder.session import stream_tasks
-from decoder.tasks import Answered, DecodedFrame, DecodedGroup, GroupTask
-from decoder.team import Team
-from decoder.worker import _Encoder
-from decoder.wyner_ziv import FrameCoroutine
-from dvc.config import CascadeConfig, CodecConfig, Qp, VideoConfig, codec_config
+from decoder.tasks import Answered, DecodedGroup, GroupTask
+from dvc.config import CascadeConfig, CodecConfig, Qp, VideoConfig, codec_config, encode_config
 from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError
-from dvc.slepian_wolf import ParityRequest
-from dvc.stream import StreamReader
+from dvc.slepian_wolf import Answer, ParityRequest, Round, drive, plane_coder
+from dvc.stream import GopRecord, StreamReader
 from dvc.video import Frame
+from dvc.wynerziv.encoder_buffer import EncoderBuffer
+from dvc.wynerziv.payloads import EncodedFrame
+from dvc.wynerziv.quantizer import FrameLayout
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 from tests.waiting import PATIENCE_S
+
+
+def answering(task: GroupTask, config: CodecConfig) -> Answer:
+    """Return what answers for all frames of a group, as a live encoder does."""
+    layout = FrameLayout.of(config)
+    buffer = EncoderBuffer(layout, plane_coder(config), len(task.record.wyner_ziv))
+    for slot, payload in enumerate(task.record.wyner_ziv):
+        buffer.enter(slot, EncodedFrame.read(layout, payload))
+    return partial(buffer.answer_round, first_frame=task.first_index)
 
 
 class Answering:
@@ -38,29 +47,29 @@ class Answering:
     def __init__(self, process: DecodingProcess, config: CodecConfig, tasks: list[GroupTask]) -> None:
         self.process = process
         self.groups: dict[int, DecodedGroup] = {}
-        self._records = {task.number: RecordedGroup(task, config) for task in tasks}
-        self._waiting: list[tuple[int, ParityRequest]] = []
+        self._answers = {task.number: answering(task, config) for task in tasks}
+        self._waiting: list[tuple[int, Round]] = []
         process.submit(*(replace(task, form=None) for task in tasks))
 
-    def receive(self) -> None:
+    def receive(self) -> tuple[int, Outcome]:
         """Take what comes next."""
         number, outcome = self.process.receive()
+        if number not in self._answers:
+            return number, outcome
         if isinstance(outcome, Exception):
             raise outcome
         if isinstance(outcome, DecodedGroup):
             self.groups[number] = outcome
-        elif isinstance(outcome, tuple):
-            self._waiting += [(number, outcome)] if outcome else []
+        elif outcome:
+            self._waiting.append((number, outcome))
+        return number, outcome
 
     def answer_some(self, shuffled: random.Random) -> bool:
         """Answer some of what waits, in any order; tell whether there was anything."""
         shuffled.shuffle(self._waiting)
         count = shuffled.randint(min(1, len(self._waiting)), len(self._waiting))
         chosen, self._waiting = self._waiting[:count], self._waiting[count:]
-        answers = [
-            Answered(requests[0].frame, tuple(self._records[number].answer(requests)))
-            for number, requests in chosen
-        ]
+        answers = [Answered(number, tuple(self._answers[number](requests))) for number, requests in chosen]
         self.process.submit(*answers)
         return count > 0
 
@@ -97,46 +106,48 @@ def test_any_order_of_answers_gives_the_same(
         assert live.groups[task.number].record == wanted.record
 
 
-class NotedLevels(RecordedGroup):
-    """A record that notes which levels begin."""
-
-    def __init__(self, task: GroupTask, config: CodecConfig) -> None:
-        super().__init__(task, config)
-        self.levels: list[tuple[Rank, int]] = []
-
-    def decode_level(self, rank: Rank, frames: Sequence[FrameCoroutine]) -> list[DecodedFrame]:
-        """Note the rank of a level, and how many frames it has."""
-        self.levels.append((rank, len(frames)))
-        return super().decode_level(rank, frames)
-
-
 def test_what_most_levels_depend_on_comes_first(
     config_and_tasks: tuple[CodecConfig, list[GroupTask]],
 ) -> None:
     """The middle frame comes before all others; at the same level the first group comes first."""
-    config, tasks = config_and_tasks
-    encoder = NotedLevels(tasks[0], config)
-    GroupDecoder(config).decode(tasks[0], encoder)
-    number = tasks[0].number
-    assert encoder.levels == [((-3, number), 1), ((-2, number), 2), ((-1, number), 4)]
+    (config, (task, *_)), levels = config_and_tasks, list[LevelBegins]()
+    record = RecordedGroup(task, config)
+
+    def answer(asked: Round | LevelBegins) -> Sequence[np.ndarray]:
+        if isinstance(asked, LevelBegins):
+            levels.append(asked)
+        else:
+            assert {request.frame for request in asked} == {levels[-1].frames[0]}
+        return record.answer(asked)
+
+    drive(GroupDecoder(config).steps(task), answer)
+    first, number, frame_px = task.first_index, task.number, 32 * 24
+    assert levels == [
+        ((-3, number), (first + 3,), frame_px),
+        ((-2, number), (first + 1, first + 5), 2 * frame_px),
+        ((-1, number), (first, first + 2, first + 4, first + 6), 4 * frame_px),
+    ]
 
 
-def test_wrong_answers_end_the_group(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:
-    """Bits that are too few for what a frame asked end its group, and the process serves nobody else."""
-    _, tasks = config_and_tasks
+def test_wrong_answers_end_the_group_alone(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:
+    """Bits that are too few for what a frame asked end its group; the process goes on with others."""
+    (config, (task, *others)) = config_and_tasks
     with decoding_process() as process:
-        process.submit(replace(tasks[0], form=None))
-        outcome: object = ()
-        while outcome == ():
-            number, outcome = process.receive()
-        assert isinstance(outcome, tuple)
-        process.submit(Answered(outcome[0].frame, (np.zeros(0, np.uint8),)))
-        while isinstance(outcome, tuple):
-            number, outcome = process.receive()
-    assert number == tasks[0].number
-    assert isinstance(outcome, Exception)
+        live = Answering(process, config, others)
+        process.submit(replace(task, form=None))
+        number, outcome = live.receive()
+        while number != task.number or outcome == ():
+            number, outcome = live.receive()
+        process.submit(Answered(task.number, (np.zeros(0, np.uint8),)))
+        while not (number == task.number and isinstance(outcome, Exception)):
+            number, outcome = live.receive()
+        assert "bits as uint8" in str(outcome)
+        shuffled = random.Random(2)
+        while len(live.groups) < len(others):
+            if process.num_pending or not live.answer_some(shuffled):
+                live.receive()
     with decoding_process() as other:
-        assert other is not process
+        assert other is process
 
 
 def test_a_group_without_a_frame_before_it_is_refused(
@@ -156,8 +167,8 @@ def test_a_group_without_a_frame_before_it_is_refused(
 def test_a_process_that_nobody_wants_ends_without_a_word(
     config_and_tasks: tuple[CodecConfig, list[GroupTask]],
 ) -> None:
-    """Whatever its threads are at when the other end is gone."""
-    ours, theirs = Pipe()
+    """Whatever it is at when the other end is gone."""
+    ours, theirs = multiprocessing.Pipe()
     command = [sys.executable, "-P", "-m", "decoder.worker", str(theirs.fileno())]
     process = subprocess.Popen(
         command,
@@ -173,38 +184,167 @@ def test_a_process_that_nobody_wants_ends_without_a_word(
     assert (process.returncode, said) == (0, b"")
 
 
-def test_a_frame_that_fails_does_not_hold_up_others() -> None:
-    """Its step is over for the other side, which else would hold the requests of the frames beside it."""
+class Pipe:
+    """The end of a connection that a worker has, in one process with all else."""
 
-    class Parent:
-        def __init__(self) -> None:
-            self.answers: dict[int, SimpleQueue[Sequence[np.ndarray]]] = {}
-            self.asked: SimpleQueue[object] = SimpleQueue()
-            self.steps = 0
+    def __init__(self) -> None:
+        self.coming: deque[tuple[GroupTask | Answered, ...]] = deque()
+        self.sent: list[tuple[int, object]] = []
+        self.counts: list[tuple[int, int]] = []  # of what is to be done, and of messages that were taken
 
-        def send(self, number: int, outcome: object, steps: int = 0) -> None:
-            assert number == 0
-            self.steps += steps
-            if outcome:
-                self.asked.put(outcome)
+    def poll(self) -> bool:
+        return bool(self.coming)
 
-    def asking() -> FrameCoroutine:
-        yield (ParityRequest(5, 0, "crc", 0, 0, 8),)
-        raise AssertionError("no such frame is decoded")
+    def recv(self) -> tuple[GroupTask | Answered, ...]:
+        return self.coming.popleft()
 
-    def failing() -> FrameCoroutine:
-        raise BitstreamError("damage")
-        yield ()
+    def send(self, message: tuple[int, object, int, int]) -> None:
+        number, outcome, *counts = message
+        self.sent.append((number, outcome))
+        self.counts.append((counts[0], counts[1]))
 
-    parent, video = Parent(), VideoConfig(32, 24, 25, 1)
-    worker = _Encoder(0, video, parent, Team())  # type: ignore[arg-type]
-    with ThreadPoolExecutor() as pool:
-        level = pool.submit(worker.decode_level, (0, 0), [asking(), failing()])
-        parent.asked.get(timeout=PATIENCE_S)
-        deadline = time.monotonic() + PATIENCE_S
-        while parent.steps and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert parent.steps == 0
-        parent.answers[5].put([np.zeros(8, np.uint8)])
-        with pytest.raises(AssertionError, match="no such frame"):
-            level.result(PATIENCE_S)
+
+Level = tuple[int, int]
+"""How many levels follow, negative, and pixels."""
+
+
+class Scripted:
+    """A decoder of groups that have levels as they are told, of which each asks once."""
+
+    def __init__(self, levels: Mapping[int, Sequence[Level | Exception]]) -> None:
+        self._levels = levels
+
+    def steps(self, task: GroupTask) -> GroupCoroutine:
+        for level in self._levels[task.number]:
+            if isinstance(level, Exception):
+                raise level
+            yield LevelBegins((level[0], task.number), (task.first_index,), level[1])
+            (bits,) = yield (ParityRequest(task.first_index, 0, "crc", 0, 0, 8),)
+            assert bits.size == 8
+        return DecodedGroup.of(replace(task, record=GopRecord(1, b"")), [])
+
+
+class Scene:
+    """A worker that decodes scripted groups, by number, and what it does."""
+
+    def __init__(self, levels: Mapping[int, Sequence[Level | Exception]]) -> None:
+        self.pipe = Pipe()
+        self.worker = worker._Worker(self.pipe)  # type: ignore[arg-type]
+        self.decoders: list[Scripted] = []
+        self.given_back: list[Scripted] = []
+        self._levels = levels
+        self.worker._decoders = self  # type: ignore[assignment]
+
+    def taken(self, config: bytes) -> Scripted:
+        if config:
+            raise KeyError(config)
+        self.decoders.append(Scripted(self._levels))
+        return self.decoders[-1]
+
+    def give_back(self, decoder: Scripted, config: bytes) -> None:
+        self.given_back.append(decoder)
+
+    def begin(self, *numbers: int, config: bytes = b"") -> list[tuple[int, object]]:
+        """Hand over groups, and return what the worker sends until it waits."""
+        frame, record = Frame(np.zeros((8, 8), np.uint8)), GopRecord(2, b"", wyner_ziv=(b"",))
+        return self._settled(
+            *(GroupTask(config, number, 10 * number, None, frame, record, None) for number in numbers)
+        )
+
+    def answer(self, *numbers: int) -> list[tuple[int, object]]:
+        """Answer groups, and return what the worker sends until it waits, but where it asks for nothing."""
+        return self._settled(*(Answered(number, (np.zeros(8, np.uint8),)) for number in numbers))
+
+    def _settled(self, *messages: GroupTask | Answered) -> list[tuple[int, object]]:
+        known = len(self.pipe.sent)
+        self.pipe.coming.append(messages)
+        self.worker.take(wait=True)
+        while not self.worker.is_idle:
+            self.worker.step()
+        assert self.pipe.counts[-1][0] == 0
+        return [sent for sent in self.pipe.sent[known:] if sent[1] != ()]
+
+    def asked(self, found: Sequence[tuple[int, object]]) -> list[int]:
+        """Return which groups ask for something, in order."""
+        return [number for number, outcome in found if isinstance(outcome, tuple)]
+
+
+def ended(found: Sequence[tuple[int, object]]) -> list[int]:
+    """Return which groups are decoded, in order."""
+    return [number for number, outcome in found if isinstance(outcome, DecodedGroup)]
+
+
+def test_groups_of_a_lower_rank_go_first() -> None:
+    """Those with the most levels to come, whoever is answered first; then the first in display order."""
+    scene = Scene({1: [(-2, 1), (-1, 1)], 2: [(-3, 1), (-2, 1), (-1, 1)], 3: [(-3, 1), (-2, 1), (-1, 1)]})
+    assert sorted(scene.asked(scene.begin(1, 2, 3))) == [1, 2, 3]
+    assert scene.pipe.counts[-1] == (0, 3)
+    assert scene.asked(scene.answer(1, 3, 2)) == [2, 3, 1]
+    assert scene.asked(scene.answer(3)) == [3]
+    found = scene.answer(1, 2, 3)
+    assert scene.asked(found) == [2]
+    assert sorted(ended(found)) == [1, 3]
+    assert ended(scene.answer(2)) == [2]
+    assert scene.pipe.counts[-1] == (0, 11)
+    assert len(scene.given_back) == 3
+    assert set(scene.given_back) == set(scene.decoders)
+
+
+def test_levels_wait_for_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As long as others have it; the lowest rank that waits is the next, and nobody overtakes it."""
+    monkeypatch.setattr(worker, "MAX_ACTIVE_PX", 10)
+    scene = Scene({1: [(-2, 6), (-1, 4)], 2: [(-2, 6)], 3: [(-1, 2)], 4: [(-3, 30)], 5: [(-4, 3)]})
+    assert scene.asked(scene.begin(1)) == [1]
+    assert scene.asked(scene.begin(2, 3)) == []
+    assert scene.asked(scene.answer(1)) == [2, 1]
+    assert scene.asked(scene.begin(4, 5)) == []
+    assert scene.pipe.counts[-1] == (0, 6)
+    found = scene.answer(1)
+    assert (ended(found), scene.asked(found)) == ([1], [5])
+    found = scene.answer(5)
+    assert (ended(found), scene.asked(found)) == ([5], [])
+    found = scene.answer(2)
+    assert (ended(found), scene.asked(found)) == ([2], [4])
+    found = scene.answer(4)
+    assert (ended(found), scene.asked(found)) == ([4], [3])
+    assert ended(scene.answer(3)) == [3]
+    assert scene.worker._used_px == 0
+
+
+def test_a_group_that_fails_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Memory that it had goes to others; its decoder serves no other group."""
+    monkeypatch.setattr(worker, "MAX_ACTIVE_PX", 10)
+    scene = Scene({1: [(-2, 9), BitstreamError("damage")], 2: [(-1, 8)], 3: [ValueError("of a method")]})
+    assert scene.asked(scene.begin(1, 2)) == [1]
+    ((number, other),) = scene.begin(3)
+    assert (number, type(other), str(other)) == (3, RuntimeError, "ValueError('of a method')")
+    assert "in the decoding process" in other.__notes__[0]  # type: ignore[attr-defined]
+    found = scene.answer(1)
+    assert dict(found).keys() == {1, 2}
+    error = dict(found)[1]
+    assert isinstance(error, BitstreamError)
+    assert str(error) == "group of pictures 1: damage"
+    assert scene.asked(found) == [2]
+    ((number, refused),) = scene.begin(4, config=b"no configuration")
+    assert (number, type(refused)) == (4, RuntimeError)
+    assert ended(scene.answer(2)) == [2]
+    assert scene.given_back == [scene.decoders[1]]
+
+
+def test_decoders_are_kept_for_groups_of_their_configuration(
+    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
+) -> None:
+    """Nobody else has one that is lent; another configuration has others."""
+    config, _ = config_and_tasks
+    ours, others = encode_config(config), encode_config(replace(config, seed=2))
+    decoders = worker._Decoders()
+    first, second = decoders.taken(ours), decoders.taken(ours)
+    assert first is not second
+    assert first._decoder is second._decoder
+    decoders.give_back(first, ours)
+    assert decoders.taken(ours) is first
+    other = decoders.taken(others)
+    decoders.give_back(first, ours)
+    assert decoders.taken(others) not in (first, other)
+    decoders.give_back(other, others)
+    assert decoders.taken(others) is other

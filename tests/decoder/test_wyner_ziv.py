@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from unittest import mock
 
 import numpy as np
 import pytest
 
 from decoder.frame_state import FrameState, KnownBand
+from decoder.level import FrameCoroutine, decode_level
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame
 from decoder.wyner_ziv import WynerZivDecoder
@@ -21,7 +23,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.metrics import psnr_db
-from dvc.slepian_wolf import CRC_BITS, Answer, Round, Run, drive, plane_coder
+from dvc.slepian_wolf import CRC_BITS, Answer, Part, Round, drive, plane_coder
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
 from dvc.wynerziv.areas import Areas
@@ -53,12 +55,21 @@ def decode(
     quantization = decoder.layout.read_header(encoded.header)
     answer, finest = answering(config, encoded), quantization.step(0) or 1.0
     with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", slope / finest**2):
-        return drive(decoder.decode(5, quantization, prediction, decoder.nothing_learned()), answer)
+        return alone(decoder, decoder.decode(5, quantization, prediction, decoder.nothing_learned()), answer)
+
+
+def alone(decoder: WynerZivDecoder, frame: FrameCoroutine, answer: Answer) -> DecodedFrame:
+    """Decode a frame as the only one of its level."""
+    planes = decoder.coder.decoder(decoder.layout.num_bits)
+    (decoded,) = drive(decode_level({5: frame}, planes, decoder.coder.by_positions), answer)
+    return decoded
 
 
 def answering(config: CodecConfig, encoded: EncodedFrame) -> Answer:
-    """Return what answers requests for a frame."""
-    return EncoderBuffer.of(encoded, plane_coder(config)).answer_round
+    """Return what answers requests for frame 5."""
+    buffer = EncoderBuffer(encoded.layout, plane_coder(config), 1)
+    buffer.enter(0, encoded)
+    return partial(buffer.answer_round, first_frame=5)
 
 
 def noisy_prediction(original: Frame, noise: float, seed: int = 0) -> Prediction:
@@ -152,8 +163,8 @@ def test_every_noise_model_decodes(original: Frame, model: str) -> None:
     assert decode(config, original, noisy_prediction(original, 3.0)).num_failed_planes == 0
 
 
-def test_requests_name_frame_plane_and_range(original: Frame) -> None:
-    """Requests of a plane carry the frame's index and go on where the one before ended."""
+def test_requests_name_frame_run_and_range(original: Frame) -> None:
+    """Requests of a run carry the frame's index and go on where the one before ended."""
     config = config_of(2)
     encoded = WynerZivEncoder(config).encode(original)
     bits_of = answering(config, encoded)
@@ -163,31 +174,31 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
     def answer(requests: Round) -> Sequence[np.ndarray]:
         for request in requests:
             assert request.frame == 5
-            assert request.start == seen.get((request.plane, request.kind), 0)
-            seen[request.plane, request.kind] = request.start + request.count
+            assert request.start == seen.get((request.run, request.kind), 0)
+            seen[request.run, request.kind] = request.start + request.count
         return bits_of(requests)
 
     quantization = decoder.layout.read_header(encoded.header)
     steps = decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.nothing_learned())
-    decoded = drive(steps, answer)
-    assert {plane for plane, _ in seen} == set(range(quantization.num_planes))
+    decoded = alone(decoder, steps, answer)
+    assert {run for run, _ in seen} == set(range(quantization.num_planes))
     assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
     assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
 
 
-def runs_of(config: CodecConfig, original: Frame, prediction: Prediction, slope: float) -> list[Run]:
-    """Return the runs that a frame is decoded by, in order."""
+def runs_of(config: CodecConfig, original: Frame, prediction: Prediction, slope: float) -> list[Part]:
+    """Return the runs that a frame is decoded by alone, in order."""
     encoded = WynerZivEncoder(config).encode(original, 8.0)
     answer, decoder = answering(config, encoded), WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
-    runs: list[Run] = []
+    runs: list[Part] = []
 
     def answered(requests: Round) -> Sequence[np.ndarray]:
-        runs.extend(request.run for request in requests if request.run is not None)
+        runs.extend(part for request in requests for part in request.begun or ())
         return answer(requests)
 
     with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", slope / 64.0):
-        drive(decoder.decode(5, quantization, prediction, decoder.nothing_learned()), answered)
+        alone(decoder, decoder.decode(5, quantization, prediction, decoder.nothing_learned()), answered)
     return runs
 
 
@@ -201,7 +212,7 @@ def test_bands_between_refinements_are_runs(original: Frame) -> None:
         quantization.bands[start:end] for start, end in ((0, 1), (1, 2), (2, 3), (3, 5), (5, 9), (9, 16))
     ]
     assert runs == [
-        Run(tuple(first[band] + planes[band] - missing - 1 for band in part if planes[band] > missing))
+        Part(0, tuple(first[band] + planes[band] - missing - 1 for band in part if planes[band] > missing))
         for part in parts
         for missing in reversed(range(max(planes[band] for band in part)))
     ]
@@ -255,6 +266,17 @@ def test_embedded_bins_are_decoded(original: Frame, step: float) -> None:
     assert decoded.num_skipped_planes == 0
     error = decoded.frame.luma.astype(float) - original.luma
     assert np.mean(error**2) < step**2 / 6 + 0.5
+
+
+@pytest.mark.parametrize("coder", CODERS)
+def test_a_frame_without_planes_is_left_as_predicted(original: Frame, coder: str) -> None:
+    """Nothing is asked for where an encoder sends no band at all."""
+    config = replace(embedded_config(), coder=CODERS[coder]())
+    black = Frame(np.zeros_like(original.luma))
+    assert WynerZivEncoder(config).encode(black, 8.0).quantization.num_planes == 0
+    decoded = decode(config, black, noisy_prediction(black, 4.0), 8.0)
+    assert (decoded.num_requests, decoded.num_skipped_planes, decoded.num_failed_planes) == (0, 0, 0)
+    np.testing.assert_array_equal(decoded.frame.luma, decoded.side_information)
 
 
 def test_a_steeper_slope_asks_for_less(original: Frame) -> None:
@@ -334,6 +356,6 @@ def test_every_group_learns_by_itself(original: Frame) -> None:
         if number == 2:
             learned = decoder.nothing_learned()
         steps = decoder.decode(5, quantization, prediction, learned)
-        decoded = drive(steps, answer)
+        decoded = alone(decoder, steps, answer)
         costs.append([cost.ideal_bits for cost in decoded.band_costs])
     assert costs[0] == costs[2] != costs[1]

@@ -1,6 +1,7 @@
 """Serving a decoder: what it may cost, and what another one gets that comes in its place."""
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -10,7 +11,7 @@ from dvc.config import Live, Qp, VideoConfig, codec_config
 from dvc.errors import FeedbackError, SupersededError
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, LinkCounts
 from dvc.feedback.messages import Gop, ParityRequests, encode_message
-from dvc.slepian_wolf import ParityRequest, RequestTable, Run
+from dvc.slepian_wolf import ParityRequest, Part, RequestTable
 from dvc.video import Frame
 from dvc.wynerziv.areas import Areas
 from encoder import live
@@ -129,22 +130,27 @@ class Asking(Decoder):
 LAST_PLANE = sum(CONFIG.wyner_ziv.max_planes) - 1
 
 
+def asking(plane: int, areas: bytes = b"") -> ParityRequest:
+    """Return the first request of frame 1, for check bits of a plane."""
+    return ParityRequest(1, 0, "crc", 0, 0, 8, (), (Part(0, (plane,), areas),))
+
+
 @pytest.mark.parametrize(
     ("requests", "text"),
     [
-        ([ParityRequest(1, 0, "crc", 0, 0, 8, (), Run((0,), b"\xff" * 20))], "range-coded data are damaged"),
-        ([ParityRequest(1, LAST_PLANE, "crc", 0, 0, 8, (), Run((LAST_PLANE,)))], "plane 191 of frame 1"),
-        ([ParityRequest(1, 0, "crc", 0, 0, 8, (), Run((0, LAST_PLANE)))], "plane 191 of frame 1"),
-        ([ParityRequest(1, 0, "crc", 0, 0, 8)], "plane 0 of frame 1, naming a plane that begins no run"),
+        ([asking(0, b"\xff" * 20)], "range-coded data are damaged"),
+        ([asking(LAST_PLANE)], "plane 191 of a frame"),
+        ([replace(asking(0), begun=(Part(0, (0, LAST_PLANE)),))], "plane 191 of a frame"),
+        ([replace(asking(0), begun=None)], "run 0 of frame 1, or another one that was not begun"),
         (
             [
-                ParityRequest(1, 0, "joint", 0, 0, 8, (0, 1), Run((0,))),
-                ParityRequest(1, 1, "crc", 0, 0, 8, (), Run((1,))),
+                replace(asking(0), kind="joint", positions=(0, 1)),
+                replace(asking(1), run=1),
             ],
-            "joint bits of plane 0 of frame 1, naming a plane that begins no run",
+            "joint bits of run 0 of frame 1, or another one that was not begun",
         ),
         (
-            [ParityRequest(1, 0, "uncoded", 0, 0, 48, (), Run((0,), Areas((6, 8)).coded(NO_AREAS)))],
+            [replace(asking(0, Areas((6, 8)).coded(NO_AREAS)), kind="uncoded", count=48)],
             "bit 47 of a run of 0 in frame 1",
         ),
     ],

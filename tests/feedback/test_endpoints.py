@@ -36,7 +36,7 @@ from dvc.feedback.messages import (
     encode_message,
     max_payload_bytes,
 )
-from dvc.slepian_wolf import ParityRequest, RequestTable, Run
+from dvc.slepian_wolf import ParityRequest, Part, RequestTable, Run
 from dvc.slepian_wolf.requests import Kind
 from dvc.stream import GopRecord
 
@@ -51,7 +51,7 @@ CONFIG = codec_config(
 NUM_BITS = 1584
 NUM_CRC_BITS = 16
 MAX_AREAS_BYTES = 64 + NUM_BITS
-SEVERAL = Run((0, 3, 11), b"some areas")
+SEVERAL: Run = (Part(0, (0, 3, 11), b"some areas"),)
 RECORDS = [
     GopRecord(1, b"first key"),
     GopRecord(4, b"key" * 100, True, b"", (b"header 1", b"", b"header 3")),
@@ -63,20 +63,25 @@ RECORDS = [
 ALL_BITS = np.random.default_rng(1).integers(0, 2, (12, 30, 3 * NUM_BITS), np.uint8)
 
 
-def plane_bits(frame: int, plane: int, start: int, count: int) -> NDArray[np.uint8]:
+def run_bits(frame: int, run: int, start: int, count: int) -> NDArray[np.uint8]:
     """Return bits of a run that both ends know."""
-    return ALL_BITS[frame, plane, start : start + count]
+    return ALL_BITS[frame, run, start : start + count]
 
 
 def answers(table: RequestTable) -> bytes:
     """Return the bits that requests ask for."""
-    bits = [plane_bits(one.frame, one.plane, one.start, one.count) for one in table.requests()]
+    bits = [run_bits(one.frame, one.run, one.start, one.count) for one in table.requests()]
     return np.packbits(np.concatenate(bits)).tobytes()
 
 
-def first(frame: int, plane: int, kind: Kind, code: int, start: int, count: int) -> ParityRequest:
-    """Return the first request for a run of one plane."""
-    return ParityRequest(frame, plane, kind, code, start, count, run=Run((plane,)))
+def of_planes(*planes: int, areas: bytes = b"") -> Run:
+    """Return a run of the frame that names it."""
+    return (Part(0, planes, areas),)
+
+
+def first(frame: int, run: int, kind: Kind, code: int, start: int, count: int) -> ParityRequest:
+    """Return the first request for a run of the plane of its number."""
+    return ParityRequest(frame, run, kind, code, start, count, begun=of_planes(run))
 
 
 def asking(*requests: ParityRequest) -> ParityRequests:
@@ -112,21 +117,21 @@ class Decoder:
     """A decoder that keeps two GOPs open and decodes two runs of all their frames at once."""
 
     endpoint: DecoderEndpoint = field(default_factory=DecoderEndpoint)
-    planes: dict[tuple[int, int], Iterator[ParityRequest]] = field(default_factory=dict)
+    runs: dict[tuple[int, int], Iterator[ParityRequest]] = field(default_factory=dict)
     gops: dict[int, set[tuple[int, int]]] = field(default_factory=dict)
     records: list[GopRecord] = field(default_factory=list)
     bits: dict[tuple[int, int], list[NDArray[np.uint8]]] = field(default_factory=dict)
     num_frames: int | None = None
 
     @staticmethod
-    def requests(frame: int, plane: int) -> Iterator[ParityRequest]:
-        if plane == 0:
-            yield ParityRequest(frame, plane, "crc", 0, 0, 8, run=SEVERAL)
-            yield ParityRequest(frame, plane, "parity", 0, 0, 300)
-            yield ParityRequest(frame, plane, "parity", 0, 300, 3 * NUM_BITS - 300)
-            yield ParityRequest(frame, plane, "crc", 0, 8, NUM_CRC_BITS - 8)
+    def requests(frame: int, run: int) -> Iterator[ParityRequest]:
+        if run == 0:
+            yield ParityRequest(frame, run, "crc", 0, 0, 8, begun=SEVERAL)
+            yield ParityRequest(frame, run, "parity", 0, 0, 300)
+            yield ParityRequest(frame, run, "parity", 0, 300, 3 * NUM_BITS - 300)
+            yield ParityRequest(frame, run, "crc", 0, 8, NUM_CRC_BITS - 8)
         else:
-            yield first(frame, plane, "uncoded", 0, 0, NUM_BITS)
+            yield first(frame, run, "uncoded", 0, 0, NUM_BITS)
 
     def react(self, data: bytes) -> None:
         requests: list[ParityRequest] = []
@@ -140,27 +145,25 @@ class Decoder:
                 case Gop(number, record):
                     first = sum(record.num_frames for record in self.records)
                     self.records.append(record)
-                    self.gops[number] = {
-                        (first + n, k) for n in range(record.num_frames - 1) for k in (0, 29)
-                    }
+                    self.gops[number] = {(first + n, k) for n in range(record.num_frames - 1) for k in (0, 1)}
                     for key in sorted(self.gops[number]):
-                        self.planes[key] = self.requests(*key)
-                        requests.append(next(self.planes[key]))
-                case ParityAnswer(frame, plane, bits):
-                    self.bits.setdefault((frame, plane), []).append(bits)
-                    following = next(self.planes[frame, plane], None)
+                        self.runs[key] = self.requests(*key)
+                        requests.append(next(self.runs[key]))
+                case ParityAnswer(frame, run, bits):
+                    self.bits.setdefault((frame, run), []).append(bits)
+                    following = next(self.runs[frame, run], None)
                     if following is not None:
                         requests.append(following)
                     else:
-                        del self.planes[frame, plane]
+                        del self.runs[frame, run]
                 case End(num_frames):
                     self.num_frames = num_frames
             self.close_gops()
         self.endpoint.send_requests(requests)
 
     def close_gops(self) -> None:
-        for number, planes in list(self.gops.items()):
-            if not planes & self.planes.keys():
+        for number, runs in list(self.gops.items()):
+            if not runs & self.runs.keys():
                 del self.gops[number]
                 self.endpoint.send_gop_done(number)
                 self.endpoint.send_next_gop()
@@ -218,9 +221,9 @@ def test_a_sequence_goes_through_in_pieces_of_any_size(to_decoder: int, to_encod
     assert decoder.endpoint.config == CONFIG
     assert decoder.records == RECORDS
     assert decoder.num_frames == 10
-    assert set(decoder.bits) == {(frame, plane) for frame in (1, 2, 3, 5, 7, 8) for plane in (0, 29)}
+    assert set(decoder.bits) == {(frame, run) for frame in (1, 2, 3, 5, 7, 8) for run in (0, 1)}
     for key, parts in decoder.bits.items():
-        expected = [plane_bits(*key, request.start, request.count) for request in Decoder.requests(*key)]
+        expected = [run_bits(*key, request.start, request.count) for request in Decoder.requests(*key)]
         assert all(np.array_equal(part, bits) for part, bits in zip(parts, expected, strict=True))
 
 
@@ -268,8 +271,8 @@ def test_another_decoder_is_told_where_it_begins() -> None:
         (b"\x09\x00", "unknown message of type 9"),
         (encode_message(NextGop()), "unexpected NextGop"),
         (encode_message(Failure("")), "unexpected Failure"),
-        (b"\x01\x01\x05", "protocol version 5; this program speaks version 9"),
-        (b"\x01\x03\x09\x00\x00", "bytes follow the version"),
+        (b"\x01\x01\x05", "protocol version 5; this program speaks version 10"),
+        (b"\x01\x03\x0a\x00\x00", "bytes follow the version"),
         (b"\x01\xff\xff\x7f", "at most 4096 are allowed"),
     ],
 )
@@ -296,19 +299,19 @@ def test_failure_is_told_in_one_line() -> None:
 
 REQUEST = first(1, 0, "parity", 0, 0, 100)
 MORE = ParityRequest(1, 0, "crc", 0, 0, 8)
-FETCHED = [first(2, plane, "uncoded", 0, 0, NUM_BITS) for plane in range(30)]
+FETCHED = [first(2, run, "uncoded", 0, 0, NUM_BITS) for run in range(30)]
 
 
 def beginning(*planes: int, areas: bytes = b"", kind: Kind = "parity", count: int = 9) -> ParityRequest:
     """Return the first request for a run of frame 1."""
-    return ParityRequest(1, planes[0], kind, 0, 0, count, run=Run(planes, areas))
+    return ParityRequest(1, 0, kind, 0, 0, count, begun=of_planes(*planes, areas=areas))
 
 
 TO_ENCODER: list[tuple[list[Message], str]] = [
     ([asking(first(0, 0, "parity", 0, 0, 9))], "frame 0 is no Wyner-Ziv frame"),
     ([asking(first(4, 0, "parity", 0, 0, 9))], "frame 4 is no Wyner-Ziv frame"),
     ([asking(first(5, 0, "parity", 0, 0, 9))], "frame 5 is no Wyner-Ziv frame"),
-    ([asking(first(1, 30, "parity", 0, 0, 9))], "plane 30, there are 30"),
+    ([asking(first(1, 30, "parity", 0, 0, 9))], "run 30 of frame 1 begins, 0 is the next of 256"),
     ([asking(first(1, 0, "parity", 99, 0, 9))], "code 99"),
     ([asking(first(1, 0, "parity", 0, 0, 0))], "0 parity bits"),
     ([asking(first(1, 0, "parity", 0, 0, NUM_BITS + 1))], "1585 parity bits"),
@@ -317,37 +320,40 @@ TO_ENCODER: list[tuple[list[Message], str]] = [
     ([asking(beginning(0, 7, 9, count=3 * NUM_BITS + 1))], "4753 parity bits"),
     ([asking(beginning(0, 7, 9, kind="uncoded", count=3 * NUM_BITS + 1))], "4753 uncoded bits"),
     ([asking(beginning(0, 7, 9, kind="crc", count=NUM_CRC_BITS + 1))], f"{NUM_CRC_BITS + 1} crc bits"),
-    ([asking(REQUEST), asking(MORE)], "second request for plane 0 of frame 1"),
-    ([asking(REQUEST, MORE)], "second request for plane 0 of frame 1"),
-    ([asking(MORE)], "crc bits of plane 0 of frame 1, naming a plane that begins no run"),
+    ([asking(REQUEST), asking(MORE)], "second request for run 0 of frame 1"),
+    ([asking(REQUEST, MORE)], "second request for run 0 of frame 1"),
+    ([asking(MORE)], "crc bits of run 0 of frame 1, or another one that was not begun"),
     (
-        [asking(REQUEST), asking(replace(MORE, plane=1))],
-        "plane 1 of frame 1, naming a plane that begins no run",
+        [asking(REQUEST), asking(replace(MORE, run=1))],
+        "run 1 of frame 1, or another one that was not begun",
     ),
     (
         [asking(REQUEST), asking(replace(MORE, frame=2))],
-        "plane 0 of frame 2, naming a plane that begins no run",
+        "run 0 of frame 2, or another one that was not begun",
     ),
-    ([asking(beginning(0, 3)), asking(replace(MORE, plane=3))], "plane 3 of frame 1, naming a plane that"),
+    ([asking(beginning(0, 3)), asking(replace(MORE, run=3))], "run 3 of frame 1, or another one that was"),
+    ([asking(beginning(0)), asking(replace(MORE, run=256))], "run 256 of frame 1, or another one that was"),
+    ([asking(beginning(0)), asking(replace(MORE, run=2**34))], f"run {2**34} of frame 1, or another one"),
     (
-        [asking(replace(MORE, plane=3), beginning(0, 3))],
-        "plane 3 of frame 1, naming a plane that begins no run",
+        [asking(replace(MORE, run=1), beginning(0, 3))],
+        "run 1 of frame 1, or another one that was not begun",
     ),
-    ([asking(beginning(0, 3)), asking(beginning(3))], "a second run with plane 3 of frame 1"),
+    ([asking(beginning(0, 3)), asking(beginning(3))], "run 0 of frame 1 begins, 1 is the next of 256"),
+    ([asking(beginning(0, 3), beginning(2, 3, 4))], "run 0 of frame 1 begins, 1 is the next"),
+    ([asking(REQUEST), asking(REQUEST)], "run 0 of frame 1 begins, 1 is the next"),
     (
-        [asking(beginning(0, 3), beginning(2, 3, 4))],
-        "a second run with plane 2 of frame 1, or those after it",
+        [asking(beginning(0)), asking(first(1, 2, "parity", 0, 0, 9))],
+        "run 2 of frame 1 begins, 1 is the next",
     ),
-    ([asking(beginning(2, 3)), asking(beginning(0, 2))], "a second run with plane 0 of frame 1"),
-    ([asking(REQUEST), asking(REQUEST)], "a second run with plane 0 of frame 1"),
-    ([asking(beginning(0, 30))], r"a run of planes \[0, 30\] for plane 0 of frame 1, there are 30"),
-    ([asking(beginning(29, 2**34))], rf"a run of planes \[29, {2**34}\]"),
-    ([asking(beginning(*range(17)))], "a run of 17 planes, with areas of 0 bytes"),
-    ([asking(beginning(*range(10**4)))], "a run of 10000 planes"),
-    (
-        [asking(beginning(0, areas=bytes(MAX_AREAS_BYTES + 1)))],
-        f"1 planes, with areas of {MAX_AREAS_BYTES + 1}",
-    ),
+    ([asking(beginning(0, 30))], r"run 0 of frame 1 has planes \[0, 30\], there are 30"),
+    ([asking(beginning(29, 2**34))], rf"has planes \[29, {2**34}\], there are 30"),
+    ([asking(beginning(*range(17)))], "has 17 planes, areas of 0 bytes"),
+    ([asking(beginning(*range(10**4)))], "has 10000 planes"),
+    ([asking(beginning())], "run 0 of frame 1 has 0 planes"),
+    ([asking(beginning(0, areas=bytes(MAX_AREAS_BYTES + 1)))], f"1 planes, areas of {MAX_AREAS_BYTES + 1}"),
+    ([asking(replace(MORE, begun=()))], r"run 0 of frame 1 has frames \[\] after that"),
+    ([asking(replace(MORE, begun=(Part(3, (0,)),)))], r"run 0 of frame 1 has frames \[3\] after that"),
+    ([asking(replace(MORE, frame=3, begun=(Part(1, (0,)),)))], r"run 0 of frame 3 has frames \[1\] after"),
     ([asking(first(1, 0, "crc", 0, 0, 2**30))], f"{2**30} bits asked for at once"),
     ([ParityRequests(RequestTable.of(()))], "0 bits asked for at once"),
     ([asking(REQUEST), GopDone(1)], "done before all its requests"),
@@ -389,7 +395,7 @@ def test_encoder_refuses_a_breach_of_the_protocol(messages: list[Message], text:
 def test_decoder_refuses_a_breach_of_the_protocol(messages: list[Message], text: str) -> None:
     """An encoder that sends what was not asked for is told off in one line."""
     _, decoder = opened()
-    decoder.send_requests([first(2, 1, "crc", 0, 0, 8)])
+    decoder.send_requests([first(2, 0, "crc", 0, 0, 8)])
     with pytest.raises(FeedbackError, match=text) as caught:
         decoder.receive(b"".join(encode_message(message) for message in messages))
     assert "\n" not in str(caught.value)
@@ -400,9 +406,9 @@ def test_turbo_codes_are_one() -> None:
     _, decoder = opened()
     decoder.send_requests([first(1, 0, "crc", 0, 0, 8)])
     kinds: tuple[Kind, ...] = ("crc", "parity")
-    for plane, kind in enumerate(kinds, 1):
-        with pytest.raises(ValueError, match=f"code 1 for plane {plane} of frame 1"):
-            decoder.send_requests([first(1, plane, kind, 1, 0, 9)])
+    for run, kind in enumerate(kinds, 1):
+        with pytest.raises(ValueError, match=f"code 1 for run {run} of frame 1"):
+            decoder.send_requests([first(1, run, kind, 1, 0, 9)])
 
 
 @pytest.mark.parametrize(
@@ -416,9 +422,9 @@ def test_turbo_codes_are_one() -> None:
         (b"\x01\xff\xff\xff\xff\xff", "integer is longer"),
         (b"\x01\x80\x00", "integer is longer"),
         (b"\x01\x00", "Hello: data end"),
-        (b"\x01\x01\x02", "protocol version 2; this program speaks version 9"),
-        (b"\x01\x03\x09\x00\x7f", "configuration: Expected `array`, got `int`"),
-        (b"\x01\x01\x09", "configuration: .*truncated"),
+        (b"\x01\x01\x02", "protocol version 2; this program speaks version 10"),
+        (b"\x01\x03\x0a\x00\x7f", "configuration: Expected `array`, got `int`"),
+        (b"\x01\x01\x0a", "configuration: .*truncated"),
     ],
 )
 def test_decoder_refuses_strangers(data: bytes, text: str) -> None:
@@ -431,7 +437,7 @@ def test_decoder_refuses_strangers(data: bytes, text: str) -> None:
     ("data", "text"),
     [
         (b"\x02\x01", "NextGop of 1 bytes, at most 0"),
-        (b"\x04\x81\x8c\x07", "ParityRequests of 116225 bytes, at most 116224"),
+        (b"\x04\x81\xb0\x10", "ParityRequests of 268289 bytes, at most 268288"),
         (b"\x04\x00", "0 bits asked for at once"),
         (b"\x04\x03\x01\x01\x00", "ParityRequests: data end"),
         (b"\x04\x04\x01\x01\x00\x80", "ParityRequests: data end"),
@@ -442,14 +448,32 @@ def test_decoder_refuses_strangers(data: bytes, text: str) -> None:
         (b"\x04\x05\x07\x01\x00\x02\x01", "ParityRequests: data end"),
         (b"\x04\x04\x09\x01\x00\x01", "ParityRequests: data end"),
         (b"\x04\x05\x09\x01\x00\x01\x01", "ParityRequests: data end"),
-        (b"\x04\x06\x09\x01\x00\x01\x01\x02", "ParityRequests: data end"),
+        (b"\x04\x06\x09\x01\x00\x01\x01\x01", "ParityRequests: data end"),
+        (b"\x04\x07\x09\x01\x00\x01\x01\x01\x01", "ParityRequests: data end"),
+        (b"\x04\x08\x09\x01\x00\x01\x01\x01\x01\x01", "ParityRequests: data end"),
+        (b"\x04\x09\x09\x01\x00\x01\x01\x01\x01\x01\x01", "ParityRequests: data end"),
+        (b"\x04\x09\x09\x01\x00\x01\x02\x01\x01\x01\x00", "ParityRequests: data end"),
         (b"\x04\x09\x09\x01\x00\x01\xff\xff\xff\xff\x7f", "ParityRequests: data end"),
-        (b"\x04\x09\x09\x01\x00\x01\x01\x02\x03ab", "ParityRequests: data end"),
-        (b"\x04\x0b\x09\x01\x00\x01\x00\xff\xff\xff\xff\x7fa", "ParityRequests: data end"),
-        (b"\x04\x08\x09\x01\x00\x01\x02\x01\x00\x00", "ParityRequests: positions do not increase"),
-        (b"\x04\x07\x09\x01\x00\x01\x81\x00\x02", "ParityRequests: integer is longer"),
-        (b"\x04\x07\x09\x01\x00\x01\x00\x80\x00", "ParityRequests: integer is longer"),
+        (b"\x04\x0b\x09\x01\x00\x01\x01\x01\xff\xff\xff\xff\x7f", "ParityRequests: data end"),
+        (b"\x04\x0d\x09\x01\x00\x01\x01\x01\x00\xff\xff\xff\xff\x7f\x61", "ParityRequests: data end"),
+        (b"\x04\x09\x09\x01\x00\x01\x01\x00\x01\x01\x00", "ParityRequests: positions do not increase"),
+        (
+            b"\x04\x0d\x09\x01\x00\x01\x02\x01\x01\x01\x00\x00\x01\x01\x00",
+            "ParityRequests: positions do not increase",
+        ),
+        (b"\x04\x0a\x09\x01\x00\x01\x01\x01\x02\x01\x00\x00", "ParityRequests: positions do not increase"),
+        (b"\x04\x09\x09\x01\x00\x01\x01\x01\x01\x00\x00", "ParityRequests: positions do not increase"),
+        (b"\x04\x0a\x09\x01\x00\x01\x81\x00\x01\x01\x01\x00", "ParityRequests: integer is longer"),
+        (b"\x04\x0a\x09\x01\x00\x01\x01\x81\x00\x01\x01\x00", "ParityRequests: integer is longer"),
+        (b"\x04\x0a\x09\x01\x00\x01\x01\x01\x81\x00\x01\x00", "ParityRequests: integer is longer"),
+        (b"\x04\x0a\x09\x01\x00\x01\x01\x01\x01\x81\x00\x00", "ParityRequests: integer is longer"),
+        (b"\x04\x09\x09\x01\x00\x01\x01\x01\x00\x80\x00", "ParityRequests: integer is longer"),
+        (b"\x04\x0a\x09\x01\x00\x01\x80\x80\x80\x80\x80\x01", "ParityRequests: integer is too long"),
         (b"\x04\x0b\x09\x01\x00\x01\x01\x80\x80\x80\x80\x80\x01", "ParityRequests: integer is too long"),
+        (
+            b"\x04\x0d\x09\x01\x00\x01\x01\x01\x01\x80\x80\x80\x80\x80\x01",
+            "ParityRequests: integer is too long",
+        ),
         (b"\x06\x00", "GopDone: data end"),
         (b"\x08\xf5\x03", "Failure of 501 bytes"),
     ],
@@ -465,7 +489,7 @@ def test_malformed_answers_are_refused() -> None:
     """Padding of an answer is zero, and its bits are as many as it says."""
     for count, payload, text in ((9, b"\x00", "1 bytes of bits"), (7, b"\xff", "not filled up with zeros")):
         _, decoder = opened()
-        decoder.send_requests([first(2, 1, "crc", 0, 0, count)])
+        decoder.send_requests([first(2, 0, "crc", 0, 0, count)])
         with pytest.raises(FeedbackError, match=text):
             decoder.receive(bytes([5, len(payload)]) + payload)
 
@@ -488,19 +512,19 @@ def test_predicted_key_frames_where_there_can_be_none_are_refused(intra_period: 
 def test_many_requests_take_few_messages() -> None:
     """Requests go together, in order of frames, as long as the answers fit into one message."""
     encoder, decoder = opened()
-    decoder.send_requests([first(3, 2, "crc", 0, 0, 8), REQUEST])
+    decoder.send_requests([first(3, 0, "crc", 0, 0, 8), REQUEST])
     decoder.send_requests(FETCHED[:20])
     events = encoder.receive(decoder.bytes_to_send())
     assert [len(event.rows) for event in events if isinstance(event, RequestTable)] == [2, 20]
-    assert asked(events) == [REQUEST, first(3, 2, "crc", 0, 0, 8), *FETCHED[:20]]
+    assert asked(events) == [REQUEST, first(3, 0, "crc", 0, 0, 8), *FETCHED[:20]]
     for event in events:
         assert isinstance(event, RequestTable)
         encoder.send_answers(answers(event))
     found = [event for event in decoder.receive(encoder.bytes_to_send()) if isinstance(event, ParityAnswer)]
     for answer, request in zip(found, asked(events), strict=True):
-        assert (answer.frame, answer.plane) == (request.frame, request.plane)
+        assert (answer.frame, answer.run) == (request.frame, request.run)
         np.testing.assert_array_equal(
-            answer.bits, plane_bits(request.frame, request.plane, request.start, request.count)
+            answer.bits, run_bits(request.frame, request.run, request.start, request.count)
         )
 
 
@@ -523,16 +547,21 @@ def test_size_of_a_gop_is_bounded_by_its_frames() -> None:
         (lambda encoder, decoder: [encoder.send_end() for _ in range(2)], "second end"),
         (lambda encoder, decoder: decoder.send_gop_done(2), "not open"),
         (lambda encoder, decoder: decoder.send_requests([first(-1, 0, "crc", 0, 0, 8)]), "frame -1"),
-        (lambda encoder, decoder: decoder.send_requests([first(1, -1, "crc", 0, 0, 8)]), "plane -1"),
+        (lambda encoder, decoder: decoder.send_requests([first(1, -1, "crc", 0, 0, 8)]), "run -1"),
         (lambda encoder, decoder: decoder.send_requests([first(1, 0, "crc", -1, 0, 8)]), "code -1"),
         (lambda encoder, decoder: decoder.send_requests([first(1, 0, "crc", 0, -1, 8)]), "number -1"),
         (lambda encoder, decoder: decoder.send_requests([first(1, 0, "crc", 0, 0, -1)]), "-1 crc bits"),
-        (lambda encoder, decoder: decoder.send_requests([MORE]), "naming a plane that begins no run"),
-        (lambda encoder, decoder: decoder.send_requests([replace(MORE, run=Run(()))]), r"planes \[\]"),
-        (lambda encoder, decoder: decoder.send_requests([replace(MORE, run=Run((1,)))]), r"planes \[1\]"),
-        (lambda encoder, decoder: decoder.send_requests([beginning(0, 0)]), r"planes \[0, 0\] for plane 0"),
+        (lambda encoder, decoder: decoder.send_requests([MORE]), "another one that was not begun"),
+        (lambda encoder, decoder: decoder.send_requests([replace(MORE, begun=())]), r"frames \[\] after"),
+        (lambda encoder, decoder: decoder.send_requests([beginning()]), "0 planes"),
+        (lambda encoder, decoder: decoder.send_requests([beginning(0, 0)]), r"planes \[0, 0\]"),
         (lambda encoder, decoder: decoder.send_requests([beginning(0, 2, 1)]), r"planes \[0, 2, 1\]"),
         (lambda encoder, decoder: decoder.send_requests([beginning(0, -1)]), r"planes \[0, -1\]"),
+        (lambda encoder, decoder: decoder.send_requests([beginning(-1, 0)]), r"planes \[-1, 0\]"),
+        (
+            lambda encoder, decoder: decoder.send_requests([replace(MORE, begun=(Part(-1, (0,)),))]),
+            r"frames \[-1\] after",
+        ),
         (lambda encoder, decoder: [decoder.send_next_gop() for _ in range(32)], "more than 32"),
         (lambda encoder, decoder: DecoderEndpoint().send_next_gop(), "Hello has not come"),
         (lambda encoder, decoder: DecoderEndpoint().config, "Hello has not come"),
@@ -625,18 +654,24 @@ def test_arbitrary_bytes_raise_only_feedback_errors(pieces: list[bytes]) -> None
 @st.composite
 def drawn_requests(draw: st.DrawFn) -> ParityRequests:
     """Draw a request, with a run or without."""
-    plane = draw(st.one_of(st.integers(0, 2), st.integers(0, 31)))
-    further = sorted(draw(st.sets(st.integers(1, 31), max_size=17)))
-    areas = bytes(draw(st.sampled_from([0, 3, MAX_AREAS_BYTES, MAX_AREAS_BYTES + 1])))
+    run = draw(st.sampled_from([0, 0, 0, 1, 1, 2, 255, 256]))
+    parts = st.dictionaries(
+        st.integers(0, 3),
+        st.tuples(
+            st.sets(st.one_of(st.integers(0, 29), st.integers(0, 31)), max_size=17).map(sorted).map(tuple),
+            st.sampled_from([0, 3, MAX_AREAS_BYTES, MAX_AREAS_BYTES + 1]).map(bytes),
+        ),
+        max_size=2,
+    )
     kind: Kind = draw(st.sampled_from(["crc", "parity", "uncoded"]))
     numbers = (
         draw(st.sampled_from([0, 0, 0, 0, 5])),
         draw(st.sampled_from([0, 8, 100])),
         draw(st.sampled_from([0, 8, 100, NUM_BITS, 2 * NUM_BITS])),
     )
-    run = Run((plane, *(plane + step for step in further)), areas) if draw(st.booleans()) else None
+    begun = tuple(Part(offset, *own) for offset, own in sorted(draw(parts).items()))
     frame = draw(st.one_of(st.integers(1, 3), st.integers(0, 9)))
-    return asking(ParityRequest(frame, plane, kind, *numbers, run=run))
+    return asking(ParityRequest(frame, run, kind, *numbers, begun=begun if draw(st.booleans()) else None))
 
 
 messages: st.SearchStrategy[Message] = st.one_of(

@@ -10,14 +10,14 @@ from dvc.bits import decode_bytes, decode_varint, encode_varint
 from dvc.config import CodecConfig, DiscoverMatrix, TurboConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint
-from dvc.feedback.flow_control import FlowControl
+from dvc.feedback.flow_control import MAX_RUNS, FlowControl
 from dvc.feedback.messages import (
     ParityRequests,
     decode_payload,
     encode_message,
     max_payload_bytes,
 )
-from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable, Run
+from dvc.slepian_wolf import KINDS, MAX_RUN_BITS, ParityRequest, Part, RequestTable, Run
 from dvc.slepian_wolf.requests import Kind
 from dvc.stream import GopRecord
 
@@ -62,22 +62,30 @@ def opened(config: CodecConfig, num_frames: int = 2) -> FlowControl:
     return flow
 
 
-def ranges(*positions: int, start: int = 0, order: int = 0, run: Run | None = None) -> ParityRequest:
-    return ParityRequest(1, 0, "parity", order, start, len(positions), positions, run)
+def ranges(*positions: int, start: int = 0, order: int = 0, begun: Run | None = None) -> ParityRequest:
+    return ParityRequest(1, 0, "parity", order, start, len(positions), positions, begun)
 
 
-def beginning(*planes: int, frame: int = 1, areas: bytes = b"") -> ParityRequest:
+def of_planes(*planes: int, areas: bytes = b"") -> Run:
+    """Return a run of the frame that names it."""
+    return (Part(0, planes, areas),)
+
+
+def beginning(run: int, *planes: int, frame: int = 1, areas: bytes = b"") -> ParityRequest:
     """Return a request for a check bit, with which a run begins."""
-    return ParityRequest(frame, planes[0], "crc", 0, 0, 1, run=Run(planes, areas))
+    return ParityRequest(frame, run, "crc", 0, 0, 1, begun=of_planes(*planes, areas=areas))
 
 
-def together(*planes: int, start: int = 0, count: int = 8) -> ParityRequest:
+def together(*runs: int, start: int = 0, count: int = 8) -> ParityRequest:
     """Return a request for joint check bits of runs."""
-    return ParityRequest(1, planes[0], "joint", 0, start, count, planes)
+    return ParityRequest(1, runs[0], "joint", 0, start, count, runs)
 
 
 places = st.sets(st.integers(0, NUM_BITS - 1), min_size=1)
-descriptions = st.none() | st.tuples(st.sets(st.integers(1, 40), max_size=15), st.binary(max_size=200))
+numbers = st.sets(st.integers(0, 40), max_size=15).map(lambda drawn: tuple(sorted(drawn)))
+descriptions = st.none() | st.dictionaries(
+    st.integers(0, 2**34), st.tuples(numbers, st.binary(max_size=200)), max_size=3
+)
 entries = st.tuples(
     st.integers(0, 2**30),
     st.integers(0, 300),
@@ -86,21 +94,20 @@ entries = st.tuples(
     places,
     descriptions,
 )
-Entry = tuple[int, int, Kind, int, set[int], tuple[set[int], bytes] | None]
+Entry = tuple[int, int, Kind, int, set[int], dict[int, tuple[tuple[int, ...], bytes]] | None]
 
 
 @given(st.lists(entries, min_size=1, max_size=5))
 def test_requests_survive_the_wire(drawn: list[Entry]) -> None:
     """Requests with any increasing positions and runs come back, in a message no longer than one may be."""
     requests = []
-    for frame, plane, kind, code, chosen, described in sorted(drawn, key=lambda entry: entry[0]):
+    for frame, run, kind, code, chosen, described in sorted(drawn, key=lambda entry: entry[0]):
         positions = tuple(sorted(chosen)) if kind in ("parity", "joint") else ()
         count = 3 if kind == "joint" else len(chosen)
-        run = None
+        begun = None
         if described is not None:
-            steps, areas = described
-            run = Run((plane, *(plane + step for step in sorted(steps))), areas)
-        requests.append(ParityRequest(frame, plane, kind, code, 0, count, positions, run))
+            begun = tuple(Part(offset, *described[offset]) for offset in sorted(described))
+        requests.append(ParityRequest(frame, run, kind, code, 0, count, positions, begun))
     payload = payload_of(written(*requests))
     assert read(payload) == plain_requests(payload) == requests
     assert len(payload) <= max_payload_bytes(ParityRequests, CONFIG)
@@ -111,16 +118,18 @@ payloads = st.binary(max_size=60) | st.lists(st.integers(0, 15), max_size=60).ma
 
 @given(payloads)
 def test_any_bytes_are_requests_or_refused(payload: bytes) -> None:
-    """Whatever is read as requests has increasing positions and planes, and comes back when it is written."""
+    """Whatever is read has increasing positions, frames and planes, and comes back when it is written."""
     try:
         requests = read(payload)
     except BitstreamError:
         return
     for request in requests:
         assert list(request.positions) == sorted(set(request.positions))
-        if request.run is not None:
-            assert list(request.run.planes) == sorted({request.plane, *request.run.planes})
-            assert request.run.planes[0] == request.plane
+        offsets = [part.offset for part in request.begun or ()]
+        assert offsets == sorted(set(offsets))
+        for part in request.begun or ():
+            assert list(part.planes) == sorted(set(part.planes))
+            assert part.offset >= 0
     assert read(payload_of(written(*requests))) == requests
 
 
@@ -145,21 +154,30 @@ def plain_requests(payload: bytes) -> list[ParityRequest]:
         for _ in range(4):
             value, at = decode_varint(payload, at)
             numbers.append(value)
-        first, step, plane, count = numbers
+        first, step, run, count = numbers
         frame, num_positions, kind = frame + step, 0, KINDS[first % 4]
         if first & 4:
             num_positions = count
             if kind == "joint":
                 num_positions, at = decode_varint(payload, at)
         positions, at = plain_increasing(payload, at, num_positions, -1)
-        run = None
+        begun = None
         if first & 8:
-            num_more, at = decode_varint(payload, at)
-            more, at = plain_increasing(payload, at, num_more, plane)
-            areas, at = decode_bytes(payload, at, len(payload))
-            run = Run((plane, *more), areas)
-        requests.append(ParityRequest(frame, plane, kind, first // 16, 0, count, positions, run))
+            begun, at = plain_run(payload, at)
+        requests.append(ParityRequest(frame, run, kind, first // 16, 0, count, positions, begun))
     return requests
+
+
+def plain_run(payload: bytes, at: int) -> tuple[Run, int]:
+    num_parts, at = decode_varint(payload, at)
+    parts, offset = [], -1
+    for _ in range(num_parts):
+        (offset,), at = plain_increasing(payload, at, 1, offset)
+        num_planes, at = decode_varint(payload, at)
+        planes, at = plain_increasing(payload, at, num_planes, -1)
+        areas, at = decode_bytes(payload, at, len(payload))
+        parts.append(Part(offset, planes, areas))
+    return tuple(parts), at
 
 
 def plain_increasing(payload: bytes, at: int, count: int, before: int) -> tuple[tuple[int, ...], int]:
@@ -172,26 +190,26 @@ def plain_increasing(payload: bytes, at: int, count: int, before: int) -> tuple[
     return tuple(numbers[1:]), at
 
 
+FIRST = of_planes(0)
+
+
 def test_orders_may_change_and_requests_go_on() -> None:
     """Ranges of several orders, then check bits of runs together, are entered one after the other."""
     flow = opened(CONFIG)
     for request in (
-        ranges(5, 80, NUM_BITS - 1, run=Run((0,))),
+        ranges(5, 80, NUM_BITS - 1, begun=FIRST),
         ranges(9, start=3, order=7),
         ranges(6, start=4),
         ranges(7, NUM_BITS, 6 * NUM_BITS - 1, start=5, order=2),
         ParityRequest(1, 0, "crc", 0, 0, 5),
-        beginning(3, 5),
-        beginning(NUM_PLANES - 1),
-        together(0, 3, NUM_PLANES - 1, count=16),
-        together(0, 3, start=16, count=6),
-        together(3, NUM_PLANES - 1),
+        beginning(1, 3, 5),
+        beginning(2, NUM_PLANES - 1),
+        together(0, 1, 2, count=16),
+        together(0, 1, start=16, count=6),
+        together(1, 2),
     ):
         enter(flow, request)
         assert flow.answer().requests() == [request]
-
-
-FIRST = Run((0,))
 
 
 @pytest.mark.parametrize(
@@ -202,29 +220,29 @@ FIRST = Run((0,))
         (ranges(-1, 4), "must increase"),
         (ranges(3, NUM_BITS, order=7), "must increase"),
         (ranges(3, 2 * NUM_BITS, order=6), "must increase"),
-        (ranges(3, 2 * NUM_BITS, order=7, run=Run((0, 9))), "must increase from 0 to 3167"),
+        (ranges(3, 2 * NUM_BITS, order=7, begun=of_planes(0, 9)), "must increase from 0 to 3167"),
         (ranges(*range(NUM_BITS + 1)), "1585 parity bits"),
-        (ranges(*range(2 * NUM_BITS + 1), run=Run((0, 9))), "3169 parity bits"),
+        (ranges(*range(2 * NUM_BITS + 1), begun=of_planes(0, 9)), "3169 parity bits"),
         (ranges(5, order=8), "code 8"),
         (ranges(5, start=1), "number 1 on, where 0 is the next"),
-        (ParityRequest(1, 0, "parity", 0, 0, 3), "3 parity bits of plane 0 of frame 1 at 0 positions"),
+        (ParityRequest(1, 0, "parity", 0, 0, 3), "3 parity bits of run 0 of frame 1 at 0 positions"),
         (ParityRequest(1, 0, "parity", 0, 0, 3, (1, 2)), "at 2 positions"),
-        (ParityRequest(1, 0, "crc", 0, 0, 1, (1,)), "positions of crc bits"),
+        (ParityRequest(1, 0, "crc", 0, 1, 1, (1,)), "positions of crc bits"),
         (ParityRequest(1, 0, "uncoded", 0, 0, 1, (1,)), "positions of uncoded bits"),
-        (ParityRequest(1, 0, "joint", 0, 0, 8), "joint bits of other planes"),
-        (replace(together(1, 2), plane=0), "joint bits of other planes"),
-        (together(0, 1, count=17), "17 joint bits of plane 0 of frame 1 at once"),
-        (together(0, NUM_PLANES), "must increase"),
-        (together(0, 3, 3), "must increase"),
+        (ParityRequest(1, 0, "joint", 0, 0, 8), "joint bits of other runs than run"),
+        (replace(together(1, 2), run=0), "joint bits of other runs than run"),
+        (together(0, 1, count=17), "17 joint bits of run 0 of frame 1 at once"),
+        (together(0, MAX_RUNS), "must increase from 0 to 255"),
+        (together(0, 1, 1), "must increase"),
     ],
 )
 def test_hostile_positions_are_refused(request_: ParityRequest, text: str) -> None:
     """Positions that are none, too many, out of order or out of place break the protocol."""
     flow = opened(CONFIG)
-    enter(flow, beginning(3))
+    enter(flow, beginning(0, 0), beginning(1, 3))
     flow.answer()
     with pytest.raises(ValueError, match=text):
-        enter(flow, request_ if request_.run else replace(request_, run=FIRST))
+        enter(flow, replace(request_, run=2) if request_.begun else request_)
 
 
 @pytest.mark.parametrize("kind", ["parity", "joint"])
@@ -236,10 +254,10 @@ def test_turbo_codes_have_no_positions(kind: Kind) -> None:
 
 @pytest.mark.parametrize("planes", [(0,), (0, 7, NUM_PLANES - 1)])
 def test_what_a_run_may_cost_is_bounded(planes: tuple[int, ...]) -> None:
-    """No more parities or uncoded bits than its planes have, nor joint bits than all planes of the frame."""
+    """No more parities or uncoded bits than its planes have, nor joint bits than all runs of the frame."""
     flow, num_bits = opened(CONFIG), len(planes) * NUM_BITS
     for request in (
-        ranges(*range(num_bits - 5), run=Run(planes)),
+        ranges(*range(num_bits - 5), begun=of_planes(*planes)),
         ranges(*range(5), start=num_bits - 5),
         ParityRequest(1, 0, "uncoded", 0, 0, num_bits),
         ParityRequest(1, 0, "crc", 0, 0, 16),
@@ -253,26 +271,26 @@ def test_what_a_run_may_cost_is_bounded(planes: tuple[int, ...]) -> None:
     ):
         with pytest.raises(ValueError, match=text):
             enter(flow, refused)
-    for number in range(NUM_PLANES):
+    for number in range(MAX_RUNS):
         enter(flow, together(0, start=16 * number, count=16))
         flow.answer()
     with pytest.raises(ValueError, match="1 joint bits"):
-        enter(flow, together(0, start=16 * NUM_PLANES, count=1))
+        enter(flow, together(0, start=16 * MAX_RUNS, count=1))
 
 
 @pytest.mark.parametrize(
     ("before", "requests"),
     [
-        ([], [together(0, 3)]),
+        ([], [together(0, 1)]),
         ([], [together(3)]),
-        ([beginning(0)], [together(0, 3)]),
-        ([beginning(3)], [together(0, 3)]),
-        ([beginning(0, 3)], [together(0, 3)]),
-        ([beginning(0), beginning(3, 5)], [together(0, 3, 5)]),
-        ([beginning(0), beginning(3, frame=2)], [together(0, 3)]),
-        ([], [replace(together(0, 3), run=Run((0, 3)))]),
-        ([], [replace(together(0, 3), run=FIRST), beginning(3)]),
-        ([beginning(0)], [together(0, 3), beginning(3)]),
+        ([beginning(0, 0)], [together(0, 1)]),
+        ([beginning(0, 0)], [together(1)]),
+        ([beginning(0, 0, 3)], [together(0, 3)]),
+        ([beginning(0, 0), beginning(1, 3, 5)], [together(0, 1, 2)]),
+        ([beginning(0, 0), beginning(0, 3, frame=2)], [together(0, 1)]),
+        ([], [replace(together(0, 3), begun=of_planes(0, 3))]),
+        ([], [replace(together(0, 1), begun=FIRST), beginning(1, 3)]),
+        ([beginning(0, 0)], [together(0, 1), beginning(1, 3)]),
     ],
 )
 def test_joint_bits_are_of_runs_that_have_begun(
@@ -284,7 +302,7 @@ def test_joint_bits_are_of_runs_that_have_begun(
         enter(flow, *before)
         flow.answer()
     with pytest.raises(
-        ValueError, match=r"joint bits of plane \d of frame 1, naming a plane that begins no run"
+        ValueError, match=r"joint bits of run \d of frame 1, or another one that was not begun"
     ):
         enter(flow, *requests)
 
@@ -292,46 +310,110 @@ def test_joint_bits_are_of_runs_that_have_begun(
 def test_a_run_may_begin_in_the_same_message() -> None:
     """Joint check bits may be asked for right behind the first request for another run, or as the first."""
     flow = opened(CONFIG)
-    requests = [beginning(3, 5), replace(together(0, 3), run=FIRST)]
+    requests = [beginning(0, 3, 5), ParityRequest(1, 1, "joint", 0, 0, 8, (1,), FIRST)]
+    enter(flow, *requests)
+    assert flow.answer().requests() == requests
+    requests = [beginning(2, 7), together(0, 1, 2)]
     enter(flow, *requests)
     assert flow.answer().requests() == requests
 
 
-@pytest.mark.parametrize(
-    "second", [Run((0,)), Run((0, 1)), Run((0, NUM_PLANES)), Run((0, 2**34)), Run((1, 2)), Run(())]
-)
-def test_a_run_is_told_once(second: Run) -> None:
-    """A plane that names a run cannot begin another one, whatever that is said to be."""
-    flow = opened(CONFIG)
-    enter(flow, beginning(0, 3))
+@pytest.mark.parametrize("number", [-1, 0, 1, 3, MAX_RUNS, 2**34])
+@pytest.mark.parametrize("begun", [FIRST, of_planes(0, 1), of_planes(1, 2), (Part(1, (0,)),)])
+def test_runs_begin_in_turn(number: int, begun: Run) -> None:
+    """A number that was given to a run, or is not the next, begins none; the next one does."""
+    flow = opened(CONFIG, 3)
+    enter(flow, beginning(0, 0, 3), beginning(1, 3))
     flow.answer()
-    with pytest.raises(
-        ValueError, match=r"a second run with plane 0 of frame 1|a run of planes .* for plane 0"
+    with pytest.raises(ValueError, match=f"run {number} of frame 1 begins, 2 is the next of 256"):
+        enter(flow, ParityRequest(1, number, "crc", 0, 1, 1, begun=begun))
+    enter(flow, ParityRequest(1, 2, "crc", 0, 0, 1, begun=begun))
+
+
+def test_a_frame_names_so_many_runs_and_no_more() -> None:
+    """Another frame of the group may name as many."""
+    flow = opened(CONFIG, 3)
+    for first in range(0, MAX_RUNS, 64):
+        numbers = range(first, first + 64)
+        enter(flow, *(beginning(number, 0, frame=frame) for frame in (1, 2) for number in numbers))
+        flow.answer()
+    for frame in (1, 2):
+        with pytest.raises(ValueError, match=f"run 256 of frame {frame} begins, 256 is the next of 256"):
+            enter(flow, beginning(MAX_RUNS, 0, frame=frame))
+    last = ParityRequest(1, MAX_RUNS - 1, "joint", 0, 0, 16, (MAX_RUNS - 1,))
+    enter(flow, last)
+    assert flow.answer().requests() == [last]
+
+
+@pytest.mark.parametrize(
+    ("begun", "offsets"),
+    [
+        ((), r"\[\]"),
+        ((Part(-1, (0,)), Part(0, (0,))), r"\[-1, 0\]"),
+        ((Part(3, (0,)),), r"\[3\]"),
+        ((Part(0, (0,)), Part(3, (0,))), r"\[0, 3\]"),
+        ((Part(0, (0,)), Part(2**34, (0,))), rf"\[0, {2**34}\]"),
+        ((Part(0, (0,)), Part(0, (1,))), r"\[0, 0\]"),
+        ((Part(1, (0,)), Part(0, (0,))), r"\[1, 0\]"),
+    ],
+)
+def test_parts_are_of_frames_of_the_group_in_order(begun: Run, offsets: str) -> None:
+    """Key frames have no bits, nor have frames of other groups; a run has some of one frame at least."""
+    flow = opened(CONFIG, 4)
+    with pytest.raises(ValueError, match=f"run 0 of frame 1 has frames {offsets} after that"):
+        enter(flow, ParityRequest(1, 0, "crc", 0, 0, 1, begun=begun))
+    everything = tuple(Part(offset, (0,)) for offset in range(3))
+    enter(flow, ParityRequest(1, 0, "uncoded", 0, 0, 3 * NUM_BITS, begun=everything))
+    with pytest.raises(ValueError, match=r"run 0 of frame 2 has frames \[0, 1, 2\] after that"):
+        enter(flow, ParityRequest(2, 0, "crc", 0, 0, 1, begun=everything))
+
+
+def test_bits_of_a_run_are_those_of_all_its_frames() -> None:
+    """As many as the planes of all of them have, but never more than a run may have."""
+    flow, begun = opened(CONFIG, 4), (Part(0, (0, 5)), Part(2, (1,)))
+    enter(flow, ParityRequest(1, 0, "uncoded", 0, 0, 3 * NUM_BITS, begun=begun))
+    flow.answer()
+    for refused, text in (
+        (ParityRequest(1, 0, "uncoded", 0, 3 * NUM_BITS, 1), "1 uncoded bits"),
+        (ranges(8 * 3 * NUM_BITS), f"must increase from 0 to {8 * 3 * NUM_BITS - 1}"),
     ):
-        enter(flow, ParityRequest(1, 0, "crc", 0, 1, 1, run=second))
+        with pytest.raises(ValueError, match=text):
+            enter(flow, refused)
+    large = VideoConfig(1920, 1080, 25, 1)
+    flow = opened(replace(CONFIG, video=large), 4)
+    most = tuple(Part(offset, (*range(16),)) for offset in range(3))
+    assert 3 * 16 * large.num_blocks > MAX_RUN_BITS
+    enter(flow, ParityRequest(1, 0, "uncoded", 0, 0, MAX_RUN_BITS, begun=most))
+    flow.answer()
+    with pytest.raises(ValueError, match=f"1 uncoded bits of run 0 of frame 1 from number {MAX_RUN_BITS} on"):
+        enter(flow, ParityRequest(1, 0, "uncoded", 0, MAX_RUN_BITS, 1))
+    with pytest.raises(ValueError, match=f"must increase from 0 to {8 * MAX_RUN_BITS - 1}"):
+        enter(flow, ranges(8 * MAX_RUN_BITS))
 
 
 def test_runs_end_with_their_group_of_pictures() -> None:
-    """Where another group is held later, all its runs must be told again."""
+    """Where another group is held later, all its runs must be told again, from the first number on."""
     flow = opened(CONFIG)
     slot = flow.first_slot(1)
-    enter(flow, beginning(0, 3))
+    enter(flow, beginning(0, 0, 3))
     flow.answer()
     flow.close_gop(1)
     flow.add_credit()
     flow.open_gop(2, 2)
     assert flow.first_slot(2) == slot
-    with pytest.raises(ValueError, match="plane 0 of frame 3, naming a plane that begins no run"):
-        enter(flow, replace(beginning(0, frame=3), run=None))
-    enter(flow, beginning(0, 1, frame=3), beginning(3, frame=3))
+    with pytest.raises(ValueError, match="run 0 of frame 3, or another one that was not begun"):
+        enter(flow, replace(beginning(0, 0, frame=3), begun=None))
+    enter(flow, beginning(0, 0, 1, frame=3), beginning(1, 3, frame=3))
 
 
 def test_frames_have_their_own_runs() -> None:
-    """Planes of two frames are in runs of their own, as many as each frame has planes."""
+    """What one frame names is no run of another, whosever bits it has."""
     flow = opened(CONFIG, 3)
-    alone = [beginning(plane) for plane in range(NUM_PLANES)]
-    enter(flow, *alone, beginning(*range(0, NUM_PLANES, 2), frame=2), beginning(1, frame=2))
-    assert len(flow.answer().runs) == NUM_PLANES + 2
+    both = ParityRequest(1, 0, "crc", 0, 0, 1, begun=(Part(0, (0,)), Part(1, (0,))))
+    enter(flow, both, beginning(1, 3), beginning(0, 0, frame=2))
+    assert len(flow.answer().runs) == 3
+    with pytest.raises(ValueError, match="run 1 of frame 2, or another one that was not begun"):
+        enter(flow, replace(beginning(1, 3, frame=2), begun=None))
 
 
 def test_endpoint_refuses_requests_that_are_too_long() -> None:
@@ -339,7 +421,9 @@ def test_endpoint_refuses_requests_that_are_too_long() -> None:
     encoder = EncoderEndpoint(CONFIG)
     encoder.receive(DecoderEndpoint().bytes_to_send())
     limit = max_payload_bytes(ParityRequests, CONFIG)
-    assert limit == 2**16 + 2 * MAX_RUN_PLANES * NUM_BITS
+    assert limit == 2**16 + 2 * 4 * MAX_RUN_PLANES * NUM_BITS
+    largest = max_payload_bytes(ParityRequests, replace(CONFIG, video=VideoConfig(1920, 1080, 25, 1)))
+    assert largest == 2**16 + 2 * MAX_RUN_BITS
     too_long = b"\x04" + encode_varint(limit + 1)
     with pytest.raises(FeedbackError, match=f"at most {limit}"):
         encoder.receive(too_long)
@@ -364,7 +448,7 @@ def test_many_positions_take_several_messages() -> None:
     everything = tuple(range(NUM_BITS))
     check_division(
         [
-            ParityRequest(1, plane, "parity", 0, 0, NUM_BITS, everything, Run((plane,)))
+            ParityRequest(1, plane, "parity", 0, 0, NUM_BITS, everything, of_planes(plane))
             for plane in range(NUM_PLANES)
         ]
     )
@@ -374,7 +458,7 @@ def test_many_areas_take_several_messages() -> None:
     """Descriptions of runs count as positions do."""
     check_division(
         [
-            beginning(plane, frame=frame, areas=bytes([plane]) * MAX_AREAS_BYTES)
+            beginning(plane, plane, frame=frame, areas=bytes([plane]) * MAX_AREAS_BYTES)
             for frame in range(1, 4)
             for plane in range(NUM_PLANES)
         ]
@@ -391,13 +475,14 @@ def check_division(requests: list[ParityRequest]) -> None:
 
 def test_the_largest_request_fits() -> None:
     """All bits of the largest run, at positions that take the most bytes, go in one message."""
-    encoder, decoder = opened_ends()
-    num_bits = MAX_RUN_PLANES * NUM_BITS
+    encoder, decoder = opened_ends(4)
+    num_bits = 3 * MAX_RUN_PLANES * NUM_BITS
     num_wide = 7 * num_bits // 127
     positions = [*range(0, 128 * num_wide, 128)]
     positions += range(8 * num_bits - (num_bits - num_wide), 8 * num_bits)
-    run = Run((0, *range(NUM_PLANES - MAX_RUN_PLANES + 1, NUM_PLANES)), bytes(MAX_AREAS_BYTES))
-    request = ranges(*positions, run=run)
+    planes = 0, *range(NUM_PLANES - MAX_RUN_PLANES + 1, NUM_PLANES)
+    begun = tuple(Part(offset, planes, bytes(MAX_AREAS_BYTES)) for offset in range(3))
+    request = ranges(*positions, begun=begun)
     assert request.count == num_bits
     decoder.send_requests([request])
     (table,) = encoder.receive(decoder.bytes_to_send())
@@ -406,27 +491,40 @@ def test_the_largest_request_fits() -> None:
 
 
 @pytest.mark.parametrize(
-    ("run", "text"),
+    ("wrong", "text"),
     [
-        (Run((*range(MAX_RUN_PLANES + 1),)), f"a run of {MAX_RUN_PLANES + 1} planes"),
-        (Run((0,), bytes(MAX_AREAS_BYTES + 1)), f"with areas of {MAX_AREAS_BYTES + 1} bytes"),
-        (Run((0, NUM_PLANES)), f"there are {NUM_PLANES}"),
+        (Part(1, (*range(MAX_RUN_PLANES + 1),)), f"has {MAX_RUN_PLANES + 1} planes, areas of 0 bytes"),
+        (Part(1, ()), "has 0 planes, areas of 0 bytes"),
+        (Part(1, (0,), bytes(MAX_AREAS_BYTES + 1)), f"areas of {MAX_AREAS_BYTES + 1} bytes"),
+        (Part(1, (0, NUM_PLANES)), f"there are {NUM_PLANES}"),
+        (Part(1, (2**34,)), f"there are {NUM_PLANES}"),
+        (Part(2, (0,)), r"has frames \[0, 2\] after that"),
+        (Part(2**34, (0,)), rf"has frames \[0, {2**34}\] after that"),
     ],
 )
-def test_endpoints_refuse_runs_that_cannot_be(run: Run, text: str) -> None:
-    """Planes or areas that are too many, or planes that no frame has, end the channel."""
-    encoder, decoder = opened_ends()
-    with pytest.raises(ValueError, match=text):
-        decoder.send_requests([ranges(3, run=run)])
-    with pytest.raises(FeedbackError, match=text):
-        encoder.receive(written(ranges(3, run=run)))
+def test_endpoints_refuse_runs_that_cannot_be(wrong: Part, text: str) -> None:
+    """Planes or areas that are too many, and planes or frames that are not there, end the channel."""
+    encoder, decoder = opened_ends(3)
+    request = ranges(3, begun=(*FIRST, wrong))
+    with pytest.raises(ValueError, match=f"run 0 of frame 1 .*{text}"):
+        decoder.send_requests([request])
+    with pytest.raises(FeedbackError, match=f"run 0 of frame 1 .*{text}"):
+        encoder.receive(written(request))
+
+
+def test_any_number_of_parts_is_read_in_time() -> None:
+    """A message full of them, which no decoder sends, is refused for what they say."""
+    encoder, _ = opened_ends()
+    begun = tuple(Part(offset, (0,)) for offset in range(40000))
+    with pytest.raises(FeedbackError, match="run 0 of frame 1 has frames"):
+        encoder.receive(written(ranges(3, begun=begun)))
 
 
 def test_endpoint_breaks_off_at_hostile_positions() -> None:
     """A request that flow control refuses ends the channel, as any breach does."""
     encoder, _ = opened_ends()
-    (table,) = encoder.receive(written(ranges(3, 9, run=FIRST)))
+    (table,) = encoder.receive(written(ranges(3, 9, begun=FIRST)))
     assert isinstance(table, RequestTable)
-    assert table.requests() == [ranges(3, 9, run=FIRST)]
+    assert table.requests() == [ranges(3, 9, begun=FIRST)]
     with pytest.raises(FeedbackError, match="second request"):
         encoder.receive(written(ranges(3, 9)))

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from dvc.slepian_wolf import (
     KINDS,
     ParityRequest,
+    Part,
     RequestTable,
     Round,
-    Run,
     ask,
     beginning,
     drive,
@@ -23,7 +23,7 @@ from dvc.slepian_wolf import (
 Bits = NDArray[np.uint8]
 NUMBERS = st.integers(0, 2**20)
 INCREASING = st.sets(NUMBERS, max_size=5).map(lambda numbers: tuple(sorted(numbers)))
-RUNS = st.builds(Run, INCREASING, st.binary(max_size=5))
+RUNS = st.lists(st.builds(Part, NUMBERS, INCREASING, st.binary(max_size=5)), max_size=3).map(tuple)
 REQUESTS = st.builds(
     ParityRequest, NUMBERS, NUMBERS, st.sampled_from(KINDS), NUMBERS, NUMBERS, st.integers(1, 40), INCREASING,
     st.none() | RUNS,
@@ -41,7 +41,7 @@ def asking(frame: int, counts: list[int]) -> Generator[ParityRequest, Bits, list
 
 def answer(request: ParityRequest) -> Bits:
     """Return bits that depend on all that is asked."""
-    rng = np.random.default_rng((request.frame, request.plane, request.start))
+    rng = np.random.default_rng((request.frame, request.run, request.start))
     return rng.integers(0, 2, request.count, dtype=np.uint8)
 
 
@@ -84,7 +84,7 @@ def test_tables_hold_requests_and_runs_as_they_are(requests: list[ParityRequest]
     """Positions and runs come back with their requests, and bits of all are divided among them."""
     table = RequestTable.of(requests)
     assert table.requests() == requests
-    assert table.runs == tuple(request.run for request in requests if request.run is not None)
+    assert table.runs == tuple(request.begun for request in requests if request.begun is not None)
     counts = [request.count for request in requests]
     assert table.num_bits == sum(counts)
     bits = np.random.default_rng(1).integers(0, 2, table.num_bits, dtype=np.uint8)
@@ -95,7 +95,7 @@ def test_tables_hold_requests_and_runs_as_they_are(requests: list[ParityRequest]
 
 def test_only_the_first_request_says_for_which_run_it_is() -> None:
     """Others, and what is returned, are as they are without; so is a coroutine that asks for nothing."""
-    run, asked = Run((2, 5), b"areas"), []
+    run, asked = (Part(0, (2, 5), b"areas"), Part(3, (1,))), []
 
     def answered(request: ParityRequest) -> Bits:
         asked.append(request)
@@ -104,6 +104,6 @@ def test_only_the_first_request_says_for_which_run_it_is() -> None:
     counts = [3, 1, 9]
     assert drive(beginning(run, asking(4, counts)), answered) == drive(asking(4, counts), answer)
     wanted = [ParityRequest(4, k, "uncoded", 0, k, count) for k, count in enumerate(counts)]
-    wanted[0] = ParityRequest(4, 0, "uncoded", 0, 0, 3, run=run)
+    wanted[0] = ParityRequest(4, 0, "uncoded", 0, 0, 3, begun=run)
     assert asked == wanted
     assert drive(beginning(run, asking(4, [])), answer) == []

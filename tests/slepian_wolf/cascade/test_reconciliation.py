@@ -73,7 +73,7 @@ def test_runs_of_any_length_are_checked_together() -> None:
         if request.kind == "joint":
             checks = [crc(runs[plane][0], CRC_BITS) for plane in request.positions]
             return joint_check(np.stack(checks))[: request.count]
-        return sources[request.plane].answer(request)
+        return sources[request.run].answer(request)
 
     decoder = CASCADE.decoder(300)
     for plane, (bits, llr_ch) in runs.items():
