@@ -80,6 +80,7 @@ class FlowControl:
             np.zeros(runs, np.int32),
         )
         self._num_runs = [0] * self.num_slots
+        self._begun = [0] * self.num_slots  # planes that are in a run, a bit each
         self._waiting: deque[RequestTable] = deque()
         self._open: dict[int, _OpenGop] = {}
         self._free = list(range(max_open_gops(config)))
@@ -119,7 +120,7 @@ class FlowControl:
         slots = slice(row * self._rules.gop_length, (row + 1) * self._rules.gop_length)
         self._frames.requested[slots] = 0
         self._frames.num_planes[slots] = 0
-        self._num_runs[slots] = [0] * self._rules.gop_length
+        self._num_runs[slots] = self._begun[slots] = [0] * self._rules.gop_length
         self._frames.gops[row] = self.num_frames, num_frames - 1
         self._open[number] = _OpenGop(row, slots)
         self.num_credits -= 1
@@ -161,6 +162,10 @@ class FlowControl:
                 raise ValueError(f"{where} has {len(planes)} planes, areas of {len(part.areas)} bytes")
             if planes != sorted({*planes}) or planes[0] < 0 or planes[-1] >= self._num_planes:
                 raise ValueError(f"{where} has planes {planes}, there are {self._num_planes}")
+            begun = sum(1 << plane for plane in planes)
+            if begun & self._begun[slot + part.offset]:
+                raise ValueError(f"{where} has planes {planes}, of which some are in another run")
+            self._begun[slot + part.offset] |= begun
         self._num_runs[slot] += 1
         self._frames.num_planes[slot, number] = sum(len(part.planes) for part in run)
 

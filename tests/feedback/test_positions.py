@@ -220,9 +220,9 @@ def test_orders_may_change_and_requests_go_on() -> None:
         (ranges(-1, 4), "must increase"),
         (ranges(3, NUM_BITS, order=7), "must increase"),
         (ranges(3, 2 * NUM_BITS, order=6), "must increase"),
-        (ranges(3, 2 * NUM_BITS, order=7, begun=of_planes(0, 9)), "must increase from 0 to 3167"),
+        (ranges(3, 2 * NUM_BITS, order=7, begun=of_planes(1, 9)), "must increase from 0 to 3167"),
         (ranges(*range(NUM_BITS + 1)), "1585 parity bits"),
-        (ranges(*range(2 * NUM_BITS + 1), begun=of_planes(0, 9)), "3169 parity bits"),
+        (ranges(*range(2 * NUM_BITS + 1), begun=of_planes(1, 9)), "3169 parity bits"),
         (ranges(5, order=8), "code 8"),
         (ranges(5, start=1), "number 1 on, where 0 is the next"),
         (ParityRequest(1, 0, "parity", 0, 0, 3), "3 parity bits of run 0 of frame 1 at 0 positions"),
@@ -323,7 +323,7 @@ def test_a_run_may_begin_in_the_same_message() -> None:
 def test_runs_begin_in_turn(number: int, begun: Run) -> None:
     """A number that was given to a run, or is not the next, begins none; the next one does."""
     flow = opened(CONFIG, 3)
-    enter(flow, beginning(0, 0, 3), beginning(1, 3))
+    enter(flow, beginning(0, 20, 23), beginning(1, 21))
     flow.answer()
     with pytest.raises(ValueError, match=f"run {number} of frame 1 begins, 2 is the next of 256"):
         enter(flow, ParityRequest(1, number, "crc", 0, 1, 1, begun=begun))
@@ -332,10 +332,12 @@ def test_runs_begin_in_turn(number: int, begun: Run) -> None:
 
 def test_a_frame_names_so_many_runs_and_no_more() -> None:
     """Another frame of the group may name as many."""
-    flow = opened(CONFIG, 3)
-    for first in range(0, MAX_RUNS, 64):
-        numbers = range(first, first + 64)
-        enter(flow, *(beginning(number, 0, frame=frame) for frame in (1, 2) for number in numbers))
+    config = codec_config(VIDEO, "2d", gop={"length": 4})
+    flow, num_planes = opened(config, 4), sum(config.wyner_ziv.max_planes)
+    planes = [divmod(number, num_planes) for number in range(2 * MAX_RUNS)]
+    for frame, own in ((1, planes[:MAX_RUNS]), (2, planes[MAX_RUNS:])):
+        runs = enumerate((Part(offset + 1 - frame, (plane,)),) for offset, plane in own)
+        enter(flow, *(ParityRequest(frame, number, "crc", 0, 0, 1, (), run) for number, run in runs))
         flow.answer()
     for frame in (1, 2):
         with pytest.raises(ValueError, match=f"run 256 of frame {frame} begins, 256 is the next of 256"):
@@ -366,6 +368,21 @@ def test_parts_are_of_frames_of_the_group_in_order(begun: Run, offsets: str) -> 
     enter(flow, ParityRequest(1, 0, "uncoded", 0, 0, 3 * NUM_BITS, begun=everything))
     with pytest.raises(ValueError, match=r"run 0 of frame 2 has frames \[0, 1, 2\] after that"):
         enter(flow, ParityRequest(2, 0, "crc", 0, 0, 1, begun=everything))
+
+
+@pytest.mark.parametrize("more", [Part(0, (3,)), Part(0, (1, 2, 3)), Part(1, (5, 9)), Part(1, (0, 9))])
+def test_a_plane_is_in_one_run(more: Part) -> None:
+    """Whichever frame names that; what an encoder has to keep of runs is bounded by the planes."""
+    flow = opened(CONFIG, 3)
+    enter(flow, ParityRequest(1, 0, "crc", 0, 0, 1, (), (Part(0, (2, 3)), Part(1, (0, 9)))))
+    flow.answer()
+    again = [ParityRequest(1, 1, "crc", 0, 0, 1, (), (more,))]
+    if more.offset:
+        again.append(ParityRequest(2, 0, "crc", 0, 0, 1, (), (more._replace(offset=0),)))
+    for request in again:
+        with pytest.raises(ValueError, match="of which some are in another run"):
+            enter(flow, request)
+    enter(flow, ParityRequest(1, 1, "crc", 0, 0, 1, (), (Part(0, (0, 9)), Part(1, (2, 3)))))
 
 
 def test_bits_of_a_run_are_those_of_all_its_frames() -> None:
@@ -410,7 +427,7 @@ def test_frames_have_their_own_runs() -> None:
     """What one frame names is no run of another, whosever bits it has."""
     flow = opened(CONFIG, 3)
     both = ParityRequest(1, 0, "crc", 0, 0, 1, begun=(Part(0, (0,)), Part(1, (0,))))
-    enter(flow, both, beginning(1, 3), beginning(0, 0, frame=2))
+    enter(flow, both, beginning(1, 3), beginning(0, 4, frame=2))
     assert len(flow.answer().runs) == 3
     with pytest.raises(ValueError, match="run 1 of frame 2, or another one that was not begun"):
         enter(flow, replace(beginning(1, 3, frame=2), begun=None))
