@@ -8,7 +8,7 @@ from dvc.slepian_wolf import CRC_BITS, ParityRequest, PlaneCoder, PlaneResult, c
 from dvc.testing.plane_exchange import Bits, PlaneSource, exchange, noisy
 from tests.coders import coder_of
 
-CASCADE, SINGLE = coder_of("cascade"), coder_of("cascade", CascadeConfig(0))
+CASCADE, SINGLE = coder_of("cascade", CascadeConfig(6)), coder_of("cascade", CascadeConfig(0))
 AMPLE = coder_of("cascade", CascadeConfig(20))
 
 
