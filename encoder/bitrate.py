@@ -119,8 +119,7 @@ class BitrateController:
         self._bound = 0.5 * TOLERANCE * WINDOW_S * bits_per_s
         self._settled = 0.0  # in bits: what groups of which all is known took beyond their share
         self._open: dict[int, _OpenGroup] = {}
-        # What decoders have asked for of late, and what was estimated of that; at first as if it were right.
-        self._asked = self._estimated = START_S * bits_per_s
+        self._asked = self._estimated = 0.0  # what decoders have asked for of late, and what was expected
         self._number: int | None = None  # of the quality of the group before
         self._slope = OCTAVES_PER_STEP[0]
         self._num_groups = self._num_frames = 0
@@ -190,7 +189,8 @@ class BitrateController:
     def _wished(self, estimate: ExpectedBits) -> Floats:
         """Return what a decoder would ask for of each frame if it were allowed to."""
         least, most = RATIOS
-        wished: Floats = min(max(self._asked / self._estimated, least), most) * estimate.asked
+        ratio = self._asked / self._estimated if self._estimated else 1.0
+        wished: Floats = min(max(ratio, least), most) * estimate.asked
         return wished
 
     def _enter(self, estimate: ExpectedBits, share: float, most_bits: float) -> None:

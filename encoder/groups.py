@@ -94,7 +94,7 @@ class _Window:
             (*wyner_ziv, key), self._waiting = self._waiting, []
             tracks = self._tracker.close([frame.luma for frame in (*wyner_ziv, key)])
             self._key = key
-            yield Group(tuple(wyner_ziv), key, tracks, begins_scene=begins_scene)
+            yield Group(tuple(wyner_ziv), key, tracks if wyner_ziv else None, begins_scene=begins_scene)
 
 
 def _is_cut(tracker: PointTracker, rule: KeyFrameRule) -> bool:
