@@ -82,7 +82,7 @@ def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
     folder: Path = arguments.out / Path(clip).stem
     folder.mkdir(parents=True, exist_ok=True)
     num, jobs, video = arguments.frames, arguments.jobs, source_of(clip, arguments.frames, folder)
-    options = ["--qp", arguments.qp, "--frames", num, *(["--long-delay"] if arguments.long_delay else [])]
+    options = ["--qp", arguments.qp, "--frames", num]
     run_module("encoder", video, folder / "stream.dvc", *options, "--quiet")
     file, frames = decoding(folder / "stream.dvc", folder, "--jobs", jobs)
     rows = [
@@ -126,7 +126,6 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--delay", type=float, default=0.0, metavar="S", help="of the link, each way")
     parser.add_argument("--bandwidth", type=float, default=0.0, metavar="BITS_PER_SECOND", help="of the link")
-    parser.add_argument("--long-delay", action="store_true", help="encode for a link with a long delay")
     parser.add_argument("--no-single", action="store_true", help="do not decode the file by one process")
     parser.add_argument("--dask", action="store_true", help="decode the file on Dask workers, too")
     parser.add_argument("--no-live", action="store_true", help="do not decode live")

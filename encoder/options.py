@@ -22,7 +22,6 @@ from dvc.config import (
     NOISE_MODELS,
     REFERENCES,
     VARIANTS,
-    CascadeConfig,
     CodecConfig,
     CodecVariant,
     CoderConfig,
@@ -65,8 +64,6 @@ EXAMPLES = """\
   dvc-encode /dev/video0 --serve 0.0.0.0:5000 --token-file token --leave-out    through a network
 """
 
-LONG_DELAY_PERCENT = 20
-"""Of what is unknown of a plane: half of the requests for a tenth more bits of planes."""
 KEY_FRAMES = ("predicted", "intra")
 
 Value = Callable[[CodecVariant], object]
@@ -230,12 +227,6 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         default=DEFAULT_CODER,
         help="codes of the bit planes, where a decoder asks: parities of ranges that it chooses, or punctured"
         " turbo codes as in the thesis; default: %(default)s",
-    )
-    add(
-        "--long-delay",
-        action="store_true",
-        help="for a live decoder that is far away: it asks for more at once, so that it waits less often for"
-        " answers, for some percent of the rate; with --coder cascade",
     )
     add("--luma-only", action="store_true", help="code no chroma")
     add(
@@ -532,13 +523,9 @@ def _intra_period(arguments: argparse.Namespace) -> int | None:
 
 
 def _coder(arguments: argparse.Namespace) -> CoderConfig:
-    if arguments.no_feedback and (arguments.long_delay or arguments.coder != DEFAULT_CODER):
-        raise ConfigError("--long-delay and --coder are not for --no-feedback: nothing is coded by them")
-    if not arguments.long_delay:
-        return CODERS[arguments.coder]()
-    if arguments.coder != DEFAULT_CODER:
-        raise ConfigError(f"--long-delay is for --coder {DEFAULT_CODER}, not for {arguments.coder}")
-    return CascadeConfig(LONG_DELAY_PERCENT)
+    if arguments.no_feedback and arguments.coder != DEFAULT_CODER:
+        raise ConfigError("--coder is not for --no-feedback: nothing is coded by it")
+    return CODERS[arguments.coder]()
 
 
 def _key(arguments: argparse.Namespace) -> dict[str, Any]:

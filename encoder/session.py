@@ -8,7 +8,7 @@ from itertools import groupby
 from typing import BinaryIO, cast
 
 from dvc.config import MAX_TRACKS_BPP, VARIANTS, CodecConfig, Delivery, KeyFrameRule, NoFeedback, ParityBuffer
-from dvc.keyframes import CHROMA_QP_OFFSET, KeyFrameEncoder, KeyPicture
+from dvc.keyframes import KeyFrameEncoder, KeyPicture
 from dvc.stream import Form, GopRecord, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
@@ -92,7 +92,7 @@ class EncoderSession:
             "lossless" if config.key.lossless else config.key.qp,
             luma_only=config.video.luma_only,
             predicted=config.key.predicted,
-            chroma_qp_offset=0 if isinstance(delivery, NoFeedback) else CHROMA_QP_OFFSET,
+            chroma_qp_offset=0 if isinstance(delivery, NoFeedback) else None,
         )
         self.config = replace(
             config, key=replace(config.key, parameter_sets=self._key_encoder.parameter_sets)

@@ -75,7 +75,6 @@ GOLDEN = [
     moving_texture_stream("qp", (48, 32), 9, HIERARCHICAL),
     Golden("2d-predicted", (48, 32), 13, "--codec 2d --qp 30 --gop 4 --intra-period 8", "mci", True),
     Golden("2d-predicted-lossless", (45, 35), 7, f"{PREDICTED} --key-qp lossless", "mci", True),
-    moving_texture_stream("long-delay", (48, 32), 9, f"{HIERARCHICAL} --long-delay"),
     Golden("2d-time-stamps", (48, 32), 5, "--codec 2d --wz-q 4", "mci", uneven=True),
     Golden("2d-limited", (48, 32), 17, "--codec 2d --gop 4 --luma-only --bitrate 40k", "mci"),
     scene("colour", (104, 88), " --gop 3 --wz-q 5"),

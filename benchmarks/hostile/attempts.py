@@ -211,7 +211,6 @@ def kinds() -> dict[str, Kind]:
         "colour": _of_stream(partial(frozen, "2d-odd-colour-punctured"), small),
         "lossless-keys": _of_stream(partial(frozen, "2d-lossless-keys-buffered"), small),
         "classical": _of_stream(partial(frozen, "2d-classical-buffered"), small),
-        "long-delay": _of_stream(partial(frozen, "2d-long-delay-buffered"), small),
         "jobs": _made("2d", "buffered", jobs=2),
         "payloads": _payloads(),
         "headers": _headers(),

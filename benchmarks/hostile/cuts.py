@@ -24,7 +24,6 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     "default": (),
     "2d": ("--codec", "2d"),
     "points": ("--codec", "3d-td"),
-    "long-delay": ("--long-delay",),
     "faults": (),
 }
 """Of the encoder, by kind; runs with faults are damaged as well."""

@@ -2,10 +2,9 @@
 
 ``python -m benchmarks.searches.requests [CLIP ...] [--percent 0 6 20] [--set RANGE_BIAS=0.2]`` decodes clips
 once, keeps what was known of each run, and reconciles these runs anew with each share of what is unknown;
-`--set` gives a constant of `dvc.slepian_wolf.cascade` another value. The defaults of
-`CascadeConfig.batch_percent`, `WORTH_ASKING`, `RANGE_BIAS`, `MORE_BITS` and of `--long-delay` were chosen on
-box, stone, street, tree, cube and desk; `SWEEPS` and `CHANGE` on box, street and desk, and tested on stone,
-tree, cube and river.
+`--set` gives a constant of `dvc.slepian_wolf.cascade` another value. `WORTH_ASKING`, `RANGE_BIAS` and
+`MORE_BITS` were chosen on box, stone, street, tree, cube and desk; `SWEEPS` and `CHANGE` on box, street and
+desk, and tested on stone, tree, cube and river.
 """
 
 import argparse

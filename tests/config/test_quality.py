@@ -58,7 +58,6 @@ def test_references_are_warped_by_tracks_at_every_quality(options: list[str]) ->
     [
         ([], 8, INTRA_PERIOD),
         (["--no-feedback"], 8, INTRA_PERIOD),
-        (["--long-delay"], 8, INTRA_PERIOD),
         (["--intra-period", "7"], 8, 7),
         (["--key-frames", "intra"], 16, 0),
         (["--key-frames", "intra", "--gop", "5"], 5, 0),

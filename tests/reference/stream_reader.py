@@ -32,7 +32,7 @@ FIELDS: list[tuple[str, object]] = [
         "wyner_ziv",
         [("levels", []), ("noise_model", "local"), ("qp", 30), ("priors", "learned"), ("limited", False)],
     ),
-    ("coder", [("coder", "cascade"), ("batch_percent", 12)]),
+    ("coder", [("coder", "cascade"), ("batch_percent", 20)]),
     ("side_information", [("method", "depth"), ("track_corrections", True), ("fallback", "tracks")]),
     ("geometry", [("backend", "native"), ("path_regularity", 0.0)]),
     ("tracks", [("tracks_kind", "encoder"), ("num_points", 128), ("subpixel_bits", 1)]),
