@@ -333,7 +333,7 @@ def blended_motion(x, y, positions, motion):
     for i in range(positions.shape[0]):
         square, number = (positions[i, 0, 0] - x) ** 2 + (positions[i, 0, 1] - y) ** 2, i
         for place in range(NUM_NEAREST):
-            if square <= squares[place]:
+            if square < squares[place]:
                 squares[place], square = square, squares[place]
                 nearest[place], number = number, nearest[place]
     motion[:] = 0.0

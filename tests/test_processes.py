@@ -840,7 +840,7 @@ def test_a_bad_link_changes_neither_frames_nor_bits(
     report = tmp_path / "encoder.json"
     options = ("--serve", "127.0.0.1:0", "--patience", PATIENCE_S, "--json", report, *own)
     with start("encoder", long_clip, *CODING, *options) as encoder:
-        faults = Faults(20000 if fault == "all faults" else 1e9, seed=1)
+        faults = Faults(8000 if fault == "all faults" else 1e9, seed=1)
         target = ("127.0.0.1", listening_port(encoder))
         with slow_link(*target, 0.0, 2e6, FirstUnharmed(faults, 2000)) as link:
             words = ("--connect", link.address, "--patience", PATIENCE_S, *theirs)

@@ -22,6 +22,7 @@ class LiveRun:
     """What a live run took."""
 
     encoder_cpu_s: float
+    num_messages: float  # of requests, for each Wyner-Ziv frame
     same_as_file: bool  # whether a file of the same options gives the same frames and bits
 
 
@@ -46,6 +47,7 @@ def live_run(video: Path, folder: Path, options: Sequence[object]) -> LiveRun:
     """Code a video live, and as a file."""
     with serving(video, folder, options) as address:
         outputs = [folder / "live.mkv", "--punctured", folder / "live.dvc", "--quiet"]
+        outputs += ["--json", folder / "decoder.json"]
         run_module("decoder", "--connect", address, *outputs, "--timeout", PATIENCE_S)
     run_module("encoder", video, folder / "stream.dvc", *options, "--quiet")
     outputs = [folder / "file.mkv", "--punctured", folder / "file.dvc", "--quiet"]
@@ -54,12 +56,14 @@ def live_run(video: Path, folder: Path, options: Sequence[object]) -> LiveRun:
         (folder / f"live{end}").read_bytes() == (folder / f"file{end}").read_bytes()
         for end in (".mkv", ".dvc")
     )
-    return LiveRun(own_cpu_s(report_of(folder / "encoder.json")), same)
+    encoder, decoder = (report_of(folder / f"{end}.json") for end in ("encoder", "decoder"))
+    num_messages = decoder["num_messages"] / max(encoder["num_wyner_ziv_frames"], 1)
+    return LiveRun(own_cpu_s(encoder), num_messages, same)
 
 
 @cache
-def _runs(setting: Setting) -> dict[str, tuple[float, bool]]:
-    """Return, by clip, the time of a live encoder over that of x264, and whether files are the same."""
+def _runs(setting: Setting) -> dict[str, tuple[float, float, bool]]:
+    """Return, by clip, the encoder's time over that of x264, messages, and whether files are the same."""
     lengths, found = setting.choose(LENGTHS, QUICK_LENGTHS), {}
     for clip in setting.clips(setting.choose(CLIPS, QUICK_CLIPS)):
         folder, video = setting.scratch(f"live-{clip}"), clip_source(clip).path
@@ -68,6 +72,7 @@ def _runs(setting: Setting) -> dict[str, tuple[float, bool]]:
         ours_ms = later_frames_ms(taken_s.__getitem__, lengths)
         found[clip] = (
             ours_ms / anchor_frame_ms(video, folder, setting),
+            runs[lengths[1]].num_messages,
             all(run.same_as_file for run in runs.values()),
         )
     return found
@@ -75,15 +80,21 @@ def _runs(setting: Setting) -> dict[str, tuple[float, bool]]:
 
 def encoder_time(setting: Setting) -> Measured:
     """Compare the processor time of the encoder, all requests answered, with that of x264 superfast."""
-    ratios = {clip: ratio for clip, (ratio, _) in _runs(setting).items()}
+    ratios = {clip: ratio for clip, (ratio, _, _) in _runs(setting).items()}
     return mean_of(ratios, int(setting.choose(LENGTHS, QUICK_LENGTHS)[1]))
+
+
+def messages(setting: Setting) -> Measured:
+    """Count messages of requests for a Wyner-Ziv frame."""
+    counts = {clip: count for clip, (_, count, _) in _runs(setting).items()}
+    return mean_of(counts, int(setting.choose(LENGTHS, QUICK_LENGTHS)[1]))
 
 
 def differences(setting: Setting) -> Measured:
     """Count clips whose frames or bits differ between a live run and a file."""
     found = _runs(setting)
     return Measured(
-        float(sum(not same for _, same in found.values())),
+        float(sum(not same for _, _, same in found.values())),
         {},
         int(setting.choose(LENGTHS, QUICK_LENGTHS)[1]),
         f"{len(found)} clips",
