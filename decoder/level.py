@@ -129,7 +129,7 @@ def _last(frame: FrameCoroutine, again: Sequence[Sequence[Decoded]]) -> DecodedF
 
 
 def _divided(asked: Sequence[tuple[int, Wish]], joins: bool) -> list[list[tuple[int, Wish]]]:
-    """Divide wishes into as few runs as may be."""
+    """Divide wishes into runs, one frame after the other."""
     runs: list[list[tuple[int, Wish]]] = []
     for index, wish in asked:
         fits = joins and runs and runs[-1][-1][0] < index
