@@ -156,11 +156,11 @@ def _costs(runs: Sequence[_Run], check: slepian_wolf.FrameCheck, frames: Sequenc
     costs += _shares(total, np.ones(len(frames)))
     for run in runs:
         assert run.result is not None
-        ideal = dict.fromkeys(frames, 0.0)
+        paid = dict.fromkeys(frames, 0.0)
         for (index, _), decoded in zip(run.wishes, run.decoded, strict=True):
-            ideal[index] += sum(one.paid_bits for one in decoded)
+            paid[index] += sum(one.paid_bits for one in decoded)
         total = np.array([run.result.num_requests, run.result.crc_bits, run.result.parity_bits])
-        costs += _shares(total, np.array([*ideal.values()]))
+        costs += _shares(total, np.array([*paid.values()]))
     return costs
 
 
