@@ -62,7 +62,7 @@ coverage: $(INSTALLED)  ## tell which lines of the packages tests run, kernels a
 
 test-bounds: $(INSTALLED)  ## run kernels under bounds checks on frozen streams and COUNT mutations a kind (an hour)
 	$(CHECKED) $(BIN)/python -m benchmarks.hostile.bounds
-	$(CHECKED) $(BIN)/python -m pytest -q -n $(JOBS) -k to_the_frozen tests/test_golden.py tests/depthcodec/test_golden.py
+	$(CHECKED) $(BIN)/python -m pytest -q -n $(JOBS) -k to_the_frozen tests/test_golden.py tests/dibr/test_golden.py
 	$(CHECKED) $(BIN)/python -m benchmarks.hostile --jobs $(JOBS) --count $(COUNT)
 
 fuzz: $(INSTALLED)  ## try for HOURS what nobody has tried, under bounds checks, keep what does harm, and write down how much it was
@@ -72,11 +72,11 @@ cuts: $(INSTALLED)  ## cut live runs at random moments until RUNS were tried in 
 	$(BIN)/python -m benchmarks.hostile.cuts --runs $(RUNS)
 
 canaries: $(INSTALLED)  ## store bytes and PSNR of small encodings anew, after a change of the encoder that is meant
-	DVC_REGENERATE=1 $(BIN)/python -m pytest -q -k "as_before or cost_the_same" tests/test_canaries.py tests/depthcodec/test_golden.py
+	DVC_REGENERATE=1 $(BIN)/python -m pytest -q -k "as_before or cost_the_same" tests/test_canaries.py tests/dibr/test_golden.py
 
 streams: $(INSTALLED)  ## freeze streams that are listed in tests and are not frozen yet
 	$(BIN)/python -m tests.golden_streams
-	DVC_REGENERATE=1 $(BIN)/python -m pytest -q -k frozen_pictures tests/depthcodec/test_golden.py
+	DVC_REGENERATE=1 $(BIN)/python -m pytest -q -k frozen_pictures tests/dibr/test_golden.py
 
 mutants: $(INSTALLED)  ## change the packages here and there, and list what no test notices (hours; goes on where it ended)
 	$(BIN)/python -m benchmarks.mutants --jobs $(JOBS)
@@ -103,7 +103,7 @@ results-check: $(INSTALLED)  ## tell which results are those of this code
 	$(BIN)/python -m benchmarks.results --check
 
 reproduce: $(INSTALLED)  ## measure the tables and figures of the thesis, quickly, into results/thesis; SETS=DIR: real sets
-	$(BIN)/python -m dvc.thesis --out results/thesis --jobs $(JOBS) $(if $(SETS),--data $(SETS))
+	$(BIN)/python -m benchmarks.thesis --out results/thesis --jobs $(JOBS) $(if $(SETS),--data $(SETS))
 
 pictures: $(INSTALLED)  ## draw the pictures of docs/ again, and those of real clips in results/
 	$(BIN)/python -m benchmarks.pictures.first

@@ -69,8 +69,3 @@ def sfm() -> int:
 def stereo() -> int:
     """Run ``dvc-stereo``."""
     return _start("dvc-stereo", "dvc.stereo.__main__")
-
-
-def thesis() -> int:
-    """Run ``dvc-thesis``."""
-    return _start("dvc-thesis", "dvc.thesis.__main__")

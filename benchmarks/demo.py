@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.environment import child_environment, python_module
-from dvc.page.plotting import new_figure
+from dvc.web.plotting import new_figure
 
 if TYPE_CHECKING:
     from dvc.video import Frame
@@ -186,7 +186,7 @@ def _colours(frame: "Frame") -> NDArray[np.uint8]:
 
 def _depth(first: Luma, second: Luma) -> NDArray[np.float64] | None:
     """Return inverse depth as the decoder finds it between two frames without tracks; None: no scene."""
-    from dvc.multiview.depth_maps import estimate_depths
+    from dvc.geometry.depth_maps import estimate_depths
     from sfm.pipeline import reconstruct
 
     model = reconstruct(first, second).model

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks.searches.surfaces import read_pair
-from dvc.multiview.camera_array import DisparityLabels
-from dvc.thesis.chapter import Way
-from dvc.thesis.chapter3.as_written import METHODS_BY_WAY
-from dvc.thesis.chapter3.chapter import QUICK_BPP, REFERENCE_BPP
-from dvc.thesis.chapter3.curves import curve, differences, reference_multipliers
-from dvc.thesis.chapter3.scenes import scene_of_array
+from benchmarks.thesis.chapter import Way
+from benchmarks.thesis.chapter3.as_written import METHODS_BY_WAY
+from benchmarks.thesis.chapter3.chapter import QUICK_BPP, REFERENCE_BPP
+from benchmarks.thesis.chapter3.curves import curve, differences, reference_multipliers
+from benchmarks.thesis.chapter3.scenes import scene_of_array
+from dvc.geometry.camera_array import DisparityLabels
 
 PAIRS = "teddy", "tsukuba", "cones", "Aloe", "Baby1", "Bowling2", "Rocks1", "Wood2"
 METHODS = "l", "s", "quadtree"

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.results.harness import SCENES, run_module
-from dvc.calibration.colmap import quiet
 from dvc.config import MAPPERS
+from dvc.geometry.colmap import quiet
 from dvc.metrics import psnr_db
 from dvc.video import Frame, create_video, open_video
 from sfm.mapping.colmap_mapper import model_poses, run_colmap

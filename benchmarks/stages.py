@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 STAGES = {
     "geometry: structure from motion": ("sfm.pipeline.reconstruct",),
     "geometry: cameras from tracks": ("decoder.side_information.scene.tracked.estimate_geometry",),
-    "depth: plane sweep": ("dvc.multiview.depth_maps._swept",),
+    "depth: plane sweep": ("dvc.geometry.depth_maps._swept",),
     "depth: consistency, continuation, edges": (
-        "dvc.multiview.depth_maps._checked",
-        "dvc.multiview.depth_maps._with_points",
-        "dvc.multiview.depth_maps._continued",
-        "dvc.multiview.depth_maps._aligned",
+        "dvc.geometry.depth_maps._checked",
+        "dvc.geometry.depth_maps._with_points",
+        "dvc.geometry.depth_maps._continued",
+        "dvc.geometry.depth_maps._aligned",
     ),
     "rendering": ("decoder.side_information.scene.depth.render_between",),
     "corrections by tracks": ("decoder.side_information.scene.tracked.corrected",),

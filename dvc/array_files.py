@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from dvc.multiview.camera_array import CameraArray, DisparityLabels, LatticePosition
+    from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
 
 MAX_LABELS = 4096
 """More disparities are a mistake of units."""
@@ -27,7 +27,7 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 def parse_disparities(text: str) -> "DisparityLabels":
     """Read a range of disparities."""
-    from dvc.multiview.camera_array import DisparityLabels
+    from dvc.geometry.camera_array import DisparityLabels
 
     match = re.fullmatch(rf"({_NUMBER}):({_NUMBER})(?::({_NUMBER}))?", text)
     if not match:
@@ -46,7 +46,7 @@ def parse_disparities(text: str) -> "DisparityLabels":
 
 def parse_position(text: str) -> "LatticePosition":
     """Read the position of a camera."""
-    from dvc.multiview.camera_array import LatticePosition
+    from dvc.geometry.camera_array import LatticePosition
 
     match = re.fullmatch(rf"({_NUMBER}),({_NUMBER})", text)
     if not match or not all(_is_moderate(float(number)) for number in match.groups()):
@@ -60,7 +60,7 @@ def _is_moderate(number: float) -> bool:
 
 def read_positions(path: str | Path) -> dict[str, "LatticePosition"]:
     """Read positions of cameras from a table with the columns file, m and n."""
-    from dvc.multiview.camera_array import LatticePosition
+    from dvc.geometry.camera_array import LatticePosition
 
     positions: dict[str, LatticePosition] = {}
     try:
@@ -123,7 +123,7 @@ def _check_distinct(kind: str, values: Sequence[object], texts: Sequence[str]) -
 
 def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition"] | None) -> "CameraArray":
     """Read the rectified views of an array."""
-    from dvc.multiview.camera_array import ArrayView, CameraArray, LatticePosition
+    from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition
 
     if len(paths) < 2:
         raise ConfigError("at least two views are needed")

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 NAME: Final = re.compile(r"[a-z0-9_-]{1,32}")
-"""What can stand in streams; other names are left aside, and `dvc.testing` tells their authors."""
+"""What can stand in streams; other names are left aside, and `dvc.contracts` tells their authors."""
 
 SIDE_INFORMATION = "dvc3d.side_information"
 SCENE_INTERPOLATORS = "dvc3d.scene_interpolators"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dvc.array_files import MAX_LABELS, MAX_NUMBER, MIN_STEP, is_unicode
 from dvc.errors import DvcError
 from dvc.files import read_whole
-from dvc.multiview.camera_array import DisparityLabels
+from dvc.geometry.camera_array import DisparityLabels
 
 MAX_SIDE = 1 << 15
 """Larger pictures are refused."""

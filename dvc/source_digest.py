@@ -10,7 +10,7 @@ from pathlib import Path
 import dvc
 
 _PACKAGES = ("dvc", "encoder", "decoder", "sfm", "sequences", "benchmarks")
-_STARTERS = ("dvc.rd.", "dvc.thesis.", "benchmarks.")
+_STARTERS = ("dvc.rd.", "benchmarks.thesis.", "benchmarks.")
 """Where a plain name of a package in quotes is that of a program to start."""
 _DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Assign, ast.AnnAssign)
 _IMPORTS = (ast.Import, ast.ImportFrom)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX, PixelFrame, homogeneous, project
-from dvc.multiview.triangulation import triangulate_depth
+from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX, PixelFrame, homogeneous, project
+from dvc.geometry.triangulation import triangulate_depth
 from sfm.cameras.projective_basis import CAMERA_NORM
 from sfm.correspondences import outliers
 from sfm.estimation.epipolar import (

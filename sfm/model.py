@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import PixelFrame, ViewPair, inverse_depth_range, oriented
+from dvc.geometry.cameras import PixelFrame, ViewPair, inverse_depth_range, oriented
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import SFM_BACKENDS
-from dvc.multiview.cameras import PixelFrame
-from dvc.multiview.triangulation import triangulate_depth
+from dvc.geometry.cameras import PixelFrame
+from dvc.geometry.triangulation import triangulate_depth
 from sfm import colmap
 from sfm.cameras.bundle_adjustment import bundle_adjustment
 from sfm.cameras.self_calibration import self_calibration

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from sfm.cameras.bundle_adjustment import BundleAdjustmentSettings
 from sfm.cameras.self_calibration import SelfCalibrationSettings
 from sfm.correspondences.densification import DensificationSettings

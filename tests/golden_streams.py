@@ -15,7 +15,7 @@ import numpy as np
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
 from benchmarks.results.live import serving
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from dvc.video import Frame, create_video
 from tests import frozen
 from tests.clips import moving_texture, write_clip

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import PixelFrame, project
+from dvc.geometry.cameras import PixelFrame, project
 from sfm.model import Correspondences, Model
 
 Floats = NDArray[np.float64]

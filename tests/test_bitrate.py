@@ -13,7 +13,7 @@ import encoder.__main__ as encoder
 from benchmarks.bitrate import deviations, group_rates
 from benchmarks.results.live import serving
 from dvc.cli import parse_bits
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from dvc.stream import StreamReader
 from dvc.video import Frame
 from tests.clips import write_clip

@@ -19,7 +19,7 @@ import pytest
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
 import sfm.__main__ as sfm
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from dvc.video import Frame
 from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render

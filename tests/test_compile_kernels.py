@@ -12,7 +12,7 @@ import pytest
 
 from dvc._jit import RUNS_PORTABLE
 from dvc.compile_kernels import KERNELS, Kernel, listed
-from dvc.depthcodec.names import OWN_NAMES
+from dvc.dibr.names import OWN_NAMES
 from dvc.picture_files import write_png
 from tests.clips import moving_texture
 from tests.golden_streams import GOLDEN, Golden, source

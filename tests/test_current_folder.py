@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from dvc.contracts.frames import moving_texture
 from dvc.rd.provenance import _git
-from dvc.testing.frames import moving_texture
 from tests.clips import write_clip
 
 ROOT = Path(__file__).resolve().parents[1]

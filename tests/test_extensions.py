@@ -17,11 +17,11 @@ from decoder.side_information.methods import INTERPOLATORS, METHODS
 from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
 from dvc import extensions
 from dvc.config import CODERS, NOISE_MODELS, VideoConfig, codec_config, decode_config, encode_config
-from dvc.depthcodec.prediction.encoder import ViewEncoder
-from dvc.depthcodec.prediction.views import views_of_pictures
-from dvc.depthcodec.trees.methods import METHODS as DISPARITY_CODECS
+from dvc.dibr.disparity.methods import METHODS as DISPARITY_CODECS
+from dvc.dibr.views.encoder import ViewEncoder
+from dvc.dibr.views.views import views_of_pictures
 from dvc.errors import ConfigError, DvcError
-from dvc.multiview.camera_array import DisparityLabels, LatticePosition
+from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.picture_files import write_png
 from dvc.slepian_wolf import plane_coder
 from dvc.stereo.surfaces.settings import StereoSettings
@@ -34,8 +34,8 @@ import numpy as np
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
 from dvc.config import CascadeConfig
-from dvc.depthcodec.trees.blocks import BlockCodec
-from dvc.multiview.volumes.inference import SemiGlobal
+from dvc.dibr.disparity.blocks import BlockCodec
+from dvc.geometry.volumes.inference import SemiGlobal
 from dvc.slepian_wolf.cascade.coder import CascadeCoder
 from dvc.wynerziv.noise import MODELS
 
@@ -238,8 +238,8 @@ def test_extensions_that_return_nonsense_are_named() -> None:
 
 
 def test_contracts_of_what_is_installed(folder: Path, tmp_path: Path) -> None:
-    """`pytest --pyargs dvc.testing` tests each extension, and tells one that fails."""
-    words = ["-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "--pyargs", "dvc.testing", "-k"]
+    """`pytest --pyargs dvc.contracts` tests each extension, and tells one that fails."""
+    words = ["-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "--pyargs", "dvc.contracts", "-k"]
     chosen = "(calm or smooth or squares or hasty and sure) and not hopeless"
     good = run("pytest", *words, chosen, path=folder)
     assert good.returncode == 0, good.stdout

@@ -10,7 +10,7 @@ import pytest
 
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from dvc.stream import Form, StreamReader, StreamWriter
 from dvc.video import Frame
 from tests.clips import moving_texture, write_clip

@@ -31,8 +31,8 @@ from dvc.config import DEFAULT_CODEC
 from dvc.errors import VideoError
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello
 from dvc.feedback.opening import NEW, Opening
+from dvc.geometry.cameras import PixelFrame
 from dvc.metrics import psnr_db
-from dvc.multiview.cameras import PixelFrame
 from dvc.slepian_wolf import RequestTable
 from dvc.stream import StreamReader
 from dvc.video import Frame, open_video

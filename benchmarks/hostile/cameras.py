@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.hostile.files import Files
-from dvc.calibration.camera_files import load_cameras
+from dvc.geometry.camera_files import load_cameras
 
 _NAMES = "a.png", "b.png"
 _PICTURE = np.zeros((120, 160), np.uint8)

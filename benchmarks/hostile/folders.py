@@ -8,17 +8,17 @@ import numpy as np
 
 from benchmarks.hostile.files import Files, written
 from benchmarks.hostile.layered_pieces import good_streams
-from dvc.depthcodec.depth_image.depth_maps import read_depth_map
-from dvc.depthcodec.layered.decoder import decode
-from dvc.depthcodec.layered.pieces import read_pieces, write_pieces
-from dvc.depthcodec.layered.stream import decode_stream
-from dvc.imagecodec.edges.files import read_edges, write_edges
-from dvc.imagecodec.wavelets.edge_maps import EdgeMaps
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.dibr.depth_image.depth_maps import read_depth_map
+from dvc.dibr.layered.decoder import decode
+from dvc.dibr.layered.pieces import read_pieces, write_pieces
+from dvc.dibr.layered.stream import decode_stream
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.surfaces import Reconstruction, Surface
+from dvc.images.edges.files import read_edges, write_edges
+from dvc.images.wavelets.edge_maps import EdgeMaps
 from dvc.pfm import write_pfm
 from dvc.picture_files import read_picture, write_png
 from dvc.stereo.surfaces.folder import INDEX, read_reconstruction, write_reconstruction
-from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 _SHAPE = 18, 26
 

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.depthcodec.layered.decoder import decode
-from dvc.depthcodec.layered.encoder import encode_to_size
-from dvc.depthcodec.layered.pieces import Kind, Pieces
-from dvc.depthcodec.layered.rendering import render
-from dvc.depthcodec.layered.stream import decode_stream, encode_stream
-from dvc.depthcodec.rendering import picture_of
+from dvc.dibr.layered.decoder import decode
+from dvc.dibr.layered.encoder import encode_to_size
+from dvc.dibr.layered.pieces import Kind, Pieces
+from dvc.dibr.layered.rendering import render
+from dvc.dibr.layered.stream import decode_stream, encode_stream
+from dvc.dibr.rendering import picture_of
 from dvc.errors import BitstreamError
-from dvc.multiview.camera_array import DisparityLabels, LatticePosition
-from dvc.stereo.layers.canvas import Canvas, Frame
-from dvc.stereo.layers.sprites import Sprite
+from dvc.geometry.camera_array import DisparityLabels, LatticePosition
+from dvc.layers.canvas import Canvas, Frame
+from dvc.layers.sprites import Sprite
 
 _SHAPE = 40, 52
 _CANVAS = Canvas(_SHAPE, Frame(4, 2, 44, 34), DisparityLabels(0.0, 1.0, 32), 1.0, "middle", 3)

@@ -6,20 +6,20 @@ from functools import cache
 import numpy as np
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.depthcodec.names import OWN_NAMES
-from dvc.depthcodec.prediction.decoder import decode
-from dvc.depthcodec.prediction.encoder import ViewEncoder
-from dvc.depthcodec.prediction.stream import (
+from dvc.dibr.names import OWN_NAMES
+from dvc.dibr.rendering import picture_of, render
+from dvc.dibr.views.decoder import decode
+from dvc.dibr.views.encoder import ViewEncoder
+from dvc.dibr.views.stream import (
     PairLayer,
     decode_header,
     decode_stream,
     encode_layer,
 )
-from dvc.depthcodec.prediction.views import Views
-from dvc.depthcodec.rendering import picture_of, render
+from dvc.dibr.views.views import Views
 from dvc.errors import BitstreamError
-from dvc.multiview.camera_array import DisparityLabels, LatticePosition
-from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint, between
+from dvc.geometry.camera_array import DisparityLabels, LatticePosition
+from dvc.geometry.viewpoints import CalibratedViewpoint, Viewpoint, between
 
 NUM_LAYERS = 2
 _HEIGHT, _WIDTH = 21, 34

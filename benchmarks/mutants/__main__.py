@@ -30,9 +30,9 @@ PACKAGES = (
     "decoder",
     "dvc/slepian_wolf",
     "dvc/wynerziv",
-    "dvc/imagecodec",
-    "dvc/depthcodec",
-    "dvc/viewer",
+    "dvc/images",
+    "dvc/dibr",
+    "dvc/dibr/viewer",
     "dvc/stereo",
     "sfm",
 )

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
 from benchmarks.results.harness import run_module
 from benchmarks.results.stereo import data_folder
-from dvc.depthcodec.names import OWN_NAMES
+from dvc.dibr.names import OWN_NAMES
 
 PROG = "python -m benchmarks.pictures.dibr"
 EXAMPLES = """\

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from benchmarks.pictures.drawing import Picture
 from dvc.environment import child_environment, python_module
-from dvc.multiview.depth_maps import estimate_depths
-from dvc.page.drawing import colour_disparity, in_rows, with_title
+from dvc.geometry.depth_maps import estimate_depths
 from dvc.video import Frame, open_video
 from dvc.video.pixels import picture_from_frame
+from dvc.web.drawing import colour_disparity, in_rows, with_title
 from sfm.cameras.depth_order import rigid_order
 from sfm.pipeline import reconstruct
 

@@ -17,8 +17,8 @@ from decoder.side_information.block_motion.interpolation import BlockMotionInter
 from decoder.side_information.methods import INTERPOLATORS
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from dvc import cli
+from dvc.geometry.depth_maps import estimate_depths
 from dvc.metrics import psnr_db
-from dvc.multiview.depth_maps import estimate_depths
 from dvc.video import Frame, open_video
 from dvc.wynerziv.transform import to_uint8
 from sfm.cameras.camera_path import intermediate_cameras

@@ -16,12 +16,12 @@ from benchmarks.pictures.calibrations import write_cameras
 from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
 from benchmarks.results.harness import run_module
 from benchmarks.results.stereo import data_folder
-from dvc.page.drawing import colour_disparity, colour_error, in_rows, with_title
+from benchmarks.thesis.real_sets import PAIRS
+from dvc.geometry.surfaces import Reconstruction
 from dvc.stereo.evaluation import disparity_error, read_mask
 from dvc.stereo.opencv_baseline import semi_global_baseline
 from dvc.stereo.surfaces.folder import read_reconstruction
-from dvc.stereo.surfaces.surface import Reconstruction
-from dvc.thesis.real_sets import PAIRS
+from dvc.web.drawing import colour_disparity, colour_error, in_rows, with_title
 
 PROG = "python -m benchmarks.pictures.stereo"
 EXAMPLES = """\
@@ -112,7 +112,7 @@ def draw_chapter() -> list[Path]:
     data, folder = data_folder("tsukuba"), RESULTS / "chapter2"
     shutil.rmtree(folder, ignore_errors=True)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    run_module("dvc.thesis", "--chapter", "2", "--data", data, "--out", RESULTS, "--quiet")
+    run_module("benchmarks.thesis", "--chapter", "2", "--data", data, "--out", RESULTS, "--quiet")
     FOLDER.mkdir(parents=True, exist_ok=True)
     for number in ("2.4", "2.5"):
         shutil.copy(folder / f"figure-{number}-ours.png", FOLDER / f"figure-{number}.png")

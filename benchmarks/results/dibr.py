@@ -4,16 +4,16 @@ from functools import cache
 
 from benchmarks.results.harness import Measured, Setting, mean_of
 from benchmarks.results.stereo import data_folder
+from benchmarks.thesis.chapter import Way
+from benchmarks.thesis.chapter3.as_written import METHODS_BY_WAY
+from benchmarks.thesis.chapter3.chapter import QUICK_BPP, REFERENCE_BPP
+from benchmarks.thesis.chapter3.curves import Point, curve, differences, reference_multipliers
+from benchmarks.thesis.chapter3.scenes import FREE_SCENES, Scene, scene_of_array
+from benchmarks.thesis.chapter4.chapter import MAP_RATES
+from benchmarks.thesis.chapter4.curves import map_point, picture_points, standard_point
+from benchmarks.thesis.chapter4.material import Material, material_of_set, motorcycle
+from benchmarks.thesis.real_sets import PAIRS
 from dvc.errors import DvcError
-from dvc.thesis.chapter import Way
-from dvc.thesis.chapter3.as_written import METHODS_BY_WAY
-from dvc.thesis.chapter3.chapter import QUICK_BPP, REFERENCE_BPP
-from dvc.thesis.chapter3.curves import Point, curve, differences, reference_multipliers
-from dvc.thesis.chapter3.scenes import FREE_SCENES, Scene, scene_of_array
-from dvc.thesis.chapter4.chapter import MAP_RATES
-from dvc.thesis.chapter4.curves import map_point, picture_points, standard_point
-from dvc.thesis.chapter4.material import Material, material_of_set, motorcycle
-from dvc.thesis.real_sets import PAIRS
 
 TEXTURE_DEPTH = ("teddy", "venus", "cones", "motorcycle")
 DEPTH_RATE = 0.04

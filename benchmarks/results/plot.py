@@ -7,10 +7,10 @@ from benchmarks.results.code import ROOT
 from benchmarks.results.harness import Setting
 from dvc.errors import DvcError
 from dvc.files import atomic_output
-from dvc.page.plotting import new_figure
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.curves import Curve
 from dvc.rd.points import ANCHORS
+from dvc.web.plotting import new_figure
 
 PLOT = ROOT / "docs" / "rd.svg"
 CLIPS = ("box", "street")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from benchmarks.searches.surfaces import Pair, add_pair_options, chosen_pairs
-from dvc.multiview.camera_array import DisparityLabels
+from dvc.geometry.camera_array import DisparityLabels
 from dvc.stereo.evaluation import sparsification
 from dvc.stereo.surfaces.confidence import WEIGHTS, Evidence, evidence
 from dvc.stereo.surfaces.reconstruction import reconstruct

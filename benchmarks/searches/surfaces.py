@@ -22,12 +22,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
+from benchmarks.thesis.real_sets import PAIRS, RealSet
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.stereo.evaluation import read_mask, read_truth
 from dvc.stereo.opencv_baseline import SemiGlobalSettings, semi_global_baseline
 from dvc.stereo.surfaces.reconstruction import reconstruct
 from dvc.stereo.surfaces.settings import TEST_PAIRS, TUNING_PAIRS, StereoSettings
-from dvc.thesis.real_sets import PAIRS, RealSet
 
 DATA = Path("..") / "shared" / "stereo"
 SCALES = {"barn1": 8.0, "bull": 8.0, "sawtooth": 8.0}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dvc.video import Frame
 
 if TYPE_CHECKING:  # frames go from process to process without what makes them
-    from dvc.multiview.depth_maps import DepthMap, DepthView, Known
+    from dvc.geometry.depth_maps import DepthMap, DepthView, Known
     from dvc.tracks import FeaturePoints, PointTracks
     from sfm.model import Model
 

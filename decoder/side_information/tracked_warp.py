@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter
 
 from decoder.side_information.block_motion.alignment import homography_positions, whole_frame_motion
 from decoder.side_information.residual_fields import WIDE_TO_NARROW, corrected_positions
-from dvc.multiview.sampling import sample
+from dvc.geometry.sampling import sample
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]

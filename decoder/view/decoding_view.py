@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from decoder.pictures import DecodedPicture
 from dvc.config import CodecConfig
-from dvc.page.drawing import colour_disparity
 from dvc.video.pixels import rgb_from_frame
+from dvc.web.drawing import colour_disparity
 
 NUM_ROWS = 1000
 """Latest frames whose figures are kept."""

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 from decoder.view.decoding_view import DIFFERENCE_GAIN, KINDS, DecodingView, Facts
 from dvc.errors import ConfigError
 from dvc.files import Closing
-from dvc.page.document import SHARED, asset, content_policy, template
+from dvc.web.document import SHARED, asset, content_policy, template
 
 HOST = "127.0.0.1"
 MAX_CONNECTIONS = 16

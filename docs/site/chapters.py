@@ -1,4 +1,4 @@
-"""Chapters of the thesis: terms with their modules, from the glossary, and figures, from `dvc.thesis`."""
+"""Chapters of the thesis: terms with their modules, from the glossary, and figures."""
 
 import importlib
 import re
@@ -28,10 +28,10 @@ def terms(chapter: int) -> list[tuple[str, str, str, str]]:
 
 def chapter_text(number: int) -> str:
     """Write the tables of a chapter."""
-    chapter = importlib.import_module(f"dvc.thesis.chapter{number}.chapter").CHAPTER
+    chapter = importlib.import_module(f"benchmarks.thesis.chapter{number}.chapter").CHAPTER
     lines = ["| place | what | meaning | module |", "| --- | --- | --- | --- |"]
     lines += ["| " + " | ".join(row) + " |" for row in terms(number)]
-    lines += ["", f"## Figures of `dvc-thesis --chapter {number}`", ""]
+    lines += ["", f"## Figures of `python -m benchmarks.thesis --chapter {number}`", ""]
     lines += ["| figure | shows | instead |", "| --- | --- | --- |"]
     lines += [f"| {one.number} | {one.shows} | {one.instead} |" for one in chapter.figures]
     lines += ["", "## What the text leaves open, and how it is read", ""]

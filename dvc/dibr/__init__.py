@@ -1,1 +1,1 @@
-"""Command `dvc-dibr`: subcommands, as `dvc.subcommands` takes them."""
+"""Pictures with depth: views and their disparities in one stream, depth images, layers."""

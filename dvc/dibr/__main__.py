@@ -3,7 +3,7 @@
 import sys
 
 from dvc import subcommands
-from dvc.dibr import (
+from dvc.dibr.commands import (
     decode,
     encode,
     encode_depth,

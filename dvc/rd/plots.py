@@ -4,7 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dvc.page.plotting import (
+from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
+from dvc.rd.differences import compare_curves
+from dvc.rd.point_result import PointResult
+from dvc.web.plotting import (
     COLOURS,
     DASHES,
     MARKERS,
@@ -15,9 +18,6 @@ from dvc.page.plotting import (
     new_figure,
     plain,
 )
-from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
-from dvc.rd.differences import compare_curves
-from dvc.rd.point_result import PointResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

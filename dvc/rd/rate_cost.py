@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dvc.page.plotting import SIZE_INCHES, SUFFIXES, contents, new_figure, plain
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
 from dvc.rd.differences import Measure, compare_curves
 from dvc.rd.point_result import mean
 from dvc.rd.tables import NOTHING
+from dvc.web.plotting import SIZE_INCHES, SUFFIXES, contents, new_figure, plain
 
 if TYPE_CHECKING:
     from dvc.rd.plots import Style

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from dvc.errors import DvcError
 from dvc.files import atomic_output
-from dvc.page.plotting import SUFFIXES
 from dvc.rd.curves import ANCHOR_LABEL, Experiment, experiments
 from dvc.rd.differences import bd_text, compare_curves, told_measures
 from dvc.rd.plots import curve_styles, render_experiment
 from dvc.rd.point_result import PointResult
 from dvc.rd.rate_cost import CAPTION, rate_cost_cells, rate_costs, render_rate_cost
 from dvc.rd.tables import NOTHING, escaped, fenced, points_cells, preface, table
+from dvc.web.plotting import SUFFIXES
 
 if TYPE_CHECKING:
     from dvc.rd.page.verdict import Verdict

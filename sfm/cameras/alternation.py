@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import homogeneous
+from dvc.geometry.cameras import homogeneous
 from sfm.cameras.projective_basis import CAMERA_NORM, projection_equations
 from sfm.decompositions import least_singular
 from sfm.least_squares import normal_matrix

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import PixelFrame, homogeneous, project
-from dvc.multiview.triangulation import inverse_depths
+from dvc.geometry.cameras import PixelFrame, homogeneous, project
+from dvc.geometry.triangulation import inverse_depths
 from sfm.cameras.alternation import camera_step, denominators, depth_step, nonzero
 from sfm.cameras.projective_basis import (
     FixedPointSettings,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import project
+from dvc.geometry.cameras import project
 from sfm.cameras.camera_prior import ExpectedPoints
 from sfm.cameras.projective_basis import normalized_camera
 from sfm.cameras.resection import Resection, ResectionSettings, resection

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import PixelFrame, homogeneous
+from dvc.geometry.cameras import PixelFrame, homogeneous
 from sfm.cameras.projective_basis import CAMERA_NORM
 from sfm.least_squares import solve_damped
 

@@ -18,8 +18,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import oriented
-from dvc.multiview.triangulation import inverse_depths
+from dvc.geometry.cameras import oriented
+from dvc.geometry.triangulation import inverse_depths
 from sfm.cameras.rebasing import Rebased
 from sfm.decompositions import svd
 from sfm.estimation.epipolar import fundamental_from_camera

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import oriented, project
+from dvc.geometry.cameras import oriented, project
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.model import Correspondences, Model
 

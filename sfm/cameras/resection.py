@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from sfm.cameras.camera_prior import ExpectedPoints, PriorSettings, ResectionProblem, resection_problem
 from sfm.cameras.projective_basis import normalized_camera
 from sfm.cameras.robust_resection import image_distances, linear_camera, minimize_distances, robust_weights

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import PixelFrame, homogeneous
-from dvc.multiview.triangulation import inverse_depths
+from dvc.geometry.cameras import PixelFrame, homogeneous
+from dvc.geometry.triangulation import inverse_depths
 from sfm.decompositions import right_singular
 from sfm.estimation.epipolar import epipoles, fundamental_to_normalized, skew
 from sfm.model import Correspondences

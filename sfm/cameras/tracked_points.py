@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import homogeneous
-from dvc.multiview.triangulation import inverse_depths
+from dvc.geometry.cameras import homogeneous
+from dvc.geometry.triangulation import inverse_depths
 from sfm.model import Model
 
 Floats = NDArray[np.float64]

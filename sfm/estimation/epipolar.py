@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import PixelFrame, homogeneous
+from dvc.geometry.cameras import PixelFrame, homogeneous
 from sfm.decompositions import least_singular
 
 Floats = NDArray[np.float64]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import homogeneous
+from dvc.geometry.cameras import homogeneous
 from sfm.decompositions import least_singular
 from sfm.estimation.sample_consensus import Mask
 from sfm.estimation.two_view import TwoViewEstimator

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX
+from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 from sfm.mapping.structure import Observations, Structure, reprojection
 
 Floats = NDArray[np.float64]

@@ -6,15 +6,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.depth_maps import (
+from dvc.geometry.depth_maps import (
     DepthMap,
     Visibility,
     checked_depth,
     completed_depth,
     without_speckles,
 )
-from dvc.multiview.plane_sweep import SweepSettings, depth_hypotheses, parallax_px, sweep_views
-from dvc.multiview.viewpoints import CalibratedViewpoint, calibrated_warp
+from dvc.geometry.plane_sweep import SweepSettings, depth_hypotheses, parallax_px, sweep_views
+from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp
 from sfm.mapping.fusion import MIN_VOTES, SweptDepth, drawn_candidate, fused_depth
 
 Floats = NDArray[np.float64]
@@ -46,7 +46,7 @@ class View(NamedTuple):
 
 
 def warp_between(source: View, target: View) -> Floats:
-    """Return the warp from one view to another, in pixels; see `dvc.multiview.warping`."""
+    """Return the warp from one view to another, in pixels; see `dvc.geometry.warping`."""
     return calibrated_warp(*(CalibratedViewpoint(view.K, view.pose) for view in (source, target)))
 
 

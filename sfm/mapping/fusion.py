@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.depth_maps import MIN_CONFIDENCE, discontinuities
-from dvc.multiview.rendering import EMPTY, draw
-from dvc.multiview.warping import inverse_warp, warp_grid
+from dvc.geometry.depth_maps import MIN_CONFIDENCE, discontinuities
+from dvc.geometry.rendering import EMPTY, draw
+from dvc.geometry.warping import inverse_warp, warp_grid
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

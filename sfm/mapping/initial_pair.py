@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX
+from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 from sfm.mapping.adjustment import SEED, adjust, locate
 from sfm.mapping.structure import (
     Observations,

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.view_synthesis import PictureWithDepth, SynthesisedView, agreed_surface, synthesise
-from dvc.multiview.viewpoints import CalibratedViewpoint, calibrated_warp
+from dvc.geometry.view_synthesis import PictureWithDepth, SynthesisedView, agreed_surface, synthesise
+from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp
 from sfm.mapping.scene_map import MapPiece
 from sfm.mapping.trajectory import centre
 
@@ -51,7 +51,7 @@ def render_view(
 
 
 def warp_to(piece: MapPiece, source: Floats, target: Floats) -> Floats:
-    """Return the warp from one pose to another, in pixels; see `dvc.multiview.warping`."""
+    """Return the warp from one pose to another, in pixels; see `dvc.geometry.warping`."""
     return calibrated_warp(*(CalibratedViewpoint(piece.intrinsics, pose) for pose in (source, target)))
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import COLMAP_FIRST_PIXEL_PX
+from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 
 Floats = NDArray[np.float64]
 

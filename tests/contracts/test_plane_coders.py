@@ -3,8 +3,8 @@
 import pytest
 
 from dvc.config import CODERS, CascadeConfig
+from dvc.contracts.plane_coders import PlaneCoderContract
 from dvc.slepian_wolf import PlaneCoder
-from dvc.testing.plane_coders import PlaneCoderContract
 from tests.coders import coder_of
 
 ALL: dict[str, PlaneCoder] = {name: coder_of(name) for name in CODERS} | {

@@ -11,6 +11,7 @@ from decoder import level
 from decoder.level import Decoded, FrameCoroutine, Prior, Wish, decode_level
 from decoder.tasks import DecodedFrame
 from dvc.config import CascadeConfig
+from dvc.contracts.plane_exchange import noisy
 from dvc.slepian_wolf import (
     CRC_BITS,
     FrameCheck,
@@ -29,7 +30,6 @@ from dvc.slepian_wolf import (
 )
 from dvc.slepian_wolf.cascade.coder import CascadeCoder
 from dvc.slepian_wolf.requests import Kind
-from dvc.testing.plane_exchange import noisy
 from dvc.video import Frame
 
 Bits = NDArray[np.uint8]

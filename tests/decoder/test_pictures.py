@@ -12,7 +12,7 @@ import encoder
 import encoder.__main__ as encoder_command
 from dvc.config import NoFeedback, Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError, VideoError
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from dvc.video import Frame, open_video
 from tests.clips import same_frame, write_clip
 from tests.scenes_3d import render

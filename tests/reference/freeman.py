@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc.imagecodec.edges.chains import Chains
+from dvc.images.edges.chains import Chains
 
 
 def differences(directions: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dvc.multiview.cameras import PixelFrame, homogeneous, project
+from dvc.geometry.cameras import PixelFrame, homogeneous, project
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels, unit_norm
 from sfm.model import Correspondences, Model
 

@@ -9,7 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from dvc.video import create_video
 from sfm.__main__ import main
 from sfm.mapping.scene_map import SceneMap

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from dvc.multiview.cameras import PixelFrame, project
-from dvc.multiview.triangulation import triangulate_depth
+from dvc.geometry.cameras import PixelFrame, project
+from dvc.geometry.triangulation import triangulate_depth
 from sfm.model import Correspondences, Reconstruction
 from tests.sfm.euclidean import euclidean_scene
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dvc.config import SFM_BACKENDS
-from dvc.multiview.cameras import PixelFrame, project
+from dvc.geometry.cameras import PixelFrame, project
 from sfm.estimation.epipolar import (
     fundamental_from_camera,
     fundamental_to_pixels,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.stereo.surfaces.surface import Reconstruction, Surface
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.surfaces import Reconstruction, Surface
 
 Floats = NDArray[np.float64]
 

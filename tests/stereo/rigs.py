@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dvc.calibration.cameras import Camera
+from dvc.geometry.calibrated_cameras import Camera
 
 Floats = NDArray[np.float64]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from benchmarks.thesis.real_sets import PAIRS, TSUKUBA, RealSet
 from dvc.stereo.opencv_baseline import fill_holes, semi_global_baseline
-from dvc.thesis.real_sets import PAIRS, TSUKUBA, RealSet
 from tests.stereo.data import REAL_SETS, pair_of_planes, real_set
 
 SEEN_ELSEWHERE = {"tsukuba": 6.0, "venus": 3.8, "teddy": 16.6, "cones": 11.5}

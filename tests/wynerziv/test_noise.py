@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc._jit import python_twin
-from dvc.testing.noise_models import NoiseModelContract
+from dvc.contracts.noise_models import NoiseModelContract
 from dvc.wynerziv import _kernels, noise
 from tests.reference import wynerziv_noise as reference
 

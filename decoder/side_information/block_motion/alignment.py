@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
-from dvc.multiview.cameras import homogeneous
-from dvc.multiview.sampling import sample
+from dvc.geometry.cameras import homogeneous
+from dvc.geometry.sampling import sample
 from dvc.video import Frame
 from sfm.decompositions import right_singular
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.scene.depth import DepthInterpolator
-from dvc.multiview.depth_maps import Known
-from dvc.multiview.plane_sweep import CENSUS_SWEEP, parallax_px
-from dvc.multiview.warping import warp_matrix
+from dvc.geometry.depth_maps import Known
+from dvc.geometry.plane_sweep import CENSUS_SWEEP, parallax_px
+from dvc.geometry.warping import warp_matrix
 from sfm.model import Model
 
 Floats = NDArray[np.float64]

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.scene.synthesis import interpolate
-from dvc.multiview.cameras import homogeneous, inverse_depth_range
-from dvc.multiview.depth_maps import DepthMap, DepthView, Known, estimate_depths
-from dvc.multiview.inference import semi_global
-from dvc.multiview.plane_sweep import (
+from dvc.geometry.cameras import homogeneous, inverse_depth_range
+from dvc.geometry.depth_maps import DepthMap, DepthView, Known, estimate_depths
+from dvc.geometry.inference import semi_global
+from dvc.geometry.plane_sweep import (
     DepthHypotheses,
     SweepSettings,
     VirtualView,
@@ -28,8 +28,8 @@ from dvc.multiview.plane_sweep import (
     luma_features,
     refine_blocks,
 )
-from dvc.multiview.rendering import render_depth
-from dvc.multiview.warping import warp_matrix
+from dvc.geometry.rendering import render_depth
+from dvc.geometry.warping import warp_matrix
 from sfm.model import Model
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.residual_fields import NEAR, Field, corrected_positions
-from dvc.multiview.sampling import sample
+from dvc.geometry.sampling import sample
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.scene.synthesis import render_between
-from dvc.multiview.depth_maps import Known, estimate_depths
-from dvc.multiview.plane_sweep import GRADIENT_SWEEP, SweepSettings
+from dvc.geometry.depth_maps import Known, estimate_depths
+from dvc.geometry.plane_sweep import GRADIENT_SWEEP, SweepSettings
 from sfm.model import Model
 
 Floats = NDArray[np.float64]

@@ -16,7 +16,7 @@ from decoder.side_information.protocol import Interpolation
 from decoder.side_information.scene.blocks import BlockInterpolator
 from decoder.side_information.scene.depth import DepthInterpolator
 from decoder.side_information.weighting import neighbourhood
-from dvc.multiview.depth_maps import Known
+from dvc.geometry.depth_maps import Known
 from sfm.model import Model
 
 Floats = NDArray[np.float64]

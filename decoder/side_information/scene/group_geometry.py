@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import oriented
-from dvc.multiview.depth_maps import KnownDepth
-from dvc.multiview.triangulation import track_depths
+from dvc.geometry.cameras import oriented
+from dvc.geometry.depth_maps import KnownDepth
+from dvc.geometry.triangulation import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased, rebase
 from sfm.model import Model, Reconstruction

@@ -20,11 +20,11 @@ from scipy.sparse.linalg import spsolve
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.scene.mesh_equations import barycentric, epipolar_lines, roughness_matrix
 from decoder.side_information.scene.synthesis import render_between
-from dvc.multiview.depth_maps import DepthMap, DepthView, Known, Visibility
-from dvc.multiview.rendering import EMPTY, fill_holes, render_grid
-from dvc.multiview.sampling import sample
-from dvc.multiview.triangulation import inverse_depths
-from dvc.multiview.warping import inverse_warp, warp_grid, warp_matrix
+from dvc.geometry.depth_maps import DepthMap, DepthView, Known, Visibility
+from dvc.geometry.rendering import EMPTY, fill_holes, render_grid
+from dvc.geometry.sampling import sample
+from dvc.geometry.triangulation import inverse_depths
+from dvc.geometry.warping import inverse_warp, warp_grid, warp_matrix
 from sfm.model import Model
 
 Floats = NDArray[np.float64]

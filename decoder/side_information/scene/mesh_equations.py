@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dvc.multiview.cameras import homogeneous
+from dvc.geometry.cameras import homogeneous
 
 Floats = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from decoder.side_information import _kernels
 from decoder.side_information.block_motion.refinement import BLOCK, BlockRefiner
 from decoder.side_information.protocol import Interpolation, Prediction
-from dvc.multiview.cameras import PixelFrame
-from dvc.multiview.depth_maps import DepthMap, DepthView
-from dvc.multiview.rendering import OCCLUDED_WEIGHT, render_depth, visibility_weights
-from dvc.multiview.sampling import sample
-from dvc.multiview.warping import inverse_warp, warp_grid, warp_matrix
+from dvc.geometry.cameras import PixelFrame
+from dvc.geometry.depth_maps import DepthMap, DepthView
+from dvc.geometry.rendering import OCCLUDED_WEIGHT, render_depth, visibility_weights
+from dvc.geometry.sampling import sample
+from dvc.geometry.warping import inverse_warp, warp_grid, warp_matrix
 from dvc.video import Frame
 
 Floats = NDArray[np.float64]

@@ -33,7 +33,7 @@ from decoder.side_information.scene.untracked import SceneInterpolation
 from decoder.side_information.tracked_interpolation import METHOD, interpolate_by_tracks
 from decoder.side_information.weighting import blend_tracked
 from dvc.config import CodecConfig
-from dvc.multiview.depth_maps import DepthMap, KnownDepth
+from dvc.geometry.depth_maps import DepthMap, KnownDepth
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased
 from sfm.model import Correspondences

@@ -29,7 +29,7 @@ from decoder.side_information.protocol import (
 from decoder.side_information.scene.synthesis import completed
 from decoder.side_information.weighting import blend_guessed
 from dvc.config import CodecConfig
-from dvc.multiview.cameras import oriented
+from dvc.geometry.cameras import oriented
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased
 from sfm.model import Model

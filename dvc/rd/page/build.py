@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc.files import atomic_output
-from dvc.page.document import SHARED, asset, content_policy, data_uri, script_json, template
-from dvc.page.plotting import MATPLOTLIB_DASHES
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.page.pictures import MAX_POINTS, NOISE_GAIN, Gallery, build_gallery
 from dvc.rd.page.tables import (
@@ -29,6 +27,8 @@ from dvc.rd.plots import (
 from dvc.rd.point_result import PointResult
 from dvc.rd.rate_cost import rate_costs, render_rate_cost
 from dvc.rd.tables import code_digests, points_cells, preface, psnrs_text, rates_text
+from dvc.web.document import SHARED, asset, content_policy, data_uri, script_json, template
+from dvc.web.plotting import MATPLOTLIB_DASHES
 
 if TYPE_CHECKING:
     from jinja2 import Template

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.page.document import data_uri
 from dvc.rd.curves import Curve, Experiment
 from dvc.rd.pictures import read_picture
 from dvc.rd.point_result import PointResult, number
+from dvc.web.document import data_uri
 
 MAX_POINTS = 40
 NOISE_GAIN = 4

@@ -48,10 +48,10 @@ def run(arguments: argparse.Namespace) -> int:
     import sys
     from pathlib import Path
 
-    from dvc.page.drawing import colour_error
     from dvc.pfm import read_pfm
     from dvc.picture_files import read_plane, write_png
     from dvc.stereo.evaluation import disparity_error, evaluate
+    from dvc.web.drawing import colour_error
 
     outputs = [name for name in (arguments.json, arguments.error_map) if name not in (None, "-")]
     maps = [name for name in (arguments.mask, arguments.confidence) if name is not None]

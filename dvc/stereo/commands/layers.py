@@ -7,7 +7,7 @@ from dvc import cli
 from dvc.stereo.commands.options import add_export_options, check_outputs
 
 if TYPE_CHECKING:
-    from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
+    from dvc.layers.layered_depth_image import LayeredDepthImage
 
 SUMMARY = "layered depth image from surfaces"
 EXAMPLES = """\
@@ -40,15 +40,15 @@ def run(arguments: argparse.Namespace) -> int:
     import sys
 
     from dvc.files import atomic_folder
-    from dvc.page.gallery import write_gallery
+    from dvc.layers.layered_depth_image import layered_depth_image
+    from dvc.layers.layers_folder import write_layers
     from dvc.picture_files import write_png
-    from dvc.stereo.layers.layered_depth_image import layered_depth_image
-    from dvc.stereo.layers.layers_folder import write_layers
     from dvc.stereo.output.export import write_shape
     from dvc.stereo.output.layer_meshes import layers_shape
     from dvc.stereo.output.layer_page import PAGE, layers_gallery
     from dvc.stereo.output.layer_pictures import draw_layers, draw_values_per_pixel
     from dvc.stereo.surfaces.folder import read_reconstruction
+    from dvc.web.gallery import write_gallery
 
     meshes = check_outputs(arguments, [arguments.path])
     reconstruction = read_reconstruction(arguments.path)

@@ -12,11 +12,11 @@ from dvc.stereo.commands.views import rectified_views
 from dvc.stereo.surfaces.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES, StereoSettings
 
 if TYPE_CHECKING:
-    from dvc.multiview.camera_array import CameraArray, DisparityLabels
+    from dvc.geometry.camera_array import CameraArray, DisparityLabels
+    from dvc.geometry.surfaces import Reconstruction
     from dvc.stereo.output.report import Truth
     from dvc.stereo.rectification.rectified_folder import RectifiedViews
     from dvc.stereo.rectification.rectified_space import Rectification
-    from dvc.stereo.surfaces.surface import Reconstruction
 
 
 SUMMARY = "surfaces of all views"

@@ -10,8 +10,8 @@ from dvc.stereo.commands.layers import add_output_options
 from dvc.stereo.commands.options import check_outputs
 
 if TYPE_CHECKING:
-    from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
-    from dvc.stereo.layers.sprites import SpriteSet
+    from dvc.layers.layered_depth_image import LayeredDepthImage
+    from dvc.layers.sprites import SpriteSet
 
 SUMMARY = "sprites with depth from layers"
 EXAMPLES = """\
@@ -37,14 +37,14 @@ def run(arguments: argparse.Namespace) -> int:
     import sys
 
     from dvc.files import atomic_folder
-    from dvc.page.gallery import write_gallery
+    from dvc.layers.sprites import extract_sprites
+    from dvc.layers.sprites_folder import write_sprites
     from dvc.picture_files import write_png
-    from dvc.stereo.layers.sprites import extract_sprites
-    from dvc.stereo.layers.sprites_folder import write_sprites
     from dvc.stereo.output.export import write_shape
     from dvc.stereo.output.layer_meshes import sprites_shape
     from dvc.stereo.output.layer_page import PAGE, sprites_gallery
     from dvc.stereo.output.layer_pictures import draw_sprites
+    from dvc.web.gallery import write_gallery
 
     meshes = check_outputs(arguments, [arguments.path])
     image = _read(Path(arguments.path), arguments.quiet)
@@ -67,8 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _read(path: Path, quiet: bool) -> "LayeredDepthImage":
-    from dvc.stereo.layers import layers_folder
-    from dvc.stereo.layers.layered_depth_image import layered_depth_image
+    from dvc.layers import layers_folder
+    from dvc.layers.layered_depth_image import layered_depth_image
     from dvc.stereo.surfaces import folder
 
     if not (path / folder.INDEX).is_file():
@@ -81,7 +81,7 @@ def _read(path: Path, quiet: bool) -> "LayeredDepthImage":
 def _counts(image: "LayeredDepthImage", sprites: "SpriteSet") -> dict[str, Any]:
     import numpy as np
 
-    from dvc.stereo.layers.sprites import composite
+    from dvc.layers.sprites import composite
 
     frame = image.canvas.frame.slices
     colour, _, mask = composite(sprites)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from dvc import cli
 
 if TYPE_CHECKING:
-    from dvc.multiview.camera_array import LatticePosition
+    from dvc.geometry.camera_array import LatticePosition
     from dvc.stereo.rectification.rectified_array import RectifiedArray
 
 
@@ -15,7 +15,7 @@ def rectified_views(
     arguments: argparse.Namespace, positions: Sequence["LatticePosition"] | None, with_matches: bool = False
 ) -> "RectifiedArray":
     """Read pictures and rectify them."""
-    from dvc.calibration.camera_files import AUTO
+    from dvc.geometry.camera_files import AUTO
     from dvc.stereo.rectification.rectified_array import rectified_array
 
     # nobody knows how long cameras take to be estimated

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError, DvcError
 from dvc.files import atomic_output
-from dvc.multiview.camera_array import LatticePosition
-from dvc.stereo.layers.canvas import DEPTH_RANGE
+from dvc.geometry.camera_array import LatticePosition
+from dvc.layers.canvas import DEPTH_RANGE
 from dvc.stereo.rectification.rectified_space import Rectification
 
 Floats = NDArray[np.float64]

@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.stereo.layers.canvas import Canvas
-from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
-from dvc.stereo.layers.sprites import JUMP, SpriteSet
+from dvc.layers.canvas import Canvas
+from dvc.layers.layered_depth_image import LayeredDepthImage
+from dvc.layers.sprites import JUMP, SpriteSet
 from dvc.stereo.output.export import Shape, surface_shape
 
 Surface = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.bool_]]

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.page.drawing import Picture, colour_counts, colour_disparity
-from dvc.page.gallery import Gallery, Group, Shown, Table
-from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
-from dvc.stereo.layers.sprites import SpriteSet
+from dvc.layers.layered_depth_image import LayeredDepthImage
+from dvc.layers.sprites import SpriteSet
 from dvc.stereo.output.layer_pictures import PAPER, draw_values_per_pixel
+from dvc.web.drawing import Picture, colour_counts, colour_disparity
+from dvc.web.gallery import Gallery, Group, Shown, Table
 
 PAGE = "index.html"
 MOST_SPRITES = 40

@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.page.drawing import colour_counts, colour_disparity, in_rows, with_title
-from dvc.stereo.layers.canvas import Canvas
-from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
-from dvc.stereo.layers.sprites import Sprite, SpriteSet
+from dvc.layers.canvas import Canvas
+from dvc.layers.layered_depth_image import LayeredDepthImage
+from dvc.layers.sprites import Sprite, SpriteSet
+from dvc.web.drawing import colour_counts, colour_disparity, in_rows, with_title
 
 Picture = NDArray[np.uint8]
 Window = tuple[slice, slice]

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
-from dvc.page.drawing import Picture, colour_disparity, colour_error, disparity_legend
-from dvc.page.gallery import Gallery, Group, Shown, Table, write_gallery
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels
+from dvc.geometry.surfaces import Reconstruction, Surface
 from dvc.picture_files import write_png
 from dvc.stereo.evaluation import disparity_error, evaluate
-from dvc.stereo.surfaces.surface import Reconstruction, Surface
+from dvc.web.drawing import Picture, colour_disparity, colour_error, disparity_legend
+from dvc.web.gallery import Gallery, Group, Shown, Table, write_gallery
 
 PAGE = "index.html"
 MAX_AT_AN_END_PERCENT = 20.0

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.array_files import MAX_LABELS
-from dvc.calibration.feature_matching import Features
 from dvc.errors import ConfigError
-from dvc.multiview.camera_array import CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.feature_matching import Features
 from dvc.stereo.surfaces.occupancy import neighbours
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
-from dvc.multiview.camera_array import LatticePosition
+from dvc.geometry.camera_array import LatticePosition
 
 Floats = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.array_files import read_pictures
-from dvc.calibration.camera_files import AUTO, load_cameras
-from dvc.calibration.cameras import CalibratedViews
-from dvc.calibration.feature_matching import Features
 from dvc.errors import ConfigError, DvcError
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.calibrated_cameras import CalibratedViews
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.camera_files import AUTO, load_cameras
+from dvc.geometry.feature_matching import Features
 from dvc.stereo.rectification.disparity_range import (
     MIN_MATCHES,
     RowMatches,
@@ -81,7 +81,7 @@ def rectified_array(
     paths : sequence of str or Path
         At least two pictures.
     cameras : str or Path
-        As for `dvc.calibration.camera_files.load_cameras`.
+        As for `dvc.geometry.camera_files.load_cameras`.
     positions : sequence of LatticePosition, optional
         Places of the cameras, one for each; found from their centres if None.
     with_matches : bool, optional

@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.calibration.cameras import LARGEST, Camera, camera_from_matrices
 from dvc.errors import DvcError
+from dvc.geometry.calibrated_cameras import LARGEST, Camera, camera_from_matrices
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.surfaces import Reconstruction
 from dvc.index_files import MAX_SIDE, Entry, read_index, read_labels, write_index
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.pfm import write_pfm
 from dvc.picture_files import read_picture, read_plane, write_png
 from dvc.stereo.rectification.lattice import Lattice
 from dvc.stereo.rectification.rectified_array import RectifiedArray
 from dvc.stereo.rectification.rectified_space import Rectification
 from dvc.stereo.rectification.resampling import metric_depth, to_original_view
-from dvc.stereo.surfaces.surface import Reconstruction
 
 INDEX = "rectification.json"
 FORMAT, VERSION = "dvc3d rectification", 1

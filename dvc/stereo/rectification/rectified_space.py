@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.calibration.cameras import NO_DISTORTION, Camera
 from dvc.errors import ConfigError
-from dvc.multiview.camera_array import LatticePosition
+from dvc.geometry.calibrated_cameras import NO_DISTORTION, Camera
+from dvc.geometry.camera_array import LatticePosition
 from dvc.stereo.rectification.lattice import Lattice
 
 Floats = NDArray[np.float64]

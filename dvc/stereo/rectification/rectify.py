@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.calibration.cameras import LARGEST, Camera
 from dvc.errors import ConfigError
-from dvc.multiview.camera_array import LatticePosition
+from dvc.geometry.calibrated_cameras import LARGEST, Camera
+from dvc.geometry.camera_array import LatticePosition
 from dvc.stereo.rectification.lattice import (
     Lattice,
     Orientation,

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from dvc.calibration.cameras import Camera
-from dvc.multiview.camera_array import LatticePosition
+from dvc.geometry.calibrated_cameras import Camera
+from dvc.geometry.camera_array import LatticePosition
 from dvc.stereo.rectification.rectify import rectify
 
 Floats = NDArray[np.float64]

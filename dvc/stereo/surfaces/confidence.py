@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import CameraArray, DisparityLabels
+from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.stereo.surfaces.occupancy import Labels, Neighbours, fineness, neighbours, seen_elsewhere
 
 Floats = NDArray[np.floating]

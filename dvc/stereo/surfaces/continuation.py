@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import DisparityLabels, LatticePosition
-from dvc.multiview.continuation import SeenDepth, Slopes, continue_surfaces
-from dvc.multiview.depth_maps import Visibility
+from dvc.geometry.camera_array import DisparityLabels, LatticePosition
+from dvc.geometry.continuation import SeenDepth, Slopes, continue_surfaces
+from dvc.geometry.depth_maps import Visibility
 from dvc.stereo.surfaces.occupancy import Occupancy
 
 Floats = NDArray[np.float64]

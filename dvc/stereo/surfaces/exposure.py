@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.stereo.surfaces.occupancy import Occupancy, shifts
 
 Floats = NDArray[np.float64]

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from dvc.errors import DvcError
+from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition
+from dvc.geometry.surfaces import Reconstruction, Surface
 from dvc.index_files import MAX_SIDE, Entry, read_index, read_labels, write_index
-from dvc.multiview.camera_array import ArrayView, CameraArray, LatticePosition
 from dvc.pfm import read_pfm, write_pfm
 from dvc.picture_files import read_picture, read_plane, write_png
-from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 INDEX = "stereo.json"
 FORMAT, VERSION = "dvc3d stereo", 1

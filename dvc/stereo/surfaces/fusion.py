@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import CameraArray, DisparityLabels
+from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.stereo.surfaces import _kernels
 from dvc.stereo.surfaces.occupancy import fineness, shifts
 from dvc.stereo.surfaces.settings import tolerance

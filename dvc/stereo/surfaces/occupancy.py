@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.array_files import MAX_LABELS
-from dvc.multiview.camera_array import CameraArray, DisparityLabels, LatticePosition
-from dvc.multiview.volumes.matching_costs import offsets
+from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.volumes.matching_costs import offsets
 from dvc.stereo.surfaces import _kernels
 from dvc.stereo.surfaces.settings import tolerance
 

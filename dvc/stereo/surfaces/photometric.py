@@ -12,10 +12,10 @@ from functools import cached_property, reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import CameraArray, DisparityLabels
-from dvc.multiview.volumes.aggregation import Arms, Window, aggregate
-from dvc.multiview.volumes.combination import defined_costs, mean_costs, smaller_costs
-from dvc.multiview.volumes.matching_costs import Band, MatchingCost, WeightedCosts
+from dvc.geometry.camera_array import CameraArray, DisparityLabels
+from dvc.geometry.volumes.aggregation import Arms, Window, aggregate
+from dvc.geometry.volumes.combination import defined_costs, mean_costs, smaller_costs
+from dvc.geometry.volumes.matching_costs import Band, MatchingCost, WeightedCosts
 from dvc.stereo.surfaces import _kernels
 from dvc.stereo.surfaces.occupancy import Neighbours, Occupancy, fineness, shifts
 from dvc.stereo.surfaces.settings import UNDEFINED_COST, max_jump, tolerance

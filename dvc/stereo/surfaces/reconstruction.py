@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
-from dvc.multiview.volumes.aggregation import Arms, Window, cross_arms
-from dvc.multiview.volumes.inference import Inferred
-from dvc.multiview.volumes.matching_costs import COSTS, Band, CensusCost
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels
+from dvc.geometry.surfaces import Reconstruction, Surface
+from dvc.geometry.volumes.aggregation import Arms, Window, cross_arms
+from dvc.geometry.volumes.inference import Inferred
+from dvc.geometry.volumes.matching_costs import COSTS, Band, CensusCost
 from dvc.stereo.surfaces import _kernels
 from dvc.stereo.surfaces.confidence import confidence, evidence
 from dvc.stereo.surfaces.continuation import continued
@@ -37,7 +38,6 @@ from dvc.stereo.surfaces.occupancy import (
 )
 from dvc.stereo.surfaces.photometric import Comparison, Regions, photometric_cost
 from dvc.stereo.surfaces.settings import StereoSettings
-from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 Labels = NDArray[np.int64]
 Floats = NDArray[np.float64]

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from dvc.extensions import INFERENCE, Registry, maker
 
 if TYPE_CHECKING:
-    from dvc.multiview.volumes.aggregation import Window
-    from dvc.multiview.volumes.inference import Inference
+    from dvc.geometry.volumes.aggregation import Window
+    from dvc.geometry.volumes.inference import Inference
 
 TUNING_PAIRS = (
     *("tsukuba", "venus", "teddy", "cones"),
@@ -146,7 +146,7 @@ class StereoSettings:
         tuple of Window
             None for costs that are not aggregated.
         """
-        from dvc.multiview.volumes.aggregation import Window
+        from dvc.geometry.volumes.aggregation import Window
 
         if self.cost == "squared":
             return ()
@@ -169,8 +169,8 @@ class StereoSettings:
         Inference
             The method.
         """
-        from dvc.multiview.volumes.belief_propagation import BeliefPropagation
-        from dvc.multiview.volumes.inference import SemiGlobal
+        from dvc.geometry.volumes.belief_propagation import BeliefPropagation
+        from dvc.geometry.volumes.inference import SemiGlobal
 
         make_other = INFERENCE_NAMES[self.inference]
         if make_other is not None:

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.page.surfaces import camera_values, disparity_codes, surface_values, text_of, webp
 from dvc.video import Frame
 from dvc.video.pixels import rgb_from_frame
+from dvc.web.surfaces import camera_values, disparity_codes, surface_values, text_of, webp
 from sfm.mapping.scene_map import MapPiece
 from sfm.output.depth_maps import is_known
 from sfm.output.flight.overview import overview

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from dvc.page.document import data_uri
-from dvc.page.surfaces import StageFiles, palette_text, webp, write_stage
 from dvc.video import Frame
 from dvc.video.pixels import rgb_from_frame
+from dvc.web.document import data_uri
+from dvc.web.surfaces import StageFiles, palette_text, webp, write_stage
 from sfm.mapping.scene_map import SceneMap
 from sfm.output.flight.contents import (
     MAX_SMALL_SIDE_PX,

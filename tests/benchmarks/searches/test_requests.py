@@ -3,8 +3,8 @@
 import numpy as np
 
 from benchmarks.searches.requests import Known, met, row
+from dvc.contracts.plane_exchange import noisy
 from dvc.slepian_wolf.cascade.coder import CascadeDecoder
-from dvc.testing.plane_exchange import noisy
 from tests.golden_streams import FOLDER
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.searches.surfaces import Pair, changed
-from dvc.multiview.camera_array import ArrayView, CameraArray, LatticePosition
+from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition
 from dvc.stereo.surfaces import reconstruction
 from dvc.stereo.surfaces.settings import TEST_PAIRS, TUNING_PAIRS
 

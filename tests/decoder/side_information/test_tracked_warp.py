@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from decoder.side_information.block_motion.alignment import homography_positions, whole_frame_motion
 from decoder.side_information.tracked_warp import warp_by_tracks
+from dvc.geometry.sampling import sample
 from dvc.metrics import psnr_db
-from dvc.multiview.sampling import sample
 from dvc.wynerziv.transform import to_uint8
 from tests.scenes_3d import texture
 

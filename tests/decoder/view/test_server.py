@@ -19,7 +19,7 @@ from decoder.view.decoding_view import Facts
 from decoder.view.server import HOST, ViewServer
 from dvc.config import Qp, VideoConfig, codec_config
 from dvc.errors import ConfigError
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from dvc.video import Frame
 from tests.decoder.view.test_decoding_view import picture
 from tests.scenes_3d import render

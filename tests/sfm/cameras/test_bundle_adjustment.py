@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dvc.multiview.cameras import project
+from dvc.geometry.cameras import project
 from sfm.cameras import alternation
 from sfm.cameras.bundle_adjustment import BundleAdjustment, BundleAdjustmentSettings, bundle_adjustment
 from sfm.cameras.projective_basis import camera_basis, camera_from_coordinates, coordinates_of_camera

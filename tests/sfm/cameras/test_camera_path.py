@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from dvc.multiview.cameras import project
+from dvc.geometry.cameras import project
 from sfm.cameras.camera_path import intermediate_cameras, regular_cameras
 from sfm.cameras.resection import Resection
 from sfm.cameras.tracked_points import TrackedPoints, tracked_points

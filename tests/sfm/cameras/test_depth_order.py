@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dvc.multiview.cameras import homogeneous, oriented, project
+from dvc.geometry.cameras import homogeneous, oriented, project
 from sfm.cameras import depth_order
 from sfm.cameras.depth_order import is_reversed, rigid_order
 from sfm.cameras.self_calibration import self_calibration

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.multiview.cameras import project
+from dvc.geometry.cameras import project
 from sfm.cameras import projective_basis as pb
 from tests.sfm.two_views import FRAME, two_views
 

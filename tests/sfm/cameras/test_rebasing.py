@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc.multiview.cameras import PixelFrame, project
+from dvc.geometry.cameras import PixelFrame, project
 from sfm.cameras.rebasing import rebase
 from sfm.estimation.epipolar import symmetric_distances
 from tests.scenes_3d import camera_at, two_planes

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.multiview.cameras import project
+from dvc.geometry.cameras import project
 from sfm.cameras.camera_path import intermediate_cameras, interpolated_camera
 from sfm.cameras.camera_prior import PriorSettings
 from sfm.cameras.resection import Resection, ResectionSettings, resection

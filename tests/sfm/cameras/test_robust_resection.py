@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from sfm.cameras.camera_prior import PriorSettings, ResectionProblem, resection_problem
 from sfm.cameras.robust_resection import image_distances, robust_weights
 

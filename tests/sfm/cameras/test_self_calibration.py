@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dvc.multiview.cameras import homogeneous, project
-from dvc.multiview.triangulation import inverse_depths, triangulate_depth
+from dvc.geometry.cameras import homogeneous, project
+from dvc.geometry.triangulation import inverse_depths, triangulate_depth
 from sfm.cameras.self_calibration import SelfCalibration, SelfCalibrationSettings, self_calibration
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.model import Correspondences

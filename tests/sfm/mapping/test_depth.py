@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from sfm.mapping.cloud import points_in_world
 from sfm.mapping.depth import View, complete_depths, inverse_depth_span, neighbours, sweep_depth
 from tests.scenes_3d import camera_at, render

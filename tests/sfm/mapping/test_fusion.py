@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dvc.multiview.depth_maps import MIN_CONFIDENCE
+from dvc.geometry.depth_maps import MIN_CONFIDENCE
 from sfm.mapping.fusion import Candidate, SweptDepth, drawn_candidate, fused_depth
 
 SHAPE = (6, 8)

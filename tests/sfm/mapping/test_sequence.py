@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.multiview.cameras import PixelFrame
+from dvc.geometry.cameras import PixelFrame
 from dvc.video import Frame, create_video
 from sfm.mapping.rendering import render_view
 from sfm.mapping.scene_map import SceneMap

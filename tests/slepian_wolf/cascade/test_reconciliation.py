@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dvc.config import CascadeConfig
+from dvc.contracts.plane_exchange import Bits, PlaneSource, exchange, noisy
 from dvc.slepian_wolf import CRC_BITS, ParityRequest, PlaneCoder, PlaneResult, crc, drive, joint_check
-from dvc.testing.plane_exchange import Bits, PlaneSource, exchange, noisy
 from tests.coders import coder_of
 
 CASCADE, SINGLE = coder_of("cascade", CascadeConfig(6)), coder_of("cascade", CascadeConfig(0))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from dvc.contracts.plane_exchange import noisy
 from dvc.slepian_wolf.turbo.codes import CLASSICAL
 from dvc.slepian_wolf.turbo.decoder import TurboDecoder
 from dvc.slepian_wolf.turbo.encoder import encode_planes
-from dvc.testing.plane_exchange import noisy
 from tests.coders import SEED
 
 

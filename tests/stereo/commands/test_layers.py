@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from dvc.layers.layered_depth_image import layered_depth_image
+from dvc.layers.layers_folder import read_layers, write_layers
+from dvc.layers.sprites_folder import read_sprites
 from dvc.stereo.__main__ import main
-from dvc.stereo.layers.layered_depth_image import layered_depth_image
-from dvc.stereo.layers.layers_folder import read_layers, write_layers
-from dvc.stereo.layers.sprites_folder import read_sprites
 from dvc.stereo.output.layer_pictures import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
 from dvc.stereo.surfaces.folder import write_reconstruction
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice

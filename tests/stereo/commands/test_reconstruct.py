@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from dvc.errors import ConfigError, DvcError
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.pfm import read_pfm
 from dvc.stereo.__main__ import main
 from dvc.stereo.surfaces import reconstruction

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from dvc.multiview.camera_array import DisparityLabels
-from dvc.stereo.layers.canvas import Canvas, Frame
-from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
-from dvc.stereo.layers.sprites import extract_sprites
+from dvc.geometry.camera_array import DisparityLabels
+from dvc.layers.canvas import Canvas, Frame
+from dvc.layers.layered_depth_image import LayeredDepthImage
+from dvc.layers.sprites import extract_sprites
 from dvc.stereo.output.layer_meshes import layers_shape, sprites_shape
 
 

@@ -4,8 +4,8 @@ from typing import cast
 
 import numpy as np
 
-from dvc.calibration.feature_matching import Features
-from dvc.multiview.camera_array import LatticePosition
+from dvc.geometry.camera_array import LatticePosition
+from dvc.geometry.feature_matching import Features
 from dvc.stereo.rectification.disparity_range import (
     RowMatches,
     range_of,

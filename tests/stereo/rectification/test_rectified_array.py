@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.pictures.calibrations import write_cameras
-from dvc.calibration.camera_files import load_cameras
-from dvc.calibration.cameras import Camera
-from dvc.calibration.feature_matching import Features
 from dvc.errors import ConfigError, DvcError
-from dvc.multiview.camera_array import LatticePosition
+from dvc.geometry.calibrated_cameras import Camera
+from dvc.geometry.camera_array import LatticePosition
+from dvc.geometry.camera_files import load_cameras
+from dvc.geometry.feature_matching import Features
 from dvc.pfm import read_pfm
 from dvc.picture_files import read_picture
 from dvc.stereo.rectification import resampling

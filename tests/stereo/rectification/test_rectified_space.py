@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from dvc.calibration.cameras import Camera
 from dvc.errors import ConfigError
-from dvc.multiview.camera_array import LatticePosition
+from dvc.geometry.calibrated_cameras import Camera
+from dvc.geometry.camera_array import LatticePosition
 from dvc.stereo.rectification.rectified_space import (
     SWAP,
     Rectification,

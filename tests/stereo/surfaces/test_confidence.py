@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from benchmarks.thesis.chapter2 import two_planes as figure
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.stereo.evaluation import sparsification
 from dvc.stereo.surfaces.confidence import Evidence, confidence, evidence
 from dvc.stereo.surfaces.reconstruction import reconstruct
-from dvc.thesis.chapter2 import two_planes as figure
 
 LABELS = DisparityLabels(0.0, 1.0, 8)
 

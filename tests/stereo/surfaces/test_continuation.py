@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import DisparityLabels, LatticePosition
+from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.stereo.surfaces.continuation import continued
 from dvc.stereo.surfaces.occupancy import Occupancy
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.stereo.surfaces.exposure import LEAST_POINTS, gains, with_gains
 from dvc.stereo.surfaces.occupancy import Occupancy
 from dvc.stereo.surfaces.reconstruction import reconstruct

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from dvc.multiview.camera_array import DisparityLabels, LatticePosition
+from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.stereo.surfaces import _kernels as kernels
 from dvc.stereo.surfaces.fusion import fused
 from dvc.stereo.surfaces.occupancy import shifts

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from skimage.data import stereo_motorcycle
 
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.stereo.surfaces.reconstruction import reconstruct
 from dvc.stereo.surfaces.settings import StereoSettings
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.stereo.surfaces import _kernels as kernels
 from dvc.stereo.surfaces import occupancy
 from dvc.stereo.surfaces.occupancy import (

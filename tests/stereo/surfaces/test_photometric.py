@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.multiview.volumes.aggregation import Window, cross_arms
-from dvc.multiview.volumes.matching_costs import COSTS, SQUARED_LIMIT, Band
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.volumes.aggregation import Window, cross_arms
+from dvc.geometry.volumes.matching_costs import COSTS, SQUARED_LIMIT, Band
 from dvc.stereo.surfaces.occupancy import Occupancy, neighbours
 from dvc.stereo.surfaces.photometric import (
     UNDEFINED_SHARE,

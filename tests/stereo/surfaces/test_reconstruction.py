@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from benchmarks.thesis.chapter2 import two_planes as figure
+from benchmarks.thesis.real_sets import PAIRS
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.surfaces import Reconstruction
 from dvc.stereo.surfaces import reconstruction
 from dvc.stereo.surfaces.reconstruction import reconstruct
 from dvc.stereo.surfaces.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES, StereoSettings
-from dvc.stereo.surfaces.surface import Reconstruction
-from dvc.thesis.chapter2 import two_planes as figure
-from dvc.thesis.real_sets import PAIRS
 from tests.stereo.data import REAL_SETS, pair_of_planes, real_set
 from tests.stereo.plane_scenes import Plane, reconstruction_of
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from dvc.multiview.volumes.belief_propagation import BeliefPropagation
-from dvc.multiview.volumes.inference import SemiGlobal
-from dvc.multiview.volumes.matching_costs import COSTS
+from dvc.geometry.volumes.belief_propagation import BeliefPropagation
+from dvc.geometry.volumes.inference import SemiGlobal
+from dvc.geometry.volumes.matching_costs import COSTS
 from dvc.stereo.surfaces.settings import (
     COST_NAMES,
     INFERENCE_NAMES,

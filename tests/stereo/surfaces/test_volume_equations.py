@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from dvc.multiview.camera_array import LatticePosition
+from dvc.geometry.camera_array import LatticePosition
 from dvc.stereo.surfaces.occupancy import shifts
 from tests.reference import stereo_volumes as volumes
 from tests.stereo.plane_scenes import LABELS

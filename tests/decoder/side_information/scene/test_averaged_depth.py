@@ -11,9 +11,9 @@ from decoder.side_information.scene.averaged_depth import (
     relative_parallax,
 )
 from decoder.side_information.scene.depth import DepthInterpolator
+from dvc.geometry.cameras import PixelFrame
+from dvc.geometry.plane_sweep import CENSUS_SWEEP
 from dvc.metrics import psnr_db
-from dvc.multiview.cameras import PixelFrame
-from dvc.multiview.plane_sweep import CENSUS_SWEEP
 from dvc.wynerziv.transform import to_uint8
 from tests.scenes_3d import camera_at, render, two_planes
 

@@ -12,7 +12,7 @@ from decoder.side_information.protocol import Interpolation
 from decoder.side_information.residual_fields import NEAR, PRIOR, add_correction, track_residuals
 from decoder.side_information.scene.corrections import corrected
 from dvc._jit import python_twin
-from dvc.multiview.sampling import sample
+from dvc.geometry.sampling import sample
 from tests.clips import moving_texture
 
 Floats = NDArray[np.float64]

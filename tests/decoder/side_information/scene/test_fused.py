@@ -8,7 +8,7 @@ from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from decoder.side_information.scene.fused import fuse_scenes
 from dvc.config import TracksConfig, VideoConfig, codec_config
-from dvc.multiview.cameras import PixelFrame, project
+from dvc.geometry.cameras import PixelFrame, project
 from dvc.tracks import PointTracks
 from dvc.video import Frame
 from tests.scenes_3d import camera_at, render, two_planes

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from decoder.side_information.scene.group_geometry import GroupGeometry, in_rigid_order
-from dvc.multiview.cameras import oriented, project
+from dvc.geometry.cameras import oriented, project
 from dvc.tracks import PointTracks
 from sfm.model import Model
 from tests.scenes_3d import camera_at, two_planes

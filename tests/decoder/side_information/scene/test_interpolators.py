@@ -12,9 +12,9 @@ from decoder.side_information.scene.depth import DepthInterpolator
 from decoder.side_information.scene.mesh import MeshInterpolator, MeshSettings, fit_mesh
 from decoder.side_information.scene.mesh_equations import barycentric, epipolar_lines, roughness_matrix
 from decoder.side_information.scene.synthesis import blend, block_offsets, warp_chroma
+from dvc.geometry.cameras import PixelFrame
+from dvc.geometry.warping import warp_matrix
 from dvc.metrics import psnr_db
-from dvc.multiview.cameras import PixelFrame
-from dvc.multiview.warping import warp_matrix
 from dvc.wynerziv.transform import to_uint8
 from sfm.model import Correspondences, Model
 from tests.scenes_3d import camera_at, render, two_planes

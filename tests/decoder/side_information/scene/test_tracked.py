@@ -12,8 +12,8 @@ from decoder.side_information.scene.depth import DepthInterpolator
 from decoder.side_information.scene.tracked import TrackedSceneInterpolation
 from decoder.side_information.scene.untracked import SceneInterpolation
 from dvc.config import CodecConfig, VideoConfig, codec_config
+from dvc.geometry.cameras import PixelFrame, project
 from dvc.metrics import psnr_db
-from dvc.multiview.cameras import PixelFrame, project
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8

@@ -9,8 +9,8 @@ from decoder.side_information.protocol import ReferenceFrame
 from decoder.side_information.scene.depth import DepthInterpolator
 from decoder.side_information.scene.untracked import SceneInterpolation
 from dvc.config import GeometryConfig, VideoConfig, codec_config
+from dvc.geometry.cameras import PixelFrame
 from dvc.metrics import psnr_db
-from dvc.multiview.cameras import PixelFrame
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
 from tests.scenes_3d import render

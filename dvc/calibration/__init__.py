@@ -1,1 +1,0 @@
-"""Calibrated cameras: from files of several kinds, or estimated from plain pictures."""

@@ -1,0 +1,1 @@
+"""Command `dvc-dibr`: subcommands, as `dvc.subcommands` takes them."""

@@ -1,0 +1,148 @@
+"""Integer wavelet transforms of disparity maps: Laplace (L) and sequential (S), in one and two dimensions.
+
+Level 0 is the map itself; each node of level j has up to two (or 2 x 2) children in level j - 1, fewer at odd
+borders. High-pass coefficients of one level lie where the samples of that level lie: in L each sample has its
+own, in S those at even positions (even in both directions) are not used and are 0.
+
+References
+----------
+[Maitre2008] Eqs. (3.13) to (3.16) and (3.32); three bands a scale in two dimensions, Figure 3.7(b).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.images.wavelets.lifting import most_levels, scale_shapes
+
+Labels = NDArray[np.int32]
+
+
+def level_shapes(shape: tuple[int, int], num_levels: int | None = None) -> list[tuple[int, int]]:
+    """Return the sizes of all levels."""
+    most = most_levels(shape)
+    return scale_shapes(shape, most if num_levels is None else min(num_levels, most))
+
+
+@dataclass(frozen=True)
+class IntegerTransform:
+    """A transform of one level: analysis, and its inverse."""
+
+    name: str  # as options call it
+    # from samples (H, W) to those of the next level and to the high-pass coefficients (H, W), both int32
+    analyse: Callable[[Labels], tuple[Labels, Labels]]
+    synthesise: Callable[[Labels, Labels], Labels]  # from both of these back to the samples
+
+
+def analyse_s(samples: Labels, axis: int) -> tuple[Labels, Labels]:
+    """Return means and differences of pairs along an axis (3.15)."""
+    moved = np.moveaxis(samples, axis, 0)
+    first, second = moved[0::2], moved[1::2]
+    low = first.copy()
+    low[: len(second)] = (first[: len(second)] + second) >> 1
+    return np.moveaxis(low, 0, axis), np.moveaxis(first[: len(second)] - second, 0, axis)
+
+
+def synthesise_s(low: Labels, high: Labels, axis: int) -> Labels:
+    """Return the samples of means and differences (3.16); inverse of `analyse_s`."""
+    low, high = np.moveaxis(low, axis, 0), np.moveaxis(high, axis, 0)
+    samples = np.empty((len(low) + len(high), *low.shape[1:]), np.int32)
+    samples[0::2] = low
+    second = low[: len(high)] - (high >> 1)
+    samples[1::2] = second
+    samples[0 : 2 * len(high) : 2] = second + high
+    return np.moveaxis(samples, 0, axis)
+
+
+def _analyse_plane_s(samples: Labels) -> tuple[Labels, Labels]:
+    vertical, high_vertical = analyse_s(samples, 0)
+    low, high_horizontal = analyse_s(vertical, 1)
+    high = np.zeros(samples.shape, np.int32)
+    high[1::2] = high_vertical
+    high[0::2, 1::2] = high_horizontal
+    return low, high
+
+
+def _synthesise_plane_s(low: Labels, high: Labels) -> Labels:
+    return synthesise_s(synthesise_s(low, high[0::2, 1::2], 1), high[1::2], 0)
+
+
+def _analyse_plane_l(samples: Labels) -> tuple[Labels, Labels]:
+    shape = tuple(-(-size // 2) for size in samples.shape)
+    total, count = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
+    for a in range(2):
+        for b in range(2):
+            part = samples[a::2, b::2]
+            total[: part.shape[0], : part.shape[1]] += part
+            count[: part.shape[0], : part.shape[1]] += 1
+    low = total // count
+    return low, samples - spread(low, samples.shape)
+
+
+def _synthesise_plane_l(low: Labels, high: Labels) -> Labels:
+    return np.asarray(spread(low, high.shape) + high)
+
+
+def spread(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Give the values of nodes to their children, of which there are so many."""
+    return values.repeat(2, axis=0)[: shape[0]].repeat(2, axis=1)[:, : shape[1]]
+
+
+L_TRANSFORM = IntegerTransform("l", _analyse_plane_l, _synthesise_plane_l)
+"""Laplace: floor of the mean, and what each sample is above it (3.13), (3.14), (3.32)."""
+
+S_TRANSFORM = IntegerTransform("s", _analyse_plane_s, _synthesise_plane_s)
+"""Sequential: vertically on both columns, then horizontally on the low-pass coefficients (3.15), (3.16)."""
+
+
+@dataclass(frozen=True, eq=False)
+class WaveletTree:
+    """A map of labels as wavelet coefficients; any integers make one."""
+
+    transform: IntegerTransform  # L or S
+    num_labels: int  # labels are from 0 to ``num_labels - 1``
+    roots: Labels  # low-pass coefficients of the coarsest level
+    highs: tuple[Labels, ...]  # high-pass coefficients of level 0, 1,
+
+    @classmethod
+    def of_labels(
+        cls, transform: IntegerTransform, labels: Labels, num_labels: int, num_levels: int | None = None
+    ) -> "WaveletTree":
+        """Analyse a map."""
+        low, highs = labels.astype(np.int32), []
+        for _ in level_shapes((labels.shape[0], labels.shape[1]), num_levels)[1:]:
+            low, high = transform.analyse(low)
+            highs.append(high)
+        return cls(transform, num_labels, low, tuple(highs))
+
+    @classmethod
+    def constant(
+        cls, transform: IntegerTransform, shape: tuple[int, int], num_labels: int, num_levels: int
+    ) -> "WaveletTree":
+        """Return the tree whose coefficients are all 0."""
+        *sizes, coarsest = level_shapes(shape, num_levels)
+        highs = tuple(np.zeros(size, np.int32) for size in sizes)
+        return cls(transform, num_labels, np.zeros(coarsest, np.int32), highs)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+        rows, columns = (self.highs[0] if self.highs else self.roots).shape
+        return rows, columns
+
+    def levels(self) -> list[Labels]:
+        """Return the low-pass coefficients of all levels, by synthesis."""
+        levels = [self.roots]
+        for high in reversed(self.highs):
+            levels.append(self.transform.synthesise(levels[-1], high))
+        return levels[::-1]
+
+    def disparity(self, level: int = 0) -> Labels:
+        """Return the map of labels."""
+        labels = self.roots
+        for high in reversed(self.highs[level:]):
+            labels = self.transform.synthesise(labels, high)
+        return np.clip(labels, 0, self.num_labels - 1)

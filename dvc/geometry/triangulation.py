@@ -1,0 +1,96 @@
+"""Triangulation: depths of points that two views see, or many."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.geometry.cameras import PixelFrame, homogeneous
+from dvc.geometry.warping import warp_matrix
+
+Floats = NDArray[np.float64]
+
+NUM_STEPS = 6
+"""Gauss-Newton steps; the problem has one unknown a point, and is nearly linear."""
+MIN_DEPTH = 1e-6
+"""Smallest third coordinate of a point that a view sees."""
+
+
+def triangulate_depth(first: Floats, camera: Floats, second: Floats) -> tuple[Floats, Floats]:
+    """Find the projective depths of correspondences, by least squares of (5.3)."""
+    a = homogeneous(first) @ camera[:, :3].T
+    b, t = homogeneous(second), camera[:, 3]
+    aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
+    at, bt = a @ t, b @ t
+    determinant = aa * bb - ab * ab
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (ab * bt - bb * at) / determinant, (aa * bt - ab * at) / determinant
+
+
+def inverse_depths(first: Floats, camera: Floats, second: Floats) -> tuple[Floats, Floats]:
+    """Find the inverse depths that project points of the first image nearest to points of the second."""
+    a, t = homogeneous(first) @ camera[:, :3].T, camera[:, 3]
+    lines = np.cross(t, a)
+    norm2 = (lines[:, :2] ** 2).sum(axis=1)
+    offset = (lines[:, :2] * second).sum(axis=1) + lines[:, 2]
+    foot = homogeneous(second - (offset / np.where(norm2 > 0, norm2, np.inf))[:, None] * lines[:, :2])
+    along, across = np.cross(foot, t), np.cross(foot, a)
+    along2 = (along * along).sum(axis=1)
+    inverse = -(along * across).sum(axis=1) / np.where(along2 > 0, along2, np.inf)
+    return inverse, a[:, 2] + inverse * t[2]
+
+
+class TrackDepths(NamedTuple):
+    """Depths of tracked points in one view."""
+
+    # inverse depth in that view; nan where the point is not known there or nowhere else
+    inverse_depth: Floats
+    # root mean square distance between where the other views see the point and where it should be
+    rms_px: Floats
+    # standard deviation of the point's place in that of the views it lies in where it depends most on the
+    # depth, for positions that are off by one pixel
+    sigma_px: Floats
+
+
+def track_depths(
+    positions: Floats, cameras: Sequence[Floats | None], view: int, frame: PixelFrame
+) -> TrackDepths:
+    """Find the inverse depths in one view that bring points nearest to where the other views see them."""
+    source = cameras[view]
+    if source is None:
+        raise ValueError(f"view {view} has no camera")
+    points = positions[:, view]
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
+    rays = np.column_stack([np.where(known[:, None], points, 0.0), np.ones(len(points))])
+    others = [(k, camera) for k, camera in enumerate(cameras) if camera is not None and k != view]
+    warps = [warp_matrix(source, camera, frame) for _, camera in others]
+    seen = [positions[:, k] for k, _ in others]
+    size = np.array([frame.width_px, frame.height_px])
+    inverse = np.zeros(len(points))
+    for step in range(NUM_STEPS + 1):
+        sums = np.zeros((4, len(points)))
+        farthest = np.zeros(len(points))
+        for warp, there in zip(warps, seen, strict=True):
+            image = rays @ warp[:, :3].T + inverse[:, None] * warp[:, 3]
+            depth = np.maximum(image[:, 2:], MIN_DEPTH)
+            place = image[:, :2] / depth
+            change = (warp[:2, 3] - place * warp[2, 3]) / depth
+            used: NDArray[np.bool_] = known & np.asarray(np.isfinite(there).all(axis=1))
+            offset = np.where(used[:, None], there - place, 0.0)
+            squares = (change * change).sum(axis=1)
+            inside = (image[:, 2] > MIN_DEPTH) & ((place >= 0) & (place < size)).all(axis=1)
+            farthest = np.where(used | inside, np.maximum(farthest, squares), farthest)
+            sums += np.stack(
+                [used * squares, (change * offset).sum(axis=1), (offset * offset).sum(axis=1), 1.0 * used]
+            )
+        information, slope, error, count = sums
+        determined = (count > 0) & (information > 0)
+        safe = np.where(determined, information, 1.0)
+        if step < NUM_STEPS:
+            inverse = inverse + np.where(determined, slope / safe, 0.0)
+    return TrackDepths(
+        np.where(determined, inverse, np.nan),
+        np.where(determined, np.sqrt(error / np.maximum(count, 1.0)), np.inf),
+        np.where(determined, np.sqrt(farthest / safe), np.inf),
+    )

@@ -1,0 +1,329 @@
+"""Layered depth image (2.21): the surfaces of all cameras in the frame of one, several values a pixel.
+
+Surfaces are sheared into the frame of the reference camera as points, not as volumes, so disparities and
+positions of cameras need not be whole numbers. Readings of (2.21), where it leaves a choice:
+
+* A pixel votes unless a neighbouring camera refutes it, by seeing through it (2.15). What is seen in no other
+  view votes as well: it is all there is to know of what the reference does not see.
+* In the reference frame, of each camera only the nearest point that is left is visible and votes.
+* The label with most votes is a value, the larger one of equals; its disparity is the mean of those who vote
+  for it. Points whose disparity differs by no more than `resolution` are removed with it, so that cameras
+  that disagree by a label make no layers; but where a camera itself sees both surfaces, a label and a pixel
+  or more apart, there are two.
+* Inside the frame the reference sees the first value, so nothing lies before it, and what the reference
+  itself has found is not left for a deeper layer. Further values of a pixel are sorted from near to far.
+* Regions of a few pixels behind two other surfaces are left out.
+* A value has the median colour of its voters; the first one inside the frame that of the reference view.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import DvcError
+from dvc.geometry.camera_array import CameraArray, DisparityLabels
+from dvc.geometry.surfaces import Reconstruction
+from dvc.layers import _kernels
+from dvc.layers.canvas import Canvas, Frame
+
+Floats = NDArray[np.float64]
+Masks = list[NDArray[np.bool_]]
+
+MAX_LAYERS = 8
+"""More values at one pixel are errors of the surfaces."""
+MIN_HIDDEN_REGION_PX = 20
+"""Smaller regions behind two other surfaces are accidents at their borders."""
+MAX_CANVAS_FRAMES = 16
+"""The canvas is at most this many times as large as a view."""
+MAX_POINTS_PER_PIXEL = MAX_CANVAS_FRAMES
+"""That all views have on the canvas, on average: surfaces that do not fold cover it once."""
+MAX_MAGNITUDE = 1e6
+"""Of disparities and positions."""
+_ROWS = 64
+"""Rows of the canvas that are voted on at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class LayeredDepthImage:
+    """Values of disparity and colour, several a pixel, from near to far.
+
+    Attributes
+    ----------
+    canvas : Canvas
+        Where they are.
+    colour : ndarray of shape (L, H, W, 3), uint8
+        Red, green and blue.
+    disparity : ndarray of shape (L, H, W), float32
+        In pixels per unit of m, strictly decreasing from layer to layer; 0 where there is no value.
+    votes : ndarray of shape (L, H, W), uint8
+        Number of cameras that agree on each value, 255 if more; 0 where there is none. Where a layer has a
+        value, so have those before it.
+    """
+
+    canvas: Canvas
+    colour: NDArray[np.uint8]
+    disparity: NDArray[np.float32]
+    votes: NDArray[np.uint8]
+
+    @property
+    def occupied(self) -> NDArray[np.bool_]:
+        """Where there are values, of shape (L, H, W)."""
+        return self.votes > 0
+
+    @property
+    def values_per_pixel(self) -> NDArray[np.int64]:
+        """Number of values of each pixel, of shape (H, W)."""
+        return np.asarray(np.count_nonzero(self.votes, axis=0), np.int64)
+
+    def counts(self) -> dict[str, Any]:
+        """Count values.
+
+        Returns
+        -------
+        dict
+            Number of layers; values inside the reference frame and beyond it; by how many per cent those
+            inside are more than one depth map has; values of each layer inside the frame.
+        """
+        frame = self.canvas.frame
+        inside = self.occupied[:, *frame.slices]
+        num_inside = int(inside.sum())
+        return {
+            "num_layers": len(self.votes),
+            "num_values_inside": num_inside,
+            "num_values_beyond": int(self.occupied.sum()) - num_inside,
+            "increase_percent": round(100.0 * (num_inside / (frame.width * frame.height) - 1.0), 3),
+            "num_values_by_layer": [int(layer.sum()) for layer in inside],
+        }
+
+
+def resolution(array: CameraArray, labels: DisparityLabels) -> float:
+    """Return the difference of disparity above which surfaces are told apart."""
+    positions = np.array([view.position for view in array])
+    span = float(np.ptp(positions, axis=0).max())
+    return max(labels.step, 1.0 / span) if span > 0.0 else labels.step
+
+
+def unrefuted(reconstruction: Reconstruction) -> Masks:
+    """Tell which pixels of the surfaces are not refuted by neighbouring cameras, after (2.15)."""
+    array, surfaces = reconstruction.array, reconstruction.surfaces
+    tolerance = 1.001 * resolution(array, reconstruction.labels)
+    masks = []
+    for index, (view, surface) in enumerate(zip(array, surfaces, strict=True)):
+        mask = view.seen.copy()
+        for pair in _neighbours(array, index):
+            best, worst = np.zeros(array.shape, np.uint8), np.full(array.shape, _kernels.CONFIRMED, np.uint8)
+            for other in pair:
+                verdict = np.zeros(array.shape, np.uint8)
+                dm, dn = np.subtract(array[other].position, view.position)
+                _kernels.judge(surface.disparity, surfaces[other].disparity, dm, dn, tolerance, verdict)
+                best, worst = np.maximum(best, verdict), np.minimum(worst, verdict)
+            mask &= (best == _kernels.CONFIRMED) | (worst > _kernels.REFUTED)
+        masks.append(mask)
+    return masks
+
+
+def _neighbours(array: CameraArray, index: int) -> list[list[int]]:
+    """Return the nearest cameras to the left and right, and those above and below, where there are any."""
+    nearest: dict[tuple[int, bool], tuple[float, int]] = {}
+    for other in range(len(array)):
+        if other != index:
+            offset = np.subtract(array[other].position, array[index].position)
+            axis = int(abs(offset[1]) > abs(offset[0]))
+            if abs(offset[1 - axis]) > 0.5 * abs(offset[axis]):
+                continue
+            side = axis, bool(offset[axis] > 0.0)
+            nearest[side] = min(nearest.get(side, (np.inf, -1)), (float(offset @ offset), other))
+    pairs = [[other for (side, _), (_, other) in nearest.items() if side == axis] for axis in (0, 1)]
+    return [pair for pair in pairs if pair]
+
+
+def layered_depth_image(
+    reconstruction: Reconstruction,
+    voters: Sequence[NDArray[np.bool_]] | None = None,
+    *,
+    advance: Callable[[int], None] = lambda _: None,
+) -> LayeredDepthImage:
+    """Merge the surfaces of all cameras in the frame of the reference, (2.21).
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        Surfaces of at least one view.
+    voters : sequence of ndarray of shape (H, W), bool, optional
+        Which pixels of each camera vote; by default those that no neighbouring camera refutes. All do of the
+        reference.
+    advance : callable, optional
+        Told the number of steps that have just been finished; there are as many as views.
+
+    Returns
+    -------
+    LayeredDepthImage
+        On the smallest canvas that holds the reference frame and all values.
+
+    Raises
+    ------
+    DvcError
+        If numbers make no sense, the canvas would be larger than `MAX_CANVAS_FRAMES` views, or there are
+        more than `MAX_POINTS_PER_PIXEL`.
+    """
+    array = reconstruction.array
+    _check_magnitudes(reconstruction)
+    reference = array[array.reference]
+    masks = unrefuted(reconstruction) if voters is None else list(voters)
+    masks[array.reference] = reference.seen
+    positions = np.array([np.subtract(view.position, reference.position) for view in array], np.float64)
+    canvas = _canvas(reconstruction, masks, positions)
+    points = _splat(reconstruction, masks, positions, canvas, advance)
+    colour, disparity, votes = _vote(reconstruction, positions, canvas, points)
+    colour[0, *canvas.frame.slices][reference.seen] = reference.image[reference.seen]
+    return LayeredDepthImage(canvas, colour, disparity, votes)
+
+
+def _check_magnitudes(reconstruction: Reconstruction) -> None:
+    """Refuse numbers with which nothing can be counted."""
+    step = reconstruction.labels.step
+    positions = np.array([view.position for view in reconstruction.array])
+    largest = max(float(np.abs(surface.disparity).max()) for surface in reconstruction.surfaces)
+    if not (1e-6 <= step <= MAX_MAGNITUDE and max(largest, float(np.abs(positions).max())) <= MAX_MAGNITUDE):
+        raise DvcError(
+            f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, make no sense"
+        )
+
+
+def _canvas(reconstruction: Reconstruction, masks: Masks, positions: Floats) -> Canvas:
+    """Return the smallest canvas that holds the reference view and all that votes."""
+    array, labels = reconstruction.array, reconstruction.labels
+    height, width = array.shape
+    low, high = np.zeros(2), np.array([width - 1.0, height - 1.0])
+    for surface, mask, position in zip(reconstruction.surfaces, masks, positions, strict=True):
+        if mask.any():
+            y, x = np.nonzero(mask)
+            places = np.stack([x, y]) + position[:, None] * surface.disparity[mask].astype(np.float64)
+            low, high = np.minimum(low, places.min(axis=1)), np.maximum(high, places.max(axis=1))
+    size = np.floor(high + 0.5) - np.floor(low + 0.5) + 1.0
+    if not size.prod() <= MAX_CANVAS_FRAMES * width * height:
+        raise DvcError(
+            f"surfaces of {width}x{height} pixels spread over {size[0]:g}x{size[1]:g}; "
+            f"at most {MAX_CANVAS_FRAMES} times a view is accepted"
+        )
+    left, top = (int(value) for value in np.floor(low + 0.5))
+    return Canvas(
+        (int(size[1]), int(size[0])),
+        Frame(-left, -top, width, height),
+        labels,
+        resolution(array, labels),
+        array[array.reference].name,
+        len(array),
+        _world_from_reference(reconstruction),
+    )
+
+
+def _world_from_reference(reconstruction: Reconstruction) -> Floats | None:
+    """Return the inverse of (2.12) in the frame of the reference camera, where there was a rectification."""
+    rectification = reconstruction.figures.get("rectification")
+    if rectification is None:
+        return None
+    try:
+        rectified_from_world = np.array(rectification["rectified_from_world"], np.float64).reshape(4, 4)
+        shear = np.eye(4)
+        shear[:2, 2] = -np.array(reconstruction.array[reconstruction.array.reference].position)
+        matrix = np.linalg.inv(shear @ rectified_from_world)
+    except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as err:
+        raise DvcError("the reconstruction has a rectification without its homography of space") from err
+    if not np.isfinite(matrix).all() or matrix[3, 2] == 0.0:
+        raise DvcError("the homography of space of the reconstruction gives no depth")
+    return np.asarray(matrix / np.abs(matrix).max())
+
+
+def _splat(
+    reconstruction: Reconstruction,
+    masks: Masks,
+    positions: Floats,
+    canvas: Canvas,
+    advance: Callable[[int], None],
+) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int16]]:
+    """Return where the points of each cell start, their disparities from near to far, and their cameras."""
+    jump = 1.001 * canvas.resolution
+    num_cells = canvas.shape[0] * canvas.shape[1]
+
+    def enter(next_free: NDArray[np.int64], points: NDArray[np.float32], cameras: NDArray[np.int16]) -> None:
+        for camera, (surface, mask) in enumerate(zip(reconstruction.surfaces, masks, strict=True)):
+            corner = -canvas.frame.left, -canvas.frame.top
+            m, n = positions[camera]
+            placing = _kernels.Placing(m, n, corner, canvas.shape, jump, camera)
+            _kernels.splat(surface.disparity, mask, placing, _kernels.Cells(next_free, points, cameras))
+            if points.size:
+                advance(1)
+
+    counts = np.zeros(num_cells, np.int64)
+    enter(counts, np.empty(0, np.float32), np.empty(0, np.int16))
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    num_pixels = sum(surface.disparity.size for surface in reconstruction.surfaces)
+    if starts[-1] > MAX_POINTS_PER_PIXEL * num_pixels:
+        raise DvcError(
+            f"surfaces of {num_pixels} pixels have {starts[-1]} points; "
+            f"at most {MAX_POINTS_PER_PIXEL} a pixel are accepted"
+        )
+    points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
+    enter(starts[:-1].copy(), points, cameras)
+    _kernels.sort_points(starts, points, cameras)
+    return starts, points, cameras
+
+
+def _vote(
+    reconstruction: Reconstruction,
+    positions: Floats,
+    canvas: Canvas,
+    cells: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int16]],
+) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
+    """Return colour, disparity and votes of as many layers as there are."""
+    array, labels = reconstruction.array, reconstruction.labels
+    starts, points, cameras = cells
+    reach = round(canvas.resolution / labels.step)
+    images = np.stack([view.image for view in array])
+    height, width = canvas.shape
+    strips = []
+    for top in range(0, height, _ROWS):
+        shape = MAX_LAYERS, min(_ROWS, height - top), width
+        layers = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros((*shape, 3), np.uint8)
+        frame = canvas.frame
+        inside = frame.left, frame.top - top, frame.left + frame.width, frame.top + frame.height - top
+        corner = -frame.left, top - frame.top
+        _kernels.vote(
+            _kernels.Cells(starts[top * width : (top + shape[1]) * width + 1], points, cameras),
+            _kernels.Levels(labels.lowest, labels.step, reach),
+            _kernels.Pictures(positions, images),
+            _kernels.Strip(corner, shape[1:], inside, array.reference),
+            layers,
+        )
+        num_layers = max(1, int(layers[1].any(axis=(1, 2)).sum()))
+        strips.append([values[:num_layers] for values in layers])
+    num_layers = max(len(strip[0]) for strip in strips)
+    whole = []
+    for kind in range(3):
+        parts = [_deepened(strip[kind], num_layers) for strip in strips]
+        whole.append(np.concatenate(parts, axis=1))
+    colour, disparity, votes = _without_strays(whole[2], whole[0], whole[1])
+    return colour, disparity, votes
+
+
+def _without_strays(
+    colour: NDArray[np.uint8], disparity: NDArray[np.float32], votes: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
+    """Drop small regions behind two other surfaces, and layers that are then empty."""
+    for layer in range(len(votes) - 1, 1, -1):
+        _, region, sizes, _ = cv2.connectedComponentsWithStats((votes[layer] > 0).astype(np.uint8))
+        stray = (votes[layer] > 0) & (sizes[region, cv2.CC_STAT_AREA] < MIN_HIDDEN_REGION_PX)
+        for values in (colour, disparity, votes):
+            values[layer:-1, stray] = values[layer + 1 :, stray]
+            values[-1, stray] = 0
+    kept = max(1, int(votes.any(axis=(1, 2)).sum()))
+    return colour[:kept], disparity[:kept], votes[:kept]
+
+
+def _deepened(layers: NDArray[Any], num_layers: int) -> NDArray[Any]:
+    return np.pad(layers, [(0, num_layers - len(layers))] + [(0, 0)] * (layers.ndim - 1))

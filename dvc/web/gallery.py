@@ -1,0 +1,108 @@
+"""A page of pictures in groups, beside each other and two of them over each other, with figures in tables."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.files import atomic_output
+from dvc.web.document import SHARED, asset, content_policy, data_uri, template
+
+MAX_SIDE_PX = 1600
+"""Larger pictures are shown smaller."""
+QUALITY = 88
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A picture of the page."""
+
+    name: str  # what it is, unique in its group
+    picture: NDArray[np.uint8]  # grey levels, or blue, green and red, and opacity
+    text: str = ""  # what else its caption says
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Pictures of one thing, which may be laid over each other."""
+
+    name: str  # of the thing
+    pictures: tuple[Shown, ...]  # at least one, of one size or shape
+
+
+@dataclass(frozen=True)
+class Table:
+    """Figures."""
+
+    title: str  # heading
+    caption: str  # what it shows, without a full stop
+    head: tuple[str, ...]  # titles of the columns
+    rows: tuple[tuple[str, ...], ...]  # cells
+    num_names: int = 1  # columns on the left that are names and no numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Gallery:
+    """What a page shows."""
+
+    title: str  # heading, and what it is about
+    preface: str
+    groups: Sequence[Group]  # at least one
+    tables: Sequence[Table] = field(default=())  # figures
+    notes: Sequence[str] = field(default=())  # what a reader must know
+
+
+def markdown(table: Table) -> str:
+    """Write a table for documents."""
+    rule = ["---"] * table.num_names + ["---:"] * (len(table.head) - table.num_names)
+    lines = [table.head, rule, *table.rows]
+    body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return f"## {table.title}\n\n{table.caption}.\n\n{body}\n"
+
+
+def write_gallery(path: Path, gallery: Gallery) -> None:
+    """Write the page as one file, which needs no other file and no network."""
+    scripts = {"early": asset(SHARED, "early.js"), "script": asset(SHARED, "gallery.js")}
+    groups = [
+        {
+            "name": group.name,
+            "number": number,
+            "several": len(group.pictures) > 1,
+            "pictures": [_embedded(shown) for shown in group.pictures],
+        }
+        for number, group in enumerate(gallery.groups)
+    ]
+    text = template(SHARED, "gallery.html.j2").render(
+        title=gallery.title,
+        preface=gallery.preface,
+        notes=gallery.notes,
+        tables=gallery.tables,
+        groups=groups,
+        css=asset(SHARED, "base.css"),
+        policy=content_policy(scripts.values()),
+        **scripts,
+    )
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="replace")
+
+
+def _embedded(shown: Shown) -> dict[str, object]:
+    import cv2
+
+    picture = shown.picture
+    largest = max(picture.shape[:2])
+    if largest > MAX_SIDE_PX:
+        scale = MAX_SIDE_PX / largest
+        resized = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        picture = np.asarray(resized, np.uint8)
+    if picture.shape[2:] == (4,):
+        _, coded = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+        kind = "webp"
+    else:  # somewhat larger, but many times faster
+        _, coded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        kind = "jpeg"
+    height, width = picture.shape[:2]
+    source = data_uri(f"image/{kind}", coded.tobytes())
+    return {"name": shown.name, "text": shown.text, "source": source, "width": width, "height": height}

@@ -1,0 +1,82 @@
+"""Other codecs of two views: sizes hold, what is decoded is what was coded, more bytes are better."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmarks.baselines.comparison import all_peers, within
+from benchmarks.baselines.independent import IndependentCodec
+from benchmarks.baselines.picture_coders import AVIF, JPEG2000
+from benchmarks.baselines.quality import quality_of
+from benchmarks.baselines.two_views import (
+    X264,
+    X265,
+    VideoCoder,
+    decode_frames,
+    encode_frames,
+    without_messages,
+)
+from dvc.dibr.views.views import views_of_array
+from dvc.errors import ConfigError
+from dvc.geometry.camera_array import CameraArray, DisparityLabels
+from dvc.metrics import psnr_db
+from tests.dibr.plane_views import LABELS, planes
+
+
+@cache
+def scene() -> CameraArray:
+    return planes(96, 128)
+
+
+def test_pooled_psnr_is_that_of_the_mean_squared_error() -> None:
+    """(3.1): errors are averaged before the logarithm is taken."""
+    truth = np.full((8, 8), 100, np.uint8)
+    found = quality_of([truth + 1, truth + 3], [truth, truth])
+    assert found.pooled_db == pytest.approx(10.0 * math.log10(255.0**2 / 5.0))
+    assert found.mean_db == pytest.approx(10.0 * math.log10(255.0**2) - 5.0 * math.log10(9.0))
+    assert quality_of([truth], [truth]).pooled_db == math.inf
+
+
+@pytest.mark.parametrize("coder", [X264, X265], ids=lambda coder: coder.name)
+def test_video_codes_two_frames(coder: VideoCoder) -> None:
+    """Both frames come back in order and full range; the second one is predicted."""
+    first, second = views_of_array(scene(), gray=True).pictures
+    stream = list(encode_frames((first, first), coder, 20, 0))
+    assert len(stream) == 2
+    assert len(stream[1]) < len(stream[0]) / 10
+    found = decode_frames(list(encode_frames((first, second), coder, 12, 2)), coder)
+    assert psnr_db(found[0], first) > 45.0
+    assert 40.0 < psnr_db(found[1], second) < psnr_db(found[0], first) + 1.0
+
+
+def test_messages_do_not_count() -> None:
+    """Units of messages are left out, the others stay."""
+    unit = bytes.fromhex("00000165aa")
+    message = bytes.fromhex("000001060580")
+    assert without_messages(b"\0" + unit + message + b"\0" + unit, "h264") == unit + unit
+
+
+def test_every_peer_keeps_to_its_bytes() -> None:
+    """All peers are there; each takes at most what it may, and fails where that is too little."""
+    peers = all_peers(scene(), LABELS)
+    assert len(peers) == 7
+    for name, peer in peers.items():
+        result = within(peer, 4000)
+        assert result is not None, name
+        assert 2000 < result.num_bytes <= 4000, name
+        assert 0.0 < result.split < 1.0
+        assert within(peer, 40) is None, name
+
+
+def test_right_disparities_are_worth_their_bytes() -> None:
+    """With the true disparities the second view is rendered well; with none it is not."""
+    views = views_of_array(scene(), gray=True)
+    truth = np.full(views.shape, 2.0)
+    truth[24:72, 42:84] = 6.0
+    good = IndependentCodec(views, truth, LABELS, JPEG2000).best_within(6000)
+    bad = IndependentCodec(views, np.zeros(views.shape), LABELS, JPEG2000).best_within(6000)
+    assert good.quality.pooled_db > bad.quality.pooled_db + 3.0
+    with pytest.raises(ConfigError, match="too few for two pictures"):
+        IndependentCodec(views, truth, DisparityLabels(0.0, 1.0, 8), AVIF).best_within(100)

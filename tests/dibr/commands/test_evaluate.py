@@ -1,0 +1,144 @@
+"""`dvc-dibr evaluate`: streams of both kinds beside each other, and what is refused."""
+
+import shutil
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tests.dibr.running import answer, refusal, run
+
+from dvc.dibr.commands.stream_curves import lines_of
+from dvc.dibr.depth_image.stream import decode_stream
+from dvc.dibr.layered.pieces import write_pieces
+from dvc.pfm import write_pfm
+from dvc.picture_files import write_png
+from tests.dibr.depth_maps import texture, two_discs
+from tests.dibr.layered.scenes import plane_layers, plane_sprites
+from tests.dibr.plane_views import planes
+from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
+
+DISCS = two_discs(64, 80)
+
+
+@pytest.fixture(autouse=True)
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write a map and its picture; work there."""
+    monkeypatch.chdir(tmp_path)
+    write_pfm("map.pfm", DISCS.astype(np.float32))
+    cv2.imwrite("picture.png", texture(64, 80))
+
+
+def test_streams_of_maps_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """Figures are those that the encoder and the decoder tell."""
+    encoded = answer(
+        capsys, "encode-image", "picture.png", "--depth", "map.pfm", "a.dibr", "--bpp", "1", "--gray"
+    )
+    assert run("encode-depth", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
+    truth = ["--truth-depth", "map.pfm", "--truth-image", "picture.png"]
+    found = answer(capsys, "evaluate", "a.dibr", "b.dibr", *truth)
+    assert list(found) == ["a.dibr", "b.dibr"]
+    for name in ("stream_bytes", "bpp", "bits", "psnr_depth_db", "psnr_image_db", "edge_elements"):
+        assert found["a.dibr"][name] == encoded[name]
+    assert "psnr_image_db" not in found["b.dibr"]
+    assert found["b.dibr"]["bits"]["image"] == 0
+
+
+def test_streams_of_views_stand_beside_them(capsys: pytest.CaptureFixture[str]) -> None:
+    """Bits of a stream of views add up, too; its picture is that of the reference."""
+    for view in planes(64, 80):
+        write_png(Path(f"{view.name}.png"), np.ascontiguousarray(view.image[:, :, ::-1]))
+    options = ["--disparities", "0:9", "--lambda", "1e-3", "--quiet"]
+    assert run("encode", "left.png", "right.png", "v.dibr", *options) == 0
+    found = answer(capsys, "evaluate", "v.dibr", "--truth-image", "left.png")["v.dibr"]
+    assert sum(found["bits"].values()) == 8 * Path("v.dibr").stat().st_size
+    assert found["bits"]["depth"] > 0
+    assert found["psnr_image_db"] > 25
+    assert "--truth-depth" in refusal(capsys, "evaluate", "v.dibr", "--truth-depth", "map.pfm")
+
+
+def test_a_table_is_printed_and_damage_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """A stream that ends early is decoded as far as it goes, and said to be."""
+    assert run("encode-depth", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
+    whole = Path("b.dibr").read_bytes()
+    Path("b.dibr").write_bytes(whole[:-20])
+    capsys.readouterr()
+    assert run("evaluate", "b.dibr", "--truth-depth", "map.pfm") == 0
+    out, err = capsys.readouterr()
+    assert "| b.dibr |" in out
+    assert err.count("\n") == 1
+    assert "ends after" in err
+    assert run("evaluate", "b.dibr") == 0
+    assert "--truth-image and --truth-depth tell PSNR" in capsys.readouterr().err
+
+
+def test_mistakes_are_told_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """Sizes, and files that are no streams."""
+    assert run("encode-depth", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
+    cv2.imwrite("small.png", texture(32, 40))
+    streams = ["evaluate", "b.dibr"]
+    assert "40x32" in refusal(capsys, *streams, "--truth-depth", "small.png")
+    assert "40x32" in refusal(capsys, *streams, "--truth-image", "small.png")
+    assert "picture.png" in refusal(capsys, "evaluate", "picture.png")
+
+
+def test_several_rates_of_layers_make_a_curve(capsys: pytest.CaptureFixture[str]) -> None:
+    """A curve for each kind, rising with the rate, on a page of its own; a table beside it."""
+    for name, scene in (("layers", plane_layers()), ("sprites", plane_sprites())):
+        Path(name).mkdir()
+        write_pieces(Path(name), scene)
+    camera = reconstruction_of(SCENE, square_lattice(1), LABELS).array
+    write_png(Path("view.png"), camera[camera.reference].image[:, :, ::-1])
+    names = []
+    for kind, rate in (("layers", 8), ("layers", 2), ("layers", 4), ("sprites", 4), ("sprites", 8)):
+        names.append(f"{kind}-{rate}.dibr")
+        assert run("encode-layers", kind, names[-1], "--bpp", str(rate), "--keep", "all", "--quiet") == 0
+    capsys.readouterr()
+    Path("curves").mkdir()  # an empty folder will do
+    found = answer(capsys, "evaluate", *names, "--truth-image", "view.png", "--out", "curves")
+    for name in names:
+        assert found[name]["kind"] in name
+        assert sum(found[name]["bits"].values()) == 8 * Path(name).stat().st_size
+    lines = {line.label: line for line in lines_of(found, "psnr_image_db")}
+    assert list(lines) == ["layers", "sprites"]
+    for line, number in zip(lines.values(), (3, 2), strict=True):
+        assert list(line.xs) == sorted(line.xs)
+        assert list(line.ys) == sorted(line.ys)
+        assert len(line.xs) == number
+    assert sorted(path.name for path in Path("curves").iterdir()) == [
+        "index.html", "picture.png", "picture.svg", "streams.json", "streams.md",
+    ]  # fmt: skip
+    assert "not an empty folder" in refusal(capsys, "evaluate", *names, "--out", "curves")
+    assert "| layers-2.dibr |" in Path("curves/streams.md").read_text()
+    assert "--truth-depth" in refusal(capsys, "evaluate", *names, "--truth-depth", "map.pfm")
+
+
+def test_damage_is_named_by_its_file(capsys: pytest.CaptureFixture[str]) -> None:
+    """Of several streams, the line tells which one cannot be decoded, and no folder is left."""
+    assert run("encode-depth", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
+    whole = bytearray(Path("b.dibr").read_bytes())
+    start, end = edges_of_stream(bytes(whole))
+    tried = 0
+    for position in range(start, end):
+        data = bytearray(whole)
+        data[position] ^= 0xFF
+        data[-4:] = zlib.crc32(data[:-4]).to_bytes(4, "little")
+        Path("bad.dibr").write_bytes(data)
+        if run("evaluate", "b.dibr", "bad.dibr", "--out", "o", "--quiet") == 2:
+            (line,) = capsys.readouterr().err.splitlines()
+            assert "bad.dibr: " in line
+            assert line.count("bad.dibr") == 1
+            assert not Path("o").exists()
+            tried += 1
+            break
+        shutil.rmtree("o")
+        capsys.readouterr()
+    assert tried, "some damage of edges cannot have been written"
+
+
+def edges_of_stream(data: bytes) -> tuple[int, int]:
+    """Return where the code of edges begins and ends."""
+    edges = decode_stream(data).edges
+    start = data.index(edges)
+    return start, start + len(edges)

@@ -1,0 +1,186 @@
+"""`dvc-dibr view`: pages of streams and folders, what they tell, and what is refused."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dvc.dibr.__main__ import main
+from dvc.dibr.commands import view
+from dvc.layers.layered_depth_image import layered_depth_image
+from dvc.layers.layers_folder import write_layers
+from dvc.layers.sprites import extract_sprites
+from dvc.layers.sprites_folder import write_sprites
+from tests.dibr.scenes import write_views
+from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
+
+
+@pytest.fixture
+def stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Write a stream of two views, and three pictures, and work beside them."""
+    write_views(tmp_path, "abc", (0, 1, -1))
+    monkeypatch.chdir(tmp_path)
+    options = ("--disparities", "0:8", "--lambda", "2e-3", "--quiet")
+    assert main(["encode", "a.png", "b.png", "pair.dibr", *options]) == 0
+    return "pair.dibr"
+
+
+def run(*arguments: str) -> int:
+    try:
+        return main(list(arguments))
+    except SystemExit as err:
+        return int(err.code or 0)
+
+
+def scene_of(page: str) -> dict[str, Any]:
+    text = Path(page).read_text(encoding="utf-8")
+    found: dict[str, Any] = json.loads(text.split('id="scene">', 1)[1].split("</script>", 1)[0])
+    return found
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    capsys.readouterr()
+    before = set(Path().iterdir())
+    assert run("view", *arguments) == 2
+    assert set(Path().iterdir()) == before, "nothing half-written"
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("dvc-dibr")
+    return line
+
+
+def test_summary_counts(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """One source is no sources."""
+    assert run("view", stream, "--out", "page.html") == 0
+    assert re.fullmatch(r"page\.html: \d+ bytes, 1 source\n", capsys.readouterr().out)
+
+
+def test_page_is_one_file_that_loads_nothing(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """It names no other place, its policy allows none, and the figures are those of the stream."""
+    assert run("view", stream, "--out", "page.html", "--json", "-") == 0
+    figures = json.loads(capsys.readouterr().out)
+    text = Path("page.html").read_text(encoding="utf-8")
+    assert figures["page_bytes"] == len(text.encode())
+    assert figures["scene_bytes"] == Path(stream).stat().st_size
+    assert figures["sources"] == figures["pieces"] == 1
+    assert f"{figures['bpp']:.4f} bits per pixel" in text
+    assert "default-src &#39;none&#39;" in text
+    assert re.findall(r'(?:src|href)="(?!data:)', text) == []
+    assert "http:" not in text
+    assert "https:" not in text
+    assert scene_of("page.html")["views"] == [{"m": float(m), "n": 0.0, "psnr_db": None} for m in (0, 1)]
+
+
+def test_quality_is_that_of_rendered_views(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Pictures are those of the views in their order, or of the place before them."""
+    wanted = []
+    for place, truth in (("0", "a.png"), ("1", "b.png"), ("-1,0", "c.png")):
+        capsys.readouterr()
+        assert (
+            run("render", stream, "--view", place, "--out", "view.png", "--truth", truth, "--json", "-") == 0
+        )
+        wanted.append(json.loads(capsys.readouterr().out)["psnr_db"])
+    truths = ("--truth", "a.png", "b.png", "-1,0=c.png")
+    assert run("view", stream, "--out", "page.html", *truths, "--quiet") == 0
+    assert capsys.readouterr().out == ""
+    assert [place["psnr_db"] for place in scene_of("page.html")["views"]] == wanted
+    assert run("view", stream, "--out", "page.html", "--truth", "1=b.png") == 0
+    assert f"PSNR {wanted[1]:.2f} dB" in capsys.readouterr().out
+    assert [place["psnr_db"] for place in scene_of("page.html")["views"]] == [None, wanted[1]]
+
+
+def test_folders_of_layers_and_sprites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both become a scene of one source."""
+    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
+    for name, write, content in (
+        ("layers", write_layers, image),
+        ("sprites", write_sprites, extract_sprites(image)),
+    ):
+        folder = tmp_path / name
+        folder.mkdir()
+        write(folder, content)  # type: ignore[operator]
+        page = str(tmp_path / f"{name}.html")
+        assert run("view", str(folder), "--out", page, "--json", "-") == 0
+        figures = json.loads(capsys.readouterr().out)
+        assert figures["sources"] == 1
+        assert figures["pieces"] >= 2
+        assert (figures["width"], figures["height"]) == (60, 40)
+        assert 0 < figures["scene_bytes"] < sum(path.stat().st_size for path in folder.iterdir())
+
+
+def test_damaged_streams_are_shown_as_far_as_they_go(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line says what is missing, and the page as well."""
+    options = ("--disparities", "0:8", "--lambda", "2e-3", "--quiet", "--quality-layers", "3")
+    assert run("encode", "a.png", "b.png", "layers.dibr", *options) == 0
+    data = Path("layers.dibr").read_bytes()
+    Path("cut.dibr").write_bytes(data[:-5])
+    assert run("view", "cut.dibr", "--out", "page.html", "--quiet") == 0
+    assert capsys.readouterr().err.count("\n") == 1
+    assert "The stream is damaged" in Path("page.html").read_text(encoding="utf-8")
+    assert run("view", "layers.dibr", "--out", "page.html", "--quality-layers", "2", "--quiet") == 0
+    assert "2 of 3 quality layers" in Path("page.html").read_text(encoding="utf-8")
+
+
+def test_large_streams_are_shown_smaller(
+    stream: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Sides are halved until a page can bear them; rate and PSNR stay those of the whole."""
+    truth = ("--truth", "a.png", "--json", "-")
+    assert run("view", stream, "--out", "page.html", *truth) == 0
+    whole = json.loads(capsys.readouterr().out)
+    monkeypatch.setattr(view, "MAX_PIXELS", 32 * 48 // 4)
+    assert run("view", stream, "--out", "page.html", *truth) == 0
+    smaller = json.loads(capsys.readouterr().out)
+    assert (smaller["width"], smaller["height"]) == (24, 16)
+    assert (smaller["bpp"], smaller["psnr_db"]) == (whole["bpp"], whole["psnr_db"])
+    assert smaller["bounds"] == whole["bounds"]
+    assert "2 times shorter" in Path("page.html").read_text(encoding="utf-8")
+    scene = scene_of("page.html")
+    assert scene["highest"] < 5.0, "disparities are in pixels that are twice as large"
+
+
+def test_large_folders_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line tells how many pixels there are."""
+    monkeypatch.chdir(tmp_path)
+    Path("layers").mkdir()
+    write_layers(Path("layers"), layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS)))
+    monkeypatch.setattr(view, "MAX_PIXELS", 1000)
+    assert "1000 at most" in refusal(capsys, "layers", "--out", "page.html")
+
+
+def test_refusals(stream: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What cannot be shown or written ends with one line and nothing written."""
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "broken.dibr").write_bytes(Path(stream).read_bytes()[:20])
+    (tmp_path / "layers").mkdir()
+    (tmp_path / "layers" / "layers.json").write_text("{}")
+    page = ("--out", "page.html")
+    assert "nowhere.dibr" in refusal(capsys, "nowhere.dibr", *page)
+    assert "broken.dibr" in refusal(capsys, "broken.dibr", *page)
+    assert "layers.json" in refusal(capsys, "empty", *page)
+    assert "layers.json" in refusal(capsys, "layers", *page)
+    assert "folder" in refusal(capsys, stream, "--out", "missing/page.html")
+    assert ".html" in refusal(capsys, stream, "--out", "page.txt")
+    assert "for streams" in refusal(capsys, "empty", *page, "--truth", "a.png")
+    assert "2 views" in refusal(capsys, stream, *page, "--truth", "a.png", "b.png", "c.png")
+    assert "two pictures" in refusal(capsys, stream, *page, "--truth", "a.png", "0,0=b.png")
+    assert "view 7" in refusal(capsys, stream, *page, "--truth", "7=a.png")
+    assert "nothing.png" in refusal(capsys, stream, *page, "--truth", "nothing.png")
+    assert "quality layers" in refusal(capsys, stream, *page, "--quality-layers", "9")
+
+
+def test_help_has_examples_and_loads_no_numpy() -> None:
+    """Help is there at once."""
+    script = (
+        "import sys; from dvc.dibr.__main__ import main\n"
+        "try: main(['view', '--help'])\n"
+        "except SystemExit: print('numpy' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "dvc-dibr view layers --out" in done.stdout
+    assert done.stdout.rstrip().endswith("False")

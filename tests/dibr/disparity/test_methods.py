@@ -1,0 +1,180 @@
+"""Every representation of disparity: round trips, damage, degenerate maps, layers, rates."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dvc.contracts.disparity_codecs import NUM_LABELS, DisparityCodecContract, step_edge
+from dvc.dibr.disparity.disparity_codec import DisparityCodec
+from dvc.dibr.disparity.distortion import Holes
+from dvc.dibr.disparity.fixed_quadtree import SPLIT_BITS, FixedQuadtreeCodec
+from dvc.dibr.disparity.integer_transforms import (
+    L_TRANSFORM,
+    S_TRANSFORM,
+    Labels,
+    WaveletTree,
+    level_shapes,
+)
+from dvc.dibr.disparity.laplacian_codec import LaplacianCodec
+from dvc.dibr.disparity.methods import METHODS
+from dvc.dibr.disparity.quadtree import QuadtreeCodec
+from dvc.dibr.disparity.wavelet_codec import WaveletCodec
+from dvc.errors import BitstreamError
+
+CODECS: dict[str, DisparityCodec] = METHODS.own | {
+    "l as written": LaplacianCodec(L_TRANSFORM),
+    "s as written": LaplacianCodec(S_TRANSFORM),
+    "fixed quadtree": FixedQuadtreeCodec(),
+}
+"""Those that streams name, and those of the thesis."""
+NOT_BLOCKS = pytest.mark.parametrize("name", [name for name in CODECS if name != "blocks"])
+LAYERED = [name for name, codec in CODECS.items() if codec.layered]
+
+
+class TestContract(DisparityCodecContract):
+    """What all codecs do."""
+
+    @pytest.fixture(params=CODECS.values(), ids=CODECS)
+    def codec(self, request: pytest.FixtureRequest) -> DisparityCodec:
+        """Return a codec."""
+        codec: DisparityCodec = request.param
+        return codec
+
+
+@NOT_BLOCKS
+def test_edges_within_blocks_are_found(name: str) -> None:
+    """The map is right but for the shadow of the square."""
+    tensor, labels = step_edge()
+    wrong = (CODECS[name].optimise(tensor, 1e-3).disparity() != labels)[:, 12:]
+    wrong[8:24, :9] = False  # hidden in the other view
+    assert wrong.mean() < 0.03
+
+
+@NOT_BLOCKS
+def test_dearer_bits_are_fewer(name: str) -> None:
+    """With a larger lambda there are fewer bits and more errors."""
+    tensor, _ = step_edge(noise=0.2)
+    codec, sizes, errors = CODECS[name], [], []
+    for multiplier in (1e-5, 1e-3, 1e-1):
+        found = codec.optimise(tensor, multiplier)
+        sizes.append(len(codec.encode(found)))
+        errors.append(np.take_along_axis(tensor, found.disparity()[:, :, None], 2).sum())
+    assert sizes == sorted(sizes, reverse=True)
+    assert errors == sorted(errors)
+
+
+@pytest.mark.parametrize("name", LAYERED)
+def test_a_layer_that_refines_costs_less_than_a_map(name: str) -> None:
+    """What the layer before told is not told again."""
+    tensor, _ = step_edge(noise=0.1)
+    codec = CODECS[name]
+    first = codec.optimise(tensor, 1e-2)
+    payload = codec.encode(codec.optimise(tensor, 1e-4, previous=first), previous=first)
+    assert len(payload) < len(codec.encode(codec.optimise(tensor, 1e-4)))
+
+
+@pytest.mark.parametrize("name", LAYERED)
+def test_insignificant_coefficients_are_not_coded(name: str) -> None:
+    """Without significance a map costs its root; with it in one place, coefficients are there alone."""
+    tensor, _ = step_edge()
+    codec, shape = CODECS[name], tensor.shape[:2]
+    nothing = [np.zeros(size, np.uint8) for size in level_shapes(shape)[1:]]
+    found = codec.optimise(tensor, 1e-5, nothing)
+    assert np.unique(found.disparity()).size == 1
+    assert len(codec.encode(found, nothing)) <= 4
+    nothing[0][:, :5] = 1
+    labels = codec.optimise(tensor, 1e-5, nothing).disparity()
+    assert np.unique(labels[:, 10:]).size == 1
+    assert np.unique(labels[:, :10]).size > 1
+
+
+def test_stopping_early_needs_more_bits() -> None:
+    """With roots of 4 x 4 pixels, each a fixed number of bits, a map is dearer."""
+    tensor, _ = step_edge()
+    early = WaveletCodec(L_TRANSFORM, num_levels=2)
+    found = early.optimise(tensor, 1e-3)
+    assert found.roots.shape == (10, 13)
+    payload = early.encode(found)
+    np.testing.assert_array_equal(
+        early.decode(payload, tensor.shape[:2], NUM_LABELS).disparity(), found.disparity()
+    )
+    complete = METHODS["l"]
+    assert len(payload) > len(complete.encode(complete.optimise(tensor, 1e-3))) + 100 * 3 // 8
+
+
+def test_blocks_have_codes_of_fixed_length() -> None:
+    """12 labels take 4 bits a block; other lengths, and labels that there are not, are errors."""
+    tensor, _ = step_edge()
+    codec = METHODS["blocks"]
+    payload = codec.encode(codec.optimise(tensor, 1.0))
+    assert len(payload) == -(-5 * 7 * 4 // 8)
+    with pytest.raises(BitstreamError, match="bytes"):
+        codec.decode(payload[:-1], tensor.shape[:2], NUM_LABELS)
+    with pytest.raises(BitstreamError, match="label 15"):
+        codec.decode(b"\xff" * len(payload), tensor.shape[:2], NUM_LABELS)
+
+
+def test_squares_of_the_quadtree_are_pruned_exactly() -> None:
+    """A map of four quadrants is one split and four labels."""
+    labels = np.arange(4).reshape(2, 2).repeat(8, axis=0).repeat(8, axis=1)
+    tensor = (np.arange(4) != labels[:, :, None]).astype(np.float32)
+    found = METHODS["quadtree"].optimise(tensor, 1e-3)
+    np.testing.assert_array_equal(found.disparity(), labels)
+    assert sum(int(split.sum()) for split in found.splits) == 1
+
+
+def test_fixed_codes_are_counted() -> None:
+    """Four quadrants are a split, four squares that are not split, and four labels of two bits."""
+    labels = np.arange(4).reshape(2, 2).repeat(8, axis=0).repeat(8, axis=1)
+    tensor = (np.arange(4) != labels[:, :, None]).astype(np.float32)
+    codec = FixedQuadtreeCodec()
+    payload = codec.encode(codec.optimise(tensor, 1e-3))
+    assert len(payload) == -(-(5 * SPLIT_BITS + 4 * 2) // 8)
+    with pytest.raises(BitstreamError, match="too early"):
+        codec.decode(payload[:1], (16, 16), 4)
+    nothing = codec.optimise(tensor, 200.0)
+    assert not any(split.any() for split in nothing.splits)
+
+
+class _HoleOfLabels:
+    """Errors as the tensor knows them, and a hole in one view that label 7 alone would cover."""
+
+    parallax = 1.0
+
+    def __init__(self, tensor: NDArray[np.float32]) -> None:
+        self.tensor = tensor
+        self.num_claims = 0
+
+    def measure(self, labels: Labels) -> tuple[float, list[Holes]]:
+        error = float(np.take_along_axis(self.tensor, labels[:, :, None], 2).sum())
+        hole = np.zeros(labels.shape, np.float32)
+        hole[:8, :8] = 4.0
+        covered = labels == 7
+        return error + float(hole[~covered].sum()), [Holes(hole, np.zeros(labels.shape, np.int32))]
+
+    def claimed(self, tensor: NDArray[np.float32], holes: list[Holes], weight: float) -> NDArray[np.float32]:
+        self.num_claims += 1
+        credited = tensor.copy()
+        credited[:, :, 7] -= weight * holes[0].errors
+        return credited
+
+
+@pytest.mark.parametrize("has_credits", [False, True])
+def test_quadtrees_may_cover_holes(has_credits: bool) -> None:
+    """Labels that would cover a hole are tried where that is asked for, and kept where they are better."""
+    tensor = np.full((16, 16, 9), 0.3, np.float32)
+    tensor[:, :, 2] = 0.2
+    distortion = _HoleOfLabels(tensor)
+    labels = QuadtreeCodec(has_credits).optimise(tensor, 1e-3, distortion=distortion).disparity()
+    assert (distortion.num_claims > 0) == has_credits
+    assert (labels[:8, :8] == (7 if has_credits else 2)).all()
+    assert (labels[8:] == 2).all()
+
+
+def test_trees_of_any_integers_have_valid_labels() -> None:
+    """Coefficients that lead beyond the labels are cut off."""
+    rng = np.random.default_rng(2)
+    shapes = level_shapes((9, 6))
+    highs = tuple(rng.integers(-50, 50, size).astype(np.int32) for size in shapes[:-1])
+    labels = WaveletTree(L_TRANSFORM, 20, np.array([[10]], np.int32), highs).disparity()
+    assert (labels.min(), labels.max()) == (0, 19)

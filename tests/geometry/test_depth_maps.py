@@ -1,0 +1,107 @@
+"""Depth of two views of a scene of two planes, and what is rendered of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from dvc.geometry.cameras import inverse_depth_range
+from dvc.geometry.depth_maps import KnownDepth, Visibility, estimate_depths
+from dvc.geometry.plane_sweep import SweepSettings, depth_hypotheses
+from dvc.geometry.rendering import EMPTY, OCCLUDED_WEIGHT, fill_holes, render_depth, visibility_weights
+from dvc.geometry.warping import warp_grid, warp_matrix
+from tests.scenes_3d import render, two_planes
+
+MODEL = two_planes()
+FRAME = MODEL.pixel_frame
+FIRST, SECOND = (render(position, FRAME)[0] for position in (0.0, 1.0))
+
+
+def test_depth_is_the_true_one() -> None:
+    """What is called reliable is right to a tenth of the parallax, nearly everywhere."""
+    for view, position in zip(estimate_depths(MODEL.view_pair, FIRST, SECOND), (0.0, 1.0), strict=True):
+        scale = np.sqrt(3.0) / np.linalg.norm(np.eye(3)) if position == 0.0 else 1.0
+        truth = render(position, FRAME)[1] / scale
+        moved, true = (warp_grid(view.to_other, depth) for depth in (view.depth.inverse_depth, truth))
+        wrong = np.hypot(*(moved - true)[..., :2].transpose(2, 0, 1)) > 0.5
+        assert view.depth.reliable.mean() > 0.6
+        assert wrong[view.depth.reliable].mean() < 0.06
+
+
+def test_hypotheses_cover_the_scene() -> None:
+    """Hypotheses span all known depths with a margin, in steps of the wanted parallax."""
+    warp = warp_matrix(MODEL.first_camera, MODEL.second_camera, FRAME)
+    known, settings = 1.0 / MODEL.depths, SweepSettings()
+    limits = inverse_depth_range(known)
+    found = depth_hypotheses(limits, warp, (80, 96), settings)
+    assert found.lowest < np.quantile(known, 0.01)
+    assert found.lowest + found.step * (found.num_hypotheses - 1) > known.max()
+    fine = depth_hypotheses(limits, warp, (80, 96), replace(settings, step_px=0.3))
+    assert fine.num_hypotheses == pytest.approx(2 * found.num_hypotheses, abs=3)
+    huge = depth_hypotheses(limits, warp, (4000, 4000), settings)
+    assert huge.num_hypotheses == 4
+
+
+def test_known_points_stretch_the_range() -> None:
+    """What is nearer than the range is found once a point of it is known, or of something nearer still."""
+    far, near = MODEL.view_pair.inverse_depth_ranges[0]
+    truth = render(0.0, FRAME)[1]
+    in_front = truth > 0.5 * (far + near)
+    right = []
+    for nearest in (far, near, 100.0 * near):
+        depth = _depth_with_point(nearest, (far, 0.5 * (far + near)))
+        right.append(np.mean(np.abs(depth - truth)[in_front] < 0.05 * near))
+    assert right[0] < 0.2
+    assert min(right[1:]) > 0.8
+
+
+def test_known_points_within_reach_change_nothing() -> None:
+    """Hypotheses go beyond the range by a margin; a known point within it does not move them."""
+    far, near = limits = MODEL.view_pair.inverse_depth_ranges[0]
+    margin = SweepSettings().near_margin * (near - far)
+    usual = _depth_with_point(near, limits)
+    np.testing.assert_array_equal(_depth_with_point(near + 0.9 * margin, limits), usual)
+    assert (_depth_with_point(near + 1.1 * margin, limits) != usual).any()
+
+
+def _depth_with_point(inverse_depth: float, limits: tuple[float, float]) -> NDArray[np.float64]:
+    """Find the depth of the first view, in a range, with a point of both known where they agree on depth."""
+    usual = estimate_depths(MODEL.view_pair, FIRST, SECOND)
+    both = usual[0].depth.reliable & usual[1].depth.reliable
+    inside = distance_transform_edt(np.pad(both, 1))[1:-1, 1:-1]
+    row, column = np.unravel_index(np.argmax(inside), inside.shape)
+    known = KnownDepth(None, np.array([[float(column), float(row)]]), np.array([inverse_depth]))
+    pair = replace(MODEL.view_pair, inverse_depth_ranges=(limits, limits))
+    return estimate_depths(pair, FIRST, SECOND, (known, known))[0].depth.inverse_depth
+
+
+def test_rendering_from_the_own_camera_gives_the_own_depth() -> None:
+    """The view of a key frame is its own depth where that is reliable."""
+    first, _ = estimate_depths(MODEL.view_pair, FIRST, SECOND)
+    rendered = render_depth([first], first.camera, FRAME)
+    inside = rendered.reliable & first.depth.reliable
+    np.testing.assert_allclose(rendered.inverse_depth[inside], first.depth.inverse_depth[inside], rtol=1e-6)
+
+
+def test_holes_take_the_depth_behind() -> None:
+    """A hole between near and far becomes far, and the farthest corner is reached."""
+    depth = np.full((9, 12), 0.2)
+    depth[:, 8:] = 0.9
+    depth[:, 5:8] = EMPTY
+    assert (fill_holes(depth)[:, 5:8] == 0.2).all()
+    lonely = np.full((9, 12), EMPTY)
+    lonely[0, 1] = 0.4
+    assert (fill_holes(lonely) == 0.4).all()
+    assert (fill_holes(np.full((3, 3), EMPTY)) == 0.0).all()
+
+
+def test_occluded_points_have_next_to_no_weight() -> None:
+    """Points of one view that the other shows nothing of weigh little there; all others weigh more."""
+    first, second = estimate_depths(MODEL.view_pair, FIRST, SECOND)
+    weights = visibility_weights(second, warp_grid(first.to_other, first.depth.inverse_depth))
+    outside = first.depth.visibility == Visibility.OUTSIDE
+    assert outside.any()
+    assert weights[outside].max() < OCCLUDED_WEIGHT
+    assert (weights[first.depth.reliable] > OCCLUDED_WEIGHT).mean() > 0.95

@@ -1,0 +1,208 @@
+"""Layers and sprites as folders: what is written is read back, and whatever else is found is refused."""
+
+import contextlib
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dvc.errors import DvcError
+from dvc.layers import layers_folder, sprites_folder
+from dvc.layers.canvas import Canvas
+from dvc.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
+from dvc.layers.sprites import extract_sprites
+from dvc.picture_files import write_png
+from tests.layers.test_sprites import random_layers
+from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
+
+Reader = Callable[[Path], object]
+READERS: dict[str, Reader] = {
+    layers_folder.INDEX: layers_folder.read_layers,
+    sprites_folder.INDEX: sprites_folder.read_sprites,
+}
+
+
+def _check_canvas(found: Canvas, expected: Canvas) -> None:
+    for name in ("shape", "frame", "labels", "resolution", "reference", "num_cameras"):
+        assert getattr(found, name) == getattr(expected, name)
+    assert (found.world_from_rectified is None) == (expected.world_from_rectified is None)
+    if expected.world_from_rectified is not None:
+        np.testing.assert_array_equal(found.world_from_rectified, expected.world_from_rectified)
+
+
+@pytest.fixture(scope="module")
+def image() -> LayeredDepthImage:
+    """Return the layers of three planes."""
+    return layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
+
+
+@pytest.fixture(params=list(READERS))
+def index(request: pytest.FixtureRequest, image: LayeredDepthImage, tmp_path: Path) -> Path:
+    """Return the index file of a folder of either kind."""
+    layers_folder.write_layers(tmp_path, image)
+    sprites_folder.write_sprites(tmp_path, extract_sprites(image))
+    return tmp_path / str(request.param)
+
+
+def _read(index: Path) -> object:
+    return READERS[index.name](index.parent)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_round_trip(tmp_path: Path, seed: int) -> None:
+    """Layers and sprites are read back as they were written."""
+    image = random_layers(seed, 6)
+    layers_folder.write_layers(tmp_path, image)
+    found = layers_folder.read_layers(tmp_path)
+    _check_canvas(found.canvas, image.canvas)
+    for name in ("colour", "disparity", "votes"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(image, name))
+        assert getattr(found, name).dtype == getattr(image, name).dtype
+    sprites = extract_sprites(image)
+    sprites_folder.write_sprites(tmp_path, sprites)
+    again = sprites_folder.read_sprites(tmp_path)
+    _check_canvas(again.canvas, image.canvas)
+    for one, other in zip(again.sprites, sprites.sprites, strict=True):
+        assert (one.left, one.top) == (other.left, other.top)
+        for name in ("mask", "colour", "disparity"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_homography_is_kept(tmp_path: Path, image: LayeredDepthImage) -> None:
+    """A homography of space is read back exactly."""
+    matrix = np.diag([0.1, 0.1, 1.0, 1.0])[[0, 1, 3, 2]] + 1e-3
+    canvas = image.canvas
+    plain = canvas.shape, canvas.frame, canvas.labels, canvas.resolution, canvas.reference, canvas.num_cameras
+    known = LayeredDepthImage(Canvas(*plain, matrix), image.colour, image.disparity, image.votes)
+    layers_folder.write_layers(tmp_path, known)
+    _check_canvas(layers_folder.read_layers(tmp_path).canvas, known.canvas)
+
+
+def test_files_can_be_opened_by_others(tmp_path: Path, image: LayeredDepthImage) -> None:
+    """OpenCV reads the maps; pixels without a value are transparent, and infinitely disparate."""
+    layers_folder.write_layers(tmp_path, image)
+    sprites_folder.write_sprites(tmp_path, extract_sprites(image))
+    disparity = cv2.imread(str(tmp_path / "disparity-1.pfm"), cv2.IMREAD_UNCHANGED)
+    colour = cv2.imread(str(tmp_path / "colour-1.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(np.isfinite(disparity), image.occupied[1])
+    np.testing.assert_array_equal(colour[:, :, 3] == 255, image.occupied[1])
+    depth = cv2.imread(str(tmp_path / "depth-0000.pfm"), cv2.IMREAD_UNCHANGED)
+    near = cv2.imread(str(tmp_path / "disparity-0000.pfm"), cv2.IMREAD_UNCHANGED)
+    scale = json.loads((tmp_path / "sprites.json").read_text())["depth"]
+    expected = scale["scale"] / (near[np.isfinite(near)] + scale["shift"])
+    np.testing.assert_allclose(depth[np.isfinite(near)], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda index: index.update(version=2), "version 2 is not known"),
+        (lambda index: index.update(format="other"), "not what `dvc-stereo"),
+        (lambda index: index.pop("frame"), "no 'frame'"),
+        (lambda index: index.update(width=1 << 20), "'width' is no whole number"),
+        (lambda index: index.update(height=True), "'height' is no whole number"),
+        (lambda index: index.update(reference="\ud800"), "'reference' is not of Unicode characters"),
+        (lambda index: index["frame"].update(width=1000), "'width' is no whole number"),
+        (lambda index: index["disparities"].update(step=0.0), "'step' is out of range"),
+        (lambda index: index["disparities"].update(lowest="0"), "'lowest' is no number"),
+        (lambda index: index.update(resolution=1e99), "'resolution' is out of range"),
+        (lambda index: index.update(world_from_rectified=[[1]]), "no 4x4 matrix"),
+        (lambda index: index.update(world_from_rectified=np.eye(4).tolist()), "gives no depth"),
+        (lambda index: index.update(world_from_rectified=np.zeros((4, 4)).tolist()), "can be inverted"),
+        (lambda index: _entries(index).clear(), "is no list of 1 to"),
+        (lambda index: _entries(index).append(3), "expected an object"),
+        (lambda index: _entries(index)[0].update(disparity="../x.pfm"), "no name of a file in the folder"),
+        (lambda index: _entries(index)[0].update(disparity=_entries(index)[0]["colour"]), "PFM"),
+        (lambda index: _entries(index)[0].update(colour=_entries(index)[0]["disparity"]), "RGBA picture"),
+        (lambda index: _entries(index)[0].update(disparity=_entries(index)[1]["disparity"]), "disparity"),
+    ],
+)
+def test_bad_index(index: Path, change: Callable[[dict[str, Any]], object], message: str) -> None:
+    """Whatever is missing, of another kind or out of range is told by name."""
+    values = json.loads(index.read_text())
+    change(values)
+    index.write_text(json.dumps(values))
+    with pytest.raises(DvcError, match=message):
+        _read(index)
+
+
+def _entries(index: dict[str, Any]) -> list[Any]:
+    found: list[Any] = index["layers"] if "layers" in index else index["sprites"]
+    return found
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "[" * 100000, '{"format": "dvc3d layers"}', "\xff"])
+def test_no_index(index: Path, text: str) -> None:
+    """Other files in its place are refused."""
+    index.write_bytes(text.encode("latin-1"))
+    with pytest.raises(DvcError, match=r"not|version"):
+        _read(index)
+
+
+def test_layers_in_wrong_order(tmp_path: Path, image: LayeredDepthImage) -> None:
+    """Layers that do not lie behind each other are refused."""
+    layers_folder.write_layers(tmp_path, image)
+    index = tmp_path / layers_folder.INDEX
+    values = json.loads(index.read_text())
+    values["layers"].reverse()
+    index.write_text(json.dumps(values))
+    with pytest.raises(DvcError, match="behind each other"):
+        layers_folder.read_layers(tmp_path)
+
+
+def test_half_opaque_pixels(index: Path) -> None:
+    """Opacity is all or nothing."""
+    name = _entries(json.loads(index.read_text()))[0]["colour"]
+    picture = cv2.imread(str(index.parent / name), cv2.IMREAD_UNCHANGED)
+    picture[:, :, 3] //= 2
+    write_png(index.parent / name, picture)
+    with pytest.raises(DvcError, match="opacity"):
+        _read(index)
+
+
+def test_missing_and_empty_files(index: Path) -> None:
+    """A map that is not there is an error of the system, an empty one no picture."""
+    name = _entries(json.loads(index.read_text()))[0]["colour"]
+    (index.parent / name).write_bytes(b"")
+    with pytest.raises(DvcError, match="picture of"):
+        _read(index)
+    (index.parent / name).unlink()
+    with pytest.raises(OSError, match=name):
+        _read(index)
+
+
+JUNK = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(10**20), 10**20),
+    st.floats(),
+    st.text(max_size=8),
+    st.lists(st.integers(-2, 2), max_size=4),
+    st.dictionaries(st.text(max_size=3), st.integers(), max_size=2),
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
+@given(data=st.data())
+def test_any_index(index: Path, data: st.DataObject) -> None:
+    """With any value in place of another, a folder is read, or refused as a user can understand."""
+    original = index.read_text()
+    values = json.loads(original)
+    place: Any = values
+    while True:
+        key = data.draw(st.sampled_from(range(len(place)) if isinstance(place, list) else sorted(place)))
+        if not isinstance(place[key], dict | list) or not place[key] or data.draw(st.booleans()):
+            break
+        place = place[key]
+    place[key] = copy.deepcopy(data.draw(JUNK))
+    index.write_text(json.dumps(values))
+    with contextlib.suppress(DvcError, OSError):
+        _read(index)
+    index.write_text(original)
