@@ -24,9 +24,9 @@ where it stopped.
 """
 EXAMPLES = """\
   python -m benchmarks.thesis --data ../shared/stereo --out results/thesis   all chapters, quickly
-  python -m benchmarks.thesis --chapter 2 --data ../shared/stereo --preset full --out thesis   up to 25 cameras
+  python -m benchmarks.thesis --chapter 2 --data ../shared/stereo --preset full   25 cameras
   python -m benchmarks.thesis --chapter 3 --as thesis --data ../shared/stereo teddy --out thesis
-  python -m benchmarks.thesis --chapter 3 left.png right.png --disparities 0:60 --out own   own views, reference first
+  python -m benchmarks.thesis --chapter 3 left.png right.png --disparities 0:60 --out own   own views
   python -m benchmarks.thesis --chapter 4 disparity.pfm left.png --out own   an own map and its picture
   python -m benchmarks.thesis --chapter 5 street box --frames 11 --jobs 2 --out thesis
 """
