@@ -166,7 +166,7 @@ def read_stream(
     data = read_whole(path)
     with naming(path):
         body = body_of(data)
-        room = {Body.VIEWS: "prediction", Body.DEPTH_IMAGE: "depth_image", Body.PIECES: "layered"}[body]
+        room = {Body.VIEWS: "views", Body.DEPTH_IMAGE: "depth_image", Body.PIECES: "layered"}[body]
         module = import_module(f"dvc.dibr.{room}.stream")
         return module.decode_stream(data, max_mib), len(data)
 
