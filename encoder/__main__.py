@@ -189,14 +189,14 @@ def _serve(
 
 
 def _report(session: "EncoderSession", segments: "list[Segment]") -> dict[str, object]:
-    from encoder.rate_limiter import of_segments
+    from encoder.rate_limiter import summed_up
     from encoder.report import EncoderStatistics
 
     statistics = session.statistics
     report: dict[str, object] = {}
     limits = {} if session.limiter is None else session.limiter.report()
     if segments:
-        limits = of_segments([segment.limits for segment in segments])
+        limits = summed_up([segment.limits for segment in segments])
         statistics = EncoderStatistics.total(segment.statistics for segment in segments)
         report["segments"] = [
             {

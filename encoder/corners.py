@@ -10,43 +10,43 @@ from dvc.corners import SENT_WINDOW_PX, is_local_max, quick_corner_response, spa
 from dvc.tracks import FeaturePoints
 from dvc.tracks.point_sets import column_scan
 from dvc.video.frames import Plane
-from encoder.clock import coding_time_s
+from encoder.work import TrackingWork, coding_time_s
 
 Points = NDArray[np.int64]
 
-_CANDIDATES = 20  # for each corner wanted: those that are too near to stronger ones are left out
-_SPARSE_GRID_PX = 4  # on which every place is a candidate
-_MARGIN_PX = 3  # where the gradients see the repeated border
+_CANDIDATES = 20  # candidates per corner: those too near to stronger ones are dropped
+_SPARSE_GRID_PX = 4  # grid on which every position is a candidate
+_MARGIN_PX = 3  # margin in which gradients see the repeated border
 
 
 @dataclass(frozen=True)
 class CornerSettings:
-    """How corners are chosen."""
+    """Settings of the choice of corners."""
 
-    # Corners lie where both coordinates are multiples of this. From 4 on, a corner is a block that can be
-    # tracked rather than a place where edges meet: half the resolution is enough to find it.
+    # Both coordinates of a corner are multiples of this. From 4 on, a corner is a trackable block rather than
+    # a junction of edges: half the resolution is enough to detect it.
     grid_px: int = 1
-    window_px: int = SENT_WINDOW_PX  # of the gradients that count, at the resolution that is looked at
-    min_response: float = 1e-7  # of a corner, at least 0; gradients are in units of the full range of luma
-    min_distance: float = 0.4  # of two corners, in units of their distance if they were evenly spread
+    window_px: int = SENT_WINDOW_PX  # window of the gradients, at the resolution of the response
+    min_response: float = 1e-7  # least response, at least 0; gradients in units of the full range of luma
+    min_distance: float = 0.4  # least distance of two corners over that of evenly spread ones
 
     def __post_init__(self) -> None:
-        """Refuse a grid that half the resolution does not have."""
+        """Check that the grid exists at half the resolution, and that the response is positive."""
         if self.grid_px < 1 or (self.grid_px >= _SPARSE_GRID_PX and self.grid_px % 2):
-            raise ValueError(f"the grid of corners must be 1, 2, 3 or even, got {self.grid_px}")
+            raise ValueError(f"grid_px must be 1, 2, 3 or even, got {self.grid_px}")
         if self.min_response < 0:
-            raise ValueError(f"the response to a corner must be at least 0, got {self.min_response}")
+            raise ValueError(f"min_response must be at least 0, got {self.min_response}")
 
 
 TRACKED_CORNERS = CornerSettings(grid_px=4, window_px=3, min_distance=0.65)
-"""Corners to be tracked: on a grid, for the sake of their cost, because any place nearby tracks as well; and
-far from one another, so that no part of the scene has nearly all of them."""
+"""Settings of corners to be tracked: a grid saves time, since any nearby position tracks as well; a large
+distance spreads the corners over the scene."""
 
 
 def find_corners(
     luma: Plane, max_corners: int, margin_px: int, settings: CornerSettings | None = None
 ) -> Points:
-    """Find corners: where the gradients of a window point in more than one direction."""
+    """Detect corners: windows with gradients in more than one direction."""
     settings = settings or CornerSettings()
     grid = settings.grid_px
     first = -(-margin_px // grid) * grid
@@ -67,34 +67,18 @@ def find_corners(
 
 
 def _strongest(response: NDArray[np.float32], worthy: NDArray[np.bool_], most: int) -> Points:
-    """Return the places in raster order of the largest positive responses, from the largest on."""
-    places = np.flatnonzero(worthy)
-    # Positive numbers are in the order of their bits; of equal ones the first place comes first.
+    """Return the raster indices of the largest positive responses, largest first."""
+    indices = np.flatnonzero(worthy)
+    # Positive numbers are in the order of their bits; of equal ones the first index comes first.
     keys = response[worthy].view(np.int32).astype(np.int64) << 32
-    keys -= places
+    keys -= indices
     keys.sort()
     strongest: Points = -keys[: -most - 1 : -1] & 0xFFFFFFFF
     return strongest
 
 
-@dataclass
-class TrackingWork:
-    """What tracking takes: operations of the tracker, and processor time."""
-
-    num_corners: int = 0  # points found
-    num_blocks: int = 0  # blocks whose SAD was begun, and samples compared in them
-    num_samples: int = 0
-    num_frames: int = 0  # frames that were searched
-    num_starts: int = 0  # frames in which points to be tracked were found
-    num_pairs: int = 0  # pairs of points of which one may be a spatial motion candidate of the other
-    num_positions: int = 0  # positions of tracks that were coded after their first
-    num_interpolated: int = 0  # blocks compared with what tracks predict of them, and points near to these
-    num_near: int = 0
-    cpu_s: float = 0.0  # processor time of all that, and of coding tracks or points, in seconds
-
-
 class CornerDetector:
-    """Finds the corners of Wyner-Ziv frames, each frame by itself."""
+    """Detects the corners of Wyner-Ziv frames, each frame by itself."""
 
     def __init__(
         self, num_points: int, settings: CornerSettings | None = None, work: TrackingWork | None = None
@@ -104,19 +88,19 @@ class CornerDetector:
         self.work = TrackingWork() if work is None else work
 
     def detect(self, frames: Sequence[Plane]) -> FeaturePoints:
-        """Find the corners of frames."""
+        """Detect the corners of frames."""
         started = coding_time_s()
-        found = []
+        detected = []
         for luma in frames:
             points = find_corners(luma, self._num_points, _MARGIN_PX, self._settings)
-            found.append(points[column_scan(points)].astype(np.float64))
-        self.work.num_corners += sum(map(len, found))
+            detected.append(points[column_scan(points)].astype(np.float64))
+        self.work.num_corners += sum(map(len, detected))
         self.work.cpu_s += coding_time_s() - started
-        return FeaturePoints(tuple(found))
+        return FeaturePoints(tuple(detected))
 
 
 def _response(luma: Plane, settings: CornerSettings) -> tuple[NDArray[np.float32], int]:
-    """Return the response to corners, and how many times smaller than the frame it is."""
+    """Return the response to corners, and the factor by which it is smaller than the frame."""
     import cv2
 
     shrink = 2 if settings.grid_px >= _SPARSE_GRID_PX else 1

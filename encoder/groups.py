@@ -1,14 +1,14 @@
-"""Groups of pictures: which frames are key frames, and which Wyner-Ziv frames lie between them."""
+"""Groups of pictures at a fixed distance of key frames, with or without the corners of their frames."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
-from dvc.config import KeyFrameRule
-from dvc.tracks import FeaturePoints, PointTracks
+from dvc.config import CodecConfig
+from dvc.tracks import FeaturePoints, PointTracks, encode_points
 from dvc.video import Frame
 from encoder.corners import CornerDetector
-from encoder.spacing import Spacing
-from encoder.tracking import PointTracker
+from encoder.work import TrackingWork
 
 
 @dataclass(frozen=True)
@@ -17,93 +17,59 @@ class Group:
 
     wyner_ziv: tuple[Frame, ...]  # frames since the previous key frame, in display order
     key: Frame  # the key frame that ends the group
-    # points of the previous key frame, followed to this one, and points of this one, followed back
+    # points of the previous key frame tracked to this one, and points of this one tracked back
     tracks: PointTracks | None = None
     points: FeaturePoints | None = None  # corners of the Wyner-Ziv frames
-    begins_scene: bool = False  # whether the key frame is the first after a cut
+    begins_scene: bool = False  # whether the key frame is the first one after a cut
 
 
-def groups(frames: Iterable[Frame], length: int) -> Iterator[Group]:
-    """Cut a sequence into groups at a fixed distance of key frames; the last frame is always a key frame."""
-    waiting: list[Frame] = []
-    for index, frame in enumerate(frames):
-        if index % length == 0:
-            yield Group(tuple(waiting), frame)
-            waiting = []
-        else:
-            waiting.append(frame)
-    if waiting:
-        yield Group(tuple(waiting[:-1]), waiting[-1])
+class GroupCoder(Protocol):
+    """Divides a sequence into groups of pictures, and codes their points."""
+
+    def groups(self, frames: Iterable[Frame]) -> Iterator[Group]:
+        """Yield the groups of a sequence; its last frame is always a key frame."""
+
+    def payload(self, group: Group) -> bytes:
+        """Return the coded points of a group with Wyner-Ziv frames."""
 
 
-def cornered_groups(frames: Iterable[Frame], length: int, detector: CornerDetector) -> Iterator[Group]:
-    """Cut a sequence as `groups` does, and find the corners of its Wyner-Ziv frames."""
-    for group in groups(frames, length):
-        yield replace(group, points=detector.detect([frame.luma for frame in group.wyner_ziv]))
+class FixedGroups:
+    """Groups at a fixed distance of key frames, without points."""
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+
+    def groups(self, frames: Iterable[Frame]) -> Iterator[Group]:
+        """Yield the groups of a sequence."""
+        waiting: list[Frame] = []
+        for index, frame in enumerate(frames):
+            if index % self._length == 0:
+                yield Group(tuple(waiting), frame)
+                waiting = []
+            else:
+                waiting.append(frame)
+        if waiting:
+            yield Group(tuple(waiting[:-1]), waiting[-1])
+
+    def payload(self, group: Group) -> bytes:
+        """Return nothing: the groups have no points."""
+        del group
+        return b""
 
 
-def tracked_groups(
-    frames: Iterable[Frame],
-    length: int,
-    tracker: PointTracker,
-    rule: KeyFrameRule,
-    spacing: Spacing | None = None,
-) -> Iterator[Group]:
-    """Cut a sequence where its tracks have become long, or are lost; the last frame is always a key frame.
+class CornerGroups(FixedGroups):
+    """Groups at a fixed distance of key frames, with the corners of their Wyner-Ziv frames."""
 
-    With `spacing`, it is also cut where prediction does not serve.
-    """
-    window = _Window(tracker, length, rule, spacing)
-    for frame in frames:
-        yield from window.take(frame)
-    yield from window.flush()
+    def __init__(self, config: CodecConfig, work: TrackingWork) -> None:
+        super().__init__(config.gop.length)
+        self._config, self._detector = config, CornerDetector(config.tracks.num_points, work=work)
 
+    def groups(self, frames: Iterable[Frame]) -> Iterator[Group]:
+        """Yield the groups of a sequence."""
+        for group in super().groups(frames):
+            yield replace(group, points=self._detector.detect([frame.luma for frame in group.wyner_ziv]))
 
-class _Window:
-    """Frames since the last key frame, and what their tracks tell."""
-
-    def __init__(
-        self, tracker: PointTracker, length: int, rule: KeyFrameRule, spacing: Spacing | None
-    ) -> None:
-        self._tracker, self._length, self._rule, self._spacing = tracker, length, rule, spacing
-        self._key: Frame | None = None  # the last one
-        self._waiting: list[Frame] = []
-
-    def take(self, frame: Frame) -> Iterator[Group]:
-        tracker = self._tracker
-        if self._key is None:
-            self._key = frame
-            yield Group((), frame)
-            tracker.start(frame.luma)
-            return
-        tracker.step(frame.luma)
-        if self._waiting and _is_cut(tracker, self._rule):
-            yield from self.flush()
-            tracker.step(frame.luma)
-        self._waiting.append(frame)
-        lumas = [one.luma for one in (self._key, *self._waiting)]
-        is_too_far = self._spacing is not None and self._spacing.is_too_far(lumas, tracker)
-        if is_too_far and len(self._waiting) == 2:
-            yield Group((), self._waiting.pop(0))
-        if is_too_far or _is_due(len(self._waiting), self._length, tracker, self._rule):
-            yield from self.flush(begins_scene=_is_cut(tracker, self._rule))
-
-    def flush(self, begins_scene: bool = False) -> Iterator[Group]:
-        """Close a group of all frames that wait, if there are any."""
-        if self._waiting:
-            (*wyner_ziv, key), self._waiting = self._waiting, []
-            tracks = self._tracker.close([frame.luma for frame in (*wyner_ziv, key)])
-            self._key = key
-            yield Group(tuple(wyner_ziv), key, tracks if wyner_ziv else None, begins_scene=begins_scene)
-
-
-def _is_cut(tracker: PointTracker, rule: KeyFrameRule) -> bool:
-    return tracker.last_lost_share >= rule.cut_share
-
-
-def _is_due(current: int, length: int, tracker: PointTracker, rule: KeyFrameRule) -> bool:
-    if current >= length or _is_cut(tracker, rule):
-        return True
-    if current < rule.min_length:
-        return False
-    return tracker.longest_px >= rule.longest_track_px or tracker.lost_share >= rule.lost_share
+    def payload(self, group: Group) -> bytes:
+        """Return the coded corners."""
+        assert group.points is not None
+        return encode_points(group.points, self._config)

@@ -133,7 +133,7 @@ class _LiveEncoder:
         self.report.groups_begun_again += len(again)
         self._pace.begin_again(sum(group.encoded.record.num_frames for group in again if not group.done))
         if self._session.limiter is not None:
-            self._session.limiter.leave_out(again[0].number if again else self._num_groups - 1)
+            self._session.limiter.drop(again[0].number if again else self._num_groups - 1)
         self._begin(deque(again))
 
     @property
@@ -195,7 +195,7 @@ class _LiveEncoder:
         if not group.done:
             group.done = True
             if self._session.limiter is not None:
-                self._session.limiter.settle(group.number, self._num_bits[done.slots])
+                self._session.limiter.account(group.number, self._num_bits[done.slots])
             self._num_written = max(self._num_written, group.end_frame)
             num_frames = group.encoded.record.num_frames
             self._pace.done(num_frames)

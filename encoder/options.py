@@ -39,7 +39,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.errors import ConfigError
-from encoder.rate_limits import TOLERANCE, WINDOW_S, RateLimits
+from encoder.leaky_bucket import TOLERANCE, WINDOW_S, RateLimits
 from encoder.spool import FILE_MIB, MEMORY_MIB
 
 if TYPE_CHECKING:
@@ -457,7 +457,7 @@ def session(
     arguments: argparse.Namespace, info: "VideoInfo", clock: "CodingClock | None" = None
 ) -> "EncoderSession":
     """Set up an encoder as the arguments say."""
-    from encoder.block_matching import PointTrackerSettings
+    from encoder.point_tracker import PointTrackerSettings
     from encoder.session import EncoderSession
 
     for option in _TRACK_OPTIONS:

@@ -1,4 +1,4 @@
-"""What an encoding run counts: frames, bits, processor time, and the work of the tracker."""
+"""Statistics of an encoding run: frames, bits, processor time, and work of the tracker."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,20 +14,17 @@ from dvc.video import Frame
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.transform import NUM_BANDS, band_shape
 from encoder._kernels import HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX
-from encoder.clock import coding_time_s
-from encoder.corners import TrackingWork
-from encoder.operations import Work, stages
+from encoder.work import TrackingWork, Workload, coding_time_s, stages
 
 BLOCK, QUARTER_BLOCK = ((2 * half + 1) ** 2 for half in (HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX))
 """Samples of a block in images of full size, and of a quarter of it."""
 
 TIMED_PARTS = ("key_cpu_s", "transform_cpu_s", "parity_cpu_s", "writing_cpu_s")
-"""Fields that share the time of coding with tracking; the rest of it finds groups of pictures and holds all
-together."""
+"""Fields with parts of the time of coding, besides tracking; the rest forms groups of pictures."""
 
 
 def memory_report(baseline_bytes: int) -> dict[str, int]:
-    """Say how much memory the encoder took, and how much of it is Python's."""
+    """Return the peak memory of the encoder, and the shares of Python and of compiled code."""
     peak, loaded = peak_resident_bytes(), loaded_bytes()
     own = max(peak - baseline_bytes - loaded, 0)
     return {
@@ -40,22 +37,21 @@ def memory_report(baseline_bytes: int) -> dict[str, int]:
 
 @dataclass
 class EncoderStatistics:
-    """What an encoding run counted."""
+    """Statistics of an encoding run."""
 
     num_key_frames: int = 0  # frames of each type
     num_wyner_ziv_frames: int = 0
-    # processor time, in seconds, of all that is not reading of the input nor loading of compiled code
+    # processor times in seconds, without reading of the input and loading of compiled code
     coding_cpu_s: float = 0.0
-    key_cpu_s: float = 0.0  # of it, on key frames
-    transform_cpu_s: float = 0.0  # on transform, quantiser and bit planes
-    parity_cpu_s: float = 0.0  # on parity and answers, or on packing planes of which a decoder takes some
-    writing_cpu_s: float = 0.0  # on records and files, or messages
-    reading_cpu_s: float = 0.0  # processor time of waiting for frames of the input, beside that of coding
-    # processor time of loading compiled code, which happens when it is first called, beside that of coding
-    start_up_cpu_s: float = 0.0
+    key_cpu_s: float = 0.0  # part of it for key frames
+    transform_cpu_s: float = 0.0  # part for transform, quantiser and bit planes
+    parity_cpu_s: float = 0.0  # part for parity and answers, or for packing planes
+    writing_cpu_s: float = 0.0  # part for records and files, or messages
+    reading_cpu_s: float = 0.0  # reading of the input, besides coding
+    start_up_cpu_s: float = 0.0  # loading of compiled code at its first calls, besides coding
     key_bits: int = 0  # bits of all key frames, and of all tracks or points
     tracks_bits: int = 0
-    num_transformed: int = 0  # Wyner-Ziv frames of which anything may be asked for; their planes and bands
+    num_transformed: int = 0  # Wyner-Ziv frames with bit planes; their planes and coded bands
     num_planes: int = 0
     num_coded_bands: int = 0
     stream_bytes: int = 0  # size of the stream; 0 in live mode
@@ -63,7 +59,7 @@ class EncoderStatistics:
 
     @classmethod
     def total(cls, parts: "Iterable[EncoderStatistics]") -> "EncoderStatistics":
-        """Add up what several runs counted."""
+        """Add up the statistics of several runs."""
         total: EncoderStatistics = _added(list(parts))
         return total
 
@@ -84,13 +80,13 @@ class EncoderStatistics:
         return self.coding_cpu_s - self.tracking.cpu_s - sum(parts)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all that was counted."""
+        """Return all statistics, JSON-safe."""
         sums = {"wyner_ziv_cpu_s": self.wyner_ziv_cpu_s, "other_cpu_s": self.other_cpu_s}
         return asdict(self) | sums
 
     @contextmanager
     def coding(self) -> Iterator[None]:
-        """Count the time of coding and that of loading, but not that of `reading`."""
+        """Measure the time of coding and of loading, without that of `reading`."""
         loaded, read = loading_time_s(), self.reading_cpu_s
         try:
             with self.timing("coding_cpu_s"):
@@ -100,7 +96,7 @@ class EncoderStatistics:
             self.start_up_cpu_s += loading_time_s() - loaded
 
     def reading(self, frames: Iterable[Frame | None]) -> Iterator[Frame | None]:
-        """Count the time that frames take to come."""
+        """Yield frames and measure the time of reading them."""
         source = iter(frames)
         while True:
             started = coding_time_s()
@@ -114,7 +110,7 @@ class EncoderStatistics:
 
     @contextmanager
     def timing(self, name: str) -> Iterator[None]:
-        """Add processor time to one of the fields, without that of loading compiled code."""
+        """Add processor time to a field, without the loading of compiled code."""
         started = coding_time_s()
         try:
             yield
@@ -133,13 +129,13 @@ class EncoderStatistics:
             self.num_coded_bands += len(frame.quantization.bands)
 
     def operations_per_pixel(self, config: CodecConfig) -> dict[str, dict[str, float]]:
-        """Count operations by the model of `encoder.operations`."""
+        """Count operations by the model of `encoder.work`."""
         pixels = config.video.width * config.video.height
-        places = math.prod(band_shape(config.video.height, config.video.width))
+        positions = math.prod(band_shape(config.video.height, config.video.width))
         tracking = self.tracking
         num_large = (tracking.num_samples - tracking.num_blocks * QUARTER_BLOCK) // (BLOCK - QUARTER_BLOCK)
-        work = Work(
-            num_samples=places * NUM_BANDS * self.num_transformed,
+        work = Workload(
+            num_samples=positions * NUM_BANDS * self.num_transformed,
             num_frames=self.num_transformed,
             num_coded_bands=self.num_coded_bands,
             num_blocks=num_large,

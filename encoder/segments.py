@@ -129,7 +129,7 @@ def write_segments(
             return
         session = new_session()
         if session.limiter is not None and before is not None:
-            session.limiter.go_on(before)
+            session.limiter.continue_from(before)
         before = session.limiter
         with growing_output(names.path(number)) as file:
             session.write(chain([first], islice(source, num_frames - 1)), file, progress)

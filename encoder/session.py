@@ -1,4 +1,4 @@
-"""The encoder of figure 5.1: frames in; key frames, tracks and parity out."""
+"""Encoder of figure 5.1: frames in; key frames, tracks and bit planes out."""
 
 import operator
 from collections.abc import Callable, Iterable, Iterator
@@ -7,31 +7,37 @@ from functools import cache
 from itertools import groupby
 from typing import BinaryIO, cast
 
-from dvc.config import MAX_TRACKS_BPP, VARIANTS, CodecConfig, Delivery, KeyFrameRule, NoFeedback, ParityBuffer
+from dvc import slepian_wolf
+from dvc.config import (
+    MAX_TRACKS_BPP,
+    VARIANTS,
+    CodecConfig,
+    Delivery,
+    KeyFrameRule,
+    Live,
+    NoFeedback,
+    ParityBuffer,
+)
 from dvc.keyframes import KeyFrameEncoder, KeyPicture
+from dvc.slepian_wolf.requests import drive
 from dvc.stream import Form, GopRecord, StreamWriter
-from dvc.tracks import encode_points
 from dvc.video import Frame
 from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.hierarchy import reference_distances
 from dvc.wynerziv.payloads import EncodedFrame
-from encoder.bitrate import QualityStep
-from encoder.block_matching import PointTrackerSettings
-from encoder.clock import coding_time_s
-from encoder.corners import CornerDetector
-from encoder.groups import Group, cornered_groups, groups, tracked_groups
-from encoder.operations import predicted_positions
-from encoder.rate_limiter import FrameCoders, RateLimiter, limited
-from encoder.rate_limits import RateLimits
+from dvc.wynerziv.quantizer import FrameLayout
+from encoder.groups import CornerGroups, FixedGroups, Group, GroupCoder
+from encoder.leaky_bucket import QualityStep, RateLimits
+from encoder.point_tracker import PointTracker, PointTrackerSettings
+from encoder.rate_limiter import CodedFrames, CodeKey, Coding, RateLimiter, limited
 from encoder.report import EncoderStatistics
 from encoder.spacing import Spacing
 from encoder.time_stamps import CodingClock
-from encoder.track_budget import encode_within_budget, worthwhile
-from encoder.tracking import PointTracker
-from encoder.wyner_ziv import wyner_ziv_encoder
+from encoder.tracked_groups import TrackedGroups
+from encoder.work import coding_time_s
 
 Progress = Callable[[int], None]
-"""Called with the number of frames that have just been finished."""
+"""Function that is called with the number of frames that have just been finished."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,7 @@ class EncodedGroup:
     """One encoded group of pictures."""
 
     record: GopRecord
-    frames: tuple[EncodedFrame, ...]  # the Wyner-Ziv frames
+    frames: tuple[EncodedFrame, ...]  # Wyner-Ziv frames
 
 
 class EncoderSession:
@@ -50,22 +56,22 @@ class EncoderSession:
     config : CodecConfig
         Configuration; the key frames' parameter sets are filled in here.
     delivery : Delivery, optional
-        How the decoder gets what it needs; a file with all parity by default.
+        Delivery of the bit planes; a file with all of them by default.
     rule : KeyFrameRule, optional
-        When tracks ask for a key frame; as suits codec and delivery by default.
+        Conditions under which tracks end a group; those of the variant by default.
     max_tracks_bpp : float, optional
-        Bits of tracks that a Wyner-Ziv frame may cost, per pixel; a group with more of them keeps the best.
+        Largest number of bits of tracks per pixel of a Wyner-Ziv frame; the best tracks are kept.
     tracking : PointTrackerSettings, optional
-        How points are followed.
+        Settings of the tracker.
     clock : CodingClock, optional
-        What time stamps of the frames are compared with, where other sessions coded those before.
+        Clock of the earlier frames, if other sessions coded these.
     limits : RateLimits, optional
-        What the stream may take; quality is constant by default.
+        Limits of the stream; constant quality by default.
 
     Raises
     ------
     ConfigError
-        If there are limits, and all parity is stored, or quantisers are not embedded.
+        If the stream has limits, and all planes are stored or the quantisers are not embedded.
     """
 
     def __init__(
@@ -80,12 +86,10 @@ class EncoderSession:
     ) -> None:
         delivery, limits = delivery or ParityBuffer(), limits or RateLimits()
         config = limited(config, delivery, limits)
-        self._wyner_ziv_encoder = wyner_ziv_encoder(config, delivery)
         self.statistics = EncoderStatistics()
-        self.limiter: RateLimiter | None = None
-        if not limits.is_none:
-            coders = FrameCoders(self._code_key, self._code_wyner_ziv)
-            self.limiter = RateLimiter(config, delivery, limits, coders)
+        self.limiter = None if limits.unlimited else RateLimiter(config, delivery, limits)
+        self._delivery = delivery
+        self._layout = None if isinstance(delivery, NoFeedback) else FrameLayout.of(config)
         self._key_encoder = KeyFrameEncoder(
             config.video.width,
             config.video.height,
@@ -97,34 +101,44 @@ class EncoderSession:
         self.config = replace(
             config, key=replace(config.key, parameter_sets=self._key_encoder.parameter_sets)
         )
-        groups = VARIANTS[config.codec].groups(config.gop.references, config.key.intra_period)
-        self._rule = rule or groups.key_frames
-        self._max_tracks_bpp = max_tracks_bpp
-        tracks, work = config.tracks, self.statistics.tracking
-        self._tracker = PointTracker(tracks.num_points, tracks.subpixel_bits, tracking, work)
-        self._spacing = Spacing(work) if isinstance(delivery, NoFeedback) else None
-        self._detector = CornerDetector(tracks.num_points, work=work)
+        self._spacing: Spacing | None = None
+        self._group_coder = self._make_group_coder(rule, max_tracks_bpp, tracking)
         self._num_groups = 0
         self._num_chained = 0  # frames since the last IDR picture; 0 if the next key frame is one
         self._clock = clock or CodingClock(config.video.frame_rate)
         self._clock.begin_stream()
 
+    def _make_group_coder(
+        self, rule: KeyFrameRule | None, max_tracks_bpp: float, settings: PointTrackerSettings | None
+    ) -> GroupCoder:
+        """Return the group coder of the variant."""
+        config, work = self.config, self.statistics.tracking
+        if config.tracks.kind == "decoder":
+            return CornerGroups(config, work)
+        if config.tracks.kind == "none" or config.gop.length == 1:
+            return FixedGroups(config.gop.length)
+        if isinstance(self._delivery, NoFeedback):
+            self._spacing = Spacing(work)
+        preset = VARIANTS[config.codec].groups(config.gop.references, config.key.intra_period)
+        tracks = config.tracks
+        tracker = PointTracker(tracks.num_points, tracks.subpixel_bits, settings, work)
+        return TrackedGroups(config, rule or preset.key_frames, max_tracks_bpp, tracker, self._spacing)
+
     def write(self, frames: Iterable[Frame | None], file: BinaryIO, progress: Progress) -> None:
-        """Encode a sequence into a stream, of the form that suits its delivery.
+        """Encode a sequence into a stream of the form of its delivery.
 
         Parameters
         ----------
         frames : iterable of Frame or None
-            The sequence, as for `groups`; read once, a group of pictures at a time.
+            The sequence as for `groups`; read once, one group of pictures at a time.
         file : binary file
-            Where the stream goes.
+            Output.
         progress : callable
-            Called with the number of frames just finished.
+            Function that is called with the number of frames just finished.
         """
         statistics = self.statistics
         with statistics.coding():
-            encoder = self._wyner_ziv_encoder
-            form = Form.NO_FEEDBACK if encoder is None else encoder.form
+            form = Form.NO_FEEDBACK if self._layout is None else Form.BUFFERED
             writer = StreamWriter(file, self.config, form)
             for group in self.groups(frames):
                 record = self.encode(group).record
@@ -136,37 +150,29 @@ class EncoderSession:
         statistics.stream_bytes = writer.num_bytes
 
     def groups(self, frames: Iterable[Frame | None]) -> Iterator[Group]:
-        """Cut the sequence into groups of pictures as the configuration says.
+        """Divide the sequence into groups of pictures.
 
         Parameters
         ----------
         frames : iterable of Frame or None
-            The sequence; None where frames were left out, after which groups begin anew.
+            The sequence; None marks dropped frames, after which a new group starts.
 
         Yields
         ------
         Group
-            See `encoder.groups`.
+            Frames and points of one group of pictures.
         """
         for is_frames, run in groupby(self.statistics.reading(frames), lambda frame: frame is not None):
             if is_frames:
-                yield from self._groups_of_run(cast("Iterator[Frame]", run))
-
-    def _groups_of_run(self, frames: Iterator[Frame]) -> Iterator[Group]:
-        length, kind = self.config.gop.length, self.config.tracks.kind
-        if kind == "encoder" and length > 1:
-            return tracked_groups(frames, length, self._tracker, self._rule, self._spacing)
-        if kind == "decoder":
-            return cornered_groups(frames, length, self._detector)
-        return groups(frames, length)
+                yield from self._group_coder.groups(cast("Iterator[Frame]", run))
 
     def begin_again(self, number: int) -> None:
-        """Begin a chain of key frames with a group, so that a decoder can begin there.
+        """Begin a chain of key frames with a group, so that decoding can start there.
 
         Parameters
         ----------
         number : int
-            Of the group, whose key frame becomes an IDR picture if it is still to be encoded.
+            Number of the group; its key frame becomes an IDR picture unless it is already encoded.
         """
         if number >= self._num_groups:
             self._num_chained = 0
@@ -182,44 +188,57 @@ class EncoderSession:
         Returns
         -------
         EncodedGroup
-            Its record, and the Wyner-Ziv frames, of which a live decoder may ask for more.
+            Record of the group, and its Wyner-Ziv frames for a live decoder.
         """
-        statistics, wyner_ziv = self.statistics, self._wyner_ziv_encoder
-        tracks = self._encode_tracks(group) if group.wyner_ziv else b""
+        statistics, wyner_ziv = self.statistics, group.wyner_ziv
+        started = coding_time_s()
+        tracks = self._group_coder.payload(group) if wyner_ziv else b""
+        statistics.tracking.cpu_s += coding_time_s() - started
         begins_chain = self._begins_chain(group)
-        if self.limiter is not None:
-            key, qp, frames, allowed = self.limiter.code(group, begins_chain, 8 * len(tracks))
+        if self.limiter is None:
+            key = self._code_key(group.key, begins_chain)
+            coded = CodedFrames(key, self.config.key.qp, self._code_wyner_ziv(group))
         else:
-            key, qp = self._code_key(group.key, begins_chain), self.config.key.qp
-            frames, allowed = self._code_wyner_ziv(group), ()
+            plan = self.limiter.plan(group, begins_chain, 8 * len(tracks))
+            coded = drive(plan, lambda coding: self._code(group, coding))
+        key, frames = coded.key, coded.wyner_ziv
         with statistics.timing("parity_cpu_s"):
-            empty = (b"",) * len(group.wyner_ziv)
-            payloads = empty if wyner_ziv is None else wyner_ziv.payloads(frames)
-        if allowed:
-            payloads = tuple(map(operator.add, payloads, allowed))
-        deviations = self._clock.deviations((*group.wyner_ziv, group.key))
+            payloads = (b"",) * len(wyner_ziv)
+            if isinstance(self._delivery, Live):
+                payloads = tuple(frame.header for frame in frames)
+            elif frames:
+                payloads = tuple(frame.buffered_payload() for frame in frames)
+        if coded.limits:
+            payloads = tuple(map(operator.add, payloads, coded.limits))
+        deviations = self._clock.deviations((*wyner_ziv, group.key))
         record = GopRecord(
             len(payloads) + 1, key.data, key.predicted, tracks, payloads, deviations=deviations
         )
         if self._spacing is not None:
-            self._spacing.learn(key, qp, record.num_frames if self.config.key.predicted else 0)
+            self._spacing.update(key, coded.qp, record.num_frames if self.config.key.predicted else 0)
         self._num_groups += 1
         self._num_chained = self._num_chained + record.num_frames if key.predicted else 1
         statistics.add_group(frames, record)
         return EncodedGroup(record, frames)
 
     def _begins_chain(self, group: Group) -> bool:
-        """Decide whether the key frame of a group is an IDR picture."""
+        """Return whether the key frame of a group becomes an IDR picture."""
         num_chained = self._num_chained + len(group.wyner_ziv) + 1
         return not self._num_chained or group.begins_scene or num_chained > self.config.key.intra_period
+
+    def _code(self, group: Group, coding: Coding) -> KeyPicture | tuple[EncodedFrame, ...]:
+        """Code the key frame or the Wyner-Ziv frames of a group at a quality."""
+        if isinstance(coding, CodeKey):
+            return self._code_key(group.key, coding.begins_chain, coding.qp)
+        return self._code_wyner_ziv(group, coding)
 
     def _code_key(self, frame: Frame, begins_chain: bool, qp: int | None = None) -> KeyPicture:
         with self.statistics.timing("key_cpu_s"):
             return self._key_encoder.encode(frame, qp, begins_chain=begins_chain)
 
     def _code_wyner_ziv(self, group: Group, quality: QualityStep | None = None) -> tuple[EncodedFrame, ...]:
-        """Transform the Wyner-Ziv frames of a group."""
-        if self._wyner_ziv_encoder is None:
+        """Transform and quantise the Wyner-Ziv frames of a group."""
+        if self._layout is None:
             return ()
         originals, wyner_ziv = group.wyner_ziv, self.config.wyner_ziv
         distances = reference_distances(len(originals), self.config.gop.references != "keys")
@@ -227,32 +246,23 @@ class EncoderSession:
         if quality is not None:
             steps = quality.steps(wyner_ziv, distances)
         with self.statistics.timing("transform_cpu_s"):
-            return self._wyner_ziv_encoder.encode_group(originals, steps)
+            return tuple(
+                EncodedFrame.of(self._layout, frame.luma, step)
+                for frame, step in zip(originals, steps, strict=True)
+            )
 
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
-        """Return what answers a live decoder.
+        """Return an empty buffer that answers a live decoder.
 
         Parameters
         ----------
         num_slots : int
-            Frames that may be open at a time.
+            Largest number of open frames.
 
         Returns
         -------
         EncoderBuffer
             Without any frame.
         """
-        assert self._wyner_ziv_encoder is not None
-        return self._wyner_ziv_encoder.encoder_buffer(num_slots)
-
-    def _encode_tracks(self, group: Group) -> bytes:
-        started = coding_time_s()
-        payload = b""
-        if group.tracks is not None:
-            tracks = worthwhile(group.tracks, self.config)
-            payload = encode_within_budget(tracks, self.config, self._max_tracks_bpp)
-            self.statistics.tracking.num_positions += predicted_positions(tracks)
-        elif group.points is not None:
-            payload = encode_points(group.points, self.config)
-        self.statistics.tracking.cpu_s += coding_time_s() - started
-        return payload
+        assert self._layout is not None
+        return EncoderBuffer(self._layout, slepian_wolf.plane_coder(self.config), num_slots)

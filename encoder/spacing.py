@@ -1,8 +1,8 @@
-"""How far apart key frames lie if nothing is sent of the frames between them.
+"""Distance of key frames if nothing is sent of the frames between them.
 
-A frame that tracks predict badly from both sides is predicted badly by a decoder, too. Key frames are worth
-their bits where the error of the frame in the middle is large beside what a key frame costs: both are
-compared in the unit of their sum, squared error and step^2 times bits.
+A decoder predicts a frame badly if tracks from both sides predict it badly. A key frame is worth its bits if
+the error of the middle frame is large compared with the cost of the key frame. Both have the unit of the sum
+that is minimised: squared error, and step^2 times bits.
 """
 
 from collections.abc import Sequence
@@ -14,22 +14,21 @@ from numpy.typing import NDArray
 from dvc.keyframes import KeyPicture
 from dvc.video.frames import Plane
 from encoder import _kernels
-from encoder.clock import coding_time_s
-from encoder.corners import TrackingWork
-from encoder.tracking import PointTracker
+from encoder.point_tracker import PointTracker
+from encoder.work import TrackingWork, coding_time_s
 
 SPACING_PX = 16
-"""Least distance from one sampled block to the next: one in four is compared."""
+"""Least distance between sampled blocks: one block in four is compared."""
 MANY_BLOCKS = 900
-"""About as many are enough: blocks of large pictures lie further apart."""
+"""Number of blocks that is enough: those of large pictures are farther apart."""
 ALONE_COST, SHORT_COST = 0.7, 0.7
-"""Mean squared error of the middle frame over step^2 times bits a pixel of a key frame, from which on a
-group of two frames becomes two key frames, and one of four does not grow to eight. Chosen among 0.6 to 1.1
-and 0.5 to 0.9 on the nine clips of the results, 49 frames at QP 24 to 36; `benchmarks.searches.settings
---no-feedback encoder.spacing.ALONE_COST=1.1` compares."""
+"""Least mean squared error of the middle frame, over step^2 times the bits per pixel of a key frame, at which
+a group of two frames becomes two key frames, and at which a group of four does not grow to eight. Chosen
+among 0.6 to 1.1 and 0.5 to 0.9 on the nine clips of the results, 49 frames at QP 24 to 36;
+`benchmarks.searches.settings --no-feedback encoder.spacing.ALONE_COST=1.1` compares."""
 CLOSE_SHARE = 0.15
-"""Bits of a key frame that is predicted from the second one before it over those of an IDR picture; they grow
-as the root of the distance."""
+"""Bits of a key frame two frames after its reference over those of an IDR picture; they grow as the root
+of the distance."""
 
 
 def quantizer_step(qp: int) -> float:
@@ -42,7 +41,7 @@ def interpolation_error(
 ) -> float:
     """Return the mean squared difference between a frame and the mean of the two around it.
 
-    `positions`, of shape (N, 3, 2), are those of points in the frame, before it and after it.
+    `positions` (N, 3, 2) are positions of points in the frame, before it and after it.
     """
     height, width = frame.shape
     spacing = max(SPACING_PX, isqrt(height * width // MANY_BLOCKS))
@@ -55,21 +54,21 @@ def interpolation_error(
 
 
 class Spacing:
-    """Decides where groups end of which nothing but key frames and tracks is sent."""
+    """Decides where groups end if only key frames and tracks are sent."""
 
     def __init__(self, work: TrackingWork) -> None:
         self._work = work
-        self._cost = 0.0  # of a key frame that is predicted from the second one before it: step^2 times bits
+        self._cost = 0.0  # step^2 times the bits of a key frame two frames after its reference
 
-    def learn(self, key: KeyPicture, qp: int, distance: int) -> None:
-        """Note what a key frame has taken that is predicted from so far, or 0: from nowhere ever."""
+    def update(self, key: KeyPicture, qp: int, distance: int) -> None:
+        """Learn the cost of key frames from one; `distance` is 0 if key frames have no references."""
         bits = 8.0 * len(key.data)
         if distance:
             bits *= sqrt(2.0 / distance) if key.predicted else CLOSE_SHARE
         self._cost = quantizer_step(qp) ** 2 * bits
 
     def is_too_far(self, frames: Sequence[Plane], tracker: PointTracker) -> bool:
-        """Decide whether a group, after the key frame before it, ends with its last frame or before that."""
+        """Return whether a group with these frames, after the first one, is too long for prediction."""
         last = len(frames) - 1
         if last not in (2, 4):
             return False

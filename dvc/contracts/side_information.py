@@ -15,7 +15,7 @@ from dvc.video import Frame, chroma_shape
 from dvc.video.frames import Plane
 from dvc.wynerziv.transform import to_uint8
 from encoder.corners import CornerDetector
-from encoder.tracking import PointTracker
+from encoder.point_tracker import PointTracker
 
 SHAPES = [(1, 1), (1, 17), (3, 5), (4, 4), (16, 16), (17, 23), (40, 56)]
 CODECS = {"3d": "none", "3d-te": "encoder", "3d-td": "decoder"}

@@ -1,7 +1,7 @@
-"""Bit planes of a Wyner-Ziv frame, of which all bits that may be asked for are made; and its payloads.
+"""Bit planes of a Wyner-Ziv frame, and its payloads.
 
-After the header, a buffered payload holds the bins, of which the planes are digits, without loss and entropy
-coded; the punctured form has, after the header, the bits that were asked for, in that order.
+A buffered payload is the header and the losslessly coded bins; the planes are digits of these. A punctured
+payload is the header and the requested bits, in the order of the requests.
 """
 
 from collections.abc import Generator, Sequence
@@ -20,22 +20,6 @@ from dvc.wynerziv.quantizer import FrameLayout, Quantization
 Bits = NDArray[np.uint8]
 Words = NDArray[np.uint64]
 Result = TypeVar("Result")
-
-
-def quantize_frame(
-    layout: FrameLayout, luma: NDArray[np.uint8], step_index: int = 0
-) -> tuple[Quantization, Words]:
-    """Transform and quantise a frame into bit planes, all planes of a coefficient position in one word."""
-    core, extremes = transform.integer_core(luma)
-    if not layout.embedded:
-        return _quantize_over_range(layout, core, extremes * transform.BAND_SCALE[:, None])
-    step = quantizer.step_from_index(step_index)
-    planes = quantizer.embedded_planes(extremes, step)
-    quantization = quantizer.quantization_of_step(step_index, tuple(planes.tolist()))
-    words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
-    origins = quantizer.embedded_origins(planes)
-    _kernels.pack_uniform(core, transform.BAND_SCALE, step, origins, planes, words)
-    return quantization, words
 
 
 def _quantize_over_range(
@@ -58,7 +42,7 @@ def _quantize_over_range(
 
 
 def _code_bins(coder: RangeCoder, layout: FrameLayout, quantization: Quantization, words: Words) -> None:
-    """Code the bins of a frame: from words of its planes, or into them where they are zeros."""
+    """Code the bins of a frame from the words of its planes, or decode them into zeroed words."""
     counts = context_counts(np.full(_kernels.SURROUNDINGS**2 * _kernels.BIN_CONTEXTS, 50))
     energy = np.zeros(layout.num_bits, np.int32)
     for band in quantization.bands:
@@ -70,15 +54,31 @@ def _code_bins(coder: RangeCoder, layout: FrameLayout, quantization: Quantizatio
 
 @dataclass(frozen=True, eq=False)
 class EncodedFrame:
-    """Bit planes of one Wyner-Ziv frame: all that may be asked for can be made of them."""
+    """Bit planes of one Wyner-Ziv frame, from which all parity is computed."""
 
     layout: FrameLayout
     quantization: Quantization
     words: Words  # shape (num_words, N)
 
+    @classmethod
+    def of(cls, layout: FrameLayout, luma: NDArray[np.uint8], step: float = 1.0) -> Self:
+        """Transform and quantise a frame; all planes of a coefficient position share a word."""
+        core, extremes = transform.integer_core(luma)
+        if not layout.embedded:
+            scaled = extremes * transform.BAND_SCALE[:, None]
+            return cls(layout, *_quantize_over_range(layout, core, scaled))
+        step_index = quantizer.index_of_step(step)
+        step = quantizer.step_from_index(step_index)
+        planes = quantizer.embedded_planes(extremes, step)
+        quantization = quantizer.quantization_of_step(step_index, tuple(planes.tolist()))
+        words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
+        origins = quantizer.embedded_origins(planes)
+        _kernels.pack_uniform(core, transform.BAND_SCALE, step, origins, planes, words)
+        return cls(layout, quantization, words)
+
     @property
     def header(self) -> bytes:
-        """What tells its quantisers."""
+        """Coded quantisers of the frame."""
         return self.quantization.header
 
     @classmethod
@@ -102,7 +102,7 @@ class EncodedFrame:
 
 
 def disagreement(found: str) -> BitstreamError:
-    """Return the error of a punctured stream that holds what another decoder asked for."""
+    """Return the error of a punctured stream with the requests of another decoder."""
     return BitstreamError(
         f"the punctured stream was made for other predictions than this decoder's: {found}"
         " (are the libraries of the versions that docs/bitstream.md names?)"
@@ -110,7 +110,7 @@ def disagreement(found: str) -> BitstreamError:
 
 
 class PuncturedFrame:
-    """Answers requests from a punctured payload: whatever is asked for, the next bits are the answer."""
+    """Answers each request with the next bits of a punctured payload."""
 
     def __init__(self, layout: FrameLayout, payload: bytes) -> None:
         header_bytes = len(layout.read_header(payload).header)
@@ -131,7 +131,7 @@ class PuncturedFrame:
 
 
 class PunctureRecorder:
-    """Collects the answers to requests as they pass, to be written as a punctured payload."""
+    """Collects the answers to requests for a punctured payload."""
 
     def __init__(self) -> None:
         self._bits: list[Bits] = []
@@ -139,7 +139,7 @@ class PunctureRecorder:
     def watch(
         self, coroutine: Generator[Round, Sequence[Bits], Result]
     ) -> Generator[Round, Sequence[Bits], Result]:
-        """Pass on requests of a coroutine, and keep the answers."""
+        """Forward the requests of a coroutine and collect the answers."""
         try:
             requests = next(coroutine)
             while True:
@@ -151,6 +151,6 @@ class PunctureRecorder:
             return result
 
     def payload(self, header: bytes) -> bytes:
-        """Pack what was collected; `PuncturedFrame` answers with it."""
+        """Pack the collected bits; `PuncturedFrame` answers from them."""
         bits = np.concatenate(self._bits) if self._bits else np.zeros(0, np.uint8)
         return header + np.packbits(bits).tobytes()

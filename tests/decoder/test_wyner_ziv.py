@@ -28,9 +28,8 @@ from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
 from dvc.wynerziv.areas import Areas
 from dvc.wynerziv.encoder_buffer import EncoderBuffer
-from dvc.wynerziv.payloads import EncodedFrame, quantize_frame
+from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
-from encoder.wyner_ziv import WynerZivEncoder
 from tests.clips import moving_texture
 from tests.reference.wynerziv_planes import quantize
 
@@ -50,7 +49,7 @@ def config_of(q: int, coder: str = "turbo") -> CodecConfig:
 def decode(
     config: CodecConfig, original: Frame, prediction: Prediction, step: float = 1.0, slope: float = 0.0
 ) -> DecodedFrame:
-    encoded = WynerZivEncoder(config).encode(original, step)
+    encoded = EncodedFrame.of(FrameLayout.of(config), original.luma, step)
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
     answer, finest = answering(config, encoded), quantization.step(0) or 1.0
@@ -102,7 +101,7 @@ def test_every_bin_is_decoded(original: Frame, q: int, coder: str) -> None:
     config = config_of(q, coder)
     decoded = decode(config, original, noisy_prediction(original, 4.0))
     assert decoded.num_failed_planes == 0
-    quantization, _ = quantize_frame(FrameLayout.of(config), original.luma)
+    quantization = EncodedFrame.of(FrameLayout.of(config), original.luma).quantization
     wanted, got = (bins_of(quantization, luma) for luma in (original.luma, decoded.frame.luma))
     same = np.mean([np.mean(a == b) for a, b in zip(wanted, got, strict=True)])
     assert same > 0.9  # rounding to whole samples moves a few coefficients across a border
@@ -166,7 +165,7 @@ def test_every_noise_model_decodes(original: Frame, model: str) -> None:
 def test_requests_name_frame_run_and_range(original: Frame) -> None:
     """Requests of a run carry the frame's index and go on where the one before ended."""
     config = config_of(2)
-    encoded = WynerZivEncoder(config).encode(original)
+    encoded = EncodedFrame.of(FrameLayout.of(config), original.luma)
     bits_of = answering(config, encoded)
     decoder = WynerZivDecoder(config)
     seen: dict[tuple[int, str], int] = {}
@@ -188,7 +187,7 @@ def test_requests_name_frame_run_and_range(original: Frame) -> None:
 
 def runs_of(config: CodecConfig, original: Frame, prediction: Prediction, slope: float) -> list[Part]:
     """Return the runs that a frame is decoded by alone, in order."""
-    encoded = WynerZivEncoder(config).encode(original, 8.0)
+    encoded = EncodedFrame.of(FrameLayout.of(config), original.luma, 8.0)
     answer, decoder = answering(config, encoded), WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
     runs: list[Part] = []
@@ -206,7 +205,7 @@ def test_bands_between_refinements_are_runs(original: Frame) -> None:
     """The first three bands are alone; of the next two, the next four and the rest, equal bins are a run."""
     config = _learning(embedded_config(), "cascade")
     runs = runs_of(config, original, noisy_prediction(original, 2.5), 0.0)
-    quantization, _ = quantize_frame(FrameLayout.of(config), original.luma, quantizer.index_of_step(8.0))
+    quantization = EncodedFrame.of(FrameLayout.of(config), original.luma, 8.0).quantization
     planes, first = quantization.planes, quantization.first_plane
     parts = [
         quantization.bands[start:end] for start, end in ((0, 1), (1, 2), (2, 3), (3, 5), (5, 9), (9, 16))
@@ -245,7 +244,7 @@ def test_a_frame_whose_means_are_right_is_decoded(original: Frame) -> None:
     luma = transform.inverse(bands, HEIGHT, WIDTH)
     prediction = Prediction(luma, None, (luma, luma - 0.5), "test")
     runs = runs_of(config, original, prediction, 60.0)
-    quantization, _ = quantize_frame(FrameLayout.of(config), original.luma, quantizer.index_of_step(8.0))
+    quantization = EncodedFrame.of(FrameLayout.of(config), original.luma, 8.0).quantization
     assert min(run.planes[0] for run in runs) >= quantization.planes[0]
     assert any(len(run.planes) > 1 for run in runs)
 
@@ -273,7 +272,7 @@ def test_a_frame_without_planes_is_left_as_predicted(original: Frame, coder: str
     """Nothing is asked for where an encoder sends no band at all."""
     config = replace(embedded_config(), coder=CODERS[coder]())
     black = Frame(np.zeros_like(original.luma))
-    assert WynerZivEncoder(config).encode(black, 8.0).quantization.num_planes == 0
+    assert EncodedFrame.of(FrameLayout.of(config), black.luma, 8.0).quantization.num_planes == 0
     decoded = decode(config, black, noisy_prediction(black, 4.0), 8.0)
     assert (decoded.num_requests, decoded.num_skipped_planes, decoded.num_failed_planes) == (0, 0, 0)
     np.testing.assert_array_equal(decoded.frame.luma, decoded.side_information)
@@ -347,7 +346,7 @@ def test_learned_priors_decode_the_same_bins(
 def test_every_group_learns_by_itself(original: Frame) -> None:
     """What was learned from other frames changes what a frame costs, until a new group starts."""
     config = _learning(embedded_config(), "cascade")
-    encoded = WynerZivEncoder(config).encode(original, 8.0)
+    encoded = EncodedFrame.of(FrameLayout.of(config), original.luma, 8.0)
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
     prediction = noisy_prediction(original, 5.0)

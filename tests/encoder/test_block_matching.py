@@ -5,7 +5,7 @@ import pytest
 
 from dvc._jit import python_twin
 from encoder import _kernels
-from encoder.block_matching import spiral
+from encoder.point_tracker import spiral
 from tests.clips import moving_texture
 from tests.reference import block_matching as reference
 

@@ -22,20 +22,25 @@ from dvc.tracks import PointTracks, decode_points, decode_tracks
 from dvc.video import Frame, open_video
 from encoder import spacing
 from encoder.__main__ import main
-from encoder.corners import CornerDetector, TrackingWork
-from encoder.groups import Group, cornered_groups, tracked_groups
+from encoder.groups import CornerGroups, Group
+from encoder.point_tracker import PointTracker
 from encoder.session import EncoderSession
 from encoder.spacing import Spacing
-from encoder.track_budget import thinned, worthwhile
-from encoder.tracking import PointTracker
+from encoder.tracked_groups import TrackedGroups, thinned, worthwhile
+from encoder.work import TrackingWork
 from tests.clips import moving_texture, write_clip
 
 SLOW = moving_texture(12, 96, 128, (0.0, 1.0))
 FREE = KeyFrameRule(longest_track_px=1e6, lost_share=1.0)
 
 
+def tracked(length: int, rule: KeyFrameRule = FREE, spacing: Spacing | None = None) -> TrackedGroups:
+    config = codec_config(VideoConfig(128, 96, 25, 1), gop={"length": length})
+    return TrackedGroups(config, rule, 1.0, PointTracker(30), spacing)
+
+
 def cut(frames: Sequence[Frame], length: int, rule: KeyFrameRule = FREE) -> list[Group]:
-    return list(tracked_groups(iter(frames), length, PointTracker(30), rule))
+    return list(tracked(length, rule).groups(frames))
 
 
 def sizes_of(groups: Sequence[Group]) -> list[int]:
@@ -120,7 +125,7 @@ class Deciding(Spacing):
 )
 def test_groups_end_where_prediction_does_not_serve(lengths: Sequence[int], sizes: Sequence[int]) -> None:
     """Two frames become two key frames, and four the end of a group; all frames are there, in order."""
-    groups = list(tracked_groups(iter(SLOW), 8, PointTracker(30), FREE, Deciding(*lengths)))
+    groups = list(tracked(8, spacing=Deciding(*lengths)).groups(SLOW))
     check_cover(groups, SLOW)
     assert sizes_of(groups) == sizes
     assert not any(group.begins_scene for group in groups)
@@ -210,7 +215,7 @@ def test_no_more_frames_are_held_than_a_group_has() -> None:
             taken += 1
             yield frame
 
-    found = tracked_groups(source(), 3, PointTracker(30), FREE)
+    found = tracked(3).groups(source())
     next(found)
     assert taken == 1
     next(found)
@@ -219,7 +224,8 @@ def test_no_more_frames_are_held_than_a_group_has() -> None:
 
 def test_corners_of_wyner_ziv_frames() -> None:
     """Groups of a fixed length hold the corners of each Wyner-Ziv frame."""
-    groups = list(cornered_groups(SLOW, 4, CornerDetector(30)))
+    config = codec_config(VideoConfig(128, 96, 25, 1), "3d-td", gop={"length": 4}, tracks={"num_points": 30})
+    groups = list(CornerGroups(config, TrackingWork()).groups(SLOW))
     assert sizes_of(groups) == [1, 4, 4, 3]
     for group in groups:
         assert group.points is not None

@@ -16,9 +16,9 @@ from dvc.video import Frame
 from dvc.wynerziv.areas import Areas
 from encoder import live
 from encoder.kept_groups import KeptGroups
+from encoder.leaky_bucket import RateLimits
 from encoder.live import serve
 from encoder.pacing import DecoderPace
-from encoder.rate_limits import RateLimits
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
@@ -247,5 +247,5 @@ def test_another_decoder_begins_with_a_group_of_which_nothing_is_known() -> None
     assert endpoints[1].first_frame + 1 + 2 * len(others) == 13
     assert told["frames_lost"] == [[sum(seen[: -1 - len(others)]), endpoints[1].first_frame - 1]]
     assert session.limiter is not None
-    assert not session.limiter._bitrate._open  # type: ignore[union-attr]
+    assert not session.limiter._bucket._open  # type: ignore[union-attr]
     assert pace._num_sent == pace._num_done

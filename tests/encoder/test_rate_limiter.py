@@ -8,12 +8,14 @@ from hypothesis import strategies as st
 from dvc.config import Live, NoFeedback, ParityBuffer, Qp, VideoConfig, codec_config
 from dvc.errors import ConfigError
 from dvc.keyframes import KeyPicture
+from dvc.slepian_wolf.requests import drive
 from dvc.video import Frame
 from dvc.wynerziv.lengths import length_of_code
+from dvc.wynerziv.payloads import EncodedFrame
+from dvc.wynerziv.quantizer import FrameLayout
 from encoder.groups import Group
-from encoder.rate_limiter import FrameCoders, RateLimiter, _limits, limited
-from encoder.rate_limits import TOLERANCE, RateLimits
-from encoder.wyner_ziv import WynerZivEncoder
+from encoder.leaky_bucket import TOLERANCE, RateLimits
+from encoder.rate_limiter import CodedFrames, CodeKey, Coding, RateLimiter, _limit_codes, limited
 from tests.clips import moving_texture
 
 CONFIG = codec_config(VideoConfig(16, 16, 25, 1, luma_only=True), quality=Qp(30))
@@ -27,25 +29,39 @@ class Keys:
         self.sizes = {True: idr, False: predicted}
         self.coded: list[tuple[bool, int]] = []  # whether it begins a chain, and the QP
 
-    def code(self, frame: Frame, begins_chain: bool, qp: int) -> KeyPicture:
-        del frame
+    def code(self, begins_chain: bool, qp: int) -> KeyPicture:
         self.coded.append((begins_chain, qp))
         size = self.sizes[begins_chain] * 2.0 ** (0.2 * (30 - qp))
         return KeyPicture(bytes(round(size)), not begins_chain)
 
-    def limiter(self, limits: RateLimits) -> RateLimiter:
-        """Return what keeps limits of key frames alone."""
-        coders = FrameCoders(self.code, lambda *_: ())
-        return RateLimiter(CONFIG, NoFeedback(), limits, coders)
+
+def limiter_of(limits: RateLimits) -> RateLimiter:
+    """Return a limiter of key frames."""
+    return RateLimiter(CONFIG, NoFeedback(), limits)
+
+
+def coded_within(
+    limiter: RateLimiter,
+    keys: Keys,
+    begins_chain: bool,
+    group: Group = GROUP,
+    frames: tuple[EncodedFrame, ...] = (),
+) -> CodedFrames:
+    """Code a group as a limiter plans it."""
+
+    def code(coding: Coding) -> KeyPicture | tuple[EncodedFrame, ...]:
+        return keys.code(coding.begins_chain, coding.qp) if isinstance(coding, CodeKey) else frames
+
+    return drive(limiter.plan(group, begins_chain, 0), code)
 
 
 def test_predicted_key_frames_are_coded_once() -> None:
     """The next is predicted from what was coded last, so that no quality can be tried."""
     keys = Keys(1000, 100)
-    limiter = keys.limiter(RateLimits(bits_per_s=20_000))
+    limiter = limiter_of(RateLimits(bits_per_s=20_000))
     for number in range(30):
         before = len(keys.coded)
-        coded = limiter.code(GROUP, number == 0, 0)
+        coded = coded_within(limiter, keys, number == 0)
         assert coded.key is not None
         assert coded.key.predicted == (number > 0)
         assert len(keys.coded) - before == 1 or number == 0
@@ -56,8 +72,8 @@ def test_predicted_key_frames_are_coded_once() -> None:
 def test_the_bitrate_holds_however_much_predicted_key_frames_take(predicted: int) -> None:
     """What they take is expected by the one before."""
     keys = Keys(1000, predicted)
-    limiter = keys.limiter(RateLimits(bits_per_s=20_000))
-    bits = [8 * len(limiter.code(GROUP, number == 0, 0).key.data) for number in range(250)]  # type: ignore[union-attr]
+    limiter = limiter_of(RateLimits(bits_per_s=20_000))
+    bits = [8 * len(coded_within(limiter, keys, number == 0).key.data) for number in range(250)]  # type: ignore[union-attr]
     assert sum(bits[50:]) / 8 == pytest.approx(20_000, rel=TOLERANCE)
 
 
@@ -77,12 +93,12 @@ def test_a_predicted_key_frame_that_is_too_large_gives_way_to_an_idr_picture(
 ) -> None:
     """Which may be coded again, coarser, until it fits; what does not fit at the coarsest is counted once."""
     keys = Keys(1000, 10)
-    limiter = keys.limiter(RateLimits(bits_per_frame=most_bits))
+    limiter = limiter_of(RateLimits(bits_per_frame=most_bits))
     if not begins:
-        limiter._predicted.learn(30, keys.code(GROUP.key, False, 30), False)
+        limiter._predicted.update(30, keys.code(False, 30), False)
     keys.sizes[False] = 200  # more than is expected
     keys.coded.clear()
-    key = limiter.code(GROUP, begins, 0).key
+    key = coded_within(limiter, keys, begins).key
     assert key is not None
     assert [begins_chain for begins_chain, _ in keys.coded] == coded
     assert keys.coded == sorted(keys.coded)
@@ -103,13 +119,13 @@ def test_only_a_live_decoder_is_told_what_it_may_ask_for(limits: RateLimits) -> 
 @pytest.mark.parametrize("most_bits", [1, 500, 2000])
 def test_frames_may_take_no_more_than_the_limit_on_the_mean(bits_per_s: int | None, most_bits: int) -> None:
     """Headers count; frames whose headers alone take more are asked for nothing."""
-    limits, encoder = RateLimits(bits_per_s, most_bits), WynerZivEncoder(CONFIG)
+    limits, layout = RateLimits(bits_per_s, most_bits), FrameLayout.of(CONFIG)
     frames = moving_texture(4, 16, 16)
-    coded = tuple(encoder.encode(frame, 8.0) for frame in frames[:3])
-    coders = FrameCoders(Keys(1000, 100).code, lambda *_: coded)
-    limiter = RateLimiter(limited(CONFIG, Live(), limits), Live(), limits, coders)
-    told = [length_of_code(code[0]) for code in limiter.code(Group((), frames[3]), True, 0).limits]
-    headers = sum(8 * len(frame.header) for frame in coded)
+    planes = tuple(EncodedFrame.of(layout, frame.luma, 8.0) for frame in frames[:3])
+    limiter = RateLimiter(limited(CONFIG, Live(), limits), Live(), limits)
+    coded = coded_within(limiter, Keys(1000, 100), True, Group((), frames[3]), planes)
+    told = [length_of_code(code[0]) for code in coded.limits]
+    headers = sum(8 * len(frame.header) for frame in planes)
     assert len(told) == 3
     assert sum(told) <= max(3 * most_bits - headers, 0)
     assert any(told) == (most_bits > 1)
@@ -117,15 +133,14 @@ def test_frames_may_take_no_more_than_the_limit_on_the_mean(bits_per_s: int | No
 
 def test_limits_are_for_those_who_choose_what_is_sent() -> None:
     """Not for files with all parity, and not for fixed quantisers."""
-    coders = FrameCoders(Keys(1, 1).code, lambda *_: ())
-    with pytest.raises(ConfigError, match="for --serve and --no-feedback"):
-        RateLimiter(CONFIG, ParityBuffer(), RateLimits(1000), coders)
+    with pytest.raises(ConfigError, match="require --serve or --no-feedback"):
+        RateLimiter(CONFIG, ParityBuffer(), RateLimits(1000))
 
 
 @given(st.lists(st.floats(0.0, 900_000.0), min_size=1, max_size=16))
 def test_frames_together_are_told_what_is_allowed(allowed: list[float]) -> None:
     """Never more; what codes of one frame leave goes to those that follow."""
-    told = [length_of_code(code[0]) for code in _limits(allowed)]
+    told = [length_of_code(code[0]) for code in _limit_codes(allowed)]
     assert len(told) == len(allowed)
     assert sum(told) <= sum(allowed) + 1e-6
     assert sum(told) >= sum(allowed) - max(16.0, max(allowed) / 8.0 + 1.0) or max(told) > 900_000

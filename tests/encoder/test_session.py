@@ -15,11 +15,10 @@ from dvc.stream import Form, StreamReader
 from dvc.video import Frame, VideoInfo
 from encoder import options
 from encoder._kernels import QUARTER_HALF_BLOCK_PX
-from encoder.corners import TrackingWork
-from encoder.groups import Group, groups
-from encoder.operations import block_comparison
+from encoder.groups import FixedGroups, Group
 from encoder.report import BLOCK, QUARTER_BLOCK, TIMED_PARTS, memory_report
 from encoder.session import EncoderSession
+from encoder.work import TrackingWork, block_comparison
 from tests.clips import moving_texture
 
 FRAMES = moving_texture(8, 8, 12)
@@ -29,7 +28,7 @@ FRAMES = moving_texture(8, 8, 12)
 def test_groups_cover_the_sequence(num_frames: int, length: int) -> None:
     """Frames stay in order, key frames stand at a fixed distance, and the last frame is one."""
     sequence = FRAMES[:num_frames]
-    found = list(groups(sequence, length))
+    found = list(FixedGroups(length).groups(sequence))
     flat = [frame for group in found for frame in (*group.wyner_ziv, group.key)]
     assert len(flat) == num_frames
     assert all(a is b for a, b in zip(flat, sequence, strict=True))
@@ -49,7 +48,7 @@ def test_groups_are_found_while_frames_come() -> None:
             taken += 1
             yield frame
 
-    found = groups(source(), 3)
+    found = FixedGroups(3).groups(source())
     next(found)
     assert taken == 1
     next(found)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from dvc.video import Frame
-from encoder.block_matching import PointTrackerSettings
-from encoder.tracking import PointTracker
+from encoder.point_tracker import PointTracker, PointTrackerSettings
 from tests.clips import moving_texture, odd_frames
 
 FULL_SEARCH_BLOCKS = 961  # of +-15 px, for each 8x8 block

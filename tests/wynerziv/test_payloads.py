@@ -13,7 +13,7 @@ from dvc.config import MAX_BAND_PLANES, DiscoverMatrix, VideoConfig, WynerZivCon
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import ParityRequest, Round, drive
 from dvc.wynerziv import _kernels, quantizer, transform
-from dvc.wynerziv.payloads import EncodedFrame, PuncturedFrame, PunctureRecorder, quantize_frame
+from dvc.wynerziv.payloads import EncodedFrame, PuncturedFrame, PunctureRecorder
 from dvc.wynerziv.quantizer import FrameLayout
 from tests.clips import moving_texture
 from tests.reference import stream_reader
@@ -46,8 +46,7 @@ def random_luma(layout: FrameLayout, seed: int) -> np.ndarray:
 
 
 def encoded_frame(layout: FrameLayout, seed: int, step_index: int = 16) -> EncodedFrame:
-    quantization, words = quantize_frame(layout, random_luma(layout, seed), step_index)
-    return EncodedFrame(layout, quantization, words)
+    return EncodedFrame.of(layout, random_luma(layout, seed), quantizer.step_from_index(step_index))
 
 
 def uncoded_planes(frame: EncodedFrame) -> np.ndarray:
@@ -90,24 +89,23 @@ def test_any_header_is_read_or_refused(data: bytes) -> None:
 @given(layouts, st.integers(0, 2**32 - 1), step_indices)
 def test_planes_are_numbered_band_by_band(layout: FrameLayout, seed: int, step_index: int) -> None:
     """Each band's planes follow those of the band before, and all are counted."""
-    quantization, words = quantize_frame(layout, random_luma(layout, seed), step_index)
-    expected = 0
+    frame = encoded_frame(layout, seed, step_index)
+    quantization, expected = frame.quantization, 0
     for band in quantization.bands:
         assert quantization.first_plane[band] == expected
         assert quantization.planes[band] <= layout.max_planes[band]
         expected += quantization.planes[band]
     assert quantization.num_planes == expected
-    assert words.shape == (quantization.num_words, layout.num_bits)
+    assert frame.words.shape == (quantization.num_words, layout.num_bits)
     assert layout.num_bits == np.prod(layout.band_shape)
 
 
 @given(layouts, st.integers(0, 2**32 - 1), step_indices)
 def test_quantized_words_hold_the_digits_of_the_bins(layout: FrameLayout, seed: int, step_index: int) -> None:
     """The compiled encoder path puts the same bits into words as transform, quantiser and planes do."""
-    luma = random_luma(layout, seed)
-    quantization, _ = quantize_frame(layout, luma, step_index)
-    planes = uncoded_planes(encoded_frame(layout, seed, step_index))
-    bands = transform.forward(luma).reshape(16, -1)
+    frame = encoded_frame(layout, seed, step_index)
+    quantization, planes = frame.quantization, uncoded_planes(frame)
+    bands = transform.forward(random_luma(layout, seed)).reshape(16, -1)
     for band in quantization.bands:
         edges = quantization.edges(band)
         first, count = quantization.first_plane[band], quantization.planes[band]
@@ -130,7 +128,8 @@ def test_embedded_bins_are_those_of_the_formula(step_index: int) -> None:
     most = 0
     for luma in hard_frames():
         bands = transform.forward(luma).reshape(16, -1)
-        quantization, words = quantize_frame(layout, luma, step_index)
+        frame = EncodedFrame.of(layout, luma, step)
+        quantization, words = frame.quantization, frame.words
         planes = [reference.embedded_planes(n, band.min(), band.max(), step) for n, band in enumerate(bands)]
         assert quantization.planes == tuple(planes)
         for n in range(layout.num_bits):
@@ -163,8 +162,8 @@ def test_frames_take_about_the_entropy_of_their_bands(flat_rows: int, share: flo
     luma = moving_texture(1, 96, 160)[0].luma
     luma[:flat_rows] = 128
     layout = layout_of(*luma.shape, None)
-    quantization, words = quantize_frame(layout, luma, 18)
-    frame = EncodedFrame(layout, quantization, words)
+    frame = EncodedFrame.of(layout, luma, quantizer.step_from_index(18))
+    quantization = frame.quantization
     planes, entropy_bits = uncoded_planes(frame), 0.0
     for band in quantization.bands:
         first, count = quantization.first_plane[band], quantization.planes[band]

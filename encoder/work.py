@@ -5,11 +5,13 @@ vectors of a processor do many at once. Loops, addresses and conversions between
 is moved are the bytes of all elements of arrays that are read or written, wherever a processor keeps them.
 """
 
+import time
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from dvc._jit import loading_time_s
 from dvc.tracks import PointTracks
 from dvc.tracks.regression.coding import NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATURES
 from dvc.wynerziv.transform import BLOCK, NUM_BANDS
@@ -17,6 +19,27 @@ from encoder._kernels import HALF_BLOCK_PX, NUM_NEAREST, QUARTER_HALF_BLOCK_PX, 
 
 _VECTOR_PX = 8
 """Samples of a row of a block that are compared at once."""
+
+
+def coding_time_s() -> float:
+    """Return the processor time of this thread, without the loading of compiled code."""
+    return time.thread_time() - loading_time_s()
+
+
+@dataclass
+class TrackingWork:
+    """Work of the tracker: counts of its operations, and processor time."""
+
+    num_corners: int = 0  # detected points
+    num_blocks: int = 0  # SADs of blocks, and the samples in them
+    num_samples: int = 0
+    num_frames: int = 0  # frames that were searched
+    num_starts: int = 0  # frames in which points were detected for tracking
+    num_pairs: int = 0  # pairs of points, one a possible spatial motion candidate of the other
+    num_positions: int = 0  # coded positions of tracks, without the first of each track
+    num_interpolated: int = 0  # blocks compared with their prediction by tracks, and pairs with nearby points
+    num_near: int = 0
+    cpu_s: float = 0.0  # processor time of tracking and of coding tracks or points, in seconds
 
 
 @dataclass(frozen=True)
@@ -44,7 +67,7 @@ class Operations:
 
 
 @dataclass(frozen=True)
-class Work:
+class Workload:
     """How much there was to do in a run."""
 
     num_samples: int  # samples of Wyner-Ziv frames, in whole 4x4 blocks
@@ -144,7 +167,7 @@ def interpolation(num_blocks: float, num_near: float) -> Operations:
     return block.times(num_blocks) + near.times(num_near)
 
 
-def stages(work: Work) -> Mapping[str, Operations]:
+def stages(work: Workload) -> Mapping[str, Operations]:
     """Count the stages of an encoder that are its own."""
     per_band = work.num_samples / NUM_BANDS / max(work.num_frames, 1)
     compared = block_comparison().times(work.num_blocks) + block_comparison(QUARTER_HALF_BLOCK_PX).times(

@@ -13,9 +13,9 @@ from dvc.tracks.regression import _kernels as kernels
 from dvc.tracks.regression._kernels import NUM_NEIGHBOURS
 from dvc.wynerziv import _kernels as wyner_ziv_kernels
 from dvc.wynerziv import transform
-from encoder import _kernels, operations
+from encoder import _kernels, work
 from encoder.corners import TRACKED_CORNERS, _response
-from encoder.operations import Operations
+from encoder.work import Operations
 from tests.clips import moving_texture
 from tests.counting import Data, Tally, counting
 
@@ -43,7 +43,7 @@ def test_transform() -> None:
         Data(core, tally),
         Data(extremes, tally),
     )
-    assert found == operations.transform(LUMA.size, 1)
+    assert found == work.transform(LUMA.size, 1)
     np.testing.assert_array_equal(core, CORE)
     np.testing.assert_array_equal(extremes, EXTREMES)
 
@@ -56,7 +56,7 @@ def test_quantisation(planes: Sequence[int]) -> None:
     kernel = wyner_ziv_kernels.pack_uniform
     found = counted(kernel, tally, Data(CORE, tally), *given, Data(words, tally))
     places = CORE.shape[1]
-    assert found == operations.quantisation(places * int(np.count_nonzero(planes)))
+    assert found == work.quantisation(places * int(np.count_nonzero(planes)))
     expected = np.zeros_like(words)
     kernel(CORE, *given, expected)
     np.testing.assert_array_equal(words, expected)
@@ -71,7 +71,7 @@ def test_block_comparison(half_side_px: int) -> None:
     image = np.ascontiguousarray(LUMA)
     matching = Data(image, tally), Data(blocks, tally), counts
     found = counted(_kernels.block_sad, tally, matching, 16, 8, half_side_px, 1, scratch=False)
-    assert found == operations.block_comparison(half_side_px)
+    assert found == work.block_comparison(half_side_px)
     assert counts.tolist() == [1, side**2]
 
 
@@ -80,9 +80,7 @@ def test_spatial_candidates() -> None:
     tally, places = Tally(), RNG.integers(0, 200, (2, 9)).astype(np.int32)
     nearest_found = np.full(9, _kernels.UNKNOWN << 20)
     given = (*(Data(line, tally) for line in places), 2, 3, Data(nearest_found, tally))
-    assert counted(
-        _kernels.offer_motion, tally, *given, scratch=False
-    ) == operations.spatial_candidates().times(6)
+    assert counted(_kernels.offer_motion, tally, *given, scratch=False) == work.spatial_candidates().times(6)
     assert (nearest_found[3:] < _kernels.UNKNOWN << 20).all()
 
 
@@ -139,7 +137,7 @@ def test_corners() -> None:
     tally = Tally()
     luma = moving_texture(1, 32, 48)[0].luma
     found = harris(Data(luma, tally), tally)
-    assert tally.operations() == operations.corners(luma.size)
+    assert tally.operations() == work.corners(luma.size)
     response, shrink = _response(luma, TRACKED_CORNERS)
     assert shrink == 2
     inside = (slice(3, -3), slice(3, -3))
@@ -171,16 +169,16 @@ def test_regression() -> None:
         size, variance = predict(state, instant, places, i, 2, sides)
         learn(state, instant, places, i, 2, size, 1.0, variance)
     assert (neighbours[-1] >= 0).all()
-    assert tally.operations() + before.times(-1) == operations.regression(1)
+    assert tally.operations() + before.times(-1) == work.regression(1)
 
 
 def test_positions_that_are_predicted() -> None:
     """All but the first of each track; whole ones once more where tracks were followed back."""
     positions = np.full((3, 4, 2), np.nan)
     positions[0], positions[1, :2], positions[2, 2:] = 1.0, 2.0, 3.0
-    assert operations.predicted_positions(PointTracks(positions[:2])) == 3 + 1
-    assert operations.predicted_positions(PointTracks(positions, 1)) == 3 + 1 + 1 + 3
-    assert operations.predicted_positions(PointTracks.none(4)) == 0
+    assert work.predicted_positions(PointTracks(positions[:2])) == 3 + 1
+    assert work.predicted_positions(PointTracks(positions, 1)) == 3 + 1 + 1 + 3
+    assert work.predicted_positions(PointTracks.none(4)) == 0
 
 
 def test_interpolation() -> None:
@@ -190,15 +188,15 @@ def test_interpolation() -> None:
     positions = RNG.uniform(2, 14, (num_points, 3, 2))
     order = np.argsort(((positions[:, 0] - 4.0) ** 2).sum(axis=1))
     found = counted(_kernels.interpolation_error, tally, *frames, Data(positions[order], tally), 16)
-    model = operations.interpolation(1, num_points)
+    model = work.interpolation(1, num_points)
     assert astuple(found) == pytest.approx(astuple(model), rel=0.02)
 
 
 def test_stages_add_up() -> None:
     """A run without work takes nothing; twice the work takes twice the operations."""
-    fields = operations.Work.__dataclass_fields__
-    none = operations.stages(operations.Work(**dict.fromkeys(fields, 0)))
+    fields = work.Workload.__dataclass_fields__
+    none = work.stages(work.Workload(**dict.fromkeys(fields, 0)))
     assert all(stage.total == stage.bytes == 0 for stage in none.values())
-    once, twice = (operations.stages(operations.Work(**dict.fromkeys(fields, 16 * n))) for n in (1, 2))
+    once, twice = (work.stages(work.Workload(**dict.fromkeys(fields, 16 * n))) for n in (1, 2))
     linear = set(once) - {"quantiser and planes"}
     assert all(twice[name] == once[name].times(2) for name in linear)

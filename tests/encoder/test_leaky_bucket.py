@@ -11,21 +11,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.errors import ConfigError
-from encoder.bitrate import (
-    AIM,
+from dvc.slepian_wolf.requests import drive
+from encoder.leaky_bucket import (
     ASKED_BPP,
     ASKED_OCTAVES_PER_QP,
+    DEMAND_MARGIN,
     MAX_RISE,
     START_S,
     STEPS,
-    BitrateController,
+    TOLERANCE,
+    WINDOW_S,
     ExpectedBits,
+    LeakyBucket,
+    QualitySearch,
     QualityStep,
-    Search,
+    RateLimits,
+    coarser_until,
     forecast,
-    keep_within,
 )
-from encoder.rate_limits import TOLERANCE, WINDOW_S, RateLimits
 
 BITS_PER_S, FRAME_RATE = 300_000, Fraction(30)
 LENGTHS = st.lists(st.integers(4, 16), min_size=12, max_size=40)
@@ -57,34 +60,34 @@ def deviations(lengths: list[int], bits: list[float]) -> list[float]:
 @given(LENGTHS, st.randoms(use_true_random=False))
 def test_a_window_has_its_bitrate(lengths: list[int], random: st.DataObject) -> None:
     """Groups differ by up to an octave; no window is off by more than is allowed."""
-    controller, bits = BitrateController(BITS_PER_S, FRAME_RATE), []
+    bucket, bits = LeakyBucket(BITS_PER_S, FRAME_RATE), []
     for length in lengths:
         complexity = 2.0 ** random.uniform(-0.5, 0.5)  # type: ignore[attr-defined]
-        quality = controller.choose(
-            length, lambda q, n=length, c=complexity: ExpectedBits(group_bits(q, n, c))
+        quality = drive(
+            bucket.choose(length), lambda q, n=length, c=complexity: ExpectedBits(group_bits(q, n, c))
         )
         bits.append(float(group_bits(quality, length, complexity)))
     assert all(abs(off) <= TOLERANCE for off in deviations(lengths, bits))
-    assert controller.most_owed <= (START_S + TOLERANCE) * BITS_PER_S * 1.01
+    assert bucket.peak_bits <= (START_S + TOLERANCE) * BITS_PER_S * 1.01
 
 
 def test_quality_stays_where_it_may() -> None:
     """Groups that take their share at the quality of the one before have it."""
-    controller = BitrateController(BITS_PER_S, FRAME_RATE)
-    controller.choose(1, lambda _: ExpectedBits(160_000))
-    found = [controller.choose(16, lambda _: ExpectedBits(161_000)) for _ in range(5)]
+    bucket = LeakyBucket(BITS_PER_S, FRAME_RATE)
+    drive(bucket.choose(1), lambda _: ExpectedBits(160_000))
+    found = [drive(bucket.choose(16), lambda _: ExpectedBits(161_000)) for _ in range(5)]
     assert len(set(found)) == 1
 
 
 def test_a_new_scene_is_paid_for_later() -> None:
     """One group does not become much coarser; those after it take less until nothing is owed."""
-    controller, numbers, complexities = BitrateController(BITS_PER_S, FRAME_RATE), [], [1.0] * 40
+    bucket, numbers, complexities = LeakyBucket(BITS_PER_S, FRAME_RATE), [], [1.0] * 40
     complexities[10] = 30.0
     owed = []
     for complexity in complexities:
-        quality = controller.choose(8, lambda q, c=complexity: ExpectedBits(group_bits(q, 8, c)))
+        quality = drive(bucket.choose(8), lambda q, c=complexity: ExpectedBits(group_bits(q, 8, c)))
         numbers.append(number_of(quality))
-        owed.append(controller.owed)
+        owed.append(bucket.level)
     assert numbers[10] - numbers[9] == MAX_RISE / STEPS
     assert owed[10] > 10 * abs(owed[9])
     assert abs(owed[-1]) <= 0.5 * TOLERANCE * WINDOW_S * BITS_PER_S
@@ -92,27 +95,27 @@ def test_a_new_scene_is_paid_for_later() -> None:
 
 def test_five_qualities_are_tried_at_most() -> None:
     """Where bits fall in steps that no slope foretells, the nearest of those that were tried is taken."""
-    search = Search(1000.0, 1.0, 0.02)
-    best = search.run(lambda number: 4000.0 if number < 150 else 20.0, 60, 200)
-    assert len(search.found) == 5
-    assert search.found[best] == 20.0
+    search = QualitySearch(1000.0, 1.0, 0.02)
+    best = drive(search.run(60, 200), lambda number: 4000.0 if number < 150 else 20.0)
+    assert len(search.tried) == 5
+    assert search.tried[best] == 20.0
 
 
 def test_nothing_more_is_expected_of_groups_that_are_left_out() -> None:
     """Their key frames and tracks were sent; what a decoder takes of those after them counts as before."""
-    controller = BitrateController(BITS_PER_S, FRAME_RATE)
+    bucket = LeakyBucket(BITS_PER_S, FRAME_RATE)
     for _ in range(3):
-        live_group(controller, 1.0, 1.0)
-    owed, groups = controller.owed, dict(controller._open)
-    controller.leave_out(1)
-    assert list(controller._open) == [2]
-    assert controller.owed == pytest.approx(owed - groups[0].assumed - groups[1].assumed)
+        live_group(bucket, 1.0, 1.0)
+    owed, groups = bucket.level, dict(bucket._open)
+    bucket.drop(1)
+    assert list(bucket._open) == [2]
+    assert bucket.level == pytest.approx(owed - groups[0].assumed - groups[1].assumed)
 
 
 KEY_BITS, NUM_FRAMES = 2000.0, 16
 
 
-def live_group(controller: BitrateController, complexity: float, ratio: float) -> list[int]:
+def live_group(bucket: LeakyBucket, complexity: float, ratio: float) -> list[int]:
     """Choose the quality of a group; return what a decoder asks for, of whose needs estimates are off."""
     estimates: dict[QualityStep, ExpectedBits] = {}
 
@@ -121,41 +124,41 @@ def live_group(controller: BitrateController, complexity: float, ratio: float) -
         estimates[quality] = ExpectedBits(KEY_BITS, frames)
         return estimates[quality]
 
-    needs = ratio * estimates[controller.choose(NUM_FRAMES, expect)].asked
-    share = min(controller.allowed.sum() / needs.sum(), 1.0)
+    needs = ratio * estimates[drive(bucket.choose(NUM_FRAMES), expect)].asked
+    share = min(bucket.allowed.sum() / needs.sum(), 1.0)
     return np.floor(share * needs).astype(np.int64).tolist()
 
 
 @pytest.mark.parametrize("ratio", [0.6, 1.0, 1.4])
 def test_what_decoders_ask_for_is_learnt(ratio: float) -> None:
     """However much estimates are off."""
-    controller, bits = BitrateController(BITS_PER_S, FRAME_RATE), []
+    bucket, bits = LeakyBucket(BITS_PER_S, FRAME_RATE), []
     for number in range(60):
-        asked = live_group(controller, 1.0, ratio)
-        controller.settle(number, np.array(asked))
+        asked = live_group(bucket, 1.0, ratio)
+        bucket.account(number, np.array(asked))
         bits.append(KEY_BITS + sum(asked))
     assert all(abs(off) <= TOLERANCE for off in deviations([NUM_FRAMES] * 60, bits)[16:])
-    assert controller._asked / controller._estimated == pytest.approx(ratio, rel=0.15)
-    controller.settle(10**6, np.array([5]))  # a group of which nothing was estimated
-    assert controller.owed <= 0.5 * TOLERANCE * WINDOW_S * BITS_PER_S
+    assert bucket._asked / bucket._forecast == pytest.approx(ratio, rel=0.15)
+    bucket.account(10**6, np.array([5]))  # a group of which nothing was estimated
+    assert bucket.level <= 0.5 * TOLERANCE * WINDOW_S * BITS_PER_S
 
 
 @pytest.mark.parametrize("wrong_by", [-0.5, -0.2, 0.3, 0.8])
 def test_other_frames_make_up_for_a_key_frame_that_was_misjudged(wrong_by: float) -> None:
     """A predicted key frame is coded at the outlook; the rest of its group has another quality then."""
-    controller, bits = BitrateController(BITS_PER_S, FRAME_RATE), []
+    bucket, bits = LeakyBucket(BITS_PER_S, FRAME_RATE), []
 
     def whole(quality: QualityStep) -> ExpectedBits:
         return ExpectedBits(group_bits(quality, NUM_FRAMES, 1.0))
 
     for _ in range(60):
-        outlook = controller.outlook(NUM_FRAMES, whole)
+        outlook = drive(bucket.outlook(NUM_FRAMES), whole)
         key = (1.0 + wrong_by) * 0.4 * group_bits(outlook, NUM_FRAMES, 1.0)
 
         def rest(quality: QualityStep, key: float = key) -> ExpectedBits:
             return ExpectedBits(key + 0.6 * group_bits(quality, NUM_FRAMES, 1.0))
 
-        bits.append(rest(controller.choose(NUM_FRAMES, rest, outlook)).certain)
+        bits.append(rest(drive(bucket.choose(NUM_FRAMES, outlook), rest)).certain)
     assert max(map(abs, deviations([NUM_FRAMES] * 60, bits))) <= TOLERANCE
 
 
@@ -163,17 +166,17 @@ def test_other_frames_make_up_for_a_key_frame_that_was_misjudged(wrong_by: float
 @given(st.randoms(use_true_random=False))
 def test_no_window_takes_more_than_is_allowed(random: st.DataObject) -> None:
     """Whatever decoders need, while two groups are open; and what they do not take is little."""
-    controller, bits, waiting = BitrateController(BITS_PER_S, FRAME_RATE), [], deque[list[int]]()
+    bucket, bits, waiting = LeakyBucket(BITS_PER_S, FRAME_RATE), [], deque[list[int]]()
     for number in range(50):
         ratio = 2.0 ** random.uniform(-0.5, 0.5)  # type: ignore[attr-defined]
-        waiting.append(live_group(controller, 1.0, ratio))
+        waiting.append(live_group(bucket, 1.0, ratio))
         bits.append(KEY_BITS + sum(waiting[-1]))
         if len(waiting) == 2:
-            controller.settle(number - 1, np.array(waiting.popleft()))
+            bucket.account(number - 1, np.array(waiting.popleft()))
     found = deviations([NUM_FRAMES] * 50, bits)
     assert max(found) <= TOLERANCE
     assert sum(found) / len(found) > -2.0 * TOLERANCE
-    assert AIM > 1.0
+    assert DEMAND_MARGIN > 1.0
 
 
 def test_steps_of_quality_begin_with_frames_that_predict_none() -> None:
@@ -205,21 +208,24 @@ def test_frames_are_coded_coarser_until_they_fit() -> None:
         tried.append(coarser)
         return 8000 * 2.0 ** (-coarser / 6)
 
-    assert keep_within(8000, 51, bits)
+    assert drive(coarser_until(8000, 51), bits)
     assert tried == [0]
-    assert keep_within(2000, 51, bits)
+    assert drive(coarser_until(2000, 51), bits)
     assert 12 <= tried[-1] <= 18
-    assert not keep_within(1, 51, bits)
+    assert not drive(coarser_until(1, 51), bits)
     assert tried[-1] == 51
     del tried[:]
-    assert not keep_within(7500, 0, bits)
-    assert not keep_within(5000, 3, bits)
+    assert not drive(coarser_until(7500, 0), bits)
+    assert not drive(coarser_until(5000, 3), bits)
     assert tried == [0, 0, 3]
-    assert keep_within(math.inf, 51, bits)
+    assert drive(coarser_until(math.inf, 51), bits)
 
 
-@pytest.mark.parametrize("limits", [(0, None), (None, 0), (-5, 7)])
-def test_limits_that_make_no_sense_are_refused(limits: tuple[int | None, int | None]) -> None:
-    """There is no rate of nothing."""
-    with pytest.raises(ConfigError, match="must be from 1 to"):
-        RateLimits(*limits)
+@pytest.mark.parametrize("name", ["bits_per_s", "bits_per_frame"])
+def test_limits_are_numbers_of_bits(name: str) -> None:
+    """Limits range from one bit to a terabit."""
+    assert RateLimits().unlimited
+    assert not RateLimits(**{name: 10**12}).unlimited
+    for bits in (-5, 0, 10**12 + 1):
+        with pytest.raises(ConfigError, match=f"{name}.* must be from 1 to"):
+            RateLimits(**{name: bits})

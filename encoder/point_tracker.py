@@ -1,0 +1,296 @@
+"""Tracker of the points of key frames through groups of pictures, by sums of absolute differences of blocks.
+
+A search starts at the position of the point at rest, under its last motion, and under the motion of the
+nearest point located so far. It follows a spiral until a SAD is small, then the steepest path of SADs to a
+local minimum. A point without a small SAD is lost.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.config import MAX_NEW_TRACKS
+from dvc.tracks import PointTracks
+from dvc.video.frames import Plane
+from encoder import _kernels
+from encoder.corners import TRACKED_CORNERS, CornerSettings, find_corners
+from encoder.work import TrackingWork, coding_time_s
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_SIDE_PX = 2 * _kernels.HALF_BLOCK_PX + 1
+_QUARTER_SIDE_PX = 2 * _kernels.QUARTER_HALF_BLOCK_PX + 1
+
+
+@dataclass(frozen=True)
+class PointTrackerSettings:
+    """Settings of detection and tracking."""
+
+    corners: CornerSettings = TRACKED_CORNERS
+    spiral_px: int = 5  # reach of the spiral
+    coarse_reach_px: int = 48  # reach of the coarse search, for points without any motion hypothesis
+    max_coarse_searches: int = 4  # largest number of coarse searches in a frame
+    coarse_search_share: float = 0.3  # share of points lost in one frame that starts coarse searches
+    # A SAD is small below this share of the SAD of the block shifted by `shift_px`, or below this noise.
+    small_share: float = 0.65
+    shift_px: int = 3
+    small_noise: float = 2.0  # grey levels per sample
+    large_noise: float = 16.0  # grey levels per sample of a SAD that is never small
+    # Points of the closing key frame are tracked back in time if they are farther than a distance from all
+    # tracks; tracks through fewer frames between the key frames are dropped.
+    max_new_tracks: int = MAX_NEW_TRACKS
+    new_track_distance_px: float = 14.0
+    min_new_track_frames: int = 2
+
+
+@cache
+def spiral(reach_px: int) -> Integers:
+    """Return all displacements up to a reach, from the smallest to the largest."""
+    side = np.arange(-reach_px, reach_px + 1)
+    x, y = (component.ravel() for component in np.meshgrid(side, side))
+    order = np.lexsort((np.arctan2(y, x), x**2 + y**2))
+    return np.stack([x[order], y[order]], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class KeyPoints:
+    """Points of a key frame and the blocks around them."""
+
+    luma: Plane  # the key frame
+    positions: Integers  # points (x, y), strongest corners first
+    blocks: NDArray[np.uint8]  # the block around each
+    small: Integers  # largest SAD of each point that counts as a match
+
+    @classmethod
+    def find(cls, luma: Plane, num_points: int, settings: PointTrackerSettings, operations: Integers) -> Self:
+        """Detect the corners of a key frame."""
+        positions = find_corners(luma, num_points, _kernels.HALF_BLOCK_PX + 1, settings.corners)
+        return cls.at(luma, positions, settings, operations)
+
+    @classmethod
+    def at(
+        cls, luma: Plane, positions: Integers, settings: PointTrackerSettings, operations: Integers
+    ) -> Self:
+        """Return points at positions of a frame; their blocks lie inside it."""
+        blocks = np.empty((len(positions), _SIDE_PX, _SIDE_PX), np.uint8)
+        _kernels.cut_blocks(luma, positions, blocks)
+        min_sads = np.empty(len(positions), np.int64)
+        matching = _kernels.Matching(luma, blocks, operations)
+        _kernels.min_shift_sads(matching, positions, settings.shift_px, min_sads)
+        num_samples = _SIDE_PX**2
+        small = np.clip(
+            settings.small_share * np.minimum(min_sads, 255 * num_samples),
+            settings.small_noise * num_samples,
+            settings.large_noise * num_samples,
+        )
+        return cls(luma, positions, blocks, small.astype(np.int64))
+
+    def __getitem__(self, chosen: NDArray[np.intp]) -> "KeyPoints":
+        """Return a selection of the points."""
+        return KeyPoints(self.luma, self.positions[chosen], self.blocks[chosen], self.small[chosen])
+
+
+class BlockMatchingTracker:
+    """Tracks the points of one key frame from frame to frame, forward or back in time."""
+
+    def __init__(
+        self, points: KeyPoints, velocity: Integers, subpixel_bits: int, settings: PointTrackerSettings
+    ) -> None:
+        self.points = points
+        self.velocity = velocity
+        self.alive = np.ones(len(points.positions), np.bool_)
+        self.num_alive = len(self.alive)
+        self.path: list[Floats] = [points.positions.astype(np.float64)]
+        self._last = points.positions
+        self._longest_px2 = 0
+        self._quarter_blocks = np.empty((0, _QUARTER_SIDE_PX, _QUARTER_SIDE_PX), np.uint8)
+        self._scale = 2.0**subpixel_bits
+        self._settings = settings
+        self._references = _kernels.Points(points.positions, points.small)
+        self._spirals = spiral(settings.spiral_px), spiral(settings.coarse_reach_px // 4)
+
+    def step(self, luma: Plane, max_coarse_searches: int) -> Integers:
+        """Track the points into the next frame."""
+        count = len(self.alive)
+        operations = np.zeros(2, np.int64)
+        search = _kernels.Found(
+            np.zeros((count, 2), np.int64),
+            np.empty(count, np.int64),
+            np.empty((count, 4), np.int64),
+            np.zeros(count, np.bool_),
+        )
+        ends = self._scale, np.empty((count, 2), np.int64), np.empty((count, 2))
+        least = (1.0 - self._settings.coarse_search_share) * self.num_alive if max_coarse_searches else 0.0
+        if not self._search(luma, 0, least, search, ends, operations):
+            self._search(luma, max_coarse_searches, 0.0, search, ends, operations)
+        (self._last, _, _, self.alive), (_, self.velocity, path) = search, ends
+        self.path.append(path)
+        return operations
+
+    @property
+    def longest_px(self) -> float:
+        """Largest distance of a live point from its start, in pixels; 0 without live points."""
+        return math.sqrt(self._longest_px2)
+
+    def _search(
+        self,
+        luma: Plane,
+        max_coarse_searches: int,
+        least: float,
+        search: _kernels.Found,
+        ends: tuple[float, Integers, Floats],
+        operations: Integers,
+    ) -> bool:
+        """Search for the points without a match; return whether enough are located to finish the frame."""
+        points, quarter = self.points, luma
+        if max_coarse_searches:
+            quarter = _quarter(luma)
+            if len(self._quarter_blocks) == 0:
+                self._quarter_blocks = np.empty((len(self.alive), *self._quarter_blocks.shape[1:]), np.uint8)
+                _kernels.cut_blocks(_quarter(points.luma), points.positions // 4, self._quarter_blocks)
+        self.num_alive, self._longest_px2 = _kernels.follow(
+            _kernels.Matching(luma, points.blocks, operations),
+            _kernels.Matching(quarter, self._quarter_blocks, operations),
+            self._references,
+            _kernels.Movement(self._last, self.velocity, self.alive),
+            self._spirals,
+            (max_coarse_searches, least),
+            search,
+            ends,
+        )
+        return self.num_alive >= least
+
+
+def _quarter(luma: Plane) -> Plane:
+    """Halve the sides of a picture twice, which is much faster than quartering them once."""
+    import cv2
+
+    for _ in range(2):
+        size = (-(-luma.shape[1] // 2), -(-luma.shape[0] // 2))
+        luma = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return luma
+
+
+class PointTracker:
+    """Tracks the points of one group of pictures after the other."""
+
+    def __init__(
+        self,
+        num_points: int,
+        subpixel_bits: int = 0,
+        settings: PointTrackerSettings | None = None,
+        work: TrackingWork | None = None,
+    ) -> None:
+        self._num_points = num_points
+        self._subpixel_bits = subpixel_bits
+        self._settings = settings or PointTrackerSettings()
+        self._last_moved: tuple[Integers, NDArray[np.bool_]] | None = None
+        self._num_before = 0
+        self.work = TrackingWork() if work is None else work
+
+    def start(self, luma: Plane) -> None:
+        """Detect the points of a key frame; forget earlier tracks except for their last motion."""
+        started = coding_time_s()
+        operations = np.zeros(2, np.int64)
+        points = KeyPoints.find(luma, self._num_points, self._settings, operations)
+        self._count(operations)
+        count = len(points.positions)
+        velocity = np.tile(self._last_motion(), (count, 1))
+        self._matching = BlockMatchingTracker(points, velocity, self._subpixel_bits, self._settings)
+        self._num_before = count
+        self.work.num_corners += count
+        self.work.num_starts += 1
+        self.work.cpu_s += coding_time_s() - started
+
+    def step(self, luma: Plane) -> None:
+        """Track the points into the next frame."""
+        started = coding_time_s()
+        matching = self._matching
+        self._num_before = matching.num_alive
+        self._follow(matching, luma, self._settings.max_coarse_searches)
+        if matching.num_alive:
+            self._last_moved = matching.velocity, matching.alive
+        self.work.num_frames += 1
+        self.work.cpu_s += coding_time_s() - started
+
+    def close(self, frames: Sequence[Plane]) -> PointTracks:
+        """End a group, and start the next at the key frame that closes it."""
+        before = self._matching
+        forward = self.tracks(len(frames) + 1)
+        self.start(frames[-1])
+        started = coding_time_s()
+        backward = self._new_tracks(forward, [before.points.luma, *frames])
+        self.work.cpu_s += coding_time_s() - started
+        return PointTracks(np.concatenate([forward.positions, backward]), len(backward))
+
+    @property
+    def longest_px(self) -> float:
+        """Largest distance of a live point from its start, in pixels; 0 without live points."""
+        return self._matching.longest_px
+
+    @property
+    def lost_share(self) -> float:
+        """Share of the points of the key frame that are lost; 0 without points."""
+        matching = self._matching
+        return 1.0 - matching.num_alive / len(matching.alive) if len(matching.alive) else 0.0
+
+    @property
+    def last_lost_share(self) -> float:
+        """Share of the live points that were lost in the last frame; 0 without points."""
+        return 1.0 - self._matching.num_alive / self._num_before if self._num_before else 0.0
+
+    def tracks(self, num_instants: int) -> PointTracks:
+        """Return the tracks up to an instant."""
+        positions = self.path(num_instants)
+        return PointTracks(positions[np.isfinite(positions[:, 1, 0])])
+
+    def path(self, num_instants: int) -> Floats:
+        """Return positions (N, T, 2) of the points of the key frame up to an instant; nan once lost."""
+        return np.stack(self._matching.path[:num_instants], axis=1)
+
+    def _new_tracks(self, forward: PointTracks, frames: Sequence[Plane]) -> Floats:
+        """Track points of the last frame back in time if no track is near."""
+        settings = self._settings
+        if len(frames) - 2 < settings.min_new_track_frames:
+            return np.empty((0, len(frames), 2))
+        matching = self._uncovered(forward.positions[:, -2:])
+        for luma in reversed(frames[:-1]):
+            if not matching.num_alive:
+                break
+            self._follow(matching, luma, 0)
+        positions = np.full((len(matching.alive), len(frames), 2), np.nan)
+        positions[:, len(frames) - len(matching.path) :] = np.stack(matching.path[::-1], axis=1)
+        num_located = np.isfinite(positions[:, 1:-1, 0]).sum(axis=1)
+        lasting: Floats = positions[num_located >= settings.min_new_track_frames]
+        return lasting
+
+    def _uncovered(self, ends: Floats) -> BlockMatchingTracker:
+        """Choose points far from the tracks with these last two positions; they move as the nearest track."""
+        settings, points = self._settings, self._matching.points
+        squares, velocity = np.empty(len(points.positions)), np.empty_like(points.positions)
+        _kernels.move_as_nearest(points.positions, np.ascontiguousarray(ends), squares, velocity)
+        chosen = np.flatnonzero(squares >= settings.new_track_distance_px**2)[: settings.max_new_tracks]
+        return BlockMatchingTracker(points[chosen], velocity[chosen], self._subpixel_bits, settings)
+
+    def _last_motion(self) -> Integers:
+        """Return the median motion into the last frame with any live point; zero before the first."""
+        median = np.zeros(2, np.int64)
+        if self._last_moved:
+            _kernels.median_motion(*self._last_moved, median)
+        return median
+
+    def _follow(self, matching: BlockMatchingTracker, luma: Plane, max_coarse_searches: int) -> None:
+        count = len(matching.alive)
+        self._count(matching.step(luma, max_coarse_searches))
+        self.work.num_pairs += count * (count - 1) // 2
+
+    def _count(self, operations: Integers) -> None:
+        num_blocks, num_samples = operations.tolist()
+        self.work.num_blocks += num_blocks
+        self.work.num_samples += num_samples
