@@ -19,11 +19,11 @@ from dvc import cli
 from dvc.environment import baseline_environment, python_module
 
 if TYPE_CHECKING:
-    from decoder.tasks import DecodedGroup
+    from decoder.group_tasks import DecodedGroup
 
 STAGES = {
     "geometry: structure from motion": ("sfm.pipeline.reconstruct",),
-    "geometry: cameras from tracks": ("decoder.side_information.scene.tracked.estimate_geometry",),
+    "geometry: cameras from tracks": ("decoder.side_information.tracked_scene.estimate_geometry",),
     "depth: plane sweep": ("dvc.geometry.depth_maps._swept",),
     "depth: consistency, continuation, edges": (
         "dvc.geometry.depth_maps._checked",
@@ -31,15 +31,15 @@ STAGES = {
         "dvc.geometry.depth_maps._continued",
         "dvc.geometry.depth_maps._aligned",
     ),
-    "rendering": ("decoder.side_information.scene.depth.render_between",),
-    "corrections by tracks": ("decoder.side_information.scene.tracked.corrected",),
-    "prediction by tracks alone": ("decoder.side_information.scene.tracked.interpolate_by_tracks",),
+    "rendering": ("decoder.side_information.scene_interpolators.render_between",),
+    "corrections by tracks": ("decoder.side_information.tracked_scene.corrected",),
+    "prediction by tracks alone": ("decoder.side_information.tracked_scene.interpolate_by_tracks",),
     "rest of the prediction": ("decoder.group.GroupDecoder._predict",),
-    "refinement: block search": ("decoder.side_information.block_motion.refinement._search",),
-    "refinement: rest": ("decoder.side_information.block_motion.refinement.BlockRefiner.refine",),
+    "refinement: block search": ("decoder.side_information.block_motion._search",),
+    "refinement: rest": ("decoder.side_information.block_motion.BlockRefiner.refine",),
     "fusion of predictions": ("decoder.frame_state.FrameState.use",),
     "noise scales": ("decoder.frame_state.FrameState.scale", "dvc.wynerziv.noise.fit_gain"),
-    "expected worth of planes": ("decoder.band.expected_refinement",),
+    "expected worth of planes": ("decoder.frame_state.expected_refinement",),
     "priors of planes": (
         "dvc.wynerziv.priors.LearnedPriors.plane",
         "dvc.wynerziv.priors.LearnedPriors.learn",

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from decoder.pictures import DecodedPicture
+    from decoder.decoded_pictures import DecodedPicture
     from dvc.video import VideoReader
 
 
@@ -33,6 +33,6 @@ def decode(
     BitstreamError
         If the stream is damaged, after all groups of pictures before.
     """
-    from decoder.pictures import decoded_pictures
+    from decoder.decoded_pictures import decoded_pictures
 
     return decoded_pictures(file, jobs, reference)

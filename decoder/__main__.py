@@ -20,11 +20,10 @@ from dvc.errors import (
 )
 
 if TYPE_CHECKING:
+    from decoder.group_tasks import DecodedGroup, Losses
     from decoder.live import LiveSource
-    from decoder.losses import Losses
     from decoder.output import DecodedOutput
     from decoder.session import Reader
-    from decoder.tasks import DecodedGroup
     from decoder.view.decoding_view import DecodingView
     from decoder.view.server import ViewServer
     from dvc.config import CodecConfig
@@ -82,7 +81,7 @@ def _map_scene(arguments: argparse.Namespace, video: str) -> None:
 
 
 def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> int:
-    from decoder.losses import Losses
+    from decoder.group_tasks import Losses
     from decoder.view.decoding_view import facts_of
     from dvc.stream import Form, open_stream
 

@@ -13,10 +13,9 @@ from functools import cache
 from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any, cast
 
-from decoder.losses import Losses
+from decoder.group_tasks import DecodedGroup, GroupTask, Losses
 from decoder.processes import DecodingProcess, GroupsInFlight
 from decoder.session import Reader, StreamGroups, check_stream, stream_tasks
-from decoder.tasks import DecodedGroup, GroupTask
 from dvc.cluster import OTHER_CODE, failure, require_workers
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, DvcError

@@ -8,12 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from decoder.allowances import Allowance, GroupAllowance
-from decoder.learned import Learned
+from decoder.group_tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
 from decoder.level import decode_level
+from decoder.plane_choice import Allowance, GroupAllowance, Learned
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
-from decoder.tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
 from decoder.wyner_ziv import WynerZivDecoder
 from dvc import slepian_wolf
 from dvc.config import CodecConfig

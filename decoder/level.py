@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.tasks import Bits, DecodedFrame
+from decoder.group_tasks import Bits, DecodedFrame
 from dvc import slepian_wolf
 from dvc.slepian_wolf import MAX_RUN_BITS, NeighbourCoupling, Part, PlaneDecoder, PlaneResult, Round
 from dvc.slepian_wolf.llr import bounded_llr, ideal_bits

@@ -11,8 +11,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
+from decoder.group_tasks import DecodedGroup, GroupTask
 from decoder.processes import DecodingProcess
-from decoder.tasks import DecodedGroup, GroupTask
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback import (

@@ -6,11 +6,10 @@ from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from typing import Any, BinaryIO
 
+from decoder.decoded_pictures import pictures_of
+from decoder.group_tasks import DecodedGroup, Losses
 from decoder.live import LiveSource
-from decoder.losses import Losses
-from decoder.pictures import pictures_of
 from decoder.report import DecodeReport
-from decoder.tasks import DecodedGroup
 from decoder.view.decoding_view import DecodingView
 from dvc import cli
 from dvc.config import CodecConfig

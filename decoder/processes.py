@@ -23,8 +23,7 @@ from multiprocessing.connection import Connection
 from threading import RLock
 from typing import Any, Protocol
 
-from decoder.losses import Losses
-from decoder.tasks import Answered, Bits, DecodedGroup, GroupTask
+from decoder.group_tasks import Answered, Bits, DecodedGroup, GroupTask, Losses
 from dvc.environment import ONE_HEAP, baseline_environment, python_module
 from dvc.errors import BitstreamError, DvcError
 from dvc.feedback import ParityAnswer

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import dvc
-from decoder.tasks import DecodedFrame, DecodedGroup
+from decoder.group_tasks import DecodedFrame, DecodedGroup
 from dvc.config import CodecConfig
 from dvc.errors import ConfigError, VideoError
 from dvc.metrics import PSNR_CAP_DB, psnr_db, psnr_of_mean_error_db, psnr_yuv_db

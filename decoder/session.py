@@ -5,11 +5,10 @@ from fractions import Fraction
 from multiprocessing.connection import wait
 from typing import Any, cast
 
+from decoder.group_tasks import DecodedGroup, GroupTask, Losses, naming_group
 from decoder.live import LiveGroups, LiveSource
-from decoder.losses import Losses
 from decoder.processes import DecodingProcess, GroupsInFlight
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.tasks import DecodedGroup, GroupTask, naming_group
 from dvc.config import CodecConfig, encode_config
 from dvc.errors import BitstreamError
 from dvc.feedback import Gop, max_open_gops

@@ -16,7 +16,7 @@ from itertools import count
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
-from decoder.tasks import Answered, Bits, GroupTask, naming_group
+from decoder.group_tasks import Answered, Bits, GroupTask, naming_group
 from dvc.config import decode_config
 from dvc.errors import DvcError
 

@@ -17,14 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.allowances import Allowance
-from decoder.asking import Asking, Choice, Wanted
-from decoder.band import Band, Blocks
-from decoder.frame_state import FrameState
-from decoder.learned import Learned
+from decoder.frame_state import Band, Blocks, FrameState
+from decoder.group_tasks import BandCost, DecodedFrame
 from decoder.level import Decoded, FrameCoroutine, Wish
+from decoder.plane_choice import Allowance, Asking, Choice, Learned, Wanted
 from decoder.side_information.protocol import Prediction
-from decoder.tasks import BandCost, DecodedFrame
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.wynerziv import noise

@@ -3,8 +3,8 @@
 import io
 from collections.abc import Sequence
 
+from decoder.group_tasks import DecodedGroup
 from decoder.session import decode_stream
-from decoder.tasks import DecodedGroup
 from dvc.config import CodecConfig
 from dvc.stream import Form, GopRecord, StreamReader, StreamWriter
 

@@ -14,7 +14,7 @@ import pytest
 import decoder.__main__
 import encoder.__main__
 from decoder.side_information.methods import INTERPOLATORS, METHODS
-from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
+from decoder.side_information.scene_interpolators import AveragedDepthInterpolator
 from dvc import extensions
 from dvc.config import CODERS, NOISE_MODELS, VideoConfig, codec_config, decode_config, encode_config
 from dvc.dibr.disparity.methods import METHODS as DISPARITY_CODECS
@@ -31,8 +31,8 @@ from tests.clips import moving_texture, write_clip
 MODULE = """
 import numpy as np
 
-from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
-from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
+from decoder.side_information.block_motion import BlockMotionInterpolation
+from decoder.side_information.scene_interpolators import AveragedDepthInterpolator
 from dvc.config import CascadeConfig
 from dvc.dibr.disparity.blocks import BlockCodec
 from dvc.geometry.volumes.inference import SemiGlobal

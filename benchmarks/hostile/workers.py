@@ -15,8 +15,8 @@ from unittest.mock import patch
 import decoder.processes
 from decoder import worker
 from decoder.group import GroupDecoder
+from decoder.group_tasks import DecodedGroup, GroupTask
 from decoder.session import stream_tasks
-from decoder.tasks import DecodedGroup, GroupTask
 from dvc.config import decode_config
 from dvc.environment import baseline_environment
 from dvc.memory import address_bytes

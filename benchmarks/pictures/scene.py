@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from benchmarks.pictures.drawing import Picture, correlation_noise, draw_clips, panel, write_picture
 from benchmarks.results.harness import SCENES, clip_source
-from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
+from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.methods import INTERPOLATORS
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from dvc import cli
@@ -108,7 +108,7 @@ def _block_motion(first: Luma, second: Luma) -> Floats:
 
 def _motion_norms(found: Reconstruction, first: Luma, second: Luma) -> Picture:
     """Figure 5.7: norm of the motion between the key frames, by each motion model."""
-    from decoder.side_information.block_motion.interpolation import estimate_motion
+    from decoder.side_information.block_motion import estimate_motion
 
     assert found.model is not None
     norms = {}

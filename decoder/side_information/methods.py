@@ -3,14 +3,16 @@
 from collections.abc import Callable
 from functools import partial
 
-from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
+from decoder.side_information.block_motion import BlockMotionInterpolation
+from decoder.side_information.mesh import MeshInterpolator
 from decoder.side_information.protocol import SceneInterpolatorType, SideInformationMethod
-from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
-from decoder.side_information.scene.blocks import BlockInterpolator
-from decoder.side_information.scene.fused import FusedInterpolator
-from decoder.side_information.scene.mesh import MeshInterpolator
-from decoder.side_information.scene.tracked import TrackedSceneInterpolation
-from decoder.side_information.scene.untracked import SceneInterpolation
+from decoder.side_information.scene_interpolators import (
+    AveragedDepthInterpolator,
+    BlockInterpolator,
+    FusedInterpolator,
+)
+from decoder.side_information.tracked_scene import TrackedSceneInterpolation
+from decoder.side_information.untracked_scene import SceneInterpolation
 from dvc.config import CodecConfig
 from dvc.extensions import SCENE_INTERPOLATORS, SIDE_INFORMATION, Registry, maker
 

@@ -19,8 +19,8 @@ from distributed import Client, LocalCluster
 import decoder.__main__ as decoder
 from decoder import cluster
 from decoder.cluster import GROUPS_PER_THREAD, decode_group, decode_on_cluster
+from decoder.group_tasks import DecodedGroup, GroupTask
 from decoder.session import decode_stream, stream_tasks
-from decoder.tasks import DecodedGroup, GroupTask
 from dvc.config import DiscoverMatrix, VideoConfig, codec_config
 from dvc.errors import BitstreamError, DvcError
 from dvc.stream import StreamReader, StreamWriter

@@ -9,9 +9,9 @@ import pytest
 
 from decoder import group
 from decoder.group import GroupDecoder, LevelBegins, RecordedGroup, single_prediction
+from decoder.group_tasks import DecodedGroup, GroupTask
 from decoder.session import stream_tasks
 from decoder.side_information.protocol import Prediction
-from decoder.tasks import DecodedGroup, GroupTask
 from dvc.config import CODERS, CodecConfig, Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError, DvcError
 from dvc.slepian_wolf import Round, drive

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import decoder.__main__ as decoder
+from decoder.group_tasks import DecodedGroup
 from decoder.session import stream_tasks
-from decoder.tasks import DecodedGroup
 from dvc.config import GopConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError
 from dvc.metrics import psnr_db

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from decoder import level
+from decoder.group_tasks import DecodedFrame
 from decoder.level import Decoded, FrameCoroutine, Prior, Wish, decode_level
-from decoder.tasks import DecodedFrame
 from dvc.config import CascadeConfig
 from dvc.contracts.plane_exchange import noisy
 from dvc.slepian_wolf import (

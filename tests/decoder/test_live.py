@@ -15,9 +15,9 @@ import pytest
 
 from benchmarks.loopback import accepted
 from benchmarks.slow_link import slow_link
+from decoder.group_tasks import DecodedGroup
 from decoder.live import HELD_SHARE, HeldRequests, LiveSource
 from decoder.session import decode_live, decode_stream
-from decoder.tasks import DecodedGroup
 from dvc.config import CascadeConfig, CodecConfig, Delivery, Live, Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback import (

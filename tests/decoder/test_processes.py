@@ -17,9 +17,9 @@ from pathlib import Path
 import pytest
 
 from decoder import processes
+from decoder.group_tasks import DecodedGroup, GroupTask
 from decoder.processes import DecodingProcess, GroupsInFlight, decoding_process
 from decoder.session import GROUPS_PER_PROCESS, StreamGroups, decode_stream, stream_tasks
-from decoder.tasks import DecodedGroup, GroupTask
 from dvc.errors import BitstreamError, DvcError
 from dvc.stream import Form, GopRecord, StreamReader
 from dvc.video import Frame

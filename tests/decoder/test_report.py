@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from decoder.group_tasks import DecodedGroup
 from decoder.report import DecodeReport
 from decoder.session import decode_stream
-from decoder.tasks import DecodedGroup
 from dvc.config import CodecConfig, DiscoverMatrix, VideoConfig, codec_config
 from dvc.stream import StreamReader
 from dvc.video import create_video, open_video

@@ -9,9 +9,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from decoder.group_tasks import DecodedGroup
 from decoder.report import BIT_CLASSES, PSNR_CAP_DB, DecodeReport
 from decoder.session import decode_stream
-from decoder.tasks import DecodedGroup
 from dvc.config import (
     CodecConfig,
     DiscoverMatrix,

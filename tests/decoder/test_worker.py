@@ -15,9 +15,9 @@ import pytest
 
 from decoder import worker
 from decoder.group import GroupCoroutine, GroupDecoder, LevelBegins, RecordedGroup
+from decoder.group_tasks import Answered, DecodedGroup, GroupTask
 from decoder.processes import DecodingProcess, Outcome, decoding_process
 from decoder.session import stream_tasks
-from decoder.tasks import Answered, DecodedGroup, GroupTask
 from dvc.config import CascadeConfig, CodecConfig, Qp, VideoConfig, codec_config, encode_config
 from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError

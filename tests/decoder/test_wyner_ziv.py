@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from decoder.frame_state import FrameState, KnownBand
+from decoder.group_tasks import DecodedFrame
 from decoder.level import FrameCoroutine, decode_level
 from decoder.side_information.protocol import Prediction
-from decoder.tasks import DecodedFrame
 from decoder.wyner_ziv import WynerZivDecoder
 from dvc.config import (
     CODERS,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from decoder.side_information import _kernels
-from decoder.side_information.block_motion.compensation import MARGIN, phase_planes
+from decoder.side_information.block_motion import MARGIN, phase_planes
 from tests.clips import moving_texture
 from tests.reference import block_motion as reference
 from tests.twins import Choose

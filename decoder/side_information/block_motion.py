@@ -1,0 +1,340 @@
+"""Motion-compensated interpolation with block motion (MCI): the 2D method that every other one has to beat.
+
+Block motion between two low-pass filtered references is searched from coarse to fine over a pyramid: full
+forward search at the top, then at each level a choice among the neighbours' vectors and a small search by the
+difference of the two references along the linear trajectory through the block (bilateral), 16x16 blocks
+first, 8x8 last, each field regularised by its neighbours and by a vector median. Overlapped compensation of
+both references, weighted by their distance in time, gives the prediction.
+
+References
+----------
+[Ascenso2005] J. Ascenso, C. Brites, F. Pereira, "Improving frame interpolation with spatial motion smoothing
+for pixel domain distributed video coding", EURASIP Conf. on Speech, Image Processing and Multimedia, 2005.
+"""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import lru_cache
+from typing import NamedTuple
+from weakref import WeakValueDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.side_information import _kernels
+from decoder.side_information.protocol import (
+    Prediction,
+    ReferenceFrame,
+    references_around,
+    temporal_position,
+)
+from dvc.tracks import FeaturePoints, PointTracks
+from dvc.video import Frame
+
+MARGIN = 40
+"""Samples by which planes are padded on each side, by replication."""
+
+Offsets = NDArray[np.int64]
+Luma = NDArray[np.uint8]
+
+
+def phase_planes(plane: Luma, margin: int = MARGIN) -> NDArray[np.uint8]:
+    """Interpolate a plane at quarter samples as H.264 does: six taps for half samples, then means of two."""
+    padded = np.pad(plane, ((margin + 2, margin + 4), (margin + 2, margin + 4)), mode="edge")
+    planes = np.empty((4, 4, plane.shape[0] + 2 * margin, plane.shape[1] + 2 * margin), np.uint8)
+    _kernels.quarter_samples(padded, planes)
+    return planes
+
+
+def low_pass(plane: Luma) -> Luma:
+    """Average over 3x3 samples, as motion search does before it compares noisy or quantised frames."""
+    padded = np.pad(plane.astype(np.int32), 1, mode="edge")
+    columns = padded[:-2] + padded[1:-1] + padded[2:]
+    total = columns[:, :-2] + columns[:, 1:-1] + columns[:, 2:]
+    smooth: Luma = ((total + 4) // 9).astype(np.uint8)
+    return smooth
+
+
+def halve(plane: Luma) -> Luma:
+    """Average 2x2 samples into one; odd sides are padded by replication."""
+    padded = np.pad(plane.astype(np.int32), ((0, plane.shape[0] & 1), (0, plane.shape[1] & 1)), mode="edge")
+    total = padded[::2, ::2] + padded[1::2, ::2] + padded[::2, 1::2] + padded[1::2, 1::2]
+    return ((total + 2) >> 2).astype(np.uint8)
+
+
+def compensate(
+    references: list[NDArray[np.uint8]],
+    offsets: list[Offsets],
+    weights: list[NDArray[np.float64]],
+    block: int,
+    shape: tuple[int, int],
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Predict a plane from displaced overlapping blocks of several references."""
+    rows, columns = offsets[0].shape[:2]
+    ramp = (np.minimum(np.arange(2 * block) + 0.5, 2 * block - 0.5 - np.arange(2 * block))) / block
+    taper = np.outer(ramp, ramp)
+    inside = (slice(block // 2, block // 2 + shape[0]), slice(block // 2, block // 2 + shape[1]))
+    totals, masses = [], []
+    for planes, offset, weight in zip(references, offsets, weights, strict=True):
+        total = np.zeros(((rows + 1) * block, (columns + 1) * block))
+        mass = np.zeros_like(total)
+        _kernels.accumulate_blocks(planes, MARGIN, block, taper, offset, weight, total, mass)
+        totals.append(total[inside])
+        masses.append(mass[inside])
+    compensated = [total / mass for total, mass in zip(totals, masses, strict=True)]
+    return sum(totals[1:], totals[0]) / sum(masses[1:], masses[0]), compensated
+
+
+def compensate_chroma(
+    references: Sequence[Frame],
+    offsets: Sequence[Offsets],
+    weights: Sequence[NDArray[np.float64]],
+    block: int,
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+    """Predict the chroma planes with the offsets of the luma blocks."""
+    chroma = [frame.chroma for frame in references]
+    halved = [offset >> 1 for offset in offsets]
+    predicted = []
+    for component in (0, 1):
+        planes = [pair[component] for pair in chroma if pair is not None]
+        if len(planes) < len(chroma):
+            return None
+        samples, _ = compensate(
+            [phase_planes(plane) for plane in planes], halved, list(weights), block // 2, planes[0].shape
+        )
+        predicted.append(np.floor(samples + 0.5).astype(np.uint8))
+    return predicted[0], predicted[1]
+
+
+def resize_field(field: Offsets, rows: int, columns: int, factor: int) -> Offsets:
+    """Repeat each vector of a field on a finer grid."""
+    row = np.minimum(np.arange(rows) // factor, field.shape[0] - 1)
+    column = np.minimum(np.arange(columns) // factor, field.shape[1] - 1)
+    return np.ascontiguousarray(field[row][:, column])
+
+
+BLOCK = 4
+"""Side of the refined blocks: that of the transform, whose coefficients become known block by block."""
+REFINER_SMOOTHNESS = 1
+"""Cost of a correction, per quarter sample, in units of absolute difference."""
+
+NUM_SUMS = 16
+"""Sums that are kept, which take twice the memory of what they are of: those of two frames side by side."""
+ENOUGH = 1.5
+"""Mean absolute difference of a block from its origin, in levels, that is not searched any further."""
+
+
+class Search(NamedTuple):
+    """One full search around the present offsets."""
+
+    block: int  # side of the blocks that move together, in samples
+    window: int  # side of the window that is compared, in samples
+    radius: int  # largest correction, in steps
+    step: int  # in quarter samples
+    halved: bool = False  # at half the resolution, where all of these count half samples
+
+
+_FINE = (Search(4, 12, 1, 2), Search(4, 12, 1, 1))
+SEARCHES = (
+    (Search(4, 12, 10, 4, halved=True), Search(4, 12, 2, 2), Search(4, 12, 1, 1)),
+    (Search(4, 8, 6, 4, halved=True), *_FINE),
+    (Search(4, 8, 3, 4, halved=True), *_FINE),
+    (Search(4, 12, 2, 4), *_FINE),
+    (Search(4, 8, 1, 1),),
+)
+"""Searches of the first, second, ... and all later calls: the more is known, the less there is to search."""
+
+
+class _Image:
+    """Planes to be searched."""
+
+    def __init__(self, planes: NDArray[np.uint8]) -> None:
+        self.planes = planes
+
+    @lru_cache(NUM_SUMS)  # noqa: B019 - it is bounded
+    def sums(self, side: int) -> NDArray[np.uint16]:
+        """Sums over all squares of `side` samples, which tell where there is no need to search."""
+        height, width = self.planes.shape[2:]
+        sums = np.empty((*self.planes.shape[:2], height - side + 1, width - side + 1), np.uint16)
+        for phase in np.ndindex(*self.planes.shape[:2]):
+            _kernels.box_sums(self.planes[phase], side, sums[phase])
+        return sums
+
+
+def _padded(plane: NDArray[np.uint8]) -> _Image:
+    return _Image(np.pad(plane, MARGIN, mode="edge")[None, None])
+
+
+class _Reference:
+    """A reference at full and at half the resolution."""
+
+    def __init__(self, luma: NDArray[np.uint8]) -> None:
+        self.luma = luma
+        self.image = _Image(phase_planes(luma))
+        self.halved = _Image(phase_planes(halve(luma)))
+
+
+_in_use: "WeakValueDictionary[int, _Reference]" = WeakValueDictionary()
+"""References by the identity of their samples, which they keep: most of the memory that decoding of a frame
+takes, and the same for all frames that are decoded side by side."""
+
+
+def _reference(luma: NDArray[np.uint8]) -> _Reference:
+    found = _in_use.get(id(luma))
+    if found is None:
+        found = _in_use[id(luma)] = _Reference(luma)
+    return found
+
+
+class BlockRefiner:
+    """Refines block offsets into several references."""
+
+    def __init__(self, references: Sequence[Frame], offsets: Sequence[Offsets], method: str) -> None:
+        self.references = references
+        self._searched = [_reference(frame.luma) for frame in references]
+        self.offsets = [offset.copy() for offset in offsets]
+        self._method = method
+        self._weights = [np.ones(offset.shape[:2]) for offset in offsets]
+        self._num_calls = 0
+
+    def refine(self, partial: NDArray[np.uint8]) -> Prediction:
+        """Search every block anew around its present offsets; see `Refiner.refine`."""
+        target, halved_target = _padded(partial), _padded(halve(partial))
+        searches = SEARCHES[min(self._num_calls, len(SEARCHES) - 1)]
+        self._num_calls += 1
+        for number, reference in enumerate(self._searched):
+            for search in searches:
+                images = (halved_target, reference.halved) if search.halved else (target, reference.image)
+                self.offsets[number], costs = _search(*images, self.offsets[number], search)
+            difference = costs / float(searches[-1].window ** 2) + 1.0
+            self._weights[number] = 1.0 / (difference * np.sqrt(difference))
+        planes = [reference.image.planes for reference in self._searched]
+        luma, compensated = compensate(planes, self.offsets, self._weights, BLOCK, partial.shape)
+        return Prediction(luma, None, tuple(compensated), self._method, refiner=self)
+
+    def chroma(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+        """Predict chroma with the offsets found so far; see `Refiner.chroma`."""
+        return compensate_chroma(self.references, self.offsets, self._weights, BLOCK)
+
+
+def _search(
+    target: _Image, reference: _Image, offsets: Offsets, search: Search
+) -> tuple[Offsets, NDArray[np.int64]]:
+    """Return improved offsets of the 4x4 blocks, and the cost of each block that was searched."""
+    scale = 2 if search.halved else 1
+    factor = scale * search.block // BLOCK
+    moved = offsets[::factor, ::factor] // scale
+    costs = np.empty(moved.shape[:2], dtype=np.int64)
+    _kernels.search_target(
+        _kernels.Searched(target.planes, target.sums(search.window // 2)),
+        _kernels.Searched(reference.planes, reference.sums(search.window // 2)),
+        _kernels.Blocks(MARGIN, search.block, search.window),
+        _kernels.Steps(search.radius, search.step, REFINER_SMOOTHNESS, ENOUGH),
+        moved,
+        costs,
+    )
+    return resize_field(moved * scale, offsets.shape[0], offsets.shape[1], factor), costs
+
+
+NUM_COARSE_LEVELS = 2
+BLOCK_PX = 8
+"""Side of the blocks that move."""
+SEARCH_RADIUS_PX = 16
+"""Of the motion search, at the coarsest level."""
+SMOOTHNESS = 6
+"""Weight of smooth motion against matching blocks."""
+
+
+class BlockMotionInterpolation:
+    """Block-motion interpolation between the two references around each instant."""
+
+    name = "mci"
+
+    def predict(
+        self,
+        references: Sequence[ReferenceFrame],
+        points: PointTracks | FeaturePoints | None,
+        instants: Sequence[int],
+    ) -> list[Prediction]:
+        """Predict frames; points are ignored."""
+        del points
+        return [self._predict_one(*references_around(references, instant), instant) for instant in instants]
+
+    def _predict_one(self, before: ReferenceFrame, after: ReferenceFrame, instant: int) -> Prediction:
+        position = temporal_position(before, after, instant)
+        field = estimate_motion(before.frame.luma, after.frame.luma, position)
+        offsets = list(split_field(field, position))
+        shape = before.frame.luma.shape
+        weights = [np.full(field.shape[:2], weight) for weight in (1.0 - float(position), float(position))]
+        frames = [before.frame, after.frame]
+        planes = [phase_planes(frame.luma) for frame in frames]
+        luma, compensated = compensate(planes, offsets, weights, BLOCK_PX, shape)
+        chroma = compensate_chroma(frames, offsets, weights, BLOCK_PX)
+        rows, columns = -(-shape[0] // BLOCK), -(-shape[1] // BLOCK)
+        fine = [resize_field(offset, rows, columns, BLOCK_PX // BLOCK) for offset in offsets]
+        return Prediction(
+            luma, chroma, tuple(compensated), self.name, refiner=BlockRefiner(frames, fine, self.name)
+        )
+
+
+def estimate_motion(before: Luma, after: Luma, position: Fraction) -> Offsets:
+    """Estimate the block motion between two frames, on the grid of a frame between them."""
+    pyramid = [(low_pass(before), low_pass(after))]
+    for _ in range(NUM_COARSE_LEVELS):
+        pyramid.append((halve(pyramid[-1][0]), halve(pyramid[-1][1])))
+    planes = [(phase_planes(first), phase_planes(second)) for first, second in pyramid]
+    search = _LevelSearch(position)
+    field = _forward_field(*planes[-1], pyramid[-1][0].shape, SEARCH_RADIUS_PX)
+    for level in range(NUM_COARSE_LEVELS, 0, -1):
+        field = search.run(*planes[level], field, block=8, window=16, step=4, smoothness=4 * SMOOTHNESS)
+        finer = pyramid[level - 1][0].shape
+        side = 8 if level > 1 else 16
+        field = resize_field(2 * field, -(-finer[0] // side), -(-finer[1] // side), 2 if level > 1 else 1)
+    field = search.run(*planes[0], field, block=16, window=24, step=2, smoothness=4 * SMOOTHNESS)
+    rows, columns = -(-before.shape[0] // BLOCK_PX), -(-before.shape[1] // BLOCK_PX)
+    field = resize_field(field, rows, columns, 16 // BLOCK_PX)
+    for step in (2, 1):
+        field = search.run(*planes[0], field, BLOCK_PX, window=BLOCK_PX + 4, step=step, smoothness=SMOOTHNESS)
+    return vector_median(field)
+
+
+def split_field(field: Offsets, position: Fraction) -> tuple[Offsets, Offsets]:
+    """Split displacements at the missing frame into offsets towards both references."""
+    to_before = _kernels.split_vector(field, position.numerator, position.denominator)
+    return to_before, to_before + field
+
+
+def vector_median(field: Offsets) -> Offsets:
+    """Replace each vector by that of its 3x3 neighbourhood of the least sum of distances to the others."""
+    median = np.empty_like(field)
+    _kernels.vector_median(field, median)
+    return median
+
+
+def _forward_field(before: Luma, after: Luma, shape: tuple[int, ...], radius: int) -> Offsets:
+    """Full search at the coarsest level of the pyramid, between phase planes of frames of a shape."""
+    rows, columns = -(-shape[0] // 8), -(-shape[1] // 8)
+    field = np.zeros((rows, columns, 2), dtype=np.int64)
+    starts = np.zeros_like(field)
+    radius = min(radius, max(shape) // 4)
+    blocks, steps = _kernels.Blocks(MARGIN, 8, 16), _kernels.Steps(radius, 4, 0.02)
+    _kernels.forward_search(_kernels.Pair(before, after), blocks, steps, starts, field)
+    return field
+
+
+class _LevelSearch:
+    """Bilateral search between the phase planes of one pyramid level, around the vectors of a field."""
+
+    def __init__(self, position: Fraction) -> None:
+        self._position = (position.numerator, position.denominator)
+
+    def run(
+        self, before: Luma, after: Luma, field: Offsets, block: int, window: int, step: int, smoothness: int
+    ) -> Offsets:
+        blocks, steps = _kernels.Blocks(MARGIN, block, window), _kernels.Steps(2, step, smoothness)
+        pair = _kernels.Pair(before, after)
+        for _ in range(2):
+            found, median = np.empty_like(field), vector_median(field)
+            _kernels.refine_bilateral(pair, self._position, blocks, steps, (field, median), found)
+            field = found
+        return field

@@ -1,1 +1,0 @@
-"""Prediction by block motion: in two dimensions, without a model of the scene."""

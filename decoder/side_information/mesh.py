@@ -1,0 +1,252 @@
+"""Method `mesh`: a triangular mesh on the first key frame, whose vertices move along epipolar lines.
+
+It is fitted to the correspondences by linear least squares with smooth motion; correspondences in triangles
+that turn over or compensate badly are dropped, and the fit repeated.
+
+References
+----------
+[Maitre2008] Sec. 5.3.3, Eqs. (5.9) and (5.10), the latter with the smoothness of motions that the text
+asks for.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from decoder.side_information.protocol import Interpolation
+from decoder.side_information.synthesis import render_between
+from dvc.geometry.cameras import homogeneous
+from dvc.geometry.depth_maps import DepthMap, DepthView, Known, Visibility
+from dvc.geometry.rendering import EMPTY, fill_holes, render_grid
+from dvc.geometry.sampling import sample
+from dvc.geometry.triangulation import inverse_depths
+from dvc.geometry.warping import inverse_warp, warp_grid, warp_matrix
+from sfm.model import Model
+
+Floats = NDArray[np.float64]
+
+
+def epipolar_lines(warp: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """Return the epipolar lines of points as the closest place to the point itself and a direction."""
+    at_infinity = homogeneous(points) @ warp[:, :3].T
+    line = np.cross(warp[:, 3], at_infinity)
+    length = np.hypot(line[:, 0], line[:, 1])
+    defined = length > 1e-12 * max(float(np.abs(line).max(initial=0.0)), 1e-300)
+    line = np.where(defined[:, None], line / np.where(defined, length, 1.0)[:, None], [1.0, 0.0, 0.0])
+    distance = np.where(defined, (line[:, :2] * points).sum(axis=1) + line[:, 2], 0.0)
+    return points - distance[:, None] * line[:, :2], np.column_stack([-line[:, 1], line[:, 0]])
+
+
+class Barycentric(NamedTuple):
+    """Where points lie in a mesh."""
+
+    vertices: NDArray[np.int64]  # corners of the triangle
+    weights: Floats  # their weights, which sum to 1
+    triangle: NDArray[np.int64]  # the triangle: two a cell, upper left before lower right
+
+    def interpolate(self, values: Floats) -> Floats:
+        """Interpolate values (V,) or (V, 2) of the vertices."""
+        weights = self.weights.reshape(*self.weights.shape, *(1,) * (values.ndim - 1))
+        mixed: Floats = (weights * values[self.vertices]).sum(axis=1)
+        return mixed
+
+    def matrix(self, num_vertices: int) -> Any:
+        """Return the sparse matrix that `interpolate` applies."""
+        rows = np.repeat(np.arange(len(self.vertices)), 3)
+        entries = (self.weights.ravel(), (rows, self.vertices.ravel()))
+        return sparse.csr_array(entries, shape=(len(self.vertices), num_vertices))
+
+
+def barycentric(points: Floats, shape: tuple[int, ...], cell: float) -> Barycentric:
+    """Find the triangle of each point and its weights: the rows of M in (5.10)."""
+    at = (points + cell) / cell
+    corner = np.clip(np.floor(at).astype(np.int64), 0, np.array(shape[::-1]) - 2)
+    x, y = (at - corner).T
+    lower = x + y > 1.0
+    first = corner[:, 1] * shape[1] + corner[:, 0]
+    right, below = first + 1, first + shape[1]
+    vertices = np.column_stack([np.where(lower, below + 1, first), right, below])
+    weights = np.column_stack(
+        [np.where(lower, x + y - 1, 1 - x - y), np.where(lower, 1 - y, x), np.where(lower, 1 - x, y)]
+    )
+    triangle = 2 * (corner[:, 1] * (shape[1] - 1) + corner[:, 0]) + lower
+    return Barycentric(vertices, weights, triangle)
+
+
+def roughness_matrix(shape: tuple[int, int]) -> Any:
+    """Return ``I - N`` of (5.10), N the mean of the neighbours on both sides."""
+    rows, columns = (_second_difference(count) for count in shape)
+    along = sparse.kron(sparse.eye_array(shape[0]), columns) + sparse.kron(rows, sparse.eye_array(shape[1]))
+    border = np.zeros(shape, dtype=bool)
+    border[[0, -1]] = border[:, [0, -1]] = True
+    return sparse.csr_array(sparse.diags_array(np.where(border, 1.0, 0.5).ravel()) @ along)
+
+
+def _second_difference(count: int) -> Any:
+    """Half the second difference of a line of values, negated; zero rows at its ends."""
+    inner = np.ones(count)
+    inner[[0, -1]] = 0.0
+    sides = -0.5 * inner
+    return sparse.diags_array([sides[1:], inner, sides[:-1]], offsets=[-1, 0, 1]).tocsr()
+
+
+Luma = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+RIDGE = 1e-9
+"""Weight that holds vertices which neither data nor smoothness determine."""
+EPIPOLE_MARGIN_PX = 4.0
+"""Vertices closer than this to the epipole say nothing about depth."""
+NO_PARALLAX = 1e-9
+"""Squared motion, in pixels per unit of inverse depth, from which a vertex says nothing either."""
+
+
+@dataclass(frozen=True)
+class MeshSettings:
+    """How the mesh is fitted."""
+
+    cell_px: int = 16  # side of its cells
+    smoothness: float = 0.3  # weight of the smoothness of motions (mu)
+    # mean absolute compensation error of a triangle, in luma levels, from which its points are outliers
+    max_error: float = 30.0
+    max_fits: int = 8  # most fits
+
+
+class Mesh(NamedTuple):
+    """A mesh."""
+
+    origin_px: float  # x and y of the first vertex, and distance of vertices, in the first key frame
+    cell_px: float
+    second: Floats  # vertices in the second key frame, (x, y) in pixels
+    inverse_depth: Floats  # inverse depth of the vertices in the first key frame
+    kept: Mask  # correspondences that were not outliers
+    num_fits: int  # fits that were needed
+
+
+class MeshInterpolator:
+    """Predicts frames between two key frames by the mesh; see `SceneInterpolator`."""
+
+    name = "mesh"
+
+    def __init__(
+        self,
+        model: Model,
+        first: Luma,
+        second: Luma,
+        known: Known = (None, None),
+        settings: MeshSettings = MeshSettings(),
+    ) -> None:
+        del known
+        self._frame = model.pixel_frame
+        self.views = mesh_views(fit_mesh(model, first, second, settings), model, first, second)
+
+    def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
+        """Predict one frame."""
+        return render_between(self.views, camera, temporal_position, self._frame)
+
+
+def fit_mesh(model: Model, first: Luma, second: Luma, settings: MeshSettings) -> Mesh:
+    """Fit the mesh to correspondences, and drop outliers until none is left."""
+    warp = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
+    cell = settings.cell_px
+    shape = (-(-(first.shape[0] - 1) // cell) + 3, -(-(first.shape[1] - 1) // cell) + 3)
+    points, matches = model.correspondences.first, model.correspondences.second
+    kept = np.asarray(np.isfinite(np.column_stack([points, matches])).all(axis=1))
+    farthest = (np.array(shape[::-1]) - 2) * cell
+    kept &= np.logical_and(points >= -cell, points <= farthest).all(axis=1)
+    for number in range(1, settings.max_fits + 1):
+        vertices = _fit_once(points[kept], matches[kept], warp, shape, settings)
+        mesh = Mesh(-cell, cell, vertices, _vertex_depths(vertices, warp, cell), kept.copy(), number)
+        bad = _bad_triangles(mesh, warp, first, second, settings.max_error)
+        outlier: Mask = kept & bad[barycentric(np.where(kept[:, None], points, 0.0), shape, cell).triangle]
+        if not outlier.any():
+            break
+        kept &= ~outlier
+    return mesh
+
+
+def _grid(shape: tuple[int, ...], cell: float) -> Floats:
+    """Vertices in the first key frame, row by row: (V, 2)."""
+    rows, columns = np.indices(shape)
+    return np.stack([columns.ravel(), rows.ravel()], axis=-1) * float(cell) - cell
+
+
+def _fit_once(
+    points: Floats, matches: Floats, warp: Floats, shape: tuple[int, int], settings: MeshSettings
+) -> Floats:
+    """Solve (5.10) for the positions of the vertices in the second key frame."""
+    grid = _grid(shape, settings.cell_px)
+    place, direction = epipolar_lines(warp, grid)
+    weights = barycentric(points, shape, settings.cell_px).matrix(len(grid))
+    roughness = roughness_matrix(shape)
+    normal = RIDGE * sparse.eye_array(len(grid))
+    right = np.zeros(len(grid))
+    for axis in (0, 1):
+        along = sparse.diags_array(direction[:, axis])
+        data, smooth = weights @ along, settings.smoothness * roughness @ along
+        normal = normal + data.T @ data + smooth.T @ smooth
+        right += data.T @ (matches[:, axis] - weights @ place[:, axis])
+        right -= settings.smoothness * smooth.T @ (roughness @ (place - grid)[:, axis])
+    moved = place + spsolve(normal.tocsc(), right)[:, None] * direction
+    return np.asarray(moved, dtype=np.float64).reshape(*shape, 2)
+
+
+def _vertex_depths(second: Floats, warp: Floats, cell: float) -> Floats:
+    """Inverse depth of the vertices by triangulation; that of the others where it is not determined."""
+    vertices, epipole = second.reshape(-1, 2), warp[:, 3]
+    depth, third = inverse_depths(_grid(second.shape[:2], cell), warp, vertices)
+    offset = epipole[:2] - vertices * epipole[2]
+    # offset / |e_3| is the way from the epipole to the vertex; one at infinity is near nothing
+    near = (offset**2).sum(axis=1) <= (EPIPOLE_MARGIN_PX * epipole[2]) ** 2 + NO_PARALLAX
+    return fill_holes(np.where(near | (third <= 1e-6), EMPTY, depth).reshape(second.shape[:2]))
+
+
+def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, NDArray[np.int64]]:
+    """Interpolate the mesh at every pixel of the first key frame."""
+    rows, columns = np.indices(shape)
+    points = np.stack([columns.ravel(), rows.ravel()], axis=-1).astype(np.float64)
+    where = barycentric(points, mesh.inverse_depth.shape, mesh.cell_px)
+    return where.interpolate(mesh.inverse_depth.ravel()).reshape(shape), where.triangle.reshape(shape)
+
+
+def _bad_triangles(mesh: Mesh, warp: Floats, first: Luma, second: Luma, max_error: float) -> Mask:
+    """Tell which triangles turn over or compensate badly."""
+    depth, triangle = mesh_depth(mesh, first.shape)
+    moved = warp_grid(warp, depth)
+    error = np.abs(sample(second, moved) - first)
+    height, width = first.shape
+    x, y = moved[..., 0], moved[..., 1]
+    error[(x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)] = 0.0
+    cells = (mesh.second.shape[0] - 1) * (mesh.second.shape[1] - 1)
+    total = np.bincount(triangle.ravel(), error.ravel(), 2 * cells)
+    count = np.bincount(triangle.ravel(), minlength=2 * cells)
+    corners = mesh.second
+    upper = _area(corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1])
+    lower = _area(corners[1:, 1:], corners[1:, :-1], corners[:-1, 1:])
+    turned = np.stack([upper, lower], axis=-1).ravel() <= 0.0
+    return np.asarray(turned | (total > max_error * count))
+
+
+def _area(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Twice the signed area of triangles."""
+    ab, ac = b - a, c - a
+    area: Floats = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
+    return area
+
+
+def mesh_views(mesh: Mesh, model: Model, first: Luma, second: Luma) -> tuple[DepthView, DepthView]:
+    """Turn the mesh into the depth of both key frames: one piece, all of it trusted."""
+    there = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
+    in_first, _ = mesh_depth(mesh, first.shape)
+    vertices = warp_grid(there, mesh.inverse_depth, mesh.origin_px, mesh.cell_px)
+    in_second = render_grid(vertices, second.shape)
+    visibility = np.full(first.shape, Visibility.CONSISTENT, np.int8)
+    whole = np.zeros((first.shape[0] - 1, first.shape[1] - 1), dtype=bool)
+    return (
+        DepthView(first, model.first_camera, DepthMap(in_first, visibility), whole, there),
+        DepthView(second, model.second_camera, DepthMap(in_second, visibility), whole, inverse_warp(there)),
+    )

@@ -1,0 +1,261 @@
+"""Method `depth`: dense depth of both key frames, rendered into the wanted view."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.side_information.protocol import Interpolation
+from decoder.side_information.synthesis import interpolate, render_between
+from decoder.side_information.weighting import neighbourhood
+from dvc.geometry.cameras import homogeneous, inverse_depth_range
+from dvc.geometry.depth_maps import DepthMap, DepthView, Known, estimate_depths
+from dvc.geometry.inference import semi_global
+from dvc.geometry.plane_sweep import (
+    CENSUS_SWEEP,
+    GRADIENT_SWEEP,
+    DepthHypotheses,
+    SweepSettings,
+    VirtualView,
+    block_costs,
+    depth_hypotheses,
+    luma_features,
+    parallax_px,
+    refine_blocks,
+)
+from dvc.geometry.rendering import render_depth
+from dvc.geometry.warping import warp_matrix
+from sfm.model import Model
+
+Floats = NDArray[np.float64]
+Luma = NDArray[np.uint8]
+
+
+class DepthInterpolator:
+    """Predicts frames between two key frames by their depth; see `SceneInterpolator`."""
+
+    name = "depth"
+
+    def __init__(
+        self,
+        model: Model,
+        first: Luma,
+        second: Luma,
+        known: Known = (None, None),
+        settings: SweepSettings = GRADIENT_SWEEP,
+    ) -> None:
+        self._frame = model.pixel_frame
+        self.views = estimate_depths(model.view_pair, first, second, known, settings)
+
+    def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
+        """Predict one frame."""
+        return render_between(self.views, camera, temporal_position, self._frame)
+
+
+MIN_PARALLAX = 0.07
+"""Between what is nearest and what is farthest, for a second depth, as a share of the longer side."""
+
+
+class AveragedDepthInterpolator:
+    """Predicts frames between two key frames by two depths of each; see `SceneInterpolator`."""
+
+    name = DepthInterpolator.name
+
+    def __init__(
+        self,
+        model: Model,
+        first: NDArray[np.uint8],
+        second: NDArray[np.uint8],
+        known: Known = (None, None),
+    ) -> None:
+        self._fine = DepthInterpolator(model, first, second, known)
+        self._stiff = None
+        settled = all(one is not None and one.depth is not None and one.is_settled for one in known)
+        if not settled and relative_parallax(model) >= MIN_PARALLAX:
+            self._stiff = DepthInterpolator(model, first, second, known, CENSUS_SWEEP)
+        self.views = self._fine.views
+
+    def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
+        """Average two predictions of one frame; positions and weights are those of the fine sweep."""
+        wanted = camera, temporal_position
+        found = self._fine.interpolate(*wanted)
+        return found if self._stiff is None else average(found, self._stiff.interpolate(*wanted))
+
+
+def relative_parallax(model: Model) -> float:
+    """Measure the parallax between what is nearest and what is farthest."""
+    pair, size = model.view_pair, model.pixel_frame
+    shape = size.height_px, size.width_px
+    warp = warp_matrix(*pair.cameras, size)
+    return parallax_px(pair.inverse_depth_ranges[0], warp, shape) / max(shape)
+
+
+def average(first: Interpolation, second: Interpolation) -> Interpolation:
+    """Average two predictions of a frame."""
+    return first._replace(
+        luma=0.5 * (first.luma + second.luma),
+        compensated=tuple(
+            0.5 * (one + other) for one, other in zip(first.compensated, second.compensated, strict=True)
+        ),
+        expected_error=0.5 * (first.expected_error + second.expected_error),
+    )
+
+
+BLOCK_PX = 4
+"""Side of the blocks: that of the transform, and of the blocks that are refined later."""
+SPACING_PX = 2.0
+"""Distance of the 4x4 samples of a block's window in the full search: it is twice as wide as the block."""
+WINDOW_RADIUS_PX = 3
+"""Of the window of the golden section."""
+START_WEIGHT, START_LIMIT = 4.0, 40.0
+"""Cost per hypothesis of leaving the start, and its limit: above it a block may go anywhere."""
+SWEEP = SweepSettings(step_px=0.8, max_hypotheses=96, small_jump=10, large_jump=100)
+"""Coarser than the sweep of a key frame, for the golden section follows."""
+
+
+class BlockInterpolator:
+    """Predicts frames between two key frames by epipolar blocks; see `SceneInterpolator`."""
+
+    name = "blocks"
+
+    def __init__(
+        self,
+        model: Model,
+        first: Luma,
+        second: Luma,
+        known: Known = (None, None),
+        views: tuple[DepthView, DepthView] | None = None,
+    ) -> None:
+        del known
+        self._model = model
+        self.views = views or estimate_depths(model.view_pair, first, second)
+        self._features = (luma_features(first), luma_features(second))
+
+    def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
+        """Predict one frame."""
+        frame = self._model.pixel_frame
+        rendered = render_depth(self.views, camera, frame)
+        blocks = self._block_depths(camera, rendered)
+        depth = DepthMap(spread_blocks(blocks, BLOCK_PX, rendered.inverse_depth.shape), rendered.visibility)
+        return interpolate(self.views, depth, camera, temporal_position, frame)
+
+    def _block_depths(self, camera: Floats, rendered: DepthMap) -> Floats:
+        """Search the inverse depth of every block of a view, from what was rendered there."""
+        frame = self._model.pixel_frame
+        first, second = (warp_matrix(camera, view.camera, frame) for view in self.views)
+        view = VirtualView(self._features, (first, second), BLOCK_PX)
+        reference = max(view.warps, key=_relative_motion)
+        hypotheses = depth_hypotheses(
+            inverse_depth_range(self._known_inverse_depths(camera)),
+            reference,
+            rendered.inverse_depth.shape,
+            SWEEP,
+        )
+        cost = block_costs(view, hypotheses, SPACING_PX)
+        start = _block_medians(rendered.inverse_depth, BLOCK_PX)
+        visible = _block_medians(rendered.reliable.astype(np.float64), BLOCK_PX) >= 0.5
+        cost[~visible] = 0
+        cost += _start_cost(start, hypotheses)
+        plain = np.zeros(cost.shape[:2], np.uint8)
+        chosen, _ = semi_global(cost, plain, SWEEP.small_jump, SWEEP.large_jump)
+        depth = hypotheses.inverse_depth(chosen)
+        refined = refine_blocks(view, depth, hypotheses.step, WINDOW_RADIUS_PX)
+        return np.where(visible, refined, depth)
+
+    def _known_inverse_depths(self, camera: Floats) -> Floats:
+        """Inverse depths of the correspondences in the wanted view."""
+        model = self._model
+        usable = np.isfinite(model.depths) & (model.depths > 0)
+        to_view = warp_matrix(model.first_camera, camera, model.pixel_frame)
+        inverse_depth = 1.0 / model.depths[usable]
+        points = homogeneous(model.correspondences.first)[usable]
+        third = (np.column_stack([points, inverse_depth]) @ to_view.T)[:, 2]
+        before = third > 1e-6
+        known: Floats = inverse_depth[before] / third[before]
+        return known
+
+
+def _relative_motion(warp: Floats) -> float:
+    """How much depth moves points: the key frame whose centre is farther from the wanted one moves most."""
+    return float(np.linalg.norm(warp[:, 3]) / np.linalg.norm(warp[:, :3]))
+
+
+def _start_cost(start: Floats, hypotheses: DepthHypotheses) -> NDArray[np.int16]:
+    """Cost of leaving where a block starts, per block and hypothesis."""
+    distance = np.abs(
+        hypotheses.inverse_depth(np.arange(float(hypotheses.num_hypotheses))) - start[..., None]
+    )
+    cost = np.minimum(START_WEIGHT * distance / hypotheses.step, START_LIMIT)
+    return np.floor(cost + 0.5).astype(np.int16)
+
+
+def _block_medians(plane: Floats, block_px: int) -> Floats:
+    """Median of each block; blocks beyond the frame repeat its last pixels."""
+    height, width = plane.shape
+    padded = np.pad(plane, ((0, -height % block_px), (0, -width % block_px)), mode="edge")
+    cells = padded.reshape(padded.shape[0] // block_px, block_px, padded.shape[1] // block_px, block_px)
+    medians: Floats = np.median(cells, axis=(1, 3))
+    return medians
+
+
+def spread_blocks(depth: Floats, block_px: int, shape: tuple[int, ...]) -> Floats:
+    """Give every pixel the depth of its block, or between those of blocks on one plane."""
+    span = float(np.ptp(depth))
+    corners, shares = [], []
+    positions = [(np.arange(side) + 0.5) / block_px - 0.5 for side in shape]
+    for lower_row in (True, False):
+        for lower_column in (True, False):
+            at, share = [], []
+            for position, count, lower in zip(positions, depth.shape, (lower_row, lower_column), strict=True):
+                floor = np.floor(position)
+                at.append(np.clip(floor + (not lower), 0, count - 1).astype(np.int64))
+                share.append(1.0 - (position - floor) if lower else position - floor)
+            corners.append(depth[np.ix_(*at)])
+            shares.append(np.outer(*share))
+    stack, weights = np.stack(corners), np.stack(shares)
+    own = np.take_along_axis(stack, weights.argmax(axis=0)[None], axis=0)[0]
+    weights = np.where(np.abs(stack - own) <= 0.03 * span, weights, 0.0)
+    smooth: Floats = (weights * stack).sum(axis=0) / weights.sum(axis=0)
+    return smooth
+
+
+BLOCK_WEIGHT = 0.5
+"""Of blocks, where they expect the same error as rendered depth: they are mostly a little worse."""
+DISAGREEMENT = 0.5
+"""Part of the squared difference of the two that is added to their squared error."""
+
+
+class FusedInterpolator:
+    """Predicts frames between two key frames by depth and by epipolar blocks; see `SceneInterpolator`."""
+
+    name = "fused"
+
+    def __init__(
+        self,
+        model: Model,
+        first: NDArray[np.uint8],
+        second: NDArray[np.uint8],
+        known: Known = (None, None),
+    ) -> None:
+        self._depth = DepthInterpolator(model, first, second, known)
+        self.views = self._depth.views
+        self._blocks = BlockInterpolator(model, first, second, views=self.views)
+
+    def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
+        """Fuse one frame; positions and weights are those of the depth."""
+        wanted = camera, temporal_position
+        return fuse_scenes(self._depth.interpolate(*wanted), self._blocks.interpolate(*wanted))
+
+
+def fuse_scenes(depth: Interpolation, blocks: Interpolation) -> Interpolation:
+    """Fuse two predictions of a frame by the errors that they expect."""
+    ours, theirs = (neighbourhood(one.expected_error) ** 2 for one in (depth, blocks))
+    share = BLOCK_WEIGHT * ours / (BLOCK_WEIGHT * ours + theirs)
+    distance = neighbourhood((depth.luma - blocks.luma) ** 2)
+    return depth._replace(
+        luma=depth.luma + share * (blocks.luma - depth.luma),
+        compensated=tuple(
+            one + share * (other - one)
+            for one, other in zip(depth.compensated, blocks.compensated, strict=True)
+        ),
+        expected_error=np.sqrt(depth.expected_error**2 + DISAGREEMENT * distance),
+        hypotheses=(depth.luma, blocks.luma),
+    )

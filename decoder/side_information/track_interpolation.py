@@ -1,0 +1,269 @@
+"""Prediction between two references that tracked points alone bring into place, without a model of the scene.
+
+Each reference is warped for itself and has its say by what it covers and by how far it has moved: one that
+the camera has hardly left is nearly the frame itself. What differs between them still is left to block
+motion, which counts only where it makes them agree. This serves where there is no model of the scene, and
+beside the model where the scene is not static.
+"""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, uniform_filter
+
+from decoder.side_information import _kernels
+from decoder.side_information.alignment import homography_positions, whole_frame_motion
+from decoder.side_information.block_motion import (
+    BLOCK_PX,
+    compensate,
+    estimate_motion,
+    phase_planes,
+    split_field,
+)
+from decoder.side_information.protocol import Interpolation, ReferenceFrame
+from decoder.side_information.weighting import neighbourhood
+from dvc.geometry.sampling import sample
+from dvc.wynerziv.transform import to_uint8
+
+Floats = NDArray[np.float64]
+
+
+class Field(NamedTuple):
+    """What residuals a field is made of, and how smooth it is."""
+
+    reach_px: float  # distance from which a residual says nothing
+    max_residual_px: float  # residuals beyond it are lost tracks, or points at a step of depth
+    noise_px2: float  # squared error of a residual that rounded tracks make
+
+
+NEAR = (Field(80.0, 6.0, 0.1),)
+"""What cameras and depths of a scene that was seen from both sides leave."""
+WIDE_TO_NARROW = tuple(Field(reach_px, 12.0, 0.2) for reach_px in (160.0, 80.0, 40.0))
+"""What a homography leaves, or a scene that was seen from one side."""
+PRIOR = 0.3
+"""Weight of a residual of zero, relative to that of a point at the very place."""
+LATTICE_PX = 4
+"""Distance of the places where a field is computed."""
+MIN_NUM_POINTS = 3
+"""Points of which residuals can agree."""
+
+
+def corrected_positions(
+    positions: Floats, wanted: Floats, reference: Floats, fields: Sequence[Field] = NEAR
+) -> Floats:
+    """Add to positions in a reference what residuals of tracks agree on, in one field after the other."""
+    for field in fields:
+        found = track_residuals(wanted, reference, positions, field.max_residual_px)
+        positions = add_correction(positions, *found, field)
+    return positions
+
+
+def track_residuals(
+    wanted: Floats, reference: Floats, positions: Floats, max_residual_px: float
+) -> tuple[Floats, Floats]:
+    """Compare where tracks are in a reference with where a rendered frame looks for them."""
+    size = np.array(positions.shape[1::-1], dtype=np.float64)
+    known = np.flatnonzero(np.isfinite(np.column_stack([wanted, reference])).all(axis=1))
+    known = known[((wanted[known] >= 0.0) & (wanted[known] <= size - 1.0)).all(axis=1)]
+    points, there = wanted[known], reference[known]
+    at = points[:, ::-1].T
+    looked = [map_coordinates(positions[..., axis], at, order=1, mode="nearest") for axis in (0, 1)]
+    residuals: Floats = there - np.stack(looked, axis=-1)
+    near = (residuals**2).sum(axis=1) <= max_residual_px**2
+    return points[near], residuals[near]
+
+
+def add_correction(positions: Floats, points: Floats, residuals: Floats, field: Field) -> Floats:
+    """Add to positions what residuals at scattered points agree on, bilinear between places of a lattice."""
+    moved = positions.copy()
+    if len(points) >= MIN_NUM_POINTS:
+        rows, columns = (-(-(side - 1) // LATTICE_PX) + 1 for side in positions.shape[:2])
+        nodes = np.empty((rows, columns, 2))
+        arguments = np.ascontiguousarray(points / LATTICE_PX), np.ascontiguousarray(residuals)
+        _kernels.correction_field(*arguments, field.reach_px / LATTICE_PX, PRIOR, field.noise_px2, nodes)
+        _kernels.add_between_nodes(nodes, LATTICE_PX, moved)
+    return moved
+
+
+Luma = NDArray[np.uint8]
+
+DISPLACEMENT_WINDOW = 33
+"""Side of the neighbourhood in which displacements are averaged, in pixels."""
+MAX_DISPLACEMENT_PX = 60.0
+"""Displacements beyond it count as this."""
+DETAIL_WINDOW = 5
+"""Side of the neighbourhood in which detail is measured, in pixels."""
+BASE_ERROR = 1.5
+"""Expected absolute error of a flat region that has not moved, in luma levels."""
+DETAIL_ERROR = 0.25
+"""Of one that has not moved, relative to its detail."""
+MOTION_ERROR = (0.08, 0.05)
+"""Growth of either with the displacement, per pixel."""
+UNSEEN_ERROR = 3.0
+"""How many times larger the error is where the reference does not reach."""
+
+
+class TrackedWarp(NamedTuple):
+    """What a reference says of a frame."""
+
+    luma: Floats  # warped reference; the border repeats beyond it
+    positions: Floats  # where each pixel lies in the reference, (x, y) in pixels; may be outside
+    coverage: Floats  # 1 where that is inside the reference, 0 where it is outside by a pixel or more
+    displacement_px: Floats  # how far the neighbourhood of each pixel has moved
+    # expected absolute error, in luma levels: larger where there is detail, where much has moved, and outside
+    expected_error: Floats
+
+
+def warp_by_tracks(reference: Luma, points: Floats, matches: Floats) -> TrackedWarp:
+    """Warp a reference on to a frame, of which only points are known."""
+    shape = reference.shape
+    positions = homography_positions(whole_frame_motion(points, matches), shape)
+    positions = corrected_positions(positions, points, matches, WIDE_TO_NARROW)
+    luma, moved = sample(reference, positions), _displacement(positions)
+    inside = _coverage(positions)
+    return TrackedWarp(luma, positions, inside, moved, _expected_error(luma, inside, moved))
+
+
+def _displacement(positions: Floats) -> Floats:
+    rows, columns = np.indices(positions.shape[:2])
+    across, down = positions[..., 0] - columns, positions[..., 1] - rows
+    distance = np.minimum(np.sqrt(across * across + down * down), MAX_DISPLACEMENT_PX)
+    mean: Floats = uniform_filter(distance, DISPLACEMENT_WINDOW, mode="nearest")
+    return mean
+
+
+def _coverage(positions: Floats) -> Floats:
+    size = np.array(positions.shape[1::-1])
+    beyond = np.maximum(-positions, positions - (size - 1)).max(axis=-1)
+    inside: Floats = np.clip(1.0 - beyond, 0.0, 1.0)
+    return inside
+
+
+def _expected_error(luma: Floats, coverage: Floats, displacement_px: Floats) -> Floats:
+    side = DETAIL_WINDOW
+    detail = np.abs(luma - uniform_filter(luma, side, mode="nearest"))
+    detail = uniform_filter(detail, side, mode="nearest")
+    still = BASE_ERROR + DETAIL_ERROR * detail
+    moved = displacement_px * (MOTION_ERROR[0] + MOTION_ERROR[1] * detail)
+    error: Floats = (still + moved) * (1.0 + (UNSEEN_ERROR - 1.0) * (1.0 - coverage))
+    return error
+
+
+METHOD = "tracks"
+"""Name that its predictions carry."""
+PACE_PX = 0.3
+"""Displacement that counts as much as one frame of time."""
+NOISE = 4.0
+"""Squared error of a reference at the very place of the frame."""
+USUAL_MISFIT = 1.5
+"""Part of their difference that references must lose by block motion for it to count at all: it is made to
+find what agrees."""
+MEAN_ERROR = 0.8
+"""Mean absolute error relative to the root of the mean squared one."""
+MIN_PACE_PX = 0.1
+"""Least displacement for each frame of time, where block motion is shared out."""
+POSITION_STEPS = 16
+"""Steps in which the place between the references is told to block motion."""
+UNSEEN = 1e-6
+"""Say of a reference that does not reach, so that there is one where both do not."""
+
+
+class _Weighted(NamedTuple):
+    """The weighted mean of two references in place."""
+
+    luma: Floats
+    weights: tuple[Floats, Floats]
+    difference: Floats  # mean squared difference of the references around each pixel
+    error: Floats  # expected squared error
+
+
+def interpolate_by_tracks(
+    around: tuple[ReferenceFrame, ReferenceFrame],
+    instant: int,
+    points: tuple[Floats, Floats, Floats],
+    moves: bool = True,
+) -> Interpolation:
+    """Predict a frame between two references; with block motion, where there is nothing better."""
+    before, wanted, after = points
+    warps = (
+        warp_by_tracks(around[0].frame.luma, wanted, before),
+        warp_by_tracks(around[1].frame.luma, wanted, after),
+    )
+    distances = instant - around[0].index, around[1].index - instant
+    shares = _error_shares(warps, distances)
+    both = np.minimum(warps[0].coverage, warps[1].coverage)
+    aligned = _filled(*warps), _filled(*warps[::-1])
+    warped = _weighted(aligned, warps, shares)
+    moved = _weighted(_block_motion(aligned, warps, distances), warps, shares) if moves else warped
+    misfit = USUAL_MISFIT * moved.difference + NOISE
+    share = np.floor(both) * np.maximum(1.0 - misfit / np.maximum(warped.difference, NOISE), 0.0)
+    luma = warped.luma + share * (moved.luma - warped.luma)
+    agreed = MEAN_ERROR * np.sqrt(warped.error + share * (moved.error - warped.error))
+    alone = np.minimum(warps[0].expected_error, warps[1].expected_error)
+    error = both * agreed + (1.0 - both) * alone
+    limit = 2.0 * error
+    compensated = tuple(luma + np.clip(warp.luma - luma, -limit, limit) for warp in warps)
+    positions = tuple(warp.positions for warp in warps)
+    return Interpolation(
+        luma,
+        compensated,
+        warped.weights,
+        positions,
+        error,
+        (warped.luma, moved.luma) if moves else (warped.luma,),
+    )
+
+
+def _error_shares(
+    warps: tuple[TrackedWarp, TrackedWarp], distances: tuple[int, int]
+) -> tuple[Floats, Floats]:
+    """Return the share of each reference in the squared difference of both."""
+    paces = []
+    for warp, distance in zip(warps, distances, strict=True):
+        squared = warp.displacement_px**2 + (PACE_PX * distance) ** 2
+        paces.append(squared / np.sqrt(np.sqrt(squared)))
+    first: Floats = paces[0] / (paces[0] + paces[1])
+    return first, 1.0 - first
+
+
+def _filled(warp: TrackedWarp, other: TrackedWarp) -> Floats:
+    """Return a warped reference; what it does not cover is the other's."""
+    filled: Floats = np.where((warp.coverage < 1.0) & (other.coverage > warp.coverage), other.luma, warp.luma)
+    return filled
+
+
+def _weighted(
+    lumas: tuple[Floats, Floats], warps: tuple[TrackedWarp, TrackedWarp], shares: tuple[Floats, Floats]
+) -> _Weighted:
+    """Average two references by what they cover and by the error that each has of their difference."""
+    difference = neighbourhood((lumas[0] - lumas[1]) ** 2)
+    errors = NOISE + shares[0] * difference, NOISE + shares[1] * difference
+    first, second = ((warp.coverage + UNSEEN) / error for warp, error in zip(warps, errors, strict=True))
+    weights = first / (first + second), second / (first + second)
+    luma = weights[0] * lumas[0] + weights[1] * lumas[1]
+    error = weights[0] ** 2 * errors[0] + weights[1] ** 2 * errors[1]
+    return _Weighted(luma, weights, difference, error)
+
+
+def _block_motion(
+    aligned: tuple[Floats, Floats],
+    warps: tuple[TrackedWarp, TrackedWarp],
+    distances: tuple[int, int],
+) -> tuple[Floats, Floats]:
+    """Compensate what is left of the motion: the farther a reference is, the more of it is that one's."""
+    paces = [
+        float(np.median(warp.displacement_px)) + MIN_PACE_PX * distance
+        for warp, distance in zip(warps, distances, strict=True)
+    ]
+    step = round(POSITION_STEPS * paces[0] / (paces[0] + paces[1]))
+    position = Fraction(min(max(step, 1), POSITION_STEPS - 1), POSITION_STEPS)
+    first, second = to_uint8(aligned[0]), to_uint8(aligned[1])
+    field = estimate_motion(first, second, position)
+    weights = [np.ones(field.shape[:2])] * 2
+    planes = [phase_planes(first), phase_planes(second)]
+    offsets = list(split_field(field, position))
+    _, compensated = compensate(planes, offsets, weights, BLOCK_PX, first.shape)
+    return compensated[0], compensated[1]

@@ -1,0 +1,215 @@
+"""Frames predicted from a scene of two planes, and from key frames that show nothing of use."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decoder.side_information.mesh import (
+    MeshInterpolator,
+    MeshSettings,
+    barycentric,
+    epipolar_lines,
+    fit_mesh,
+    roughness_matrix,
+)
+from decoder.side_information.protocol import Interpolation
+from decoder.side_information.scene_interpolators import BlockInterpolator, DepthInterpolator, spread_blocks
+from decoder.side_information.synthesis import blend, block_offsets, warp_chroma
+from dvc.geometry.cameras import PixelFrame
+from dvc.geometry.warping import warp_matrix
+from dvc.metrics import psnr_db
+from dvc.wynerziv.transform import to_uint8
+from sfm.model import Correspondences, Model
+from tests.scenes_3d import camera_at, render, two_planes
+
+MODEL = two_planes()
+FRAME = MODEL.pixel_frame
+FIRST, SECOND = (render(position, FRAME)[0] for position in (0.0, 1.0))
+SHAPE = FIRST.shape
+FINE_MESH = MeshSettings(cell_px=8)
+Make = Callable[[Model, np.ndarray, np.ndarray], DepthInterpolator | MeshInterpolator | BlockInterpolator]
+METHODS: dict[str, Make] = {
+    "depth": DepthInterpolator,
+    "mesh": lambda *keys: MeshInterpolator(*keys, settings=FINE_MESH),
+    "blocks": BlockInterpolator,
+}
+MIN_PSNR_DB = {"depth": 33.0, "mesh": 24.0, "blocks": 32.0}
+
+
+def check_complete(prediction: Interpolation, shape: tuple[int, int]) -> None:
+    """Assert that there is no hole and nothing that is not a number."""
+    assert prediction.luma.shape == shape
+    parts = (prediction.luma, *prediction.compensated, *prediction.positions, prediction.expected_error)
+    assert all(np.isfinite(part).all() for part in parts)
+    assert prediction.luma.min() >= 0
+    assert prediction.luma.max() <= 255
+    assert prediction.expected_error.min() > 0
+    np.testing.assert_allclose(prediction.weights[0] + prediction.weights[1], 1.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("position", [0.2, 0.5])
+def test_the_frame_between_is_predicted(method: str, position: float) -> None:
+    """Each method comes close to the true frame, borders and hidden parts included."""
+    prediction = METHODS[method](MODEL, FIRST, SECOND).interpolate(camera_at(position), position)
+    check_complete(prediction, SHAPE)
+    assert psnr_db(to_uint8(prediction.luma), render(position, FRAME)[0]) > MIN_PSNR_DB[method]
+
+
+def test_expected_error_is_larger_where_the_error_is() -> None:
+    """The worst tenth of the pixels, by what is expected, are worse than the rest."""
+    prediction = METHODS["depth"](MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
+    error = np.abs(prediction.luma - render(0.5, FRAME)[0])
+    doubtful = prediction.expected_error > np.quantile(prediction.expected_error, 0.9)
+    assert error[doubtful].mean() > 2 * error[~doubtful].mean()
+
+
+ODD = {
+    "black": np.zeros((16, 16), np.uint8),
+    "white": np.full((48, 20), 255, np.uint8),
+    "noise": np.random.default_rng(0).integers(0, 256, (33, 47)).astype(np.uint8),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("image", ODD)
+def test_odd_frames_are_predicted_all_the_same(method: str, image: str) -> None:
+    """Key frames without content, with nothing in common or few pixels give frames without holes."""
+    first = ODD[image]
+    frame = PixelFrame(first.shape[1], first.shape[0])
+    points = np.random.default_rng(1).uniform(0, 15, (12, 2))
+    matches = Correspondences(points, points[::-1].copy(), np.zeros(12))
+    second = np.random.default_rng(2).permutation(first.ravel()).reshape(first.shape)
+    model = Model(frame, np.eye(3), camera_at(1.0), matches, np.linspace(1.0, 9.0, 12))
+    prediction = METHODS[method](model, first, second).interpolate(camera_at(0.5), 0.5)
+    check_complete(prediction, first.shape)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("points", [0, 1, 3])
+def test_models_that_say_little(method: str, points: int) -> None:
+    """Without points, with a depth that is none, or with cameras in one place, there still is a frame."""
+    chosen = np.arange(points)
+    depths = np.array([2.0, np.inf, -1.0])[:points]
+    model = replace(MODEL, correspondences=MODEL.correspondences[chosen], depths=depths)
+    if points == 3:
+        model = replace(model, second_camera=np.eye(3, 4))
+    prediction = METHODS[method](model, FIRST, SECOND).interpolate(model.second_camera, 1.0)
+    check_complete(prediction, SHAPE)
+
+
+def test_forward_motion_with_the_epipole_in_the_picture() -> None:
+    """Points at the epipole, where depth cannot be told, do no harm."""
+    forward = np.column_stack([np.eye(3), [0.0, 0.0, -0.5]])
+    model = replace(MODEL, second_camera=forward)
+    for make in METHODS.values():
+        check_complete(make(model, FIRST, FIRST).interpolate(forward, 0.5), SHAPE)
+
+
+@pytest.mark.parametrize("method", ["depth", "blocks"])
+def test_the_same_every_time_and_for_any_number_of_threads(method: str) -> None:
+    """Predictions are equal to the bit."""
+    import cv2
+
+    threads, results = cv2.getNumThreads(), []
+    try:
+        for number in (1, 4):
+            cv2.setNumThreads(number)
+            results.append(METHODS[method](MODEL, FIRST, SECOND).interpolate(camera_at(0.3), 0.3).luma)
+    finally:
+        cv2.setNumThreads(threads)
+    np.testing.assert_array_equal(*results)
+
+
+def test_a_key_that_does_not_see_has_no_say() -> None:
+    """Blending follows time where both key frames see a point, and visibility where one does."""
+    planes = [np.full((4, 6), 10.0), np.full((4, 6), 90.0)]
+    visibility = [np.ones((4, 6)), np.ones((4, 6))]
+    visibility[1][:, 3:] = 1e-4
+    positions = [np.zeros((4, 6, 2))] * 2
+    luma = blend(planes, visibility, positions, np.ones((4, 6), bool), 0.25).luma
+    np.testing.assert_allclose(luma[:, :3], 30.0)
+    np.testing.assert_allclose(luma[:, 3:], 10.0, atol=0.01)
+
+
+def test_chroma_and_offsets_follow_the_positions() -> None:
+    """Motion by whole pixels moves chroma by halves of them, and blocks by four quarter samples each."""
+    rows, columns = np.indices((14, 18)).astype(np.float64)
+    positions = (np.stack([columns + 2, rows - 4], -1), np.stack([columns, rows], -1))
+    weights = (np.ones((14, 18)), np.zeros((14, 18)))
+    luma = np.zeros((14, 18))
+    moved = Interpolation(luma, (luma, luma), weights, positions, luma)
+    chroma = np.random.default_rng(0).integers(0, 256, (7, 9)).astype(np.uint8)
+    predicted = warp_chroma(moved, [(chroma, chroma), (chroma, chroma)])
+    assert predicted is not None
+    np.testing.assert_array_equal(predicted[0][3:, :-2], chroma[1:-2, 1:-1])
+    assert warp_chroma(moved, [(chroma, chroma), None]) is None
+    first, second = block_offsets(moved)
+    assert first.shape == (4, 5, 2)
+    assert first.dtype == np.int64
+    assert (first == [-16, 8]).all()
+    assert (second == 0).all()
+
+
+def test_spread_blocks() -> None:
+    """Slopes are interpolated, jumps are kept."""
+    depth = np.array([[0.0, 0.02, 0.04, 1.0, 1.02]])
+    spread = spread_blocks(depth, 4, (4, 20))
+    np.testing.assert_allclose(spread[0, 2:10], np.linspace(0.0025, 0.0375, 8), atol=1e-12)
+    assert (np.abs(spread - np.repeat(depth, 4, axis=1)) < 0.02).all()
+
+
+def test_mesh_reproduces_a_translation() -> None:
+    """A global motion along the epipolar lines is met exactly, at the border and beyond it too."""
+    frame = PixelFrame(64, 48)
+    sideways = np.column_stack([np.eye(3), [0.1, 0.0, 0.0]])
+    points = np.random.default_rng(0).uniform(4, 40, (60, 2))
+    matches = Correspondences(points, points + np.array([3.2, 0.0]), np.zeros(60))
+    image = np.zeros((48, 64), np.uint8)
+    model = Model(frame, np.eye(3), sideways, matches, np.full(60, 2.0))
+    mesh = fit_mesh(model, image, image, MeshSettings())
+    rows, columns = np.indices(mesh.second.shape[:2])
+    grid = np.stack([columns, rows], -1) * 16.0 - 16.0
+    np.testing.assert_allclose(mesh.second - grid, np.broadcast_to([3.2, 0.0], grid.shape), atol=1e-3)
+    np.testing.assert_allclose(mesh.inverse_depth, 0.5, atol=1e-3)
+    assert mesh.num_fits == 1
+
+
+def test_mesh_drops_outliers() -> None:
+    """Fitting again without wrong matches brings the mesh closer to the right ones, most of which stay."""
+    second = MODEL.correspondences.second.copy()
+    wrong = np.arange(0, len(second), 40)
+    second[wrong, 0] += 45.0
+    model = replace(MODEL, correspondences=replace(MODEL.correspondences, second=second))
+    right = np.setdiff1d(np.arange(len(second)), wrong)
+    errors = []
+    for max_fits in (1, 8):
+        mesh = fit_mesh(model, FIRST, SECOND, replace(FINE_MESH, max_fits=max_fits))
+        where = barycentric(MODEL.correspondences.first[right], mesh.second.shape[:2], 8.0)
+        moved = where.interpolate(mesh.second.reshape(-1, 2))
+        errors.append(np.median(np.abs(moved - second[right])))
+    assert 1 < mesh.num_fits <= 8
+    assert errors[1] < 0.8 * errors[0]
+    assert (~mesh.kept[wrong]).mean() >= 0.5
+    assert mesh.kept[right].mean() > 0.5
+
+
+def test_mesh_equations() -> None:
+    """Barycentric weights reproduce places; linear motion is smooth; vertices keep to their lines."""
+    points = np.random.default_rng(0).uniform(-8, 24, (30, 2))
+    where = barycentric(points, (6, 6), 8.0)
+    rows, columns = np.indices((6, 6))
+    grid = np.stack([columns.ravel(), rows.ravel()], -1) * 8.0 - 8.0
+    np.testing.assert_allclose(where.matrix(36) @ grid, points, atol=1e-12)
+    np.testing.assert_allclose(where.interpolate(grid), points, atol=1e-12)
+    assert where.weights.min() >= -1e-12
+    assert np.abs(roughness_matrix((6, 6)) @ (grid @ [0.3, -0.2] + 1.0)).max() < 1e-12
+    warp = warp_matrix(MODEL.first_camera, MODEL.second_camera, FRAME)
+    place, direction = epipolar_lines(warp, grid)
+    at_infinity = np.column_stack([grid, np.ones(36)]) @ warp[:, :3].T
+    lines = np.cross(warp[:, 3], at_infinity)
+    for step in (0.0, 7.0):
+        on_line = np.column_stack([place + step * direction, np.ones(36)])
+        np.testing.assert_allclose((on_line * lines).sum(1) / np.linalg.norm(lines, axis=1), 0.0, atol=1e-9)

@@ -1,0 +1,226 @@
+"""Prediction from a model of the scene with tracked points."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decoder.side_information.methods import METHODS
+from decoder.side_information.protocol import ReferenceFrame, SceneInterpolatorType
+from decoder.side_information.scene_interpolators import BlockInterpolator, DepthInterpolator
+from decoder.side_information.tracked_scene import GroupGeometry, TrackedSceneInterpolation, in_rigid_order
+from decoder.side_information.untracked_scene import SceneInterpolation
+from dvc.config import CodecConfig, VideoConfig, codec_config
+from dvc.geometry.cameras import PixelFrame, oriented, project
+from dvc.metrics import psnr_db
+from dvc.tracks import FeaturePoints, PointTracks
+from dvc.video import Frame
+from dvc.wynerziv.transform import to_uint8
+from encoder.corners import CornerDetector
+from sfm.model import Model
+from tests.scenes_3d import camera_at, render, two_planes
+
+PIXELS = PixelFrame(176, 144)
+CONFIG = codec_config(
+    VideoConfig(176, 144, 25, 1),
+    side_information={"track_corrections": False, "fallback": "block-motion"},
+)
+BY_TRACKS = replace(CONFIG, side_information=replace(CONFIG.side_information, fallback="tracks"))
+INSTANTS = (0.0, 0.45, 0.55, 0.6, 1.0)
+"""The camera does not move evenly."""
+CHROMA = np.full((72, 88), 100, np.uint8), np.full((72, 88), 150, np.uint8)
+FRAMES = [Frame(render(position, PIXELS)[0], CHROMA) for position in INSTANTS]
+REFERENCES = [ReferenceFrame(8 + k, frame) for k, frame in enumerate(FRAMES)]
+KEYS = [REFERENCES[0], REFERENCES[4]]
+
+
+def true_tracks(number: int = 90) -> PointTracks:
+    """Return tracks of whole pixels."""
+    points = two_planes(176, 144).points[:number]
+    seen = [PIXELS.to_pixels(project(camera_at(position), points)[0]) for position in INSTANTS]
+    return PointTracks(np.round(np.stack(seen, axis=1)))
+
+
+def quality(
+    method: TrackedSceneInterpolation | SceneInterpolation,
+    points: PointTracks | FeaturePoints | None,
+    instant: int,
+) -> float:
+    """Return the PSNR of a prediction from the key frames."""
+    [prediction] = method.predict(KEYS, points, [instant])
+    return psnr_db(to_uint8(prediction.luma), FRAMES[instant - 8].luma)
+
+
+@pytest.mark.parametrize("interpolator", [DepthInterpolator, BlockInterpolator])
+def test_tracks_tell_where_the_camera_is(interpolator: SceneInterpolatorType) -> None:
+    """An uneven camera is predicted several decibels better than without tracks."""
+    tracked, blind = TrackedSceneInterpolation(interpolator, CONFIG), SceneInterpolation(interpolator, CONFIG)
+    for instant in (9, 11):
+        assert quality(tracked, true_tracks(), instant) > quality(blind, None, instant) + 4.0
+
+
+def test_frames_that_are_decoded_serve_as_references() -> None:
+    """Nearer references give a better prediction, and the middle of the group has a camera, too."""
+    method = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
+    far = quality(method, true_tracks(), 9)
+    [near] = method.predict([REFERENCES[0], REFERENCES[2], REFERENCES[4]], true_tracks(), [9])
+    assert near.success
+    assert psnr_db(to_uint8(near.luma), FRAMES[1].luma) > far + 0.5
+
+
+def test_the_prediction_does_not_depend_on_what_was_asked_before() -> None:
+    """Caches change nothing."""
+    method, tracks = TrackedSceneInterpolation(DepthInterpolator, CONFIG), true_tracks()
+    [alone] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, tracks, [9])
+    method.predict([REFERENCES[0], REFERENCES[2], REFERENCES[4]], tracks, [9])
+    method.predict([REFERENCES[0], REFERENCES[1]], PointTracks.none(2), [])
+    for _ in range(2):
+        [again] = method.predict(KEYS, tracks, [9])
+        np.testing.assert_array_equal(again.luma, alone.luma)
+
+
+def test_without_tracks_the_camera_is_guessed() -> None:
+    """No points, or none that were received, give what the codec without tracks predicts."""
+    [expected] = SceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, None, [10])
+    for points in (None, PointTracks.none(5)):
+        [found] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, points, [10])
+        np.testing.assert_array_equal(found.luma, expected.luma)
+
+
+def test_block_motion_serves_where_there_is_no_scene() -> None:
+    """Key frames without a model give aligned block motion, and say why."""
+    black = ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))
+    [found] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(
+        [KEYS[0], black], true_tracks(), [10]
+    )
+    assert not found.success
+    assert found.reason
+    assert found.method == "mci"
+
+
+def test_references_warped_by_tracks_serve_where_there_is_no_scene() -> None:
+    """Between a key frame and one without any texture the tracks still serve, chroma and refinement too."""
+    black = ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))
+    method = TrackedSceneInterpolation(DepthInterpolator, BY_TRACKS)
+    [found] = method.predict([KEYS[0], black], true_tracks(), [10])
+    assert (found.success, found.method) == (False, "tracks")
+    assert found.reason
+    assert found.expected_error is not None
+    assert found.chroma is not None
+    np.testing.assert_array_equal(found.chroma[0], 100)
+    assert found.refiner is not None
+    wanted = FRAMES[2].luma
+    refined = found.refiner.refine(wanted)
+    assert psnr_db(to_uint8(refined.luma), wanted) > psnr_db(to_uint8(found.luma), wanted)
+
+
+def test_references_warped_by_tracks_join_the_scene() -> None:
+    """Blended with them, the scene is on average as good as beside aligned block motion."""
+    old, new = (TrackedSceneInterpolation(DepthInterpolator, config) for config in (CONFIG, BY_TRACKS))
+    gained_db = [quality(new, true_tracks(), k) - quality(old, true_tracks(), k) for k in (9, 10, 11)]
+    assert np.mean(gained_db) > -0.2
+    assert max(np.abs(gained_db)) > 0.0
+
+
+@pytest.mark.parametrize("config", [CONFIG, BY_TRACKS], ids=["block motion", "tracks"])
+@pytest.mark.parametrize("kind", ["nan", "lost", "one place", "noise", "outside", "too few"])
+def test_hostile_tracks_give_a_prediction(kind: str, config: CodecConfig) -> None:
+    """Tracks of any kind end in a prediction without holes, told as a failure where it is one."""
+    positions = true_tracks().positions.copy()
+    if kind == "nan":
+        positions[:] = np.nan
+    if kind == "lost":
+        positions[:, 2:] = np.nan
+    if kind == "one place":
+        positions[:] = 50.0
+    if kind == "noise":
+        positions = np.random.default_rng(0).uniform(0, 140, positions.shape)
+    if kind == "outside":
+        positions[:, 1:4] += 1e6
+    if kind == "too few":
+        positions = positions[:3]
+    method = TrackedSceneInterpolation(DepthInterpolator, config)
+    for prediction in method.predict(KEYS, PointTracks(positions), [9, 10, 11]):
+        assert np.isfinite(prediction.luma).all()
+        assert np.isfinite(np.stack(prediction.compensated)).all()
+        assert prediction.success == (not prediction.reason)
+        if kind in ("nan", "too few", "one place", "noise"):
+            assert not prediction.success
+
+
+def test_corners_of_each_frame_will_do() -> None:
+    """Tracking at the decoder makes tracks of corners, which tell where the camera is."""
+    corners = CornerDetector(176).detect([frame.luma for frame in FRAMES[1:4]])
+    config = codec_config(CONFIG.video, "3d-td", side_information=CONFIG.side_information)
+    tracked, blind = (
+        TrackedSceneInterpolation(DepthInterpolator, config),
+        SceneInterpolation(DepthInterpolator, config),
+    )
+    [prediction] = tracked.predict(KEYS, corners, [11])
+    assert prediction.success
+    assert quality(tracked, corners, 11) > quality(blind, None, 11) + 4.0
+
+
+def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
+    """Frames without a corner are predicted as if no points were sent at all."""
+    config = codec_config(CONFIG.video, "3d-td", side_information=CONFIG.side_information)
+    none = FeaturePoints((np.empty((0, 2)),) * 3)
+    [found] = TrackedSceneInterpolation(DepthInterpolator, config).predict(KEYS, none, [10])
+    [expected] = SceneInterpolation(DepthInterpolator, config).predict(KEYS, None, [10])
+    np.testing.assert_array_equal(found.luma, expected.luma)
+
+
+def test_the_codec_says_which_method_it_is() -> None:
+    """Codecs with tracks build the tracked form of a method by the same name."""
+    assert isinstance(METHODS["depth"](CONFIG), TrackedSceneInterpolation)
+    assert isinstance(METHODS["blocks"](codec_config(CONFIG.video, "3d")), SceneInterpolation)
+
+
+def test_tracks_correct_what_is_rendered_if_the_stream_says_so() -> None:
+    """Residuals of tracks change the prediction, which is not worse for it."""
+    settings = replace(CONFIG.side_information, track_corrections=True)
+    method = TrackedSceneInterpolation(DepthInterpolator, replace(CONFIG, side_information=settings))
+    plain = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
+    for instant in (9, 11):
+        gain_db = quality(method, true_tracks(), instant) - quality(plain, true_tracks(), instant)
+        assert gain_db != 0.0
+        assert gain_db > -0.1
+
+
+GEOMETRY_INSTANTS = (0.0, 0.4, 1.0)
+
+
+def group(model: Model, basis: np.ndarray) -> GroupGeometry:
+    """Return a group whose second frame, but not its third, has a camera, all in some basis."""
+    first, middle, last = (oriented(camera_at(position)) @ basis for position in GEOMETRY_INSTANTS)
+    cameras = (first, middle, None, last)
+    return GroupGeometry(8, PointTracks.none(4), model, cameras, "", ("", "", "lost", ""), True)
+
+
+def test_all_cameras_of_a_group_come_along() -> None:
+    """Cameras see the points where they did, nearer is nearer again, and what is missing stays missing."""
+    truth = two_planes(176, 144, noise_px=0.0)
+    basis = np.eye(4)
+    basis[3, 2:] = 2.0 / truth.depths.min(), -1.0
+    depths = 1.0 / (basis[3, 2] - 1.0 / truth.depths)
+    wrong = replace(truth, second_camera=oriented(truth.second_camera) @ basis, depths=depths)
+    found = in_rigid_order(group(wrong, basis))
+    assert found.model is not None
+    order = np.corrcoef(1.0 / found.model.depths, 1.0 / truth.depths)[0, 1]
+    assert order > 0.999
+    for position, camera in zip(
+        GEOMETRY_INSTANTS, (found.cameras[0], found.cameras[1], found.cameras[3]), strict=True
+    ):
+        assert camera is not None
+        expected, _ = project(camera_at(position), truth.points)
+        xy, depth = project(oriented(camera), found.model.points)
+        np.testing.assert_allclose(xy, expected, atol=1e-9)
+        assert (depth > 0).all()
+    assert found.cameras[2] is None
+    assert found.camera_reasons == ("", "", "lost", "")
+
+
+def test_a_group_in_order_stays_as_it_is() -> None:
+    """Nothing is copied where nothing has to change."""
+    right = group(two_planes(176, 144), np.eye(4))
+    assert in_rigid_order(right) is right
