@@ -10,8 +10,8 @@ from decoder.side_information.protocol import Prediction
 from decoder.side_information.weighting import fuse
 from dvc.video import Frame
 from dvc.wynerziv import noise, quantizer, transform
+from dvc.wynerziv.noise import Refinement, expected_refinement
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
-from dvc.wynerziv.refinement import Refinement, expected_refinement
 
 Array = NDArray[np.float64]
 

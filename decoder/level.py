@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from decoder.group_tasks import Bits, DecodedFrame
 from dvc import slepian_wolf
 from dvc.slepian_wolf import MAX_RUN_BITS, NeighbourCoupling, Part, PlaneDecoder, PlaneResult, Round
-from dvc.slepian_wolf.llr import bounded_llr, ideal_bits
+from dvc.slepian_wolf.coupling import bounded_llr, ideal_bits
 
 Prior = NeighbourCoupling | NDArray[np.float64]
 """Of the bits of a plane: as they depend on their neighbours, or LLRs."""

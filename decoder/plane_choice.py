@@ -135,7 +135,7 @@ NEIGHBOURS = 0.5
 """Weight of the 3x3 areas around one in what is made of its gain; 0 takes .2 % more rate. By
 `benchmarks.searches.settings decoder.plane_choice.NEIGHBOURS=0 --qp 28 36 --frames 33 --clips box desk river
 stone street tree`, as were `decoder.plane_choice.STRENGTH_BITS` and
-`dvc.wynerziv.refinement.OUTLIER_PROBABILITY`."""
+`dvc.wynerziv.noise.REFINEMENT_OUTLIER_PROBABILITY`."""
 
 
 class Wanted(NamedTuple):

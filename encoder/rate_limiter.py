@@ -16,8 +16,8 @@ from dvc.config import MAX_QP, CodecConfig, Delivery, Live, ParityBuffer
 from dvc.errors import ConfigError
 from dvc.keyframes import KeyPicture
 from dvc.wynerziv.hierarchy import reference_distances
-from dvc.wynerziv.lengths import LENGTH_CODE_BITS, length_code, length_of_code
 from dvc.wynerziv.payloads import EncodedFrame
+from dvc.wynerziv.quantizer import LENGTH_CODE_BITS, length_code, length_of_code
 from encoder.groups import Group
 from encoder.leaky_bucket import (
     OCTAVES_PER_STEP,

@@ -2,8 +2,8 @@
 
 from dvc.config import CascadeConfig
 from dvc.slepian_wolf import PlaneCoder
-from dvc.slepian_wolf.cascade.coder import CascadeCoder
-from dvc.slepian_wolf.turbo.coder import TurboCoder
+from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
+from dvc.slepian_wolf.turbo.turbo_coder import TurboCoder
 
 SEED = 1
 

@@ -36,7 +36,7 @@ from decoder.side_information.scene_interpolators import AveragedDepthInterpolat
 from dvc.config import CascadeConfig
 from dvc.dibr.disparity.blocks import BlockCodec
 from dvc.geometry.volumes.inference import SemiGlobal
-from dvc.slepian_wolf.cascade.coder import CascadeCoder
+from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
 from dvc.wynerziv.noise import MODELS
 
 

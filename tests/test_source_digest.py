@@ -113,7 +113,7 @@ def test_encoder_and_decoder_are_reached() -> None:
     for place in (
         ("decoder.worker", "serve"),
         ("sfm.cameras.bundle_adjustment", "bundle_adjustment"),
-        ("dvc.slepian_wolf.turbo.siso", "LaneDecoder"),
+        ("dvc.slepian_wolf.turbo.turbo_decoder", "LaneDecoder"),
         ("encoder.tracking", "PointTracker"),
     ):
         assert sources.reached([place]) <= reached

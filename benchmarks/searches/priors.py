@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from benchmarks.results.harness import CLIPS
 from benchmarks.stages import coded, decoded
-from dvc.slepian_wolf.llr import bounded_llr, ideal_bits
+from dvc.slepian_wolf.coupling import bounded_llr, ideal_bits
 from dvc.wynerziv import priors
 
 Array = NDArray[np.float64]

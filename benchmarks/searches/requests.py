@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from benchmarks.stages import coded, decoded
 from dvc.config import CascadeConfig
 from dvc.slepian_wolf import CRC_BITS, NeighbourCoupling, ParityRequest, PlaneResult, crc, drive
-from dvc.slepian_wolf.cascade import coder, posterior, reconciliation
+from dvc.slepian_wolf.cascade import cascade_coder, posterior, reconciliation
 from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_order
-from dvc.slepian_wolf.llr import bounded_llr, ideal_bits
+from dvc.slepian_wolf.coupling import bounded_llr, ideal_bits
 
 CLIPS = ("box", "stone", "street", "tree", "cube", "desk")
 SEED = 0
@@ -39,7 +39,7 @@ class Known(NamedTuple):
 def met(streams: list[bytes]) -> list[Known]:
     """Decode streams; return their runs."""
     runs: list[Known] = []
-    usual, usual_check = coder.CascadeDecoder.decode, coder.CascadeDecoder.check
+    usual, usual_check = cascade_coder.CascadeDecoder.decode, cascade_coder.CascadeDecoder.check
 
     def noted(self, llr, position=(0, 0), coupling=None):  # type: ignore[no-untyped-def]
         result = yield from usual(self, llr, position, coupling)
@@ -53,10 +53,10 @@ def met(streams: list[bytes]) -> list[Known]:
         runs.extend(run._replace(bits=right.get(number, run.bits)) for number, run in own.items())
         return result
 
-    coder.CascadeDecoder.decode, coder.CascadeDecoder.check = noted, noted_check  # type: ignore[method-assign]
+    cascade_coder.CascadeDecoder.decode, cascade_coder.CascadeDecoder.check = noted, noted_check  # type: ignore[method-assign]
     for stream in streams:
         decoded(stream)
-    coder.CascadeDecoder.decode, coder.CascadeDecoder.check = usual, usual_check  # type: ignore[method-assign]
+    cascade_coder.CascadeDecoder.decode, cascade_coder.CascadeDecoder.check = usual, usual_check  # type: ignore[method-assign]
     return runs
 
 

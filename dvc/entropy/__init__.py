@@ -6,7 +6,7 @@ be compiled. Models are apart from the coder: a probability, a bound, or a table
 """
 
 from dvc.entropy.binarisation import code_exp_golomb
-from dvc.entropy.contexts import code_adaptive, context_counts
+from dvc.entropy.mixing import code_adaptive, context_counts
 from dvc.entropy.range_coder import CoderState, RangeCoder, code_decision, code_uniform
 
 __all__ = [

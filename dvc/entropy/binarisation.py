@@ -1,7 +1,7 @@
 """Binarisation: whole numbers as sequences of decisions, each in its context."""
 
 from dvc._jit import inlined_kernel
-from dvc.entropy.contexts import Counts, code_adaptive
+from dvc.entropy.mixing import Counts, code_adaptive
 from dvc.entropy.range_coder import FAILED, CoderState, code_decision
 
 NUM_EXPONENTS = 12

@@ -1,9 +1,9 @@
 """Slepian-Wolf coding of bit planes: turbo codes and Cascade; usable on its own."""
 
+from dvc.slepian_wolf.checks import CRC_BITS, crc, crc_words, joint_check
 from dvc.slepian_wolf.coders import plane_coder
 from dvc.slepian_wolf.coupling import NeighbourCoupling
-from dvc.slepian_wolf.crc import CRC_BITS, crc, crc_words, joint_check
-from dvc.slepian_wolf.protocol import PlaneCoder, PlaneDecoder
+from dvc.slepian_wolf.protocol import FrameCheck, PlaneCoder, PlaneCost, PlaneDecoder, PlaneResult
 from dvc.slepian_wolf.requests import (
     KINDS,
     MAX_RUN_BITS,
@@ -20,7 +20,6 @@ from dvc.slepian_wolf.requests import (
     drive,
     side_by_side,
 )
-from dvc.slepian_wolf.results import FrameCheck, PlaneCost, PlaneResult
 
 __all__ = [
     "CRC_BITS",

@@ -2,9 +2,9 @@
 
 from dvc.config import CascadeConfig, CodecConfig, TurboConfig
 from dvc.extensions import PLANE_CODERS, make
-from dvc.slepian_wolf.cascade.coder import CascadeCoder
+from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
 from dvc.slepian_wolf.protocol import PlaneCoder
-from dvc.slepian_wolf.turbo.coder import TurboCoder
+from dvc.slepian_wolf.turbo.turbo_coder import TurboCoder
 
 
 def plane_coder(config: CodecConfig) -> PlaneCoder:

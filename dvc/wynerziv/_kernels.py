@@ -4,7 +4,7 @@ import numpy as np
 
 from dvc._jit import inlined_kernel, kernel
 from dvc.entropy.binarisation import NUM_EXPONENTS, code_exp_golomb
-from dvc.entropy.contexts import code_adaptive
+from dvc.entropy.mixing import code_adaptive
 from dvc.entropy.range_coder import FAILED
 
 _LOG2E = 1.4426950408889634

@@ -15,6 +15,7 @@ Wyner-Ziv video coding", IEEE Trans. Circuits Syst. Video Technol. 18(9), 2008, 
 
 from collections.abc import Callable
 from functools import wraps
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,3 +153,33 @@ def conditional_mean(lower: Array, upper: Array, side_information: Array, scale:
         mean.reshape(-1),
     )
     return mean
+
+
+REFINEMENT_OUTLIER_PROBABILITY = 5e-6
+"""Share of a uniform distribution mixed into the Laplacian to forecast gains; the 2e-4 of priors
+takes 1.4 % more rate at equal PSNR, and 1e-6 .1 % (box, desk, river, stone, street, tree; QP 28, 36)."""
+
+
+class Refinement(NamedTuple):
+    """Expected cost and worth of the next planes: of one plane, of two planes, and so on."""
+
+    bits: Array  # ideal code length; shape (depth, N)
+    saved: Array  # squared error that the conditional mean loses by them; shape (depth, N)
+
+
+def expected_refinement(
+    prefix: NDArray[np.int64],
+    missing_planes: int,
+    edges: Array,
+    side_information: Array,
+    scale: Array,
+    depth: int,
+) -> Refinement:
+    """Return what the next planes of coefficients of a band are expected to cost and to save."""
+    from dvc.wynerziv import _kernels
+
+    found = Refinement(np.zeros((depth, prefix.size)), np.zeros((depth, prefix.size)))
+    _kernels.refinement(
+        prefix, missing_planes, edges, side_information, scale, REFINEMENT_OUTLIER_PROBABILITY, *found
+    )
+    return found

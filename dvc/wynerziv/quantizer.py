@@ -18,7 +18,7 @@ payload starts with its header.
 import math
 from bisect import bisect_left
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import accumulate, pairwise
 
 import numpy as np
@@ -30,7 +30,31 @@ from dvc.config.sections import MAX_BAND_PLANES, NUM_BANDS
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import CRC_BITS
 from dvc.wynerziv import _kernels, transform
-from dvc.wynerziv.lengths import length_of_code
+
+LENGTH_CODE_BITS = 8
+_LENGTHS_PER_OCTAVE = 16
+
+
+def length_of_code(code: int) -> int:
+    """Return the length that a code stands for; inverse of `length_code`."""
+    if code == 0:
+        return 0
+    octave, step = divmod(code - 1, _LENGTHS_PER_OCTAVE)
+    return (_LENGTHS_PER_OCTAVE + step) << octave
+
+
+@cache
+def lengths() -> tuple[int, ...]:
+    """Return the lengths of all codes."""
+    return tuple(map(length_of_code, range(1 << LENGTH_CODE_BITS)))
+
+
+def length_code(num_bits: float) -> int:
+    """Return the code of the least length that is not below one, at most the longest."""
+    if num_bits <= 0:
+        return 0
+    return bisect_left(lengths(), num_bits, 1, (1 << LENGTH_CODE_BITS) - 1)
+
 
 DC_RANGE = 1024.0
 LAMBDA_PER_SQUARED_STEP = 0.1

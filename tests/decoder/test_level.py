@@ -28,7 +28,7 @@ from dvc.slepian_wolf import (
     drive,
     joint_check,
 )
-from dvc.slepian_wolf.cascade.coder import CascadeCoder
+from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
 from dvc.slepian_wolf.requests import Kind
 from dvc.video import Frame
 

@@ -10,9 +10,8 @@ from dvc.errors import ConfigError
 from dvc.keyframes import KeyPicture
 from dvc.slepian_wolf.requests import drive
 from dvc.video import Frame
-from dvc.wynerziv.lengths import length_of_code
 from dvc.wynerziv.payloads import EncodedFrame
-from dvc.wynerziv.quantizer import FrameLayout
+from dvc.wynerziv.quantizer import FrameLayout, length_of_code
 from encoder.groups import Group
 from encoder.leaky_bucket import TOLERANCE, RateLimits
 from encoder.rate_limiter import CodedFrames, CodeKey, Coding, RateLimiter, _limit_codes, limited

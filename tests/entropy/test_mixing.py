@@ -2,9 +2,22 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from dvc.entropy import RangeCoder
-from dvc.entropy.mixing import LEARNING_RATE, code_mixed, logistic_tables, mixed_probability, new_mixture
+from dvc._jit import python_twin
+from dvc.entropy import RangeCoder, code_adaptive, code_exp_golomb, context_counts
+from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
+from dvc.entropy.mixing import (
+    LEARNING_RATE,
+    Counts,
+    code_mixed,
+    logistic_tables,
+    mixed_probability,
+    new_mixture,
+)
+from dvc.errors import BitstreamError
+from tests.reference import entropy as reference
 
 
 @pytest.mark.nojit
@@ -56,3 +69,108 @@ def test_tables_are_inverse_to_each_other():
     back = squash[((stretch + 12) * (4096 / 24)).astype(int).clip(0, 4095)]
     np.testing.assert_allclose(back, (np.arange(4096) + 0.5) / 4096, atol=0.005)
     assert (np.diff(rates[:256]) < 0).all()
+
+
+LARGEST = 2**25 - 2
+ZERO, SIGN, EXPONENTS, MANTISSAS = 0, 1, 2, 2 + NUM_EXPONENTS
+NUM_CONTEXTS = MANTISSAS + NUM_EXPONENTS
+NUMBERS = st.one_of(
+    st.integers(-30, 30), st.integers(-LARGEST, LARGEST), st.sampled_from([LARGEST, -LARGEST])
+)
+
+
+def fresh(percent: int = 30) -> Counts:
+    return context_counts([percent] * NUM_CONTEXTS)
+
+
+def coded(coder: RangeCoder, counts: Counts, numbers: list[int], twin: bool = False) -> list[int]:
+    code = python_twin(code_exp_golomb) if twin else code_exp_golomb
+    state = coder.room_for(len(numbers) * MAX_DECISIONS)
+    return [code(state, counts, ZERO, SIGN, EXPONENTS, MANTISSAS, number) for number in numbers]
+
+
+@pytest.mark.nojit
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 1)), max_size=150), st.integers(1, 99))
+def test_contexts_count_as_documented(decisions: list[tuple[int, int]], percent: int) -> None:
+    """Probabilities, their fading and the bytes are those of the plain twin."""
+    counts, contexts = context_counts([percent] * 3), [reference.Context(percent) for _ in range(3)]
+    writer, parts = RangeCoder.writer(), []
+    for k, decision in decisions:
+        assert code_adaptive(writer.room_for(1), counts, k, decision) == decision
+        parts.append(reference.of_decision(float(contexts[k].probability()), decision))
+        contexts[k].see(decision)
+        assert counts.tolist() == [[context.zeros, context.ones] for context in contexts]
+    assert writer.to_bytes() == reference.as_bytes(parts)
+    reader, counts = RangeCoder.reader(writer.to_bytes()), context_counts([percent] * 3)
+    assert [code_adaptive(reader.room_for(1), counts, k, 0) for k, _ in decisions] == [
+        d for _, d in decisions
+    ]
+
+
+@pytest.mark.nojit
+@given(st.lists(NUMBERS, max_size=20), st.booleans())
+def test_numbers_come_back(numbers: list[int], twin: bool) -> None:
+    """Numbers up to the largest are read again, and both ends have counted the same."""
+    writer, written = RangeCoder.writer(), fresh()
+    assert coded(writer, written, numbers, twin) == numbers
+    reader, read = RangeCoder.reader(writer.to_bytes()), fresh()
+    assert coded(reader, read, [0] * len(numbers), not twin) == numbers
+    reader.check()
+    assert np.array_equal(written, read)
+
+
+@given(st.lists(NUMBERS, max_size=20))
+def test_numbers_are_the_decisions_of_the_twin(numbers: list[int]) -> None:
+    """Every decision is in its context, and has the probability that is due."""
+    contexts, parts = [reference.Context(30) for _ in range(NUM_CONTEXTS)], []
+    for number in numbers:
+        for k, decision in reference.exp_golomb(number, ZERO, SIGN, EXPONENTS, MANTISSAS):
+            parts.append(reference.of_decision(0.5 if k < 0 else float(contexts[k].probability()), decision))
+            if k >= 0:
+                contexts[k].see(decision)
+    writer = RangeCoder.writer()
+    coded(writer, fresh(), numbers)
+    assert writer.to_bytes() == reference.as_bytes(parts)
+
+
+@given(st.binary(max_size=60), st.integers(1, 30))
+@settings(max_examples=200)
+def test_any_bytes_are_numbers_or_refused(data: bytes, count: int) -> None:
+    """Arbitrary bytes are refused, or are numbers that can be written."""
+    reader = RangeCoder.reader(data)
+    numbers = coded(reader, fresh(90), [0] * count)
+    try:
+        reader.check()
+    except BitstreamError:
+        return
+    writer = RangeCoder.writer()
+    assert coded(writer, fresh(90), numbers) == numbers
+    assert coded(RangeCoder.reader(writer.to_bytes()), fresh(90), [0] * count) == numbers
+
+
+def test_exponents_without_end_are_refused() -> None:
+    """Data that say more and more are damaged, not a hang."""
+    reader = RangeCoder.reader(b"\xff\xff\xff\x00" * 20)
+    coded(reader, fresh(99), [0] * 5)
+    with pytest.raises(BitstreamError, match="damaged"):
+        reader.check()
+
+
+@pytest.mark.parametrize("number", [LARGEST + 1, -LARGEST - 1])
+def test_numbers_that_are_too_large_have_no_bytes(number: int) -> None:
+    """It is an error of the caller, and noticed."""
+    writer = RangeCoder.writer()
+    coded(writer, fresh(), [number])
+    with pytest.raises(AssertionError, match="room"):
+        writer.to_bytes()
+
+
+def test_adaptation_comes_near_the_entropy() -> None:
+    """Numbers of a distribution that was not expected cost little more than it says."""
+    rng = np.random.default_rng(2)
+    numbers = np.rint(rng.laplace(scale=1.5, size=6000)).astype(int)
+    writer = RangeCoder.writer()
+    coded(writer, fresh(), numbers.tolist())
+    shares = np.unique(numbers, return_counts=True)[1] / numbers.size
+    entropy_bits = -numbers.size * (shares * np.log2(shares)).sum()
+    assert entropy_bits < 8 * len(writer.to_bytes()) < 1.05 * entropy_bits

@@ -14,11 +14,10 @@ from dvc._jit import python_twin
 from dvc.config import CODERS, CascadeConfig
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import MAX_RUN_BITS, ParityRequest, Part, PlaneCoder, RequestTable, Run, crc
-from dvc.slepian_wolf.cascade.coder import CascadeCoder
+from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
 from dvc.slepian_wolf.cascade.orders import bit_order
 from dvc.slepian_wolf.requests import FRAME, SLOT, Kind
-from dvc.slepian_wolf.turbo.codes import CLASSICAL
-from dvc.slepian_wolf.turbo.encoder import encode_planes
+from dvc.slepian_wolf.turbo.turbo_encoder import CLASSICAL, encode_planes
 from dvc.wynerziv import _kernels, encoder_buffer
 from dvc.wynerziv.areas import SIDE, Areas
 from dvc.wynerziv.encoder_buffer import EncoderBuffer

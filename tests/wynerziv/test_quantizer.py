@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from dvc._jit import python_twin
 from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.noise import GAINS, GAINS_PER_OCTAVE
+from dvc.wynerziv.quantizer import length_code, length_of_code, lengths
 from tests.reference import wynerziv_planes as reference
 
 levels_strategy = st.sampled_from([2, 4, 8, 16, 32, 64, 128, 256])
@@ -155,3 +157,14 @@ def test_gains_are_the_same_with_every_c_library() -> None:
     """Three gains an octave, whose octaves are exactly twice as large."""
     np.testing.assert_allclose(GAINS, 2.0 ** (np.arange(-6, 16) / GAINS_PER_OCTAVE), rtol=1e-15)
     assert np.array_equal(GAINS[GAINS_PER_OCTAVE:], 2.0 * GAINS[:-GAINS_PER_OCTAVE])
+
+
+def test_lengths_are_told_on_a_fine_scale() -> None:
+    """Every code is longer than the one before, by 1/16 or 16 bits at most."""
+    assert lengths()[:3] == (0, 16, 17)
+    assert all(0 < after - before <= max(before / 16, 16) for before, after in pairwise(lengths()))
+    for bits in (1, 16, 17, 100.5, 4095, 4097, 100_000):
+        code = length_code(bits)
+        assert length_of_code(code - 1) < bits <= length_of_code(code)
+    assert length_code(0) == 0
+    assert length_code(1e12) == 255

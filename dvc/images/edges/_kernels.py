@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
-from dvc.entropy.contexts import code_adaptive
-from dvc.entropy.mixing import code_mixed
+from dvc.entropy.mixing import code_adaptive, code_mixed
 from dvc.entropy.range_coder import code_decision
 from dvc.images.edges.lattice import degree, has_element, is_inside, next_vertex, set_element
 from dvc.images.wavelets.column_lifting import lift_columns

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.slepian_wolf.cascade import _kernels
-from dvc.slepian_wolf.permutations import random_permutation
+from dvc.slepian_wolf.checks import random_permutation
 
 NUM_ORDERS = 8
 """Orders of the bits that encoder and decoder share."""

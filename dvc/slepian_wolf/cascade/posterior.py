@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from dvc.slepian_wolf import _kernels as shared_kernels
 from dvc.slepian_wolf.cascade import _kernels
 from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_order
-from dvc.slepian_wolf.coupling import NeighbourCoupling
-from dvc.slepian_wolf.llr import MAX_LLR
+from dvc.slepian_wolf.coupling import MAX_LLR, NeighbourCoupling
 
 Bits = NDArray[np.uint8]
 Positions = NDArray[np.int64]

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from dvc.config import CascadeConfig
 from dvc.slepian_wolf.cascade.posterior import Positions, RangePosterior
-from dvc.slepian_wolf.coupling import NeighbourCoupling
-from dvc.slepian_wolf.crc import CRC_BITS, crc
-from dvc.slepian_wolf.llr import bounded_llr, entropy_bits, ideal_bits
+from dvc.slepian_wolf.checks import CRC_BITS, crc
+from dvc.slepian_wolf.coupling import NeighbourCoupling, bounded_llr, entropy_bits, ideal_bits
+from dvc.slepian_wolf.protocol import PlaneCoroutine, PlaneResult
 from dvc.slepian_wolf.requests import Bits, Kind, ParityRequest, ask
-from dvc.slepian_wolf.results import PlaneCoroutine, PlaneResult
 
 ERROR_EXPONENT = 8
 """A plane is accepted by itself when the odds against it are below 2 to minus this."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.searches.requests import Known, met, row
 from dvc.contracts.plane_exchange import noisy
-from dvc.slepian_wolf.cascade.coder import CascadeDecoder
+from dvc.slepian_wolf.cascade.cascade_coder import CascadeDecoder
 from tests.golden_streams import FOLDER
 
 

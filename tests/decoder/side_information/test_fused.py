@@ -1,9 +1,9 @@
 """Depth, blocks and block motion as one prediction."""
 
 import numpy as np
-from decoder.side_information.block_motion import BlockMotionInterpolation
 from numpy.typing import NDArray
 
+from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from decoder.side_information.scene_interpolators import fuse_scenes

@@ -9,8 +9,7 @@ from dvc._jit import python_twin
 from dvc.slepian_wolf.cascade import _kernels, posterior
 from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_order, prefix_parities
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
-from dvc.slepian_wolf.coupling import NeighbourCoupling
-from dvc.slepian_wolf.llr import bounded_llr
+from dvc.slepian_wolf.coupling import NeighbourCoupling, bounded_llr
 from tests.reference.cascade_beliefs import Range, exact_odds, probability_odd
 
 SEED = 1

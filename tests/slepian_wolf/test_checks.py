@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from dvc._jit import python_twin
 from dvc.slepian_wolf import _kernels, crc
-from dvc.slepian_wolf.crc import POLYNOMIALS
+from dvc.slepian_wolf.checks import POLYNOMIALS
 from tests.reference.turbo_crc import crc_remainder
 
 

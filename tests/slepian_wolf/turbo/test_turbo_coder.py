@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from dvc.slepian_wolf.crc import CRC_BITS, crc
-from dvc.slepian_wolf.turbo.plane import ERROR_EXPONENT, _Plane
+from dvc.slepian_wolf.checks import CRC_BITS, crc
+from dvc.slepian_wolf.turbo.turbo_coder import ERROR_EXPONENT, _Plane
 
 BITS = np.random.default_rng(1).integers(0, 2, 64, dtype=np.uint8)
 

@@ -12,11 +12,10 @@ from dvc.config import CascadeConfig
 from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, prefix_parities
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
 from dvc.slepian_wolf.cascade.reconciliation import PlaneReconciliation
+from dvc.slepian_wolf.checks import CRC_BITS, crc, joint_check
 from dvc.slepian_wolf.coupling import NeighbourCoupling
-from dvc.slepian_wolf.crc import CRC_BITS, crc, joint_check
-from dvc.slepian_wolf.protocol import Words
+from dvc.slepian_wolf.protocol import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult, Words
 from dvc.slepian_wolf.requests import Bits, ParityRequest, ask
-from dvc.slepian_wolf.results import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult
 
 SEARCH_BITS = 6
 """Check bits of half of the planes that are asked for, to find one that is wrong."""

@@ -1,0 +1,165 @@
+"""Turbo encoding of up to 64 bit planes together, one machine word per bit position."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.slepian_wolf.checks import by_words, random_permutation
+from dvc.slepian_wolf.turbo import _kernels
+
+MAX_MEMORY = 4
+"""Longest shift register that the kernels accept (16 states)."""
+
+
+@dataclass(frozen=True)
+class Trellis:
+    """Transitions of one RSC code; `state` holds the register with its newest bit in bit 0."""
+
+    next_state: NDArray[np.int64]  # state after input bit 0 or 1
+    output: NDArray[np.int64]  # parity bit that the transition emits
+    # bit s is the input, and the parity, of the transition that leaves state s by shifting a 0 in; the other
+    # one has both inverted
+    input_mask: int
+    parity_mask: int
+
+    @property
+    def num_states(self) -> int:
+        """Number of states S, a power of two."""
+        return len(self.next_state)
+
+
+def memory(feedback: int, feedforward: int) -> int:
+    """Return the register length of an RSC code and refuse polynomials that make none."""
+    if not (feedback & 1 and feedforward & 1):
+        raise ValueError(f"polynomials must have constant term 1, got {feedback:#b} and {feedforward:#b}")
+    length = max(feedback.bit_length(), feedforward.bit_length()) - 1
+    if feedback < 2 or not 1 <= length <= MAX_MEMORY:
+        raise ValueError(
+            f"register length must be 1..{MAX_MEMORY} with feedback, got {feedback:#b}, {feedforward:#b}"
+        )
+    if feedback.bit_length() <= length and feedforward.bit_length() <= length:
+        raise ValueError("neither polynomial uses the oldest register bit")
+    return length
+
+
+def step(state: int, bit: int, feedback: int, feedforward: int) -> tuple[int, int]:
+    """Push one bit through the encoder register."""
+    length = memory(feedback, feedforward)
+    fed = bit ^ ((state & (feedback >> 1)).bit_count() & 1)
+    parity = fed ^ ((state & (feedforward >> 1)).bit_count() & 1)
+    return ((state << 1) | fed) & ((1 << length) - 1), parity
+
+
+@lru_cache(maxsize=64)
+def trellis(feedback: int, feedforward: int) -> Trellis:
+    """Tabulate the transitions of an RSC code."""
+    num_states = 1 << memory(feedback, feedforward)
+    next_state = np.zeros((num_states, 2), np.int64)
+    output = np.zeros((num_states, 2), np.int64)
+    input_mask = parity_mask = 0
+    for state in range(num_states):
+        for bit in range(2):
+            next_state[state, bit], output[state, bit] = step(state, bit, feedback, feedforward)
+            if next_state[state, bit] & 1 == 0:
+                input_mask |= bit << state
+                parity_mask |= int(output[state, bit]) << state
+    next_state.flags.writeable = output.flags.writeable = False
+    return Trellis(next_state, output, input_mask, parity_mask)
+
+
+@dataclass(frozen=True)
+class TurboCode:
+    """A rate-compatible turbo code for the parity of bit planes of any length."""
+
+    feedback: int  # polynomial in D, bit i is the coefficient of D^i
+    feedforward: int
+    period: int  # puncturing period of both parity streams
+
+    def __post_init__(self) -> None:
+        memory(self.feedback, self.feedforward)
+        if self.period < 1:
+            raise ValueError(f"`period` must be at least 1, got {self.period}")
+
+
+CLASSICAL = TurboCode(0b11001, 0b11011, 48)
+"""(1 + D + D^3 + D^4) / (1 + D^3 + D^4), twice, and the puncturing period of [Artigas2007]."""
+
+
+NUM_SECTIONS = 2
+"""Times that each bit enters; the register starts anew before each."""
+
+
+@lru_cache(maxsize=16)
+def interleaved(num_bits: int, seed: int) -> NDArray[np.int32]:
+    """Return the bit that enters at each of 2 N steps."""
+    if num_bits < 1 or seed < 0:
+        raise ValueError(f"`num_bits` must be >= 1 and `seed` >= 0, got {num_bits} and {seed}")
+    bits = np.concatenate([np.arange(num_bits, dtype=np.int32), random_permutation(2 * seed + 2, num_bits)])
+    bits.flags.writeable = False
+    return bits
+
+
+def section_starts(num_bits: int) -> NDArray[np.int64]:
+    """Return the steps at which the register starts anew."""
+    return np.arange(NUM_SECTIONS, dtype=np.int64) * num_bits
+
+
+def spread_order(count: int) -> NDArray[np.int64]:
+    """Order the integers below `count` so that every prefix is spread out (bit-reversed counting)."""
+    width = max(1, (count - 1).bit_length())
+    numbers = np.arange(1 << width, dtype=np.int64)
+    reverse = np.zeros_like(numbers)
+    for bit in range(width):
+        reverse |= ((numbers >> bit) & 1) << (width - 1 - bit)
+    return reverse[reverse < count]
+
+
+@lru_cache(maxsize=16)
+def release_order(num_bits: int, period: int) -> NDArray[np.int32]:
+    """Return the N trellis steps whose parity is released, in order of release."""
+    steps = [
+        section * num_bits + np.arange(offset, num_bits, period, dtype=np.int32)
+        for offset in spread_order(period)
+        for section in range(NUM_SECTIONS)
+    ]
+    order = np.concatenate(steps)[:num_bits].astype(np.int32)
+    order.flags.writeable = False
+    return order
+
+
+@lru_cache(maxsize=16)
+def _release_layout(
+    code: TurboCode, num_bits: int, seed: int
+) -> tuple[NDArray[np.integer], NDArray[np.integer], NDArray[np.int64]]:
+    """Return the bit read at each step, where its parity is released, and where sections start."""
+    order = release_order(num_bits, code.period)
+    num_steps = int(order.max()) + 1
+    next_release = np.full(num_steps, num_steps)
+    next_release[order] = order
+    next_release = np.minimum.accumulate(next_release[::-1])[::-1]
+    slot_at_step = np.empty(num_steps, np.int64)
+    slot_at_step[order] = np.arange(num_bits)
+    small = np.uint16 if num_bits <= 1 << 16 else np.int32  # tables that stay in the cache
+    starts = np.minimum(section_starts(num_bits), num_steps)
+    return (
+        interleaved(num_bits, seed)[:num_steps].astype(small),
+        slot_at_step[next_release].astype(small),
+        starts,
+    )
+
+
+def encode_words(
+    words: NDArray[np.uint64], code: TurboCode, seed: int, parity: NDArray[np.uint64] | None = None
+) -> NDArray[np.uint64]:
+    """Return the parity of up to 64 bit planes at once, in order of release."""
+    bit_at_step, slot_at_step, starts = _release_layout(code, words.size, seed)
+    parity = np.empty(words.size, np.uint64) if parity is None else parity
+    _kernels.encode_words(words, bit_at_step, slot_at_step, starts, code.feedback, code.feedforward, parity)
+    return parity
+
+
+def encode_planes(bits: NDArray[np.uint8], code: TurboCode, seed: int) -> NDArray[np.uint8]:
+    """Return the parity of bit planes in order of release."""
+    return by_words(bits, lambda words: encode_words(words, code, seed))

@@ -1,0 +1,175 @@
+"""Tests of the bit-sliced encoder."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvc.slepian_wolf import crc, crc_words
+from dvc.slepian_wolf.checks import random_keys, random_permutation
+from dvc.slepian_wolf.turbo.turbo_encoder import (
+    CLASSICAL,
+    TurboCode,
+    encode_planes,
+    encode_words,
+    interleaved,
+    memory,
+    release_order,
+    spread_order,
+    step,
+    trellis,
+)
+from tests.reference.turbo_bcjr import rsc_encode
+
+
+@pytest.mark.parametrize("num_bits", [1, 2, 7, 50, 201])
+def test_parity_is_that_of_the_plain_encoder(num_bits: int) -> None:
+    """Each section of the trellis carries the quotient of polynomials, in order of release."""
+    planes = np.random.default_rng(num_bits).integers(0, 2, (70, num_bits), dtype=np.uint8)
+    bits = interleaved(num_bits, 5)
+    parity = encode_planes(planes, CLASSICAL, 5)
+    for plane in (0, 63, 64, 69):
+        sections = [
+            rsc_encode(planes[plane, part], CLASSICAL.feedback, CLASSICAL.feedforward)
+            for part in (bits[:num_bits], bits[num_bits:])
+        ]
+        released = np.concatenate(sections)[release_order(num_bits, CLASSICAL.period)]
+        np.testing.assert_array_equal(parity[plane], released)
+
+
+@pytest.mark.nojit
+def test_words_hold_the_same_bits() -> None:
+    """Packed words give the parity and check bits of the planes that they hold."""
+    planes = np.random.default_rng(2).integers(0, 2, (64, 90), dtype=np.uint8)
+    words = (planes.astype(np.uint64) << np.arange(64, dtype=np.uint64)[:, None]).sum(axis=0, dtype=np.uint64)
+    for packed, plain in (
+        (encode_words(words, CLASSICAL, 1), encode_planes(planes, CLASSICAL, 1)),
+        (crc_words(words, 16), crc(planes, 16)),
+    ):
+        np.testing.assert_array_equal((packed >> np.uint64(63)) & np.uint64(1), plain[63])
+        np.testing.assert_array_equal(packed & np.uint64(1), plain[0])
+
+
+def test_no_planes_give_no_parity() -> None:
+    """A frame without planes is coded into nothing."""
+    assert encode_planes(np.zeros((0, 20), np.uint8), CLASSICAL, 1).shape == (0, 20)
+
+
+def test_refuses_what_is_no_plane() -> None:
+    """Other types, shapes and values than bits are refused."""
+    with pytest.raises(TypeError, match="uint8"):
+        encode_planes(np.zeros((1, 5)), CLASSICAL, 1)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="shape"):
+        encode_planes(np.zeros(5, np.uint8), CLASSICAL, 1)
+    with pytest.raises(ValueError, match="0 and 1"):
+        encode_planes(np.full((1, 5), 2, np.uint8), CLASSICAL, 1)
+
+
+def test_classical_is_two_constituents_with_period_48() -> None:
+    """The classical code is that of the literature."""
+    assert TurboCode(feedback=0b11001, feedforward=0b11011, period=48) == CLASSICAL
+
+
+@pytest.mark.parametrize("changes", [(0b1000, 0b11011, 48), (0b11001, 0b10, 48), (0b11001, 0b11011, 0)])
+def test_refuses_what_is_no_code(changes: tuple[int, int, int]) -> None:
+    """Polynomials without a constant term, and periods below one, are refused."""
+    with pytest.raises(ValueError, match=r"constant term|period"):
+        TurboCode(*changes)
+
+
+def test_random_words_are_splitmix() -> None:
+    """The words are those of SplitMix64, so streams do not depend on a library's generator."""
+    state, words = 0x9E3779B97F4A7C15, []
+    for _ in range(3):
+        state = (state + 0x9E3779B97F4A7C15) % 2**64
+        z = state
+        z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9 % 2**64
+        z = (z ^ (z >> 27)) * 0x94D049BB133111EB % 2**64
+        words.append(z ^ (z >> 31))
+    assert random_keys(0, 3).tolist() == words
+
+
+@given(st.integers(0, 10**6), st.integers(1, 300))
+def test_permutation(seed: int, count: int) -> None:
+    """Every element appears once."""
+    assert sorted(random_permutation(seed, count)) == list(range(count))
+
+
+@pytest.mark.parametrize(("num_bits", "seed"), [(0, 1), (-3, 1), (10, -1)])
+def test_refuses_bad_lengths(num_bits: int, seed: int) -> None:
+    """Empty planes and negative seeds are refused."""
+    with pytest.raises(ValueError, match="`num_bits` must be"):
+        interleaved(num_bits, seed)
+
+
+@given(st.integers(1, 250), st.integers(0, 50))
+def test_every_bit_enters_twice(num_bits: int, seed: int) -> None:
+    """First all in order, then all in another one."""
+    bits = interleaved(num_bits, seed)
+    np.testing.assert_array_equal(bits[:num_bits], np.arange(num_bits))
+    np.testing.assert_array_equal(np.sort(bits[num_bits:]), np.arange(num_bits))
+
+
+@given(st.integers(1, 400))
+def test_spread_order_is_a_permutation(count: int) -> None:
+    """Bit-reversed counting visits every number once."""
+    assert sorted(spread_order(count)) == list(range(count))
+
+
+@given(st.integers(1, 300), st.integers(1, 60))
+def test_releases_as_many_distinct_steps_as_bits(num_bits: int, period: int) -> None:
+    """N parity bits of the two streams are released, each once, at every length."""
+    order = release_order(num_bits, period)
+    assert order.size == np.unique(order).size == num_bits
+    assert order.min() >= 0
+    assert order.max() < 2 * num_bits
+
+
+def test_both_streams_are_released_by_periods() -> None:
+    """Every 1/24 of the order holds one position of each period, of one parity stream."""
+    order = release_order(96, 48)
+    for request in range(48):
+        first, second = order[2 * request : 2 * request + 2]
+        assert second - first == 48
+        assert first // 96 == request % 2
+
+
+def test_textbook_impulse_response() -> None:
+    """The (1, 5/7) code answers an impulse by 1110110..., the series of (1 + D^2) / (1 + D + D^2)."""
+    state, parity = 0, []
+    for bit in (1, 0, 0, 0, 0, 0, 0):
+        state, emitted = step(state, bit, 0b111, 0b101)
+        parity.append(emitted)
+    assert parity == [1, 1, 1, 0, 1, 1, 0]
+
+
+@pytest.mark.parametrize("polynomials", [(0b11, 0b01), (0b101, 0b111), (0b1101, 0b1011), (0b11001, 0b11011)])
+def test_tables_encode_as_polynomials_divide(polynomials: tuple[int, int]) -> None:
+    """Walking the tables gives the quotient of the polynomials."""
+    bits = np.random.default_rng(3).integers(0, 2, 60, dtype=np.uint8)
+    table = trellis(*polynomials)
+    state, parity = 0, []
+    for bit in bits:
+        parity.append(table.output[state, bit])
+        state = table.next_state[state, bit]
+    np.testing.assert_array_equal(parity, rsc_encode(bits, *polynomials))
+
+
+@pytest.mark.parametrize("polynomials", [(0b111, 0b101), (0b1011, 0b1101), (0b11001, 0b11011)])
+def test_transitions_pair_up(polynomials: tuple[int, int]) -> None:
+    """States k and k + S/2 lead to 2k and 2k + 1, and the masks name the transitions to the even one."""
+    table = trellis(*polynomials)
+    half = table.num_states // 2
+    for state in range(table.num_states):
+        bit = table.input_mask >> state & 1
+        assert table.next_state[state, bit] == 2 * (state % half)
+        assert table.next_state[state, 1 - bit] == 2 * (state % half) + 1
+        assert table.output[state, bit] == table.parity_mask >> state & 1
+        assert table.output[state, 1 - bit] == 1 - (table.parity_mask >> state & 1)
+
+
+@pytest.mark.parametrize("polynomials", [(0b110, 0b101), (0b111, 0b100), (1, 0b11), (0b100101, 1), (1, 1)])
+def test_trellis_refuses_what_is_no_code(polynomials: tuple[int, int]) -> None:
+    """Polynomials without constant term, without feedback, or too long are refused."""
+    with pytest.raises(ValueError, match=r"constant term|register length|oldest"):
+        memory(*polynomials)
