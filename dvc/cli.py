@@ -1,4 +1,4 @@
-"""What all commands share: one-line errors with exit status 2, help with examples, progress bars."""
+"""Common parts of all commands: one-line errors with exit status 2, help with examples, progress bars."""
 
 import argparse
 import contextlib
@@ -26,7 +26,7 @@ EXIT_TERMINATED = 143
 
 
 class ArgumentParser(argparse.ArgumentParser):
-    """A parser whose errors are one line on stderr, and whose help ends with examples."""
+    """A parser that reports errors in one line on stderr, and ends its help with examples."""
 
     def __init__(self, prog: str, description: str, examples: str = "", **options: Any) -> None:
         super().__init__(
@@ -48,7 +48,7 @@ class ArgumentParser(argparse.ArgumentParser):
 
 
 class _PrintVersions(argparse.Action):
-    """Looks the versions up only where they are wanted."""
+    """Looks up the versions when they are requested."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         from dvc import __version__
@@ -60,12 +60,12 @@ class _PrintVersions(argparse.Action):
 
 
 def one_line(text: object) -> str:
-    """Fold a message into one line; what a terminal would obey, such as escapes, shows as question marks."""
+    """Fold a message into one line; control characters, such as escapes, become question marks."""
     return "".join(c if c.isprintable() else "?" for c in " ".join(str(text).split()))
 
 
 class _OneLine(logging.Formatter):
-    """What is logged, in one line."""
+    """Log records in one line."""
 
     def format(self, record: logging.LogRecord) -> str:
         return one_line(super().format(record))
@@ -76,13 +76,13 @@ class Terminated(KeyboardInterrupt):
 
 
 def _terminate(_number: int, _frame: FrameType | None) -> NoReturn:
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # what is open is being removed
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # open files are being removed
     raise Terminated
 
 
 @contextlib.contextmanager
 def _cleaning_up_when_terminated() -> Iterator[None]:
-    """Let SIGTERM end a block as an exception does, so that no temporary file is left."""
+    """End a block at SIGTERM by an exception, so that no temporary file is left."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -95,7 +95,7 @@ def _cleaning_up_when_terminated() -> Iterator[None]:
 
 @contextlib.contextmanager
 def stopping_at_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Call something at an interrupt or SIGTERM, which may let the block go on; a second one breaks off."""
+    """Call a function at an interrupt or SIGTERM while the block continues; a second signal aborts it."""
 
     def _stop(number: int, _: FrameType | None) -> None:
         signal.signal(number, signal.default_int_handler)
@@ -147,7 +147,7 @@ def command(
     has_subcommands: bool = False,
     extra: str | None = None,
 ) -> Callable[..., int]:
-    """Make the `main` of a command; `extra` names what must be installed besides what a camera needs."""
+    """Make the `main` of a command; `extra` names the packages that it needs besides those of a camera."""
 
     def _work(arguments: argparse.Namespace) -> int:
         if extra is not None:
@@ -165,7 +165,7 @@ def command(
 
 
 class Advance(Protocol):
-    """Moves a progress bar on by some steps, and shows a note beside it."""
+    """Advances a progress bar, and shows a note next to it."""
 
     def __call__(self, steps: int, note: str = "") -> None:
         """Move it on."""
@@ -282,8 +282,8 @@ def add_integer(
     metavar: str = "N",
 ) -> None:
     """Add an option that is a whole number."""
-    told = text if default is None else f"{text}; default: %(default)s"
-    group.add_argument(option, type=integer(*bounds), default=default, metavar=metavar, help=told)
+    help_text = text if default is None else f"{text}; default: %(default)s"
+    group.add_argument(option, type=integer(*bounds), default=default, metavar=metavar, help=help_text)
 
 
 def add_live(group: argparse._ActionsContainer, option: str, text: str) -> None:
@@ -335,7 +335,7 @@ def with_contents(inputs: Sequence[str | Path]) -> list[str | Path]:
 
 
 def check_outputs(inputs: list[str | Path], outputs: list[str | Path]) -> None:
-    """Refuse to overwrite what is being read, and to write one file twice, before any work is done."""
+    """Refuse to overwrite an input, and to write one file twice, before any work is done."""
     from dvc.files import same_file
 
     for position, output in enumerate(outputs):

@@ -24,7 +24,7 @@ SENT_WINDOW_PX = 5
 """Side of the window under which corners that are sent are found: the decoder looks for the same corners."""
 
 SOBEL_GAIN = 8.0
-"""What the 3x3 operator makes of a slope of one luma level per pixel."""
+"""Response of the 3x3 operator to a slope of one luma level per pixel."""
 
 
 def corner_response(luma: Luma, window: ArrayLike, sensitivity: float = SENSITIVITY) -> Floats:
@@ -50,7 +50,7 @@ def quick_corner_response(luma: Luma, window_px: int) -> NDArray[np.float32]:
 
 
 def is_local_max(response: NDArray[np.floating], radius_px: int) -> NDArray[np.bool_]:
-    """Tell where nothing is larger within a distance, by rows and by columns."""
+    """Return a mask of the values that are largest within a distance, by rows and by columns."""
     import cv2
 
     side = 2 * radius_px + 1
@@ -65,7 +65,7 @@ def spaced(points: NDArray[np.int64] | Floats, max_points: int, min_distance_px:
 
 @kernel
 def _take_spaced(points: Floats, min_distance_px2: float, taken: Indices) -> int:
-    """Fill `taken`, and return how many there are."""
+    """Fill `taken`, and return the number of entries."""
     count = 0
     x, y = np.empty(taken.size), np.empty(taken.size)
     for i in range(points.shape[0]):

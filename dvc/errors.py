@@ -34,7 +34,7 @@ class UntrustedError(FeedbackError):
 
 
 class RefusedError(FeedbackError):
-    """The other side of the feedback channel has said why it does not go on."""
+    """The other side of the feedback channel has reported why it ends."""
 
 
 class SupersededError(FeedbackError):
@@ -42,7 +42,7 @@ class SupersededError(FeedbackError):
 
 
 class PartialOutputError(DvcError):
-    """A live run that ended early; what was decoded before is kept under other names."""
+    """A live run that ended early; frames decoded before are kept under other names."""
 
 
 class RdCurveError(DvcError):

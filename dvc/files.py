@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all, and files that keep what was finished of them."""
+"""Files that appear complete or not at all, and files that keep their finished parts."""
 
 import errno
 import fcntl
@@ -26,18 +26,18 @@ PARTIAL_SUFFIX = ".part"
 MAX_NAME_BYTES = 200
 """Longer names are shortened for the time of writing, which takes some more characters."""
 MAX_ENDLESS_BYTES = 1 << 26
-"""Most that is read whole of what is no file: a pipe, or a device, which may never end."""
+"""Largest content read from a pipe or a device, which may never end."""
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 _CANNOT_LOCK = frozenset({errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP})  # some network file systems
 _CANNOT_SYNC = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP})  # pipes and some file systems
 
 
 class Closing(ABC):
-    """What is closed at the end of a `with` block."""
+    """Closes itself at the end of a `with` block."""
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of what is held."""
+        """Release the resources."""
 
     def __enter__(self) -> Self:
         return self
@@ -49,7 +49,7 @@ class Closing(ABC):
 
 
 class SyncedFile(io.BufferedWriter):
-    """A file to write from its beginning; what a write was given is in the file when it returns.
+    """A file to write from its beginning; written data are in the file when a write returns.
 
     It is on the disk, too, unless that is not to be waited for.
     """
@@ -72,7 +72,7 @@ class SyncedFile(io.BufferedWriter):
         return count
 
     def close(self) -> None:
-        """Close the file; what a failed write left behind is dropped."""
+        """Close the file; drop the rest of a failed write."""
         with suppress(OSError):
             super().close()
 
@@ -86,7 +86,7 @@ def growing_output(path: Path) -> Iterator[SyncedFile]:
             sync(path.parent)
             yield file
         if path.exists():
-            raise DvcError(f"cannot finish {path}: it exists; what was written is {partial}")
+            raise DvcError(f"cannot finish {path}: it exists; the written data are in {partial}")
         os.rename(partial, path)
         sync(path.parent)
     except OSError as err:
@@ -96,7 +96,7 @@ def growing_output(path: Path) -> Iterator[SyncedFile]:
 
 
 def _concerns(err: OSError, temporary: Path) -> bool:
-    """Tell whether an error is about a file or folder that is being written."""
+    """Return whether an error is about a file or folder that is being written."""
     return err.errno in _NO_ROOM or any(
         str(name).startswith(str(temporary)) for name in (err.filename, err.filename2)
     )
@@ -132,10 +132,10 @@ def sync(path: Path) -> None:
 
 
 class OutputFile:
-    """A file that is written under another name in its folder; while it is, nobody else can write it.
+    """A file that is written under another name in its folder, locked against other writers.
 
-    The other name is hidden, or shows (`path` with ``.part`` after it) where what is left of it is of use:
-    then the remains of an earlier run are kept under a name of their own.
+    The other name is hidden, or visible (`path` with ``.part`` after it) if its remains are useful. The
+    remains of an earlier run are then kept under a name of their own.
     """
 
     def __init__(self, path: str | Path, error: type[DvcError] = DvcError, *, visible: bool = False) -> None:
@@ -185,7 +185,7 @@ class OutputFile:
         self._rename(self._target)
 
     def keep(self) -> None:
-        """Let what was written stay, under the name that shows."""
+        """Keep the written data under the visible name."""
         self._rename(self.partial)
 
     def _rename(self, name: Path) -> None:
@@ -224,7 +224,7 @@ def lock(descriptor: int) -> None:
 
 
 def _is_still(descriptor: int, path: Path) -> bool:
-    """Tell whether a name leads to an open file, and no other process has renamed or removed it."""
+    """Return whether a name leads to an open file, and no other process has renamed or removed it."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except FileNotFoundError:
@@ -295,7 +295,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 
 def same_file(a: str | Path, b: str | Path) -> bool:
-    """Tell whether two names lead to one file, through links as well."""
+    """Return whether two names lead to one file, also through links."""
     try:
         return os.path.samefile(a, b)
     except OSError:

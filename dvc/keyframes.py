@@ -53,8 +53,8 @@ _X264_PARAMETERS = {
     "slices": 1,
     "sliced-threads": 0,
     "threads": 1,
-    # A constant rate factor is the same as a QP, from which a region of interest deviates: x264 sees a new QP
-    # of an open encoder in no other way.
+    # A constant rate factor equals a QP, and a region of interest deviates from it: x264 has no other way to
+    # change the QP of an open encoder.
     "qcomp": 1,
     "mbtree": 0,
     "aq-mode": 1,
@@ -165,12 +165,12 @@ class KeyFrameDecoder:
             self._frame_num_bits = _SequenceParameters.read(sps).check(self._coded_size).frame_num_bits
         except BitstreamError as err:
             raise BitstreamError(f"key frames: the parameter sets are damaged: {err}") from err
-        self._num_decoded: int | None = None  # of the chain; None if it has not begun, or is damaged
+        self._num_decoded: int | None = None  # frames of the chain so far; None before it or after damage
         self._parameter_sets = parameter_sets
         self._open()
 
     def _open(self) -> None:
-        """Open FFmpeg's decoder, anew for each chain: flushing does not reset all that damage has left."""
+        """Open FFmpeg's decoder, once per chain: flushing does not reset all effects of damage."""
         import av
 
         # The limit is checked against the decoder's buffers, which are wider than the picture.
@@ -227,7 +227,7 @@ class KeyFrameDecoder:
         except (av.FFmpegError, ValueError) as err:
             raise BitstreamError(f"key frame: damaged data ({getattr(err, 'strerror', err)})") from err
         if len(pictures) != 1:
-            raise BitstreamError(f"key frame: {len(pictures)} pictures where one is expected")
+            raise BitstreamError(f"key frame: {len(pictures)} pictures instead of one")
         return pictures[0]
 
 
@@ -265,7 +265,7 @@ def _open_encoder(
 
 
 def _with_qp(picture: "av.VideoFrame", qp: int) -> "av.VideoFrame":
-    """Let a picture be coded at a QP."""
+    """Set the QP of a picture."""
     graph = _qp_filter(picture.width, picture.height, picture.format.name, qp - _RATE_FACTOR)
     graph.push(picture)
     pulled = graph.pull()

@@ -1,4 +1,4 @@
-"""What a stream may make its decoder spend, known from its header, index and size before it is spent."""
+"""Limits of the resources that a stream may use, checked from its header, index and size."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ MAX_MEMORY_MIB = 8192
 """Pictures of 3840x2160 pixels, in one process."""
 MAX_PX_PER_BYTE = 8192
 BYTES2_PER_PX = 1200
-"""Most pixels that a byte of a stream may stand for are the square of its bytes over this, and at most that.
+"""The largest number of pixels per byte is the square of the bytes of the stream over this, and at most that.
 
 Frames of 176x144 take a fifth of a second each, so that 600 bytes, which may be seven of them, are decoded in
 three seconds. Frames that move have 1 to 100 pixels a byte, identical ones at the coarsest quality 1,000 in
@@ -20,7 +20,7 @@ three seconds. Frames that move have 1 to 100 pixels a byte, identical ones at t
 FREE_PX = 100_000
 """Pixels that any stream may declare: decoding them takes little, and flat pictures hardly have a byte."""
 DECODER_BYTES = 250 * 2**20
-"""Memory of a decoder with its process, whatever the pictures."""
+"""Memory of a decoder with its process, for pictures of any size."""
 DECODING_BYTES_PER_PX = 400
 """Memory for each pixel of a frame while it is decoded: planes, priors, geometry."""
 REFERENCE_BYTES_PER_PX = 6
@@ -35,7 +35,7 @@ class Limits:
     max_memory_mib: int = MAX_MEMORY_MIB
 
     def check_frames(self, num_frames: int, num_bytes: int, video: VideoConfig) -> None:
-        """Refuse a stream of so many bytes for its number of frames."""
+        """Refuse a stream with too many frames for its size."""
         limit = MAX_FRAMES if self.max_frames is None else self.max_frames
         if self.max_frames is None:
             num_px = num_bytes * min(num_bytes**2 // BYTES2_PER_PX, MAX_PX_PER_BYTE)
@@ -43,11 +43,11 @@ class Limits:
         _check_frames(num_frames, limit, f" of {video.width}x{video.height} in {num_bytes} bytes")
 
     def check_live_frames(self, num_frames: int) -> None:
-        """Refuse more frames of an encoder than were asked for; by default it may go on for ever."""
+        """Refuse more frames of an encoder than allowed; by default it may never end."""
         _check_frames(num_frames, num_frames if self.max_frames is None else self.max_frames)
 
     def check_memory(self, video: VideoConfig, num_waiting: int, jobs: int) -> None:
-        """Refuse pictures that are too large to be decoded in so many processes while others wait."""
+        """Refuse pictures that are too large for the number of processes and of waiting frames."""
         per_px = jobs * DECODING_BYTES_PER_PX + num_waiting * REFERENCE_BYTES_PER_PX
         needed_mib = (DECODER_BYTES + video.width * video.height * per_px) >> 20
         if needed_mib > self.max_memory_mib:

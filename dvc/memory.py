@@ -6,17 +6,17 @@ _STATUS = Path("/proc/self/status")
 
 
 def resident_bytes() -> int:
-    """Tell how much memory this process holds now."""
+    """Return the memory that this process holds now."""
     return _field("VmRSS:")
 
 
 def peak_resident_bytes() -> int:
-    """Tell how much memory this process has held at most, since its program was loaded."""
+    """Return the largest memory that this process has held since its program was loaded."""
     return _field("VmHWM:")
 
 
 def address_bytes() -> int:
-    """Tell how large the address space of this process is, which is what a limit of memory counts."""
+    """Return the size of the address space of this process, which a limit of memory counts."""
     return _field("VmSize:")
 
 

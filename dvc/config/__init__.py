@@ -2,6 +2,13 @@
 
 from dvc.config.codec import (
     CodecConfig,
+    Delivery,
+    DiscoverMatrix,
+    Live,
+    NoFeedback,
+    ParityBuffer,
+    Qp,
+    Quality,
     codec_config,
 )
 from dvc.config.coders import (
@@ -11,20 +18,9 @@ from dvc.config.coders import (
     CoderConfig,
     TurboConfig,
 )
-from dvc.config.delivery import (
-    Delivery,
-    Live,
-    NoFeedback,
-    ParityBuffer,
-)
 from dvc.config.header import (
     decode_config,
     encode_config,
-)
-from dvc.config.quality import (
-    DiscoverMatrix,
-    Qp,
-    Quality,
 )
 from dvc.config.sections import (
     DEFAULT_QP,
@@ -39,8 +35,6 @@ from dvc.config.sections import (
     MAX_PARAMETER_SETS_BYTES,
     MAX_POINTS,
     MAX_QP,
-    MAX_SIDE_PX,
-    MAX_TICKS_PER_SECOND,
     NOISE_MODELS,
     NUM_BANDS,
     PRIORS,
@@ -85,8 +79,6 @@ __all__ = [
     "MAX_PARAMETER_SETS_BYTES",
     "MAX_POINTS",
     "MAX_QP",
-    "MAX_SIDE_PX",
-    "MAX_TICKS_PER_SECOND",
     "MAX_TRACKS_BPP",
     "NOISE_MODELS",
     "NUM_BANDS",

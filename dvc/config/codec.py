@@ -10,9 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from dvc.config.coders import CascadeConfig, CoderConfig
-from dvc.config.fields import Section, check_choice, check_range
-from dvc.config.quality import Qp, Quality
+from dvc.config.fields import Section, check_choice, check_range, shown
 from dvc.config.sections import (
+    DEFAULT_QP,
+    DISCOVER_LEVELS,
+    MAX_QP,
+    ZIGZAG,
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
@@ -22,6 +25,88 @@ from dvc.config.sections import (
     WynerZivConfig,
 )
 from dvc.config.variants import DEFAULT_CODEC, VARIANTS, CodecVariant, variant_of
+from dvc.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class ParityBuffer:
+    """A file with all planes, from which a decoder takes the bits that it needs."""
+
+
+@dataclass(frozen=True)
+class Live:
+    """A feedback channel, over which a decoder requests the bits that it needs."""
+
+
+@dataclass(frozen=True)
+class NoFeedback:
+    """No feedback channel: nothing is sent for Wyner-Ziv frames, and there are fewer of them."""
+
+
+Delivery = ParityBuffer | Live | NoFeedback
+"""One of the three."""
+
+
+_KEY_QP = (40, 39, 38, 34, 34, 32, 29, 25)  # for Q1 to Q8: the published choice for the foreman sequence
+
+
+@dataclass(frozen=True)
+class Qp:
+    """A quality on H.264's scale: key frames, steps and requests share bits by one Lagrange multiplier.
+
+    Attributes
+    ----------
+    qp : int
+        From 1 to `MAX_QP`; that of the key frames.
+    """
+
+    qp: int = DEFAULT_QP
+
+    def __post_init__(self) -> None:
+        """Refuse values off the scale."""
+        check_range("qp", self.qp, 1, MAX_QP)
+
+    @property
+    def key_qp(self) -> int:
+        """H.264 quantisation parameter of the key frames."""
+        return self.qp
+
+    @property
+    def wyner_ziv(self) -> WynerZivConfig:
+        """Embedded quantisers."""
+        return WynerZivConfig(qp=self.qp)
+
+
+@dataclass(frozen=True)
+class DiscoverMatrix:
+    """One of the eight quantisation matrices of the DISCOVER codec; all planes are asked for.
+
+    Attributes
+    ----------
+    q : int
+        From 1 (coarsest) to 8 (finest).
+    """
+
+    q: int
+
+    def __post_init__(self) -> None:
+        """Refuse a matrix that does not exist."""
+        if type(self.q) is not int or not 1 <= self.q <= len(DISCOVER_LEVELS):
+            raise ConfigError(f"the quantiser must be from 1 to {len(DISCOVER_LEVELS)}, got {shown(self.q)}")
+
+    @property
+    def key_qp(self) -> int:
+        """H.264 quantisation parameter that gives key frames about the same quality."""
+        return _KEY_QP[self.q - 1]
+
+    @property
+    def wyner_ziv(self) -> WynerZivConfig:
+        """Levels that share the range of each band, and priors by the noise model only."""
+        levels = tuple(DISCOVER_LEVELS[self.q - 1][position] for position in ZIGZAG)
+        return WynerZivConfig(levels, priors="laplacian")
+
+
+Quality = Qp | DiscoverMatrix
 
 
 @dataclass(frozen=True)
@@ -41,7 +126,7 @@ class CodecConfig(Section):
     wyner_ziv : WynerZivConfig
         Quantisers, and decoding of the bands.
     coder : CoderConfig
-        Coding of bit planes, where a decoder asks: settings of the coder that is chosen.
+        Coding of bit planes: settings of the chosen coder.
     side_information : SideInformationConfig
         Prediction at the decoder.
     geometry : GeometryConfig
@@ -96,7 +181,7 @@ def codec_config(
     Raises
     ------
     ConfigError
-        If there is no such codec, or a value makes no sense.
+        If the codec does not exist, or a value makes no sense.
     """
     quality = quality or Qp()
     variant = variant_of(codec)

@@ -10,7 +10,7 @@ from dvc.extensions import PLANE_CODERS, Registry
 
 @dataclass(frozen=True)
 class CoderConfig(Section):
-    """Settings of the coder of bit planes; its name stands beside them in results and streams."""
+    """Settings of the coder of bit planes; results and streams also hold its name."""
 
     @property
     def name(self) -> str:
@@ -38,7 +38,7 @@ class CoderConfig(Section):
 class CascadeConfig(CoderConfig):
     """Parities of ranges that the decoder chooses."""
 
-    # What the answers to a request are to tell, in percent of what is unknown of the run; 0: as little as
+    # Information of the answers to a request, in percent of the unknown bits of the run; 0: the least, which
     # costs the fewest bits. 12 and 6 save .3 and .5 % of the rate for 1.3 and 2.1 times the requests
     # (`benchmarks.searches.settings coder.batch_percent=6 --qp 28 36 --frames 33 --clips box desk tree stone
     # river street`).

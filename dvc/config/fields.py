@@ -1,4 +1,4 @@
-"""What all sections of a configuration have in common: checked fields, and a form for JSON."""
+"""Common part of all sections of a configuration: checked fields, and a form for JSON."""
 
 import base64
 import binascii
@@ -28,7 +28,7 @@ def check_range(name: str, value: float, low: float, high: float) -> None:
 
 
 def check_choice(name: str, value: str, choices: Collection[str]) -> None:
-    """Refuse a name that is not one of those there are."""
+    """Refuse a name that is not among the choices."""
     if value not in choices:
         if isinstance(choices, Registry):
             raise ConfigError(choices.missing(shown(value)))
@@ -60,7 +60,7 @@ def _check_type(name: str, value: object, hint: Any) -> None:
 
 
 class Section:
-    """Check the type of every field, then what the section itself demands of the values."""
+    """Check the type of every field, then the conditions of the section."""
 
     def __post_init__(self) -> None:
         for name, hint in type_hints_of(type(self)).items():
@@ -92,7 +92,7 @@ class Section:
 
 
 def is_section(hint: Any) -> TypeGuard[type[Section]]:
-    """Say whether the type of a field is a section."""
+    """Return whether the type of a field is a section."""
     return isinstance(hint, type) and issubclass(hint, Section)
 
 

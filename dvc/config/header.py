@@ -17,7 +17,7 @@ def encode_config(config: CodecConfig) -> bytes:
     """Write a configuration for a stream header; inverse of `decode_config`.
 
     A section is an array of its values in the order of its dataclass, that of the coder after its name. Nil
-    stands for a default, and for a section of defaults; none stands at the end of an array. A configuration
+    denotes a default, and a section of defaults; arrays do not end in nil. A configuration
     has exactly one such form, which `docs/bitstream.md` states.
 
     Parameters
@@ -28,13 +28,13 @@ def encode_config(config: CodecConfig) -> bytes:
     Returns
     -------
     bytes
-        About 10 bytes, and what differs from the defaults.
+        About 10 bytes, and the values that differ from the defaults.
     """
     return msgspec.msgpack.encode(_values(config))
 
 
 def _values(section: Section) -> list[Any] | None:
-    """Return the values of a section's fields, `None` for defaults; `None` if there is nothing else."""
+    """Return the values of a section's fields, `None` for defaults; `None` for a section of defaults."""
     values: list[Any] = []
     if isinstance(section, CoderConfig):
         values.append(None if section.name == DEFAULT_CODER else section.name)

@@ -8,6 +8,7 @@ from dvc import extensions
 from dvc.config.fields import Section, check_choice, check_range, shown
 from dvc.errors import ConfigError
 from dvc.extensions import Registry
+from dvc.video.frames import MAX_SIDE_PX
 
 REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")
@@ -17,13 +18,10 @@ MAPPERS = SFM_BACKENDS[:2]
 NOISE_MODELS: Registry[object] = Registry(
     extensions.NOISE_MODELS, dict.fromkeys(("frame", "band", "coefficient", "local"))
 )
-"""Names of what `dvc.wynerziv.noise` has."""
+"""Names of the models of `dvc.wynerziv.noise`."""
 PRIORS = ("laplacian", "learned")
 NUM_BANDS = 16
-MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
-MAX_TICKS_PER_SECOND = 10**6
-"""Finest clock of time stamps."""
 MAX_GOP_LENGTH = 256
 MAX_INTRA_PERIOD = 1024
 MAX_POINTS = 1024
@@ -35,14 +33,14 @@ LAMBDA_PER_KEY_LAMBDA = 6.0
 equal PSNR by -.3 and +1.2 %, and requests by +44 and -32 %. By `benchmarks.searches.settings --qp 28 36
 --frames 33 dvc.config.sections.LAMBDA_PER_KEY_LAMBDA=9 --clips box desk river stone street tree`."""
 INTRA_PERIOD = 96
-"""Most frames from one IDR picture to the next: damage ends, and decoding can begin, after three seconds."""
+"""Largest number of frames from one IDR picture to the next: decoding can start every three seconds."""
 LAMBDA_PERCENT = (100, 60, 40, 30, 30)
-"""Percent of that for frames with references up to 2, 4, 8, ... frames apart, which predict others; the last
-also beyond."""
+"""Percentage of that for frames with references up to 2, 4, 8, ... frames apart, which predict more frames;
+the last also beyond."""
 STEP_PER_ROOT_LAMBDA = 3.0
-"""Finest step: that of a fine uniform quantiser, of which a bit saves 2 ln 2 / 12 squared steps."""
+"""Finest step: that of a fine uniform quantiser, in which a bit saves 2 ln 2 / 12 squared steps."""
 MAX_BAND_PLANES = 12
-"""Most bit planes of a band of an embedded quantiser: steps of 1 over all coefficients that there are."""
+"""Most bit planes of a band of an embedded quantiser: steps of 1 over the range of all coefficients."""
 
 ZIGZAG = (0, 1, 4, 8, 5, 2, 3, 6, 9, 12, 13, 10, 7, 11, 14, 15)
 """Raster position in the 4x4 block of each band, in zigzag order."""
@@ -57,7 +55,7 @@ DISCOVER_LEVELS = (
     (64, 32, 16, 8, 32, 16, 8, 4, 16, 8, 4, 4, 8, 4, 4, 0),
     (128, 64, 32, 16, 64, 32, 16, 8, 32, 16, 8, 4, 16, 8, 4, 0),
 )
-"""Levels of each band for Q1 to Q8, in raster order of the 4x4 block; 0 where a band is not sent."""
+"""Levels of each band for Q1 to Q8, in raster order of the 4x4 block; 0 if a band is not sent."""
 
 
 @dataclass(frozen=True)
@@ -109,10 +107,10 @@ class GopConfig(Section):
 class KeyFrameConfig(Section):
     """H.264 coding of the key frames."""
 
-    qp: int = DEFAULT_QP  # quantisation parameter; of predicted ones, if there are any
+    qp: int = DEFAULT_QP  # quantisation parameter; that of predicted key frames, if any
     lossless: bool = False  # code the samples exactly; `qp` plays no part
     intra_period: int = INTRA_PERIOD  # most frames from one IDR picture to the next; 0: all are such
-    parameter_sets: bytes = b""  # what the H.264 decoder needs once, before the first key frame
+    parameter_sets: bytes = b""  # parameter sets that the H.264 decoder needs before the first key frame
 
     @property
     def predicted(self) -> bool:
@@ -128,7 +126,7 @@ class KeyFrameConfig(Section):
 
 
 def key_lambda(qp: int) -> float:
-    """Return what a bit saves in an H.264 picture: the usual Lagrange multiplier of its encoders.
+    """Return the distortion that a bit of an H.264 picture saves: the Lagrange multiplier of its encoders.
 
     Parameters
     ----------
@@ -152,14 +150,14 @@ class WynerZivConfig(Section):
     """Quantisation of the Wyner-Ziv frames and decoding of their bands."""
 
     # Levels that share the range of each band in its frame, as in the DISCOVER codec, in zigzag order; none:
-    # embedded quantisers, whose step the frame tells.
+    # embedded quantisers; the frame states their step.
     levels: tuple[int, ...] = ()
     noise_model: str = "local"  # how the scale of the correlation noise follows from the references
-    qp: int = DEFAULT_QP  # quality on H.264's scale, by which steps of embedded quantisers are chosen
-    # Priors of bits: as the correlation noise has them; or corrected by what was decoded, with neighbours, of
-    # the frame itself and of those before that it is not decoded side by side with.
+    qp: int = DEFAULT_QP  # quality on H.264's scale, which determines the steps of embedded quantisers
+    # Priors of bits: by the correlation noise; or corrected by decoded bits and neighbours in
+    # the frame and in earlier frames that are not decoded in parallel.
     priors: str = "learned"
-    # Whether each group tells how much may be asked for of its frames, for a bitrate.
+    # Whether each group states a limit of requests for its frames, for a bitrate.
     limited: bool = False
 
     def _check_values(self) -> None:
@@ -174,7 +172,7 @@ class WynerZivConfig(Section):
         check_choice("priors", self.priors, PRIORS)
         check_range("qp", self.qp, 1, MAX_QP)
         if self.limited and self.levels:
-            raise ConfigError("`limited` is for embedded quantisers, of which planes may be left out")
+            raise ConfigError("`limited` requires embedded quantisers, whose last planes can be left out")
 
     @property
     def embedded(self) -> bool:
@@ -210,9 +208,9 @@ class WynerZivConfig(Section):
 class SideInformationConfig(Section):
     """Prediction of the Wyner-Ziv frames at the decoder."""
 
-    method: str = "depth"  # name of the method; the decoder knows which there are
-    track_corrections: bool = True  # move what is rendered to where neighbouring tracks agree that it is
-    # What serves beside a model of the scene, and alone where there is none, if points are sent: block motion
+    method: str = "depth"  # name of the method, among those of the decoder
+    track_corrections: bool = True  # correct rendered positions by neighbouring tracks that agree
+    # Prediction next to a model of the scene, or without one, if points are sent: block motion
     # after that of the whole frame; or references that are warped by the points, pixel by pixel.
     fallback: str = "tracks"
 
@@ -228,7 +226,7 @@ class SideInformationConfig(Section):
 class GeometryConfig(Section):
     """Structure from motion at the decoder, for methods of side information that need it."""
 
-    backend: str = "native"  # whose estimators: the project's own, COLMAP's, or the thesis's to the letter
+    backend: str = "native"  # estimators: native ones, COLMAP's, or those of the thesis as written
     path_regularity: float = 0.0  # weight of second differences of the camera's path, with respect to tracks
 
     def _check_values(self) -> None:

@@ -1,4 +1,4 @@
-"""Variants of the codec: how each predicts, what it sends of the geometry, and its groups of pictures."""
+"""Variants of the codec: prediction, transmitted geometry, and groups of pictures of each."""
 
 from dataclasses import dataclass
 
@@ -16,10 +16,10 @@ MAX_NEW_TRACKS = 48
 class KeyFrameRule:
     """When the tracks ask for a key frame."""
 
-    longest_track_px: float = 40.0  # a point has moved so far since the key frame
-    lost_share: float = 0.5  # so many of the points are lost since then
+    longest_track_px: float = 40.0  # distance that a point has moved since the key frame
+    lost_share: float = 0.5  # share of the points lost since then
     min_length: int = 2  # frames from one key frame to the next, unless the scene changes
-    cut_share: float = 0.9  # so many points that are lost from one frame to the next are another scene
+    cut_share: float = 0.9  # share of the points lost from one frame to the next at a cut
 
     def __post_init__(self) -> None:
         """Refuse values that make no sense."""
@@ -57,7 +57,7 @@ class CodecVariant:
     usual_groups : GroupPreset
         Its groups of pictures.
     groups_of_keys : GroupPreset or None
-        Those if key frames alone are references; None: the same.
+        Groups if only key frames are references; None: the same.
     intra_groups : GroupPreset or None
         Those if no key frame is predicted, so that each costs more; None: the same.
     intra_period : int
@@ -86,7 +86,7 @@ class CodecVariant:
         Returns
         -------
         GroupPreset
-            Shorter ones if key frames alone are references, or are cheap because they are predicted.
+            Shorter ones if only key frames are references, or if they are cheap because they are predicted.
         """
         if (references or self.references) == "keys" and self.groups_of_keys is not None:
             return self.groups_of_keys
@@ -117,7 +117,7 @@ VARIANTS = {
     "3d-td": CodecVariant(
         summary="the scene, with cameras from corners of every frame, which the decoder matches",
         side_information=_DEPTH,
-        # Of each frame as many points as there are in the thesis.
+        # As many points per frame as in the thesis.
         tracks=TracksConfig("decoder", num_points=176, subpixel_bits=0),
         references="hierarchical",
         usual_groups=GroupPreset(10),
@@ -138,7 +138,7 @@ VARIANTS = {
 """All variants by name, from the simplest to the best."""
 
 DEFAULT_CODEC = "3d-te"
-"""The best: it predicts by block motion by itself where there is no static scene."""
+"""The best codec: it falls back to block motion if the scene is not static."""
 
 
 def variant_of(codec: str) -> CodecVariant:
@@ -157,7 +157,7 @@ def variant_of(codec: str) -> CodecVariant:
     Raises
     ------
     ConfigError
-        If there is none of that name.
+        If no variant has that name.
     """
     check_choice("codec", codec, VARIANTS)
     return VARIANTS[codec]

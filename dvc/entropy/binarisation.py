@@ -26,14 +26,13 @@ def code_exp_golomb(
     Parameters
     ----------
     coder : CoderState
-        Where to write or to read.
+        Coder to write to or to read from.
     counts : ndarray of shape (contexts, 2), int64
-        Zeros and ones that each context has seen: changed.
+        Zeros and ones seen by each context; updated.
     zero, sign : int
         Contexts of these decisions.
     exponents, mantissas : int
-        Where the `NUM_EXPONENTS` contexts of each begin: that of exponent e is e places on, and the first is
-        not used.
+        First of the `NUM_EXPONENTS` contexts of each: that of exponent e is e further; the first is unused.
     value : int
         The number, of magnitude below ``2^25 - 1``; of no meaning when reading.
 

@@ -22,7 +22,7 @@ _INITIAL_COUNT = 20 * _COUNT_STEP
 
 
 def context_counts(percent: ArrayLike) -> Counts:
-    """Return counts from which contexts start, as if each had seen twenty decisions.
+    """Return initial counts of contexts, as if each had seen twenty decisions.
 
     Parameters
     ----------
@@ -75,10 +75,10 @@ LEARNING_RATE = 0.02
 
 
 class Mixture(NamedTuple):
-    """What is known of the contexts, and how they are mixed."""
+    """State of the contexts and their mixture."""
 
     contexts: NDArray[np.float64]  # probability of a 1, and how many decisions it was learnt from
-    weights: NDArray[np.float64]  # of the k contexts of a mixture in the logistic domain
+    weights: NDArray[np.float64]  # weights of the k contexts of a mixture in the logistic domain
     tables: NDArray[np.float64]  # logarithm of the odds, its inverse, and rates of learning by count
 
 

@@ -1,9 +1,9 @@
 """Range coder: sequences of decisions and of numbers below a bound, as bytes and back.
 
 The interval that a sequence has been narrowed to is kept in 64 bits, probabilities are multiples of
-2^-24, and bytes leave in words of 32 bits, big endian; zeros at the end are left out, and follow for ever
-when reading. Streams are those of the default range coder of the library `constriction`, whose models cannot
-be asked from compiled loops, nor for a decision that depends on the last one without a call for each.
+2^-24, and bytes leave in words of 32 bits, big endian. Trailing zeros are dropped, and a reader appends them.
+Streams are those of the default range coder of the library `constriction`. Its models cannot be called from
+compiled loops, and need a call for each decision that depends on the last one.
 
 References
 ----------
@@ -18,28 +18,28 @@ from numpy.typing import NDArray
 from dvc._jit import inlined_kernel, kernel
 from dvc.errors import BitstreamError
 
-# Fields of a state. LOW is where a writer's interval begins, and how far above that a reader's data are.
+# Fields of a state. LOW is the start of a writer's interval, and the offset of a reader's data from it.
 LOW, RANGE, POSITION, READING, FAILED = range(5)
 
 _MAX = np.uint64(2**64 - 1)
 _NONE, _ONE = np.uint64(0), np.uint64(1)
 _WORD_BITS, _MIN_RANGE, _LAST_WORD = np.uint64(32), np.uint64(2**32), np.uint64(2**32 - 1)
 _PRECISION, _TOTAL = np.uint64(24), np.uint64(2**24)
-_FREE_WEIGHT = 2.0**24 - 2  # of the parts, as either decision has one in any case
+_FREE_WEIGHT = 2.0**24 - 2  # weight of the parts, as either decision has one in any case
 
 MAX_BOUND = 2**24
-"""Most values that `code_uniform` tells apart."""
+"""Largest number of values of `code_uniform`."""
 
 
 class CoderState(NamedTuple):
-    """What compiled functions know of a coder.
+    """State of a coder for compiled functions.
 
     Attributes
     ----------
     fields : ndarray of shape (5,), uint64
         Interval, place in the words, direction, and whether something went wrong.
     words : ndarray of shape (W,), uint32
-        What was written so far, with room for more, or what is read.
+        Bytes written so far, with room for more, or bytes to read.
     """
 
     fields: NDArray[np.uint64]
@@ -52,7 +52,7 @@ class RangeCoder:
     Parameters
     ----------
     state : CoderState
-        Where it begins.
+        Start of the interval.
 
     Examples
     --------
@@ -108,7 +108,7 @@ class RangeCoder:
         return self._state
 
     def uniform(self, bound: int, value: int = 0) -> int:
-        """Code a number all of whose values are as probable.
+        """Code a number with equally probable values.
 
         Parameters
         ----------
@@ -133,7 +133,7 @@ class RangeCoder:
 
     @staticmethod
     def _shortest(low: int, width: int, num_bytes: int) -> bytes:
-        """The number of most zeros at the end that is inside the interval, whatever follows."""
+        """The number with the most trailing zeros inside the interval, for any continuation."""
         for zeros in range(64, -1, -8):
             inside = low + 2**zeros - 1 >> zeros << zeros
             if inside < low + width:
@@ -141,7 +141,7 @@ class RangeCoder:
         raise AssertionError("the interval holds its beginning")
 
     def check(self) -> None:
-        """Tell whether all that was read can have been written.
+        """Return whether the data read can have been written.
 
         Raises
         ------
@@ -152,7 +152,7 @@ class RangeCoder:
             raise BitstreamError("the range-coded data are damaged")
 
     def check_end(self, data: bytes) -> None:
-        """Tell whether data that were read are the shortest that tell the sequence, as `to_bytes` has them.
+        """Return whether the data read are the shortest that encode the sequence, as `to_bytes` writes them.
 
         Parameters
         ----------
@@ -166,18 +166,18 @@ class RangeCoder:
         """
         self.check()
         above, width, position, reading, _ = (int(field) for field in self._state.fields)
-        assert reading, "what is written is whole"
+        assert reading, "written data are complete"
         low = int.from_bytes(data[: 4 * position].ljust(4 * position, b"\0")) - above
         if data != self._shortest(low, width, 4 * position):
             raise BitstreamError("the range-coded data do not end as they are written")
 
     def to_bytes(self, shortest: bool = False) -> bytes:
-        """Return what was written.
+        """Return the written data.
 
         Parameters
         ----------
         shortest : bool, optional
-            End with as few bytes as tell the sequence; else with a whole word, as `constriction` does.
+            End with as few bytes as encode the sequence; else with a whole word, as `constriction` does.
 
         Returns
         -------
@@ -185,13 +185,13 @@ class RangeCoder:
             At least one; zeros at the end are left out.
         """
         low, width, position, reading, failed = (int(field) for field in self._state.fields)
-        assert not reading, "what is read has its bytes"
+        assert not reading, "a reader has no data to return"
         assert not failed, "more was written than there was room for"
         number = int.from_bytes(self._state.words[:position].astype(">u4").tobytes()) << 32
         if shortest:
             return self._shortest((number << 32) + low, width, 4 * position + 8)
         if width < _MAX:  # else nothing was written
-            number += low + 2**32 - 1 >> 32  # a word that is inside the interval, whatever follows
+            number += low + 2**32 - 1 >> 32  # a word inside the interval, for any continuation
         return number.to_bytes(4 * position + 4).rstrip(b"\0") or b"\0"
 
 
@@ -224,7 +224,7 @@ def code_decision(coder: CoderState, probability: float, decision: int) -> int:
 
 @inlined_kernel
 def has_room(coder: CoderState, num_symbols: int) -> bool:
-    """Tell whether there is room for more decisions and numbers, compiled."""
+    """Return whether the buffer has room for more decisions and numbers, compiled."""
     if coder.fields[READING]:
         return True
     return bool(np.int64(coder.fields[POSITION]) + num_symbols <= coder.words.size)
@@ -232,7 +232,7 @@ def has_room(coder: CoderState, num_symbols: int) -> bool:
 
 @kernel
 def is_settled(coder: CoderState, probability: float, num_bytes: int) -> bool:
-    """Tell whether a decision is the same whatever follows the data, compiled."""
+    """Return whether a decision is the same for any continuation of the data, compiled."""
     missing = 4 * np.int64(coder.fields[POSITION]) - num_bytes
     if missing <= 0:
         return True
@@ -246,7 +246,7 @@ def is_settled(coder: CoderState, probability: float, num_bytes: int) -> bool:
 
 @kernel
 def code_uniform(coder: CoderState, bound: int, value: int) -> int:
-    """Code a number all of whose values are as probable, compiled.
+    """Code a number with equally probable values, compiled.
 
     Parameters
     ----------
@@ -277,7 +277,7 @@ def _quantile(coder: CoderState) -> np.uint64:
     """Return where in the interval the data are, of 2^24 equal parts."""
     fields = coder.fields
     quantile = fields[LOW] // (fields[RANGE] >> _PRECISION)
-    if quantile >= _TOTAL:  # what the equal parts leave over
+    if quantile >= _TOTAL:  # remainder of the equal parts
         fields[FAILED] = _ONE
         return np.uint64(_TOTAL - _ONE)
     return np.uint64(quantile)
@@ -285,7 +285,7 @@ def _quantile(coder: CoderState) -> np.uint64:
 
 @inlined_kernel
 def _narrow(coder: CoderState, start: np.uint64, width: np.uint64) -> None:
-    """Narrow the interval to some of 2^24 equal parts; write or read a word once there are few left."""
+    """Narrow the interval to some of 2^24 equal parts; write or read a word once few are left."""
     fields = coder.fields
     part = fields[RANGE] >> _PRECISION
     fields[RANGE] = part * width
@@ -313,7 +313,7 @@ def _narrow(coder: CoderState, start: np.uint64, width: np.uint64) -> None:
 
 @kernel
 def _carry(coder: CoderState) -> None:
-    """Add one to what was written."""
+    """Add one to the written data."""
     k = np.int64(coder.fields[POSITION]) - 1
     while coder.words[k] == _LAST_WORD:
         coder.words[k] = 0

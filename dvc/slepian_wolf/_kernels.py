@@ -152,7 +152,7 @@ class Lattice(NamedTuple):
 
 @inlined_kernel
 def llr_of(lattice, deviation, r, c, causal):
-    """Return the LLR of a bit with what is believed of neighbours added; `deviation`: (rows, columns)."""
+    """Return the LLR of a bit with the beliefs of its neighbours added; `deviation`: (rows, columns)."""
     alone, shift, slope, excess, widening, weights = lattice
     rows, columns = alone.shape
     moved = spread = 0.0
@@ -167,7 +167,7 @@ def llr_of(lattice, deviation, r, c, causal):
 
 @kernel
 def add_neighbours(lattice, deviation, causal, llr):
-    """Write LLRs with what is believed of neighbours added; `deviation` and `llr`: (rows, columns)."""
+    """Write LLRs with the beliefs of neighbours added; `deviation` and `llr`: (rows, columns)."""
     rows, columns = llr.shape
     for r in range(rows):
         for c in range(columns):

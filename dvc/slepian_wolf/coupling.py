@@ -40,18 +40,18 @@ Bits = NDArray[np.uint8]
 class NeighbourCoupling:
     """A run of bits as an Ising model: a bit gives the shift of its neighbours, and how far they spread.
 
-    Bits stand on a lattice, of which all arrays have the shape (rows, columns) but `weights`, (rows, 3), and
-    `places`, (N,). Of places without a bit nothing is known or asked.
+    Bits lie on a lattice. All arrays have the shape (rows, columns) except `weights`, (rows, 3), and
+    `places`, (N,). Places without a bit are neither known nor requested.
     """
 
-    alone: Array  # LLR log p(0) / p(1) of each bit where nothing is known of its neighbours
-    shift: Array  # by how much a bit of 1, in place of 0, shifts the values of its neighbours
-    slope: Array  # by how much the LLR changes with the shift by neighbours
-    # square of the shift of a bit's own value, in squared scales; where there is more of it than was to
-    # be expected, values of neighbours spread further
+    alone: Array  # LLR log p(0) / p(1) of each bit if its neighbours are unknown
+    shift: Array  # shift of the values of neighbours by a bit of 1 instead of 0
+    slope: Array  # change of the LLR with the shift by neighbours
+    # square of the shift of a bit's own value, in squared scales; values of neighbours spread further if it
+    # exceeds the expectation
     energy: Array
-    widening: Array  # by how much the LLR changes with the energy of neighbours beyond what was expected
-    weights: Array  # of shifts from the sides, of those from above and below, and of energies
+    widening: Array  # change of the LLR with the energy of neighbours beyond the expected one
+    weights: Array  # weights of shifts from the sides, of shifts from above and below, and of energies
     places: NDArray[np.int64]  # raster index of each bit
 
     @classmethod
@@ -74,7 +74,7 @@ class NeighbourCoupling:
 
     @cached_property
     def probability_alone(self) -> Array:
-        """Probability of a 1 where nothing is known of the neighbours; shape (rows, columns)."""
+        """Probability of a 1 if the neighbours are unknown; shape (rows, columns)."""
         llr = self.alone.ravel().astype(np.float32)
         zero, one = np.empty_like(llr), np.empty_like(llr)
         _kernels.bit_probabilities(llr, zero, one)
@@ -82,7 +82,7 @@ class NeighbourCoupling:
 
     @cached_property
     def excess_energy(self) -> Array:
-        """Energy beyond what was expected of a bit of 1, in place of 0; shape (rows, columns)."""
+        """Energy beyond the expected one of a bit of 1 instead of 0; shape (rows, columns)."""
         return self.energy * (1.0 - 2.0 * self.probability_alone)
 
     @cached_property
@@ -93,13 +93,13 @@ class NeighbourCoupling:
         )
 
     def deviation(self, probability: NDArray[np.floating] | Bits) -> Array:
-        """Return by how much what is believed of bits differs from `probability_alone`, on the lattice."""
+        """Return the difference of beliefs from `probability_alone`, on the lattice."""
         found = np.zeros(self.alone.size)
         found[self.places] = probability - self.probability_alone.ravel()[self.places]
         return found.reshape(self.alone.shape)
 
     def llr_given(self, probability: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Return the LLR of each bit, given what is believed of its neighbours."""
+        """Return the LLR of each bit given the beliefs of its neighbours."""
         return self._llr(probability, causal=False)
 
     def llr_in_sequence(self, bits: Bits) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""What a coder of bit planes is to an encoder, which answers, and to a decoder, which asks."""
+"""Protocols of a coder of bit planes, for the encoder that answers and the decoder that asks."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from dvc.slepian_wolf.requests import Bits, ParityRequest
 
 
 class PlaneCost(NamedTuple):
-    """What a plane is expected to cost before anything of it is asked for."""
+    """Expected cost of a plane before any of it is requested."""
 
     per_ideal_bit: float  # relative to the entropy of the prior
     per_plane: float  # bits on top of that: checks, and the last request
@@ -31,13 +31,13 @@ class PlaneResult:
     crc_bits: int
     parity_bits: int
     iterations: int
-    entropy_bits: float  # of the prior: the length that was to be expected
+    entropy_bits: float  # entropy of the prior: the expected length
     ideal_bits: float  # ideal code length of the bits under the prior
 
 
 @dataclass(frozen=True)
 class FrameCheck:
-    """What a check of all planes of a frame has shown, and its cost besides that of the planes."""
+    """Result of a check of all planes of a frame, and its cost besides that of the planes."""
 
     corrected: dict[int, PlaneResult] = field(default_factory=dict)  # by number of the plane, with all costs
     num_requests: int = 0
@@ -56,7 +56,7 @@ class PlaneDecoder(Protocol):
 
     @property
     def cost(self) -> PlaneCost:
-        """What planes are expected to cost."""
+        """Expected cost of planes."""
 
     def decode(
         self,
@@ -73,7 +73,7 @@ class PlaneDecoder(Protocol):
         position : tuple of two int
             Index of the frame, and of the plane in it, or the first plane of a run.
         coupling : NeighbourCoupling, optional
-            How bits depend on each other, where they do; a coder may leave that aside.
+            Dependences between bits; a coder may ignore them.
         """
 
     def check(self, frame: int) -> Generator[ParityRequest, Bits, FrameCheck]:

@@ -5,8 +5,9 @@ from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 from dvc.bits import decode_varint, encode_varint
-from dvc.config import MAX_TICKS_PER_SECOND, VideoConfig
+from dvc.config import VideoConfig
 from dvc.errors import BitstreamError
+from dvc.video.frames import MAX_TICKS_PER_SECOND
 
 MAX_DEVIATION_TICKS = 2**33 - 1
 
@@ -15,10 +16,10 @@ class Deviations(NamedTuple):
     """Deviations from the constant frame rate of the frames of a group of pictures, not all of them 0."""
 
     ticks_per_second: int
-    ticks: tuple[int, ...]  # of each frame, in order of display
+    ticks: tuple[int, ...]  # deviation of each frame, in display order
 
     def of_last(self) -> "Deviations | None":
-        """Return that of the last frame alone, if it has one."""
+        """Return the deviation of the last frame, if it has one."""
         return Deviations(self.ticks_per_second, self.ticks[-1:]) if self.ticks[-1] else None
 
 
@@ -30,7 +31,7 @@ def encode_deviations(deviations: Deviations) -> bytes:
 
 
 def decode_deviations(payload: bytes, position: int, num_frames: int) -> tuple[Deviations, int]:
-    """Read the deviations of so many frames; inverse of `encode_deviations`."""
+    """Read the deviations of a number of frames; inverse of `encode_deviations`."""
     ticks_per_second, position = decode_varint(payload, position)
     if not 1 <= ticks_per_second <= MAX_TICKS_PER_SECOND:
         raise BitstreamError(f"{ticks_per_second} ticks a second, 1 to {MAX_TICKS_PER_SECOND} are allowed")
@@ -66,7 +67,7 @@ def frame_times_s(
 
 
 def planned_tick(index: int, ticks_per_frame: Fraction) -> int:
-    """Return the tick next to a frame at the constant frame rate, from which deviations are counted."""
+    """Return the tick closest to a frame at the constant frame rate, from which deviations are counted."""
     ticks, num_frames = ticks_per_frame.as_integer_ratio()
     return (2 * index * ticks + num_frames) // (2 * num_frames)
 
@@ -79,7 +80,7 @@ def check_times(times_s: list[Fraction], before_s: Fraction | None) -> None:
 
 
 def following(before: Deviations | None, deviations: Deviations | None, num_frames: int) -> Deviations | None:
-    """Return the deviations of frames of a segment that follows one of whose last frames there are some."""
+    """Return the deviations of frames of a segment after those of the segment before."""
     if before is None:
         return deviations
     ticks_per_second, ticks = deviations or Deviations(before.ticks_per_second, (0,) * num_frames)

@@ -10,12 +10,12 @@ from dvc.stream.deviations import Deviations, decode_deviations, encode_deviatio
 from dvc.stream.records import framed_size
 
 DIGEST_BYTES = 4
-_DEVIATIONS = 8 * MAX_GOP_LENGTH  # added to the first field, of which all before is less
+_DEVIATIONS = 8 * MAX_GOP_LENGTH  # added to the first field, which is less than that otherwise
 
 
 @dataclass(frozen=True)
 class GopRecord:
-    """What one group of pictures adds to a stream."""
+    """Data that one group of pictures adds to a stream."""
 
     num_frames: int  # its Wyner-Ziv frames and the key frame that closes it; 1 for the first key frame
     key: bytes  # the key frame
@@ -40,7 +40,7 @@ class GopRecord:
 
 @dataclass(frozen=True)
 class GopBits:
-    """Where the bits of a GOP record go; all of them are somewhere."""
+    """Bits of a GOP record by their use; they add up to all bits."""
 
     # type, lengths and CRC-32 of the record, number of frames, length of the tracks, digest, time stamps
     header: int
@@ -59,8 +59,8 @@ def encode_gop(record: GopRecord) -> bytes:
     """Write the payload of a GOP record; inverse of `decode_gop`.
 
     The first integer is four times the number of frames, plus two if the key frame is predicted, plus one if
-    there are tracks, plus 2048 if there are time stamps; it says how many Wyner-Ziv payloads there are. The
-    key frame is what is left, so that it needs no length.
+    tracks follow, plus 2048 if time stamps follow; it also gives the number of Wyner-Ziv payloads. The key
+    frame is the rest, so that it needs no length.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class GopHead(NamedTuple):
     has_tracks: bool  # whether tracks follow
     predicted: bool  # whether its key frame is predicted
     has_deviations: bool  # whether its frames have time stamps of their own
-    position: int  # of the byte after the field
+    position: int  # offset of the byte after the field
 
 
 def decode_head(payload: bytes, position: int = 0) -> GopHead:

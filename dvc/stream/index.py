@@ -17,8 +17,8 @@ TRAILER_BYTES = SIZE_BYTES + CRC_BYTES
 class IndexEntry:
     """One GOP record."""
 
-    offset: int  # of the record in the stream, in bytes
-    size: int  # of the record, in bytes
+    offset: int  # offset of the record in the stream, in bytes
+    size: int  # size of the record, in bytes
     num_frames: int  # that it adds
 
 
@@ -60,7 +60,7 @@ class StreamIndex:
         Raises
         ------
         ValueError
-            If there is no such frame.
+            If the frame does not exist.
         """
         ends = list(accumulate(entry.num_frames for entry in self.entries))
         if not 0 <= frame < self.num_frames:

@@ -26,11 +26,11 @@ from dvc.stream.records import (
     record_crc,
 )
 
-_CHUNK_BYTES = 2**20  # read at most so much before memory is spent on more of a record
+_CHUNK_BYTES = 2**20  # largest read before more memory is spent on a record
 
 
 class _StreamEnds(BitstreamError):
-    """The stream ends where there should be more of it; nothing before that is wrong."""
+    """The stream ends too early; the data before the end are right."""
 
 
 class _RecordSource:
@@ -39,7 +39,7 @@ class _RecordSource:
     def __init__(self, file: BinaryIO) -> None:
         self.file = file
         self.position = 0
-        self.size: int | None = None  # of the whole stream, None for a pipe
+        self.size: int | None = None  # size of the whole stream, None for a pipe
         if file.seekable():
             self.size = file.seek(0, os.SEEK_END)
             file.seek(0)
@@ -49,7 +49,7 @@ class _RecordSource:
         self.position = position
 
     def read(self, count: int) -> bytes:
-        """Read `count` bytes, fewer only where the stream ends; memory grows with what really comes."""
+        """Read `count` bytes, fewer only at the end of the stream; memory grows with the data that arrive."""
         parts = []
         while count > 0:
             try:
@@ -105,7 +105,7 @@ class StreamReader(Closing):
     """Reads a stream; the counterpart of `StreamWriter`.
 
     Iteration yields every `GopRecord` in order of display and then checks the end of the stream. All GOPs
-    before a damage are yielded, then `BitstreamError` says where it is.
+    before damage are yielded, then `BitstreamError` reports its position.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class StreamReader(Closing):
         A stream from its first byte on; a pipe will do for iteration. A file that was passed in stays open.
     unfinished : bool, optional
         Whether the stream may end before its end record, as one that is still being written: all GOPs that
-        are whole are yielded, and `missing` says what is not there. There must be one.
+        are complete are yielded, and `missing` reports the missing part. At least one must be complete.
 
     Raises
     ------
@@ -195,7 +195,7 @@ class StreamReader(Closing):
         if record.num_frames > limit:
             raise BitstreamError(f"{record.num_frames} frames where at most {limit} are allowed")
         if record.predicted and not (self._seen and self.config.key.predicted):
-            raise BitstreamError("a predicted key frame where there can be none")
+            raise BitstreamError("a predicted key frame has no reference here")
         return record
 
     def _miss(self, finished: Sequence[IndexEntry], end: _StreamEnds) -> None:
@@ -217,12 +217,12 @@ class StreamReader(Closing):
 
     @property
     def num_bytes(self) -> int:
-        """Size of the stream; of a pipe, of what was read of it."""
+        """Size of the stream; for a pipe, of the data read so far."""
         return self._source.position if self._source.size is None else self._source.size
 
     @property
     def num_frames(self) -> int:
-        """Frames that the end of the stream promises; else those read so far."""
+        """Number of frames that the end of the stream states; else of those read so far."""
         if self._source.size is not None:
             with suppress(BitstreamError):
                 return self.index.num_frames
@@ -230,7 +230,7 @@ class StreamReader(Closing):
 
     @property
     def index(self) -> StreamIndex:
-        """Where every GOP lies: read from the end of a buffered stream, else by hopping from GOP to GOP.
+        """Index of all GOPs: read from the end of a buffered stream, else by seeking from GOP to GOP.
 
         Raises
         ------
@@ -299,12 +299,12 @@ class StreamReader(Closing):
         Parameters
         ----------
         number : int
-            Number of the GOP, from 0 to the number of GOPs, where the stream ends.
+            Number of the GOP, from 0 to the number of GOPs, which is the end of the stream.
 
         Raises
         ------
         ValueError
-            If there is no such GOP.
+            If the GOP does not exist.
         BitstreamError
             If the stream is a pipe, or its end is damaged.
         """

@@ -28,15 +28,15 @@ class RecordingReader(Closing):
     Parameters
     ----------
     folder : path
-        Folder whose files ``*.dvc`` are the segments, in order of their names, numbers in them as numbers.
+        Folder of segments, files ``*.dvc`` in natural order of their names.
     unfinished : bool, optional
-        Whether segments may end before their end records; those whose names end with ``.part`` are read,
-        too. `missing` says what is not there.
+        Whether segments may end before their end records; files with names that end in ``.part`` are read,
+        too. `missing` lists the missing parts.
 
     Raises
     ------
     BitstreamError
-        If there is no segment, or if one is not of the same configuration as the first.
+        If the folder has no segment, or a segment has another configuration than the first.
     """
 
     config: CodecConfig
@@ -47,7 +47,7 @@ class RecordingReader(Closing):
         self._missing: list[str] = []
         self._paths: list[Path] = []
         self._index: StreamIndex | None = None
-        self._starts: list[int] = []  # number of the first GOP of each segment, once there is an index
+        self._starts: list[int] = []  # number of the first GOP of each segment, once the index is read
         self.num_bytes = 0  # size of all segments
         for path in _segments(Path(folder), unfinished):
             with _naming(path):
@@ -61,7 +61,7 @@ class RecordingReader(Closing):
         try:
             with StreamReader(path, unfinished=self._unfinished) as reader:
                 if path.suffix == PARTIAL_SUFFIX:
-                    reader.seek_gop(0)  # there are none where this fails
+                    reader.seek_gop(0)  # fails if it has none
         except BitstreamError as err:
             if path.suffix != PARTIAL_SUFFIX:
                 raise
@@ -78,7 +78,7 @@ class RecordingReader(Closing):
         return self._records
 
     def _read(self, segment: int = 0, gop: int = 0) -> Generator[GopRecord]:
-        last: Deviations | None = None  # of the last group, counted from the first segment
+        last: Deviations | None = None  # deviations of the last group, relative to the first segment
         for path in self._paths[segment:]:
             before = last
             with _naming(path), StreamReader(path, unfinished=self._unfinished) as reader:
@@ -93,19 +93,19 @@ class RecordingReader(Closing):
 
     @property
     def missing(self) -> str | None:
-        """What unfinished segments lack, once that was met."""
+        """Missing parts of unfinished segments, once they are met."""
         return "; ".join(self._missing) or None
 
     @property
     def num_frames(self) -> int:
-        """Frames of all segments, as the ends of these promise; none where one is damaged."""
+        """Number of frames that the end records of all segments state; None if one is damaged."""
         with suppress(BitstreamError):
             return self.index.num_frames
         return 0
 
     @property
     def index(self) -> StreamIndex:
-        """All groups of pictures; each is where it is in its own segment.
+        """All groups of pictures; each has its offset in its own segment.
 
         Raises
         ------
@@ -127,12 +127,12 @@ class RecordingReader(Closing):
         Parameters
         ----------
         number : int
-            Number of the GOP, from 0 to the number of GOPs, where the recording ends.
+            Number of the GOP, from 0 to the number of GOPs, which is the end of the recording.
 
         Raises
         ------
         ValueError
-            If there is no such GOP.
+            If the GOP does not exist.
         BitstreamError
             If the end of a segment is damaged.
         """
@@ -166,7 +166,7 @@ def _segments(folder: Path, unfinished: bool) -> list[Path]:
 
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Put the name of a segment before what is wrong with it."""
+    """Prefix errors with the name of a segment."""
     try:
         yield
     except BitstreamError as err:

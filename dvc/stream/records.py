@@ -26,9 +26,9 @@ class RecordType(IntEnum):
 class Form(StrEnum):
     """How much a stream holds of Wyner-Ziv frames."""
 
-    BUFFERED = "buffered"  # all planes, of which any parity is made
-    PUNCTURED = "punctured"  # only what the decoder asked for: the stream whose size is the rate
-    NO_FEEDBACK = "no-feedback"  # nothing: a decoder shows what it predicts
+    BUFFERED = "buffered"  # all planes, from which any parity is computed
+    PUNCTURED = "punctured"  # only the requested bits: the size of the stream is the rate
+    NO_FEEDBACK = "no-feedback"  # nothing of Wyner-Ziv frames: a decoder shows its predictions
 
 
 _NAMES = {
@@ -47,18 +47,18 @@ _FORMS = {byte: form for form, byte in _FORM_BYTES.items()}
 
 @dataclass(frozen=True)
 class Place:
-    """Where a record stands, for messages."""
+    """Position of a record, for messages."""
 
     number: int | None  # from 0, which is the configuration; None for the last, found from the end
-    offset: int  # of its first byte in the stream
-    type: RecordType | None = None  # as far as it is known
+    offset: int  # offset of its first byte in the stream
+    type: RecordType | None = None  # type, if known
 
     def error(self, text: str) -> BitstreamError:
-        """Return the error that says what is wrong with this record."""
+        """Return an error of this record."""
         return BitstreamError(self.message(text))
 
     def message(self, text: str) -> str:
-        """Put the name of the record before what is wrong with it."""
+        """Prefix errors with the name of the record."""
         name = f" ({_NAMES[self.type]})" if self.type is not None else ""
         record = "last record" if self.number is None else f"record {self.number}"
         return f"{record}{name} at byte {self.offset}: {text}"

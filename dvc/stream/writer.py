@@ -72,7 +72,7 @@ class StreamWriter:
             raise ValueError(f"`record` must add {limit} frames or fewer, got {record.num_frames}")
         has_digest = self.form is Form.PUNCTURED and bool(record.wyner_ziv)
         if (record.digest is not None) != has_digest:
-            raise ValueError("`record` must have a digest in punctured streams, where it has such frames")
+            raise ValueError("`record` must have a digest in punctured streams if it has Wyner-Ziv frames")
         if len(self._entries) == MAX_GOPS:
             raise BitstreamError(f"a stream has at most {MAX_GOPS} groups of pictures")
         payload = encode_gop(record)

@@ -1,4 +1,4 @@
-"""Feature points and point tracks: what the encoder tells the decoder of the geometry, and its coding."""
+"""Feature points and point tracks: the geometry that the encoder sends, and its coding."""
 
 from dvc.tracks.coding import (
     decode_points,

@@ -26,7 +26,7 @@ def set_units(positions, scale, sides, units):
 
 @kernel
 def is_lost_for_good(units):
-    """Tell whether no track of units (N, T, 2) comes back once it is lost."""
+    """Return whether no track of units (N, T, 2) comes back once it is lost."""
     for i in range(units.shape[0]):
         for t in range(1, units.shape[1]):
             if units[i, t - 1, 0] == LOST and units[i, t, 0] != LOST:
@@ -37,12 +37,12 @@ def is_lost_for_good(units):
 # ---- point sets ----
 
 GRID_EXPONENTS, DISTANCES = 8, 256
-"""How many there are of each."""
+"""Number of tracks of each kind."""
 
 
 @kernel
 def grid_exponent(points):
-    """Return by which power of two all coordinates can be divided."""
+    """Return the power of two that divides all coordinates."""
     exponent = GRID_EXPONENTS - 1
     for i in range(points.shape[0]):
         while (points[i, 0] | points[i, 1]) & ((1 << exponent) - 1):
@@ -72,7 +72,7 @@ def min_distance(points, limit):
 
 @kernel
 def free_rows(points, k, distance, free):
-    """Mark the rows where point `k`, whose column is known, can be; return how many there are."""
+    """Mark the possible rows of point `k` in a known column; return their number."""
     free[:] = True
     if k > 0 and points[k - 1, 0] == points[k, 0]:  # the scan goes down
         free[: points[k - 1, 1]] = False

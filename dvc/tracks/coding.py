@@ -35,12 +35,12 @@ def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
     Returns
     -------
     bytes
-        The payload; empty if there are no tracks.
+        The payload; empty without tracks.
 
     Raises
     ------
     ValueError
-        If there are too many tracks, or one is not known in its key frame, comes back or leaves the frame.
+        If the tracks are too many, or one has no position in its key frame, comes back or leaves the frame.
     """
     if len(tracks) == 0:
         return b""
@@ -58,7 +58,7 @@ def _written(forward: Integers, backward: Integers, config: CodecConfig) -> byte
 
 
 def _scanned(units: Integers, key: str, config: CodecConfig) -> Integers:
-    """Return tracks in their direction of time in column scan of where they start."""
+    """Return tracks in their direction of time in column scan of their starts."""
     if len(units) > config.tracks.num_points:
         raise ValueError(f"`tracks` must be at most {config.tracks.num_points}, got {len(units)}")
     if (units[:, 0, 0] == LOST).any():
@@ -84,7 +84,7 @@ def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> Poi
     Returns
     -------
     PointTracks
-        Those that start in the first key frame in column scan of their positions there, then the others in
+        Those that start in the first key frame, in column scan of their positions there, then the rest in
         column scan of those in the last.
 
     Raises
@@ -122,7 +122,7 @@ def encode_points(points: FeaturePoints, config: CodecConfig) -> bytes:
     Raises
     ------
     ValueError
-        If there are too many points, or one is outside the frame.
+        If the points are too many, or one is outside the frame.
     """
     max_points = config.tracks.num_points
     sets = [_units(frame, config) for frame in points.frames]
@@ -177,7 +177,7 @@ def decode_points(payload: bytes, num_frames: int, config: CodecConfig) -> Featu
 
 
 def _units(positions: Floats, config: CodecConfig) -> Integers:
-    """Return positions in units of the last binary digit; `LOST` where they are not known."""
+    """Return positions in units of the last binary digit; `LOST` if they are unknown."""
     units = np.empty(positions.shape, np.int64)
     scale = 2.0**config.tracks.subpixel_bits
     points = np.ascontiguousarray(positions, np.float64).reshape(-1, 2)

@@ -1,8 +1,8 @@
 """Coding of the points of one frame: column by column, as differences of columns and as rows.
 
-Columns are coded as the steps from each point to the next (differential pulse code modulation), one
-decision a step, whose probability follows from how many points and columns are left. A row is a number of
-fixed length among the rows that are free: points keep their distance, which is sent once.
+Columns are coded as the steps from each point to the next (differential pulse code modulation), one decision
+per step; its probability follows from the remaining points and columns. A row is a number of fixed length
+among the free rows: points keep a distance, which is sent once.
 """
 
 from dataclasses import dataclass, replace
@@ -21,9 +21,9 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class SamplingGrid:
-    """What the points of a frame, or of several, have in common."""
+    """Common properties of the points of one or several frames."""
 
-    num_columns: int  # places for a point, of which the frame has so many in each direction
+    num_columns: int  # columns of positions of the frame
     num_rows: int
     grid_exponent: int  # coordinates are multiples of two to this power
     min_distance: int  # no two points of a frame are nearer, in units of the grid
@@ -66,7 +66,7 @@ def column_scan(points: NDArray[np.float64] | Integers) -> NDArray[np.intp]:
 
 
 def code_points(coder: RangeCoder, points: Integers, grid: SamplingGrid) -> Integers:
-    """Code the points of a frame, whose number is known."""
+    """Code the points of a frame; their number is known."""
     points = points >> grid.grid_exponent
     state = coder.room_for(grid.grid_columns + 2 * len(points))
     if not _kernels.code_points(state, points, grid.grid_columns, grid.grid_rows, grid.min_distance):

@@ -15,11 +15,11 @@ class PointTracks:
     Attributes
     ----------
     positions : ndarray of shape (N, T, 2), float64
-        Position (x, y) of each point in pixels at every instant, of which the first and the last are the
-        key frames; nan where the point was lost, or is not known.
+        Position (x, y) of each point in pixels at every instant, from key frame to key frame; nan if the
+        point is lost or unknown.
     num_backward : int
-        How many of the tracks, the last ones, were followed back in time: from the last key frame to the
-        instant where they begin. The others start in the first key frame.
+        Number of tracks, the last ones, that were tracked back in time from the last key frame. The rest
+        start in the first key frame.
     """
 
     positions: Floats

@@ -1,4 +1,4 @@
-"""Read whatever FFmpeg opens, as checked 4:2:0 frames."""
+"""Reading of all formats of FFmpeg, as checked 4:2:0 frames."""
 
 import os
 import time
@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 from dvc.errors import VideoError
 from dvc.video.damage import DamageCheck, FileSource, Source, UnknownSource
 from dvc.video.frames import Frame, TimeStamp, VideoInfo, check_frame_rate, check_size
-from dvc.video.pipes import Pipe, PipeFeed
 from dvc.video.pixels import conversion_notices, frame_from_picture, is_full_range
-from dvc.video.sources import DEFAULT_FRAME_RATE, FrameStream, Request, SourceClock
+from dvc.video.sources import DEFAULT_FRAME_RATE, FrameStream, Pipe, PipeFeed, Request, SourceClock
 
 if TYPE_CHECKING:
     import av
@@ -34,7 +33,7 @@ _VIDEO_DEVICE = "/dev/video"
 
 
 def open_container(request: Request, path: Path) -> FrameStream:
-    """Open a file through FFmpeg; its first frame is decoded to learn what the file holds."""
+    """Open a file through FFmpeg, and decode its first frame to learn its format."""
     container = _open(path, input_format=request.input_format)
     return _frame_stream(request, container, FileSource(path))
 
@@ -76,7 +75,7 @@ def open_pipe(request: Request, pipe: Pipe) -> FrameStream:
 
 
 def is_device(request: Request) -> bool:
-    """Tell whether frames are to come from a device: one by its name, or FFmpeg's word for its kind."""
+    """Return whether frames come from a device, by its name or by FFmpeg's name of its kind."""
     name = request.input_format
     if name is None:
         return str(request.path).startswith(_VIDEO_DEVICE)
@@ -89,7 +88,7 @@ def is_device(request: Request) -> bool:
 
 
 def _open_address(request: Request, name: str) -> "InputContainer":
-    """Open a device or an address; what a network sends must not refer to local files."""
+    """Open a device or an address; data from a network must not refer to local files."""
     import av
 
     if "://" in name:
@@ -133,7 +132,7 @@ def _frame_stream(
     chosen: Iterator[av.VideoFrame] = islice(chain([first], pictures), request.num_frames)
     if live:
         chosen = _ticking(chosen, clock, info.frame_rate)
-    timed = request.frame_rate is None or is_device(request)  # of which the rate is a wish
+    timed = request.frame_rate is None or is_device(request)  # the rate of a device is a wish
     frames = consistent_frames(((request.path, picture) for picture in chosen), info, timed=timed)
     return FrameStream(info, frames, container.close, clock)
 
@@ -188,7 +187,7 @@ def _time_stamp(picture: "av.VideoFrame") -> TimeStamp | None:
 
 
 def _open(path: Path, input_format: str | None = None, **options: str) -> "InputContainer":
-    """Open a local file; what it refers to must be local as well."""
+    """Open a local file; files that it refers to must be local as well."""
     import av
 
     with _av_errors(path, "is not a video that FFmpeg can read"):
@@ -273,7 +272,7 @@ def _silence(path: Path | str, timeout_s: float) -> VideoError:
 
 
 def _stream_info(request: Request, stream: "VideoStream", first: "av.VideoFrame", *, live: bool) -> VideoInfo:
-    """Gather what the container and the first picture tell."""
+    """Gather the properties of the container and the first picture."""
     notices = list(conversion_notices(first))
     declared = stream.average_rate or stream.guessed_rate
     if request.frame_rate is None and not declared:
@@ -296,7 +295,7 @@ def _stream_info(request: Request, stream: "VideoStream", first: "av.VideoFrame"
 
 
 def _has_variable_rate(stream: "VideoStream") -> bool:
-    """Tell whether the mean rate differs from the finest one by more than rounding."""
+    """Return whether the mean rate differs from the finest one by more than rounding."""
     mean, finest = stream.average_rate, stream.base_rate
     return bool(mean and finest and all(abs(finest / mean - factor) > 0.01 for factor in (1, 2)))
 

@@ -21,10 +21,10 @@ class Source(Protocol):
     """Bytes that FFmpeg reads."""
 
     def num_bytes(self) -> int | None:
-        """Return how many there are, or were before the end came; None if nobody knows."""
+        """Return the size, or that at the end; None if unknown."""
 
     def head(self) -> bytes:
-        """Return the first `HEAD_BYTES`, as far as they are known."""
+        """Return the first `HEAD_BYTES`, if known."""
 
 
 class FileSource:
@@ -44,7 +44,7 @@ class FileSource:
 
 
 class UnknownSource:
-    """Bytes of which nothing is known: those of a device or a network."""
+    """Bytes of unknown number: those of a device or a network."""
 
     def num_bytes(self) -> int | None:
         """Return None."""
@@ -84,7 +84,7 @@ class DamageCheck:
         return None
 
     def end(self) -> str | None:
-        """Check that the file ended where it should."""
+        """Check that the file is complete."""
         if self._num_packets < self._declared_packets:
             return f"the file ends after {self._num_packets} of {self._declared_packets} frames"
         file_bytes = self._source.num_bytes()
@@ -110,7 +110,7 @@ def matroska_bytes(head: bytes) -> int | None:
 
 
 def _ebml_size(data: bytes, position: int) -> tuple[int, int | None]:
-    """Return where the content of an EBML element begins, and its size (RFC 8794, section 4)."""
+    """Return the offset of the content of an EBML element, and its size (RFC 8794, section 4)."""
     first = data[position] if position < len(data) else 0
     num_bytes = 9 - first.bit_length()
     if num_bytes > 8 or position + num_bytes > len(data):
@@ -134,6 +134,6 @@ def ffv1_slices(packet: bytes) -> list[bytes] | None:
 
 
 def checksum_is_valid(data: bytes) -> bool:
-    """Tell whether data that end in their FFV1 checksum are intact."""
+    """Return whether data with a trailing FFV1 checksum are intact."""
     mirrored = data.translate(_REVERSED_BITS)
     return zlib.crc32(mirrored, 0xFFFFFFFF) == 0xFFFFFFFF

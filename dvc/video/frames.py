@@ -1,4 +1,4 @@
-"""Frames, what is known of a video, and the two protocols that every reader and writer keeps."""
+"""Frames, properties of a video, and the protocols of readers and writers."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,12 +9,14 @@ from typing import NamedTuple, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import MAX_SIDE_PX, MAX_TICKS_PER_SECOND
 from dvc.errors import VideoError
 
 Plane = NDArray[np.uint8]
 
 NEUTRAL_CHROMA = 128
+MAX_SIDE_PX = 16384
+MAX_TICKS_PER_SECOND = 10**6
+"""Finest clock of time stamps."""
 MAX_PIXELS = 2**26
 MIN_FRAME_RATE, MAX_FRAME_RATE = 1e-6, 1e6
 
@@ -43,7 +45,7 @@ class TimeStamp(NamedTuple):
 
     @classmethod
     def nearest(cls, time_s: Fraction, ticks_per_second: int) -> Self:
-        """Return a time in ticks of a clock, or in microseconds where they are finer than that."""
+        """Return a time in ticks of a clock, or in microseconds if the ticks are finer."""
         ticks_per_second = min(ticks_per_second, MAX_TICKS_PER_SECOND)
         return cls(round(time_s * ticks_per_second), ticks_per_second)
 
@@ -149,7 +151,7 @@ def check_frame_rate(frame_rate: Fraction | float, what: str) -> None:
 
 
 def exact_frame_rate(frame_rate: Fraction | float) -> Fraction:
-    """Return the rate as a fraction; 29.97 and its kin become the NTSC rates that they stand for.
+    """Return the rate as a fraction; 29.97 and similar rates become the NTSC rates that they denote.
 
     Parameters
     ----------
@@ -183,7 +185,7 @@ def exact_frame_rate(frame_rate: Fraction | float) -> Fraction:
 
 @dataclass(frozen=True)
 class VideoInfo:
-    """What is known of a video before its frames are read.
+    """Properties of a video that are known before its frames are read.
 
     Attributes
     ----------
@@ -192,14 +194,13 @@ class VideoInfo:
     frame_rate : Fraction
         Frames per second.
     num_frames : int or None
-        Number of frames that will come, as far as the file declares it; the count of frames that are read
-        is what holds.
+        Declared number of frames, if the file declares it; the number of frames that are read counts.
     notices : tuple of str
-        What was converted, assumed or ignored on the way to 8-bit 4:2:0 frames.
+        Conversions, assumptions and omissions on the way to 8-bit 4:2:0 frames.
     full_range : bool
         True if the samples use 0 to 255 and not the ITU limited range; they are kept as they are.
     live : bool
-        True if frames come when the source has them: from a pipe, a device or a network.
+        True if frames arrive in real time: from a pipe, a device or a network.
     """
 
     width: int
@@ -212,7 +213,7 @@ class VideoInfo:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height in pixels, the order in which commands take them."""
+        """Width and height in pixels, in the order of command lines."""
         return self.width, self.height
 
 
@@ -222,10 +223,10 @@ class VideoReader(Protocol):
 
     @property
     def info(self) -> VideoInfo:
-        """What is known of the video."""
+        """Properties of the video."""
 
     def __iter__(self) -> Iterator[Frame]:
-        """Yield the frames that have not been read yet; `VideoError` where the video is damaged."""
+        """Yield the remaining frames; raise `VideoError` at damage."""
 
     def close(self) -> None:
         """Release the source; harmless when repeated."""
@@ -244,7 +245,7 @@ class VideoWriter(Protocol):
     """A video file in the making: it appears under its name when `close` succeeds, or not at all."""
 
     def write(self, frame: Frame, time_s: Fraction | None = None) -> None:
-        """Append a frame; by a time of its own, where it has one, it is shown so long after the first frame.
+        """Append a frame; `time_s` is its time in the source, if that deviates from the constant rate.
 
         `VideoError` if it cannot be stored, `ValueError` if its size differs.
         """
@@ -253,7 +254,7 @@ class VideoWriter(Protocol):
         """Finish the file and rename it into place; harmless when repeated."""
 
     def abort(self) -> None:
-        """Drop what was written; harmless when repeated."""
+        """Discard the written data; harmless when repeated."""
 
     def __enter__(self) -> Self:
         """Return the writer."""

@@ -1,4 +1,4 @@
-"""From any pixel format that FFmpeg decodes to 8-bit 4:2:0, and back into FFmpeg's frames."""
+"""Conversion of all pixel formats of FFmpeg to 8-bit 4:2:0, and of frames to FFmpeg's pictures."""
 
 from typing import TYPE_CHECKING, Any, cast
 
@@ -30,14 +30,14 @@ def planar_frame(samples: Plane, width: int, height: int) -> Frame:
 
 
 def is_full_range(picture: "av.VideoFrame") -> bool:
-    """Tell whether the YCbCr samples of a decoded picture use 0 to 255; RGB never counts."""
+    """Return whether the YCbCr samples of a decoded picture use 0 to 255; RGB never counts."""
     if _is_rgb(picture):
         return False
     return picture.format.name.startswith("yuvj") or picture.color_range == _FULL_RANGE
 
 
 def conversion_notices(picture: "av.VideoFrame") -> tuple[str, ...]:
-    """Say in words what `frame_from_picture` will change."""
+    """Return descriptions of the changes that `frame_from_picture` makes."""
     notices = []
     components = [c for c in picture.format.components if not c.is_alpha]
     if _is_rgb(picture):
@@ -62,7 +62,7 @@ def conversion_notices(picture: "av.VideoFrame") -> tuple[str, ...]:
 
 
 def frame_from_picture(picture: "av.VideoFrame") -> Frame:
-    """Convert a decoded picture of any pixel format to 8-bit 4:2:0, or to luma alone if it is grey."""
+    """Convert a decoded picture of any pixel format to 8-bit 4:2:0, or to luma if it is grey."""
     planar = _as_planar(picture)
     bits = planar.format.components[0].bits
     luma = _to_8_bits(_samples(planar, 0, bits), bits)
@@ -103,7 +103,7 @@ def rgb_from_frame(frame: Frame) -> Plane:
 
 
 def _is_rgb(picture: "av.VideoFrame") -> bool:
-    """Tell whether the samples are red, green and blue, direct or through a palette."""
+    """Return whether the samples are red, green and blue, direct or through a palette."""
     return picture.format.is_rgb or picture.format.has_palette or picture.format.name.startswith("xyz")
 
 
@@ -111,14 +111,14 @@ def _subsampling(picture: "av.VideoFrame") -> str:
     """Name the chroma resolution of a format, such as ``"422"``."""
     import av
 
-    # The picture itself may be too small to tell: one pixel has one chroma sample in every format.
+    # The picture itself may be too small: one pixel has one chroma sample in every format.
     chroma = av.VideoFormat(picture.format.name, 16, 16).components[1]
     names = {(16, 16): "444", (8, 16): "422", (16, 8): "440", (8, 8): "420", (4, 16): "411", (4, 4): "410"}
     return names.get((chroma.width, chroma.height), "420")
 
 
 def _is_plain_planar(picture: "av.VideoFrame") -> bool:
-    """Tell whether every component is a plane of its own, of unsigned integers in the low bits."""
+    """Return whether every component is a plane of its own, of unsigned integers in the low bits."""
     kind = picture.format
     if (
         _is_rgb(picture)
@@ -133,7 +133,7 @@ def _is_plain_planar(picture: "av.VideoFrame") -> bool:
 
 
 def _as_planar(picture: "av.VideoFrame") -> "av.VideoFrame":
-    """Return the picture in a format whose planes can be read directly, range kept, depth kept."""
+    """Return the picture in a format with directly readable planes, of the same range and depth."""
     from av.video.reformatter import ColorRange, Colorspace
 
     if _is_plain_planar(picture):

@@ -10,7 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from dvc.errors import VideoError
-from dvc.files import natural_key
+from dvc.files import Closing, natural_key
 from dvc.video.containers import (
     consistent_frames,
     is_device,
@@ -19,10 +19,17 @@ from dvc.video.containers import (
     open_pipe,
     read_image,
 )
-from dvc.video.frames import Frame, VideoInfo, check_size, exact_frame_rate
-from dvc.video.pipes import STANDARD_INPUT, Pipe, is_pipe, open_raw_pipe
+from dvc.video.frames import Frame, VideoInfo, VideoReader, check_size, exact_frame_rate
 from dvc.video.pixels import conversion_notices, is_full_range, planar_frame, planar_frame_bytes
-from dvc.video.sources import DEFAULT_FRAME_RATE, FrameStream, Request
+from dvc.video.sources import (
+    DEFAULT_FRAME_RATE,
+    STANDARD_INPUT,
+    FrameStream,
+    Pipe,
+    Request,
+    is_pipe,
+    open_raw_pipe,
+)
 
 RAW_FORMAT = "rawvideo"
 _ALIASES = {"y4m": "yuv4mpegpipe", "raw": RAW_FORMAT}
@@ -57,7 +64,7 @@ def open_video(
     timeout_s: float | None = None,
     listen: bool = False,
 ) -> FrameStream:
-    """Open a video for reading, whatever it is; one frame at a time is held in memory.
+    """Open a video of any kind for reading; one frame at a time is held in memory.
 
     A folder is read as images in natural order (``2.png`` before ``10.png``); ``.yuv`` and ``.raw`` are
     planar 8-bit 4:2:0 with odd sides rounded up for chroma; anything else goes to FFmpeg, and its first video
@@ -77,17 +84,17 @@ def open_video(
     path : str or Path
         A file or folder; ``-`` for standard input; a device (``/dev/video0``) or an address (``rtsp://...``).
     size : tuple of int, optional
-        Width and height; needed for raw files, checked for all others.
+        Width and height; required for raw files, checked for all other files.
     frame_rate : Fraction or float, optional
         Frames per second; needed for raw files, 25 by default for images, replaces the rate that any other
         file declares, and the times of its frames.
     start : int, optional
         Number of frames to skip.
     num_frames : int, optional
-        Read at most so many; all if None.
+        Largest number of frames to read; all if None.
     input_format : str, optional
         FFmpeg's name of the format or device (``yuv4mpegpipe`` or ``y4m``, ``mjpeg``, ``v4l2``, ...), where
-        it cannot be told from the name or the beginning; ``rawvideo`` or ``raw`` for planar 4:2:0.
+        neither the name nor the beginning shows it; ``rawvideo`` or ``raw`` for planar 4:2:0.
     timeout_s : float, optional
         Patience with a silent network, in seconds.
     listen : bool, optional
@@ -96,7 +103,7 @@ def open_video(
     Returns
     -------
     FrameStream
-        A `VideoReader`, and a context manager; ``info.notices`` says what is converted or assumed.
+        A `VideoReader`, and a context manager; ``info.notices`` lists conversions and assumptions.
 
     Raises
     ------
@@ -115,7 +122,7 @@ def open_video(
     name = _ALIASES.get(input_format or "", input_format)
     request = Request(Path(path), size, rate, start, num_frames, name, timeout_s, listen)
     if listen and "://" not in str(path):
-        raise VideoError(f"{path}: is no address to which a source could connect")
+        raise VideoError(f"{path}: --listen requires an address to which a source can connect")
     if str(path) == STANDARD_INPUT:
         return _open_pipe(request)
     if "://" in str(path) or is_device(request):
@@ -124,7 +131,7 @@ def open_video(
 
 
 def _open_path(request: Request, path: Path) -> FrameStream:
-    """Open what stands in a file system."""
+    """Open a file, a folder or a named pipe."""
     if not path.exists():
         raise VideoError(f"{path}: no such file or folder")
     if path.is_dir():
@@ -139,7 +146,7 @@ def _open_path(request: Request, path: Path) -> FrameStream:
 
 
 def _open_pipe(request: Request) -> FrameStream:
-    """Open a pipe: raw frames where their size is told and no other format, else what FFmpeg finds."""
+    """Open a pipe: raw frames if their size is given without another format, else any format of FFmpeg."""
     pipe = Pipe(request.path)
     named = replace(request, path=pipe.name)
     is_raw = request.size is not None if request.input_format is None else request.input_format == RAW_FORMAT
@@ -156,7 +163,7 @@ def _open_pipe(request: Request) -> FrameStream:
 def _check_raw(request: Request) -> tuple[int, int, Fraction]:
     """Return width, height and frame rate of raw frames."""
     if request.size is None or request.frame_rate is None:
-        raise VideoError(f"{request.path}: what is raw needs the size of its pictures and the frame rate")
+        raise VideoError(f"{request.path}: raw video requires the size of its pictures and the frame rate")
     check_size(*request.size, str(request.path))
     return *request.size, request.frame_rate
 
@@ -223,3 +230,35 @@ def _open_folder(request: Request, folder: Path) -> FrameStream:
     request.check_size(info)
     pictures = chain([(chosen[0], first)], ((f, read_image(f)) for f in chosen[1:]))
     return FrameStream(info, consistent_frames(pictures, info), lambda: None)
+
+
+class FrameLookup(Closing):
+    """Finds frames of a file or a folder; in rising order each is decoded once."""
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = path
+        self._reader: VideoReader | None = None
+        self._frames: Iterator[Frame] = iter(())
+        self._next = 0
+        self._last: tuple[int, Frame] | None = None
+
+    def __call__(self, number: int) -> Frame:
+        """Return a frame by its number from 0."""
+        if self._last is not None and self._last[0] == number:
+            return self._last[1]
+        if self._reader is None or number < self._next:
+            self.close()
+            self._reader = open_video(self._path, start=number)
+            self._frames, self._next = iter(self._reader), number
+        for frame in self._frames:
+            self._next += 1
+            if self._next > number:
+                self._last = number, frame
+                return frame
+        raise VideoError(f"{self._path} has no frame {number}")
+
+    def close(self) -> None:
+        """Close the video."""
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None

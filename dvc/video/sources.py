@@ -1,22 +1,32 @@
-"""What all sources of frames share: the request, the reader, and the refusals."""
+"""Common parts of all sources of frames: the request, the reader, and the errors."""
 
+import io
+import os
+import select
+import stat
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import islice
 from pathlib import Path
+
+import numpy as np
 
 from dvc.errors import VideoError
 from dvc.files import Closing
-from dvc.video.frames import Frame, VideoInfo
+from dvc.video.damage import HEAD_BYTES
+from dvc.video.frames import Frame, TimeStamp, VideoInfo
+from dvc.video.pixels import planar_frame, planar_frame_bytes
 
 DEFAULT_FRAME_RATE = Fraction(25)
 
 
 @dataclass(frozen=True)
 class Request:
-    """What part of a video the caller asked for, and what he knows of it."""
+    """Part of a video that the caller requested, and its known properties."""
 
-    path: Path | str  # a file or folder that exists; what a message calls a pipe; a device or an address
+    path: Path | str  # an existing file or folder; the name of a pipe in messages; a device or an address
     size: tuple[int, int] | None = None  # width and height in pixels
     frame_rate: Fraction | None = None  # frames per second
     start: int = 0  # number of frames to skip
@@ -27,14 +37,14 @@ class Request:
     listen: bool = False  # wait at the address for the source to connect
 
     def count_of(self, total: int, unit: str = "frames") -> int:
-        """Return how many frames there are to read."""
+        """Return the number of frames to read."""
         if total <= self.start:
             raise self.too_short(unit, total)
         rest = total - self.start
         return rest if self.num_frames is None else min(rest, self.num_frames)
 
     def too_short(self, unit: str = "frames", total: int | None = None) -> VideoError:
-        """Return the error that says that there is nothing to read."""
+        """Return the error that the video ends before the first requested frame."""
         if self.start == 0 or total == 0:
             return VideoError(f"{self.path}: has no {unit}")
         number = f"no more than {self.start}" if total is None else f"only {total}"
@@ -53,7 +63,7 @@ class SourceClock:
     def __init__(self) -> None:
         self._first_s: float | None = None
         self._num_frames = 0
-        self.lead_s: float | None = None  # the most by which time stamps were ahead; None without any
+        self.lead_s: float | None = None  # largest lead of time stamps; None without time stamps
 
     def tick(self, time_s: float | None, frame_rate: Fraction) -> None:
         """Take note of a frame."""
@@ -82,7 +92,7 @@ class FrameStream(Closing):
 
     @property
     def info(self) -> VideoInfo:
-        """What is known of the video."""
+        """Properties of the video."""
         return self._info
 
     def __iter__(self) -> Iterator[Frame]:
@@ -90,10 +100,125 @@ class FrameStream(Closing):
         return self._frames
 
     def leave_open(self) -> None:
-        """Let the end of the process release the source, which is being read by another thread."""
+        """Leave the source to the end of the process, because another thread reads it."""
         self._close = lambda: None
 
     def close(self) -> None:
         """Release the source; no frame comes after that."""
         self._frames = iter(())
         self._close()
+
+
+STANDARD_INPUT = "-"
+
+
+class Pipe(Closing):
+    """A pipe that is read in order; a read waits for data without a limit."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.name = "standard input" if str(path) == STANDARD_INPUT else str(path)
+        self._num_bytes = 0
+        self._head = b""
+        try:
+            self._file = (
+                io.FileIO(0, closefd=False) if str(path) == STANDARD_INPUT else io.FileIO(os.fspath(path))
+            )
+        except OSError as err:
+            raise VideoError(f"{self.name}: cannot be read ({err.strerror})") from err
+
+    def num_bytes(self) -> int | None:
+        """Return how many bytes have come."""
+        return self._num_bytes
+
+    def head(self) -> bytes:
+        """Return the first bytes that came."""
+        return self._head
+
+    def read(self, count: int) -> bytes:
+        """Read available data, waiting for some."""
+        while (data := self._file.read(count)) is None:  # another process made the pipe non-blocking
+            select.select([self._file], [], [])
+        self._num_bytes += len(data)
+        if len(self._head) < HEAD_BYTES:
+            self._head += data[: HEAD_BYTES - len(self._head)]
+        return data
+
+    def read_fully(self, count: int) -> bytearray:
+        """Read a number of bytes, fewer only at the end."""
+        parts = []
+        while count > 0 and (part := self.read(count)):
+            parts.append(part)
+            count -= len(part)
+        return bytearray().join(parts)
+
+    def close(self) -> None:
+        """Close the pipe."""
+        self._file.close()
+
+
+class PipeFeed:
+    """A pipe as FFmpeg reads it: its callbacks drop exceptions, which are kept here, and end the bytes."""
+
+    def __init__(self, pipe: Pipe) -> None:
+        self._pipe = pipe
+        self._error: BaseException | None = None
+
+    def read(self, count: int) -> bytes:
+        """Read available data; nothing after an exception."""
+        try:
+            return b"" if self._error else self._pipe.read(count)
+        except BaseException as err:
+            self._error = err
+            return b""
+
+    @contextmanager
+    def raising(self) -> Iterator[None]:
+        """Raise the exception of a read within the block instead of the error that FFmpeg made of it."""
+        try:
+            yield
+        except VideoError:
+            if self._error is None:
+                raise
+        if isinstance(self._error, OSError):
+            raise VideoError(f"{self._pipe.name}: cannot be read ({self._error.strerror})") from self._error
+        if self._error is not None:
+            raise self._error
+
+
+def is_pipe(path: Path) -> bool:
+    """Return whether a path is a pipe or a socket."""
+    mode = path.stat().st_mode
+    return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)
+
+
+def open_raw_pipe(request: Request, pipe: Pipe) -> FrameStream:
+    """Read planar 4:2:0 frames from a pipe; none is waited for before it is asked for."""
+    assert request.size is not None
+    assert request.frame_rate is not None
+    info = VideoInfo(*request.size, request.frame_rate, request.num_frames, live=True)
+    end = None if request.num_frames is None else request.start + request.num_frames
+    frames = islice(_raw_frames(request, pipe, info), request.start, end)
+    return FrameStream(info, frames, pipe.close)
+
+
+def _raw_frames(request: Request, pipe: Pipe, info: VideoInfo) -> Iterator[Frame]:
+    frame_bytes = planar_frame_bytes(info.width, info.height)
+    count = 0
+    while data := _read(pipe, frame_bytes, count):
+        if len(data) < frame_bytes:
+            raise VideoError(
+                f"{pipe.name}: ends within frame {count}, after {len(data)} of its {frame_bytes} bytes"
+                f" (frames before it: {count})"
+            )
+        frame = planar_frame(np.frombuffer(data, np.uint8), info.width, info.height)
+        yield replace(frame, time=TimeStamp.nearest(count / info.frame_rate, info.frame_rate.numerator))
+        count += 1
+    if count <= request.start:
+        raise request.too_short(total=count)
+
+
+def _read(pipe: Pipe, frame_bytes: int, count: int) -> bytearray:
+    try:
+        return pipe.read_fully(frame_bytes)
+    except OSError as err:
+        raise VideoError(f"{pipe.name}: damaged after {count} frames ({err.strerror})") from err

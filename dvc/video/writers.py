@@ -24,16 +24,16 @@ SUFFIXES = (".y4m", ".mkv", ".mp4")
 
 
 class _Sink(Protocol):
-    """What stores frames in one format; knows nothing of names and renaming."""
+    """Stores frames in one format; knows nothing of names and renaming."""
 
     def write(self, frame: Frame, time_s: Fraction | None) -> None:
-        """Append a frame, with its time where it is not at the constant rate."""
+        """Append a frame, with its time if that deviates from the constant rate."""
 
     def finish(self) -> None:
-        """Write what is pending and close the file."""
+        """Write pending data and close the file."""
 
     def discard(self) -> None:
-        """Close the file, whatever it holds."""
+        """Close the file, complete or not."""
 
 
 class _AtomicWriter:
@@ -57,7 +57,10 @@ class _AtomicWriter:
         self._open = True
         self._num_frames = 0
         self._interval_s = interval_s
-        self._start_s, self._last_s = Fraction(0), -interval_s  # of the first frame; of the last one after it
+        self._start_s, self._last_s = (
+            Fraction(0),
+            -interval_s,
+        )  # time of the first frame; of the last after it
 
     def write(self, frame: Frame, time_s: Fraction | None = None) -> None:
         """Append a frame of the size that was announced."""
@@ -84,13 +87,13 @@ class _AtomicWriter:
             return
         with self._cleaning_up():
             if self._num_frames == 0:
-                raise VideoError(f"cannot write {self._path}: there are no frames")
+                raise VideoError(f"cannot write {self._path}: the video has no frames")
             self._sink.finish()
             self._output.commit()
         self._open = False
 
     def abort(self) -> None:
-        """Drop what was written, unless it is to be kept."""
+        """Discard the written data unless it is to be kept."""
         if not self._open:
             return
         self._open = False
@@ -129,7 +132,7 @@ class _AtomicWriter:
 
 
 def check_suffix(path: str | Path) -> None:
-    """Refuse the name of a video whose suffix names no format.
+    """Refuse the name of a video with a suffix of no known format.
 
     Parameters
     ----------
@@ -230,7 +233,7 @@ class _Y4mSink:
         self, path: Path, size: tuple[int, int], rate: Fraction, *, luma_only: bool, full_range: bool
     ) -> None:
         self._luma_only = luma_only
-        self._holds_times = True  # as far as there were any
+        self._warned = False  # that times are lost
         self._file = path.open("wb")
         colour = "mono" if luma_only else "420mpeg2"
         range_tag = "FULL" if full_range else "LIMITED"
@@ -240,15 +243,15 @@ class _Y4mSink:
         )
 
     def write(self, frame: Frame, time_s: Fraction | None) -> None:
-        """Append the planes of a frame; say it once where its time is lost."""
-        if time_s is not None and self._holds_times:
-            self._holds_times = False
+        """Append the planes of a frame; warn once if its time is lost."""
+        if time_s is not None and not self._warned:
+            self._warned = True
             _LOG.warning("y4m holds no time stamps: frames with times of their own are at the constant rate")
         chroma = () if self._luma_only else frame.with_chroma().chroma or ()
         self._file.write(b"FRAME\n")
         for plane in (frame.luma, *chroma):
             self._file.write(np.ascontiguousarray(plane).data)
-        self._file.flush()  # who looks while it is written sees whole frames
+        self._file.flush()  # concurrent readers see whole frames
 
     def finish(self) -> None:
         """Flush and close."""
@@ -288,7 +291,7 @@ class _FfmpegSink:
             self._stream = self._add_stream(size, rate, full_range=full_range)
         self._rate = rate
         self._num_frames = 0
-        # When frames are shown whose packets may be to come, those at the constant rate excepted.
+        # Times of frames with pending packets, without those at the constant rate.
         self._times_s: dict[int, Fraction] = {}
 
     def _add_stream(self, size: tuple[int, int], rate: Fraction, *, full_range: bool) -> "VideoStream":
@@ -325,7 +328,7 @@ class _FfmpegSink:
                 self._container.mux(packet)
 
     def _set_times(self, packet: "Packet[VideoStream]") -> None:
-        """Give a packet the times of the frames whose numbers it has."""
+        """Give a packet the times of the frames with its numbers."""
         numbers = cast("tuple[int, int]", (packet.pts, packet.dts))
         times_s = [self._times_s.get(number, number / self._rate) for number in numbers]
         packet.pts, packet.dts = (round(time_s / _MICROSECOND_S) for time_s in times_s)
@@ -358,7 +361,7 @@ def _ffmpeg_errors() -> Iterator[None]:
 
 
 _TICK_S = Fraction(1, 1000)
-"""Least time between two frames, which Matroska can tell apart."""
+"""Least time between two frames that Matroska can resolve."""
 _MICROSECOND_S = Fraction(1, 10**6)
 _H264_OPTIONS = {"crf": "12", "preset": "medium"}
 

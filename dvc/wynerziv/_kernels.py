@@ -14,9 +14,9 @@ _MIN_EXPONENT = -700.0
 _HALF_MANTISSA = 0x3FE0000000000000
 _SQRT_HALF = 0.7071067811865476
 _NARROW = 1e-3  # width of an interval, in scales, below which a Laplacian is constant on it
-BIN_CONTEXTS = 2 + 2 * NUM_EXPONENTS  # of a difference: zero, sign, exponents and mantissas
+BIN_CONTEXTS = 2 + 2 * NUM_EXPONENTS  # contexts of a difference: zero, sign, exponents and mantissas
 AREA_CONTEXTS = 8
-SURROUNDINGS = 3  # by how much bins beside a bin differ, and as many by bands before
+SURROUNDINGS = 3  # classes of the differences of adjacent bins, and of those of earlier bands
 _HALVINGS = 5  # 32 probabilities above the share of outliers have a product that is a normal number
 
 
@@ -153,7 +153,7 @@ def take_bits(num_planes, first_plane, words, numbers):
 
 @kernel
 def code_band(coder, counts, band, planes, zero, columns, words, energy):
-    """Code the bins of a band: from its planes in words, or into them where they are zeros.
+    """Code the bins of a band from its planes in words, or decode them into zeroed words.
 
     `planes`: how many, and the first; `zero`: the bin of zero; `energy`: bins of AC bands before, added up.
     """
@@ -200,7 +200,7 @@ def pick_bits(words, planes, areas, chosen, bits):
 
 @kernel
 def code_areas(coder, counts, flags):
-    """Code which areas are chosen: 0 or 1 each, in raster order, by those left, above, and beside that."""
+    """Code the chosen areas: 0 or 1 each, in raster order, from those to the left, above and above left."""
     for r in range(flags.shape[0]):
         for c in range(flags.shape[1]):
             context = 0
@@ -410,7 +410,7 @@ def _cell_moments(borders, scale, near, outliers, moments):
 
 @kernel
 def refinement(prefix, missing, edges, side_information, scale, outliers, bits, saved):
-    """Write what the next 1, 2, ... planes are expected to cost in bits and to save: (D, N), of zeros."""
+    """Write the expected bits and savings of the next 1, 2, ... planes: (D, N), of zeros."""
     depth, last = bits.shape[0], edges.size - 1
     count, cell_planes = 1 << depth, missing - depth
     borders, moments = np.empty(count + 1), np.empty((count, 3))
@@ -422,7 +422,7 @@ def refinement(prefix, missing, edges, side_information, scale, outliers, bits, 
             continue
         near = max(borders[0], -borders[count], 0.0)
         power, q = exponential(-near / scale[n])
-        share = 2.0 * outliers + 2e-12 / (power + power * q)  # of a mass of 2 where zero lies within
+        share = 2.0 * outliers + 2e-12 / (power + power * q)  # share of a mass of 2 if zero lies within
         _cell_moments(borders, scale[n], near, share, moments)
         _write_levels(moments, bits[:, n], saved[:, n])
 
@@ -487,7 +487,7 @@ def _solve_positive(matrix, vector):
 
 @kernel
 def fit_logistic(inputs, offset, is_zero, least, most, steps, weights, precision):
-    """Bring weights (K,), and the precision (K, K) with which they are known, up to date with bits."""
+    """Update weights (K,) and their precision (K, K) by bits."""
     before, count = weights.copy(), weights.size
     known = precision.copy()
     for _ in range(steps):

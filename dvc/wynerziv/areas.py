@@ -1,4 +1,4 @@
-"""Areas of a frame, squares of 4x4 blocks: in which of them bits of a plane are asked for."""
+"""Areas of a frame, squares of 4x4 blocks, and the coded choice of areas with requested bits."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""In which order the Wyner-Ziv frames of a group of pictures are decoded, and from which references."""
+"""Order of decoding of the Wyner-Ziv frames of a group of pictures, and their references."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ Around = tuple[int, int]
 
 
 def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[int, Around]]:
-    """Return in which order the frames between two key frames are decoded, and from which references."""
+    """Return the frames between two key frames in order of decoding, with their references."""
     if not hierarchical:
         return [(index, (before, after)) for index in range(before + 1, after)]
     order: list[tuple[int, Around]] = []

@@ -1,9 +1,9 @@
 """Correlation noise between a Wyner-Ziv frame and its side information: a Laplacian per coefficient.
 
 The scale ``b`` of a Laplacian with density exp(-|x - y| / b) / (2 b) is the mean absolute error. It is
-estimated at the decoder alone: first from the difference of the two motion-compensated references (the
+estimated at the decoder only: first from the difference of the two motion-compensated references (the
 published *online* models at frame, band and coefficient level, or the local model that is the default here),
-then from the bands and bit planes decoded so far, whose true interval is known.
+then from the true intervals of the bands and bit planes decoded so far.
 
 References
 ----------
@@ -29,14 +29,14 @@ Array = NDArray[np.float64]
 NoiseModel = Callable[[Array], Array]
 
 MIN_SCALE = 0.3
-"""Smallest scale: rounding of the samples alone makes about this error."""
+"""Smallest scale: the rounding of samples has about this error."""
 FLAT = 4.0
 """Magnitude of the detail that counts as none."""
 OUTLIER_PROBABILITY = 2e-4
 """Share of a uniform distribution mixed into the Laplacian: side information has outliers."""
 GAINS_PER_OCTAVE = 3
 GAINS = np.array([power_of_two(6 * third // GAINS_PER_OCTAVE) for third in range(-6, 16)])
-"""Factors tried when a scale is fitted to what has been decoded."""
+"""Factors tried when a scale is fitted to decoded intervals."""
 
 
 def _frame_scale(residual: Array) -> Array:
@@ -51,7 +51,7 @@ def _band_scale(residual: Array) -> Array:
 
 
 def _coefficient_scale(residual: Array) -> Array:
-    """A block with an unusual residual gets its own scale, all others the band's: Eqs. (13)-(16)."""
+    """A block with an unusual residual gets its own scale, the rest that of the band: Eqs. (13)-(16)."""
     magnitude = np.abs(residual)
     variance = np.mean(residual**2, axis=(1, 2), keepdims=True)
     distance = (magnitude - magnitude.mean(axis=(1, 2), keepdims=True)) ** 2
@@ -87,18 +87,18 @@ MODELS: Registry[NoiseModel] = Registry(
     {"frame": _frame_scale, "band": _band_scale, "coefficient": _coefficient_scale, "local": _local_scale},
     _checked,
 )
-"""By the name that the configuration uses: from the residual, of shape (bands, rows, columns), which is the
-transform of half the difference of the compensated references, to the scale of each coefficient."""
+"""Models by their names in the configuration. Each maps the residual (bands, rows, columns), the transform of
+half the difference of the compensated references, to the scale of each coefficient."""
 
 
 def texture(bands: Array, band: int) -> Array:
-    """Measure how much there is to go wrong: errors are larger where the prediction itself has detail."""
+    """Measure the detail of the prediction: errors are larger if it has more."""
     detail: Array = FLAT + np.abs(bands[1:]).sum(axis=0) / (len(bands) - 1)
     return detail if band == 0 else detail + np.abs(bands[band])
 
 
 def shaped(scale: Array, texture: Array, expected_error: Array | None) -> Array:
-    """Distribute the scales of a band by what else tells where errors are; their mean stays."""
+    """Distribute the scales of a band by further evidence of errors; their mean stays."""
     # Roots of roots: powers of libraries differ between processors.
     shape = scale * np.sqrt(np.sqrt(texture / np.sqrt(scale)))
     if expected_error is not None:
@@ -117,7 +117,7 @@ def interval_probability(lower: Array, upper: Array, side_information: Array, sc
 
 
 def bit_llr(lower: Array, middle: Array, upper: Array, side_information: Array, scale: Array) -> Array:
-    """Return log P(0) / P(1) of the next bit, which tells whether x lies below or above `middle`."""
+    """Return log P(0) / P(1) of the next bit, which is 1 if x lies above `middle`."""
     from dvc.wynerziv import _kernels
 
     llr = np.empty_like(lower)
@@ -175,7 +175,7 @@ def expected_refinement(
     scale: Array,
     depth: int,
 ) -> Refinement:
-    """Return what the next planes of coefficients of a band are expected to cost and to save."""
+    """Return the expected cost and savings of the next planes of coefficients of a band."""
     from dvc.wynerziv import _kernels
 
     found = Refinement(np.zeros((depth, prefix.size)), np.zeros((depth, prefix.size)))

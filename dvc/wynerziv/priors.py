@@ -1,11 +1,11 @@
-"""Priors of bit planes that learn from those decoded before: corrected LLRs, and neighbours that tell more.
+"""Priors of bit planes that learn from decoded planes: corrected LLRs, and the influence of neighbours.
 
 The correlation noise is neither exactly Laplacian nor independent from block to block. The LLR of a bit is
-corrected by a few terms with weights: what the Laplacian says, the same but saturating, by how much blocks
-around are off their prediction, and what wider noise would change where errors, predictions and scales are
-larger than usual. While a plane is decoded, errors of the neighbours in this very plane tell more; how much
-is learned as well, from planes whose bits are all known. Both are logistic regressions whose weights start
-from those of usual frames (`benchmarks.searches.priors` finds them), and follow what was decoded.
+corrected by a few weighted terms: the LLR of the Laplacian, the same with saturation, the errors of blocks
+around, and the effect of wider noise if errors, predictions and scales are larger than usual. While a plane
+is decoded, errors of the neighbours in the same plane add information; their weights are learned as well,
+from complete planes. Both are logistic regressions. Their weights start from those of usual frames, found by
+`benchmarks.searches.priors`, and follow the decoded bits.
 """
 
 from collections.abc import Sequence
@@ -27,11 +27,11 @@ MAX_INPUT = 12.0
 MAX_SPREAD = 2.0
 """Bound on the excess energies of the neighbours together."""
 SHIFT = 0.5
-"""Shift of the prediction, in scales, by which the slope of an LLR is measured, both ways."""
+"""Shift of the prediction in both directions, in scales, for the slope of an LLR."""
 WIDENING = 1.3
-"""Factor on the scale by which it is measured what that changes, both ways."""
+"""Factor on the scale in both directions, for the derivative with respect to the scale."""
 WIDE = 7
-"""Side of the square of blocks around one whose errors tell of its own."""
+"""Side of the square of blocks with errors that predict that of the middle one."""
 MAX_SHIFT = 3.0
 """Bound on the mean error of these, in scales."""
 LEAST_ERROR, LEAST_MAGNITUDE = 0.1, 2.0
@@ -39,7 +39,7 @@ LEAST_ERROR, LEAST_MAGNITUDE = 0.1, 2.0
 STEPS = 2
 """Newton steps for every plane."""
 MEMORY = 0.95
-"""Share of what is known of the weights that is kept from plane to plane."""
+"""Share of the precision of weights that is kept from plane to plane."""
 PRECISION = 3000.0
 """Precision of each weight before anything is decoded."""
 
@@ -83,13 +83,13 @@ def _alone(*values: float) -> _Weights:
 
 
 def _coupled(*values: float) -> _Weights:
-    """Weights of neighbours along and across the edges that a band stands for, and of their excess energy."""
+    """Weights of neighbours along and across the edges of a band's pattern, and of their excess energy."""
     return _Weights.of(*values, least=(-0.2, -0.5, -0.1), most=(0.8, 0.8, 0.3))
 
 
 @dataclass(frozen=True)
 class PlanePrior:
-    """What is known of bits of a plane before they are decoded."""
+    """Prior of the bits of a plane."""
 
     llr: Array  # LLR log p(0) / p(1) of each bit; shape (N,)
     coupling: NeighbourCoupling  # how bits depend on their neighbours
@@ -99,10 +99,10 @@ class PlanePrior:
 
 @dataclass(frozen=True)
 class _Laplacian:
-    """What the noise model alone says of a plane."""
+    """LLRs of a plane by the noise model only."""
 
     llr: Array
-    slope: Array  # by how much LLRs change where the prediction is shifted
+    slope: Array  # derivative of LLRs with respect to the prediction
     widening: Array  # and where scales grow
     error: Array  # expected of the prediction, by the planes before
 
@@ -165,7 +165,7 @@ class LearnedPriors:
 
     @classmethod
     def mean(cls, several: Sequence["LearnedPriors"]) -> "LearnedPriors":
-        """Return what was learned side by side."""
+        """Return the mean of priors that were learned in parallel."""
         together = cls(several[0]._shape)
         together._alone = [
             _Weights.mean(weights) for weights in zip(*(p._alone for p in several), strict=True)
@@ -237,7 +237,7 @@ def _excess(values: Array) -> Array:
 
 
 def _orientation(band: int) -> tuple[bool, bool]:
-    """Say whether neighbours above and below, and those at the sides, lie along the edges of a band."""
+    """Return whether neighbours above and below, and at the sides, lie along the edges of a band."""
     vertical, horizontal = divmod(ZIGZAG[band], 4)
     return horizontal >= vertical, vertical >= horizontal
 
@@ -249,7 +249,7 @@ def _neighbours(plane: Array) -> Array:
 
 
 def _ramp(dc_error: Array, band: int) -> Array:
-    """Return how DC errors decrease across a block, for bands whose patterns are of rows or columns alone."""
+    """Return the decrease of DC errors across a block, for bands with patterns of rows or columns only."""
     vertical, horizontal = divmod(ZIGZAG[band], 4)
     padded = np.pad(dc_error, 1, mode="edge")
     if vertical == 0 and horizontal > 0:
@@ -260,7 +260,7 @@ def _ramp(dc_error: Array, band: int) -> Array:
 
 
 def _coupled_inputs(prior: PlanePrior, bits: Bits) -> Array:
-    """Return what neighbours along and across, and their excess energy, tell where all bits are known."""
+    """Return the influence of neighbours along and across, and of their excess energy, for known bits."""
     coupling = prior.coupling
     deviation = coupling.deviation(bits)
     shift = np.pad(coupling.shift * deviation, 1)

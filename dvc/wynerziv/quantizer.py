@@ -1,8 +1,8 @@
-"""Scalar quantisers of the bands, of two kinds; their bit planes; the header that tells them.
+"""Scalar quantisers of the bands, of two kinds; their bit planes; the header that specifies them.
 
 *Range*, the presets of the literature: a band with ``levels`` = 2^m levels makes m bit planes. DC has
 ``levels`` bins on [0, 1024). AC has ``levels - 1`` bins, symmetric about zero: the zero bin is (-step, step),
-the others are one step wide and the outermost ends at ``levels / 2`` steps. The step follows from the band's
+the rest are one step wide and the outermost ends at ``levels / 2`` steps. The step follows from the band's
 largest magnitude in the frame and is sent as an index on a logarithmic scale.
 
 *Nested*: all bins of all bands of a frame have one width; a band has as many planes as its values need. Each
@@ -36,7 +36,7 @@ _LENGTHS_PER_OCTAVE = 16
 
 
 def length_of_code(code: int) -> int:
-    """Return the length that a code stands for; inverse of `length_code`."""
+    """Return the length of a code; inverse of `length_code`."""
     if code == 0:
         return 0
     octave, step = divmod(code - 1, _LENGTHS_PER_OCTAVE)
@@ -68,11 +68,11 @@ _SIXTHS = (
 )  # fmt: skip
 """Powers of the sixth root of two, written out: those of C libraries differ in their last digit."""
 _TOLERANCE = 1e-10
-"""Share by which a step may be above that of its index: roundings on the way to it are smaller."""
+"""Share by which a step may exceed that of its index: rounding errors are smaller."""
 
 
 def power_of_two(sixths: int) -> float:
-    """Return two to the power of so many sixths."""
+    """Return two to the power of a number of sixths."""
     octave, rest = divmod(sixths, len(_SIXTHS))
     return math.ldexp(_SIXTHS[rest], octave)
 
@@ -81,7 +81,7 @@ _STEPS = [power_of_two(index) for index in range(1 << STEP_INDEX_BITS)]
 
 
 def step_from_index(index: int) -> float:
-    """Return the step that an index stands for; inverse of `index_of_step`."""
+    """Return the step of an index; inverse of `index_of_step`."""
     return _STEPS[index]
 
 
@@ -137,7 +137,7 @@ def embedded_origins(planes: NDArray[np.int64]) -> NDArray[np.float64]:
 def prefix_borders(
     prefix: NDArray[np.int64], missing_planes: int | NDArray[np.int64], edges: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the interval in which a coefficient lies, given the planes known so far."""
+    """Return the intervals of coefficients, given the planes known so far."""
     last = edges.size - 1
     lower = np.minimum(prefix << missing_planes, last)
     upper = np.minimum((prefix + 1) << missing_planes, last)
@@ -146,7 +146,7 @@ def prefix_borders(
 
 @dataclass(frozen=True)
 class Quantization:
-    """Quantisers of one frame's bands, which its header tells."""
+    """Quantisers of the bands of one frame, as its header specifies them."""
 
     embedded: (
         bool  # whether bins are embedded; else their number is given and they share the range of the band
@@ -155,7 +155,7 @@ class Quantization:
     # index for `step_from_index` by band; DC has none where its range is given
     step_indices: dict[int, int]
     header: bytes  # all of this, as a frame's payload starts with it
-    told_bits: int | None = None  # what a group may ask for because of this frame; None: what it needs
+    told_bits: int | None = None  # bits that a group may request because of this frame; None: no limit
 
     @cached_property
     def bands(self) -> tuple[int, ...]:
@@ -164,7 +164,7 @@ class Quantization:
 
     @cached_property
     def first_plane(self) -> tuple[int, ...]:
-        """Frame-wide number of each band's most significant plane, or of the next one where it has none."""
+        """Frame-wide number of each band's most significant plane, or of the next one if it has none."""
         return (0, *accumulate(self.planes[:-1]))
 
     @cached_property
@@ -211,15 +211,15 @@ def quantization_of_step(step_index: int, planes: tuple[int, ...]) -> Quantizati
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """Where things are in the Wyner-Ziv frames of one configuration."""
+    """Layout of the Wyner-Ziv frames of one configuration."""
 
     height: int  # sides of the luma plane in pixels
     width: int
     embedded: bool  # whether bins are embedded, so that frames differ in their planes
-    # most bit planes of the 16 bands, in zigzag order; 0 where a band is not sent
+    # most bit planes of the 16 bands, in zigzag order; 0 if a band is not sent
     max_planes: tuple[int, ...]
     crc_bits: int  # length of each plane's checksum
-    limited: bool = False  # whether headers tell how much may be asked for
+    limited: bool = False  # whether headers limit requests
 
     @classmethod
     def of(cls, config: CodecConfig) -> "FrameLayout":
@@ -265,7 +265,7 @@ def _with_limit(quantization: Quantization, data: bytes) -> Quantization:
     """Read how much may be asked for, behind all else of a header."""
     size = len(quantization.header) + 1
     if len(data) < size:
-        raise BitstreamError("nothing tells how much may be asked for")
+        raise BitstreamError("the header does not state the limit of requests")
     return replace(quantization, header=data[:size], told_bits=length_of_code(data[size - 1]))
 
 

@@ -25,7 +25,7 @@ NUM_BANDS = BLOCK * BLOCK
 ORDER = np.argsort(ZIGZAG).reshape(BLOCK, BLOCK)
 _NORM = 1.0 / np.sqrt([4, 10, 4, 10])  # lengths of the rows of the core
 SCALE = np.outer(_NORM, _NORM)
-"""What makes each coefficient of the integer core orthonormal, by row and column in the block."""
+"""Factors that make the coefficients of the integer core orthonormal, by row and column in the block."""
 BAND_SCALE: NDArray[np.float64] = SCALE.ravel()[list(ZIGZAG)]
 """The same by band."""
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from dvc.errors import ConfigError
 from dvc.files import atomic_folder
 from dvc.video import open_video
-from dvc.video.lookup import FrameLookup
+from dvc.video.readers import FrameLookup
 from sfm.mapping.scene_map import SceneMap
 
 

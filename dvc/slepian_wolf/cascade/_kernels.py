@@ -12,16 +12,16 @@ from dvc._jit import kernel
 from dvc.slepian_wolf._kernels import llr_of, odds_of_zero
 
 _SURE = 1.0 - 1e-6  # no range makes a bit surer than this
-_SMALL_CHANGE = 1e-4  # of the expected errors in a range, that need not be passed on
-_NEGLIGIBLE_CHANGE = 2e-6  # of the probability of a single bit
+_SMALL_CHANGE = 1e-4  # change of the expected errors in a range that is not propagated
+_NEGLIGIBLE_CHANGE = 2e-6  # the same for the probability of a single bit
 _NEGLIGIBLE_BELIEF = 2e-4  # change of the probability of a bit that its neighbours need not know of
 _SMALL_ODDS = 1.0 / 64
 _NO_DIVISION = 2.0
-_HASH, _MIX = 0x9E3779B97F4A7C15, 0x94D049BB133111EB  # of SplitMix64
+_HASH, _MIX = 0x9E3779B97F4A7C15, 0x94D049BB133111EB  # constants of SplitMix64
 
 
 class Beliefs(NamedTuple):
-    """What is known of a plane, by the ranges into which orders of its bits are divided."""
+    """Beliefs of a plane, by the ranges of orders of its bits."""
 
     orders: NDArray[np.uint32]  # (K, N), bit at each position
     last: NDArray[np.int32]  # (K, N), end of the range that holds a position
@@ -43,10 +43,10 @@ class Beliefs(NamedTuple):
 
 
 class Coupled(NamedTuple):
-    """What is known of bits that depend on their neighbours."""
+    """Beliefs of bits that depend on their neighbours."""
 
-    alone: NDArray[np.float64]  # (rows, columns), probability of a 1 where nothing is known of neighbours
-    deviation: NDArray[np.float64]  # (rows, columns), what is believed less that
+    alone: NDArray[np.float64]  # (rows, columns), probability of a 1 if the neighbours are unknown
+    deviation: NDArray[np.float64]  # (rows, columns), belief minus `alone`
     places: NDArray[np.int64]  # (N,), raster index of each bit
     decided: NDArray[np.uint8]  # (N,), first decisions
     llr: NDArray[np.float32]  # (N,), LLRs that priors follow from
@@ -148,9 +148,9 @@ def _note_beliefs(coupled, odds):
 
 @kernel
 def couple(beliefs, num_orders, lattice, coupled, scale, least_change):
-    """Let prior odds follow from what is believed of neighbours, and mark what depends on them.
+    """Update prior odds from the beliefs of neighbours, and mark the ranges that depend on them.
 
-    Return how many change, and by how much the errors to be expected by the prior alone do.
+    Return the number of changes, and the change of the errors that the prior expects.
     """
     prior, odds, ends = beliefs.prior, beliefs.odds, beliefs.ends
     columns = coupled.deviation.shape[1]
@@ -179,7 +179,7 @@ def couple(beliefs, num_orders, lattice, coupled, scale, least_change):
 
 @kernel
 def divide(beliefs, order, positions, parities):
-    """Let ranges of an order end at further positions, where the parity of errors so far is known."""
+    """End ranges of an order at further positions with known parities of the errors before them."""
     last, first, pending, expected = beliefs.last, beliefs.first, beliefs.pending, beliefs.expected
     for i in range(positions.size):
         cut = positions[i]
@@ -281,7 +281,7 @@ def lay_out(orders, order, start, odds, max_bias, positions):
 
 @kernel
 def num_unsatisfied(beliefs, num_orders):
-    """Count the ranges whose parity is not that of the decisions."""
+    """Count the ranges with another parity than the decisions have."""
     orders, last, odds = beliefs.orders, beliefs.last, beliefs.odds
     count = 0
     for k in range(num_orders):
@@ -297,7 +297,7 @@ def num_unsatisfied(beliefs, num_orders):
 
 @kernel
 def range_keys(beliefs, num_orders, keys):
-    """Give each bit a number (uint64) that depends on the ranges in which it lies."""
+    """Give each bit a number (uint64) that depends on the ranges that contain it."""
     keys[:] = np.uint64(0)
     for bit in range(keys.size):
         for k in range(num_orders):
@@ -332,7 +332,7 @@ def expected_errors(odds):
 
 @kernel
 def uncertainty_bits(odds):
-    """Return about how many bits of entropy there are: (4 p (1 - p))^(3/4) is near that of each bit."""
+    """Return the approximate entropy in bits: (4 p (1 - p))^(3/4) is close to that of each bit."""
     total = 0.0
     for n in range(odds.size):
         soft = _soft(odds[n])
@@ -343,7 +343,7 @@ def uncertainty_bits(odds):
 
 @kernel
 def prefix_parities(words, order, released):
-    """Add up words in an order, which may name others, modulo 2, up to, and including, each position."""
+    """Sum words modulo 2 in an order up to and including each position."""
     total, size, count = np.uint64(0), np.uint32(words.size), 0
     for j in range(order.size):
         if order[j] < size:

@@ -76,7 +76,7 @@ class _JointCheck:
         self._checks[plane] = crc(bits, CRC_BITS)
 
     def holds(self, planes: list[int], count: int) -> Generator[ParityRequest, Bits, bool]:
-        """Say whether the check of some planes is the encoder's, which is asked for where it is not known."""
+        """Return whether the check of some planes is the encoder's; request it if it is unknown."""
         key = tuple(planes)
         if key not in self._answers or self._answers[key].size < count:
             charged = self._charged.get(key[0], 0)

@@ -1,4 +1,4 @@
-"""What is known of the errors of a plane: prior odds, and parities of ranges in several orders."""
+"""Beliefs of the errors of a plane: prior odds, and parities of ranges in several orders."""
 
 import math
 
@@ -14,25 +14,25 @@ Bits = NDArray[np.uint8]
 Positions = NDArray[np.int64]
 
 MAX_SCALE_CHANGE = 1.1
-"""Factor on the prior odds that is learned from parities, from which on it is used."""
+"""Least factor on the prior odds, learned from parities, that is used."""
 MORE_BITS = 32.0
-"""Bits that count as unknown beyond those of the plane, so that what is left of it takes few requests."""
+"""Number of bits that count as unknown beyond those of the plane, so that its rest takes few requests."""
 CERTAIN = 0.999
-"""2 |p - 1/2| of answers from which on they are not worth asking for."""
+"""Largest 2 |p - 1/2| of answers that are worth a request."""
 MIN_COUPLED_CHANGE = 0.01
-"""Change of an LLR by what neighbours tell, from which on it is used: of 0.1 planes cost 0.3 % more."""
+"""Least change of an LLR by its neighbours that is used: with 0.1 planes cost 0.3 % more."""
 SCALE_STRENGTH = 5.0
 """Errors that must be expected besides those of the plane, lest a few of them change the prior."""
 
 
 class RangePosterior:
-    """Beliefs of errors, by the prior and by what was answered so far."""
+    """Beliefs of errors, from the prior and the answers so far."""
 
     def __init__(self, num_bits: int, seed: int) -> None:
         self._seed = seed
         shape = NUM_ORDERS, num_bits
         self._orders = np.empty(shape, np.uint32)
-        self._orders_known = 0  # others take no memory
+        self._orders_known = 0  # further orders take no memory
         self._beliefs = _kernels.Beliefs(
             self._orders,
             last=np.empty(shape, np.int32),
@@ -73,7 +73,7 @@ class RangePosterior:
 
     @property
     def orders_left(self) -> int:
-        """Orders of which nothing is known yet."""
+        """Number of orders without any answer."""
         return len(self._orders) - self.num_orders
 
     @property
@@ -110,7 +110,7 @@ class RangePosterior:
         self._decided_prefix = {}
 
     def _prior_odds(self, llr: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Odds that each bit differs from its first decision, by LLRs alone."""
+        """Odds that each bit differs from its first decision, by LLRs only."""
         right, wrong = np.empty_like(llr), np.empty_like(llr)
         shared_kernels.bit_probabilities(np.where(self._first_decisions, -llr, llr), right, wrong)
         return wrong.astype(np.float64) / right
@@ -140,7 +140,7 @@ class RangePosterior:
         return int(_kernels.propagate(self._beliefs, self.num_orders, self._laid_out, max_sweeps, share))
 
     def rescale(self) -> bool:
-        """Let the prior expect as many errors as the beliefs do, all of its odds by the same factor."""
+        """Scale all prior odds by one factor, so that the prior expects as many errors as the beliefs."""
         found = float(_kernels.expected_errors(self.odds)[0])
         scale = (found + SCALE_STRENGTH) / (self._expected + SCALE_STRENGTH)
         change = scale / self._scale
@@ -153,7 +153,7 @@ class RangePosterior:
         return True
 
     def couple(self) -> bool:
-        """Let the prior of each bit follow from what is believed of its neighbours."""
+        """Update the prior of each bit from the beliefs of its neighbours."""
         if self._coupling is None or self._coupled is None:
             return False
         how = self._coupling.lattice, self._coupled, self._scale, MIN_COUPLED_CHANGE
@@ -178,7 +178,7 @@ class RangePosterior:
         return found[0] if found else None
 
     def _divisions(self, max_bias: float) -> tuple[list[tuple[int, Positions]], float]:
-        """Choose the divisions of the order whose divisions tell the most; and how much."""
+        """Choose the divisions of the most informative order; return them with their information."""
         self._find_divisions()
         best: float = 0.0
         chosen: list[tuple[int, Positions]] = []
@@ -192,12 +192,12 @@ class RangePosterior:
         return chosen, best
 
     def batch(self, share: float, max_bias: float, new_bias: float) -> list[tuple[int, Positions]]:
-        """Choose what to ask next at once; nothing where no order in use tells much."""
+        """Choose the queries of the next round; none if no order in use is informative."""
         found, information = self._divisions(max_bias)
         if not found:
             return []
-        # Where divisions tell less than a share of what is unknown, ranges of the next order are added, as
-        # many as are missing; it is begun for no fewer than there are orders in use: more of them cost time.
+        # If divisions give less than a share of the unknown bits, ranges of the next order are added up to
+        # that share, at least as many as there are orders in use: more orders cost time.
         missing = round(share * (_kernels.uncertainty_bits(self.odds) + MORE_BITS) - information)
         if missing >= (self.num_orders if self._laid_out == self.num_bits else 1):
             found += self._only_first(self.new_order(new_bias), missing)
@@ -213,7 +213,7 @@ class RangePosterior:
         return [(order, positions[:count])]
 
     def best_divisions(self) -> tuple[int, Positions] | None:
-        """Choose what to ask where nothing tells much: all that tells at least half as much as the best."""
+        """Choose queries if no answer is informative: all within a factor of two of the best."""
         self._find_divisions()
         bias = float(_kernels.least_bias(self._beliefs, self.num_orders, self._laid_out))
         return None if bias >= CERTAIN else self.divisions(math.sqrt(0.5 + 0.5 * bias * bias))
@@ -222,7 +222,7 @@ class RangePosterior:
         _kernels.find_divisions(self._beliefs, self.num_orders, self._laid_out)
 
     def new_order(self, max_bias: float) -> tuple[int, Positions] | None:
-        """Choose what to ask of what is left of the last order, or of the next one."""
+        """Choose queries from the rest of the last order, or from the next one."""
         self._laid_after = self.num_bits
         if self.num_orders and self._laid_out < self.num_bits:
             rest = self._lay_out(self.num_orders - 1, max_bias, self._laid_out)
@@ -260,7 +260,7 @@ class RangePosterior:
         return (order, positions) if positions.size else None
 
     def is_satisfied(self) -> bool:
-        """Say whether the decisions agree with all parities."""
+        """Return whether the decisions agree with all parities."""
         return not _kernels.num_unsatisfied(self._beliefs, self.num_orders)
 
     def residual_errors(self) -> float:
@@ -274,7 +274,7 @@ class RangePosterior:
 
 
 def _joined(question: list[tuple[int, Positions]]) -> list[tuple[int, Positions]]:
-    """Return a question with what it has of each order at one place, in order."""
+    """Return a query with the entries of each order next to each other, in order."""
     orders = sorted({order for order, _ in question})
     parts = [np.concatenate([own for order, own in question if order == wanted]) for wanted in orders]
     return [(order, np.sort(own)) for order, own in zip(orders, parts, strict=True)]

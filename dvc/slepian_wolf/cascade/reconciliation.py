@@ -1,7 +1,7 @@
-"""Decoding of one bit plane by asking for parities of ranges, each as uncertain as can be; no I/O.
+"""Decoding of one bit plane by requests for parities of ranges, each as uncertain as possible; no I/O.
 
 This is the interactive reconciliation of quantum key distribution (Cascade) with two changes: side
-information says how likely each bit is wrong, and beliefs say what all parities together tell of it.
+information gives the probability that each bit is wrong, and beliefs combine all parities.
 """
 
 import math
@@ -20,20 +20,20 @@ from dvc.slepian_wolf.requests import Bits, Kind, ParityRequest, ask
 ERROR_EXPONENT = 8
 """A plane is accepted by itself when the odds against it are below 2 to minus this."""
 UNCODED_ENTROPY = 0.95
-"""Bits of entropy per bit from which on a plane is asked for as it is."""
+"""Entropy per bit above which a plane is requested uncoded."""
 WORTH_ASKING = 0.5
-"""Greatest 2 |p - 1/2| of an answer that is asked for as long as others of an order tell as much; this, the
+"""Largest 2 |p - 1/2| of a requested answer while other answers of an order are as informative; this, the
 next one, `SWEEPS`, `CHANGE` and `posterior.MORE_BITS` were found by `benchmarks.searches.requests`."""
 RANGE_BIAS = 0.15
-"""The same of the ranges that an order is divided into at first."""
+"""The same for the initial ranges of an order."""
 UNSURE_ERRORS = 0.5
-"""Expected errors above which there is no point in checking."""
+"""Number of expected errors above which a check is pointless."""
 FIRST_PARTITION = 2
-"""Half of the ranges of a new order where beliefs were wrong; each time there are twice as many."""
+"""Half the number of ranges of a new order after wrong beliefs; the number doubles each time."""
 SWEEPS, LAST_SWEEPS = 4, 40
 """Sweeps of beliefs after an answer, and before decisions are checked."""
 CHANGE = 0.02
-"""Share of the errors expected in a range that a change must be to be passed on."""
+"""Least change that is propagated, as a share of the errors expected in a range."""
 LEAST_PROBABILITY = 2.0**-60
 
 
@@ -91,7 +91,7 @@ class PlaneReconciliation:
             yield from self._ask(posterior, question)
 
     def _next_question(self, posterior: RangePosterior) -> Question:
-        """Choose what to ask as long as answers tell much."""
+        """Choose queries as long as answers are informative."""
         self._sweeps += posterior.propagate(SWEEPS, CHANGE)
         if posterior.num_orders and posterior.couple():
             self._sweeps += posterior.propagate(SWEEPS, CHANGE)
@@ -117,7 +117,7 @@ class PlaneReconciliation:
         return _only(question)
 
     def _accept(self, posterior: RangePosterior, exponent: int) -> Generator[ParityRequest, Bits, bool]:
-        """Say whether the decisions are right; ask for as many check bits as that takes."""
+        """Return whether the decisions are right; request as many check bits as that takes."""
         self._sweeps += posterior.propagate(LAST_SWEEPS, CHANGE)
         if posterior.expected_errors > UNSURE_ERRORS or not posterior.is_satisfied():
             return False

@@ -174,7 +174,7 @@ def exchange_messages(llr_ch, bit_of_cell, llr_e, llr_a, prob0, prob1, llr, deci
 
 @kernel
 def satisfies(decisions, bit_at_step, section_starts, next_state, output, parity):
-    """Say whether decisions, encoded again, agree with all parity received (-1: none at this step)."""
+    """Return whether decisions, encoded again, agree with all parity received (-1: none at this step)."""
     state = 0
     section = 0
     for k in range(bit_at_step.size):

@@ -16,26 +16,26 @@ from dvc.slepian_wolf.turbo.turbo_decoder import TurboDecoder
 from dvc.slepian_wolf.turbo.turbo_encoder import CLASSICAL, encode_words
 
 UNCODED_ENTROPY = 0.9
-"""Bits of entropy per bit from which on a plane is asked for as it is."""
+"""Entropy per bit above which a plane is requested uncoded."""
 FIRST_CHECK_BITS = 8
-"""Check bits that are asked for at once, as many as planes have in [Artigas2007]; then more if needed."""
+"""Number of check bits of the first request, as in [Artigas2007]; more follow if needed."""
 ERROR_EXPONENT = 15.0
 """A plane is accepted when the odds against it are below 2 to minus this."""
 SURE_ERRORS = 2.0**-6
-"""Expected errors up to which decisions are sure; with more, iterations go on before they are judged."""
+"""Number of expected errors up to which decisions are sure; with more, iterations continue first."""
 POLISH_ITERATIONS = 4
 
-# What is asked for, and how long is iterated: a trade of rate for time (`benchmarks/searches/coders.py`).
+# Sizes of requests and numbers of iterations: a trade of rate for time (`benchmarks/searches/coders.py`).
 FIRST_REQUEST = 0.9
 """First parity, as a share of the entropy."""
 STEP, LATE_STEP, LATE = 0.02, 0.04, 1.6
-"""Further parity, as a share of what was received or of the entropy; with `LATE` of it, which shows that side
-information deceives, more."""
+"""Further parity as a share of the received parity or of the entropy; more from `LATE` of the entropy on,
+because side information misleads then."""
 MIN_STEP_BITS = 3
 ITERATIONS, MAX_ITERATIONS, PROGRESS = 4, 30, 0.95
 """Iterations after a request, and again while they cut the expected errors to this share."""
 STUCK_ERRORS, STUCK_STEP, STUCK_ITERATIONS = 0.98, 0.03, 2
-"""The same for a plane of which this share of the errors is left that were expected at first."""
+"""Further parity of a plane that still has this share of its initially expected errors."""
 
 
 class _Plane:
@@ -53,7 +53,7 @@ class _Plane:
         return (yield from ask(ParityRequest(*self.position, kind, 0, start, count)))
 
     def request_check(self, count: int) -> Generator[ParityRequest, Bits, None]:
-        """Request check bits until there are `count` of them."""
+        """Request check bits up to `count`."""
         new = yield from self.request("crc", self.check.size, count - self.check.size)
         self.check = np.concatenate([self.check, new])
 
@@ -90,7 +90,7 @@ class _Plane:
         return ERROR_EXPONENT + max(likelier - self.parity.size, near) - self.check.size
 
     def accept(self, bits: Bits, expected_errors: float) -> Generator[ParityRequest, Bits, bool]:
-        """Say whether a plane that satisfies all parity is right; ask for check bits where that is open."""
+        """Return whether a plane that satisfies all parity is right; request check bits if that is open."""
         if not self.checks(bits):
             return False
         missing = math.ceil(self.missing_evidence(bits, expected_errors))

@@ -88,7 +88,7 @@ CLASSICAL = TurboCode(0b11001, 0b11011, 48)
 
 
 NUM_SECTIONS = 2
-"""Times that each bit enters; the register starts anew before each."""
+"""Number of times that each bit enters; the register is reset before each pass."""
 
 
 @lru_cache(maxsize=16)
@@ -102,7 +102,7 @@ def interleaved(num_bits: int, seed: int) -> NDArray[np.int32]:
 
 
 def section_starts(num_bits: int) -> NDArray[np.int64]:
-    """Return the steps at which the register starts anew."""
+    """Return the steps at which the register is reset."""
     return np.arange(NUM_SECTIONS, dtype=np.int64) * num_bits
 
 
@@ -118,7 +118,7 @@ def spread_order(count: int) -> NDArray[np.int64]:
 
 @lru_cache(maxsize=16)
 def release_order(num_bits: int, period: int) -> NDArray[np.int32]:
-    """Return the N trellis steps whose parity is released, in order of release."""
+    """Return the N trellis steps that release parity, in order of release."""
     steps = [
         section * num_bits + np.arange(offset, num_bits, period, dtype=np.int32)
         for offset in spread_order(period)

@@ -1,4 +1,4 @@
-"""Coding of point tracks by the motion of all tracks of an instant, as far as they are known."""
+"""Coding of point tracks by the motion of all tracks of an instant that are coded so far."""
 
 from dvc.tracks.regression.coding import code_tracks
 

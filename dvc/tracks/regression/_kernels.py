@@ -16,12 +16,12 @@ from dvc.tracks._kernels import DISTANCES, LOST, code_grid, code_points, grid_ex
 
 OUTSIDE = -1
 MAX_CELLS = 2**18
-"""Cells of a grid up to which first positions are coded as such."""
+"""Largest number of cells of a grid for which first positions are coded directly."""
 _MAX_GUARD = 256
 NUM_FEATURES = 10
 NUM_NEIGHBOURS = 8
 NUM_STAGES, NUM_NODES = 5, 25
-"""Decisions of a residual that are refined apart, and nodes at which each curve is kept."""
+"""Number of decisions of a residual with own curves, and of nodes of each curve."""
 MAX_UNARY = 15
 MAX_EXPONENT = 24
 MAX_SYMBOLS = 1 + 2 * (2 + MAX_UNARY + 2 * MAX_EXPONENT)
@@ -36,34 +36,33 @@ NODE_STEP = 0.73
 NODE_LIMIT = 8.4
 _RATE = 0.02
 _LIMIT = 1e4
-_LEAST_NOISE = 2.0**-40  # of the variance, so that no rounding takes all of a coefficient's variance
+_LEAST_NOISE = 2.0**-40  # least noise of the variance: rounding never cancels the variance of a coefficient
 
 
 class Motion(NamedTuple):
-    """What both ends know of tracks in one direction of time, before an instant."""
+    """State of tracks in one direction of time, before an instant, at both ends."""
 
-    first: NDArray[np.float64]  # where the tracks begin
+    first: NDArray[np.float64]  # starts of the tracks
     place: NDArray[np.float64]  # filtered position, and motion from the instant before
     velocity: NDArray[np.float64]
-    magnitude: NDArray[np.float64]  # of the residuals to expect
+    magnitude: NDArray[np.float64]  # expected magnitude of the residuals
     neighbours: NDArray[np.int64]  # nearest tracks before each one; -1: none
-    weights: NDArray[np.float64]  # how much each of them tells
+    weights: NDArray[np.float64]  # weight of each neighbour
     learned: NDArray[np.float64]  # mean magnitude of residuals, and squares of the coefficients of motion
 
 
 class Picture(NamedTuple):
-    """Where tracks are."""
+    """Positions of tracks."""
 
     sides: NDArray[np.int64]  # width and height
     pixel: float
 
 
 class Instant(NamedTuple):
-    """What is found while an instant is coded."""
+    """Results of the coding of an instant."""
 
-    features: NDArray[np.float64]  # of each track, before the instant
-    # where the track would be under no new motion, under the motion that was found before it, and where it is
-    # expected
+    features: NDArray[np.float64]  # features of each track, before the instant
+    # positions under no new motion, under the motion estimated before it, and predicted
     starts: NDArray[np.float64]
     fits: NDArray[np.float64]
     predictions: NDArray[np.float64]
@@ -88,7 +87,7 @@ class Models(NamedTuple):
 
 @kernel
 def min_square(points, taken):
-    """Least squared distance of points from others; 0 if there are no others."""
+    """Return the least squared distance of points from other points; 0 without other points."""
     least = np.int64(2**62 if taken.shape[0] else 0)
     for i in range(points.shape[0]):
         for j in range(taken.shape[0]):
@@ -135,7 +134,7 @@ def occupy(free, x, y, distance):
 
 @kernel
 def code_occupancy(coder, points, free, distance, told):
-    """Code points in column scan, cell by cell: whether there is one in each of the `free` cells."""
+    """Code points in column scan, cell by cell: one decision for each of the `free` cells."""
     count, k = points.shape[0], 0
     num_free = np.int64(free.sum())
     near = np.zeros(free.shape, np.uint8)
@@ -167,7 +166,7 @@ def code_occupancy(coder, points, free, distance, told):
 
 @kernel
 def code_first(coder, points, taken, sides, told):
-    """Code where tracks begin, away from where those are that are taken; tell whether there was room."""
+    """Code the starts of tracks, away from those that are taken; return whether all had room."""
     exponent = grid_exponent(points)
     distance = min_distance(points >> exponent, DISTANCES - 1)
     exponent, distance = code_grid(coder, exponent, distance)
@@ -366,7 +365,7 @@ def set_prior(motion, units, t, covariance):
 
 @inlined_kernel
 def fitted(instant, i):
-    """Position (x, y) of a track by the motion that was found so far."""
+    """Return the position (x, y) of a track by the motion estimated so far."""
     x, y = instant.starts[i, 0], instant.starts[i, 1]
     for k in range(NUM_FEATURES):
         feature = instant.features[i, k]
@@ -489,7 +488,7 @@ def code_position(coder, models, instant, units, i, t, scale):
 
 @inlined_kernel
 def learn(motion, instant, units, i, t, size, scale, variance):
-    """Learn the new motion from a track whose position is known."""
+    """Learn the new motion from a track with a known position."""
     instant.known[i] = True
     away = 0.0
     for axis in range(2):
@@ -544,7 +543,7 @@ def sum_of_known(instant):
 
 @kernel
 def new_instant(count):
-    """Room for what is found at an instant."""
+    """Return room for the results of an instant."""
     return Instant(
         np.zeros((count, NUM_FEATURES)),
         np.zeros((count, 2)),
@@ -560,7 +559,7 @@ def new_instant(count):
 
 @inlined_kernel
 def code_instant(coder, models, motion, instant, units, t, num_given, picture):
-    """Code where tracks are at instant `t` that were not lost in the one before, and go on to the next."""
+    """Code the tracks at instant `t` that were not lost in the one before, and advance to the next."""
     sides = picture.sides
     instant.known[:] = False
     instant.coefficients[:] = 0.0

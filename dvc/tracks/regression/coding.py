@@ -1,9 +1,8 @@
-"""Coding of point tracks by regression: the motion of an instant is found again from the tracks coded so far.
+"""Coding of point tracks by regression: both ends estimate the motion of an instant from the tracks so far.
 
-Each track is expected where a motion takes it that is linear in its place, its past motion and products of
-both coordinates of its place. The coefficients follow from the tracks that were coded before it at the same
-instant, by recursive least squares; what neighbours deviate from them, and by how much, is expected of it as
-well. First positions are coded as cells of a grid that are taken or not.
+The predicted motion of a track is linear in its position, its past motion and products of both coordinates of
+its position. Recursive least squares estimate the coefficients from the tracks coded before it at the same
+instant; the residuals of its neighbours are added. First positions are coded as occupied cells of a grid.
 
 References
 ----------
@@ -28,7 +27,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 NUM_FEATURES, NUM_NEIGHBOURS = _kernels.NUM_FEATURES, _kernels.NUM_NEIGHBOURS
-"""What a track's motion is linear in, and how many tracks near it are asked for their errors."""
+"""Number of features of the motion of a track, and of nearby tracks with errors that are used."""
 ROW_FEATURES = _kernels.STRIDE
 """Features in a row of the covariance, zeros at its end included."""
 
@@ -67,7 +66,7 @@ def _initial_curves() -> Floats:
 def _code_direction(
     coder: RangeCoder, models: Models, given: Integers, tracks: Integers, config: CodecConfig
 ) -> Integers:
-    """Code tracks after others that are given, and return those that were coded."""
+    """Code tracks after given ones, and return the coded ones."""
     if len(tracks) == 0:
         return tracks
     tracks = tracks.copy()
@@ -80,7 +79,7 @@ def _code_direction(
 def _code_motion(
     coder: RangeCoder, models: Models, given: Integers, tracks: Integers, config: CodecConfig
 ) -> Integers:
-    """Code where tracks go from where they begin, which is known."""
+    """Code tracks from known starts."""
     sides = num_positions(config)
     reach = max(sides[0] * sides[1] / _AREA_OF_REACH, 1.0)
     order, units, motion = _kernels.begin_motion(given, tracks, reach, _LEVEL)
