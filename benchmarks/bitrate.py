@@ -24,7 +24,7 @@ from dvc import cli
 from dvc.config import MAX_QP
 from dvc.stream import StreamReader, StreamWriter
 from dvc.video import open_video
-from encoder.leaky_bucket import TOLERANCE, WINDOW_S
+from encoder.rate_limits import TOLERANCE, WINDOW_S
 
 QP_PER_OCTAVE = 6
 """About as many halve a stream: for the next try."""

@@ -1,9 +1,17 @@
 """Limits of the resources that a stream may use, checked from its header, index and size."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from dvc.config import VideoConfig
 from dvc.errors import BitstreamError
+
+if TYPE_CHECKING:
+    from dvc.config import VideoConfig
+
+MAX_SIDE_PX = 16384
+"""Largest side of a picture."""
+MAX_TICKS_PER_SECOND = 10**6
+"""Finest clock of time stamps."""
 
 MAX_FRAMES = 1_000_000
 """Nine hours at 30 frames a second."""
@@ -34,7 +42,7 @@ class Limits:
     max_frames: int | None = None
     max_memory_mib: int = MAX_MEMORY_MIB
 
-    def check_frames(self, num_frames: int, num_bytes: int, video: VideoConfig) -> None:
+    def check_frames(self, num_frames: int, num_bytes: int, video: "VideoConfig") -> None:
         """Refuse a stream with too many frames for its size."""
         limit = MAX_FRAMES if self.max_frames is None else self.max_frames
         if self.max_frames is None:
@@ -46,7 +54,7 @@ class Limits:
         """Refuse more frames of an encoder than allowed; by default it may never end."""
         _check_frames(num_frames, num_frames if self.max_frames is None else self.max_frames)
 
-    def check_memory(self, video: VideoConfig, num_waiting: int, jobs: int) -> None:
+    def check_memory(self, video: "VideoConfig", num_waiting: int, jobs: int) -> None:
         """Refuse pictures that are too large for the number of processes and of waiting frames."""
         per_px = jobs * DECODING_BYTES_PER_PX + num_waiting * REFERENCE_BYTES_PER_PX
         needed_mib = (DECODER_BYTES + video.width * video.height * per_px) >> 20

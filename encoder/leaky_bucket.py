@@ -7,7 +7,7 @@ the tolerance. A group therefore has the quality of the one before if the level 
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import NamedTuple, Self
 
@@ -15,14 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import DEFAULT_QP, MAX_QP, WynerZivConfig
-from dvc.config.fields import check_range
+from encoder.rate_limits import TOLERANCE, WINDOW_S
 
 Floats = NDArray[np.float64]
 
-WINDOW_S = 2.0
-TOLERANCE = 0.05
-"""Relative error of the bitrate that groups of `WINDOW_S` may have."""
-MAX_BITS = 10**12
 START_S = 0.5
 """Seconds of the bitrate that the first key frame may add to its share; a smaller one comes no sooner."""
 STEPS = 4
@@ -47,25 +43,6 @@ ASKED_BPP, ASKED_OCTAVES_PER_QP = (0.008, 0.016, 0.027), 0.32
 """Bits per pixel requested at QP 30 for frames with references 2, 4, and 8 or more frames apart, and their
 fall with the QP, before any are known: means over the nine clips of the results, 49 frames at QP 24 to 36, of
 ``parity`` and ``crc`` of ``per_frame`` in the output of `dvc-rd run`."""
-
-
-@dataclass(frozen=True)
-class RateLimits:
-    """Limits of a stream."""
-
-    bits_per_s: int | None = None  # mean over `WINDOW_S`; None: constant quality
-    bits_per_frame: int | None = None  # largest key frame, and largest mean of the frames between two
-
-    @property
-    def unlimited(self) -> bool:
-        """Whether the stream has no limits."""
-        return self.bits_per_s is None and self.bits_per_frame is None
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        for name in ("bits_per_s", "bits_per_frame"):
-            if getattr(self, name) is not None:
-                check_range(name, getattr(self, name), 1, MAX_BITS)
 
 
 class ExpectedBits(NamedTuple):

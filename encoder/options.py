@@ -39,7 +39,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.errors import ConfigError
-from encoder.leaky_bucket import TOLERANCE, WINDOW_S, RateLimits
+from encoder.rate_limits import TOLERANCE, WINDOW_S, RateLimits
 from encoder.spool import FILE_MIB, MEMORY_MIB
 
 if TYPE_CHECKING:

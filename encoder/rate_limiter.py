@@ -26,10 +26,10 @@ from encoder.leaky_bucket import (
     ExpectedBits,
     LeakyBucket,
     QualityStep,
-    RateLimits,
     coarser_until,
     forecast,
 )
+from encoder.rate_limits import RateLimits
 
 PREDICTED_SHARE = 0.3
 """Bits of a predicted key frame over those of the IDR picture before it, until one is known: mean over the

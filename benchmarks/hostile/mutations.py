@@ -9,9 +9,9 @@ import numpy as np
 from dvc.bits import decode_varint, encode_varint
 from dvc.config import MAX_AREA_PX, MAX_GOP_LENGTH, MAX_POINTS
 from dvc.feedback.messages import TYPES
+from dvc.limits import MAX_SIDE_PX
 from dvc.stream import RecordType, StreamReader, StreamWriter
 from dvc.stream.records import CRC_BYTES, MAGIC, encode_configuration, frame_record, record_crc
-from dvc.video.frames import MAX_SIDE_PX
 
 Change = Callable[[bytes, np.random.Generator], bytes]
 

@@ -8,7 +8,7 @@ from dvc import extensions
 from dvc.config.fields import Section, check_choice, check_range, shown
 from dvc.errors import ConfigError
 from dvc.extensions import Registry
-from dvc.video.frames import MAX_SIDE_PX
+from dvc.limits import MAX_SIDE_PX
 
 REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")

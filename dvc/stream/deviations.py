@@ -7,7 +7,7 @@ from typing import NamedTuple
 from dvc.bits import decode_varint, encode_varint
 from dvc.config import VideoConfig
 from dvc.errors import BitstreamError
-from dvc.video.frames import MAX_TICKS_PER_SECOND
+from dvc.limits import MAX_TICKS_PER_SECOND
 
 MAX_DEVIATION_TICKS = 2**33 - 1
 

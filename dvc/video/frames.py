@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import VideoError
+from dvc.limits import MAX_SIDE_PX, MAX_TICKS_PER_SECOND
 
 Plane = NDArray[np.uint8]
 
 NEUTRAL_CHROMA = 128
-MAX_SIDE_PX = 16384
-MAX_TICKS_PER_SECOND = 10**6
-"""Finest clock of time stamps."""
 MAX_PIXELS = 2**26
 MIN_FRAME_RATE, MAX_FRAME_RATE = 1e-6, 1e6
 

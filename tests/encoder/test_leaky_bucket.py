@@ -19,16 +19,14 @@ from encoder.leaky_bucket import (
     MAX_RISE,
     START_S,
     STEPS,
-    TOLERANCE,
-    WINDOW_S,
     ExpectedBits,
     LeakyBucket,
     QualitySearch,
     QualityStep,
-    RateLimits,
     coarser_until,
     forecast,
 )
+from encoder.rate_limits import TOLERANCE, WINDOW_S, RateLimits
 
 BITS_PER_S, FRAME_RATE = 300_000, Fraction(30)
 LENGTHS = st.lists(st.integers(4, 16), min_size=12, max_size=40)

@@ -13,8 +13,8 @@ from dvc.video import Frame
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout, length_of_code
 from encoder.groups import Group
-from encoder.leaky_bucket import TOLERANCE, RateLimits
 from encoder.rate_limiter import CodedFrames, CodeKey, Coding, RateLimiter, _limit_codes, limited
+from encoder.rate_limits import TOLERANCE, RateLimits
 from tests.clips import moving_texture
 
 CONFIG = codec_config(VideoConfig(16, 16, 25, 1, luma_only=True), quality=Qp(30))

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from dvc.config import MAX_GOP_LENGTH
 from dvc.errors import BitstreamError
+from dvc.limits import MAX_TICKS_PER_SECOND
 from dvc.stream import (
     MAX_DEVIATION_TICKS,
     Deviations,
@@ -16,7 +17,6 @@ from dvc.stream import (
     gop_bits,
 )
 from dvc.stream.records import frame_record
-from dvc.video.frames import MAX_TICKS_PER_SECOND
 
 deviations = st.builds(
     lambda clock, ticks, last: Deviations(clock, (*ticks, last)),

@@ -71,9 +71,9 @@ def test_raw_files_need_size_and_rate(
         assert reader.info.num_frames == 3
         assert reader.info.frame_rate == Fraction(25, 2)
         assert all(same_frame(a, b) for a, b in zip(reader, frames, strict=True))
-    with pytest.raises(VideoError, match="needs the size"):
+    with pytest.raises(VideoError, match="requires the size"):
         open_video(path, size=size)
-    with pytest.raises(VideoError, match="needs the size"):
+    with pytest.raises(VideoError, match="requires the size"):
         open_video(path, frame_rate=25)
 
 
