@@ -48,7 +48,7 @@ def _decode(arguments: argparse.Namespace) -> int:
 
 
 def _page(arguments: argparse.Namespace) -> AbstractContextManager["ViewServer | None"]:
-    """Serve a page, where there is to be one."""
+    """Serve a page, if requested."""
     if not arguments.view:
         return nullcontext()
     from decoder.view.server import ViewServer
@@ -59,7 +59,7 @@ def _page(arguments: argparse.Namespace) -> AbstractContextManager["ViewServer |
 
 
 def _map_partial(arguments: argparse.Namespace) -> None:
-    """Map what a live run has decoded that broke off; why it did is what its end tells, not a failed map."""
+    """Map the decoded part of a live run that broke off; its own error counts, not that of the map."""
     from dvc.files import PARTIAL_SUFFIX
 
     try:
@@ -69,7 +69,7 @@ def _map_partial(arguments: argparse.Namespace) -> None:
 
 
 def _map_scene(arguments: argparse.Namespace, video: str) -> None:
-    """Map what was decoded."""
+    """Map the decoded frames."""
     from sfm.output.map_folder import map_to_folder
 
     def _report(message: str) -> None:
@@ -93,7 +93,7 @@ def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> in
             raise ConfigError(f"a punctured stream can only be decoded as it was made, with {made}")
         if arguments.punctured and reader.form == Form.NO_FEEDBACK:
             raise ConfigError(
-                "--punctured is for streams that hold more than is needed, not for no-feedback streams"
+                "--punctured requires a stream with more bits than needed, not one without feedback"
             )
         frames = arguments.frames
         wanted = None if frames is None else options.frame_range(frames, reader.index.num_frames)
@@ -136,7 +136,7 @@ def _decoded(
 
 @contextmanager
 def _naming(path: str) -> Iterator[None]:
-    """Put the name of the stream before what is wrong with it."""
+    """Prefix errors with the name of the stream."""
     try:
         yield
     except BitstreamError as err:

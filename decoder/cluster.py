@@ -1,6 +1,6 @@
 """Groups of pictures on a Dask cluster: each is a task, and one of a lost worker runs again.
 
-A worker gets its group, and nothing else of the stream; a process of its own, whose libraries are held to the
+A worker gets only its group of the stream; a process of its own, with libraries held to the
 baseline as on this machine, decodes it. A decoded group is fetched when it is next in order of display, so
 that this process holds one at a time.
 """
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 PATIENCE_S = 30.0
-"""For a group, before the cluster is asked whether there are workers at all."""
+"""Wait for a group before the cluster is asked whether it has any workers."""
 POLL_S = 1.0
-"""Time after which a worker notices that nobody wants its group."""
+"""Interval at which a worker checks that its group was not cancelled."""
 GROUPS_PER_THREAD = 2
-"""One that a thread of a worker is at, and one that it goes on with."""
+"""Number of groups per thread of a worker: one in work, and one waiting."""
 _LIKE_JOBS = 2
 """A machine of the cluster, and this one, take no more memory for a group than for two jobs."""
 
@@ -78,7 +78,7 @@ class _GroupsOnCluster:
             self._client.cancel([future for future, _ in self._futures])
 
     def _submit(self) -> None:
-        """Give the cluster as many groups as there is room for."""
+        """Submit as many groups as the cluster has room for."""
         max_open = GROUPS_PER_THREAD * max(sum(self._client.nthreads().values()), 1)
         while not self._finished and len(self._futures) < max_open:
             try:
@@ -110,7 +110,7 @@ class _GroupsOnCluster:
 
 
 def decode_group(task: GroupTask, digest: str) -> DecodedGroup | Exception:
-    """Decode a group in a process of this worker, or return what it ended with."""
+    """Decode a group in a process of this worker, or return the exception that ended it."""
     try:
         if {_loaded_digest(), codec_digest()} != {digest}:
             raise DvcError(OTHER_CODE)
@@ -127,7 +127,7 @@ def _loaded_digest() -> str:
 
 
 class _WantedGroup(StreamGroups):
-    """A group that is decoded for as long as somebody wants it."""
+    """A group that is decoded until it is cancelled."""
 
     def __init__(self, task: GroupTask) -> None:
         super().__init__([task], 1)
@@ -140,12 +140,12 @@ class _WantedGroup(StreamGroups):
             if ready := wait(busy, POLL_S):
                 return cast(list[DecodingProcess], ready)
             if not self._is_wanted():
-                raise DvcError("nobody wants this group of pictures")
+                raise DvcError("the task was cancelled")
         return []
 
 
 def _is_wanted() -> Callable[[], bool]:
-    """Return what tells whether the task that runs in this thread has been cancelled."""
+    """Return a function that checks whether the task of this thread is still executing."""
     from distributed import get_worker
 
     try:

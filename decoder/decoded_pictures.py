@@ -1,4 +1,4 @@
-"""Decoded pictures with what is known of each: what was predicted, depth, and what it cost."""
+"""Decoded pictures with their predictions, depths and costs."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -17,8 +17,8 @@ from dvc.stream import open_stream
 from dvc.video import Frame, VideoReader
 
 
-class MadeFrom(NamedTuple):
-    """What a frame was predicted by, if it was."""
+class PredictionData(NamedTuple):
+    """Data that predicted a frame, if any did."""
 
     predicted: NDArray[np.uint8] | None = None
     inverse_depth: NDArray[np.float16] | None = None
@@ -27,7 +27,7 @@ class MadeFrom(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DecodedPicture:
-    """A decoded frame, and what it was made from.
+    """A decoded frame, and the data that it was made from.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class DecodedPicture:
     camera : ndarray of shape (3, 4), float64, or None
         Of the frame, in normalised coordinates and the basis of its group's model.
     report : dict
-        What ``dvc-decode --json`` tells of the frame: ``index``, ``type``, ``bits`` by kind, and more.
+        Row of the frame in ``dvc-decode --json``: ``index``, ``type``, ``bits`` by kind, and more.
     """
 
     time_s: Fraction
@@ -57,14 +57,16 @@ def pictures_of(
     group: DecodedGroup, video: VideoConfig, rows: Sequence[dict[str, Any]]
 ) -> Iterator[DecodedPicture]:
     """Yield those pictures of a group that a report has rows of."""
-    made_from: dict[int, MadeFrom] = {
-        frame.index: MadeFrom(frame.side_information, frame.inverse_depth, frame.camera)
+    made_from: dict[int, PredictionData] = {
+        frame.index: PredictionData(frame.side_information, frame.inverse_depth, frame.camera)
         for frame in group.wyner_ziv
     }
     times_s, frames = group.times_s(video), group.frames
     for row in rows:
         number = row["index"] - group.first_index
-        yield DecodedPicture(times_s[number], frames[number], *made_from.get(row["index"], MadeFrom()), row)
+        yield DecodedPicture(
+            times_s[number], frames[number], *made_from.get(row["index"], PredictionData()), row
+        )
 
 
 def decoded_pictures(

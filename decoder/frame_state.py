@@ -1,4 +1,4 @@
-"""A Wyner-Ziv frame as far as it is decoded: what is known of it, and what its prediction is worth."""
+"""State of a Wyner-Ziv frame during decoding: decoded intervals, prediction and noise."""
 
 from dataclasses import dataclass
 
@@ -18,20 +18,20 @@ Array = NDArray[np.float64]
 INITIAL_GAIN = 1.3
 """Factor on the scale of the correlation noise before anything of a frame is decoded."""
 ERROR_FLOOR = 0.15
-"""Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
+"""Share of the bin width that counts as error even if the reconstruction agrees with the prediction."""
 
 
 @dataclass
 class KnownBand:
-    """What is known of a decoded band."""
+    """Decoded intervals of a band."""
 
-    lower: Array  # borders of the interval in which each coefficient lies
+    lower: Array  # borders of the interval of each coefficient
     upper: Array
     scale: Array  # scale of the Laplacian about its prediction
 
     @classmethod
     def of(cls, lower: Array, upper: Array, scale: Array, shape: tuple[int, int]) -> "KnownBand":
-        """Return what is known of a band whose coefficients stand in raster order."""
+        """Return the state of a band with coefficients in raster order."""
         return cls(lower.reshape(shape), upper.reshape(shape), scale.reshape(shape))
 
     def reconstruct(self, side_information: Array) -> Array:
@@ -46,9 +46,9 @@ class KnownBand:
 
 
 class FrameState:
-    """The frame as far as it is decoded: prediction, noise model, known bands.
+    """State of the frame: prediction, noise model, known bands.
 
-    What it is predicted from is not kept, but for what is used again: that would double its memory.
+    Only the parts of the prediction that are used again are kept: all of it would double the memory.
     """
 
     def __init__(self, layout: FrameLayout, prediction: Prediction, model: str) -> None:
@@ -118,18 +118,18 @@ class FrameState:
         self.set_known(band, KnownBand.of(lower, upper, self.known[band].scale, self._layout.band_shape))
 
     def refine(self) -> None:
-        """Refine the side information with what is known, where its method can."""
+        """Refine the side information by the decoded bands, if its method can."""
         if self._refiner is not None and self.known:
             self.use(self._refiner.refine(self.luma()))
 
     def refine_by_part(self, band: int, part: KnownBand) -> None:
-        """Refine the side information with a band of which some planes are missing still."""
+        """Refine the side information by a band with missing planes."""
         self.set_known(band, part)
         self.refine()
         del self.known[band]
 
     def luma(self) -> NDArray[np.uint8]:
-        """Return the frame as far as it is known."""
+        """Return the frame decoded so far."""
         return self._samples(self.bands)
 
     def refined_side_information(self) -> NDArray[np.uint8]:
@@ -150,7 +150,7 @@ def _smoothed(error: Array) -> Array:
 
 
 def _disagreement(prediction: Prediction) -> Array:
-    """Half the difference of the compensated references; of the two that differ most where there are more."""
+    """Return half the difference of the compensated references; of the two most different if many."""
     stack = np.stack(prediction.compensated)
     difference: Array = stack[0] - stack[1] if len(stack) == 2 else stack.max(axis=0) - stack.min(axis=0)
     return 0.5 * difference
@@ -160,7 +160,7 @@ Bits = NDArray[np.uint8]
 Blocks = NDArray[np.int64]
 
 NUM_FITTED_PLANES = 5
-"""Planes of a band after which the scale is fitted again; later planes tell little."""
+"""Number of planes of a band after which the scale is fitted again; later planes add little."""
 
 
 @dataclass
@@ -178,10 +178,10 @@ class Band:
     shape: tuple[int, int]
     prefix: NDArray[np.int64]
     depth: NDArray[np.int64]  # planes that are known of each coefficient
-    open: Blocks  # blocks of which further planes may be asked for
+    open: Blocks  # blocks with planes that may still be requested
     lower: Array
     upper: Array
-    num_taken: int = 0  # planes of which bits were taken in
+    num_taken: int = 0  # number of planes with received bits
 
     @classmethod
     def start(cls, number: int, quantization: Quantization, state: FrameState) -> "Band":
@@ -198,7 +198,7 @@ class Band:
 
     @property
     def known(self) -> KnownBand:
-        """What is known of it."""
+        """Decoded intervals of the band."""
         return KnownBand.of(self.lower, self.upper, self.noise, self.shape)
 
     @property
@@ -207,18 +207,18 @@ class Band:
         return self.scale * self.gain
 
     def place(self, missing: int) -> tuple[int, int]:
-        """Return the number of the band, and that in it of the plane behind which so many are missing."""
+        """Return the number of the band, and that of the plane in it that leaves `missing` planes."""
         return self.number, self.num_planes - missing - 1
 
     def worth(self, missing: int, depth: int) -> Refinement:
-        """Return what the next planes of open blocks are expected to cost and to save."""
+        """Return the expected cost and savings of the next planes of open blocks."""
         blocks = self.open
         return expected_refinement(
             self.prefix[blocks], missing + 1, self.edges, self.predicted[blocks], self.noise[blocks], depth
         )
 
     def borders(self, missing: int) -> tuple[Array, Array, Array]:
-        """Return the ends of the intervals of coefficients, and where the next plane divides those."""
+        """Return the intervals of coefficients, and the points where the next plane divides them."""
         middle, _ = quantizer.prefix_borders(2 * self.prefix + 1, missing, self.edges)
         return self.lower, middle, self.upper
 
@@ -244,15 +244,15 @@ class Band:
         )
 
     def fit(self, expected: float) -> None:
-        """Fit the scale of the noise to what is known."""
+        """Fit the scale of the noise to the decoded intervals."""
         self.gain = noise.fit_gain(self.lower, self.upper, self.predicted, self.scale, expected)
 
     def predict(self, state: FrameState) -> None:
-        """Go on with the prediction that there is now."""
+        """Continue with the current prediction."""
         self.predicted, self.scale = state.predicted[self.number].ravel(), state.scale(self.number).ravel()
         self.fit(self.gain)
 
     def forget(self) -> None:
-        """Make the intervals as wide as they were, to enter all planes anew."""
+        """Reset the intervals, to enter all planes again."""
         self.prefix[:] = self.depth[:] = 0
         self.lower, self.upper = quantizer.prefix_borders(self.prefix, self.num_planes, self.edges)

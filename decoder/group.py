@@ -1,4 +1,4 @@
-"""Decoding of the Wyner-Ziv frames of one group of pictures, whose key frames are decoded already."""
+"""Decoding of the Wyner-Ziv frames of one group of pictures between decoded key frames."""
 
 import time
 from collections.abc import Generator, Iterable, Sequence
@@ -34,21 +34,21 @@ MAX_LEVEL_PX = 2**21
 
 
 class LevelBegins(NamedTuple):
-    """Frames are decoded from here on, once there is memory for them."""
+    """Start of the decoding of frames, once enough memory is free."""
 
     rank: Rank
     frames: tuple[int, ...]  # display positions
-    num_px: int  # of all of them
+    num_px: int  # pixels of all of them
 
 
 _Place = tuple[tuple[int, Around], Learned, Allowance]
-"""A frame, and the references around it; what it learns, and what it may ask for."""
+"""A frame and its references; its learned state; the bits that it may request."""
 GroupCoroutine = Generator[Round | LevelBegins, Sequence[Bits], DecodedGroup]
-"""Yields requests and is sent their bits, and nothing where a level begins."""
+"""Yields requests and receives their bits; receives nothing at the start of a level."""
 
 
 def single_prediction(found: object, shape: tuple[int, ...], method: str) -> Prediction:
-    """Return the prediction of one frame; what a method of others returns may be anything."""
+    """Check and return the prediction of one frame, since plug-in methods may return anything."""
     named = f"side information {method!r}"
     if not isinstance(found, Sequence) or len(found) != 1 or not isinstance(found[0], Prediction):
         raise DvcError(f"{named}: expected a list of one prediction for one instant")
@@ -76,7 +76,7 @@ def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> l
 
 
 def _order(task: GroupTask, config: CodecConfig) -> list[list[tuple[int, Around]]]:
-    """Return which Wyner-Ziv frames of a group are decoded side by side, in order, from which references."""
+    """Return the Wyner-Ziv frames of a group in order of decoding, by levels, with their references."""
     references = config.gop.references
     order = decoding_order(task.first_index - 1, task.last_index, references != "keys")
     return [[place] for place in order] if references == "all" else levels(order)
@@ -94,11 +94,11 @@ class GroupDecoder:
         self._decoder = frames or WynerZivDecoder(config)
 
     def decode(self, task: GroupTask) -> DecodedGroup:
-        """Decode a group, whose record answers."""
+        """Decode a group with a record that answers."""
         return slepian_wolf.drive(self.steps(task), RecordedGroup(task, self._config).answer)
 
     def steps(self, task: GroupTask) -> GroupCoroutine:
-        """Decode a group as a coroutine, which asks for what it needs."""
+        """Decode a group as a coroutine that yields requests."""
         if not task.record.wyner_ziv:
             return DecodedGroup.of(task, [])
         if task.before is None:
@@ -149,7 +149,7 @@ class GroupDecoder:
     def _predicted(
         self, task: GroupTask, known: Known, points: Points, place: tuple[int, Around]
     ) -> DecodedFrame:
-        """Return a frame of which nothing was sent."""
+        """Return a frame that consists of its prediction."""
         (index, around), started = place, time.perf_counter()
         if task.record.wyner_ziv[index - task.first_index]:
             raise BitstreamError("a Wyner-Ziv frame of a stream without feedback is not empty")
@@ -159,7 +159,7 @@ class GroupDecoder:
     def _asked(
         self, task: GroupTask, known: Known, points: Points, level: Sequence[_Place]
     ) -> Generator[Round, Sequence[Bits], list[DecodedFrame]]:
-        """Decode frames in step; the first one's payload has what was asked for."""
+        """Decode frames in step; the payload of the first one holds the requested bits."""
         started, layout, coder = time.perf_counter(), self._decoder.layout, self._decoder.coder
         headers, coroutines = [], {}
         for (index, around), learned, allowance in level:
@@ -188,10 +188,10 @@ class GroupDecoder:
         return single_prediction(found, usable[0].frame.luma.shape, self._config.side_information.method)
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:
-        """Read what was sent of the geometry of a group."""
+        """Read the points of a group."""
         kind = self._config.tracks.kind
         if kind == "none" and tracks:
-            raise BitstreamError("tracks in a stream whose configuration has none")
+            raise BitstreamError("tracks in a stream with a configuration without tracks")
         if not tracks:
             return None
         if kind == "encoder":
@@ -208,7 +208,7 @@ class RecordedGroup:
         self._source: Answer | None = None
 
     def answer(self, asked: Round | LevelBegins) -> Sequence[Bits]:
-        """Answer requests of a level, whose payloads are read once it asks for something."""
+        """Answer requests of a level; its payloads are read at the first request."""
         if isinstance(asked, LevelBegins):
             self._level, self._source = asked.frames, None
             return ()

@@ -29,7 +29,7 @@ class GroupTask:
     first_index: int  # display position of its first frame
     before: ReferenceFrame | None  # the key frame before it; None for the first group
     key: Frame  # the key frame that ends it
-    record: GopRecord  # what the stream, or the encoder, sent of it
+    record: GopRecord  # record of the group from the stream or the encoder
     form: Form | None  # form of the stream; None if a live encoder answers
 
     def key_alone(self) -> "GroupTask":
@@ -47,13 +47,13 @@ class GroupTask:
 class Answered(NamedTuple):
     """Bits that a group has asked for together."""
 
-    number: int  # of the group
-    bits: tuple[Bits, ...]  # of each request
+    number: int  # number of the group
+    bits: tuple[Bits, ...]  # bits of each request
 
 
 @dataclass(frozen=True)
 class BandCost:
-    """What the decoded planes of a band of one frame cost."""
+    """Cost of the decoded planes of a band of one frame."""
 
     band: int  # number of the band in zigzag order
     ideal_bits: float  # ideal code length of their bits under the decoder's own prior probabilities
@@ -62,7 +62,7 @@ class BandCost:
 
 @dataclass(frozen=True)
 class DecodedFrame:
-    """One decoded Wyner-Ziv frame, what it cost, and the payload that was really needed."""
+    """One decoded Wyner-Ziv frame, its cost, and the payload that it needed."""
 
     index: int  # display position
     frame: Frame  # decoded samples
@@ -75,14 +75,14 @@ class DecodedFrame:
     parity_bits: int = 0
     num_failed_planes: int = 0  # planes that could not be verified
     num_skipped_planes: int = 0  # planes that were not asked for, not being worth their rate
-    band_costs: tuple[BandCost, ...] = ()  # cost of each band of which planes were asked for
+    band_costs: tuple[BandCost, ...] = ()  # cost of each band with requested planes
     header_bits: int = 0  # bits of its own header, and what fills up the payload
     # Payload of the punctured form: that of the first frame of a level has the bits of all of them.
     punctured: bytes = b""
     decode_s: float = 0.0  # wall-clock time, in seconds
-    # Depth that it was predicted by, where there is a dense one, in the unit of a model of its group.
+    # Inverse depth that predicted it, if dense, in the unit of a model of its group.
     inverse_depth: NDArray[np.float16] | None = None
-    camera: NDArray[np.float64] | None = None  # of the frame, in the basis of its group's model
+    camera: NDArray[np.float64] | None = None  # camera of the frame, in the basis of its group's model
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class DecodedGroup:
     first_index: int  # display position of its first frame
     wyner_ziv: tuple[DecodedFrame, ...]  # its Wyner-Ziv frames, in display order
     key: Frame  # the key frame that ends it
-    record: GopRecord  # the record of the punctured form: what was really needed
+    record: GopRecord  # record of the punctured form: the data that were needed
     # Of a live run: time from its arrival until it was handed on, in seconds, and messages with requests that
     # were sent since the group before was.
     delay_s: float | None = None
@@ -109,7 +109,7 @@ class DecodedGroup:
 
     @classmethod
     def of(cls, task: GroupTask, frames: Sequence[DecodedFrame]) -> "DecodedGroup":
-        """Return a group with the record of what was needed."""
+        """Return a group with the record of the needed data."""
         if task.form is Form.NO_FEEDBACK:
             return cls(task.first_index, tuple(frames), task.key, task.record)
         payloads = tuple(frame.punctured for frame in frames)
@@ -119,7 +119,7 @@ class DecodedGroup:
 
 
 def frames_digest(frames: Sequence[DecodedFrame]) -> int:
-    """Return what a punctured stream keeps of the decoded frames of a group."""
+    """Return the digest of the decoded frames of a group for a punctured stream."""
     crc = 0
     for decoded in frames:
         for plane in (decoded.frame.luma, *(decoded.frame.chroma or ())):
@@ -129,7 +129,7 @@ def frames_digest(frames: Sequence[DecodedFrame]) -> int:
 
 @contextmanager
 def naming_group(number: int, part: str = "") -> Iterator[None]:
-    """Say of damage in which group of pictures it is."""
+    """Prefix damage with the number of its group of pictures."""
     try:
         yield
     except BitstreamError as err:
@@ -137,41 +137,41 @@ def naming_group(number: int, part: str = "") -> Iterator[None]:
 
 
 MAX_NAMED = 20
-"""Runs of lost frames that a message names; further ones are counted."""
+"""Number of runs of lost frames that a message names; further ones are counted."""
 
 
 class Resumable(Protocol):
-    """A reader that can go on behind a damaged group of pictures."""
+    """A reader that can continue behind a damaged group of pictures."""
 
     @property
     def index(self) -> StreamIndex:
         """All groups of pictures."""
 
     def seek_gop(self, number: int) -> None:
-        """Go on reading with a certain group."""
+        """Continue reading with a certain group."""
 
 
 class Losses:
-    """Frames that are lost, of those that are wanted."""
+    """Lost frames among the requested ones."""
 
-    def __init__(self, wanted: range | None = None) -> None:
-        self._wanted = range(sys.maxsize) if wanted is None else wanted
+    def __init__(self, requested: range | None = None) -> None:
+        self._requested = range(sys.maxsize) if requested is None else requested
         self._runs: list[tuple[range, str]] = []
         self._end = ""
 
     def add(self, frames: range, reason: BitstreamError | str) -> None:
-        """Note frames that are lost, and why."""
-        first, stop = max(frames.start, self._wanted.start), min(frames.stop, self._wanted.stop)
+        """Record lost frames and the reason."""
+        first, stop = max(frames.start, self._requested.start), min(frames.stop, self._requested.stop)
         if first < stop:
             self._runs.append((range(first, stop), str(reason)))
 
     def rest_of(self, task: GroupTask, damage: BitstreamError) -> DecodedGroup:
-        """Note the Wyner-Ziv frames of a damaged group; return its key frame."""
+        """Record the Wyner-Ziv frames of a damaged group; return its key frame."""
         self.add(range(task.first_index, task.last_index), damage)
         return DecodedGroup.of(task.key_alone(), [])
 
     def pass_over(self, reader: Resumable, number: int, damage: BitstreamError) -> GopRecord | None:
-        """Go on reading behind a damaged group; return what is left of it, or none if nothing follows."""
+        """Continue reading behind a damaged group; return its remains, or None at the end."""
         with suppress(BitstreamError):
             entries = reader.index.entries
             if number < len(entries):
@@ -182,10 +182,10 @@ class Losses:
         return None
 
     def error(self, num_kept: int) -> BitstreamError | None:
-        """Return what says what is lost, if anything is: runs of frames in order of display."""
+        """Return an error that lists the lost frames in display order, if any are lost."""
         runs: list[tuple[range, str]] = []
         for frames, why in sorted(self._runs, key=lambda run: run[0].start):
-            if runs and runs[-1][0].stop == frames.start:  # for the reason of the first
+            if runs and runs[-1][0].stop == frames.start:  # keeps the first reason
                 runs[-1] = range(runs[-1][0].start, frames.stop), runs[-1][1]
             else:
                 runs.append((frames, why))

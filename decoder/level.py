@@ -1,7 +1,7 @@
 """Frames of a group that do not depend on each other, decoded in step: their next bits are one run.
 
-Check bits and rounds of requests are paid for once by all of them; what a run costs is shared by the ideal
-code lengths of their bits.
+All of them share check bits and rounds of requests. The cost of a run is divided by the ideal code lengths of
+their bits.
 """
 
 import time
@@ -18,7 +18,7 @@ from dvc.slepian_wolf import MAX_RUN_BITS, NeighbourCoupling, Part, PlaneDecoder
 from dvc.slepian_wolf.coupling import bounded_llr, ideal_bits
 
 Prior = NeighbourCoupling | NDArray[np.float64]
-"""Of the bits of a plane: as they depend on their neighbours, or LLRs."""
+"""Prior of the bits of a plane: a coupling of neighbours, or LLRs."""
 
 
 class Wish(NamedTuple):
@@ -26,8 +26,8 @@ class Wish(NamedTuple):
 
     planes: tuple[int, ...]
     areas: bytes
-    llr: NDArray[np.float64]  # of all bits, one plane after the other
-    priors: Sequence[Prior]  # of each plane
+    llr: NDArray[np.float64]  # LLRs of all bits, one plane after the other
+    priors: Sequence[Prior]  # prior of each plane
 
 
 class Decoded(NamedTuple):
@@ -35,7 +35,7 @@ class Decoded(NamedTuple):
 
     bits: Bits
     ideal_bits: float  # their ideal code length
-    paid_bits: float  # their share of what was received
+    paid_bits: float  # their share of the received bits
 
 
 FrameCoroutine = Generator[Sequence[Wish], Sequence[Sequence[Decoded]], DecodedFrame]
@@ -43,12 +43,12 @@ FrameCoroutine = Generator[Sequence[Wish], Sequence[Sequence[Decoded]], DecodedF
 
 
 class _Run:
-    """Bits of a run, and whose they are."""
+    """Bits of a run, and the frames that they belong to."""
 
     def __init__(self, wishes: Sequence[tuple[int, Wish]], first_frame: int, number: int) -> None:
         self.wishes, self._position = wishes, (first_frame, number)
         self.result: PlaneResult | None = None
-        self.decoded: list[list[Decoded]] = []  # of each wish
+        self.decoded: list[list[Decoded]] = []  # results of each wish
 
     def decode(self, decoder: PlaneDecoder) -> Generator[slepian_wolf.ParityRequest, Bits, None]:
         """Decode its bits."""
@@ -62,7 +62,7 @@ class _Run:
         self.take((yield from slepian_wolf.beginning(parts, steps)))
 
     def take(self, result: PlaneResult) -> None:
-        """Divide what was decoded."""
+        """Divide the result among the wishes."""
         self.result = result
         paid_bits, start, found = result.parity_bits + result.crc_bits, 0, []
         for _, wish in self.wishes:
@@ -86,7 +86,7 @@ class _Run:
 def decode_level(
     frames: Mapping[int, FrameCoroutine], decoder: PlaneDecoder, joins: bool
 ) -> Generator[Round, Sequence[Bits], list[DecodedFrame]]:
-    """Decode frames in step, of which the first names all runs; `joins`: whether wishes share runs."""
+    """Decode frames in step; the first one names all runs; `joins`: whether wishes share runs."""
     started, runs = time.perf_counter(), list[_Run]()
     first = min(frames)
     wishes = {index: next(frame) for index, frame in frames.items()}
@@ -119,7 +119,7 @@ def decode_level(
 
 
 def _last(frame: FrameCoroutine, again: Sequence[Sequence[Decoded]]) -> DecodedFrame:
-    """Let a frame end."""
+    """Finish a frame."""
     try:
         frame.send(again)
     except StopIteration as stop:
@@ -141,7 +141,7 @@ def _divided(asked: Sequence[tuple[int, Wish]], joins: bool) -> list[list[tuple[
 
 
 def _by_frames(runs: Sequence[_Run]) -> dict[int, list[list[Decoded]]]:
-    """Return what was decoded of each frame."""
+    """Return the decoded bits of each frame."""
     found: dict[int, list[list[Decoded]]] = {}
     for run in runs:
         for (index, _), decoded in zip(run.wishes, run.decoded, strict=True):

@@ -1,4 +1,4 @@
-"""What a decoding run writes: videos, punctured stream, report; all of it or nothing, or what was live."""
+"""Output of a decoding run: videos, punctured stream, report; complete or none, unless the run was live."""
 
 import os
 from collections.abc import Iterable
@@ -39,7 +39,7 @@ class DecodedOutput:
     ) -> None:
         kept = live is not None
         self._view = view
-        self._live = live  # so that it cannot be decoded again: what there is of it is kept
+        self._live = live  # a live run cannot be repeated: its finished part is kept
         self._path = video
         self._wanted = wanted
         self._config = config
@@ -49,7 +49,7 @@ class DecodedOutput:
         self._report_path = report
         self._report = DecodeReport(config, reference, wanted, kept=report is not None)
         self._stream: StreamWriter | None = None
-        if punctured is not None or report is not None:  # reports tell how large it would be
+        if punctured is not None or report is not None:  # reports give the size of the punctured stream
             self._file = _stream_file(punctured, stack, kept=kept)
             self._stream = StreamWriter(self._file, config, form)
         self._video = _video_writer(config, video, config.video.luma_only, stack, kept=kept)
@@ -64,7 +64,7 @@ class DecodedOutput:
         losses: Losses | None = None,
         num_frames: int | None = None,
     ) -> DvcError | None:
-        """Write all groups; show how far it is, of how many frames if that is known, and the rate so far."""
+        """Write all groups; show the progress, as a share of the frames if known, and the rate so far."""
         with cli.progress_bar("decoding", num_frames, quiet) as progress:
             try:
                 for group in groups:
@@ -85,7 +85,7 @@ class DecodedOutput:
         return failure
 
     def _report_partial(self) -> None:
-        """Report what there is of a live run that broke off."""
+        """Report the finished part of a live run that broke off."""
         if self._report_path is not None:
             to_file = "" if self._report_path == "-" else PARTIAL_SUFFIX
             with suppress(DvcError):
@@ -106,7 +106,7 @@ class DecodedOutput:
             return
         if self._stream is not None:
             self._stream.write_gop(group.record)
-            self._file.flush()  # what is finished is left where this process is killed
+            self._file.flush()  # finished groups survive a kill of this process
         self._num_coded += len(group.frames)
         self._num_bits += sum(sum(row["bits"].values()) for row in rows)
         self._rate = f"{1e-3 * self._num_bits * self._frame_rate / self._num_coded:.4g} kbit/s"
@@ -121,7 +121,7 @@ class DecodedOutput:
             cli.write_json(self._report_path, self._to_dict())
 
     def _to_dict(self) -> dict[str, Any]:
-        """Return the report, with what a link went through."""
+        """Return the report, with the history of the connection."""
         assert self._stream is not None
         report = self._report.to_dict(self._stream.num_bytes)
         if self._live is None:

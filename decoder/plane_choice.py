@@ -1,4 +1,4 @@
-"""What is asked for next of bands that are decoded side by side: which of them, and in which areas."""
+"""Choice of the next requests of bands that are decoded in parallel: bands and areas."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,14 +18,14 @@ Array = NDArray[np.float64]
 CLASSES = (range(1), range(1, 3), range(3, 6), range(6, 16))
 """Bands that turn out alike, in zigzag order."""
 MAX_WIDTH = 6
-"""Powers of two of steps, as the width of bins, from which on all count as alike."""
+"""Largest width class of bins, in powers of two of steps; wider bins share it."""
 STRENGTH_BITS = 60.0
 """Bits of a class from which on what has turned out counts more than the noise model; with 150 the rate is
 .4 % higher, with 20 it is .1 % lower (see `decoder.plane_choice.NEIGHBOURS`)."""
 
 
 class Factors(NamedTuple):
-    """What planes turn out to be over what the noise model says, on the average."""
+    """Ratio of real to expected costs and savings of planes, on average."""
 
     saved: float  # squared error that they take off
     bits: float  # that they cost
@@ -39,7 +39,7 @@ class LearnedWorth:
     sums: Array = field(default_factory=lambda: np.zeros((len(CLASSES), MAX_WIDTH + 1, 2, 2)))
 
     def factors(self, band: int, width: int, multiplier: float) -> Factors:
-        """Return what is to be made of what is expected of a band; `width`: of its bins, see `learn`."""
+        """Return the factors on the expectations of a band; `width` of its bins: see `learn`."""
         (expected, expected_bits), (seen, bits) = self._of(band, width)
         strength = STRENGTH_BITS * multiplier
         return Factors(
@@ -48,7 +48,7 @@ class LearnedWorth:
         )
 
     def learn(self, band: int, width: int, expected: tuple[float, float], seen: tuple[float, float]) -> None:
-        """Note squared error and bits of a plane, whose bins were two to the power of `width` steps wide."""
+        """Learn from a plane with bins of two to the power of `width` steps."""
         self._of(band, width)[:] += expected, seen
 
     def _of(self, band: int, width: int) -> Array:
@@ -69,7 +69,7 @@ class Learned:
         return Learned(LearnedPriors.mean([self.priors]), LearnedWorth(self.worth.sums.copy()))
 
     def joined(self, several: Sequence["Learned"]) -> "Learned":
-        """Return what was learned by copies of this, side by side."""
+        """Return the state after all copies of this have learned in parallel."""
         sums = self.worth.sums.copy()
         for other in several:
             sums += other.worth.sums - self.worth.sums
@@ -77,14 +77,14 @@ class Learned:
 
 
 HEADROOM = 1.25
-"""How much more than its part of what is left a level may ask for, where others follow it."""
+"""Factor on the share of the remaining bits that a level may request if further levels follow."""
 CHECK_BITS = 2.0 * CRC_BITS
-"""Kept back for the check of a frame."""
+"""Bits reserved for the check of a frame."""
 
 
 @dataclass
 class Allowance:
-    """What one frame may ask for; planes that were begun are finished."""
+    """Bits that one frame may request; planes that were started are finished."""
 
     bits: float = float("inf")
 
@@ -93,44 +93,44 @@ class Allowance:
         self._left = self.bits - CHECK_BITS
 
     def begin(self, expected_bits: float) -> bool:
-        """Take out what a plane is expected to cost, if so much is left."""
+        """Reserve the expected cost of a plane if enough bits remain."""
         has_room = expected_bits <= self._left
         if has_room:
             self._left -= expected_bits
         return has_room
 
     def end(self, expected_bits: float, num_bits: float) -> None:
-        """Put in its place what the plane has cost."""
+        """Replace the expected cost of a plane by the real one."""
         self._left += expected_bits - num_bits
 
 
 class GroupAllowance:
-    """What the frames of a group may still ask for."""
+    """Bits that the frames of a group may still request."""
 
-    def __init__(self, told_bits: Mapping[int, int] | None) -> None:
-        # Of frames that are not decoded yet, as the encoder has told them; None where it allows all.
-        self._told = None if told_bits is None else dict(told_bits)
-        self._left = 0.0 if told_bits is None else float(sum(told_bits.values()))
+    def __init__(self, stated_bits: Mapping[int, int] | None) -> None:
+        # Limits of frames that are not decoded yet, as the encoder states them; None without limits.
+        self._stated = None if stated_bits is None else dict(stated_bits)
+        self._left = 0.0 if stated_bits is None else float(sum(stated_bits.values()))
 
     def begin_level(self, frames: Sequence[int]) -> list[Allowance]:
         """Return what frames that are decoded side by side may ask for."""
-        if self._told is None:
+        if self._stated is None:
             return [Allowance() for _ in frames]
-        whole = sum(self._told.values())
-        told = [self._told.pop(frame) for frame in frames]
-        headroom = min(HEADROOM * sum(told), whole) / max(sum(told), 1)
+        whole = sum(self._stated.values())
+        stated = [self._stated.pop(frame) for frame in frames]
+        headroom = min(HEADROOM * sum(stated), whole) / max(sum(stated), 1)
         per_bit = headroom * max(self._left, 0.0) / max(whole, 1)
-        return [Allowance(per_bit * bits) for bits in told]
+        return [Allowance(per_bit * bits) for bits in stated]
 
     def end_level(self, num_bits: int) -> None:
-        """Take out what they have asked for."""
+        """Subtract the bits that a level requested."""
         self._left -= num_bits
 
 
 LOOK_AHEAD = 2
-"""Planes of a band that are looked at together before the next is given up."""
+"""Number of planes of a band that are judged together before the next is skipped."""
 LEAST_RUN_BITS, LEAST_PART_BITS = 8.0, 2.0
-"""What a run, and each plane in it, must save beyond what it is expected to cost."""
+"""Least savings of a run, and of each plane in it, beyond the expected cost."""
 NEIGHBOURS = 0.5
 """Weight of the 3x3 areas around one in what is made of its gain; 0 takes .2 % more rate. By
 `benchmarks.searches.settings decoder.plane_choice.NEIGHBOURS=0 --qp 28 36 --frames 33 --clips box desk river
@@ -139,7 +139,7 @@ stone street tree`, as were `decoder.plane_choice.STRENGTH_BITS` and
 
 
 class Wanted(NamedTuple):
-    """A plane of which bits are asked for."""
+    """A plane with requested bits."""
 
     band: Band
     blocks: NDArray[np.int64]
@@ -147,7 +147,7 @@ class Wanted(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """What is asked for together, in the same areas."""
+    """Planes that are requested together, in the same areas."""
 
     wanted: list[Wanted]
     planes: tuple[int, ...]  # their numbers in the frame
@@ -156,7 +156,7 @@ class Choice(NamedTuple):
 
 
 class Asking:
-    """Chooses what is worth its rate, as learned so far."""
+    """Chooses planes that are worth their rate, by the learned factors."""
 
     def __init__(self, areas: Areas, worth: LearnedWorth, cost: PlaneCost, multiplier: float) -> None:
         self._areas, self._worth, self._cost, self._multiplier = areas, worth, cost, multiplier
@@ -176,7 +176,7 @@ class Asking:
         return _run(wanted, missing, b"", 0.0)
 
     def by_areas(self, bands: Sequence[Band], missing: int) -> list[Choice]:
-        """Choose planes in those areas where they save enough, all in one run."""
+        """Choose planes in the areas with enough savings, all in one run."""
         if self._multiplier == 0:
             return _runs([Wanted(band, band.open, (0.0, 0.0)) for band in bands], missing, b"")
         worths = [band.worth(missing, min(missing + 1, LOOK_AHEAD)) for band in bands]
@@ -198,7 +198,7 @@ class Asking:
         return _runs(wanted, missing, self._areas.coded(areas), self._cost.per_plane)
 
     def _smoothed(self, gains: Array) -> Array:
-        """Let the gain of each area depend on that around it: errors are never alone."""
+        """Smooth the gain of each area by its neighbours: errors are never isolated."""
         around = uniform_filter(gains.reshape(self._areas.shape), 3, mode="nearest").ravel()
         mixed: Array = (1.0 - NEIGHBOURS) * gains + NEIGHBOURS * around
         return mixed
@@ -218,7 +218,7 @@ class Asking:
 
 
 def _runs(wanted: Sequence[Wanted], missing: int, areas: bytes, per_run: float = 0.0) -> list[Choice]:
-    """Divide what is wanted into as few runs as may be."""
+    """Divide planes into as few runs as possible."""
     runs: list[list[Wanted]] = [[]]
     for own in wanted:
         if runs[-1] and sum(other.blocks.size for other in (*runs[-1], own)) > MAX_RUN_BITS:

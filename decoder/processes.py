@@ -1,13 +1,12 @@
-"""Groups of pictures decoded at the same time, in processes whose libraries do not depend on the processor.
+"""Groups of pictures decoded in parallel, in processes with libraries that do not depend on the processor.
 
 A stream and a live encoder are decoded alike: a source gives groups in order of display, processes decode
-them, and what they ask for goes to the source. Requests for frames of a stream never come here: the process
-finds the answers in the record of the group.
+them, and their requests go to the source. Requests for frames of a stream never come here: the process finds
+the answers in the record of the group.
 
-What a decoder predicts decides what it asks for, so a punctured stream can only be decoded where the very
-same predictions are made. Libraries choose their code by the processor when they load: the processes are
-started with an environment that holds them to one baseline, whatever the program that imports this module
-has loaded before.
+Predictions determine requests, so that a punctured stream needs exactly the same predictions. Libraries choose
+their code by the processor when they load. The environment of these processes therefore holds the libraries to
+one baseline, independent of those that the parent has loaded.
 """
 
 import atexit
@@ -60,7 +59,7 @@ class DecodingProcess:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def submit(self, *messages: GroupTask | Answered) -> None:
-        """Begin groups, besides those that are under way, or go on with some."""
+        """Start groups, or continue with open ones."""
         tasks = [message for message in messages if isinstance(message, GroupTask)]
         self.num_running += len(tasks)
         if not self.num_pending:
@@ -73,7 +72,7 @@ class DecodingProcess:
             raise self._death() from err
 
     def receive(self) -> tuple[int, Outcome]:
-        """Wait for what a group asks for, or comes to."""
+        """Wait for requests or the result of a group."""
         try:
             number, outcome, num_ready, num_taken = self._connection.recv()
         except (EOFError, OSError) as err:
@@ -105,11 +104,11 @@ class DecodingProcess:
         return self._process.poll() is None
 
     def kill(self) -> None:
-        """Make it end, whatever it does."""
+        """Kill the process."""
         self._process.kill()
 
     def stop(self) -> None:
-        """End it, and let go of it."""
+        """Kill the process, and release it."""
         self.kill()
         self._process.wait()
         self._connection.close()
@@ -132,7 +131,7 @@ def stop_idle_processes() -> None:
 
 @contextmanager
 def decoding_process() -> Iterator[DecodingProcess]:
-    """Lend a process; one that comes back at work is stopped, others are kept for the next."""
+    """Lend a process; a busy one is stopped on return, idle ones are kept for the next loan."""
     with _lock:
         process = _idle.pop() if _idle else None
     if process is not None and not process.alive:
@@ -152,14 +151,14 @@ def decoding_process() -> Iterator[DecodingProcess]:
 
 
 class GroupSource(Protocol):
-    """Gives groups to be decoded, and gets what is asked for them."""
+    """Provides groups to decode, and receives their requests."""
 
     @property
     def finished(self) -> bool:
-        """Whether there are no more groups to come."""
+        """Whether all groups have been received."""
 
     def received(self) -> Iterable[GroupTask | ParityAnswer | BitstreamError]:
-        """Return what has come since the last call, without waiting; after damage nothing comes."""
+        """Return new groups and answers without waiting; nothing follows damage."""
 
     def wait(self, processes: Sequence[DecodingProcess]) -> Iterable[DecodingProcess]:
         """Wait until something comes from a process or to the source; return the processes."""
@@ -168,15 +167,15 @@ class GroupSource(Protocol):
         """Take requests of a process."""
 
     def taken(self) -> None:
-        """Notice that the next group has been handed on, so that there is room for another."""
+        """Record that the next group has been consumed, which makes room for another."""
 
 
 @dataclass
 class _Asked:
-    """What a group has asked for together."""
+    """Requests that a group has made together."""
 
     process: DecodingProcess
-    number: int  # of the group
+    number: int  # number of the group
     places: list[Place]
     answers: dict[Place, Bits] = field(default_factory=dict)
 
@@ -190,12 +189,12 @@ class GroupsInFlight:
         self._processes: list[DecodingProcess] = []
         self._waiting: deque[GroupTask] = deque()  # groups of a stream, until a process is idle
         self._asked: dict[Place, _Asked] = {}
-        self._order: deque[int] = deque()  # of groups that are not handed on
-        self._tasks: dict[int, GroupTask] = {}  # these, of which something is left where they are damaged
+        self._order: deque[int] = deque()  # numbers of the groups in work
+        self._tasks: dict[int, GroupTask] = {}  # their tasks, which remain if they are damaged
         self._outcomes: dict[int, DecodedGroup | Exception] = {}
 
     def decode(self) -> Iterator[DecodedGroup]:
-        """Decode what the source gives; what ends the run is raised after all groups before it."""
+        """Decode all groups of the source; raise errors after all groups before them."""
         failure: BaseException | None = None
         with self._stack:
             while failure is None and (self._order or not self._source.finished):
@@ -223,7 +222,7 @@ class GroupsInFlight:
         return bool(self._order) and self._order[0] in self._outcomes
 
     def _start_received(self) -> None:
-        """Hand on to processes what the source has."""
+        """Pass new groups and answers to the processes."""
         answers: dict[DecodingProcess, list[Answered]] = {}
         for received in self._source.received():
             if isinstance(received, ParityAnswer):
@@ -263,7 +262,7 @@ class GroupsInFlight:
         process.submit(task)
 
     def _pass_on(self, process: DecodingProcess) -> None:
-        """Take what a process has: further requests, or how a group ended."""
+        """Receive the requests or the result of a group from a process."""
         number, outcome = process.receive()
         if isinstance(outcome, DecodedGroup | Exception):
             self._outcomes[number] = outcome

@@ -1,4 +1,4 @@
-"""What a decoding run reports: bits, quality and time of every frame, and totals; see `docs/rd.md`."""
+"""Report of a decoding run: bits, quality and time of every frame, and totals; see `docs/rd.md`."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -20,11 +20,11 @@ BIT_CLASSES = ("key", "tracks", "parity", "crc", "header")
 CHROMA = ("psnr_cb_db", "psnr_cr_db")
 """PSNRs of chroma, where stream and reference have it."""
 PLANE_CLASSES = {"dc": range(1), "ac_1_2": range(1, 3), "ac_3_5": range(3, 6), "ac_6_15": range(6, 16)}
-"""Bands whose planes are told of together, in zigzag order."""
+"""Groups of bands that share a line of the report, in zigzag order."""
 
 
 class DecodeReport:
-    """Tells of frames, and collects what the ``--json`` option writes, unless nothing is to be kept."""
+    """Reports frames, and collects the content of ``--json`` unless nothing is to be kept."""
 
     def __init__(
         self,
@@ -49,11 +49,11 @@ class DecodeReport:
         self._next_original = 0 if wanted is None else wanted.start
         self._frames: list[dict[str, Any]] = []
         self._times_s: list[Fraction] = []  # when these are shown
-        self._delays_s: list[float] = []  # of frames of a live run
+        self._delays_s: list[float] = []  # delays of frames of a live run
         self._num_messages = 0
 
     def add(self, group: DecodedGroup) -> list[dict[str, Any]]:
-        """Enter a decoded group of pictures; return what is told of each of its frames."""
+        """Add a decoded group of pictures; return the rows of its frames."""
         rows = self._rows(group)
         if self._kept:
             self._frames += rows
@@ -157,7 +157,7 @@ class DecodeReport:
         }
 
     def _live(self) -> dict[str, Any]:
-        """Return what there is to tell of a live run only."""
+        """Return the figures of live runs only."""
         if not self._delays_s:
             return {}
         delay_s = {"median": round(median(self._delays_s), 6), "worst": round(max(self._delays_s), 6)}
@@ -173,7 +173,7 @@ def _psnr(original: NDArray[np.uint8] | None, decoded: NDArray[np.uint8]) -> flo
 
 
 def _chroma_psnrs(original: Frame | None, decoded: Frame) -> dict[str, float | None]:
-    """Return the PSNRs of both planes of chroma, if there are any."""
+    """Return the PSNRs of both planes of chroma, if the frame has chroma."""
     if original is None or original.chroma is None or decoded.chroma is None:
         return {}
     pairs = zip(original.chroma, decoded.chroma, strict=True)
@@ -187,7 +187,7 @@ def _mse_psnr(frames: list[dict[str, Any]]) -> float | None:
 
 
 def _mean_in_colour(frames: list[dict[str, Any]]) -> dict[str, float]:
-    """Return the mean PSNRs of chroma and of all planes, if there is a reference with chroma."""
+    """Return the mean PSNRs of chroma and of all planes, if the reference has chroma."""
     if not all(name in frame for frame in frames for name in CHROMA):
         return {}
     cb_db, cr_db = (fmean(_values(frames, name)) for name in CHROMA)

@@ -1,4 +1,4 @@
-"""The decoder of figure 5.1: stream or connection in; decoded groups of pictures, and what they cost, out."""
+"""Decoder of figure 5.1: stream or connection in; decoded groups of pictures, and their costs, out."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
@@ -20,7 +20,7 @@ from dvc.stream import Form, GopRecord, RecordingReader, StreamReader, check_tim
 
 Reader = StreamReader | RecordingReader
 GROUPS_PER_PROCESS = 4
-"""One that a process is at, and others that are decoded while an earlier one is slow."""
+"""Number of groups per process: one in work, and more for a slow earlier group."""
 
 
 def decode_stream(
@@ -46,7 +46,7 @@ def decode_stream(
     limits : Limits, optional
         Most that may be spent; those of the program by default.
     losses : Losses, optional
-        Notes what damage costs, and decoding goes on behind it; without it the first damage ends decoding.
+        Records the losses by damage, and decoding continues behind it; without it damage ends decoding.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def decode_stream(
 def check_stream(
     config: CodecConfig, reader: Reader, jobs: int, frames: range | None, limits: Limits
 ) -> None:
-    """Refuse a stream of too many frames, or with too large ones for so many processes."""
+    """Refuse a stream with too many frames, or with too large ones for the number of processes."""
     num_frames = reader.num_frames if frames is None else len(frames)
     limits.check_frames(num_frames, reader.num_bytes, config.video)
     num_waiting = (GROUPS_PER_PROCESS * jobs + 1) * config.gop.length
@@ -76,7 +76,7 @@ def stream_tasks(
     limits: Limits | None = None,
     losses: Losses | None = None,
 ) -> Iterator[GroupTask]:
-    """Read a stream, and decode its key frames; go on behind damage if losses are to be noted."""
+    """Read a stream, and decode its key frames; continue behind damage if losses are recorded."""
     limits = limits or Limits()
     first_group = 0 if frames is None else _first_group(config, reader, frames.start)
     tasks = _Tasks(config, reader.index.first_frame(first_group) if first_group else 0)
@@ -132,7 +132,7 @@ def _records(
 def _first_group(config: CodecConfig, reader: Reader, frame: int) -> int:
     """Return the group to start with, to decode a frame: its chain of key frames begins there or later."""
     back = config.key.intra_period + config.gop.length if config.key.predicted else 0
-    return max(reader.index.gop_of(max(frame - back, 0)) - 1, 0)  # whose key frame is before the frame
+    return max(reader.index.gop_of(max(frame - back, 0)) - 1, 0)  # its key frame precedes the frame
 
 
 def decode_live(
@@ -153,7 +153,7 @@ def decode_live(
     jobs : int, optional
         Processes that decode groups at the same time, many in each.
     stop : Readable, optional
-        Once it can be read, what is decoded already is yielded, then `KeyboardInterrupt` raised.
+        Once it is readable, decoded groups are yielded, then `KeyboardInterrupt` is raised.
     limits : Limits, optional
         Most that may be spent; by default the memory of the program, and any number of frames.
 
@@ -181,7 +181,7 @@ def decode_live(
 
 
 class StreamGroups:
-    """The groups of a stream, as many at a time as there is room for."""
+    """Groups of a stream, as many at a time as the processes have room for."""
 
     def __init__(self, tasks: Iterable[GroupTask], jobs: int) -> None:
         self._tasks = iter(tasks)
@@ -189,7 +189,7 @@ class StreamGroups:
         self.finished = False
 
     def received(self) -> Iterator[GroupTask | BitstreamError]:
-        """Read as many groups as there is room for."""
+        """Read as many groups as the processes have room for."""
         while not self.finished and self._num_open < self._max_open:
             try:
                 task = next(self._tasks, None)
@@ -208,7 +208,7 @@ class StreamGroups:
         return cast(list[DecodingProcess], wait(busy)) if busy else []
 
     def ask(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
-        """Refuse requests, of which none come: records answer them."""
+        """Refuse requests: records answer them in the processes."""
         assert not requests, process
 
     def taken(self) -> None:

@@ -1,10 +1,10 @@
-"""The process in which groups of pictures are decoded: `decoder.processes` starts it and talks to it.
+"""Process that decodes groups of pictures; `decoder.processes` starts it and talks to it.
 
-Tasks come through the connection whose file descriptor is the only argument and, if the encoder is live,
-answers to requests. What goes back has the number of its group: requests, and at last the decoded group or
-the exception that it ended with. Groups of a stream, whose records answer, are decoded one after the other.
-Groups of a live encoder are coroutines: while some wait for answers, others go on, first of all those with
-the most to be decoded after them. Memory bounds how many levels are decoded at the same time.
+Tasks, and answers of a live encoder, arrive through a connection; its file descriptor is the only argument.
+Replies carry the number of their group: requests, and finally the decoded group or the exception that ended it.
+Groups of a stream have records that answer; they are decoded in turn. Groups of a live encoder are coroutines:
+while some wait for answers, the rest continue, first those with the most levels to follow. Memory bounds the
+number of levels that are decoded at the same time.
 """
 
 import heapq
@@ -29,24 +29,24 @@ MAX_ACTIVE_PX = 3 << 20
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
-    """Decode groups until nobody wants any."""
+    """Decode groups until the connection closes."""
     _import_opencv_quietly()
     worker = _Worker(connection)
     while True:
         try:
             worker.take(wait=worker.is_idle)
             worker.step()
-        except (EOFError, OSError):  # nobody is left who wants anything
+        except (EOFError, OSError):  # the parent has closed the connection
             os._exit(0)
 
 
 class _LiveGroup:
-    """A group whose coroutine waits for its turn, for memory or for answers."""
+    """A group with a coroutine that waits for its turn, for memory or for answers."""
 
     def __init__(self, number: int, steps: "GroupCoroutine", decoder: "GroupDecoder", config: bytes) -> None:
         self.number, self.steps, self.decoder, self.config = number, steps, decoder, config
         self.rank: Rank = (0, number)
-        self.num_px = 0  # of the level that is decoded
+        self.num_px = 0  # pixels of the level that is being decoded
 
 
 class _Worker:
@@ -57,15 +57,15 @@ class _Worker:
         self._decoders = _Decoders()
         self._num_taken = 0  # messages
         self._order = count()
-        self._tasks: list[GroupTask] = []  # of streams
+        self._tasks: list[GroupTask] = []  # groups of streams
         self._groups: dict[int, _LiveGroup] = {}
-        self._ready: list[tuple[Rank, int, int, Sequence[Bits] | None]] = []  # by numbers, with what is sent
+        self._ready: list[tuple[Rank, int, int, Sequence[Bits] | None]] = []  # numbers, with bits to send
         self._paused: list[tuple[Rank, int, int]] = []  # for lack of memory
         self._used_px = 0
 
     @property
     def is_idle(self) -> bool:
-        """Whether there is nothing to do until something comes."""
+        """Whether the process has nothing to do before the next message."""
         return not (self._ready or self._tasks)
 
     def take(self, wait: bool) -> None:
@@ -86,7 +86,7 @@ class _Worker:
             with naming_group(task.number):
                 decoder = self._decoders.taken(task.config)
         except Exception as err:
-            self._send(task.number, _told(err))
+            self._send(task.number, _portable(err))
             return
         group = _LiveGroup(task.number, decoder.steps(task), decoder, task.config)
         self._groups[task.number] = group
@@ -96,7 +96,7 @@ class _Worker:
         heapq.heappush(self._ready, (group.rank, next(self._order), group.number, sent))
 
     def step(self) -> None:
-        """Decode a group of a stream, or the group of the first rank up to what it asks for next."""
+        """Decode a group of a stream, or advance the group of the first rank to its next request."""
         if self._tasks:
             self._decode(self._tasks.pop(0))
         elif self._ready:
@@ -104,18 +104,18 @@ class _Worker:
             self._advance(self._groups[number], sent)
 
     def _decode(self, task: GroupTask) -> None:
-        """Decode a group whose record answers."""
+        """Decode a group with a record that answers."""
         try:
             with naming_group(task.number):
                 decoder = self._decoders.taken(task.config)
                 outcome: object = decoder.decode(task)
                 self._decoders.give_back(decoder, task.config)
         except Exception as err:
-            outcome = _told(err)
+            outcome = _portable(err)
         self._send(task.number, outcome)
 
     def _advance(self, group: _LiveGroup, sent: Sequence[Bits] | None) -> None:
-        """Let a group go on to what it asks for, to the beginning of a level or to its end."""
+        """Advance a group to its next request, to the start of a level or to its end."""
         from decoder.group import LevelBegins
 
         try:
@@ -126,7 +126,7 @@ class _Worker:
             self._end(group, stop.value)
             return
         except Exception as err:
-            self._end(group, _told(err))
+            self._end(group, _portable(err))
             return
         if isinstance(asked, LevelBegins):
             self._used_px -= group.num_px
@@ -137,7 +137,7 @@ class _Worker:
         self._send(group.number, asked)
 
     def _resume(self) -> None:
-        """Let levels begin for which there is memory."""
+        """Start levels that fit into the memory."""
         while self._paused:
             group = self._groups[self._paused[0][2]]
             if self._used_px and self._used_px + group.num_px > MAX_ACTIVE_PX:
@@ -153,21 +153,21 @@ class _Worker:
         self._send(group.number, outcome)
 
     def _send(self, number: int, outcome: object) -> None:
-        """Send what a group asks for or comes to, and how much there is to do beside what is to be taken."""
+        """Send the requests or the result of a group, and the number of open tasks."""
         self._connection.send((number, outcome, len(self._ready) + len(self._tasks), self._num_taken))
 
 
-def _told(err: Exception) -> Exception:
-    """Return an error, in the place of one whose class the other side may be unable to read."""
+def _portable(err: Exception) -> Exception:
+    """Return an error of a class that the parent process can load."""
     if isinstance(err, DvcError):
         return err
-    told = RuntimeError(repr(err))
-    told.add_note(f"in the decoding process:\n{''.join(traceback.format_exception(err))}")
-    return told
+    error = RuntimeError(repr(err))
+    error.add_note(f"in the decoding process:\n{''.join(traceback.format_exception(err))}")
+    return error
 
 
 class _Decoders:
-    """Decoders of groups, which are kept for others of the same configuration."""
+    """Decoders of groups, kept for further groups of the same configuration."""
 
     def __init__(self) -> None:
         self._config = b""
@@ -175,7 +175,7 @@ class _Decoders:
         self._idle: list[GroupDecoder] = []
 
     def taken(self, config: bytes) -> "GroupDecoder":
-        """Return one that nobody uses."""
+        """Return an idle decoder."""
         from decoder.group import GroupDecoder
         from decoder.wyner_ziv import WynerZivDecoder
 

@@ -1,12 +1,11 @@
-"""Decoding of one Wyner-Ziv frame as a coroutine without I/O: it yields wishes and is sent bits.
+"""Decoding of one Wyner-Ziv frame as a coroutine without I/O: it yields wishes and receives bits.
 
 Bands are decoded in zigzag order, each plane by plane, in the areas where a plane saves more than it costs:
 the noise model turns side information and known planes into log-likelihood ratios, the Slepian-Wolf decoder
-asks for parity until the bits are right, and the conditional mean reconstructs the coefficients. Decoded
-planes teach the rest: scales are fitted to the decoded intervals, blocks that turned out worse than expected
-are expected to be bad in later bands, and the side information is refined and fused with that of the start.
-Bands between two refinements are decoded side by side: bits whose bins are equally wide are wished for
-together, if the coder can.
+requests parity until the bits are right, and the conditional mean reconstructs the coefficients. Later planes
+learn from decoded ones: scales are fitted to the decoded intervals, blocks with unexpected errors are expected
+to have them in later bands, and the side information is refined and fused with the initial one. Bands between
+two refinements are decoded in parallel: bits of bins of equal width are requested together, if the coder can.
 """
 
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -32,7 +31,7 @@ from dvc.wynerziv.quantizer import FrameLayout, Quantization
 Array = NDArray[np.float64]
 
 REFINE_AFTER = (0, 1, 2, 4, 8)
-"""Positions of bands in coding order after which the side information is refined, beside the last one."""
+"""Positions in coding order of the bands after which the side information is refined, besides the last."""
 REFINING_WIDTH = 4.0
 """Mean interval of the first band, in scales, below which each of its planes refines the side information."""
 
@@ -41,7 +40,7 @@ StageCoroutine = Generator[Sequence[Wish], Sequence[Sequence[Decoded]], None]
 
 
 def _between_refinements(bands: Sequence[int]) -> Iterator[Sequence[int]]:
-    """Divide bands, in coding order, where the side information is refined."""
+    """Divide bands, in coding order, at the refinements of the side information."""
     ends = [0, *(position + 1 for position in REFINE_AFTER if position + 1 < len(bands)), len(bands)]
     return (bands[first:end] for first, end in pairwise(ends) if first < end)
 
@@ -57,11 +56,11 @@ class WynerZivDecoder:
         self._areas = Areas(self.layout.band_shape)
 
     def nothing_learned(self) -> Learned:
-        """Return what is known before anything is decoded."""
+        """Return the initial state of learning."""
         return Learned(LearnedPriors(self.layout.band_shape))
 
     def predicted(self, index: int, prediction: Prediction) -> DecodedFrame:
-        """Return a frame of which nothing was sent."""
+        """Return a frame that consists of its prediction."""
         return _outcome(index, FrameState(self.layout, prediction, self._config.wyner_ziv.noise_model))
 
     def decode(
@@ -82,7 +81,7 @@ class WynerZivDecoder:
 
 
 def _outcome(index: int, state: FrameState, **costs: Any) -> DecodedFrame:
-    """Return a frame as far as it is decoded, and what it cost."""
+    """Return a frame in its current state, and its cost."""
     return DecodedFrame(
         index=index,
         frame=state.frame(),
@@ -107,8 +106,8 @@ class _Frame:
     choose: Callable[[Sequence[Band], int], list[Choice]]
     allowance: Allowance
     bands: dict[int, Band] = field(default_factory=dict)
-    taken: list[tuple[Band, Blocks]] = field(default_factory=list)  # whose bits came, in order
-    costs: dict[int, list[float]] = field(default_factory=dict)  # of bands: ideal bits, bits
+    taken: list[tuple[Band, Blocks]] = field(default_factory=list)  # received planes, in order
+    costs: dict[int, list[float]] = field(default_factory=dict)  # ideal and received bits of bands
 
     def decode(self, quantization: Quantization) -> FrameCoroutine:
         state = self.state
@@ -136,7 +135,7 @@ class _Frame:
         )
 
     def _decode_stage(self, bands: Sequence[Band]) -> StageCoroutine:
-        """Decode bands side by side, from their widest bins to the finest, each as far as that pays."""
+        """Decode bands in parallel, from their widest bins to the finest, each as deep as it pays."""
         refines = not self.state.known and len(bands) == 1
         for missing in reversed(range(max(band.num_planes for band in bands))):
             ready = [band for band in bands if band.num_planes > missing and band.open.size]
@@ -155,7 +154,7 @@ class _Frame:
                     band.predict(self.state)
 
     def _decode_planes(self, choices: Sequence[Choice], missing: int) -> StageCoroutine:
-        """Decode the next planes of some bands, in the blocks where they are wanted."""
+        """Decode the next planes of some bands, in the requested blocks."""
         priors = [[self._prior(wanted, missing) for wanted in choice.wanted] for choice in choices]
         decoded = yield [_wish(choice, own) for choice, own in zip(choices, priors, strict=True)]
         for choice, of_planes, found in zip(choices, priors, decoded, strict=True):
@@ -170,7 +169,7 @@ class _Frame:
                 self.learned.worth.learn(wanted.band.number, missing, wanted.expected, (saved, paid))
 
     def _prior(self, wanted: Wanted, missing: int) -> PlanePrior | Array:
-        """Return what is known of bits before they are decoded; LLRs alone where nothing is learned."""
+        """Return the prior of bits; plain LLRs without learned priors."""
         band, borders = wanted.band, wanted.band.borders(missing)
         if not self.has_learned_priors:
             return noise.bit_llr(*borders, band.predicted, band.noise)[wanted.blocks]
@@ -180,7 +179,7 @@ class _Frame:
         )
 
     def _correct(self, again: Sequence[Sequence[Decoded]]) -> None:
-        """Enter all bits anew, if there are some that were wrong."""
+        """Enter all bits again if some were wrong."""
         if not again:
             return
         for band in self.bands.values():
@@ -193,7 +192,7 @@ class _Frame:
 
 
 def _wish(choice: Choice, priors: Sequence[PlanePrior | Array]) -> Wish:
-    """Return what is wished for of a level."""
+    """Return the wish for a choice of planes."""
     llr = np.concatenate([prior.llr if isinstance(prior, PlanePrior) else prior for prior in priors])
     couplings = [prior.coupling if isinstance(prior, PlanePrior) else prior for prior in priors]
     return Wish(choice.planes, choice.areas, llr, couplings)

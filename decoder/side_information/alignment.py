@@ -1,9 +1,9 @@
 """Block motion after the motion of the whole frame: each reference is first warped on to the tracked points.
 
-Block motion takes every path to be a straight one at constant speed. Tracked points tell where the frame
-really is between its references: a homography per reference, fitted to them, brings both into its place, and
-block motion has only to find what is left. This serves where there is no model of the scene, as with a camera
-that only turns, and beside the model where the scene is not static.
+Block motion assumes straight paths at constant speed. Tracked points give the real position of the frame
+between its references: a homography per reference, fitted to them, warps both onto the frame, and block motion
+estimates the rest. This predicts frames without a model of the scene, as with a camera that only turns, and
+complements the model if the scene is not static.
 """
 
 import cv2
@@ -25,13 +25,13 @@ MIN_NUM_POINTS = 12
 MIN_AFFINE_POINTS = 6
 """Points that an affine map is fitted to at least; fewer give a translation."""
 REACH_PX = 3.0
-"""Points farther than this from where the map takes them do not belong to the common motion."""
+"""Largest distance of a point from its mapped position in the common motion."""
 MAX_CONDITION = 16.0
-"""Maximal quotient of the scales at which a map shows parts of a frame; beyond it the map is wrong."""
+"""Largest quotient of the scales of a plausible map over a frame."""
 
 
 def whole_frame_motion(points: Floats, matches: Floats) -> Floats:
-    """Fit the common motion of points: a homography, or less where there are few of them."""
+    """Fit the common motion of points: a homography, or fewer parameters for few points."""
     known = np.isfinite(points).all(axis=1) & np.isfinite(matches).all(axis=1)
     first, second = points[known], matches[known]
     return _fit(first, second) if len(first) else np.eye(3)
@@ -58,7 +58,7 @@ def _fit(first: Floats, second: Floats) -> Floats:
 
 
 def _is_sane(homography: Floats, points: Floats) -> bool:
-    """Tell whether a map neither turns a frame over nor shrinks parts of it beyond reason."""
+    """Return whether a map neither turns a frame over nor shrinks parts of it implausibly."""
     if not np.isfinite(homography).all():
         return False
     third = homogeneous(points) @ homography[2]
@@ -77,7 +77,7 @@ def _apply(homography: Floats, points: Floats) -> Floats:
 
 
 def homography_positions(homography: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return where a homography takes the pixels of a frame."""
+    """Return the positions of the pixels of a frame under a homography."""
     rows, columns = np.indices(shape)
     points = np.stack([columns.ravel(), rows.ravel()], axis=-1).astype(np.float64)
     limit = 4.0 * max(shape)

@@ -32,7 +32,7 @@ from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 
 MARGIN = 40
-"""Samples by which planes are padded on each side, by replication."""
+"""Padding of planes on each side, by replication."""
 
 Offsets = NDArray[np.int64]
 Luma = NDArray[np.uint8]
@@ -114,12 +114,12 @@ def resize_field(field: Offsets, rows: int, columns: int, factor: int) -> Offset
 
 
 BLOCK = 4
-"""Side of the refined blocks: that of the transform, whose coefficients become known block by block."""
+"""Side of the refined blocks: that of the transform, which reveals coefficients block by block."""
 REFINER_SMOOTHNESS = 1
 """Cost of a correction, per quarter sample, in units of absolute difference."""
 
 NUM_SUMS = 16
-"""Sums that are kept, which take twice the memory of what they are of: those of two frames side by side."""
+"""Number of sums that are kept, at twice the memory of their planes: those of two parallel frames."""
 ENOUGH = 1.5
 """Mean absolute difference of a block from its origin, in levels, that is not searched any further."""
 
@@ -142,7 +142,7 @@ SEARCHES = (
     (Search(4, 12, 2, 4), *_FINE),
     (Search(4, 8, 1, 1),),
 )
-"""Searches of the first, second, ... and all later calls: the more is known, the less there is to search."""
+"""Searches of the first, second, ... and all later calls: later ones have less to search."""
 
 
 class _Image:
@@ -153,7 +153,7 @@ class _Image:
 
     @lru_cache(NUM_SUMS)  # noqa: B019 - it is bounded
     def sums(self, side: int) -> NDArray[np.uint16]:
-        """Sums over all squares of `side` samples, which tell where there is no need to search."""
+        """Return sums over all squares of `side` samples, which exclude positions from the search."""
         height, width = self.planes.shape[2:]
         sums = np.empty((*self.planes.shape[:2], height - side + 1, width - side + 1), np.uint16)
         for phase in np.ndindex(*self.planes.shape[:2]):
@@ -198,7 +198,7 @@ class BlockRefiner:
         self._num_calls = 0
 
     def refine(self, partial: NDArray[np.uint8]) -> Prediction:
-        """Search every block anew around its present offsets; see `Refiner.refine`."""
+        """Search every block again around its current offsets; see `Refiner.refine`."""
         target, halved_target = _padded(partial), _padded(halve(partial))
         searches = SEARCHES[min(self._num_calls, len(SEARCHES) - 1)]
         self._num_calls += 1
@@ -213,7 +213,7 @@ class BlockRefiner:
         return Prediction(luma, None, tuple(compensated), self._method, refiner=self)
 
     def chroma(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
-        """Predict chroma with the offsets found so far; see `Refiner.chroma`."""
+        """Predict chroma with the current offsets; see `Refiner.chroma`."""
         return compensate_chroma(self.references, self.offsets, self._weights, BLOCK)
 
 
@@ -240,7 +240,7 @@ NUM_COARSE_LEVELS = 2
 BLOCK_PX = 8
 """Side of the blocks that move."""
 SEARCH_RADIUS_PX = 16
-"""Of the motion search, at the coarsest level."""
+"""Radius of the motion search at the coarsest level."""
 SMOOTHNESS = 6
 """Weight of smooth motion against matching blocks."""
 
@@ -305,7 +305,7 @@ def split_field(field: Offsets, position: Fraction) -> tuple[Offsets, Offsets]:
 
 
 def vector_median(field: Offsets) -> Offsets:
-    """Replace each vector by that of its 3x3 neighbourhood of the least sum of distances to the others."""
+    """Replace each vector by the one of its 3x3 neighbourhood with the least sum of distances."""
     median = np.empty_like(field)
     _kernels.vector_median(field, median)
     return median

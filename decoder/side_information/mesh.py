@@ -1,4 +1,4 @@
-"""Method `mesh`: a triangular mesh on the first key frame, whose vertices move along epipolar lines.
+"""Method `mesh`: a triangular mesh on the first key frame with vertices that move along epipolar lines.
 
 It is fitted to the correspondences by linear least squares with smooth motion; correspondences in triangles
 that turn over or compensate badly are dropped, and the fit repeated.
@@ -42,7 +42,7 @@ def epipolar_lines(warp: Floats, points: Floats) -> tuple[Floats, Floats]:
 
 
 class Barycentric(NamedTuple):
-    """Where points lie in a mesh."""
+    """Positions of points in a mesh."""
 
     vertices: NDArray[np.int64]  # corners of the triangle
     weights: Floats  # their weights, which sum to 1
@@ -102,7 +102,7 @@ RIDGE = 1e-9
 EPIPOLE_MARGIN_PX = 4.0
 """Vertices closer than this to the epipole say nothing about depth."""
 NO_PARALLAX = 1e-9
-"""Squared motion, in pixels per unit of inverse depth, from which a vertex says nothing either."""
+"""Least squared motion, in pixels per unit of inverse depth, of an informative vertex."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class MeshSettings:
 
     cell_px: int = 16  # side of its cells
     smoothness: float = 0.3  # weight of the smoothness of motions (mu)
-    # mean absolute compensation error of a triangle, in luma levels, from which its points are outliers
+    # least mean absolute compensation error of a triangle, in luma levels, that makes its points outliers
     max_error: float = 30.0
     max_fits: int = 8  # most fits
 
@@ -196,7 +196,7 @@ def _fit_once(
 
 
 def _vertex_depths(second: Floats, warp: Floats, cell: float) -> Floats:
-    """Inverse depth of the vertices by triangulation; that of the others where it is not determined."""
+    """Return the inverse depth of the vertices by triangulation, or the given one if it is undetermined."""
     vertices, epipole = second.reshape(-1, 2), warp[:, 3]
     depth, third = inverse_depths(_grid(second.shape[:2], cell), warp, vertices)
     offset = epipole[:2] - vertices * epipole[2]
@@ -214,7 +214,7 @@ def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, NDArray[np.i
 
 
 def _bad_triangles(mesh: Mesh, warp: Floats, first: Luma, second: Luma, max_error: float) -> Mask:
-    """Tell which triangles turn over or compensate badly."""
+    """Return a mask of the triangles that turn over or compensate badly."""
     depth, triangle = mesh_depth(mesh, first.shape)
     moved = warp_grid(warp, depth)
     error = np.abs(sample(second, moved) - first)

@@ -1,6 +1,6 @@
-"""What a side-information method is given and returns.
+"""Protocols of side-information methods: their inputs and outputs.
 
-Implement `SideInformationMethod` to add one, or `SceneInterpolator` where a model of the scene is all that it
+Implement `SideInformationMethod` to add one, or `SceneInterpolator` if a model of the scene is all that it
 needs: cameras, tracks, references and the blending with block motion are then looked after.
 """
 
@@ -80,7 +80,7 @@ def temporal_position(before: ReferenceFrame, after: ReferenceFrame, instant: in
 
 
 class Refiner(Protocol):
-    """Improves a prediction with what has been decoded of the frame so far."""
+    """Improves a prediction by the decoded part of the frame."""
 
     def refine(self, partial: NDArray[np.uint8]) -> "Prediction":
         """Predict again, guided by a partly decoded frame.
@@ -88,7 +88,7 @@ class Refiner(Protocol):
         Parameters
         ----------
         partial : ndarray of shape (H, W), uint8
-            Luma in which the decoded bands have replaced the prediction's.
+            Luma of the prediction with the decoded bands in place.
 
         Returns
         -------
@@ -102,7 +102,7 @@ class Refiner(Protocol):
         Returns
         -------
         tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
-            Predicted Cb and Cr; None where the sequence has none.
+            Predicted Cb and Cr; None if the sequence has no chroma.
         """
 
 
@@ -115,25 +115,25 @@ class Prediction:
     luma : ndarray of shape (H, W), float64
         Predicted luma, not rounded.
     chroma : tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
-        Predicted chroma; None where the sequence has none.
+        Predicted chroma; None if the sequence has no chroma.
     compensated : tuple of ndarray of shape (H, W), float64
-        The motion-compensated references, whose difference feeds the correlation noise model; at least one.
+        Motion-compensated references, at least one; their difference feeds the correlation noise model.
     method : str
         Name of the method that made it.
     success : bool
-        False where the method could not do its work and fell back.
+        False if the method failed and fell back.
     reason : str
         Why not; empty on success.
     expected_error : ndarray of shape (H, W), float64, or None
-        Expected absolute error of each pixel where the method can tell (hidden, border, inconsistent).
+        Expected absolute error of each pixel, if the method can estimate it (hidden, border, inconsistent).
     refiner : Refiner or None
         Improves the prediction while the frame is being decoded.
     alternatives : tuple of ndarray of shape (H, W), float64
         Other predictions of the frame, which may turn out better where this one is wrong.
     inverse_depth : ndarray of shape (H, W), float64, or None
-        What the scene is like in the frame, where the method has a dense model, in the unit of that model.
+        Inverse depth of the frame, if the method has a dense model, in the unit of that model.
     camera : ndarray of shape (3, 4), float64, or None
-        Of the frame, in the basis of its group's model, where there is one.
+        Camera of the frame, in the basis of its group's model, if it is known.
     """
 
     luma: NDArray[np.float64]
@@ -167,8 +167,8 @@ class SideInformationMethod(Protocol):
         references : sequence of ReferenceFrame
             Decoded frames, by increasing index; the first and the last are the key frames of the group.
         points : PointTracks, FeaturePoints or None
-            What was received for all frames of the group, whatever the instants: tracks from key frame to
-            key frame, or corners of the frames between them; None where the codec sends none.
+            Received points of all frames of the group, for any instants: tracks from key frame to
+            key frame, or corners of the frames between them; None if the codec sends none.
         instants : sequence of int
             Display positions wanted, between the first and the last reference.
 
@@ -195,9 +195,9 @@ class Interpolation(NamedTuple):
     expected_error : ndarray of shape (H, W), float64
         Expected absolute error, in luma levels.
     hypotheses : tuple of ndarray of shape (H, W), float64
-        The predictions that it was fused from; none where there was only one.
+        Predictions that it was fused from, if more than one.
     depth : DepthMap or None
-        Depth of the frame, where the model has a dense one.
+        Depth of the frame, if the model has a dense one.
     """
 
     luma: Floats
@@ -234,7 +234,7 @@ class SceneInterpolator(Protocol):
 
 
 class SceneInterpolatorType(Protocol):
-    """What builds a `SceneInterpolator`: mostly its class."""
+    """Builder of a `SceneInterpolator`: usually its class."""
 
     @property
     def name(self) -> str:
@@ -243,4 +243,4 @@ class SceneInterpolatorType(Protocol):
     def __call__(
         self, model: "Model", first: Luma, second: Luma, known: "Known" = (None, None)
     ) -> SceneInterpolator:
-        """Build it from a model, the luma of its two key frames, and what is known of their depth."""
+        """Build it from a model, the luma of its two key frames, and their known depths."""

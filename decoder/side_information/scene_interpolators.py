@@ -51,7 +51,7 @@ class DepthInterpolator:
 
 
 MIN_PARALLAX = 0.07
-"""Between what is nearest and what is farthest, for a second depth, as a share of the longer side."""
+"""Least range of parallax for a second depth, as a share of the longer side."""
 
 
 class AveragedDepthInterpolator:
@@ -81,7 +81,7 @@ class AveragedDepthInterpolator:
 
 
 def relative_parallax(model: Model) -> float:
-    """Measure the parallax between what is nearest and what is farthest."""
+    """Return the range of parallax in the scene relative to the longer side."""
     pair, size = model.view_pair, model.pixel_frame
     shape = size.height_px, size.width_px
     warp = warp_matrix(*pair.cameras, size)
@@ -104,7 +104,7 @@ BLOCK_PX = 4
 SPACING_PX = 2.0
 """Distance of the 4x4 samples of a block's window in the full search: it is twice as wide as the block."""
 WINDOW_RADIUS_PX = 3
-"""Of the window of the golden section."""
+"""Radius of the window of the golden section."""
 START_WEIGHT, START_LIMIT = 4.0, 40.0
 """Cost per hypothesis of leaving the start, and its limit: above it a block may go anywhere."""
 SWEEP = SweepSettings(step_px=0.8, max_hypotheses=96, small_jump=10, large_jump=100)
@@ -138,7 +138,7 @@ class BlockInterpolator:
         return interpolate(self.views, depth, camera, temporal_position, frame)
 
     def _block_depths(self, camera: Floats, rendered: DepthMap) -> Floats:
-        """Search the inverse depth of every block of a view, from what was rendered there."""
+        """Search the inverse depth of every block of a view, starting from the rendered one."""
         frame = self._model.pixel_frame
         first, second = (warp_matrix(camera, view.camera, frame) for view in self.views)
         view = VirtualView(self._features, (first, second), BLOCK_PX)
@@ -174,12 +174,12 @@ class BlockInterpolator:
 
 
 def _relative_motion(warp: Floats) -> float:
-    """How much depth moves points: the key frame whose centre is farther from the wanted one moves most."""
+    """Return a measure of the motion by depth, which grows with the distance between the camera centres."""
     return float(np.linalg.norm(warp[:, 3]) / np.linalg.norm(warp[:, :3]))
 
 
 def _start_cost(start: Floats, hypotheses: DepthHypotheses) -> NDArray[np.int16]:
-    """Cost of leaving where a block starts, per block and hypothesis."""
+    """Return the cost of leaving the start of a block, per block and hypothesis."""
     distance = np.abs(
         hypotheses.inverse_depth(np.arange(float(hypotheses.num_hypotheses))) - start[..., None]
     )
@@ -218,7 +218,7 @@ def spread_blocks(depth: Floats, block_px: int, shape: tuple[int, ...]) -> Float
 
 
 BLOCK_WEIGHT = 0.5
-"""Of blocks, where they expect the same error as rendered depth: they are mostly a little worse."""
+"""Weight of blocks relative to rendered depth of equal expected error: they are mostly a little worse."""
 DISAGREEMENT = 0.5
 """Part of the squared difference of the two that is added to their squared error."""
 

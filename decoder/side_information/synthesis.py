@@ -1,7 +1,7 @@
 """View synthesis: a frame predicted from its depth and two key frames, by backward warps and blending.
 
-Every pixel fetches its level from both key frames. A key frame that does not see the point, outside the frame
-or behind something, has no say where the other one does.
+Every pixel fetches its level from both key frames. A key frame in which the point is outside or hidden has no
+weight if the other one sees it.
 """
 
 from collections.abc import Sequence
@@ -58,7 +58,7 @@ def blend(
     reliable: Mask,
     temporal_position: float,
 ) -> Interpolation:
-    """Blend what the key frames say, by time and by what they see."""
+    """Blend both key frames by time and visibility."""
     first = (1.0 - temporal_position) * visibility[0] + 1e-12
     second = temporal_position * visibility[1] + 1e-12
     share = second / (first + second)

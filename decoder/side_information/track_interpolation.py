@@ -168,7 +168,7 @@ MIN_PACE_PX = 0.1
 POSITION_STEPS = 16
 """Steps in which the place between the references is told to block motion."""
 UNSEEN = 1e-6
-"""Say of a reference that does not reach, so that there is one where both do not."""
+"""Weight of a reference outside its coverage, so that the sum is never zero."""
 
 
 class _Weighted(NamedTuple):
@@ -186,7 +186,7 @@ def interpolate_by_tracks(
     points: tuple[Floats, Floats, Floats],
     moves: bool = True,
 ) -> Interpolation:
-    """Predict a frame between two references; with block motion, where there is nothing better."""
+    """Predict a frame between two references; by block motion if nothing better exists."""
     before, wanted, after = points
     warps = (
         warp_by_tracks(around[0].frame.luma, wanted, before),
@@ -202,8 +202,8 @@ def interpolate_by_tracks(
     share = np.floor(both) * np.maximum(1.0 - misfit / np.maximum(warped.difference, NOISE), 0.0)
     luma = warped.luma + share * (moved.luma - warped.luma)
     agreed = MEAN_ERROR * np.sqrt(warped.error + share * (moved.error - warped.error))
-    alone = np.minimum(warps[0].expected_error, warps[1].expected_error)
-    error = both * agreed + (1.0 - both) * alone
+    single = np.minimum(warps[0].expected_error, warps[1].expected_error)
+    error = both * agreed + (1.0 - both) * single
     limit = 2.0 * error
     compensated = tuple(luma + np.clip(warp.luma - luma, -limit, limit) for warp in warps)
     positions = tuple(warp.positions for warp in warps)
@@ -230,7 +230,7 @@ def _error_shares(
 
 
 def _filled(warp: TrackedWarp, other: TrackedWarp) -> Floats:
-    """Return a warped reference; what it does not cover is the other's."""
+    """Return a warped reference, filled from the other one outside its coverage."""
     filled: Floats = np.where((warp.coverage < 1.0) & (other.coverage > warp.coverage), other.luma, warp.luma)
     return filled
 
@@ -238,7 +238,7 @@ def _filled(warp: TrackedWarp, other: TrackedWarp) -> Floats:
 def _weighted(
     lumas: tuple[Floats, Floats], warps: tuple[TrackedWarp, TrackedWarp], shares: tuple[Floats, Floats]
 ) -> _Weighted:
-    """Average two references by what they cover and by the error that each has of their difference."""
+    """Average two references by their coverage and by the share of each in the error of their difference."""
     difference = neighbourhood((lumas[0] - lumas[1]) ** 2)
     errors = NOISE + shares[0] * difference, NOISE + shares[1] * difference
     first, second = ((warp.coverage + UNSEEN) / error for warp, error in zip(warps, errors, strict=True))
@@ -253,7 +253,7 @@ def _block_motion(
     warps: tuple[TrackedWarp, TrackedWarp],
     distances: tuple[int, int],
 ) -> tuple[Floats, Floats]:
-    """Compensate what is left of the motion: the farther a reference is, the more of it is that one's."""
+    """Compensate the remaining motion, divided by the distances of the references."""
     paces = [
         float(np.median(warp.displacement_px)) + MIN_PACE_PX * distance
         for warp, distance in zip(warps, distances, strict=True)

@@ -2,7 +2,7 @@
 
 Tracks give every frame of a group of pictures its camera, so that any two decoded frames can serve as
 references of those between them. The prediction by the scene is joined with that of block motion after
-alignment by the same tracks, each where it finds its references consistent.
+alignment by the same tracks, by the consistency of their references.
 
 References
 ----------
@@ -42,28 +42,28 @@ Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
 
 MAX_TRACK_RMS_PX = 1.5
-"""Tracks farther from where the cameras see their points are wrong, or on something that moves."""
+"""Largest distance of a track from the projection of its point; tracks beyond are wrong or move."""
 MAX_TRACK_SIGMA = 6.0
-"""Tracks whose point may be off by more than this many times the tracker's error have no reliable depth."""
+"""Largest error of a point, relative to that of the tracker, with a reliable depth."""
 
 
 @dataclass(frozen=True, eq=False)
 class GroupGeometry:
-    """What is known of the scene and the camera in one group of pictures."""
+    """Scene and cameras of one group of pictures."""
 
     first_index: int  # display position of the first key frame
     tracks: PointTracks  # tracked points
-    model: Model | None  # the scene, from the two key frames; None where there is none that can be trusted
-    # camera of each frame, key frames included, in the basis of the model; None where there is none
+    model: Model | None  # the scene from the two key frames; None without a reliable one
+    # camera of each frame, key frames included, in the basis of the model; None if unknown
     cameras: tuple[Floats | None, ...]
     reason: str  # why the model is missing
     camera_reasons: tuple[str, ...]  # why cameras are missing
-    # whether there may be a scene between frames of the group where there is none between its ends: not where
+    # whether parts of the group may have a scene if its ends have none: not if
     # the camera only turned, or stood still
-    hopeful: bool
+    parts_may_have_geometry: bool
 
     def positions(self, index: int) -> Floats:
-        """Return where the points are in one frame."""
+        """Return the positions of the points in one frame."""
         positions: Floats = self.tracks.positions[:, index - self.first_index]
         return positions
 
@@ -76,7 +76,7 @@ class GroupGeometry:
         return PointTracks(self.tracks.positions[:, first - self.first_index : last + 1 - self.first_index])
 
     def missing(self, *indices: int) -> str:
-        """Say why the scene cannot be used with some frames; nothing if it can."""
+        """Return why the scene cannot be used with some frames; empty if it can."""
         reasons = (self.camera_reasons[index - self.first_index] for index in indices)
         return self.reason or next((reason for reason in reasons if reason), "")
 
@@ -118,8 +118,10 @@ def estimate_geometry(
     number, positions = tracks.num_instants, tracks.positions
     if reconstruction.model is None or not reconstruction.success:
         none: tuple[Floats | None, ...] = (None,) * number
-        hopeful = reconstruction.motion not in ("rotation", "none")
-        return GroupGeometry(first_index, tracks, None, none, reconstruction.reason, ("",) * number, hopeful)
+        parts_may_have_geometry = reconstruction.motion not in ("rotation", "none")
+        return GroupGeometry(
+            first_index, tracks, None, none, reconstruction.reason, ("",) * number, parts_may_have_geometry
+        )
     model = reconstruction.model
     ends = positions[:, 0], positions[:, -1]
     instants = [tracked_points(model, *ends, positions[:, k], k / (number - 1)) for k in range(1, number - 1)]
@@ -139,7 +141,7 @@ def estimate_geometry(
 
 
 def in_rigid_order(geometry: GroupGeometry) -> GroupGeometry:
-    """Put the depths of a group of pictures in the order in which a rigid motion sees them."""
+    """Order the depths of a group of pictures as a rigid motion sees them."""
     from sfm.cameras.depth_order import rigid_order
 
     assert geometry.model is not None
@@ -151,8 +153,7 @@ def in_rigid_order(geometry: GroupGeometry) -> GroupGeometry:
 
 
 SETTLED_DISTANCE = 2
-"""Between references not more frames apart, depth that they have from others is not found anew: that comes of
-longer baselines."""
+"""Largest distance of references in frames that keep depth from other pairs, which have longer baselines."""
 
 
 class _Pair(NamedTuple):
@@ -165,14 +166,14 @@ class _Pair(NamedTuple):
 
 
 class _FoundDepth(NamedTuple):
-    """Depth of a frame, and the references by which it was found."""
+    """Depth of a frame, and the references that gave it."""
 
     rank: tuple[int, int]  # how far apart they are, and minus the first: the greatest counts, in any order
     depth: DepthMap
 
 
 class _Group(NamedTuple):
-    """Geometry between two frames, and the depth of frames between them as far as it was found by it."""
+    """Geometry between two frames, and the depths of frames between them found so far."""
 
     ends: tuple[ReferenceFrame, ReferenceFrame]
     geometry: GroupGeometry
@@ -181,7 +182,7 @@ class _Group(NamedTuple):
 
 
 class TrackedSceneInterpolation:
-    """Prediction from a model of the scene whose cameras follow from tracked points."""
+    """Prediction from a model of the scene with cameras from tracked points."""
 
     def __init__(self, interpolator: SceneInterpolatorType, config: CodecConfig) -> None:
         self.name = interpolator.name
@@ -214,7 +215,7 @@ class TrackedSceneInterpolation:
     def _group(
         self, ends: tuple[ReferenceFrame, ReferenceFrame], points: PointTracks | FeaturePoints
     ) -> _Group:
-        """Return what is known of a group of pictures; the last one is kept, with its parts."""
+        """Return the state of a group of pictures; the last one and its parts are kept."""
         known = self._groups.get((ends[0].index, ends[1].index))
         if known is not None and known.ends[0] is ends[0] and known.ends[1] is ends[1]:
             return known
@@ -257,15 +258,15 @@ class TrackedSceneInterpolation:
         where = group.geometry.positions
         tracks = where(around[0].index), where(instant), where(around[1].index)
         rendered, reason = self._rendered(group, around, instant, tracks)
-        alone, warped = self._without_scene(
+        unaided, warped = self._without_scene(
             around, instant, tracks, rendered is None or group.geometry.model is None
         )
         if rendered is not None:
-            blended = replace(blend_tracked(alone, rendered), camera=group.geometry.camera(instant))
+            blended = replace(blend_tracked(unaided, rendered), camera=group.geometry.camera(instant))
             return completed(blended, rendered, frames, self.name)
         if warped is not None:
-            alone = completed(alone, warped, frames, alone.method)
-        return replace(alone, success=False, reason=reason)
+            unaided = completed(unaided, warped, frames, unaided.method)
+        return replace(unaided, success=False, reason=reason)
 
     def _without_scene(
         self,
@@ -274,7 +275,7 @@ class TrackedSceneInterpolation:
         tracks: tuple[Floats, Floats, Floats],
         moves: bool,
     ) -> tuple[Prediction, Interpolation | None]:
-        """Predict a frame from tracks alone; say where its pixels come from, if that is to be completed."""
+        """Predict a frame from tracks only; return also the warped references, if it is to be completed."""
         if self._settings.fallback == "block-motion":
             return self._aligned.predict(around, instant, tracks), None
         warped = interpolate_by_tracks(around, instant, tracks, moves)
@@ -299,7 +300,7 @@ class TrackedSceneInterpolation:
         before, after = around
         geometry = group.geometry
         reason = geometry.missing(before.index, instant, after.index)
-        if reason and geometry.hopeful:
+        if reason and geometry.parts_may_have_geometry:
             group = self._part(group, around)
             geometry = group.geometry
             reason = geometry.missing(before.index, instant, after.index)
@@ -339,7 +340,7 @@ def _end_to_end(tracks: PointTracks) -> Correspondences:
 
 
 def _known_depth(group: _Group, index: int, distance: int) -> KnownDepth:
-    """Return what longer distances than that of two references have told of the depth of one of them."""
+    """Return the depth of a reference that longer baselines than that of a pair have given."""
     if index not in group.points:
         group.points[index] = group.geometry.known_depth(index)
     found = group.depths.get(index)

@@ -1,9 +1,9 @@
 """Prediction from a model of the scene without tracks: the codec 3D-DVC.
 
 The reconstruction of each pair of references is kept while frames between them are predicted. Without tracks
-the path of the camera between them is a guess, so three things hedge it: the prediction is averaged along the
-guessed motion, it is blended with that of block motion according to where either finds its references
-consistent, and block motion serves alone where there is no model that can be trusted.
+the path of the camera between them is a guess, hedged in three ways: the prediction is averaged along the
+guessed motion; it is blended with that of block motion by the consistency of their references; and block motion
+replaces it without a reliable model.
 
 References
 ----------
@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 
 
 class _Scene(NamedTuple):
-    """What is known of the scene between two references; no interpolator where nothing can be trusted."""
+    """Model of the scene between two references; no interpolator without a reliable one."""
 
     before: ReferenceFrame
     after: ReferenceFrame

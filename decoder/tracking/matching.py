@@ -1,4 +1,4 @@
-"""From received corners to tracks: which correspondences to follow, and where they are in each frame.
+"""From received corners to tracks: the choice of correspondences, and their positions in each frame.
 
 References
 ----------
@@ -34,10 +34,10 @@ class TrackingSettings:
     # how the common deviation of a frame is found
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     snakes: SnakeSettings = field(default_factory=SnakeSettings)  # how snakes are fitted
-    support: float = 0.3  # share of the frames that are followed in which a snake must have found a point
+    support: float = 0.3  # least share of the tracked frames in which a snake has located a point
     # a frame is followed if more snakes than this many standard deviations above chance found a point
     significance: float = 6.0
-    # ... and so many more, which an affine map and the search for it may have fitted to chance
+    # ... and as many more as an affine map and its search may fit by chance
     min_matches: int = 10
 
 
@@ -72,7 +72,7 @@ def match_points(
 def _beyond_chance(
     seen: Mask, frames: list[ReceivedPoints], num_pixels: int, settings: TrackingSettings
 ) -> Mask:
-    """Tell in which frames (T,) more snakes found a point than would among points that lie anywhere."""
+    """Return a mask (T,) of frames in which snakes located more points than among random ones."""
     disc_px2 = math.pi * settings.snakes.radii_px[-1] ** 2
     density = np.array([len(frame) for frame in frames]) / num_pixels
     expected = len(seen) * disc_px2 * density
@@ -81,7 +81,7 @@ def _beyond_chance(
 
 
 def _inside(points: Floats, shape: tuple[int, ...]) -> Floats:
-    """Leave out what is no point of the image, and what is there twice."""
+    """Remove points outside the image, and duplicates."""
     points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
     size = np.array(shape[::-1])
     with np.errstate(invalid="ignore"):

@@ -1,9 +1,8 @@
-"""Corners of the key frames that are likely to be found in the frames between as well.
+"""Corners of the key frames that detectors are likely to find in the frames between as well.
 
-A detector does not find the very point that correspondences were found for, but the strongest response near
-it, a pixel or so away; and it does so in every frame. So the curve that is followed is that of the corner,
-which begins and ends where the key frames' response is strongest, and what is said of a track in the end is
-where the point itself must be.
+In every frame a detector finds the strongest response near the point of a correspondence, about a pixel away.
+Matching therefore follows the curve of the corner, between the strongest responses in the key frames. The final
+track is that of the point itself, at its offset from the corner.
 """
 
 from typing import NamedTuple
@@ -21,11 +20,11 @@ SEARCH_RADIUS_PX = 2
 """How far a corner may be from its point, by rows and by columns."""
 
 MAX_DRIFT_PX = 1.5
-"""A corner whose place relative to its point changes more than this is no corner of the scene."""
+"""Largest change of the position of a corner relative to its point: others are no corners of the scene."""
 
 
 class PairedCorners(NamedTuple):
-    """Correspondences, and the corners beside them."""
+    """Correspondences, and the corners next to them."""
 
     pairs: Correspondences  # the points, in pixels
     first: Floats  # the strongest response of the detector at each point, in the key frames
@@ -88,7 +87,7 @@ def strongest_nearby(response: Floats, places: Floats, radius: int) -> tuple[Flo
 
 
 def _vertex(before: Floats, after: Floats, centre: Floats, defined: NDArray[np.bool_]) -> Floats:
-    """Where parabolas through three neighbours, of which the middle is the largest, have their vertex."""
+    """Return the vertices of parabolas through three neighbours; the middle one is the largest."""
     before, after, centre = (np.where(defined, values, 0.0) for values in (before, after, centre))
     curvature = 2.0 * centre - before - after
     return np.asarray(0.5 * (after - before) / np.where(curvature > 0, curvature, 1.0))

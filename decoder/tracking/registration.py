@@ -1,9 +1,8 @@
-"""What the motion of a whole frame has in common: how far all points are from constant velocity.
+"""Common motion of a whole frame: the deviation of all points from constant velocity.
 
-A camera that is held by hand is as far from its even path as all points of the frame agree that it is. So
-this is found first, with no regard to which point is which: the difference from the predicted to the received
-points that occurs most often is a shift of the frame. An affine map of the place and of the motion of a point
-then turns, zooms and hurries or delays the frame.
+The deviation of a hand-held camera from an even path is common to all points of a frame. It is estimated first,
+without correspondences: the most frequent difference between predicted and received points is a shift of the
+frame. An affine map of the position and of the motion of a point then turns, zooms, advances or delays the frame.
 
 References
 ----------
@@ -36,16 +35,16 @@ class RegistrationSettings:
     blur_px: float = 1.5  # standard deviation of the window under which equal differences are counted
     # how much of the motion between the key frames a frame may be ahead or behind
     temporal_offset: float = 0.3
-    # offsets that move half of the points less than this, relative to the others, are not told apart
+    # offsets that move half of the points less than this, relative to the rest, are not distinguished
     offset_step_px: float = 2.0
-    num_candidates: int = 4  # shifts from which the map of a frame is refined
+    num_candidates: int = 4  # number of shifts that start a refinement of the map
     # a change of the deviation from a frame to the next that is as unlikely as one point without a match
     jitter_px: float = 6.0
     num_sweeps: int = 1  # times that each frame is tried with the deviations of its neighbours
-    # distances up to which points are matched, from one step of the refinement to the next
+    # largest matching distances, from one step of the refinement to the next
     radii_px: tuple[float, ...] = (8.0, 6.0, 5.0, 4.0, 3.0, 2.5)
     distance_px: float = 1.0  # from here on the weight of a match decreases as the square of its distance
-    # standard deviation of each term of the affine map but the shift, where it is largest
+    # standard deviation of each term of the affine map except the shift, at its largest
     prior_px: float = 8.0
 
 
@@ -75,7 +74,7 @@ class ReceivedPoints:
 
 
 def affine_terms(first: Floats, second: Floats) -> Floats:
-    """Return what the deviation of a point from constant velocity is linear in."""
+    """Return the linear features of the deviation of a point from constant velocity."""
     place, motion = 0.5 * (first + second), second - first
     place = place - np.median(place, axis=0)
     motion = motion - np.median(motion, axis=0)

@@ -34,7 +34,7 @@ class SnakeSettings:
     # weight of the difference between neighbours that are close in place and motion (mu^2)
     coupling: float = 1.0
     near_px: float = 40.0  # neighbours that are this far apart are coupled half as much
-    alike_px: float = 4.0  # so are neighbours whose motion differs by this much
+    alike_px: float = 4.0  # largest difference in motion of neighbours that count as alike
     ridge: float = 0.02  # weight that holds snakes which nothing determines
 
 
@@ -42,7 +42,7 @@ class Snakes(NamedTuple):
     """Curves between two key frames."""
 
     positions: Floats  # each curve at the frames between the key frames, in pixels
-    received: Floats  # the received point that belongs to each, nan where there is none
+    received: Floats  # the received point of each, nan without one
 
 
 def fit_snakes(
@@ -137,7 +137,7 @@ MAX_ITERATIONS = 200
 
 
 def _bent_twice(deviation: Floats) -> Floats:
-    """Apply the second difference in time (N, T, 2) and its transpose; at both ends there is 0."""
+    """Apply the second difference in time (N, T, 2) and its transpose, 0 at both ends."""
     ends = np.zeros_like(deviation[:, :1])
     padded = np.concatenate([ends, deviation, ends], axis=1)
     bent = 2.0 * padded[:, 1:-1] - padded[:, :-2] - padded[:, 2:]
