@@ -4,9 +4,9 @@ A stream and a live encoder are decoded alike: a source gives groups in order of
 them, and their requests go to the source. Requests for frames of a stream never come here: the process finds
 the answers in the record of the group.
 
-Predictions determine requests, so that a punctured stream needs exactly the same predictions. Libraries choose
-their code by the processor when they load. The environment of these processes therefore holds the libraries to
-one baseline, independent of those that the parent has loaded.
+Predictions determine requests, so that a punctured stream needs exactly the same predictions. Libraries
+choose their code by the processor when they load. The environment of these processes therefore holds the
+libraries to one baseline, independent of those that the parent has loaded.
 """
 
 import atexit

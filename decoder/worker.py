@@ -1,10 +1,10 @@
 """Process that decodes groups of pictures; `decoder.processes` starts it and talks to it.
 
 Tasks, and answers of a live encoder, arrive through a connection; its file descriptor is the only argument.
-Replies carry the number of their group: requests, and finally the decoded group or the exception that ended it.
-Groups of a stream have records that answer; they are decoded in turn. Groups of a live encoder are coroutines:
-while some wait for answers, the rest continue, first those with the most levels to follow. Memory bounds the
-number of levels that are decoded at the same time.
+Replies carry the number of their group: requests, and finally the decoded group or the exception that ended
+it. Groups of a stream have records that answer; they are decoded in turn. Groups of a live encoder are
+coroutines: while some wait for answers, the rest continue, first those with the most levels to follow. Memory
+bounds the number of levels that are decoded at the same time.
 """
 
 import heapq

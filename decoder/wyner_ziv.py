@@ -3,9 +3,10 @@
 Bands are decoded in zigzag order, each plane by plane, in the areas where a plane saves more than it costs:
 the noise model turns side information and known planes into log-likelihood ratios, the Slepian-Wolf decoder
 requests parity until the bits are right, and the conditional mean reconstructs the coefficients. Later planes
-learn from decoded ones: scales are fitted to the decoded intervals, blocks with unexpected errors are expected
-to have them in later bands, and the side information is refined and fused with the initial one. Bands between
-two refinements are decoded in parallel: bits of bins of equal width are requested together, if the coder can.
+learn from decoded ones: scales are fitted to the decoded intervals, blocks with unexpected errors are
+expected to have them in later bands, and the side information is refined and fused with the initial one.
+Bands between two refinements are decoded in parallel: bits of bins of equal width are requested together, if
+the coder can.
 """
 
 from collections.abc import Callable, Generator, Iterator, Sequence

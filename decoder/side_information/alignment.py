@@ -1,9 +1,9 @@
 """Block motion after the motion of the whole frame: each reference is first warped on to the tracked points.
 
 Block motion assumes straight paths at constant speed. Tracked points give the real position of the frame
-between its references: a homography per reference, fitted to them, warps both onto the frame, and block motion
-estimates the rest. This predicts frames without a model of the scene, as with a camera that only turns, and
-complements the model if the scene is not static.
+between its references: a homography per reference, fitted to them, warps both onto the frame, and block
+motion estimates the rest. This predicts frames without a model of the scene, as with a camera that only
+turns, and complements the model if the scene is not static.
 """
 
 import cv2

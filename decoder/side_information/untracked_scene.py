@@ -2,8 +2,8 @@
 
 The reconstruction of each pair of references is kept while frames between them are predicted. Without tracks
 the path of the camera between them is a guess, hedged in three ways: the prediction is averaged along the
-guessed motion; it is blended with that of block motion by the consistency of their references; and block motion
-replaces it without a reliable model.
+guessed motion; it is blended with that of block motion by the consistency of their references; and block
+motion replaces it without a reliable model.
 
 References
 ----------

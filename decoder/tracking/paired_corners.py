@@ -1,8 +1,8 @@
 """Corners of the key frames that detectors are likely to find in the frames between as well.
 
 In every frame a detector finds the strongest response near the point of a correspondence, about a pixel away.
-Matching therefore follows the curve of the corner, between the strongest responses in the key frames. The final
-track is that of the point itself, at its offset from the corner.
+Matching therefore follows the curve of the corner, between the strongest responses in the key frames. The
+final track is that of the point itself, at its offset from the corner.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,9 @@
 """Common motion of a whole frame: the deviation of all points from constant velocity.
 
-The deviation of a hand-held camera from an even path is common to all points of a frame. It is estimated first,
-without correspondences: the most frequent difference between predicted and received points is a shift of the
-frame. An affine map of the position and of the motion of a point then turns, zooms, advances or delays the frame.
+The deviation of a hand-held camera from an even path is common to all points of a frame. It is estimated
+first, without correspondences: the most frequent difference between predicted and received points is a shift
+of the frame. An affine map of the position and of the motion of a point then turns, zooms, advances or delays
+the frame.
 
 References
 ----------
