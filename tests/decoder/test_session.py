@@ -265,7 +265,7 @@ def with_tracks(config: CodecConfig, tracks: bytes, position: int) -> bytes:
 @pytest.mark.parametrize(
     ("config", "tracks", "position", "message"),
     [
-        (CONFIG, b"x", 1, "group of pictures 1: tracks in a stream whose configuration has none"),
+        (CONFIG, b"x", 1, "group of pictures 1: tracks in a stream with a configuration without tracks"),
         (CONFIG, b"x", 0, "group of pictures 0: tracks, but no Wyner-Ziv frames"),
         (TRACKED, b"\xff" * 9, 1, "group of pictures 1: "),
         (TRACKED, b"\x00", 1, "group of pictures 1: "),
