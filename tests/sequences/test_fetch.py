@@ -16,9 +16,9 @@ import pytest
 from dvc.video import Frame, create_video, open_video
 from sequences import fetch as fetching
 from sequences.__main__ import main
-from sequences.sources import NOT_REPEATABLE, SOURCES, Source
+from sequences.clip_sources import DIGESTS, NOT_REPEATABLE, SOURCES, Source
 
-CLIP = Source("some/where", "abc", "clip.mkv", 1, 2, (400, 320), (20, 10, 360, 300), Fraction(25), "")
+CLIP = Source("some/where", "abc", "clip.mkv", 1, 2, (400, 320), (20, 10, 360, 300), Fraction(25))
 IMAGES = replace(CLIP, path="in/image_%02d.png", first=3)
 
 
@@ -49,8 +49,9 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             )
             picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(colours), "rgb24")
             container.mux([*stream.encode(picture), *stream.encode(None)])
-    monkeypatch.setitem(SOURCES, "clip", CLIP)
-    monkeypatch.setitem(SOURCES, "images", IMAGES)
+    for name, source in (("clip", CLIP), ("images", IMAGES)):
+        monkeypatch.setitem(SOURCES, name, source)
+        monkeypatch.setitem(DIGESTS, name, "")
     return root
 
 
@@ -68,7 +69,7 @@ def server(tree: Path) -> Iterator[str]:
 
 def accept(monkeypatch: pytest.MonkeyPatch, name: str, clip: Path) -> None:
     """Take the digest of a clip for the right one."""
-    monkeypatch.setitem(SOURCES, name, replace(SOURCES[name], digest=fetching.digest(clip)))
+    monkeypatch.setitem(DIGESTS, name, fetching.digest(clip))
 
 
 def test_clip_is_cropped_and_scaled(server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,6 +224,12 @@ def test_other_sources_are_refused(
     monkeypatch.setitem(SOURCES, "clip", source)
     assert main(["fetch", "clip", "--from", str(tree), "--out", str(tmp_path / "out")]) == 2
     assert not list(tmp_path.glob("out/*"))
+
+
+def test_every_source_has_a_digest() -> None:
+    """No clip is made without a check."""
+    assert set(DIGESTS) == set(SOURCES)
+    assert all(len(digest) == 64 for digest in DIGESTS.values())
 
 
 def test_help_tells_what_is_uncertain(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,15 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sequences.cameras import (
-    Camera,
-    back_project,
-    intrinsics,
-    look_at,
-    project,
-    there_and_back,
-    tremor,
-)
+from sequences.scene_cameras import Camera, back_project, intrinsics, look_at, project, there_and_back, tremor
 from tests.reference.epipolar import fundamental_matrix
 
 

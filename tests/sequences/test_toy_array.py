@@ -1,4 +1,4 @@
-"""The rendered camera array: its lattice, its files, and that depth and cameras explain the pictures."""
+"""The rendered camera array: its lattice, its files, and pictures that depth and cameras explain."""
 
 import json
 from pathlib import Path
@@ -10,9 +10,8 @@ from dvc.array_files import read_positions
 from dvc.pfm import read_pfm
 from dvc.picture_files import read_picture
 from sequences.__main__ import main
-from sequences.array_views import render_view
-from sequences.cameras import back_project, project
-from sequences.toy import POSITIONS, STEP_DOWN_M, STEP_RIGHT_M
+from sequences.scene_cameras import back_project, project
+from sequences.toy_array import POSITIONS, STEP_DOWN_M, STEP_RIGHT_M, render_view
 
 
 def test_centres_form_a_lattice_of_cells_that_are_not_square() -> None:
@@ -63,5 +62,5 @@ def test_options_of_videos_are_refused(
 ) -> None:
     """They would be ignored otherwise."""
     assert main(["render", "toy", "--out", str(tmp_path / "toy"), *option]) == 2
-    assert f"{option[0]} is for videos" in capsys.readouterr().err
+    assert f"{option[0]} applies to videos" in capsys.readouterr().err
     assert not (tmp_path / "toy").exists()
