@@ -117,11 +117,11 @@ def _info(arguments: argparse.Namespace) -> int:
 
 def _render(arguments: argparse.Namespace) -> int:
     """Render a scene to files."""
-    from sequences.rendered_scenes import arrays
     from sequences.rendered_sequence import RenderedSequence, render
-    from sequences.toy_array import POSITIONS, write_array
+    from sequences.scene_layouts import ARRAY_SCENES, POSITIONS
+    from sequences.toy_array import write_array
 
-    if arguments.name in arrays():
+    if arguments.name in ARRAY_SCENES:
         _check_array_options(arguments)
         size = arguments.size or (320, 240)
         with cli.progress_bar(arguments.name, len(POSITIONS)) as progress:

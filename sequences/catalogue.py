@@ -9,7 +9,8 @@ from typing import Any
 
 from dvc.errors import ConfigError, DvcError
 from dvc.video import open_video
-from sequences.rendered_scenes import Description, descriptions
+from sequences.scene_layouts import VIDEO_SCENES
+from sequences.scenery import Description
 
 SUFFIXES = frozenset({".mkv", ".y4m", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg"})
 DATA_VARIABLE = "DVC_DATA"
@@ -123,7 +124,7 @@ def files() -> dict[str, Path]:
 
 def entries() -> list[Entry]:
     """List the rendered scenes, then the files of the data folder."""
-    scenes = [_rendered_entry(scene) for scene in descriptions().values()]
+    scenes = [_rendered_entry(scene) for scene in VIDEO_SCENES.values()]
     taken = {entry.name for entry in scenes}
     return scenes + [
         _file_entry(path.name if name in taken else name, path) for name, path in files().items()
@@ -167,8 +168,8 @@ def resolve(name_or_path: str | Path) -> Path | Description:
     A name with a suffix means an existing file first, then one of the data folder.
     """
     name = str(name_or_path)
-    if not isinstance(name_or_path, Path) and name in descriptions():
-        return descriptions()[name]
+    if not isinstance(name_or_path, Path) and name in VIDEO_SCENES:
+        return VIDEO_SCENES[name]
     if Path(name).suffix and Path(name).exists():
         return Path(name)
     available = files()
@@ -178,7 +179,7 @@ def resolve(name_or_path: str | Path) -> Path | Description:
                 return path
     if Path(name).exists():
         return Path(name)
-    names = ", ".join([*descriptions(), *available])
+    names = ", ".join([*VIDEO_SCENES, *available])
     raise ConfigError(f"{name!r} is neither a file nor a sequence; the sequences are {names}")
 
 

@@ -1,9 +1,7 @@
-"""The rendered scenes: their descriptions, and how one is built and lit."""
+"""Scenes that are built and lit, ready to be rendered."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import lru_cache
 
 import numpy as np
@@ -13,6 +11,8 @@ from dvc.errors import ConfigError
 from sequences import _kernels
 from sequences._kernels import Light, Materials, Surface
 from sequences.scene_cameras import Camera, intrinsics, look_at, transformed
+from sequences.scene_layouts import ARRAY_SCENES, VIDEO_SCENES
+from sequences.scenery import Description
 from sequences.shapes import MATERIALS, Colour, Mesh
 
 Floats = NDArray[np.float64]
@@ -23,31 +23,6 @@ SKY: Colour = (0.62, 0.74, 0.92)
 GROUND: Colour = (0.3, 0.27, 0.23)
 HAZE: Colour = (0.66, 0.76, 0.90)
 ZENITH: Colour = (0.15, 0.29, 0.62)
-
-
-@dataclass(frozen=True)
-class Description:
-    """A scene as data: its texts for the catalogue, and the functions that build it."""
-
-    name: str
-    frame_rate: Fraction  # frames per second
-    num_frames: int  # usual length of a sequence; any other works too
-    field_of_view_deg: float  # horizontal
-    exposure: float  # factor from radiance to the input of the tone curve
-    shows: str  # one sentence each, for the catalogue
-    motion: str
-    purpose: str
-    # mean, smallest and largest frame mean of true motion at 352x288, in pixels per frame
-    motion_px: tuple[float, float, float]
-    # function of frame number (a float) and seed to ``cam_from_world`` (3, 4), metres
-    pose: Callable[[float, int], Floats]
-    # function of a random generator to everything in the scene
-    geometry: Callable[[np.random.Generator], Mesh]
-    # azimuth of the sun, clockwise from forward (y), and its elevation
-    sun_deg: tuple[float, float]
-    # centre and radius of the ball within which surfaces cast shadows, metres
-    shadows: tuple[tuple[float, float, float], float]
-    shadow_size: int = 1536  # side of the shadow map, texels
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,20 +68,6 @@ class Scene:
         return Camera(k, self.description.pose(index, self.seed), width, height)
 
 
-def descriptions() -> dict[str, Description]:
-    """Return the scenes for videos by name, without building them."""
-    from sequences import outdoor
-
-    return {scene.name: scene for scene in (outdoor.STREET, outdoor.STAIRWAY, outdoor.STATUE, outdoor.ROUNDS)}
-
-
-def arrays() -> dict[str, Description]:
-    """Return the scenes for a camera array by name, without building them."""
-    from sequences.toy_array import TOY
-
-    return {TOY.name: TOY}
-
-
 @lru_cache(maxsize=3)
 def scene(name: str, seed: int = 0) -> Scene:
     """Build a scene; the last three are cached.
@@ -132,10 +93,10 @@ def scene(name: str, seed: int = 0) -> Scene:
     """
     if seed < 0:
         raise ValueError(f"`seed` must not be negative, got {seed}")
-    known = descriptions() | arrays()
-    if name not in known:
-        raise ConfigError(f"no scene is called {name!r}; the scenes are {', '.join(known)}")
-    description = known[name]
+    described = VIDEO_SCENES | ARRAY_SCENES
+    if name not in described:
+        raise ConfigError(f"no scene is called {name!r}; the scenes are {', '.join(described)}")
+    description = described[name]
     mesh = description.geometry(np.random.default_rng([seed, 1]))
     surface = Surface(mesh.points, mesh.normals, mesh.uv, mesh.triangles, mesh.materials, mesh.tints)
     table = (np.array(column, dtype=np.float64) for column in zip(*MATERIALS.values(), strict=True))

@@ -12,8 +12,9 @@ from dvc.files import Closing, atomic_folder, atomic_output, same_file
 from dvc.pfm import write_pfm
 from dvc.video import Frame, VideoInfo, create_video
 from dvc.video.frames import check_size
-from sequences.rendered_scenes import descriptions, scene
+from sequences.rendered_scenes import scene
 from sequences.renderer import RenderedFrame, render_frame
+from sequences.scene_layouts import VIDEO_SCENES
 
 
 class RenderedSequence(Closing):
@@ -56,9 +57,9 @@ class RenderedSequence(Closing):
         noise_sigma: float = 0.0,
         jobs: int = 1,
     ) -> None:
-        if name not in descriptions():
-            raise ConfigError(f"no scene is called {name!r}; the scenes are {', '.join(descriptions())}")
-        description = descriptions()[name]
+        if name not in VIDEO_SCENES:
+            raise ConfigError(f"no scene is called {name!r}; the scenes are {', '.join(VIDEO_SCENES)}")
+        description = VIDEO_SCENES[name]
         count = description.num_frames if num_frames is None else num_frames
         if count < 1 or start < 0 or seed < 0 or jobs < 1:
             raise ConfigError(

@@ -1,7 +1,9 @@
-"""Parts of outdoor scenes: house fronts, trees, posts, cars, columns; lengths in metres."""
+"""Descriptions of scenes, and parts of them: house fronts, trees, posts, cars, a figure; metres."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +37,31 @@ PLASTERS: tuple[Colour, ...] = (
     (0.44, 0.49, 0.5),
 )
 PAINTS: tuple[Colour, ...] = ((0.5, 0.48, 0.44), (0.2, 0.13, 0.09), (0.09, 0.14, 0.1), (0.1, 0.13, 0.19))
+
+
+@dataclass(frozen=True)
+class Description:
+    """A scene as data: its texts for the catalogue, and the functions that build it."""
+
+    name: str
+    frame_rate: Fraction  # frames per second
+    num_frames: int  # usual length of a sequence; any other works too
+    field_of_view_deg: float  # horizontal
+    exposure: float  # factor from radiance to the input of the tone curve
+    shows: str  # one sentence each, for the catalogue
+    motion: str
+    purpose: str
+    # mean, smallest and largest frame mean of true motion at 352x288, in pixels per frame
+    motion_px: tuple[float, float, float]
+    # function of frame number (a float) and seed to ``cam_from_world`` (3, 4), metres
+    pose: Callable[[float, int], Floats]
+    # function of a random generator to everything in the scene
+    geometry: Callable[[np.random.Generator], Mesh]
+    # azimuth of the sun, clockwise from forward (y), and its elevation
+    sun_deg: tuple[float, float]
+    # centre and radius of the ball within which surfaces cast shadows, metres
+    shadows: tuple[tuple[float, float, float], float]
+    shadow_size: int = 1536  # side of the shadow map, texels
 
 
 @dataclass(frozen=True)

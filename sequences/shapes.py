@@ -156,7 +156,7 @@ def slab(origin: ArrayLike, x: ArrayLike, y: ArrayLike, z: ArrayLike, look: Look
 
 def box(low: ArrayLike, high: ArrayLike, look: Look, inset: tuple[float, float] = (0.0, 0.0)) -> Mesh:
     """Make a box along the axes from its lowest to its highest corner, its top inset in x and y."""
-    corners = low + _CUBE * np.subtract(high, low)
+    corners = np.asarray(low) + _CUBE * np.subtract(high, low)
     corners[..., :2] += (1.0 - 2.0 * _CUBE[..., :2]) * _CUBE[..., 2:] * inset
     return quads(corners, look)
 

@@ -13,7 +13,7 @@ from dvc.errors import ConfigError
 from dvc.video import Frame, create_video, open_video
 from sequences import catalogue
 from sequences.__main__ import main
-from sequences.rendered_scenes import Description
+from sequences.scenery import Description
 
 
 @pytest.fixture

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from dvc.errors import ConfigError, VideoError
-from sequences.rendered_scenes import descriptions, scene
+from sequences.rendered_scenes import scene
 from sequences.renderer import render_frame, resolve, to_frame, tone, ycbcr
+from sequences.scene_layouts import VIDEO_SCENES
 from tests.clips import same_frame
 
 LOOKS = {
@@ -59,7 +60,7 @@ def test_size_changes_scale_and_not_the_view() -> None:
     assert np.corrcoef(mean.ravel(), small.ravel())[0, 1] > 0.97
 
 
-@pytest.mark.parametrize("name", list(descriptions()))
+@pytest.mark.parametrize("name", list(VIDEO_SCENES))
 def test_pictures_are_well_exposed(name: str) -> None:
     """Mid-grey on average, with contrast, neither crushed nor burnt out, within the limited range."""
     luma = render_frame(scene(name), 20, 88, 72).frame.luma

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sequences import outdoor, scenery, shapes
+from sequences import scenery, shapes
 from sequences._kernels import sunlit
 from sequences.rendered_scenes import illuminate
+from sequences.scene_layouts import STREET
 from sequences.shapes import Look, Mesh
 
 Floats = NDArray[np.float64]
@@ -99,7 +100,7 @@ def test_shadow_falls_away_from_the_sun() -> None:
     """The shadow map hides points behind an obstacle from the sun, and none before it or outside the map."""
     ground = shapes.patch((-6, -6, 0), (12, 0, 0), (0, 12, 0), STONE)
     block = shapes.box((-1, -1, 0), (1, 1, 2), STONE)
-    described = replace(outdoor.STREET, sun_deg=(90.0, 45.0), shadows=((0, 0, 1), 9.0), shadow_size=512)
+    described = replace(STREET, sun_deg=(90.0, 45.0), shadows=((0, 0, 1), 9.0), shadow_size=512)
     light = illuminate(shapes.merge([ground, block]), described)
     expected = {(-2.0, 0.0, 0.03): 0.0, (2.0, 0.0, 0.03): 1.0, (-4.0, 0.0, 0.03): 1.0, (500.0, 0.0, 0.0): 1.0}
     for point, share in expected.items():

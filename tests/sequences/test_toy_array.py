@@ -11,7 +11,8 @@ from dvc.pfm import read_pfm
 from dvc.picture_files import read_picture
 from sequences.__main__ import main
 from sequences.scene_cameras import back_project, project
-from sequences.toy_array import POSITIONS, STEP_DOWN_M, STEP_RIGHT_M, render_view
+from sequences.scene_layouts import POSITIONS, STEP_DOWN_M, STEP_RIGHT_M
+from sequences.toy_array import render_view
 
 
 def test_centres_form_a_lattice_of_cells_that_are_not_square() -> None:

@@ -1,4 +1,4 @@
-"""The scenes for videos: *street*, *stairway*, *statue*, and *rounds*, the stairway from a closed path."""
+"""The scenes: *street*, *stairway*, *statue*, *rounds* (the stairway from a closed path), and *toy*."""
 
 import math
 from dataclasses import replace
@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sequences import scenery
-from sequences.rendered_scenes import Description
 from sequences.scene_cameras import look_at, there_and_back, tremor
-from sequences.scenery import IRON, MARBLE, PAINTS, PLASTERS, TRIM, Style
+from sequences.scenery import IRON, MARBLE, PAINTS, PLASTERS, TRIM, Description, Style
 from sequences.shapes import Look, Mesh, bar, box, ellipsoid, lathe, merge, patch, slab
 
 Floats = NDArray[np.float64]
@@ -345,3 +344,56 @@ STATUE = Description(
     shadows=((0.0, 7.0, 2.0), 21.0),
     shadow_size=2048,
 )
+
+POSITIONS = ((0, 0), (1, 0), (0, 1), (1, 1))
+"""Positions (m, n) of the cameras: m to the right, n downwards."""
+STEP_RIGHT_M, STEP_DOWN_M = 0.24, 0.17
+UPPER_LEFT_M = np.array([-0.12, 0.0, 1.32])
+TURNS_DEG = ((0.8, -1.5, 1.2), (-0.6, 1.1, -0.8), (1.2, 0.7, -1.6), (-1.0, -0.9, 0.9))
+
+
+def _of_array(index: float, seed: int) -> Floats:
+    """Return the camera of a position; all look roughly at the middle of the scene."""
+    del seed
+    m, n = POSITIONS[int(index)]
+    eye = UPPER_LEFT_M + np.array([m * STEP_RIGHT_M, 0.0, -n * STEP_DOWN_M])
+    target = eye + np.array([0.05 - 0.12 * m, 4.0, -0.35 + 0.1 * n])
+    return look_at(eye, target, TURNS_DEG[int(index)])
+
+
+def _toy(rng: np.random.Generator) -> Mesh:
+    """Build the room; nothing in it is random."""
+    del rng
+    vase = [(0.10, 0.0), (0.20, 0.12), (0.24, 0.3), (0.20, 0.48), (0.10, 0.6), (0.09, 0.68), (0.13, 0.74)]
+    tower = box((-0.2, -0.18, 0.0), (0.2, 0.17, 0.72), Look("print", (0.12, 0.3, 0.5))).turned(12.0)
+    parts = [
+        patch((-6, -1, 0), (12, 0, 0), (0, 9.0, 0), WOOD),
+        patch((-6, 6.0, 0), (12, 0.8, 0), (0, 0, 6), BRICK),
+        box((-1.35, 3.3, 0.0), (-0.55, 3.9, 1.05), Look("print", (0.5, 0.3, 0.12))),
+        tower.moved((-0.05, 2.72, 0.0)),
+        box((0.55, 4.4, 0.0), (1.45, 5.0, 1.55), ASHLAR).turned(-6.0),
+        box((-0.6, 5.0, 0.0), (0.3, 5.3, 1.9), TILES),
+        scenery.column((-0.35, 3.75, 0.0), 1.5, 0.13),
+        lathe([*vase, (0.02, 0.74)], (0.62, 2.75, 0.0), Look("cobbles", (0.5, 0.33, 0.16)), 24),
+    ]
+    return merge(parts)
+
+
+TOY = Description(
+    name="toy",
+    frame_rate=Fraction(1),
+    num_frames=len(POSITIONS),
+    field_of_view_deg=52.0,
+    exposure=0.62,
+    shows="boxes, a column and a vase before a brick wall",
+    motion="none: four pictures of a planar array of two by two cameras, not rectified",
+    purpose="stereo from camera arrays: exact depth, axes that are not parallel, cells that are not square",
+    motion_px=(0.0, 0.0, 0.0),
+    pose=_of_array,
+    geometry=_toy,
+    sun_deg=(-35.0, 62.0),
+    shadows=((0.0, 3.5, 1.0), 6.0),
+)
+
+VIDEO_SCENES = {each.name: each for each in (STREET, STAIRWAY, STATUE, ROUNDS)}
+ARRAY_SCENES = {TOY.name: TOY}
