@@ -177,7 +177,7 @@ def _work(arguments: argparse.Namespace) -> int:
     return {"list": _list, "info": _info, "render": _render, "fetch": _fetch}[arguments.command](arguments)
 
 
-main = cli.command(PROG, _parser, _work, has_subcommands=True, extra="report")
+main = cli.command(PROG, _parser, _work, has_subcommands=True)
 
 if __name__ == "__main__":
     sys.exit(main())

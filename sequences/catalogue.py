@@ -185,11 +185,11 @@ def resolve(name_or_path: str | Path) -> Path | Description:
 
 def entry(name_or_path: str | Path) -> Entry:
     """Return the entry of a name or path."""
-    found = resolve(name_or_path)
-    if isinstance(found, Description):
-        return _rendered_entry(found)
-    open_video(found).close()
-    return _file_entry(found.stem, found)
+    resolved = resolve(name_or_path)
+    if isinstance(resolved, Description):
+        return _rendered_entry(resolved)
+    open_video(resolved).close()
+    return _file_entry(resolved.stem, resolved)
 
 
 def _motion_text(motion_px: tuple[float, float, float] | None) -> str:

@@ -55,7 +55,7 @@ def hit(corners: Floats, x: float, y: float) -> float:
 @NOJIT
 @BOTH
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_rasterizer_finds_what_ray_casting_finds(form: Form, seed: int) -> None:
+def test_rasterizer_agrees_with_ray_casting(form: Form, seed: int) -> None:
     """Every sample keeps the nearest triangle that its ray meets."""
     points, triangles = random_triangles(seed)
     inverse, ids = np.zeros((10, 14), dtype=np.float32), np.full((10, 14), -1, dtype=np.int32)
@@ -73,7 +73,7 @@ def test_rasterizer_finds_what_ray_casting_finds(form: Form, seed: int) -> None:
 
 @NOJIT
 @BOTH
-def test_point_casting_finds_what_ray_casting_finds(form: Form) -> None:
+def test_point_casting_agrees_with_ray_casting(form: Form) -> None:
     """Points between pixel centres get the depth of the nearest triangle."""
     points, triangles = random_triangles(5)
     rng = np.random.default_rng(6)
@@ -106,7 +106,7 @@ def test_neighbouring_triangles_leave_no_gap() -> None:
 
 @NOJIT
 @given(st.floats(-9, 9), st.floats(-200, 200), st.integers(0, 20), st.integers(0, 40))
-def test_narrowed_range_keeps_all_that_is_inside(slope: float, offset: float, low: int, length: int) -> None:
+def test_narrowed_range_keeps_all_columns_inside(slope: float, offset: float, low: int, length: int) -> None:
     """No column with ``slope * column + offset >= 0`` is lost."""
     first, last = _kernels.narrow(slope, offset, low, low + length)
     assert (first, last) == python_twin(_kernels.narrow)(slope, offset, low, low + length)

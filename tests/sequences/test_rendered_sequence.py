@@ -50,7 +50,7 @@ def test_jobs_do_not_change_the_frames(jobs: int) -> None:
 
 
 def test_start_skips_frames() -> None:
-    """Frame `start` of the scene comes first, whatever the usual length."""
+    """Frame `start` of the scene comes first, even beyond the usual length."""
     late = next(iter(short(start=120, num_frames=1)))
     assert same_frame(late, render_frame(scene("stairway"), 120, 32, 25).frame)
 
@@ -134,7 +134,7 @@ def test_pfm_of_the_other_byte_order_is_read(tmp_path: Path) -> None:
 def test_damaged_pfm_raises_video_error_or_reads(
     tmp_path_factory: pytest.TempPathFactory, content: bytes
 ) -> None:
-    """Arbitrary bytes never raise anything but VideoError."""
+    """Arbitrary bytes raise only VideoError."""
     path = tmp_path_factory.getbasetemp() / "damaged.pfm"
     path.write_bytes(content)
     with suppress(VideoError):

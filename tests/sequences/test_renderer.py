@@ -15,7 +15,7 @@ LOOKS = {
     "rounds": [[66.9, 123.8, 143.3, 147.3], [85.4, 139.5, 162.9, 175.4], [134.2, 170.5, 186.4, 184.1]],
     "statue": [[132.5, 138.6, 142.6, 140.1], [119.9, 134.8, 137.7, 106.1], [157.0, 163.2, 144.5, 154.3]],
 }
-"""Mean luma of 24 rows by 22 columns of frame 5 at 88x72: figures of streams rest on these pictures."""
+"""Mean luma of 24 rows by 22 columns of frame 5 at 88x72: published rates depend on these pictures."""
 
 
 def test_same_arguments_give_the_same_bytes() -> None:
@@ -28,8 +28,8 @@ def test_same_arguments_give_the_same_bytes() -> None:
 
 
 @pytest.mark.parametrize("name", LOOKS)
-def test_scenes_look_as_ever(name: str) -> None:
-    """No change of the code may change what is rendered, but for rounding."""
+def test_scenes_do_not_change(name: str) -> None:
+    """The pictures stay the same except for rounding."""
     luma = render_frame(scene(name), 5, 88, 72).frame.luma
     np.testing.assert_allclose(luma.reshape(3, 24, 4, 22).mean(axis=(1, 3)), LOOKS[name], atol=0.2)
 
@@ -136,13 +136,13 @@ def test_arguments_out_of_range_are_named(arguments: dict[str, float], message: 
 
 
 def test_impossible_sizes_are_refused() -> None:
-    """A size that no frame may have is refused before anything is allocated."""
+    """An invalid size is refused before memory is allocated."""
     with pytest.raises(VideoError, match="0x8"):
         render_frame(scene("stairway"), 0, 0, 8)
 
 
 def test_unknown_scenes_are_refused() -> None:
-    """The message lists the scenes there are."""
+    """The message lists the scenes."""
     with pytest.raises(ConfigError, match="street, stairway, statue"):
         scene("beach")
     with pytest.raises(ValueError, match="`seed`"):
