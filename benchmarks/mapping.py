@@ -71,7 +71,7 @@ class Clip:
 
 def rendered_clip(name: str) -> Clip:
     """Render a scene."""
-    from sequences.sequence import RenderedSequence
+    from sequences.rendered_sequence import RenderedSequence
 
     views = list(RenderedSequence(name).rendered())
     poses = {k: view.camera.cam_from_world for k, view in enumerate(views)}

@@ -1,4 +1,4 @@
-"""Command ``dvc-sequences``: list the test material, tell about it, render scenes, fetch real clips."""
+"""Command ``dvc-sequences``: list and describe the test material, render scenes, fetch real clips."""
 
 import argparse
 import json
@@ -34,42 +34,41 @@ def _parser() -> argparse.ArgumentParser:
         description = f"{text[0].upper()}{text[1:]}."
         return commands.add_parser(name, prog=f"{PROG} {name}", description=description, help=text)
 
-    listing = command("list", "list all sequences and what each is for")
-    info = command("info", "tell about one sequence")
+    listing = command("list", "list all sequences and their purposes")
+    info = command("info", "describe one sequence")
     info.add_argument("name", metavar="NAME", help="name in the list, or a video file")
-    for asking in (listing, info):
-        asking.add_argument("--json", action="store_true", help="write JSON")
+    for each in (listing, info):
+        each.add_argument("--json", action="store_true", help="write JSON")
     _add_render(command("render", "render a scene to a video file"))
     _add_fetch(command("fetch", "make the real test clips from their public sources"))
     return parser
 
 
 def _add_fetch(fetch: argparse.ArgumentParser) -> None:
-    from sequences.sources import GITHUB, NOT_REPEATABLE, SOURCES
+    from sequences.clip_sources import GITHUB, NOT_REPEATABLE, SOURCES
 
     lines = [f"{name}: {source.uncertain}" for name, source in SOURCES.items() if source.uncertain]
     lines += [f"{name} cannot be made: {why}" for name, why in NOT_REPEATABLE.items()]
-    known = "\n".join(f"  {line}" for line in lines)
-    fetch.epilog = f"what is known of the sources:\n{known}\n\nexamples:\n{FETCH_EXAMPLES}"
+    notes = "\n".join(f"  {line}" for line in lines)
+    fetch.epilog = f"notes on the sources:\n{notes}\n\nexamples:\n{FETCH_EXAMPLES}"
     names = f"any of {', '.join(SOURCES)}; default: all"
     fetch.add_argument("names", nargs="*", metavar="NAME", help=names)
-    origin = f"address or folder of REPOSITORY/COMMIT/PATH (of a folder also PATH alone); default: {GITHUB}"
+    origin = (
+        f"address or folder of REPOSITORY/COMMIT/PATH (a folder may also hold PATH itself); default: {GITHUB}"
+    )
     fetch.add_argument("--from", dest="origin", default=GITHUB, metavar="URL", help=origin)
     fetch.add_argument("--out", required=True, metavar="DIR", help="folder for the clips NAME.mkv (FFV1)")
 
 
 def _add_render(render: argparse.ArgumentParser) -> None:
     add = render.add_argument
-    add(
-        "name",
-        metavar="NAME",
-        help="a rendered scene: street, stairway, statue, rounds; or toy, of a camera array",
-    )
-    out = "video to write: .mkv (FFV1), .y4m or .mp4; of toy, a folder of pictures, depth and cameras"
+    scenes = "street, stairway, statue, rounds; or toy, for a camera array"
+    add("name", metavar="NAME", help=scenes)
+    out = "video: .mkv (FFV1), .y4m or .mp4; for toy, a folder for pictures, depth and cameras"
     add("--out", required=True, metavar="FILE", help=out)
-    size = "pixels; default: 352x288, of toy 320x240"
+    size = "pixels; default: 352x288, for toy 320x240"
     add("--size", type=cli.parse_size, metavar="WxH", help=size)
-    cli.add_integer(render, "--frames", (1, MAX_NUMBER), "length; default: that of the scene")
+    cli.add_integer(render, "--frames", (1, MAX_NUMBER), "length; default: the usual one of the scene")
     cli.add_integer(render, "--start", (0, MAX_NUMBER), "first frame", default=0, metavar="K")
     cli.add_integer(render, "--seed", (0, MAX_NUMBER), "textures, plants, tremor, noise", default=0)
     add("--noise", type=float, default=0.0, metavar="SIGMA", help="sensor noise, luma levels; default: 0")
@@ -82,20 +81,18 @@ def _list(arguments: argparse.Namespace) -> int:
     """Write the catalogue to standard output."""
     from sequences import catalogue
 
-    found = catalogue.entries()
+    entries = catalogue.entries()
     if arguments.json:
-        sys.stdout.write(json.dumps([entry.to_dict() for entry in found], indent=1) + "\n")
+        sys.stdout.write(json.dumps([entry.to_dict() for entry in entries], indent=1) + "\n")
         return 0
     from rich.console import Console
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    columns = [
-        (title, value) for title, value in catalogue.FIELDS if title not in ("shows", "motion", "kind")
-    ]
+    columns = [field for field in catalogue.FIELDS if field[0] not in ("shows", "motion", "kind")]
     for title, _ in columns:
         table.add_column(title, no_wrap=title != "purpose")
-    for entry in found:
+    for entry in entries:
         table.add_row(*(value(entry) for _, value in columns))
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200, highlight=False, markup=False).print(
         table
@@ -104,7 +101,7 @@ def _list(arguments: argparse.Namespace) -> int:
 
 
 def _info(arguments: argparse.Namespace) -> int:
-    """Write what is known of one sequence to standard output."""
+    """Write one entry of the catalogue to standard output."""
     from sequences import catalogue
 
     entry = catalogue.entry(arguments.name)
@@ -120,12 +117,11 @@ def _info(arguments: argparse.Namespace) -> int:
 
 def _render(arguments: argparse.Namespace) -> int:
     """Render a scene to files."""
-    from sequences.array_views import write_array
-    from sequences.scenes import arrays
-    from sequences.sequence import RenderedSequence, render
-    from sequences.toy import POSITIONS
+    from sequences.rendered_sequence import RenderedSequence, render
+    from sequences.scene_layouts import ARRAY_SCENES, POSITIONS
+    from sequences.toy_array import write_array
 
-    if arguments.name in arrays():
+    if arguments.name in ARRAY_SCENES:
         _check_array_options(arguments)
         size = arguments.size or (320, 240)
         with cli.progress_bar(arguments.name, len(POSITIONS)) as progress:
@@ -155,15 +151,13 @@ def _check_array_options(arguments: argparse.Namespace) -> None:
         "--depth": arguments.depth is not None,
         "--cameras": arguments.cameras is not None,
     }
-    wrong = next((option for option, told in given.items() if told), None)
+    wrong = next((option for option, is_given in given.items() if is_given), None)
     if wrong is not None:
-        raise ConfigError(
-            f"{wrong} is for videos; {arguments.name} is a folder with depth and cameras anyway"
-        )
+        raise ConfigError(f"{wrong} applies to videos; {arguments.name} is a folder with depth and cameras")
 
 
 def _fetch(arguments: argparse.Namespace) -> int:
-    """Make clips; those that fail are a line each, and the others are made nevertheless."""
+    """Make clips; report each failure in a line and continue with the next clip."""
     from dvc.errors import DvcError
     from sequences.fetch import chosen, fetch
 
@@ -183,7 +177,7 @@ def _work(arguments: argparse.Namespace) -> int:
     return {"list": _list, "info": _info, "render": _render, "fetch": _fetch}[arguments.command](arguments)
 
 
-main = cli.command(PROG, _parser, _work, has_subcommands=True, extra="report")
+main = cli.command(PROG, _parser, _work, has_subcommands=True)
 
 if __name__ == "__main__":
     sys.exit(main())

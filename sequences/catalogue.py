@@ -1,4 +1,4 @@
-"""The catalogue: every sequence that can be named, where it comes from and what it is good for."""
+"""The catalogue: every sequence with a name, its source and its purpose."""
 
 import os
 from collections.abc import Callable
@@ -9,16 +9,16 @@ from typing import Any
 
 from dvc.errors import ConfigError, DvcError
 from dvc.video import open_video
-from sequences.description import Description
-from sequences.scenes import descriptions
+from sequences.scene_layouts import VIDEO_SCENES
+from sequences.scenery import Description
 
 SUFFIXES = frozenset({".mkv", ".y4m", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg"})
 DATA_VARIABLE = "DVC_DATA"
 
 
 @dataclass(frozen=True)
-class Knowledge:
-    """What is known of a video file beyond what it declares."""
+class Remarks:
+    """Facts about a video that its file does not declare."""
 
     static: str  # whether only the camera moves: ``"yes"``, ``"no"``, ``"uncertain"`` or ``"unknown"``
     shows: str  # one sentence each
@@ -28,71 +28,71 @@ class Knowledge:
     motion_px: tuple[float, float, float] | None = None
 
 
-KNOWN: dict[str, Knowledge] = {
-    "stone": Knowledge(
+DESCRIBED: dict[str, Remarks] = {
+    "stone": Remarks(
         "yes",
         "a stone pillar with a sign",
         "fast, a full circle on foot round the pillar",
         "hard case: motion far above the usual range, large occlusions",
         (13.03, 4.14, 20.54),
     ),
-    "tree": Knowledge(
+    "tree": Remarks(
         "yes",
         "a tree trunk in snow",
         "fast, on foot round the trunk",
         "hard case: large motion, bright surfaces with little texture",
         (7.37, 3.22, 14.18),
     ),
-    "desk": Knowledge(
+    "desk": Remarks(
         "yes",
         "a desk with a cube, a figurine and a board",
         "hand-held, uneven, in places almost none",
         "ordinary indoor case; exposure and white balance drift half way, some motion blur",
         (2.70, 0.02, 8.41),
     ),
-    "box": Knowledge(
+    "box": Remarks(
         "yes",
         "a printed box on a desk, close",
         "hand-held, slow",
         "easy case: much texture, few depths, small motion",
         (1.15, 0.34, 3.02),
     ),
-    "river": Knowledge(
+    "river": Remarks(
         "yes",
         "a wooded gorge with a river, from far above; only the water moves",
         "a slow sweep, almost a pure rotation",
         "degenerate geometry: hardly any parallax to reconstruct from",
         (1.50, 0.63, 2.76),
     ),
-    "cube": Knowledge(
+    "cube": Remarks(
         "uncertain",
         "a patterned cube on a round table before a blank background, grey",
         "cube and table turn against the background, or the camera round them",
         "two rigid motions or one; no evidence for the static case",
         (1.62, 0.02, 4.19),
     ),
-    "foreman_qcif15": Knowledge(
+    "foreman_qcif15": Remarks(
         "no",
         "a man who talks to a hand-held camera, QCIF, from an H.264 copy",
         "the subject moves and speaks, a pan near the end",
         "the fall-back to 2D motion; figures are not comparable with those on the original",
     ),
 }
-USER_MATERIAL = Knowledge("unknown", "user material", "not described", "user material")
+USER_MATERIAL = Remarks("unknown", "user material", "not described", "user material")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of the catalogue."""
+    """A row of the catalogue."""
 
-    name: str  # by which it is asked for
+    name: str
     kind: str  # ``"rendered"`` or ``"file"``
     width: int  # size in pixels; the default one of a rendered scene, 0 for a file that cannot be read
     height: int
     frame_rate: Fraction  # frames per second
-    num_frames: int | None  # length, as far as it is declared
-    path: str | None  # the file
-    about: Knowledge  # what it shows and what it is for
+    num_frames: int | None  # length, if the file declares it
+    path: str | None  # video file
+    about: Remarks
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry as plain values for JSON."""
@@ -102,7 +102,7 @@ class Entry:
 
 
 def data_folder() -> Path | None:
-    """Return the folder of video files: ``$DVC_DATA``, else ``../shared/sequences`` beside the project."""
+    """Return the folder of video files: ``$DVC_DATA``, else ``../shared/sequences`` next to the project."""
     named = os.environ.get(DATA_VARIABLE)
     if named:
         if not Path(named).is_dir():
@@ -124,30 +124,28 @@ def files() -> dict[str, Path]:
 
 def entries() -> list[Entry]:
     """List the rendered scenes, then the files of the data folder."""
-    found = [_rendered_entry(description) for description in descriptions().values()]
-    taken = {entry.name for entry in found}
-    return found + [_file_entry(path.name if name in taken else name, path) for name, path in files().items()]
+    scenes = [_rendered_entry(scene) for scene in VIDEO_SCENES.values()]
+    taken = {entry.name for entry in scenes}
+    return scenes + [
+        _file_entry(path.name if name in taken else name, path) for name, path in files().items()
+    ]
 
 
-def _rendered_entry(description: Description) -> Entry:
+def _rendered_entry(scene: Description) -> Entry:
     """Return the entry of a rendered scene."""
-    about = Knowledge(
-        "yes", description.shows, description.motion, description.purpose, description.motion_px
-    )
-    return Entry(
-        description.name, "rendered", 352, 288, description.frame_rate, description.num_frames, None, about
-    )
+    about = Remarks("yes", scene.shows, scene.motion, scene.purpose, scene.motion_px)
+    return Entry(scene.name, "rendered", 352, 288, scene.frame_rate, scene.num_frames, None, about)
 
 
 def _file_entry(name: str, path: Path) -> Entry:
-    """Probe a video file; one that cannot be read is listed with the reason."""
-    about = KNOWN.get(path.stem, USER_MATERIAL)
+    """Return the entry of a video file; for an unreadable one, its purpose is the error."""
+    about = DESCRIBED.get(path.stem, USER_MATERIAL)
     try:
         with open_video(path) as reader:
             info = reader.info
         num_frames = info.num_frames or _count_packets(path)
     except DvcError as err:
-        about = Knowledge("unknown", "unreadable", "not described", str(err))
+        about = Remarks("unknown", "unreadable", "not described", str(err))
         return Entry(name, "file", 0, 0, Fraction(0), None, str(path), about)
     return Entry(name, "file", info.width, info.height, info.frame_rate, num_frames, str(path), about)
 
@@ -165,37 +163,37 @@ def _count_packets(path: Path) -> int | None:
 
 
 def resolve(name_or_path: str | Path) -> Path | Description:
-    """Find what a name or path stands for: a rendered scene, a file of the data folder, or any file.
+    """Resolve a name or path to a rendered scene, a file of the data folder, or any file.
 
-    A name with a suffix is that of a file which is there before it is one of the data folder.
+    A name with a suffix means an existing file first, then one of the data folder.
     """
     name = str(name_or_path)
-    if not isinstance(name_or_path, Path) and name in descriptions():
-        return descriptions()[name]
+    if not isinstance(name_or_path, Path) and name in VIDEO_SCENES:
+        return VIDEO_SCENES[name]
     if Path(name).suffix and Path(name).exists():
         return Path(name)
-    known = files()
+    available = files()
     if not isinstance(name_or_path, Path):
-        for name_known, path in known.items():
-            if name in (name_known, path.name):
+        for stem, path in available.items():
+            if name in (stem, path.name):
                 return path
     if Path(name).exists():
         return Path(name)
-    names = ", ".join([*descriptions(), *known])
-    raise ConfigError(f"{name!r} is neither a file nor a known sequence; known: {names}")
+    names = ", ".join([*VIDEO_SCENES, *available])
+    raise ConfigError(f"{name!r} is neither a file nor a sequence; the sequences are {names}")
 
 
 def entry(name_or_path: str | Path) -> Entry:
     """Return the entry of a name or path."""
-    found = resolve(name_or_path)
-    if isinstance(found, Description):
-        return _rendered_entry(found)
-    open_video(found).close()
-    return _file_entry(found.stem, found)
+    resolved = resolve(name_or_path)
+    if isinstance(resolved, Description):
+        return _rendered_entry(resolved)
+    open_video(resolved).close()
+    return _file_entry(resolved.stem, resolved)
 
 
 def _motion_text(motion_px: tuple[float, float, float] | None) -> str:
-    """Write mean, smallest and largest motion, or a question mark."""
+    """Format mean, smallest and largest motion, or return a question mark."""
     return "?" if motion_px is None else "{:.1f} ({:.1f}..{:.1f})".format(*motion_px)
 
 

@@ -1,4 +1,4 @@
-"""Make the test clips from their public sources: download, crop, scale, and compare with the known digest."""
+"""The test clips from their public sources: download, crop, scale, comparison with the recorded digest."""
 
 import hashlib
 import shutil
@@ -18,10 +18,11 @@ import numpy as np
 from dvc.errors import ConfigError, VideoError
 from dvc.video import Frame, create_video, open_video
 from dvc.video.frames import Plane
-from sequences.sources import NOT_REPEATABLE, SIZE, SOURCES, Source
+from sequences.clip_sources import DIGESTS, NOT_REPEATABLE, SIZE, SOURCES, Source
 
 MAX_FILE_BYTES = 2**28
-TIMEOUT_S = 30.0  # for an answer, and for each part of it
+TIMEOUT_S = 30.0
+"""Longest wait for an answer, or for the next part of it."""
 MAX_FILE_S = 900.0
 _CHUNK_BYTES = 2**16
 
@@ -29,12 +30,12 @@ Bar = Callable[[str, int | None], AbstractContextManager[Callable[[int], None]]]
 
 
 def chosen(names: list[str]) -> list[str]:
-    """Return the clips that are asked for, all of them if none is named."""
+    """Return the named clips without duplicates, or all of them if none is named."""
     for name in names:
         if name in NOT_REPEATABLE:
             raise ConfigError(f"{name} cannot be made: {NOT_REPEATABLE[name]}")
         if name not in SOURCES:
-            raise ConfigError(f"no clip is called {name!r}; there are {', '.join(SOURCES)}")
+            raise ConfigError(f"no clip is called {name!r}; the clips are {', '.join(SOURCES)}")
     return list(dict.fromkeys(names)) or list(SOURCES)
 
 
@@ -50,10 +51,10 @@ def digest(path: str | Path) -> str:
 
 
 def fetch(name: str, origin: str, out: Path, bar: Bar) -> Path:
-    """Make one clip; one with another digest is an error and stays as ``NAME-unchecked.mkv``."""
+    """Make a clip; with a wrong digest it stays as ``NAME-unchecked.mkv``, and an error is raised."""
     source, final = SOURCES[name], out / f"{name}.mkv"
     if final.exists():
-        _compare(name, final, source)
+        _compare(name, final)
         return final
     unchecked = out / f"{name}-unchecked.mkv"
     with tempfile.TemporaryDirectory(prefix="dvc-sequences-") as folder:
@@ -74,18 +75,18 @@ def fetch(name: str, origin: str, out: Path, bar: Bar) -> Path:
                 progress(1)
             if count != source.num_frames:
                 raise VideoError(f"{name}: the source ends after {count} of {source.num_frames} frames")
-    _compare(name, unchecked, source)
+    _compare(name, unchecked)
     unchecked.rename(final)
     return final
 
 
-def _compare(name: str, path: Path, source: Source) -> None:
-    """Refuse a clip that is not the one that results are measured on."""
-    found = digest(path)
-    if found != source.digest:
+def _compare(name: str, path: Path) -> None:
+    """Refuse a clip if its digest is not the recorded one."""
+    actual = digest(path)
+    if actual != DIGESTS[name]:
         raise VideoError(
             f"{name}: {path} is not the clip that results were measured on "
-            f"(digest {found[:16]}, expected {source.digest[:16]})"
+            f"(digest {actual[:16]}, expected {DIGESTS[name][:16]})"
         )
 
 
@@ -97,17 +98,17 @@ def _get(origin: str, source: Source, path: str, target: Path) -> None:
         )
         return
     folder = Path(origin)
-    places = [folder / source.repository / source.commit / path, folder / path, folder / Path(path).name]
-    found = next((place for place in places if place.is_file()), None)
-    if found is None:
-        raise VideoError(f"{folder}: neither {path} nor {Path(path).name} is there")
-    shutil.copyfile(found, target)
+    paths = [folder / source.repository / source.commit / path, folder / path, folder / Path(path).name]
+    existing = next((candidate for candidate in paths if candidate.is_file()), None)
+    if existing is None:
+        raise VideoError(f"{folder}: neither {path} nor {Path(path).name} exists")
+    shutil.copyfile(existing, target)
 
 
 def _download(url: str, target: Path) -> None:
     """Download a file of bounded size in bounded time."""
     if urllib.parse.urlsplit(url).scheme not in ("http", "https"):
-        raise ConfigError(f"{url}: only http and https addresses and folders are read")
+        raise ConfigError(f"{url}: only http and https addresses and folders are accepted")
     try:
         with urllib.request.urlopen(url, timeout=TIMEOUT_S) as answer, target.open("wb") as file:
             length = answer.headers.get("Content-Length")
@@ -122,7 +123,7 @@ def _download(url: str, target: Path) -> None:
 
 
 def _receive(answer: HTTPResponse, file: BinaryIO, url: str) -> int:
-    """Write what comes to a file and return its size."""
+    """Write an answer to a file and return its size."""
     size, end = 0, time.monotonic() + MAX_FILE_S
     while chunk := answer.read1(_CHUNK_BYTES):
         size += len(chunk)
@@ -135,7 +136,7 @@ def _receive(answer: HTTPResponse, file: BinaryIO, url: str) -> int:
 
 
 def _planes(source: Source, files: list[Path]) -> Iterator[list[Plane]]:
-    """Yield luma and chroma of the source frames: as a video has them, 4:4:4 of RGB images."""
+    """Yield luma and chroma of the source frames: 4:2:0 of a video, 4:4:4 of RGB images."""
     if len(files) == 1:
         with open_video(
             files[0], size=source.size, start=source.first, num_frames=source.num_frames
@@ -154,18 +155,19 @@ def _image_planes(file: Path, size: tuple[int, int]) -> list[Plane]:
 
     try:
         with av.open(str(file)) as container:
-            found = (container.streams.video[0].width, container.streams.video[0].height)
-            if found != size:
-                raise VideoError(f"{file.name}: {found[0]}x{found[1]} pixels, expected {size[0]}x{size[1]}")
+            stream = container.streams.video[0]
+            if (stream.width, stream.height) != size:
+                shape = f"{stream.width}x{stream.height} pixels, expected {size[0]}x{size[1]}"
+                raise VideoError(f"{file.name}: {shape}")
             picture = next(container.decode(video=0))
     except (av.error.FFmpegError, IndexError, StopIteration) as err:
-        raise VideoError(f"{file.name}: not an image that can be read") from err
+        raise VideoError(f"{file.name}: not a readable image") from err
     converted = picture.reformat(format="yuv444p", dst_colorspace="ITU601", dst_color_range="MPEG")
     return list(converted.to_ndarray())
 
 
 def _scaled(planes: list[Plane], crop: tuple[int, int, int, int]) -> Frame:
-    """Cut a frame out of its source and scale each plane by areas."""
+    """Crop a frame and scale each plane by area averaging."""
     import cv2
 
     height, width = planes[0].shape

@@ -1,4 +1,4 @@
-"""From a built scene and a frame number to a picture with its depth and camera."""
+"""Pictures of a built scene with exact depth and camera."""
 
 from dataclasses import dataclass
 
@@ -7,22 +7,20 @@ from numpy.typing import NDArray
 
 from dvc.video.frames import Frame, check_size
 from sequences import _kernels
-from sequences.cameras import Camera
-from sequences.scenes import Scene
+from sequences.rendered_scenes import Scene
+from sequences.scene_cameras import Camera, transformed
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-VIGNETTING = 0.10
-
 
 @dataclass(frozen=True, eq=False)
 class RenderedFrame:
-    """A picture and the truth about it."""
+    """A picture with its true depth and camera."""
 
     frame: Frame  # luma and chroma, BT.601 limited range, 4:2:0
     depth: Singles  # depth along the optical axis at the pixel centres, metres; inf for the sky
-    camera: Camera  # intrinsics and pose
+    camera: Camera
 
 
 def render_frame(
@@ -44,7 +42,7 @@ def render_frame(
     check_size(width, height, scene.description.name)
     camera = scene.camera(index, width, height)
     linear, depth = _radiance(scene, camera, samples)
-    planes = ycbcr(tone(linear * scene.description.exposure * vignette(width, height)))
+    planes = ycbcr(tone(linear * scene.description.exposure))
     rng = np.random.default_rng([scene.seed, index, 3]) if noise_sigma > 0 else None
     return RenderedFrame(to_frame(planes, noise_sigma, rng), depth, camera)
 
@@ -52,7 +50,7 @@ def render_frame(
 def render_picture(
     scene: Scene, index: int, width: int, height: int, *, samples: int = 3
 ) -> tuple[NDArray[np.uint8], Singles, Camera]:
-    """Render a picture of a view of a camera array, as if by a perfect lens and sensor."""
+    """Render a view of a camera array in RGB, without sensor noise."""
     check_size(width, height, scene.description.name)
     camera = scene.camera(index, width, height)
     linear, depth = _radiance(scene, camera, samples)
@@ -63,37 +61,30 @@ def render_picture(
 def _radiance(scene: Scene, camera: Camera, samples: int) -> tuple[Singles, Singles]:
     """Return linear colour (H, W, 3) and depth (H, W) of a view."""
     height, width = camera.height_px, camera.width_px
-    shape = (samples * (height + 1) - 1, samples * (width + 1) - 1)
-    if samples == 1:
-        shape = (height, width)
-    first = -(samples - 1) / samples
+    border = samples - 1
+    shape = (samples * height + border, samples * width + border)
     k = camera.K.copy()
     k[:2] *= samples
-    k[:2, 2] -= samples * first
-    projected = np.empty_like(scene.surface.points)
-    _kernels.transform(k @ camera.cam_from_world, scene.surface.points, projected)
-    inverse = np.zeros(shape, dtype=np.float32)
-    ids = np.full(shape, -1, dtype=np.int32)
+    k[:2, 2] += border
+    projected = transformed(k @ camera.cam_from_world, scene.surface.points)
+    inverse, ids = np.zeros(shape, dtype=np.float32), np.full(shape, -1, dtype=np.int32)
     _kernels.rasterize(projected, scene.surface.triangles, inverse, ids)
     colour = np.empty((*shape, 3), dtype=np.float32)
-    world_from_sample = camera.cam_from_world[:, :3].T @ np.linalg.inv(k)
-    _kernels.shade(
-        scene.surface, scene.textures, scene.light, projected, world_from_sample, ids, inverse, colour
-    )
-    pixels = np.empty((height, width, 3), dtype=np.float32)
-    taps = np.convolve(np.ones(samples), np.ones(samples)) / samples**2
-    _kernels.resolve(colour, taps, samples, pixels)
+    rays = camera.cam_from_world[:, :3].T @ np.linalg.inv(k)
+    _kernels.shade(scene.surface, scene.materials, scene.light, projected, rays, ids, inverse, colour)
+    taps = np.convolve(np.ones(samples), np.ones(samples)).astype(np.float32) / np.float32(samples**2)
     with np.errstate(divide="ignore"):
-        depth = np.float32(1.0) / inverse[samples - 1 :: samples, samples - 1 :: samples][:height, :width]
-    return pixels, depth
+        depth = np.float32(1.0) / inverse[border::samples, border::samples][:height, :width]
+    return resolve(colour, taps, samples), depth
 
 
-def vignette(width: int, height: int) -> Singles:
-    """Return the fall-off of a lens towards the corners, shape (H, W, 1), at most 1."""
-    x = np.linspace(-1, 1, width) if width > 1 else np.zeros(1)
-    y = np.linspace(-1, 1, height) if height > 1 else np.zeros(1)
-    radius2 = (x[None, :] ** 2 + y[:, None] ** 2) / 2
-    return np.asarray(1.0 - VIGNETTING * radius2, dtype=np.float32)[..., None]
+def resolve(samples: Singles, taps: Singles, step: int) -> Singles:
+    """Average samples into pixels, `step` samples apart, with a separable kernel of `taps`."""
+    for _ in range(2):  # rows, then columns
+        count = (len(samples) - len(taps)) // step + 1
+        lines = [tap * samples[k : k + step * count : step][:count] for k, tap in enumerate(taps)]
+        samples = np.swapaxes(sum(lines[1:], start=lines[0]), 0, 1)
+    return samples
 
 
 def tone(linear: Singles) -> Singles:

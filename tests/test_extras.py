@@ -25,7 +25,6 @@ sys.exit(main({{words!r}}))
 COMMANDS = {
     "decoder.__main__": (["a.dvc", "b.mkv"], "decode"),
     "sfm.__main__": (["a.png", "b.png", "--out", "c"], "decode"),
-    "sequences.__main__": (["list"], "report"),
     "dvc.rd.__main__": (["report", "a", "--out", "b"], "report"),
     "dvc.stereo.__main__": (["sprites", "a", "--out", "b"], "stereo"),
     "dvc.dibr.__main__": (["info", "a"], "stereo"),
@@ -50,6 +49,13 @@ def test_a_camera_codes_with_its_own_packages(
     assert done.returncode == 0, done.stderr
     subprocess.run([sys.executable, "-m", "encoder", *words, str(streams[1])], check=True)
     assert streams[0].read_bytes() == streams[1].read_bytes()
+
+
+def test_scenes_are_rendered_without_extras(tmp_path: Path) -> None:
+    """The test material needs no other package."""
+    words = ["render", "street", "--size", "32x24", "--frames", "1", "--out", str(tmp_path / "street.mkv")]
+    done = run_without_others("sequences.__main__", words)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("module", COMMANDS)

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.mapping import Clip, depth_errors, every, line, main, true_depth, view_quality
 from dvc.video import Frame
-from sequences.sequence import RenderedSequence
+from sequences.rendered_sequence import RenderedSequence
 from sfm.mapping.scene_map import MapPiece
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences.cameras import Camera
+from sequences.scene_cameras import Camera
 
 Floats = NDArray[np.float64]
 

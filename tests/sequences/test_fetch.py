@@ -16,9 +16,9 @@ import pytest
 from dvc.video import Frame, create_video, open_video
 from sequences import fetch as fetching
 from sequences.__main__ import main
-from sequences.sources import NOT_REPEATABLE, SOURCES, Source
+from sequences.clip_sources import DIGESTS, NOT_REPEATABLE, SOURCES, Source
 
-CLIP = Source("some/where", "abc", "clip.mkv", 1, 2, (400, 320), (20, 10, 360, 300), Fraction(25), "")
+CLIP = Source("some/where", "abc", "clip.mkv", 1, 2, (400, 320), (20, 10, 360, 300), Fraction(25))
 IMAGES = replace(CLIP, path="in/image_%02d.png", first=3)
 
 
@@ -26,7 +26,7 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
     """A server of a folder that writes no log."""
 
     def log_message(self, format: str, *args: object) -> None:
-        """Say nothing."""
+        """Write nothing."""
 
 
 @pytest.fixture
@@ -49,8 +49,9 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             )
             picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(colours), "rgb24")
             container.mux([*stream.encode(picture), *stream.encode(None)])
-    monkeypatch.setitem(SOURCES, "clip", CLIP)
-    monkeypatch.setitem(SOURCES, "images", IMAGES)
+    for name, source in (("clip", CLIP), ("images", IMAGES)):
+        monkeypatch.setitem(SOURCES, name, source)
+        monkeypatch.setitem(DIGESTS, name, "")
     return root
 
 
@@ -66,17 +67,22 @@ def server(tree: Path) -> Iterator[str]:
         thread.join()
 
 
+def run_fetch(names: str, origin: str | Path, out: Path) -> int:
+    """Return the exit status of the command."""
+    return main(["fetch", *names.split(), "--from", str(origin), "--out", str(out)])
+
+
 def accept(monkeypatch: pytest.MonkeyPatch, name: str, clip: Path) -> None:
-    """Take the digest of a clip for the right one."""
-    monkeypatch.setitem(SOURCES, name, replace(SOURCES[name], digest=fetching.digest(clip)))
+    """Record the digest of a clip as the right one."""
+    monkeypatch.setitem(DIGESTS, name, fetching.digest(clip))
 
 
 def test_clip_is_cropped_and_scaled(server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Planes are means over areas of the crop; with the right digest the clip gets its name, and stays."""
     out = tmp_path / "clips"
-    assert main(["fetch", "clip", "--from", server, "--out", str(out)]) == 2
+    assert run_fetch("clip", server, out) == 2
     accept(monkeypatch, "clip", out / "clip-unchecked.mkv")
-    assert main(["fetch", "clip", "--from", server, "--out", str(out)]) == 0
+    assert run_fetch("clip", server, out) == 0
     assert [path.name for path in out.iterdir()] == ["clip.mkv"]
     with open_video(out / "clip.mkv") as made:
         assert (made.info.size, made.info.frame_rate) == ((352, 288), 25)
@@ -92,11 +98,11 @@ def test_clip_is_cropped_and_scaled(server: str, tmp_path: Path, monkeypatch: py
         ):
             rows, columns = (areas(n, m) for n, m in zip(cut.shape, plane.shape, strict=True))
             assert np.abs(rows @ cut.astype(float) @ columns.T - plane).max() < 0.51
-    assert main(["fetch", "clip", "--from", "http://127.0.0.1:1", "--out", str(out)]) == 0
+    assert run_fetch("clip", "http://127.0.0.1:1", out) == 0
 
 
 def areas(size: int, target: int) -> np.ndarray:
-    """Share of each sample in each of the fewer ones that replace them."""
+    """Return the share of each sample in each of the fewer target samples."""
     edges = np.arange(target + 1) * size / target
     low, high = np.arange(size), np.arange(size) + 1
     covered = np.minimum(edges[1:, None], high) - np.maximum(edges[:-1, None], low)
@@ -105,7 +111,7 @@ def areas(size: int, target: int) -> np.ndarray:
 
 def test_images_are_converted(tree: Path, tmp_path: Path) -> None:
     """Numbered RGB images of a folder become BT.601 limited range."""
-    assert main(["fetch", "images", "--from", str(tree), "--out", str(tmp_path / "out")]) == 2
+    assert run_fetch("images", tree, tmp_path / "out") == 2
     with open_video(tmp_path / "out" / "images-unchecked.mkv") as made:
         frames = [frame.with_chroma() for frame in made]
     assert len(frames) == 2
@@ -117,16 +123,15 @@ def test_images_are_converted(tree: Path, tmp_path: Path) -> None:
     assert np.abs(frames[0].chroma[1] - cr).max() <= 1
 
 
-def test_other_digest_is_told(
+def test_wrong_digest_is_reported(
     tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A clip that differs is one line and status 2, no file of its name; the others are made."""
+    """A clip that differs gives one line and status 2 and does not get its name; the next one is made."""
     out = tmp_path / "clips"
-    arguments = ["fetch", "images", "clip", "--from", str(tree), "--out", str(out)]
-    assert main(arguments) == 2
+    assert run_fetch("images clip", tree, out) == 2
     accept(monkeypatch, "clip", out / "clip-unchecked.mkv")
     capsys.readouterr()
-    assert main(arguments) == 2
+    assert run_fetch("images clip", tree, out) == 2
     shown = capsys.readouterr()
     assert shown.out.split() == [str(out / "clip.mkv")]
     assert len(shown.err.splitlines()) == 1
@@ -134,38 +139,38 @@ def test_other_digest_is_told(
     assert not (out / "images.mkv").exists()
 
 
-def test_file_names_alone_serve_in_a_folder(tree: Path, tmp_path: Path) -> None:
-    """A file that was downloaded by hand is found by its name."""
+def test_folder_may_hold_bare_file_names(tree: Path, tmp_path: Path) -> None:
+    """A manually downloaded file is found by its name."""
     folder = tree / CLIP.repository / CLIP.commit
-    assert main(["fetch", "clip", "--from", str(folder), "--out", str(tmp_path / "out")]) == 2
+    assert run_fetch("clip", folder, tmp_path / "out") == 2
     assert (tmp_path / "out" / "clip-unchecked.mkv").exists()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("name", "origin", "message"),
     [
-        (["foreman_qcif15"], "cannot be made"),
-        (["beach"], "no clip is called 'beach'"),
-        (["clip", "--from", "{server}/other"], "404"),
-        (["clip", "--from", "http://127.0.0.1:1"], "refused"),
-        (["clip", "--from", "file:///etc"], "only http and https"),
-        (["clip", "--from", "nowhere"], "neither clip.mkv nor"),
-        (["box", "--from", "{tree}"], "neither data/box.mp4"),
+        ("foreman_qcif15", "{tree}", "cannot be made"),
+        ("beach", "{tree}", "no clip is called 'beach'"),
+        ("clip", "{server}/other", "404"),
+        ("clip", "http://127.0.0.1:1", "refused"),
+        ("clip", "file:///etc", "only http and https"),
+        ("clip", "nowhere", "neither clip.mkv nor"),
+        ("box", "{tree}", "neither data/box.mp4"),
     ],
 )
 def test_wrong_input_is_one_line(
-    arguments: list[str],
-    told: str,
+    name: str,
+    origin: str,
+    message: str,
     server: str,
     tree: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """What cannot be had is one line with the reason and status 2, and leaves nothing."""
-    given = [argument.format(server=server, tree=tree) for argument in arguments]
-    assert main(["fetch", *given, "--out", str(tmp_path / "out")]) == 2
+    """A clip that cannot be made gives one line with the reason and status 2, and leaves no file."""
+    assert run_fetch(name, origin.format(server=server, tree=tree), tmp_path / "out") == 2
     error = capsys.readouterr().err
-    assert told in error
+    assert message in error
     assert len(error.splitlines()) == 1
     assert not list(tmp_path.glob("out/*"))
 
@@ -173,23 +178,25 @@ def test_wrong_input_is_one_line(
 def test_downloads_are_bounded(
     server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A file that is too large is not taken to its end."""
+    """A file that is too large is not downloaded to its end."""
     monkeypatch.setattr(fetching, "_CHUNK_BYTES", 2**10)
     monkeypatch.setattr(fetching, "MAX_FILE_BYTES", 2**12)
-    assert main(["fetch", "clip", "--from", server, "--out", str(tmp_path / "out")]) == 2
+    assert run_fetch("clip", server, tmp_path / "out") == 2
     assert "larger than" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("length", "told"), [("abc", "invalid literal"), ("4096", "not complete after 0 s")])
-def test_answers_without_end_are_left(
+@pytest.mark.parametrize(
+    ("length", "message"), [("abc", "invalid literal"), ("4096", "not complete after 0 s")]
+)
+def test_endless_answers_are_abandoned(
     length: str,
-    told: str,
+    message: str,
     tree: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """One that drips a byte at a time ends with its time; a length that is no number is refused."""
+    """An answer of a byte at a time ends at the time limit; a malformed length is refused."""
     monkeypatch.setattr(fetching, "MAX_FILE_S", 0.3)
     gone = threading.Event()
 
@@ -205,11 +212,11 @@ def test_answers_without_end_are_left(
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Dripping) as running:
         threading.Thread(target=running.serve_forever).start()
         address = f"http://127.0.0.1:{running.server_port}"
-        assert main(["fetch", "clip", "--from", address, "--out", str(tmp_path / "out")]) == 2
+        assert run_fetch("clip", address, tmp_path / "out") == 2
         gone.set()
         running.shutdown()
     error = capsys.readouterr().err
-    assert told in error
+    assert message in error
     assert error.count("\n") == 1
 
 
@@ -219,14 +226,20 @@ def test_answers_without_end_are_left(
 def test_other_sources_are_refused(
     source: Source, tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A source of another size, or that ends too early, gives no clip."""
+    """A source of another size, or with too few frames, gives no clip."""
     monkeypatch.setitem(SOURCES, "clip", source)
-    assert main(["fetch", "clip", "--from", str(tree), "--out", str(tmp_path / "out")]) == 2
+    assert run_fetch("clip", tree, tmp_path / "out") == 2
     assert not list(tmp_path.glob("out/*"))
 
 
-def test_help_tells_what_is_uncertain(capsys: pytest.CaptureFixture[str]) -> None:
-    """What was not recorded of a source is said in the help, beside examples."""
+def test_every_source_has_a_digest() -> None:
+    """No clip is made without a check."""
+    assert set(DIGESTS) == set(SOURCES)
+    assert all(len(digest) == 64 for digest in DIGESTS.values())
+
+
+def test_help_has_notes_on_sources(capsys: pytest.CaptureFixture[str]) -> None:
+    """Facts that were not recorded are in the help, next to the examples."""
     with pytest.raises(SystemExit):
         main(["fetch", "--help"])
     shown = " ".join(capsys.readouterr().out.split())

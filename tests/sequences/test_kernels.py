@@ -1,5 +1,6 @@
 """Compiled kernels of the renderer against plain twins, compiled and as Python."""
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -12,13 +13,19 @@ from numpy.typing import NDArray
 from dvc._jit import python_twin
 from sequences import _kernels
 from sequences._kernels import NEAR_M
-from sequences.patterns import SIZE
-from sequences.textures import build
+from sequences.rendered_scenes import scene
+from sequences.scene_cameras import transformed
+from sequences.shapes import MATERIALS, Material
 
 Floats = NDArray[np.float64]
 BOTH = pytest.mark.parametrize("form", [lambda k: k, python_twin], ids=["compiled", "python"])
 Form = Callable[[Any], Any]
 NOJIT = pytest.mark.nojit
+
+
+def materials_of(*materials: Material) -> _kernels.Materials:
+    columns = [np.array(column, dtype=np.float64) for column in zip(*materials, strict=True)]
+    return _kernels.Materials._make([*columns, 0])
 
 
 def random_triangles(seed: int, count: int = 40) -> tuple[Floats, NDArray[np.int32]]:
@@ -48,7 +55,7 @@ def hit(corners: Floats, x: float, y: float) -> float:
 @NOJIT
 @BOTH
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_rasterizer_finds_what_ray_casting_finds(form: Form, seed: int) -> None:
+def test_rasterizer_agrees_with_ray_casting(form: Form, seed: int) -> None:
     """Every sample keeps the nearest triangle that its ray meets."""
     points, triangles = random_triangles(seed)
     inverse, ids = np.zeros((10, 14), dtype=np.float32), np.full((10, 14), -1, dtype=np.int32)
@@ -66,7 +73,7 @@ def test_rasterizer_finds_what_ray_casting_finds(form: Form, seed: int) -> None:
 
 @NOJIT
 @BOTH
-def test_point_casting_finds_what_ray_casting_finds(form: Form) -> None:
+def test_point_casting_agrees_with_ray_casting(form: Form) -> None:
     """Points between pixel centres get the depth of the nearest triangle."""
     points, triangles = random_triangles(5)
     rng = np.random.default_rng(6)
@@ -99,7 +106,7 @@ def test_neighbouring_triangles_leave_no_gap() -> None:
 
 @NOJIT
 @given(st.floats(-9, 9), st.floats(-200, 200), st.integers(0, 20), st.integers(0, 40))
-def test_narrowed_range_keeps_all_that_is_inside(slope: float, offset: float, low: int, length: int) -> None:
+def test_narrowed_range_keeps_all_columns_inside(slope: float, offset: float, low: int, length: int) -> None:
     """No column with ``slope * column + offset >= 0`` is lost."""
     first, last = _kernels.narrow(slope, offset, low, low + length)
     assert (first, last) == python_twin(_kernels.narrow)(slope, offset, low, low + length)
@@ -110,92 +117,64 @@ def test_narrowed_range_keeps_all_that_is_inside(slope: float, offset: float, lo
 
 @NOJIT
 @BOTH
-def test_transform_is_a_matrix_product(form: Form) -> None:
-    """Points go through the matrix, translation included."""
-    rng = np.random.default_rng(4)
-    matrix, points, out = rng.normal(size=(3, 4)), rng.normal(size=(9, 3)), np.empty((9, 3))
-    form(_kernels.transform)(matrix, points, out)
-    np.testing.assert_allclose(out, points @ matrix[:, :3].T + matrix[:, 3], rtol=1e-12)
+def test_noise_is_smooth_and_fades_out(form: Form) -> None:
+    """Noise has mean 0, deviation near 1 and no jumps, and vanishes in a large footprint."""
+    noise = form(_kernels.noise)
+    at = np.random.default_rng(7).uniform(-40.0, 40.0, (600, 2))
+    values = np.array([noise(x, y, 0.0, 0.8, 3) for x, y in at])
+    assert abs(values.mean()) < 0.15
+    assert 0.7 < values.std() < 1.3
+    near = np.array([noise(x + 1e-7, y, 0.0, 0.8, 3) for x, y in at])
+    assert np.abs(near - values).max() < 1e-3
+    assert noise(2.0 - 1e-9, 0.3, 0.4, 0.8, 3) == pytest.approx(noise(2.0 + 1e-9, 0.3, 0.4, 0.8, 3), abs=1e-6)
+    assert max(abs(noise(x, y, 0.51, 0.8, 3)) for x, y in at[:50]) == 0.0
+    assert noise(0.3, 0.4, 0.0, 0.8, 3) != noise(0.3, 0.4, 0.0, 0.8, 4)
 
 
 @NOJIT
 @BOTH
-def test_bilinear_lookup_wraps_round(form: Form) -> None:
-    """The texture is interpolated between linear values of its four texels, across the seam as well."""
-    textures = build(["paint"], 0)
-    number, level = 10, 3
-    side = SIZE >> level
-    start = textures.offsets[number, level]
-    image = (textures.texels[start : start + 3 * side * side].reshape(side, side, 3) / 255.0) ** 2
-    out = np.empty(3)
-    for u, v in ((0.31, 0.77), (0.999, 0.002), (-1.25, 3.5)):
-        form(_kernels.bilinear)(textures, number, level, u, v, out)
-        x, y = u * side - 0.5, v * side - 0.5
-        j, i = int(np.floor(x)), int(np.floor(y))
-        expected = sum(
-            (1 - abs(y - i - di)) * (1 - abs(x - j - dj)) * image[(i + di) % side, (j + dj) % side]
-            for di in (0, 1)
-            for dj in (0, 1)
-        )
-        np.testing.assert_allclose(out, expected, rtol=1e-9)
+def test_courses_have_joints_and_no_period(form: Form) -> None:
+    """Joints have their share of a wall and their colour; stones differ; from afar a wall has its mean."""
+    materials = materials_of(Material((0.5, 0.25), (0.05, 0.02), (0.9, 0.1, 0.1), spread=(0.3, 0.0)))
+    rgb, tint = np.empty(3), np.array([0.2, 0.5, 0.2])
+
+    def colour(u: float, v: float, size: float) -> Floats:
+        form(_kernels.texture)(materials, 0, np.array([u, v, size]), tint, rgb)
+        return rgb.copy()
+
+    v, u = np.mgrid[0.0125:2.0:0.025, 0.0125:4.0:0.025]
+    seen = np.array([colour(x, y, 0.002) for x, y in zip(u.ravel(), v.ravel(), strict=True)])
+    joints = seen[:, 0] > 0.5
+    assert joints.mean() == pytest.approx(1.0 - 0.9 * 0.8, abs=0.05)
+    stones = np.unique(seen[~joints][:, 1].round(6))
+    assert len(stones) > 30
+    afar = colour(0.3, 0.4, 3.0)
+    np.testing.assert_allclose(afar, seen.mean(axis=0), atol=0.06)
 
 
 @NOJIT
-@BOTH
-def test_wide_footprints_see_the_mean_of_a_texture(form: Form) -> None:
-    """A footprint of a whole tile gives the coarsest level; a point gives the finest."""
-    textures = build(["paint"], 0)
-    out, work, exact = np.empty(3), np.empty(3), np.empty(3)
-    form(_kernels.filtered)(textures, 10, 0.3, 0.4, np.array([1.0, 0.0, 0.0, 1.0]), out, work)
-    mean = (textures.texels[textures.offsets[10, -1]] / 255.0) ** 2
-    assert out[0] == pytest.approx(mean, abs=0.01)
-    form(_kernels.filtered)(textures, 10, 0.3, 0.4, np.zeros(4), out, work)
-    _kernels.bilinear(textures, 10, 0, 0.3, 0.4, exact)
-    np.testing.assert_allclose(out, exact, rtol=1e-12)
-    form(_kernels.filtered)(textures, 10, 0.3, 0.4, np.array([0.05, 0.0, 0.0, 0.003]), out, work)
-    assert abs(out[0] - mean) < 0.1
-
-
-@NOJIT
-@BOTH
-def test_resolve_is_a_separable_average(form: Form) -> None:
-    """Each pixel is the weighted mean of its window of samples."""
-    rng = np.random.default_rng(8)
-    samples, taps = rng.random((11, 14, 3)).astype(np.float32), np.array([1, 2, 3, 2, 1]) / 9
-    out = np.empty((3, 4, 3), dtype=np.float32)
-    form(_kernels.resolve)(samples, taps, 3, out)
-    for i in range(3):
-        for j in range(4):
-            window = samples[3 * i : 3 * i + 5, 3 * j : 3 * j + 5]
-            np.testing.assert_allclose(out[i, j], np.einsum("i,j,ijk", taps, taps, window), rtol=1e-5)
-
-
-@NOJIT
-@BOTH
-def test_visibility_counts_what_no_surface_hides(form: Form) -> None:
-    """Light reaches a vertex before the surface or outside the map, not behind it; weight 0 is skipped."""
-    projected = np.array([[2.0, 2.0, 1.0], [2.0, 2.0, 1.0], [90.0, 2.0, 1.0], [2.0, 2.0, 1.0]])
-    projected[1] *= 3.0
-    inverse = np.full((5, 5), 0.5, dtype=np.float32)
-    seen, total = np.zeros(4), np.zeros(4)
-    form(_kernels.add_visibility)(projected, inverse, np.array([1.0, 0.7, 0.4, 0.0]), 0.1, seen, total)
-    np.testing.assert_allclose(seen, [1.0, 0.0, 0.4, 0.0])
-    np.testing.assert_allclose(total, [1.0, 0.7, 0.4, 0.0])
+def test_materials_look_alike_in_both_forms() -> None:
+    """Every material has the same finite reflectance from the compiled kernel and from Python."""
+    materials = materials_of(*MATERIALS.values())
+    compiled, plain = np.empty(3), np.empty(3)
+    for k, place in itertools.product(range(len(MATERIALS)), [(0.3, -1.7, 0.004), (12.1, 3.3, 0.05)]):
+        _kernels.texture(materials, k, np.array(place), np.full(3, 0.4), compiled)
+        python_twin(_kernels.texture)(materials, k, np.array(place), np.full(3, 0.4), plain)
+        np.testing.assert_allclose(compiled, plain, rtol=1e-9)
+        assert 0.0 <= compiled.min() <= compiled.max() < 1.5
 
 
 @BOTH
 def test_picture_is_shaded_alike_in_both_forms(form: Form) -> None:
     """A small view of a scene has the same colours from the compiled kernel and from Python."""
-    from sequences.scenes import scene
-
-    stairway = scene("stairway", 0, 0.05)
+    stairway = scene("stairway")
     camera = stairway.camera(0, 12, 9)
-    projected = np.empty_like(stairway.surface.points)
-    _kernels.transform(camera.projection, stairway.surface.points, projected)
+    projected = transformed(camera.projection, stairway.surface.points)
     inverse, ids = np.zeros((9, 12), dtype=np.float32), np.full((9, 12), -1, dtype=np.int32)
     _kernels.rasterize(projected, stairway.surface.triangles, inverse, ids)
+    ids[0, :3] = -1  # sky
     rays = camera.cam_from_world[:, :3].T @ np.linalg.inv(camera.K)
-    parts = (stairway.surface, stairway.textures, stairway.light, projected, rays, ids, inverse)
+    parts = (stairway.surface, stairway.materials, stairway.light, projected, rays, ids, inverse)
     expected, colour = np.empty((2, 9, 12, 3), dtype=np.float32)
     _kernels.shade(*parts, expected)
     form(_kernels.shade)(*parts, colour)

@@ -17,7 +17,7 @@ from benchmarks.searches.settings import (
 )
 from dvc.config import NoFeedback, ParityBuffer
 from dvc.video import VideoInfo
-from sequences.sequence import RenderedSequence
+from sequences.rendered_sequence import RenderedSequence
 from tests.clips import write_clip
 
 INFO = VideoInfo(width=64, height=48, frame_rate=Fraction(25))

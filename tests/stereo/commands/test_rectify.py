@@ -12,7 +12,7 @@ from dvc.pfm import read_pfm
 from dvc.picture_files import read_picture, write_png
 from dvc.stereo.__main__ import main
 from dvc.stereo.surfaces.folder import read_reconstruction
-from sequences.array_views import write_array
+from sequences.toy_array import write_array
 
 NAMES = ("toy-0-0", "toy-1-0")
 SIZE = 128, 96

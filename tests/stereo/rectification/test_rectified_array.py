@@ -24,7 +24,7 @@ from dvc.stereo.rectification.rectified_space import Rectification
 from dvc.stereo.rectification.rectify import rectify
 from dvc.stereo.rectification.refinement import refined_pair
 from dvc.stereo.rectification.resampling import metric_depth
-from sequences.array_views import write_array
+from sequences.toy_array import write_array
 from tests.stereo.data import real_set
 from tests.stereo.rigs import random_rig
 

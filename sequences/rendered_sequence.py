@@ -12,12 +12,13 @@ from dvc.files import Closing, atomic_folder, atomic_output, same_file
 from dvc.pfm import write_pfm
 from dvc.video import Frame, VideoInfo, create_video
 from dvc.video.frames import check_size
+from sequences.rendered_scenes import scene
 from sequences.renderer import RenderedFrame, render_frame
-from sequences.scenes import descriptions, scene
+from sequences.scene_layouts import VIDEO_SCENES
 
 
 class RenderedSequence(Closing):
-    """Frames of a rendered scene, a `dvc.video.VideoReader`; the scene is built when the first is asked for.
+    """Frames of a rendered scene, a `dvc.video.VideoReader`; the scene is built for the first frame.
 
     Parameters
     ----------
@@ -28,22 +29,20 @@ class RenderedSequence(Closing):
     start : int
         First frame.
     num_frames : int, optional
-        Length; the scene's usual one if None.
+        Length; the usual one of the scene if None.
     seed : int
         Seed of the scene and of the sensor noise.
     noise_sigma : float
         Sensor noise in luma levels.
     jobs : int
-        Frames rendered at the same time; the result does not depend on it.
-    detail : float
-        Share of leaves and light directions, see `sequences.scenes.scene`.
+        Number of frames rendered at the same time; the result does not depend on it.
 
     Raises
     ------
     ConfigError
-        If there is no such scene, or a number is out of range.
+        If the scene does not exist, or a number is out of range.
     VideoError
-        If the size is not one that frames may have.
+        If frames cannot have that size.
     """
 
     def __init__(
@@ -57,11 +56,10 @@ class RenderedSequence(Closing):
         seed: int = 0,
         noise_sigma: float = 0.0,
         jobs: int = 1,
-        detail: float = 1.0,
     ) -> None:
-        if name not in descriptions():
-            raise ConfigError(f"no scene is called {name!r}; there are {', '.join(descriptions())}")
-        description = descriptions()[name]
+        if name not in VIDEO_SCENES:
+            raise ConfigError(f"no scene is called {name!r}; the scenes are {', '.join(VIDEO_SCENES)}")
+        description = VIDEO_SCENES[name]
         count = description.num_frames if num_frames is None else num_frames
         if count < 1 or start < 0 or seed < 0 or jobs < 1:
             raise ConfigError(
@@ -72,18 +70,18 @@ class RenderedSequence(Closing):
             raise ConfigError(f"noise must be in [0, 128) luma levels, got {noise_sigma:g}")
         check_size(width, height, name)
         self.name, self.start, self.num_frames, self.seed, self.jobs = name, start, count, seed, jobs
-        self.noise_sigma, self.detail = noise_sigma, detail
+        self.noise_sigma = noise_sigma
         notices = ("rendered, BT.601 limited range",)
         self._info = VideoInfo(width, height, description.frame_rate, count, notices)
         self._frames: Iterator[RenderedFrame] | None = None
 
     @property
     def info(self) -> VideoInfo:
-        """What is known of the video."""
+        """Size, frame rate and length."""
         return self._info
 
     def rendered(self) -> Iterator[RenderedFrame]:
-        """Yield the frames not read yet with depth and camera; at most `jobs` are in the making."""
+        """Yield the frames not read yet with depth and camera; at most `jobs` are rendered at once."""
         if self._frames is None:
             self._frames = self._render()
         return self._frames
@@ -93,11 +91,11 @@ class RenderedSequence(Closing):
         return (rendered.frame for rendered in self.rendered())
 
     def close(self) -> None:
-        """Stop rendering; harmless when repeated."""
+        """Stop rendering; a second call has no effect."""
         self._frames = iter(())
 
     def _render(self) -> Iterator[RenderedFrame]:
-        built = scene(self.name, self.seed, self.detail)
+        built = scene(self.name, self.seed)
 
         def make(index: int) -> RenderedFrame:
             return render_frame(built, index, *self._info.size, noise_sigma=self.noise_sigma)
@@ -128,25 +126,25 @@ def render(
     depth: str | Path | None = None,
     progress: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Write a sequence as a video, and on demand its cameras and depth maps, complete or not at all.
+    """Write a sequence as a video, optionally with cameras and depth maps: all files or none.
 
     Parameters
     ----------
     sequence : RenderedSequence
-        What to render.
+        Frames to render.
     video : str or Path
-        Video file; its suffix chooses the format.
+        Video file; its suffix selects the format.
     cameras : str or Path, optional
         JSON file of ``K`` and ``cam_from_world`` per frame.
     depth : str or Path, optional
         Folder, new or empty, for a PFM file of metres per frame (inf for the sky).
     progress : callable, optional
-        Called with the number of frames just done.
+        Function that is called with the number of frames just rendered.
 
     Raises
     ------
     DvcError
-        If something cannot be written.
+        If an output cannot be written.
     """
     if cameras is not None and same_file(video, cameras):
         raise ConfigError(f"video and cameras cannot both be written to {video}")

@@ -53,6 +53,12 @@ class Camera:
         }
 
 
+def transformed(matrix: Floats, points: Floats) -> Floats:
+    """Return ``matrix @ (x, y, z, 1)`` of points (N, 3), with the same rounding on every processor."""
+    x, y, z = points[:, :1], points[:, 1:2], points[:, 2:]
+    return np.asarray(x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2] + matrix[:, 3])
+
+
 def project(camera: Camera, points_in_world: Floats) -> tuple[Floats, Floats]:
     """Project world points into the image.
 
@@ -70,7 +76,7 @@ def project(camera: Camera, points_in_world: Floats) -> tuple[Floats, Floats]:
     depth_m : ndarray of shape (N,), float64
         Depth along the optical axis; negative behind the camera.
     """
-    homogeneous = points_in_world @ camera.projection[:, :3].T + camera.projection[:, 3]
+    homogeneous = transformed(camera.projection, points_in_world)
     depth = homogeneous[:, 2]
     return homogeneous[:, :2] / depth[:, None], depth
 
@@ -112,7 +118,7 @@ def intrinsics(width_px: int, height_px: int, field_of_view_deg: float) -> Float
 
 
 def look_at(centre: ArrayLike, target: ArrayLike, turn_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
-    """Return ``cam_from_world`` (3, 4) of a camera that stands level and looks at a point."""
+    """Return ``cam_from_world`` (3, 4) of a level camera that looks at a point, and turns."""
     eye = np.asarray(centre, dtype=np.float64)
     forward = np.asarray(target, dtype=np.float64) - eye
     forward /= np.linalg.norm(forward)
@@ -137,7 +143,7 @@ def tremor(time_s: float, seed: int, min_hz: float, max_hz: float, count: int = 
 
 
 def there_and_back(time: float, period: float, ease: float) -> float:
-    """Fold time into ``[0, period]``, so that a path of finite length serves a sequence of any length."""
+    """Fold time into ``[0, period]``, so that a finite path serves a sequence of any length."""
     phase = (time + ease) % (2 * period)
     to_turn = abs(phase - period)
     rounded = min(to_turn, period - to_turn)

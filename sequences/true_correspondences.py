@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sequences import _kernels
-from sequences.cameras import Camera, back_project, project, ray_directions
-from sequences.scenes import Scene
+from sequences.rendered_scenes import Scene
+from sequences.scene_cameras import Camera, back_project, project, ray_directions, transformed
 
 Floats = NDArray[np.float64]
 
@@ -16,16 +16,16 @@ DEPTH_TOLERANCE = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """Points of one frame and where they are in another.
+    """Points of one frame and their positions in another.
 
     Attributes
     ----------
     points_a, points_b : ndarray of shape (P, 2), float64
-        Image points (x, y) in pixels; nan in b for what lies behind its camera.
+        Image points (x, y) in pixels; nan in b for points behind its camera.
     depth_a : ndarray of shape (P,), float64
         Depth in a, metres; inf for the sky.
     visible : ndarray of shape (P,), bool
-        Whether the point is inside frame b and nothing stands before it.
+        Whether the point is inside frame b and not occluded there.
     """
 
     points_a: Floats
@@ -41,7 +41,7 @@ def pixel_grid(width: int, height: int, step: int = 1) -> Floats:
 
 
 def depth_at(scene: Scene, camera: Camera, points: Floats) -> tuple[Floats, NDArray[np.int32]]:
-    """Cast rays through image points, wherever they lie between pixel centres."""
+    """Return depth and triangle of image points (P, 2), which need not be pixel centres; -1 for the sky."""
     height, width = camera.height_px, camera.width_px
     depth, triangle = np.full(len(points), np.nan), np.full(len(points), -1, dtype=np.int32)
     inside = np.flatnonzero(in_image(camera, points))
@@ -53,8 +53,7 @@ def depth_at(scene: Scene, camera: Camera, points: Floats) -> tuple[Floats, NDAr
     order = np.argsort(cell, kind="stable")
     ends = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=width * height))])
     start = ends[np.arange(height)[:, None] * width + np.arange(width + 1)]
-    projected = np.empty_like(scene.surface.points)
-    _kernels.transform(camera.projection, scene.surface.points, projected)
+    projected = transformed(camera.projection, scene.surface.points)
     nearest, ids = np.full(len(xy), np.inf), np.full(len(xy), -1, dtype=np.int32)
     _kernels.cast_points(projected, scene.surface.triangles, xy, start, order, nearest, ids)
     depth[inside], triangle[inside] = nearest, ids
@@ -62,7 +61,7 @@ def depth_at(scene: Scene, camera: Camera, points: Floats) -> tuple[Floats, NDAr
 
 
 def in_image(camera: Camera, points: Floats) -> NDArray[np.bool_]:
-    """Tell which image points (P, 2) lie on a pixel of the camera; nan does not."""
+    """Return whether image points (P, 2) lie on a pixel of the camera; nan does not."""
     size = np.array([camera.width_px, camera.height_px])
     return np.asarray(((points >= -0.5) & (points <= size - 0.5)).all(axis=1))
 
@@ -80,7 +79,7 @@ def correspondences(
     Parameters
     ----------
     scene : Scene
-        What `sequences.scenes.scene` returned.
+        Scene from `sequences.rendered_scenes.scene`.
     frame_a, frame_b : float
         Frame numbers.
     points : ndarray of shape (P, 2), float64, optional
@@ -91,12 +90,12 @@ def correspondences(
     Returns
     -------
     Correspondences
-        Where the points are in frame b, and which of them can be seen there.
+        Positions and visibility of the points in frame b.
 
     Raises
     ------
     ValueError
-        If `points` has another shape.
+        If `points` has a wrong shape.
     """
     at = pixel_grid(width, height) if points is None else np.asarray(points, dtype=np.float64)
     if at.ndim != 2 or at.shape[1] != 2:

@@ -5,15 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sequences.cameras import (
-    Camera,
-    back_project,
-    intrinsics,
-    look_at,
-    project,
-    there_and_back,
-    tremor,
-)
+from sequences.scene_cameras import Camera, back_project, intrinsics, look_at, project, there_and_back, tremor
 from tests.reference.epipolar import fundamental_matrix
 
 
@@ -46,7 +38,7 @@ def test_fundamental_matrix_annihilates_images_of_one_point() -> None:
 
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (2.0, -3.0, 5.0)])
 def test_aim_is_a_rigid_motion(turn: tuple[float, float, float]) -> None:
-    """The rotation is orthonormal and right-handed, and the centre is where the camera was put."""
+    """The rotation is orthonormal and right-handed, and the centre is the position of the camera."""
     camera = a_camera((1.0, -2.0, 1.5), turn)
     rotation = camera.cam_from_world[:, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
@@ -55,7 +47,7 @@ def test_aim_is_a_rigid_motion(turn: tuple[float, float, float]) -> None:
 
 
 def test_aim_puts_the_target_in_the_middle_and_up_upwards() -> None:
-    """The target is imaged at the principal point, and what is above it at a smaller row."""
+    """The target is imaged at the principal point, and points above it at smaller rows."""
     camera = a_camera((1.0, -2.0, 1.5))
     xy, _ = project(camera, np.array([[0.0, 10.0, 1.0], [0.0, 10.0, 2.0], [1.0, 10.0, 1.0]]))
     np.testing.assert_allclose(xy[0], (175.5, 143.5), atol=1e-9)

@@ -1,4 +1,4 @@
-"""The rendered camera array: its lattice, its files, and that depth and cameras explain the pictures."""
+"""The rendered camera array: its lattice, its files, and pictures that depth and cameras explain."""
 
 import json
 from pathlib import Path
@@ -10,9 +10,9 @@ from dvc.array_files import read_positions
 from dvc.pfm import read_pfm
 from dvc.picture_files import read_picture
 from sequences.__main__ import main
-from sequences.array_views import render_view
-from sequences.cameras import back_project, project
-from sequences.toy import POSITIONS, STEP_DOWN_M, STEP_RIGHT_M
+from sequences.scene_cameras import back_project, project
+from sequences.scene_layouts import POSITIONS, STEP_DOWN_M, STEP_RIGHT_M
+from sequences.toy_array import render_view
 
 
 def test_centres_form_a_lattice_of_cells_that_are_not_square() -> None:
@@ -28,7 +28,7 @@ def test_centres_form_a_lattice_of_cells_that_are_not_square() -> None:
 
 
 def test_depth_and_cameras_explain_the_pictures() -> None:
-    """Points of one view look alike in another, where both see them."""
+    """Points that are visible in two views look alike."""
     first, second = render_view("toy", 0), render_view("toy", 3)
     assert np.isfinite(first.depth).all()
     y, x = np.mgrid[4:240:8, 4:320:8]
@@ -45,7 +45,7 @@ def test_depth_and_cameras_explain_the_pictures() -> None:
 
 
 def test_command_writes_pictures_depth_and_cameras(tmp_path: Path) -> None:
-    """The folder holds what `dvc-stereo` reads."""
+    """The folder is an input of `dvc-stereo`."""
     folder = tmp_path / "toy"
     assert main(["render", "toy", "--out", str(folder), "--size", "32x24"]) == 0
     cameras = json.loads((folder / "cameras.json").read_text())
@@ -61,7 +61,7 @@ def test_command_writes_pictures_depth_and_cameras(tmp_path: Path) -> None:
 def test_options_of_videos_are_refused(
     tmp_path: Path, option: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """They would be ignored otherwise."""
+    """Options without effect are errors."""
     assert main(["render", "toy", "--out", str(tmp_path / "toy"), *option]) == 2
-    assert f"{option[0]} is for videos" in capsys.readouterr().err
+    assert f"{option[0]} applies to videos" in capsys.readouterr().err
     assert not (tmp_path / "toy").exists()

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,20 +16,18 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from dvc.errors import ConfigError, DvcError, VideoError
 from dvc.pfm import read_pfm, write_pfm
 from dvc.video import VideoReader, open_video
+from sequences.rendered_scenes import scene
+from sequences.rendered_sequence import RenderedSequence, render
 from sequences.renderer import RenderedFrame, render_frame
-from sequences.scenes import scene
-from sequences.sequence import RenderedSequence, render
 from tests.clips import same_frame
-
-DETAIL = 0.05
 
 
 def short(**options: int) -> RenderedSequence:
-    return RenderedSequence("stairway", 32, 25, detail=DETAIL, **{"num_frames": 5, **options})
+    return RenderedSequence("stairway", 32, 25, **{"num_frames": 5, **options})
 
 
 def test_sequence_keeps_the_reader_protocol() -> None:
-    """It tells what it is, yields its frames once, and stops when it is closed."""
+    """A sequence has an info, yields its frames once, and nothing after it is closed."""
     sequence = short()
     assert isinstance(sequence, VideoReader)
     assert sequence.info.size == (32, 25)
@@ -37,14 +36,10 @@ def test_sequence_keeps_the_reader_protocol() -> None:
         assert next(iter(reader)).width == 32
         assert len(list(reader)) == 4
         assert list(reader) == []
-
-
-def test_closed_sequence_yields_nothing() -> None:
-    """After `close` no frame comes, and closing twice is harmless."""
-    sequence = short()
-    sequence.close()
-    sequence.close()
-    assert list(sequence) == []
+    closed = short()
+    closed.close()
+    closed.close()
+    assert list(closed) == []
 
 
 @pytest.mark.parametrize("jobs", [2, 3, 8])
@@ -55,29 +50,28 @@ def test_jobs_do_not_change_the_frames(jobs: int) -> None:
 
 
 def test_start_skips_frames() -> None:
-    """Frame `start` of the scene comes first, whatever the usual length."""
+    """Frame `start` of the scene comes first, even beyond the usual length."""
     late = next(iter(short(start=120, num_frames=1)))
-    assert same_frame(late, render_frame(scene("stairway", 0, DETAIL), 120, 32, 25).frame)
+    assert same_frame(late, render_frame(scene("stairway"), 120, 32, 25).frame)
 
 
 @pytest.mark.parametrize(
-    ("options", "error"),
-    [({"num_frames": 0}, ConfigError), ({"start": -1}, ConfigError), ({"jobs": 0}, ConfigError)],
+    ("arguments", "options", "message"),
+    [
+        (("beach",), {}, "beach"),
+        (("street",), {"num_frames": 0}, "0 frames"),
+        (("street",), {"start": -1}, "start -1"),
+        (("street",), {"jobs": 0}, "0 jobs"),
+        (("street",), {"noise_sigma": float("nan")}, "noise"),
+        (("street", 0, 10), {}, "0x10"),
+    ],
 )
-def test_numbers_out_of_range_are_refused(options: dict[str, int], error: type[DvcError]) -> None:
+def test_wrong_arguments_are_refused_at_once(
+    arguments: tuple[Any, ...], options: dict[str, Any], message: str
+) -> None:
     """A user's mistake is a DvcError, raised before anything is built."""
-    with pytest.raises(error):
-        short(**options)
-
-
-def test_unknown_scene_noise_and_size_are_refused() -> None:
-    """The name, the noise and the size are checked at once."""
-    with pytest.raises(ConfigError, match="beach"):
-        RenderedSequence("beach")
-    with pytest.raises(ConfigError, match="noise"):
-        RenderedSequence("street", noise_sigma=float("nan"))
-    with pytest.raises(VideoError):
-        RenderedSequence("street", 0, 10)
+    with pytest.raises(DvcError, match=message):
+        RenderedSequence(*arguments, **options)
 
 
 def test_files_hold_what_was_rendered(tmp_path: Path) -> None:
@@ -91,7 +85,7 @@ def test_files_hold_what_was_rendered(tmp_path: Path) -> None:
     with open_video(video) as reader:
         assert reader.info.frame_rate == 30
         for frame, view in zip(reader, document["frames"], strict=True):
-            truth = render_frame(scene("stairway", 0, DETAIL), view["index"], 32, 25)
+            truth = render_frame(scene("stairway"), view["index"], 32, 25)
             assert same_frame(frame, truth.frame)
             np.testing.assert_array_equal(view["cam_from_world"], truth.camera.cam_from_world)
             np.testing.assert_array_equal(view["K"], truth.camera.K)
@@ -103,13 +97,13 @@ def test_files_hold_what_was_rendered(tmp_path: Path) -> None:
 class _Failing(RenderedSequence):
     def rendered(self) -> Iterator[RenderedFrame]:
         """Yield one frame, then fail."""
-        yield render_frame(scene("stairway", 0, DETAIL), 0, *self.info.size)
+        yield render_frame(scene("stairway"), 0, *self.info.size)
         raise VideoError("no more")
 
 
 def test_failure_leaves_nothing_behind(tmp_path: Path) -> None:
     """If rendering stops half way, no file or folder appears."""
-    failing = _Failing("stairway", 32, 25, detail=DETAIL)
+    failing = _Failing("stairway", 32, 25)
     with pytest.raises(VideoError, match="no more"):
         render(failing, tmp_path / "s.mkv", cameras=tmp_path / "s.json", depth=tmp_path / "depth")
     assert list(tmp_path.iterdir()) == []
@@ -140,7 +134,7 @@ def test_pfm_of_the_other_byte_order_is_read(tmp_path: Path) -> None:
 def test_damaged_pfm_raises_video_error_or_reads(
     tmp_path_factory: pytest.TempPathFactory, content: bytes
 ) -> None:
-    """Arbitrary bytes never raise anything but VideoError."""
+    """Arbitrary bytes raise only VideoError."""
     path = tmp_path_factory.getbasetemp() / "damaged.pfm"
     path.write_bytes(content)
     with suppress(VideoError):

@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 
 from dvc.files import atomic_folder
 from dvc.pfm import write_pfm
-from sequences.cameras import Camera
+from sequences.rendered_scenes import scene
 from sequences.renderer import render_picture
-from sequences.scenes import scene
-from sequences.toy import POSITIONS
+from sequences.scene_cameras import Camera
+from sequences.scene_layouts import POSITIONS
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedView:
-    """A picture of an array and the truth about it."""
+    """A picture of an array with its true depth and camera."""
 
-    position: tuple[int, int]  # place (m, n) of its camera
+    position: tuple[int, int]  # (m, n) of its camera
     image: NDArray[np.uint8]  # red, green, blue
     depth: NDArray[np.float32]  # along the optical axis, metres
-    camera: Camera  # intrinsics and pose
+    camera: Camera
 
     @property
     def stem(self) -> str:
-        """Name of its files, without ending."""
+        """Name of its files, without suffix."""
         return "toy-{}-{}".format(*self.position)
 
 
