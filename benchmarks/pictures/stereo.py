@@ -16,7 +16,7 @@ from benchmarks.pictures.calibrations import write_cameras
 from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
 from benchmarks.results.harness import run_module
 from benchmarks.results.stereo import data_folder
-from benchmarks.thesis.real_sets import PAIRS
+from benchmarks.thesis.scenes import PAIRS
 from dvc.geometry.surfaces import Reconstruction
 from dvc.stereo.evaluation import disparity_error, read_mask
 from dvc.stereo.opencv_baseline import semi_global_baseline

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.thesis.real_sets import PAIRS, RealSet
+from benchmarks.thesis.scenes import PAIRS, RealSet
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.stereo.evaluation import read_mask, read_truth
 from dvc.stereo.opencv_baseline import SemiGlobalSettings, semi_global_baseline

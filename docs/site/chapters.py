@@ -28,7 +28,7 @@ def terms(chapter: int) -> list[tuple[str, str, str, str]]:
 
 def chapter_text(number: int) -> str:
     """Write the tables of a chapter."""
-    chapter = importlib.import_module(f"benchmarks.thesis.chapter{number}.chapter").CHAPTER
+    chapter = importlib.import_module(f"benchmarks.thesis.chapter{number}").CHAPTER
     lines = ["| place | what | meaning | module |", "| --- | --- | --- | --- |"]
     lines += ["| " + " | ".join(row) + " |" for row in terms(number)]
     lines += ["", f"## Figures of `python -m benchmarks.thesis --chapter {number}`", ""]
