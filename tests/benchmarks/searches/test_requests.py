@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.searches.requests import Known, met, row
-from dvc.contracts.plane_exchange import noisy
+from dvc.contracts.plane_coders import noisy
 from dvc.slepian_wolf.cascade.cascade_coder import CascadeDecoder
 from tests.golden_streams import FOLDER
 

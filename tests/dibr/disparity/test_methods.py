@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from dvc.contracts.disparity_codecs import NUM_LABELS, DisparityCodecContract, step_edge
 from numpy.typing import NDArray
 
-from dvc.contracts.disparity_codecs import NUM_LABELS, DisparityCodecContract, step_edge
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
 from dvc.dibr.disparity.distortion import Holes
 from dvc.dibr.disparity.fixed_quadtree import SPLIT_BITS, FixedQuadtreeCodec
