@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from encoder.tracking import PointTracker
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from decoder.side_information.protocol import Prediction, ReferenceFrame, SideInformationMethod
@@ -15,6 +14,7 @@ from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame, chroma_shape
 from dvc.wynerziv.transform import to_uint8
 from encoder.corners import CornerDetector
+from encoder.point_tracker import PointTracker
 
 SHAPES = pytest.mark.parametrize("shape", [(1, 1), (1, 17), (3, 5), (4, 4), (16, 16), (17, 23), (40, 56)])
 CODECS = {"3d": "none", "3d-te": "encoder", "3d-td": "decoder"}
