@@ -1,7 +1,7 @@
-"""Disparities coded with texture on pairs of photographs: L and S beside quadtrees of the same search.
+"""Disparities coded with texture on pairs of photographs: L and S compared with quadtrees of the same search.
 
 ``python -m benchmarks.disparity_coding [--pairs teddy Aloe] [--quick]`` codes pairs below
-``../shared/stereo`` at the rates of chapter 3 and tells, for each of both ways, the mean gain in PSNR of the
+``../shared/stereo`` at the rates of chapter 3 and prints, for L and for S, the mean gain in PSNR of the
 rendered views over the quadtree, the change of rate at equal PSNR, and its lowest and highest PSNR.
 """
 

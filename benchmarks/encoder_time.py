@@ -1,8 +1,8 @@
-"""What encoding without feedback takes beside x264: ``python -m benchmarks.encoder_time [CLIP ...]``.
+"""Time of encoding without feedback compared with x264: ``python -m benchmarks.encoder_time [CLIP ...]``.
 
 Clips, names or video files, are played forwards, backwards, and so on. Each row is a clip at a length, with
-all that a process takes but reading the input and starting: milliseconds a frame, and how much that is over
-each of the peers; medians of runs in turn. `encoding/time` of the results is of later frames alone.
+the time of a process without start and input: milliseconds a frame, and its ratio to that of each anchor;
+medians of interleaved runs. `encoding/time` of the results only counts later frames.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from dvc import cli
 
 
 def ratios(video: Path, folder: Path, frames: int, repetitions: int) -> tuple[float, dict[str, float]]:
-    """Return milliseconds a frame, and that over each of the peers."""
+    """Return milliseconds a frame, and its ratio to that of each anchor."""
     runs = {OURS: partial(own_run_s, video, folder, frames)}
     runs |= {peer: partial(anchor_cpu_s, video, folder, peer, frames) for peer in PEERS}
     times: dict[str, list[float]] = {name: [] for name in runs}

@@ -26,9 +26,9 @@ from dvc.stereo.surfaces.settings import StereoSettings
 from tests.clips import moving_texture, write_clip
 
 MODULE = """
-from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
+from decoder.side_information.block_motion import BlockMotionInterpolation
 from dvc.config import CascadeConfig
-from dvc.slepian_wolf.cascade.coder import CascadeCoder
+from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
 
 
 def still(config):

@@ -97,7 +97,7 @@ def _depth(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Picture:
 
 
 def _write(path: Path, picture: Picture) -> None:
-    """Write a JPEG of at most so many bytes."""
+    """Write a JPEG of at most `MAX_BYTES`."""
     for quality in range(92, 40, -4):
         _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
         if data.size <= MAX_BYTES:

@@ -17,7 +17,7 @@ MAX_BYTES = 150_000
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Code the rendered statue in processes, map what is decoded, and take a picture of the page."""
+    """Code the rendered statue in processes, map the decoded frames, and take a picture of the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/map"), help="folder to write, new")
     parser.add_argument("--picture", type=Path, default=PICTURE, help="picture to write")
@@ -38,7 +38,7 @@ def _run(module: str, *arguments: str) -> None:
 
 
 def _take(page_path: Path, target: Path) -> None:
-    """Open a page in the browser of the tests, and keep what it shows."""
+    """Open a page in the browser of the tests, and save its picture."""
     from playwright.sync_api import sync_playwright
 
     from tests import browser

@@ -1,4 +1,4 @@
-"""What encoding costs: processor time beside x264 in the same run, operations a pixel, memory."""
+"""Costs of encoding: processor time compared with x264 in the same run, operations a pixel, memory."""
 
 import statistics
 from collections.abc import Callable
@@ -100,7 +100,7 @@ def time_over(setting: Setting, peer: str) -> Measured:
 
 
 def operations(setting: Setting) -> Measured:
-    """Count operations a pixel but for key frames, by the model that tests hold against the kernels."""
+    """Count operations a pixel without key frames, by the model that tests compare with the kernels."""
     frames, found = int(setting.choose(FRAMES, QUICK_FRAMES)), {}
     for clip in setting.clips(CLIPS):
         stages = _encode(clip_source(clip).path, setting.scratch("encoder"), frames, "--no-feedback")[
@@ -134,7 +134,7 @@ def looped(source: Path, path: Path, num_frames: int, period: int = 25) -> Path:
 
 
 def memory_growth(setting: Setting) -> Measured:
-    """Code videos of which one is many times longer; return by how much memory grows, in percent."""
+    """Code a short and a long video, and return the growth of memory in percent."""
     folder = setting.scratch("memory")
     peaks: dict[str, list[int]] = {}
     small = folder / "small.mkv"
