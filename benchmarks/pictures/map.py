@@ -1,14 +1,13 @@
 """The picture of docs/scene.md: the page of a map that is made out of decoded frames."""
 
 import argparse
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 
-from dvc.environment import child_environment, python_module
+from benchmarks.results.harness import run_module
 
 PICTURE = Path("docs/scene/map.jpg")
 SIZE_PX = 960, 600
@@ -25,16 +24,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder: Path = arguments.out
     folder.mkdir(parents=True, exist_ok=True)
     video, stream, decoded = (str(folder / name) for name in ("statue.mkv", "statue.dvc", "decoded.mkv"))
-    _run("sequences", "render", "statue", "--out", video)
-    _run("encoder", video, stream, "--qp", QP, "--quiet")
-    _run("decoder", stream, decoded, "--scene", str(folder / "map"))
+    run_module("sequences", "render", "statue", "--out", video)
+    run_module("encoder", video, stream, "--qp", QP, "--quiet")
+    run_module("decoder", stream, decoded, "--scene", str(folder / "map"))
     _take(folder / "map" / "index.html", arguments.picture)
     print(arguments.picture)
     return 0
-
-
-def _run(module: str, *arguments: str) -> None:
-    subprocess.run(python_module(module, *arguments), env=child_environment(), check=True)
 
 
 def _take(page_path: Path, target: Path) -> None:
