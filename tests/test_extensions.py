@@ -104,7 +104,7 @@ def test_registered_extensions_are_used() -> None:
 
 @pytest.mark.usefixtures("extended")
 def test_unusable_extensions_are_named() -> None:
-    """The message names the package and the reason, whatever the extension raises."""
+    """The message names the package and the reason for any exception of the extension."""
     config = codec_config(VideoConfig(64, 48, 25, 1), coder=CODERS["hopeless"]())
     with pytest.raises(ConfigError, match="extension 'broken' of made-up cannot be imported"):
         METHODS["broken"]

@@ -72,7 +72,7 @@ class PictureAndDepth:
     name: str
     views: Views  # gray views of one reference
     disparity: Floats  # disparities of the reference
-    labels: DisparityLabels  # range that gray levels 0 to 255 stand for
+    labels: DisparityLabels  # range of the gray levels 0 to 255
     coder: PictureCoder
     _results: dict[tuple[int, int], BaselineResult] = field(default_factory=dict, repr=False)
 
@@ -238,7 +238,7 @@ def encode_frames(pictures: Sequence[Picture], coder: VideoCoder, qp: int, offse
 
 
 def decode_frames(stream: Sequence[bytes], coder: VideoCoder) -> list[Picture]:
-    """Decode the luma samples of frames as they were coded, whatever range the stream declares."""
+    """Decode the luma samples of frames as coded, independent of the range that the stream declares."""
     context = av.CodecContext.create(coder.decoder, "r")
     context.thread_count = 1
     frames = [frame for part in stream for frame in context.decode(av.Packet(part))]

@@ -126,7 +126,7 @@ def prediction_point(row: Prediction, sequence: str, frames: int, method: Method
 
 
 def _with_cameras(point: Point, method: Method) -> Point:
-    """Let the decoder find cameras to the letter if the method is that of the thesis."""
+    """Add the decoder's option for cameras as written if the method is that of the thesis."""
     has_cameras = method is Method.THESIS and point.side_information is not None
     return replace(point, decoder=CAMERAS) if has_cameras else point
 

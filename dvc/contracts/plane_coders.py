@@ -113,7 +113,7 @@ class PlaneCoderContract:
             np.testing.assert_array_equal(exchange(bits, llr_ch, coder).bits, bits)
 
     def test_right_and_sure_planes_cost_little(self, coder: PlaneCoder) -> None:
-        """A plane of which the prior is right and sure costs its check and at most a few parities."""
+        """A plane with a right and sure prior costs its check and at most a few parities."""
         for bit in (0, 1):
             result = exchange(np.full(1584, bit, np.uint8), np.full(1584, 20.0) * (1 - 2 * bit), coder)
             assert result.parity_bits <= 20
@@ -160,7 +160,7 @@ class PlaneCoderContract:
 
     @pytest.mark.parametrize("seed", range(20))
     def test_damaged_answers_end(self, coder: PlaneCoder, seed: int) -> None:
-        """Decoding ends after a bounded number of bits, whatever a damaged payload answers."""
+        """Decoding ends after a bounded number of bits even if all answers are random."""
         rng = np.random.default_rng(seed)
         num_bits, counts = int(rng.integers(2, 81)), list[int]()
         decoder = coder.decoder(num_bits)

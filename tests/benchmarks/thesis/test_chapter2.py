@@ -68,7 +68,7 @@ def test_two_iterations_repair_what_one_leaves() -> None:
     ids=lambda change: next(iter(change)),
 )
 def test_every_setting_counts(change: dict[str, Any]) -> None:
-    """With another value of any of them the surfaces are others."""
+    """Another value of any of them changes the surfaces."""
     written, changed = _found(), _found(replace(THESIS, **change))
     differs = [
         (one.disparity != other.disparity).any() or (one.confidence != other.confidence).any()
@@ -78,7 +78,7 @@ def test_every_setting_counts(change: dict[str, Any]) -> None:
 
 
 def test_settings_are_those_that_are_written() -> None:
-    """The figures of the text, and what stands for what it leaves open."""
+    """Values of the text, and our readings of open points."""
     assert (THESIS.cost, THESIS.max_iterations, THESIS.min_change) == ("squared", 5, 0.0)
     assert (THESIS.agreement, THESIS.filling, THESIS.edge_strength) == ("exact", "inferred", 1.0)
     assert not THESIS.exposures
@@ -101,7 +101,7 @@ def test_sprites_compare_depth_or_disparity() -> None:
 
 
 def test_steps_without_data_need_none(tmp_path: Path) -> None:
-    """The made-up scenes alone; with data all pairs, and more cameras where hours are allowed."""
+    """Only made-up scenes; with data all pairs, and more cameras in the full preset."""
     names = [step.name for step, _ in planned(CHAPTER, Task(tmp_path), (Method.DEFAULT,))]
     assert names == ["two-planes", "toy"]
     real_set("tsukuba")

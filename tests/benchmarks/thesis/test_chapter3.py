@@ -47,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_all_figures_are_drawn(folder: Path) -> None:
-    """Every one that is no diagram, by both ways; numbers of both stand in the document."""
+    """Every figure except diagrams is drawn by both methods; the document has the numbers of both."""
     names = {path.name for path in folder.glob("*.png")}
     both = {
         f"figure-{n}-views-{method}.png"
@@ -64,7 +64,7 @@ def test_all_figures_are_drawn(folder: Path) -> None:
 
 @pytest.mark.parametrize("method", Method)
 def test_rates_are_those_of_streams_that_decode(method: Method) -> None:
-    """Smaller lambdas cost more and look better; what is decoded is what the encoder has found."""
+    """Smaller lambdas cost more and look better; streams decode to the disparities of the encoder."""
     for coder in CODERS[method].values():
         points = curve(SCENE.views, LABELS, coder, (1e-2, 4e-4), method)
         sizes = [point.num_bytes for point in points]
@@ -87,7 +87,7 @@ def test_quality_layers_as_written_refine_each_other() -> None:
 
 @pytest.mark.parametrize("make", [LaplacianCodec, WaveletCodec])
 def test_stopping_early_stores_more_roots(make: type[LaplacianCodec] | type[WaveletCodec]) -> None:
-    """Where the tree ends earlier it has more roots, and its stream decodes, too."""
+    """A tree that ends earlier has more roots, and its stream decodes, too."""
     sizes = []
     for num_levels in (None, 2):
         coder = Coder("l", make(L_TRANSFORM, num_levels))
@@ -120,7 +120,7 @@ def test_half_pixels_are_bilinear() -> None:
 
 
 def test_codecs_as_written_know_nothing_of_rendering() -> None:
-    """What maps cause in rendered views changes neither trees nor quadtrees."""
+    """Errors of rendered views change neither trees nor quadtrees."""
     for name, coder in CODERS[Method.THESIS].items():
         rng = np.random.default_rng(3)
         tensor = rng.random((16, 16, 8)).astype(np.float32)
@@ -139,7 +139,7 @@ class _Refused:
 
 
 def test_scenes_are_those_of_the_thesis(tmp_path: Path) -> None:
-    """Teddy and Tsukuba quickly, others with more time; without data those that need none."""
+    """Teddy and Tsukuba in the quick preset, more in the full one; without data those that need none."""
     task = Task(tmp_path, REAL_SETS)
     names = {step.name.split("-")[1] for step in CHAPTER.steps(task)}
     assert names == {"teddy", "tsukuba"}
@@ -149,7 +149,7 @@ def test_scenes_are_those_of_the_thesis(tmp_path: Path) -> None:
 
 
 def test_multipliers_give_the_rates_of_the_reference() -> None:
-    """At the multiplier for a rate the picture takes about that."""
+    """The picture takes about the rate of its multiplier."""
     views = Scene(planes(96, 128), LABELS).views
     (multiplier,) = reference_multipliers(views, [0.5])
     encoded = ViewEncoder(views, LABELS).encode(multiplier)

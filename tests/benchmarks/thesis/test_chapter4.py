@@ -53,7 +53,7 @@ def test_edges_as_written_have_one_rate(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_curves_as_written_share_their_edges(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At all rates that are enough for them; each order of the extrapolation gives another curve."""
+    """Curves begin at the rate of the edges; each order of the extrapolation gives another curve."""
     monkeypatch.setattr(map_curves, "EDGES_BPP", 0.1)
     edges = fixed_edges(MATERIAL)
     assert edges.maps is not None
@@ -62,7 +62,7 @@ def test_curves_as_written_share_their_edges(monkeypatch: pytest.MonkeyPatch) ->
         for name, order in ORDERS.items()
     }
     for points in curves.values():
-        assert len(points) == 2, "edges alone take more than the first rate"
+        assert len(points) == 2, "the edges take more than the first rate"
         assert {point.edges.count() for point in points} == {edges.maps.count()}
         assert all(
             point.num_bytes <= rate * DISCS.size / 8 for point, rate in zip(points, (0.2, 0.3), strict=True)
@@ -121,7 +121,7 @@ def test_points_are_measured_as_files() -> None:
 
 
 def test_pictures_have_equal_bits() -> None:
-    """What is written is the better one of both."""
+    """The encoder writes the better one of both."""
     picture = np.where(two_discs() > 25, 200, 60).astype(np.uint8)
     (point,) = picture_points(picture, edges_of_jumps(DISCS, 5.0), [0.3])
     assert point.shape_adaptive_db > point.standard_db + 3

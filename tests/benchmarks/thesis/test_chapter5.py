@@ -83,7 +83,7 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_points_as_written_are_those_of_the_text() -> None:
-    """Turbo codes, DISCOVER matrices, meshes, GOPs of 2 and 10, key frames alone as references."""
+    """Turbo codes, DISCOVER matrices, meshes, GOPs of 2 and 10, only key frames as references."""
     curves = curve_points("street", QUICK, QUICK.frames, Method.THESIS)
     for name, codec in CODECS.items():
         for point, matrix in zip(curves[name], QUICK.wz_q, strict=True):
@@ -102,7 +102,7 @@ def test_points_as_written_are_those_of_the_text() -> None:
 
 
 def test_ours_have_their_own_settings() -> None:
-    """Qualities in place of matrices, and nothing that is not the default."""
+    """Qualities instead of matrices, and defaults."""
     curves = curve_points("street", FULL, 5, Method.DEFAULT)
     for name in CODECS:
         assert [point.qp for point in curves[name]] == list(FULL.qp)
@@ -150,7 +150,7 @@ def test_curves_are_compared(tmp_path: Path, measured: None, method: Method) -> 
 
 
 def test_failures_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Points that cannot be measured are named, and the others are shown."""
+    """Failed points are named, and the remaining ones are shown."""
 
     def _some(points: list[Point], folder: Path, **options: Any) -> SweepSummary:
         measured = _measure_nothing(points[1:], folder)
@@ -163,7 +163,7 @@ def test_failures_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_results_of_another_clip_of_the_name_are_not_taken(tmp_path: Path, measured: None) -> None:
-    """What was measured on the clip that was there before stays in the folder, and is not shown."""
+    """Results of an earlier clip stay in the folder, but are not shown."""
     step = _step("side-information-street")
     step.make(Task(tmp_path), Method.THESIS)
     files = sorted((tmp_path / POINTS_FOLDER).iterdir())
@@ -178,7 +178,7 @@ def test_results_of_another_clip_of_the_name_are_not_taken(tmp_path: Path, measu
 
 
 def test_presets_take_the_clips_that_are_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rendered scenes are always there, real clips only where the folder of video files has them."""
+    """Rendered scenes always exist, real clips only if the folder of video files has them."""
     monkeypatch.setenv("DVC_DATA", str(tmp_path))
     for name in ("tree.mkv", "other.mkv"):
         (tmp_path / name).write_bytes(b"x")

@@ -1,4 +1,4 @@
-"""The harness: what is kept, when it is made again, and what the pages say of it."""
+"""The harness: cached steps, when they are repeated, and pages."""
 
 import json
 from collections.abc import Callable
@@ -47,7 +47,7 @@ def _chapter(failure: str = "", steps: Callable[[Task], list[Step]] | None = Non
     return Chapter(
         9,
         "made up",
-        {("Table 9.1", "first [dB]"): "1.10", ("Table 9.1", "what nobody measures"): "3"},
+        {("Table 9.1", "first [dB]"): "1.10", ("Table 9.1", "never measured"): "3"},
         (
             Figure("9.1", "an outline", "a diagram of the method"),
             Figure("9.2", "a set"),
@@ -60,18 +60,18 @@ def _chapter(failure: str = "", steps: Callable[[Task], list[Step]] | None = Non
 
 @pytest.fixture(autouse=True)
 def nothing_made() -> None:
-    """Forget what was made before."""
+    """Forget earlier steps."""
     MADE.clear()
 
 
 def test_numbers_stand_in_three_columns(tmp_path: Path) -> None:
-    """Printed, as written and ours; a dash where there is none; figures are drawn or have a reason."""
+    """Printed, as written and ours; a dash for missing values; figures are drawn or have a reason."""
     assert measure(_chapter(), Task(tmp_path), METHODS) == []
     text = (tmp_path / "chapter9.md").read_text()
     assert "|  | printed in the thesis | as written | ours |" in text
     assert "| first [dB] | 1.10 | 1.00 | 1.25 |" in text
     assert "| once [dB] | – | 1.00 | – |" in text
-    assert "| what nobody measures | 3 | – | – |" in text
+    assert "| never measured | 3 | – | – |" in text
     assert "| 9.1 | an outline | not drawn: a diagram of the method |" in text
     assert "| 9.3 | a plot | drawn |" in text
     assert "- What S is." in text
@@ -90,7 +90,7 @@ def test_numbers_stand_in_three_columns(tmp_path: Path) -> None:
 
 
 def test_what_is_done_is_kept(tmp_path: Path) -> None:
-    """A second run makes nothing; one method more makes that alone; what has lost a file is made again."""
+    """A second run makes nothing; another method makes only that; steps without a file are repeated."""
     measure(_chapter(), Task(tmp_path), (Method.DEFAULT,))
     assert MADE == [("first", Method.DEFAULT)]
     measure(_chapter(), Task(tmp_path), METHODS)
@@ -126,7 +126,7 @@ def test_files_of_other_contents_are_measured_anew(tmp_path: Path) -> None:
 
 
 def test_failed_steps_are_repeated(tmp_path: Path) -> None:
-    """Pages show what there is of a step that has failed; the next run makes it again."""
+    """Pages show the results of a failed step; the next run repeats it."""
     assert measure(_chapter("no rate"), Task(tmp_path), (Method.DEFAULT,)) == ["no rate"]
     assert "1.25" in (tmp_path / "chapter9.md").read_text()
     assert measure(_chapter(), Task(tmp_path), (Method.DEFAULT,)) == []
@@ -134,7 +134,7 @@ def test_failed_steps_are_repeated(tmp_path: Path) -> None:
 
 
 def test_steps_that_are_broken_off_leave_nothing(tmp_path: Path) -> None:
-    """What was finished before stays, and is not made again."""
+    """Earlier steps stay, and are not repeated."""
 
     def _broken(task: Task, method: Method) -> StepResult:
         raise KeyboardInterrupt

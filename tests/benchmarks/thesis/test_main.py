@@ -1,4 +1,4 @@
-"""Command `python -m benchmarks.thesis`: chapters, ways, own files, and what is refused."""
+"""Command `python -m benchmarks.thesis`: chapters, methods, files of the user, and errors."""
 
 from pathlib import Path
 
@@ -56,7 +56,7 @@ def test_mistakes_are_reported_in_one_line(
 
 
 def test_an_own_map_is_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Files of each method alone, in the folder of the chapter; the documents are named."""
+    """The folder of the chapter has files of one method; the command prints the documents."""
     write_pfm(tmp_path / "discs.pfm", two_discs(64, 80).astype(np.float32))
     cv2.imwrite(str(tmp_path / "picture.png"), texture(64, 80))
     words = [str(tmp_path / "discs.pfm"), str(tmp_path / "picture.png"), "--out", str(tmp_path)]
