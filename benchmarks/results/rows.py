@@ -151,7 +151,7 @@ ROWS = (
     Row(
         "encoding/time",
         "processor time without feedback over that of x264 superfast",
-        partial(encoder.time_over, peer="x264-superfast"),
+        partial(encoder.time_over, anchor="x264-superfast"),
         "{:.2f}",
         at_most=1.0,
         canaries=FEEDBACK_FREE,
@@ -159,7 +159,7 @@ ROWS = (
     Row(
         "encoding/time-no-asm",
         "processor time without feedback over that of x264 superfast without vector code",
-        partial(encoder.time_over, peer="x264-superfast-no-asm"),
+        partial(encoder.time_over, anchor="x264-superfast-no-asm"),
         "{:.2f}",
         at_most=0.5,
         canaries=FEEDBACK_FREE,
