@@ -1,1 +1,1 @@
-"""What is measured and drawn with the codec, and a demonstration of it."""
+"""Measurements and pictures of the codec, and a demonstration."""

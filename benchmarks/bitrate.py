@@ -1,7 +1,7 @@
 """How well a bitrate is kept: ``python -m benchmarks.bitrate [CLIP ...] [--bitrate 150k 300k] [--live]``.
 
 Clips, names or video files, are played forwards, backwards, and so on. Without feedback, or live with a
-decoder, a row tells the worst deviation of groups of pictures that last two seconds, which begin after the
+decoder, a row has the worst deviation of groups of pictures that last two seconds, which begin after the
 first two, in percent of the bitrate; how much quality that costs against streams of constant QP, by the mean
 PSNR of both at the same rate (``--psnr``); and the range of QPs.
 """
@@ -31,7 +31,7 @@ QP_PER_OCTAVE = 6
 
 
 class GroupRate(NamedTuple):
-    """What a group takes."""
+    """Size of a group."""
 
     num_frames: int
     num_bits: int
@@ -70,7 +70,7 @@ class Clip(NamedTuple):
 
     @property
     def report(self) -> Path:
-        """Where the decoder writes its report."""
+        """Report of the decoder."""
         return self.folder / "report.json"
 
     def decode(self, *words: object) -> None:
@@ -114,7 +114,7 @@ class Clip(NamedTuple):
 
 
 def row(clip: Clip, bits_per_s: int, frame_rate: float, with_psnr: bool) -> str:
-    """Code a clip at a bitrate, and tell how well it is kept."""
+    """Code a clip at a bitrate, and return the deviations from it."""
     stream = clip.code("--bitrate", bits_per_s)
     size = stream.stat().st_size
     off = deviations(group_rates(stream), frame_rate, bits_per_s)

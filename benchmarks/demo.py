@@ -1,4 +1,4 @@
-"""Code a moving camera between two processes, over files and live, and show what it costs: `make demo`."""
+"""Code a moving camera between two processes, by file and live, and show rates and pictures: `make demo`."""
 
 import argparse
 import json
@@ -204,9 +204,9 @@ def _draw(video: Path, folder: Path) -> None:
     original, key = _frame(video, shown), _frame(decoded, 0)
     depth = _depth(key.luma, _frame(decoded, last).luma)
     panels: list[tuple[NDArray[Any], str]] = [(_colours(key), "frame 0: a key frame, as decoded")]
-    for path, told in ((folder / f"{name}_predicted.mkv", "predicted"), (decoded, "decoded")):
+    for path, label in ((folder / f"{name}_predicted.mkv", "predicted"), (decoded, "decoded")):
         frame = _frame(path, shown)
-        panels.append((_colours(frame), f"frame {shown}, {told}: luma {_db(original, frame)}"))
+        panels.append((_colours(frame), f"frame {shown}, {label}: luma {_db(original, frame)}"))
     seen, title = np.zeros(key.luma.shape), "no depth: no scene that can be trusted"
     if depth is not None:
         seen, title = depth, "depth, from decoded frames (bright is near)"

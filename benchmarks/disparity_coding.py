@@ -1,7 +1,7 @@
-"""Disparities coded with texture on pairs of photographs: L and S beside quadtrees of the same search.
+"""Disparities coded with texture on pairs of photographs: L and S compared with quadtrees of the same search.
 
 ``python -m benchmarks.disparity_coding [--pairs teddy Aloe] [--quick]`` codes pairs below
-``../shared/stereo`` at the rates of chapter 3 and tells, for each of both ways, the mean gain in PSNR of the
+``../shared/stereo`` at the rates of chapter 3 and prints, for L and for S, the mean gain in PSNR of the
 rendered views over the quadtree, the change of rate at equal PSNR, and its lowest and highest PSNR.
 """
 
@@ -11,11 +11,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks.searches.surfaces import read_pair
-from benchmarks.thesis.chapter import Way
-from benchmarks.thesis.chapter3.as_written import METHODS_BY_WAY
-from benchmarks.thesis.chapter3.chapter import QUICK_BPP, REFERENCE_BPP
-from benchmarks.thesis.chapter3.curves import curve, differences, reference_multipliers
-from benchmarks.thesis.chapter3.scenes import scene_of_array
+from benchmarks.thesis.harness import Method
+from benchmarks.thesis.scenes import scene_of_array
+from benchmarks.thesis.view_curves import (
+    CODERS,
+    QUICK_BPP,
+    REFERENCE_BPP,
+    curve,
+    differences,
+    reference_multipliers,
+)
 from dvc.geometry.camera_array import DisparityLabels
 
 PAIRS = "teddy", "tsukuba", "cones", "Aloe", "Baby1", "Bowling2", "Rocks1", "Wood2"
@@ -25,10 +30,10 @@ METHODS = "l", "s", "quadtree"
 def row(name: str, rates_bpp: tuple[float, ...]) -> list[float]:
     """Return gains in dB and per cent of L, then of S, and the ends of both curves."""
     pair = read_pair(name)
-    scene = scene_of_array(name, pair.array, DisparityLabels(0.0, 1.0, pair.highest + 1))
+    scene = scene_of_array(pair.array, DisparityLabels(0.0, 1.0, pair.highest + 1))
     multipliers = reference_multipliers(scene.views, rates_bpp)
     curves = [
-        curve(scene.views, scene.labels, METHODS_BY_WAY[Way.OURS][method], multipliers) for method in METHODS
+        curve(scene.views, scene.labels, CODERS[Method.DEFAULT][method], multipliers) for method in METHODS
     ]
     found = list[float]()
     for own in curves[:2]:

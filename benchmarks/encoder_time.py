@@ -1,8 +1,8 @@
-"""What encoding without feedback takes beside x264: ``python -m benchmarks.encoder_time [CLIP ...]``.
+"""Time of encoding without feedback compared with x264: ``python -m benchmarks.encoder_time [CLIP ...]``.
 
 Clips, names or video files, are played forwards, backwards, and so on. Each row is a clip at a length, with
-all that a process takes but reading the input and starting: milliseconds a frame, and how much that is over
-each of the peers; medians of runs in turn. `encoding/time` of the results is of later frames alone.
+the time of a process without start and input: milliseconds a frame, and its ratio to that of each anchor;
+medians of interleaved runs. `encoding/time` of the results only counts later frames.
 """
 
 import argparse
@@ -13,21 +13,21 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.results.encoder import CLIPS, OURS, PEERS, REPETITIONS, anchor_cpu_s, own_run_s
+from benchmarks.results.encoder import ANCHORS, CLIPS, OURS, REPETITIONS, anchor_cpu_s, own_run_s
 from benchmarks.speed import source_of
 from dvc import cli
 
 
 def ratios(video: Path, folder: Path, frames: int, repetitions: int) -> tuple[float, dict[str, float]]:
-    """Return milliseconds a frame, and that over each of the peers."""
+    """Return milliseconds a frame, and its ratio to that of each anchor."""
     runs = {OURS: partial(own_run_s, video, folder, frames)}
-    runs |= {peer: partial(anchor_cpu_s, video, folder, peer, frames) for peer in PEERS}
+    runs |= {anchor: partial(anchor_cpu_s, video, folder, anchor, frames) for anchor in ANCHORS}
     times: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(repetitions):
         for name, run in runs.items():
             times[name].append(run())
     medians = {name: statistics.median(values) for name, values in times.items()}
-    return 1000.0 * medians[OURS] / frames, {peer: medians[OURS] / medians[peer] for peer in PEERS}
+    return 1000.0 * medians[OURS] / frames, {anchor: medians[OURS] / medians[anchor] for anchor in ANCHORS}
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -45,10 +45,12 @@ def main(words: Sequence[str] | None = None) -> int:
             for frames in arguments.frames:
                 frame_ms, over = ratios(video, folder, frames, arguments.repetitions)
                 found[frames].append(over)
-                text = ", ".join(f"{ratio:.2f} of {peer}" for peer, ratio in over.items())
+                text = ", ".join(f"{ratio:.2f} of {anchor}" for anchor, ratio in over.items())
                 print(f"{Path(name).stem}, {frames} frames: {frame_ms:.2f} ms a frame, {text}", flush=True)
     for frames, overs in found.items():
-        text = ", ".join(f"{statistics.fmean(over[peer] for over in overs):.2f} of {peer}" for peer in PEERS)
+        text = ", ".join(
+            f"{statistics.fmean(over[anchor] for over in overs):.2f} of {anchor}" for anchor in ANCHORS
+        )
         print(f"mean, {frames} frames: {text}")
     return 0
 

@@ -4,7 +4,7 @@ Clips are rendered scenes by name, and folders with `color`, `pose` (4x4 matrice
 `depth` (16 bit, millimetres), such as `../shared/sequences/kitchen`. With `--qp` maps are made of what the
 default codec has decoded. Of the path the table has the error of camera centres, relative to its length; of
 depth the median error and the share of pixels that are close; of views the PSNR of frames left out, rendered
-from several frames and from the nearest alone. COLMAP alone, with `--colmap`, gets all frames and gives the
+from several frames and from the nearest one. COLMAP by itself, with `--colmap`, gets all frames and gives the
 path: its time grows fast with their number, which `--step` bounds.
 """
 
@@ -35,17 +35,17 @@ from sfm.mapping.trajectory import TrajectoryError, trajectory_error
 
 Floats = NDArray[np.float64]
 DEPTH_UNIT_M = 1e-3
-"""Of depth pictures."""
+"""Unit of depth pictures."""
 LEFT_OUT = 8
-"""Every so many frames one is rendered from the others."""
+"""Interval of frames that are rendered from the remaining ones."""
 CLOSE = 0.05
 """Relative error of depth that counts as close."""
-COLMAP_ALONE = "COLMAP alone"
+COLMAP_ONLY = "COLMAP only"
 """COLMAP's mapper without this project's key frames, tracks and depth."""
 JOBS = 2
 """Processes that decode."""
 FRAME_RATE = 30
-"""Of clips that are coded; no figure depends on it."""
+"""Frame rate of coded clips; no figure depends on it."""
 COLUMNS = {
     "located": ("located", ".0f", 1.0),
     "pieces": ("pieces", ".0f", 1.0),
@@ -61,12 +61,12 @@ COLUMNS = {
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """Frames and the truth about them, as far as it is known."""
+    """Frames and their known truth."""
 
     frames: list[Frame]
     poses: dict[int, Floats]  # camera from world
-    depths: dict[int, NDArray[np.float32]]  # along the optical axis; not finite where it is not known
-    depth_intrinsics: Floats | None = None  # of the camera that has measured depth, if it is another one
+    depths: dict[int, NDArray[np.float32]]  # along the optical axis; not finite if unknown
+    depth_intrinsics: Floats | None = None  # intrinsics of the depth camera, if it is another one
 
 
 def rendered_clip(name: str) -> Clip:
@@ -93,7 +93,7 @@ def real_clip(folder: Path) -> Clip:
 
 
 def every(clip: Clip, step: int) -> Clip:
-    """Take every so many frames of a clip alone."""
+    """Return every N-th frame of a clip."""
     poses = {k // step: pose for k, pose in clip.poses.items() if k % step == 0}
     depths = {k // step: depth for k, depth in clip.depths.items() if k % step == 0}
     return replace(clip, frames=clip.frames[::step], poses=poses, depths=depths)
@@ -115,7 +115,7 @@ def decoded(frames: Sequence[Frame], qp: int) -> list[Frame]:
 
 
 def true_depth(clip: Clip, frame: int, K: Floats) -> NDArray[np.float32]:
-    """Return depth as a camera sees it, but for how far it stands from the one that has measured it."""
+    """Return depth as a camera sees it, except for its distance from the depth camera."""
     import cv2
 
     depth = clip.depths[frame]
@@ -128,7 +128,7 @@ def true_depth(clip: Clip, frame: int, K: Floats) -> NDArray[np.float32]:
 
 
 def depth_errors(piece: MapPiece, clip: Clip) -> dict[str, float]:
-    """Compare depths with the truth, in one scale for all; what is not known counts as wrong."""
+    """Compare depths with the truth, in one scale for all; unknown depth counts as wrong."""
     frames = sorted(piece.depths.keys() & clip.depths.keys())
     if not frames:
         return {}
@@ -148,20 +148,20 @@ def depth_errors(piece: MapPiece, clip: Clip) -> dict[str, float]:
 
 
 def view_quality(piece: MapPiece, clip: Clip, seen: Sequence[Frame]) -> dict[str, float]:
-    """Render left-out frames from several frames with depth, and from the nearest alone; mean luma PSNR."""
+    """Render left-out frames from several frames with depth, and from the nearest; return mean luma PSNRs."""
     pictures = {k: seen[k].luma[:, :, None] for k in piece.depths}
     quality = []
     for k in sorted(piece.poses):
-        others = replace(piece, depths={key: depth for key, depth in piece.depths.items() if key != k})
-        if k % LEFT_OUT or not others.depths or not min(others.depths) < k < max(others.depths):
+        rest = replace(piece, depths={key: depth for key, depth in piece.depths.items() if key != k})
+        if k % LEFT_OUT or not rest.depths or not min(rest.depths) < k < max(rest.depths):
             continue
-        views = [render_view(others, pictures, piece.poses[k], count).image[:, :, 0] for count in (4, 1)]
+        views = [render_view(rest, pictures, piece.poses[k], count).image[:, :, 0] for count in (4, 1)]
         levels = [np.clip(np.rint(view), 0, 255).astype(np.uint8) for view in views]
         quality.append([psnr_db(clip.frames[k].luma, each) for each in levels])
     if not quality:
         return {}
-    several, alone = np.mean(quality, axis=0)
-    return {"views": len(quality), "view_psnr_db": float(several), "nearest_psnr_db": float(alone)}
+    several, nearest = np.mean(quality, axis=0)
+    return {"views": len(quality), "view_psnr_db": float(several), "nearest_psnr_db": float(nearest)}
 
 
 def colmap_alone(clip: Clip, seen: Sequence[Frame]) -> dict[str, Any]:
@@ -212,15 +212,15 @@ def measured(name: str, options: argparse.Namespace) -> list[dict[str, Any]]:
     seen = clip.frames if options.qp is None else decoded(clip.frames, options.qp)
     frames = f"{len(seen)} " + ("original" if options.qp is None else f"QP {options.qp}")
     rows = []
-    for mapper in (options.mapper, *([COLMAP_ALONE] if options.colmap else [])):
-        figures = colmap_alone(clip, seen) if mapper == COLMAP_ALONE else measure(clip, seen, mapper)
+    for mapper in (options.mapper, *([COLMAP_ONLY] if options.colmap else [])):
+        figures = colmap_alone(clip, seen) if mapper == COLMAP_ONLY else measure(clip, seen, mapper)
         rows.append({"clip": Path(name).name, "frames": frames, "mapper": mapper} | figures)
         print(line(rows[-1]), flush=True)
     return rows
 
 
 def line(row: Mapping[str, Any]) -> str:
-    """Return a line of the table; a dash where there is no figure."""
+    """Return a line of the table; with a dash for a missing figure."""
     words = [f"{row['clip']:10} {row['frames']:14} {row['mapper']:14}"]
     for heading, (key, form, unit) in COLUMNS.items():
         text = f"{unit * row[key]:{form}}" if key in row else "-"
@@ -233,7 +233,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mapping", description=__doc__)
     parser.add_argument("clips", nargs="*", metavar="CLIP", default=SCENES)
     parser.add_argument("--qp", type=int, metavar="N", help="map what the default codec has decoded")
-    parser.add_argument("--step", type=int, default=1, metavar="N", help="take every N-th frame alone")
+    parser.add_argument("--step", type=int, default=1, metavar="N", help="take only every N-th frame")
     parser.add_argument("--mapper", choices=MAPPERS, default=MAPPERS[0])
     parser.add_argument("--colmap", action="store_true", help="run COLMAP on all frames as well")
     parser.add_argument("--json", metavar="FILE", help="write all figures to a file")

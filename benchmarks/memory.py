@@ -1,9 +1,8 @@
 """Memory of the decoder by the length of a clip: `python -m benchmarks.memory [CLIP] [--frames 50 500]`.
 
 A clip, a name or a video file, is played forwards, backwards, and so on; the decoder runs as a process with
-those that it starts. The table has the most resident memory that one of them had, and that all had at the
-same time, where pages that several share count for each; below, how many times more the longest takes than
-the shortest.
+those that it starts. The table has the peak of resident memory of one of them, and of all together, with
+shared pages counted for each; below, the ratio of the longest to the shortest clip.
 """
 
 import argparse
@@ -22,20 +21,20 @@ from dvc.environment import child_environment, python_module
 from dvc.errors import DvcError
 
 PERIOD_S = 0.02
-"""Between two looks at the processes."""
+"""Interval of the samples."""
 
 
 class Peak(NamedTuple):
     """The most memory in bytes."""
 
-    process: int  # of one process
-    tree: int  # of all processes at the same time
+    process: int  # peak of one process
+    tree: int  # peak of all processes together
 
 
 def processes(pid: int) -> Iterator[int]:
-    """Return a process and all that it has started, as far as they are there.
+    """Return a process and its running descendants.
 
-    A process that has not loaded its program yet has the memory of the one that started it, and is left out.
+    A process that has not loaded its program yet has the memory of its parent, and is not counted.
     """
     yield pid
     with suppress(OSError):
@@ -48,7 +47,7 @@ def processes(pid: int) -> Iterator[int]:
 
 
 def resident_bytes(pid: int) -> tuple[int, int]:
-    """Return the resident memory of a process, and the most that it has had; 0 where it is gone."""
+    """Return the resident memory of a process, and its peak; 0 if the process is gone."""
     lines: list[str] = []
     with suppress(OSError):
         lines = Path(f"/proc/{pid}/status").read_text().splitlines()
@@ -58,7 +57,7 @@ def resident_bytes(pid: int) -> tuple[int, int]:
 
 
 def watched(command: Sequence[str]) -> Peak:
-    """Run a command to its end, and look at its memory all the time."""
+    """Run a command to its end, and sample its memory."""
     peak = Peak(0, 0)
     with subprocess.Popen(command, env=child_environment(), stdout=subprocess.DEVNULL) as process:
         while process.poll() is None:
@@ -73,7 +72,7 @@ def watched(command: Sequence[str]) -> Peak:
 
 
 def decoding(clip: str, num_frames: int, qp: int, jobs: int) -> Peak:
-    """Measure the decoder on so many frames of a clip."""
+    """Measure the decoder on a number of frames of a clip."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         video = source_of(clip, num_frames, folder)

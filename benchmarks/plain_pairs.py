@@ -1,18 +1,18 @@
-"""Surfaces of pairs of plain photographs against measured depth, beside StereoSGBM.
+"""Surfaces of pairs of plain photographs against measured depth, compared with StereoSGBM.
 
 ``python -m benchmarks.plain_pairs [--pairs 10] [--json pairs.json]`` takes pairs of a folder with `color`,
-`pose`, `depth` and `intrinsics.txt`, such as `../shared/sequences/kitchen`, as photographs of which nothing
-is known: `dvc-stereo rectify --cameras auto`, then `dvc-stereo reconstruct` of what it has written. Depth of
-the first photograph is compared with the truth in one scale for each pair; what is not known counts as wrong.
+`pose`, `depth` and `intrinsics.txt`, such as `../shared/sequences/kitchen`, as uncalibrated photographs:
+`dvc-stereo rectify --cameras auto`, then `dvc-stereo reconstruct` of its output. Depth of the first
+photograph is compared with the truth in one scale for each pair; unknown depth counts as wrong.
 
-Pairs are chosen by the poses: for every photograph with depth, the other one whose distance is nearest to a
-tenth of the median depth, where the camera has moved more sideways than forwards and enough is seen by both;
-of these as many as wanted, spread evenly. Surfaces were looked at for pairs at even places of the table, from
-0, alone; how points are matched was chosen by those of every other possible pair, two of the ten's odd ones
-among them. Columns: distance over depth; pixels of a rectified view
-over those of a photograph; rms of the rows of matches; share of depths that are off by less than 5 %, of all
-and of those that both see, ours and that of StereoSGBM on the same rectified pair, with what is best on all
-these pairs; seconds of both commands, and of processors.
+Pairs are chosen by the poses: for every photograph with depth, the second one with a distance nearest to a
+tenth of the median depth, if the camera has moved more sideways than forwards and both see enough of the
+scene; of these N, spread evenly. Surfaces were inspected only for pairs in even rows of the table, from 0;
+the matching of points was chosen by every other possible pair, including two of the odd rows. Columns:
+distance over depth; pixels of a rectified view over those of a photograph; rms of the rows of matches; share
+of depths that are off by less than 5 %, of all and of those that both see, ours and that of StereoSGBM on
+the same rectified pair, with its best settings on all these pairs; seconds of both commands, and of
+processors.
 """
 
 import argparse
@@ -44,16 +44,16 @@ Mask = NDArray[np.bool_]
 CLIP = Path("..") / "shared" / "sequences" / "kitchen"
 COLOUR_K = np.array([[528.0, 0.0, 325.5], [0.0, 528.0, 241.3], [0.0, 0.0, 1.0]])
 COLOUR_TURN, COLOUR_SHIFT_M = (0.006, -0.0108, 0.0013), (-0.0174, 0.0024, -0.0028)
-"""Camera of the photographs beside that which measures depth: what makes warps by depth differ least."""
+"""Camera of the photographs relative to the depth camera: the pose with the smallest errors of warps."""
 WANTED_RATIO, LEAST_RATIO, MOST_RATIO = 0.1, 0.05, 0.2
-"""Of the distance between both cameras to the median depth."""
+"""Ratio of the distance between both cameras to the median depth: target, lowest and highest."""
 LEAST_OVERLAP, LEAST_SIDEWAYS = 0.7, 0.5**0.5
 """Share of the first photograph that the second shows; share of the motion that is across the axis."""
 MOST_FRAMES = 60
-"""Between the two."""
+"""Largest number of frames between the two."""
 NUM_PAIRS = 10
 HIDDEN = 0.05
-"""A point is hidden where something stands nearer by this share of its depth."""
+"""Share of its depth by which a nearer point hides a point."""
 JOBS = 2
 
 
@@ -62,7 +62,7 @@ class Pair(NamedTuple):
 
     first: int
     second: int
-    ratio: float  # of their distance to the median depth
+    ratio: float  # ratio of their distance to the median depth
 
 
 class Clip:
@@ -90,7 +90,7 @@ class Clip:
         return np.asarray(np.linalg.inv(second) @ first)
 
     def depth(self, frame: int) -> Floats:
-        """Return depth as the photograph sees it; infinite where it is not known."""
+        """Return depth as the photograph sees it; infinite if unknown."""
         stored = read_levels(self.folder / "depth" / f"{frame:06d}.png")
         measured = np.where(stored > 0.0, DEPTH_UNIT_M * stored, np.inf)
         points = in_space(measured, self._depth_K) @ self._beside[:3, :3].T + self._beside[:3, 3]
@@ -102,7 +102,7 @@ class Clip:
 
 
 def in_space(depth: Floats, K: Floats) -> Floats:
-    """Return the points whose depth is known."""
+    """Return the points with known depth."""
     y, x = np.nonzero(np.isfinite(depth))
     rays = np.column_stack([x, y, np.ones(len(x))]) @ np.linalg.inv(K).T
     return np.asarray(rays * depth[y, x][:, None])
@@ -119,7 +119,7 @@ def pixels(points: Floats, shape: tuple[int, ...]) -> tuple[NDArray[np.int64], N
 
 
 def seen_by_both(clip: Clip, pair: Pair, depth: Floats) -> Mask:
-    """Tell which pixels of the first photograph the second shows, nothing standing before them."""
+    """Return a mask of the pixels of the first photograph that the second one shows unoccluded."""
     motion = clip.moved(pair[:2])
     points = in_space(depth, COLOUR_K) @ motion[:3, :3].T + motion[:3, 3]
     x, y, inside = pixels(points, depth.shape)
@@ -133,7 +133,7 @@ def seen_by_both(clip: Clip, pair: Pair, depth: Floats) -> Mask:
 
 
 def possible_pairs(clip: Clip) -> list[Pair]:
-    """Return, for every photograph with depth, the best second one, where there is any."""
+    """Return the best second photograph, if any, for every photograph with depth."""
     found = []
     for first in clip.with_depth:
         depth = clip.depth(first)
@@ -162,7 +162,7 @@ def spread(pairs: Sequence[Pair], count: int) -> list[Pair]:
 
 
 def close_percent(depth: Floats, truth: Floats, both: Mask) -> tuple[float, float]:
-    """Return how many depths are right in one scale, of all and of those that both see, in per cent."""
+    """Return the share of right depths in one scale, of all and of those that both see, in per cent."""
     known = np.isfinite(truth)
     ratio = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan)[known] / truth[known]
     right = np.abs(ratio / np.nanmedian(ratio) - 1.0) <= CLOSE
@@ -185,7 +185,7 @@ def baseline_depth(rectified: RectifiedViews, settings: SemiGlobalSettings) -> F
 
 
 def _to_the_left(image: NDArray[np.uint8], step: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Turn a picture of a pair, whose second camera is one step away, as if the first were the left one."""
+    """Turn a picture of a pair as if the first camera were the left one."""
     turned = image.swapaxes(0, 1) if step[1] else image
     return turned[:, ::-1] if step.sum() < 0.0 else turned
 
@@ -264,17 +264,17 @@ def main(words: Sequence[str] | None = None) -> int:
         theirs.append(found)
         print(line(row, max(found)), file=sys.stderr, flush=True)
     best = int(np.argmax(np.mean(theirs, axis=0)[:, 0]))
-    others = [found[best] for found in theirs]
+    baseline = [found[best] for found in theirs]
     heads = f"{'all':>6} {'SGBM':>6} {'both':>6} {'SGBM':>6} {'s':>6} {'cpu s':>6}"
     print(f"{GRID[best]}\n{'pair':>9} {'ratio':>5} {'size':>5} {'rows':>5} {heads}")
-    for row, other in zip(rows, others, strict=True):
+    for row, other in zip(rows, baseline, strict=True):
         print(line(row, other))
     for name, part in (("even", slice(0, None, 2)), ("odd", slice(1, None, 2)), ("all", slice(None))):
         if rows[part]:
-            print(f"{name:27} {means(rows[part], others[part])}")
+            print(f"{name:27} {means(rows[part], baseline[part])}")
     if arguments.json is not None:
-        told = [row | {"baseline_close_percent": other} for row, other in zip(rows, others, strict=True)]
-        arguments.json.write_text(json.dumps(told, indent=1) + "\n")
+        figures = [row | {"baseline_close_percent": other} for row, other in zip(rows, baseline, strict=True)]
+        arguments.json.write_text(json.dumps(figures, indent=1) + "\n")
     return 0
 
 

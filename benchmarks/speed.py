@@ -1,9 +1,8 @@
 """How fast clips are decoded, from a file and live: `python -m benchmarks.speed [CLIP ...] [--jobs N]`.
 
-A file is decoded by one process and by N, on N Dask workers, too, if that is wanted; then the encoder is
+A file is decoded by one process and by N, on N Dask workers, too, on request; then the encoder is
 asked live, over a link if one is described. Times are those of whole commands, their start included. A clip
-that is too short is played forwards, backwards, and so on. Memory is the most that one process of the decoder
-had.
+that is too short is played forwards, backwards, and so on. Memory is the peak of one process of the decoder.
 """
 
 import argparse
@@ -23,7 +22,7 @@ MIB = 2**20
 
 
 def source_of(clip: str, num_frames: int, folder: Path) -> Path:
-    """Return a video of a clip, or of a file, that has so many frames."""
+    """Return a video of a clip or file with at least a number of frames."""
     path = Path(clip) if Path(clip).suffix else clip_source(clip).path
     with open_video(path) as reader:
         available = sum(1 for _ in reader)
@@ -31,7 +30,7 @@ def source_of(clip: str, num_frames: int, folder: Path) -> Path:
 
 
 def decoding(stream: Path, folder: Path, *words: object) -> tuple[Usage, bytes]:
-    """Decode a stream; return what it took, and the frames."""
+    """Decode a stream, and return resources and frames."""
     made = folder / "file.y4m"
     usage = run_module("decoder", stream, made, *words, "--quiet")
     frames = made.read_bytes()
@@ -40,7 +39,7 @@ def decoding(stream: Path, folder: Path, *words: object) -> tuple[Usage, bytes]:
 
 
 def on_cluster(stream: Path, workers: int, folder: Path) -> tuple[Usage, bytes]:
-    """Decode a stream on Dask workers of this machine, which are there already; see `decoding`."""
+    """Decode a stream on Dask workers of this machine that are running already; see `decoding`."""
     from distributed import LocalCluster
 
     with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
@@ -48,7 +47,7 @@ def on_cluster(stream: Path, workers: int, folder: Path) -> tuple[Usage, bytes]:
 
 
 def cluster_rows(folder: Path, workers: int, file: Usage, frames: bytes) -> list[tuple[str, str]]:
-    """Return what Dask workers take, against what decoding of the file took, and gave."""
+    """Compare decoding on Dask workers with that of the file."""
     usage, same = on_cluster(folder / "stream.dvc", workers, folder)
     return [
         (f"file, {workers} Dask workers: time over {workers} jobs", f"{usage.wall_s / file.wall_s:.2f}"),
@@ -59,7 +58,7 @@ def cluster_rows(folder: Path, workers: int, file: Usage, frames: bytes) -> list
 def live(
     video: Path, options: Sequence[object], jobs: int, link: tuple[float, float] | None, folder: Path
 ) -> tuple[Usage, dict[str, float], bytes]:
-    """Code and decode a video live; return what decoding took, its figures, and the frames."""
+    """Code and decode a video live, and return resources, figures and frames of the decoder."""
     made, report = folder / "live.y4m", folder / "live.json"
     with serving(video, folder, options) as served, ExitStack() as stack:
         between = stack.enter_context(slow_link(*parse_address(served), *link)) if link else None

@@ -1,4 +1,4 @@
-"""Where the time of decoding goes: `python -m benchmarks.stages [CLIP ...] [--write docs/decoding_time.md]`.
+"""Time of decoding by stage: `python -m benchmarks.stages [CLIP ...] [--write docs/decoding_time.md]`.
 
 Clips are coded with the default codec and decoded in one process, one frame after the other. What a stage
 calls of another stage is counted there.
@@ -33,7 +33,7 @@ STAGES = {
     ),
     "rendering": ("decoder.side_information.scene_interpolators.render_between",),
     "corrections by tracks": ("decoder.side_information.tracked_scene.corrected",),
-    "prediction by tracks alone": ("decoder.side_information.tracked_scene.interpolate_by_tracks",),
+    "prediction only by tracks": ("decoder.side_information.tracked_scene.interpolate_by_tracks",),
     "rest of the prediction": ("decoder.group.GroupDecoder._predict",),
     "refinement: block search": ("decoder.side_information.block_motion._search",),
     "refinement: rest": ("decoder.side_information.block_motion.BlockRefiner.refine",),
@@ -67,7 +67,7 @@ class Clock:
         self._since_s = now_s
 
     def timed(self, stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function whose time counts for a stage."""
+        """Return a function that adds its time to a stage."""
 
         def call(*arguments: Any, **named: Any) -> Any:
             self.turn()
@@ -145,7 +145,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--qp", type=int, default=30)
     parser.add_argument("--frames", type=int, default=33)
     parser.add_argument("--out", type=Path, default=Path("out/stages"), help="folder of streams")
-    parser.add_argument("--write", type=Path, metavar="PAGE", help="page whose block of code is replaced")
+    parser.add_argument("--write", type=Path, metavar="PAGE", help="page with a block of code to replace")
     arguments = parser.parse_args(words)
     from benchmarks.results.harness import CLIPS
 
@@ -161,18 +161,18 @@ def main(words: Sequence[str] | None = None) -> int:
             num_frames += decoded(stream)
             progress(1)
     clock.turn()
-    told = f"{', '.join(clips)}; {arguments.frames} frames, QP {arguments.qp}\n\n"
-    told += table(clock.spent_s, num_frames)
-    print(told)
+    summary = f"{', '.join(clips)}; {arguments.frames} frames, QP {arguments.qp}\n\n"
+    summary += table(clock.spent_s, num_frames)
+    print(summary)
     if arguments.write:
         before, _, rest = arguments.write.read_text(encoding="utf-8").partition("```text\n")
         after = rest.partition("\n```")[2]
-        arguments.write.write_text(f"{before}```text\n{told}\n```{after}", encoding="utf-8")
+        arguments.write.write_text(f"{before}```text\n{summary}\n```{after}", encoding="utf-8")
     return 0
 
 
 def enter_baseline_environment(module: str) -> None:
-    """Start a module anew in the environment in which streams are decoded, unless it is in it."""
+    """Restart a module in the environment of decoding, unless it already has it."""
     wanted = baseline_environment()
     if os.environ.get("OPENCV_CPU_DISABLE") != wanted.get("OPENCV_CPU_DISABLE"):
         command = python_module(module, *sys.argv[1:])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from dvc import cli
 from dvc.config import FALLBACKS, MAPPERS, SFM_BACKENDS
 from dvc.errors import ConfigError
-from dvc.extensions import SCENE_INTERPOLATORS, SIDE_INFORMATION, installed
+from dvc.extensions import SIDE_INFORMATION, installed
 from dvc.limits import MAX_MEMORY_MIB
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def _frame_slice(text: str) -> slice:
 def _add_prediction(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("prediction, instead of as the stream says").add_argument
     ours = "mci", "blocks", "mesh", "depth", "fused"
-    methods = dict.fromkeys([*ours, *installed(SIDE_INFORMATION), *installed(SCENE_INTERPOLATORS)])
+    methods = dict.fromkeys([*ours, *installed(SIDE_INFORMATION)])
     add(
         "--side-information",
         metavar="METHOD",

@@ -72,9 +72,11 @@ def test_commands_are_understood(document: Path, monkeypatch: pytest.MonkeyPatch
 @pytest.fixture(scope="module")
 def options() -> set[str]:
     """All options of all programs and of their subcommands."""
-    with contextlib.redirect_stdout(io.StringIO()) as told, contextlib.suppress(SystemExit):
-        importlib.import_module("benchmarks.results.__main__").main(["--help"])
-    found = set(OPTION.findall(told.getvalue()))
+    found = set[str]()
+    for module in ("benchmarks.results.__main__", "benchmarks.thesis.__main__"):
+        with contextlib.redirect_stdout(io.StringIO()) as shown, contextlib.suppress(SystemExit):
+            importlib.import_module(module).main(["--help"])
+        found |= set(OPTION.findall(shown.getvalue()))
     for command in SCRIPTS:
         names: list[list[str]] = [[]]
         for name in names:

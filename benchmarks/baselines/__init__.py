@@ -1,1 +1,1 @@
-"""What else codes several views of a scene, to compare with."""
+"""Other coders of two views to compare with."""

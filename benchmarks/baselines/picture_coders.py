@@ -6,91 +6,88 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from PIL import Image
 
 from dvc.errors import ConfigError
 from dvc.images.colour import Picture
 
-JPEG2000_STEP = 1.03
-"""From one compression ratio to the next."""
-JPEG2000_LEVELS = 230
+JPEG2000_STEP, JPEG2000_LEVELS = 1.03, 230
+"""Ratio of consecutive compression ratios, and their number."""
 AVIF_LEVELS = 101
-
-
-def decoded(file: bytes) -> Picture:
-    """Decode a file of a gray picture."""
-    from PIL import Image
-
-    return np.asarray(Image.open(io.BytesIO(file)).convert("L"))
 
 
 @dataclass(frozen=True)
 class PictureCoder:
-    """A coder of gray pictures, whose files grow with a whole number."""
+    """A coder of gray pictures with a quality from 0 to ``num_levels - 1``."""
 
-    name: str  # of the format
-    num_levels: int  # qualities are from 0 to ``num_levels - 1``
-    encode: Callable[[Picture, int], bytes]  # from a picture (H, W), uint8, and a quality to a file
-    decode: Callable[[bytes], Picture] = decoded  # from a file to a picture; by default Pillow's
+    name: str
+    num_levels: int
+    options: Callable[[int], dict[str, object]]  # options of Pillow by quality
+    file_format: str  # name of the format in Pillow
+
+    def encode(self, picture: Picture, level: int) -> bytes:
+        """Code a picture."""
+        file = io.BytesIO()
+        try:
+            Image.fromarray(picture).save(file, self.file_format, **self.options(level))
+        except (KeyError, OSError, ValueError) as err:
+            raise ConfigError(f"this Pillow cannot write {self.file_format}: {err}") from err
+        return file.getvalue()
 
 
 class CodedPicture(NamedTuple):
     """A picture in a file."""
 
-    num_bytes: int  # of the file
-    picture: Picture  # decoded
+    num_bytes: int  # size of the file
+    picture: Picture  # decoded picture
     level: int  # quality
 
 
 @dataclass(eq=False)
 class Ladder:
-    """One picture at all qualities, each coded when it is asked for."""
+    """One picture at all qualities, each coded on demand."""
 
-    coder: PictureCoder  # by what
-    picture: Picture  # the original
-    _known: dict[int, CodedPicture] = field(default_factory=dict, repr=False)
+    coder: PictureCoder
+    picture: Picture
+    _coded: dict[int, CodedPicture] = field(default_factory=dict, repr=False)
 
     def at(self, level: int) -> CodedPicture:
         """Return the picture at a quality."""
-        if level not in self._known:
+        if level not in self._coded:
             file = self.coder.encode(self.picture, level)
-            self._known[level] = CodedPicture(len(file), self.coder.decode(file), level)
-        return self._known[level]
+            decoded = np.asarray(Image.open(io.BytesIO(file)).convert("L"))
+            self._coded[level] = CodedPicture(len(file), decoded, level)
+        return self._coded[level]
 
     def within(self, max_bytes: float) -> CodedPicture | None:
         """Return the picture at the best quality that fits."""
-        low, high = -1, self.coder.num_levels
-        while high - low > 1:
-            middle = (low + high) // 2
-            if self.at(middle).num_bytes <= max_bytes:
-                low = middle
-            else:
-                high = middle
-        return None if low < 0 else self.at(low)
+        level = highest_fitting(self.coder.num_levels, lambda level: self.at(level).num_bytes, max_bytes)
+        return None if level < 0 else self.at(level)
 
 
-def _avif(picture: Picture, level: int) -> bytes:
-    """Code as monochrome AVIF, full range, by the settings that Pillow has."""
-    return _saved(picture, "AVIF", quality=level, subsampling="4:0:0", max_threads=1)
+def highest_fitting(num_levels: int, size: Callable[[int], int], max_bytes: float) -> int:
+    """Return the highest level with a size that fits, by bisection, or -1."""
+    low, high = -1, num_levels
+    while high - low > 1:
+        middle = (low + high) // 2
+        if size(middle) <= max_bytes:
+            low = middle
+        else:
+            high = middle
+    return low
 
 
-def _jpeg2000(picture: Picture, level: int) -> bytes:
-    """Code as JPEG 2000, 9/7, one layer; ratios fall with the level."""
+def _avif(level: int) -> dict[str, object]:
+    """Code in monochrome and full range, by the settings that Pillow has."""
+    return {"quality": level, "subsampling": "4:0:0", "max_threads": 1}
+
+
+def _jpeg2000(level: int) -> dict[str, object]:
+    """Code in one layer by the 9/7 transform; ratios fall with the level."""
     ratio = JPEG2000_STEP ** (JPEG2000_LEVELS - level)
-    options = {"quality_mode": "rates", "quality_layers": [ratio], "irreversible": True}
-    return _saved(picture, "JPEG2000", **options)
+    return {"quality_mode": "rates", "quality_layers": [ratio], "irreversible": True}
 
 
-def _saved(picture: Picture, file_format: str, **options: object) -> bytes:
-    from PIL import Image
-
-    file = io.BytesIO()
-    try:
-        Image.fromarray(picture).save(file, file_format, **options)
-    except (KeyError, OSError, ValueError) as err:
-        raise ConfigError(f"this Pillow cannot write {file_format}: {err}") from err
-    return file.getvalue()
-
-
-AVIF = PictureCoder("AVIF", AVIF_LEVELS, _avif)
-JPEG2000 = PictureCoder("JPEG 2000", JPEG2000_LEVELS, _jpeg2000)
+AVIF = PictureCoder("AVIF", AVIF_LEVELS, _avif, "AVIF")
+JPEG2000 = PictureCoder("JPEG 2000", JPEG2000_LEVELS, _jpeg2000, "JPEG2000")
 PICTURE_CODERS = AVIF, JPEG2000

@@ -1,41 +1,171 @@
-"""Two views as they are: as two pictures, or the second one predicted from the first by a video codec.
+"""Baselines of two views: matched disparities coded as a picture, two pictures, and a predicted frame.
 
-Neither gives any other view than these two.
+Only the first of them gives further views. Its matching ignores rates and its coding ignores the purpose of
+disparities; the renderer is that of this project.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING, Final, Literal
+from functools import partial
+from typing import Final, Literal
 
+import av
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.baselines.picture_coders import CodedPicture, Ladder, PictureCoder
-from benchmarks.baselines.quality import PeerResult, quality_of
+from benchmarks.baselines.baseline import Baseline, BaselineResult, best, quality_of
+from benchmarks.baselines.picture_coders import (
+    AVIF,
+    PICTURE_CODERS,
+    CodedPicture,
+    Ladder,
+    PictureCoder,
+    highest_fitting,
+)
+from dvc.dibr.rendering import PictureAndDisparity, picture_of, render_pairs
+from dvc.dibr.views.views import Views, views_of_array
 from dvc.errors import ConfigError
+from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.images.colour import Picture
+from dvc.metrics import PEAK
+from dvc.stereo.opencv_baseline import semi_global_baseline
+from dvc.stereo.surfaces.reconstruction import reconstruct
+from dvc.stereo.surfaces.settings import StereoSettings
 
-if TYPE_CHECKING:
-    from av import VideoFrame
+Floats = NDArray[np.float64]
 
+FIRST_SHARES, REFINEMENTS = (0.04, 0.1, 0.2, 0.35), 3
+"""Shares of the disparities in the bytes that are tried first, and refinements of the best of them."""
 LEVEL_OFFSETS = -6, -3, 0, 3, 6
-"""Qualities of the second picture less that of the first."""
+"""Quality of the second picture minus that of the first."""
 QP_OFFSETS = 0, 1, 2, 3, 4
-"""QPs of the P frame less that of the I frame."""
+"""QP of the P frame minus that of the I frame."""
 LOWEST_QP, HIGHEST_QP = 8, 51
 _MESSAGES = {"h264": (31, 0, {6}), "hevc": (63, 1, {39, 40})}
 """Mask and shift of the type of a NAL unit, and types that no decoder needs."""
+
+
+def semi_global_disparity(array: CameraArray, labels: DisparityLabels) -> Floats:
+    """Match a left and a right view by OpenCV, holes filled."""
+    baseline = array[1].position.m - array[0].position.m
+    if baseline <= 0.0 or array[1].position.n != array[0].position.n or labels.lowest < 0.0:
+        raise ConfigError("StereoSGBM takes a left and a right view, and disparities of at least 0")
+    return semi_global_baseline(array[0].image, array[1].image, labels.highest * baseline) / baseline
+
+
+def stereo_disparity(array: CameraArray, labels: DisparityLabels) -> Floats:
+    """Match views as `dvc-stereo reconstruct` does."""
+    return reconstruct(array, labels, StereoSettings()).surfaces[0].disparity.astype(np.float64)
+
+
+MATCHERS: dict[str, Callable[[CameraArray, DisparityLabels], Floats]] = {
+    "StereoSGBM": semi_global_disparity,
+    "dvc.stereo": stereo_disparity,
+}
+
+
+@dataclass(eq=False)
+class PictureAndDepth:
+    """Reference and its disparities as two pictures, at the best split of the bytes that is tried."""
+
+    name: str
+    views: Views  # gray views of one reference
+    disparity: Floats  # disparities of the reference
+    labels: DisparityLabels  # range of the gray levels 0 to 255
+    coder: PictureCoder
+    _results: dict[tuple[int, int], BaselineResult] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        self._pictures = Ladder(self.coder, self.views.pictures[self.views.references[0]])
+        span = max(self.labels.highest - self.labels.lowest, 1e-9)
+        share = np.clip((self.disparity - self.labels.lowest) / span, 0.0, 1.0)
+        self._depths = Ladder(self.coder, np.floor(share * PEAK + 0.5).astype(np.uint8))
+
+    def best_within(self, max_bytes: int) -> BaselineResult | None:
+        """Try several splits, then qualities next to that of the best one."""
+        tried: dict[int, BaselineResult] = {}
+        for share in FIRST_SHARES:
+            if (depth := self._depths.within(share * max_bytes)) is not None:
+                self._try(depth, max_bytes, tried)
+        if not tried:
+            self._try(self._depths.at(0), max_bytes, tried)
+        step = max(self.coder.num_levels // 12, 1)
+        for _ in range(REFINEMENTS if tried else 0):
+            middle = max(tried, key=lambda level: tried[level].quality.pooled_db)
+            for level in (middle - step, middle + step):
+                if 0 <= level < self.coder.num_levels:
+                    self._try(self._depths.at(level), max_bytes, tried)
+            step = max(step // 2, 1)
+        return best(list(tried.values()))
+
+    def _try(self, depth: CodedPicture, max_bytes: int, tried: dict[int, BaselineResult]) -> None:
+        """Code the reference in the bytes that a picture of disparities leaves, and render the views."""
+        picture = self._pictures.within(max_bytes - depth.num_bytes)
+        if depth.level in tried or picture is None:
+            return
+        key = picture.level, depth.level
+        if key not in self._results:
+            num_bytes = picture.num_bytes + depth.num_bytes
+            quality = quality_of(self._rendered(picture.picture, depth.picture), self.views.pictures)
+            setting = f"{self.coder.name} at {picture.level} and {depth.level}"
+            self._results[key] = BaselineResult(num_bytes, quality, depth.num_bytes / num_bytes, setting)
+        tried[depth.level] = self._results[key]
+
+    def _rendered(self, picture: Picture, depth: Picture) -> list[Picture]:
+        span = self.labels.highest - self.labels.lowest
+        reference = self.views.viewpoints[self.views.references[0]]
+        disparity = self.labels.lowest + span * depth.astype(np.float64) / PEAK
+        pair = PictureAndDisparity(picture, disparity, reference)
+        return [
+            picture
+            if viewpoint == reference
+            else picture_of(render_pairs([pair], viewpoint, self.labels.step))
+            for viewpoint in self.views.viewpoints
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class TwoPictures:
+    """Both views as pictures, at the best split of the bytes."""
+
+    name: str
+    pictures: tuple[Picture, Picture]
+    coder: PictureCoder
+
+    def best_within(self, max_bytes: int) -> BaselineResult | None:
+        """Try several differences between both qualities."""
+        ladders = Ladder(self.coder, self.pictures[0]), Ladder(self.coder, self.pictures[1])
+        results = []
+        for offset in LEVEL_OFFSETS:
+            level = highest_fitting(self.coder.num_levels, partial(_pair_size, ladders, offset), max_bytes)
+            if level >= 0:
+                first, second = _coded_pair(ladders, offset, level)
+                num_bytes = first.num_bytes + second.num_bytes
+                quality = quality_of([first.picture, second.picture], self.pictures)
+                setting = f"{self.coder.name} at {first.level} and {second.level}"
+                results.append(BaselineResult(num_bytes, quality, second.num_bytes / num_bytes, setting))
+        return best(results)
+
+
+def _coded_pair(ladders: tuple[Ladder, Ladder], offset: int, level: int) -> tuple[CodedPicture, CodedPicture]:
+    highest = ladders[0].coder.num_levels - 1
+    return ladders[0].at(level), ladders[1].at(min(max(level + offset, 0), highest))
+
+
+def _pair_size(ladders: tuple[Ladder, Ladder], offset: int, level: int) -> int:
+    return sum(coded.num_bytes for coded in _coded_pair(ladders, offset, level))
 
 
 @dataclass(frozen=True)
 class VideoCoder:
     """A video encoder that codes an I frame and a P frame."""
 
-    name: str  # as it is known
-    library: Literal["libx264", "libx265"]  # encoder as FFmpeg names it
-    decoder: Literal["h264", "hevc"]  # decoder as FFmpeg names it
-    parameters: str  # all that differs from the preset, but for QPs
-    preset: str = "slow"  # preset
+    name: str
+    library: Literal["libx264", "libx265"]  # name of the encoder in FFmpeg
+    decoder: Literal["h264", "hevc"]  # name of the decoder in FFmpeg
+    parameters: str  # all differences from the preset except QPs
+    preset: str = "slow"
 
 
 # Constant QPs, PSNR rather than looks, wide search as views are far from each other; one thread.
@@ -55,63 +185,35 @@ X265: Final = VideoCoder(
 )
 
 
-def two_pictures(pictures: tuple[Picture, Picture], coder: PictureCoder, max_bytes: int) -> PeerResult:
-    """Code both views as pictures, at the best split of the bytes."""
-    ladders = [Ladder(coder, picture) for picture in pictures]
-    tried = []
-    for offset in LEVEL_OFFSETS:
-        levels = [-1, coder.num_levels]
-        while levels[1] - levels[0] > 1:
-            middle = sum(levels) // 2
-            levels[_size(ladders, middle, offset) > max_bytes] = middle
-        if levels[0] >= 0:
-            both = _pair(ladders, levels[0], offset)
-            num_bytes = sum(one.num_bytes for one in both)
-            quality = quality_of([one.picture for one in both], pictures)
-            setting = f"{coder.name} at {both[0].level} and {both[1].level}"
-            tried.append(PeerResult(num_bytes, quality, both[1].num_bytes / num_bytes, setting))
-    tried = [one for one in tried if one.num_bytes <= max_bytes]
-    if not tried:
-        raise ConfigError(f"{max_bytes} bytes are too few for two pictures of {coder.name}")
-    return max(tried, key=lambda result: result.quality.pooled_db)
+@dataclass(frozen=True, eq=False)
+class PredictedFrame:
+    """The first view as an I frame and the second one as a P frame of a video coder."""
+
+    name: str
+    pictures: tuple[Picture, Picture]
+    coder: VideoCoder
+
+    def best_within(self, max_bytes: int) -> BaselineResult | None:
+        """Try several differences between both QPs."""
+        results = []
+        for offset in QP_OFFSETS:
+            low, high, stream = LOWEST_QP - 1, HIGHEST_QP + 1 - offset, list[bytes]()
+            while high - low > 1:
+                qp = (low + high) // 2
+                tried = list(encode_frames(self.pictures, self.coder, qp, offset))
+                if sum(map(len, tried)) <= max_bytes:
+                    high, stream = qp, tried
+                else:
+                    low = qp
+            if stream:
+                num_bytes, setting = sum(map(len, stream)), f"QP {high} and {high + offset}"
+                quality = quality_of(decode_frames(stream, self.coder), self.pictures)
+                results.append(BaselineResult(num_bytes, quality, len(stream[-1]) / num_bytes, setting))
+        return best(results)
 
 
-def _pair(ladders: list[Ladder], level: int, offset: int) -> tuple[CodedPicture, CodedPicture]:
-    highest = ladders[0].coder.num_levels - 1
-    return ladders[0].at(level), ladders[1].at(min(max(level + offset, 0), highest))
-
-
-def _size(ladders: list[Ladder], level: int, offset: int) -> int:
-    return sum(one.num_bytes for one in _pair(ladders, level, offset))
-
-
-def intra_and_predicted(pictures: tuple[Picture, Picture], coder: VideoCoder, max_bytes: int) -> PeerResult:
-    """Code the first view as an I frame and the second one as a P frame, at the best pair of QPs."""
-    tried = []
-    for offset in QP_OFFSETS:
-        low, high = LOWEST_QP - 1, HIGHEST_QP + 1 - offset
-        fits: list[bytes] = []
-        while high - low > 1:
-            qp = (low + high) // 2
-            stream = list(encode_frames(pictures, coder, qp, offset))
-            if sum(map(len, stream)) <= max_bytes:
-                high, fits = qp, stream
-            else:
-                low = qp
-        if fits:
-            num_bytes = sum(map(len, fits))
-            quality = quality_of(decode_frames(fits, coder), pictures)
-            setting = f"QP {high} and {high + offset}"
-            tried.append(PeerResult(num_bytes, quality, len(fits[-1]) / num_bytes, setting))
-    if not tried:
-        raise ConfigError(f"{max_bytes} bytes are too few for two frames of {coder.name}")
-    return max(tried, key=lambda result: result.quality.pooled_db)
-
-
-def encode_frames(pictures: tuple[Picture, ...], coder: VideoCoder, qp: int, offset: int) -> Iterator[bytes]:
+def encode_frames(pictures: Sequence[Picture], coder: VideoCoder, qp: int, offset: int) -> Iterator[bytes]:
     """Code an I frame, and P frames after it."""
-    import av
-
     if coder.library not in av.codecs_available:
         raise ConfigError(f"this PyAV was built without the encoder {coder.library}")
     context = av.CodecContext.create(coder.library, "w")
@@ -135,26 +237,41 @@ def encode_frames(pictures: tuple[Picture, ...], coder: VideoCoder, qp: int, off
         yield without_messages(bytes(packet), coder.decoder)
 
 
-def decode_frames(stream: list[bytes], coder: VideoCoder) -> list[Picture]:
-    """Decode frames."""
-    import av
-
+def decode_frames(stream: Sequence[bytes], coder: VideoCoder) -> list[Picture]:
+    """Decode the luma samples of frames as coded, independent of the range that the stream declares."""
     context = av.CodecContext.create(coder.decoder, "r")
     context.thread_count = 1
     frames = [frame for part in stream for frame in context.decode(av.Packet(part))]
-    return [_luma(frame) for frame in (*frames, *context.decode(None))]
+    pictures = []
+    for frame in (*frames, *context.decode(None)):
+        plane = frame.planes[0]
+        rows = np.frombuffer(bytes(plane), np.uint8).reshape(-1, plane.line_size)
+        pictures.append(np.ascontiguousarray(rows[: plane.height, : plane.width]))
+    return pictures
 
 
 def without_messages(stream: bytes, decoder: str) -> bytes:
-    """Leave out what no decoder needs: encoders write their options there."""
+    """Remove units that no decoder needs: encoders write their options there."""
     mask, shift, messages = _MESSAGES[decoder]
     units = stream.split(b"\x00\x00\x01")[1:]
-    kept = [unit for unit in units if (unit[0] >> shift) & mask not in messages]
-    return b"".join(b"\x00\x00\x01" + unit.rstrip(b"\x00") for unit in kept)
+    needed = [unit for unit in units if (unit[0] >> shift) & mask not in messages]
+    return b"".join(b"\x00\x00\x01" + unit.rstrip(b"\x00") for unit in needed)
 
 
-def _luma(frame: "VideoFrame") -> Picture:
-    """Return samples as they were coded, whatever range the stream tells."""
-    plane = frame.planes[0]
-    rows = np.frombuffer(bytes(plane), np.uint8).reshape(-1, plane.line_size)
-    return np.ascontiguousarray(rows[: plane.height, : plane.width])
+def baselines_of(array: CameraArray, labels: DisparityLabels) -> list[Baseline]:
+    """Return all baselines that can code the two views of an array."""
+    views = views_of_array(array, gray=True)
+    first, second = views.pictures
+    baselines: list[Baseline] = []
+    for matcher, match in MATCHERS.items():
+        try:
+            disparity = match(array, labels)
+        except ConfigError:
+            continue
+        for coder in PICTURE_CODERS:
+            name = f"{matcher} and {coder.name}"
+            baselines.append(PictureAndDepth(name, views, disparity, labels, coder))
+    baselines.append(TwoPictures("two-view AVIF", (first, second), AVIF))
+    for video in (X264, X265):
+        baselines.append(PredictedFrame(f"P frame of {video.name}", (first, second), video))
+    return baselines

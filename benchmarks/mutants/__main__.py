@@ -1,4 +1,4 @@
-"""Change the packages here and there, in copies, and tell which changes no test notices.
+"""Change copies of the packages in random positions, and list the changes that no test notices.
 
 A change is noticed if the tests of its package, or the canaries of the codec, fail; they stop at the first
 failure, and after --limit seconds nothing counts. What is done is kept, so that a run that ended goes on.
@@ -37,9 +37,9 @@ PACKAGES = (
     "sfm",
 )
 CODEC = ("encoder", "decoder", "dvc/config", "dvc/slepian_wolf", "dvc/wynerziv", "sfm")
-"""What the canaries are coded with."""
+"""Packages that the canaries are coded with."""
 COMMAND_LINES = ("__main__.py", "options.py", "commands")
-"""Are left alone: their numbers are bounds and widths of text."""
+"""Modules without changes: their numbers are bounds and widths of text."""
 CANARIES = "tests/test_canaries.py"
 CONTRACTS = ["tests/contracts", "tests/test_extensions.py"]
 
@@ -80,14 +80,14 @@ def users(change: Change, root: Path) -> list[str]:
 
 
 def stages(change: Change, root: Path) -> list[tuple[str, ...]]:
-    """List what is run one after the other: the nearest tests first."""
+    """List the stages of tests, the nearest tests first."""
     package, path = package_of(change), Path(change.path)
     mirrored = Path("tests") / path.with_name(f"test_{path.name}").as_posix().removeprefix("dvc/")
     whole = f"tests/{package.removeprefix('dvc/')}"
-    canaries, others = ([CANARIES], []) if package in CODEC else ([], [CANARIES])
+    canaries, late = ([CANARIES], []) if package in CODEC else ([], [CANARIES])
     near = [[mirrored.as_posix()], users(change, root), canaries, [mirrored.parent.as_posix()]]
     found, before = [], list[str]()
-    for stage in (*near, [whole], CONTRACTS, others):
+    for stage in (*near, [whole], CONTRACTS, late):
         if new := [at for at in stage if at not in before and (root / at).exists()]:
             found.append((*new, *(f"--ignore={at}" for at in before)))
             before += new
@@ -95,7 +95,7 @@ def stages(change: Change, root: Path) -> list[tuple[str, ...]]:
 
 
 def failed(tree: Path, tests: Sequence[str], limit_s: float) -> bool | None:
-    """Tell whether tests fail; None if they take too long."""
+    """Return whether tests fail; None if they take too long."""
     options = ["-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", "--timeout=60"]
     environment = child_environment() | {"PYTHONPATH": str(tree), "DVC_REGENERATE": "0"}
     with subprocess.Popen(
@@ -140,7 +140,7 @@ class Copies:
                     raise SystemExit(f"{at} fails without any change")
 
     def notices(self, change: Change) -> tuple[bool, float, str]:
-        """Tell whether a change is noticed, after how long, and by what."""
+        """Return whether a change is noticed, after how long, and by which tests."""
         started = time.monotonic()
         tree = self._folder / f"changed_{time.monotonic_ns()}"
         with self._lock:
@@ -160,7 +160,7 @@ class Copies:
 
 
 class Outcomes:
-    """What is known of changes, in a file; of other code it says nothing."""
+    """Outcomes of changes of the present code, in a file."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._lock = path, Lock()
@@ -173,12 +173,12 @@ class Outcomes:
         self._kept: dict[str, Any] = kept if kept.get("code") == code else {"code": code, "changes": {}}
 
     def of(self, change: Change) -> dict[str, Any] | None:
-        """Return what is known of a change."""
+        """Return the outcome of a change, if known."""
         found: dict[str, Any] | None = self._kept["changes"].get("|".join(map(str, change)))
         return found
 
     def add(self, change: Change, noticed: bool, seconds: float, by: str) -> None:
-        """Keep what was found."""
+        """Record an outcome."""
         with self._lock:
             found = {"noticed": noticed, "seconds": round(seconds, 1), "by": by}
             self._kept["changes"]["|".join(map(str, change))] = found
@@ -187,13 +187,13 @@ class Outcomes:
 
 
 def shown(change: Change) -> str:
-    """Return a line that tells a change."""
+    """Return a line that describes a change."""
     line = (ROOT / change.path).read_text(encoding="utf-8").splitlines()[change.line - 1].strip()
     return f"{change.path}:{change.line} {change.operator}: {change.before!r} -> {change.after!r} in `{line}`"
 
 
-def told(kind: str, of: Sequence[Change], outcomes: Outcomes) -> Iterator[str]:
-    """Return lines that tell how many changes are noticed, and which are not."""
+def summary(kind: str, of: Sequence[Change], outcomes: Outcomes) -> Iterator[str]:
+    """Return the number of noticed changes, and list the rest."""
     known = [(change, found) for change in of if (found := outcomes.of(change)) is not None]
     noticed = sum(found["noticed"] for _, found in known)
     yield f"{kind}: {noticed} of {len(known)} noticed"
@@ -203,23 +203,23 @@ def told(kind: str, of: Sequence[Change], outcomes: Outcomes) -> Iterator[str]:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run what is asked for; return the exit status."""
+    """Run the command, and return the exit status."""
     parser = argparse.ArgumentParser("python -m benchmarks.mutants", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/mutants"), help="folder of copies and results")
     parser.add_argument("--count", type=int, default=60, help="changes that are drawn; default: 60")
     parser.add_argument("--seed", type=int, default=30)
     parser.add_argument("--jobs", type=int, default=1, help="changes at a time")
     parser.add_argument("--limit", type=float, default=240.0, help="seconds for a change; default: 240")
-    parser.add_argument("--again", action="store_true", help="run what was not noticed again")
+    parser.add_argument("--again", action="store_true", help="repeat changes that were not noticed")
     parser.add_argument("--cold", action="store_true", help="do not run the tests without a change first")
     arguments = parser.parse_args(words)
     arguments.out.mkdir(parents=True, exist_ok=True)
     named = [named_change(one, ROOT) for one in NAMED]
-    others = drawn(arguments.count, arguments.seed)
+    sampled = drawn(arguments.count, arguments.seed)
     outcomes = Outcomes(arguments.out / "results.json")
     due = [
         one
-        for one in (*named, *others)
+        for one in (*named, *sampled)
         if (found := outcomes.of(one)) is None or (arguments.again and not found["noticed"])
     ]
     copies = Copies(arguments.out.resolve(), arguments.limit)
@@ -231,7 +231,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
     with ThreadPoolExecutor(arguments.jobs) as pool:
         list(pool.map(run, due))
-    print(*told("named", named, outcomes), *told("drawn", others, outcomes), sep="\n")
+    print(*summary("named", named, outcomes), *summary("drawn", sampled, outcomes), sep="\n")
     return 0
 
 

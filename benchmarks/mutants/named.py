@@ -1,4 +1,4 @@
-"""Constants and terms whose change has to be noticed: what decides rates and cameras."""
+"""Constants and terms of rates and cameras; tests must notice their change."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ from benchmarks.mutants.operators import Change
 
 
 class Named(NamedTuple):
-    """A change told by what stands there."""
+    """A change by its source line."""
 
     package: str
     line: str  # the beginning of one line of the package, without indent
@@ -40,7 +40,7 @@ NAMED = (
 
 
 def named_change(named: Named, root: Path) -> Change:
-    """Find where a named change applies."""
+    """Find the position of a named change."""
     found = []
     for path in sorted((root / named.package).rglob("*.py")):
         for number, line in enumerate(path.read_bytes().splitlines(), 1):

@@ -26,11 +26,11 @@ _OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">", "==": "!=", "!=": "=="}
 _BORDER = {"<": "<=", "<=": "<", ">": ">=", ">=": ">"}
 _OTHER = {"+": "-", "-": "+"}
 _LEAST = 1e-3
-"""What is less guards against division by zero, or ends an iteration."""
+"""Smallest constant that is changed: smaller ones guard divisions or end iterations."""
 
 
 class Change(NamedTuple):
-    """What stands in one place of a source, and what may stand there."""
+    """A position in a source, its text and the replacement."""
 
     operator: str
     path: str
@@ -50,7 +50,7 @@ class Change(NamedTuple):
 
 
 def changes(path: str, source: bytes) -> Iterator[Change]:
-    """List what can be changed in a source, but in messages, types and decorators."""
+    """List possible changes of a source, except in messages, types and decorators."""
     lines = source.splitlines()
     for node in _computing(ast.parse(source)):
         for operator, line, column, before, after in _of_node(node, lines):
@@ -58,7 +58,7 @@ def changes(path: str, source: bytes) -> Iterator[Change]:
 
 
 def _computing(node: ast.AST) -> Iterator[ast.AST]:
-    """Walk through what computes."""
+    """Walk through nodes that compute."""
     if isinstance(node, ast.Raise | ast.JoinedStr | ast.Assert):
         return
     if isinstance(node, ast.keyword) and node.arg == "strict":

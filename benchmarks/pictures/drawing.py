@@ -1,4 +1,4 @@
-"""The look of all pictures: panels, correlation noise; and the command that draws them."""
+"""Panels and correlation noise of pictures, and the command that draws them."""
 
 import argparse
 import sys
@@ -31,7 +31,7 @@ def panel(plane: NDArray[np.uint8], title: str) -> Picture:
 
 
 def correlation_noise(predicted: Floats, original: NDArray[np.uint8]) -> Picture:
-    """Show the difference of side information and frame, grey where there is none."""
+    """Show the difference of side information and frame, grey if there is none."""
     return np.clip(128.0 + 2.0 * (predicted - original), 0, 255).astype(np.uint8)
 
 
@@ -42,7 +42,7 @@ def write_picture(path: Path, picture: Picture) -> None:
 
 
 def draw_clips(clips: Iterable[str], draw: Callable[[str], Sequence[Path]]) -> None:
-    """Draw the pictures of sequences, and say which files; those that are not there are told on stderr."""
+    """Draw the pictures of sequences and print their files; report missing sequences on stderr."""
     for clip in clips:
         try:
             paths = draw(clip)

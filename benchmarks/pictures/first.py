@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.pictures.drawing import Picture
-from dvc.environment import child_environment, python_module
+from benchmarks.results.harness import run_module
 from dvc.geometry.depth_maps import estimate_depths
 from dvc.video import Frame, open_video
 from dvc.video.pixels import picture_from_frame
@@ -39,18 +38,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     files = [str(folder / name) for name in ("street.mkv", "street.dvc", "decoded.mkv", "predicted.mkv")]
     video, stream, decoded, predicted = files
     report = folder / "report.json"
-    _run("sequences", "render", *SCENE, "--out", video)
-    _run("encoder", video, stream, "--qp", QP, "--quiet")
+    run_module("sequences", "render", *SCENE, "--out", video)
+    run_module("encoder", video, stream, "--qp", QP, "--quiet")
     outputs = ["--side-information-video", predicted, "--json", str(report), "--reference", video, "--quiet"]
-    _run("decoder", stream, decoded, *outputs)
+    run_module("decoder", stream, decoded, *outputs)
     drawn = _draw(decoded, predicted, json.loads(report.read_text())["per_frame"])
     _write(arguments.picture, drawn)
     print(arguments.picture)
     return 0
-
-
-def _run(module: str, *arguments: str) -> None:
-    subprocess.run(python_module(module, *arguments), env=child_environment(), check=True)
 
 
 def _draw(decoded: str, predicted: str, frames: list[dict[str, Any]]) -> Picture:
@@ -97,7 +92,7 @@ def _depth(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Picture:
 
 
 def _write(path: Path, picture: Picture) -> None:
-    """Write a JPEG of at most so many bytes."""
+    """Write a JPEG of at most `MAX_BYTES`."""
     for quality in range(92, 40, -4):
         _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
         if data.size <= MAX_BYTES:

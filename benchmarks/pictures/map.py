@@ -1,14 +1,13 @@
 """The picture of docs/scene.md: the page of a map that is made out of decoded frames."""
 
 import argparse
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 
-from dvc.environment import child_environment, python_module
+from benchmarks.results.harness import run_module
 
 PICTURE = Path("docs/scene/map.jpg")
 SIZE_PX = 960, 600
@@ -17,7 +16,7 @@ MAX_BYTES = 150_000
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Code the rendered statue in processes, map what is decoded, and take a picture of the page."""
+    """Code the rendered statue in processes, map the decoded frames, and take a picture of the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/map"), help="folder to write, new")
     parser.add_argument("--picture", type=Path, default=PICTURE, help="picture to write")
@@ -25,20 +24,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder: Path = arguments.out
     folder.mkdir(parents=True, exist_ok=True)
     video, stream, decoded = (str(folder / name) for name in ("statue.mkv", "statue.dvc", "decoded.mkv"))
-    _run("sequences", "render", "statue", "--out", video)
-    _run("encoder", video, stream, "--qp", QP, "--quiet")
-    _run("decoder", stream, decoded, "--scene", str(folder / "map"))
+    run_module("sequences", "render", "statue", "--out", video)
+    run_module("encoder", video, stream, "--qp", QP, "--quiet")
+    run_module("decoder", stream, decoded, "--scene", str(folder / "map"))
     _take(folder / "map" / "index.html", arguments.picture)
     print(arguments.picture)
     return 0
 
 
-def _run(module: str, *arguments: str) -> None:
-    subprocess.run(python_module(module, *arguments), env=child_environment(), check=True)
-
-
 def _take(page_path: Path, target: Path) -> None:
-    """Open a page in the browser of the tests, and keep what it shows."""
+    """Open a page in the browser of the tests, and save its picture."""
     from playwright.sync_api import sync_playwright
 
     from tests import browser

@@ -1,6 +1,6 @@
 """Draw surfaces, errors and occlusions for `docs/stereo.md`, and chapter 2 of the thesis into `results`.
 
-Photographs of the real sets are not the project's to show: in `docs` there are maps of them, no pictures.
+Photographs of the real sets cannot be published here: `docs` only has maps of them.
 """
 
 import shutil
@@ -16,7 +16,7 @@ from benchmarks.pictures.calibrations import write_cameras
 from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
 from benchmarks.results.harness import run_module
 from benchmarks.results.stereo import data_folder
-from benchmarks.thesis.real_sets import PAIRS
+from benchmarks.thesis.scenes import PAIRS
 from dvc.geometry.surfaces import Reconstruction
 from dvc.stereo.evaluation import disparity_error, read_mask
 from dvc.stereo.opencv_baseline import semi_global_baseline
@@ -80,10 +80,10 @@ def draw_pairs() -> list[Path]:
         ours = found.surfaces[0].disparity
         theirs = semi_global_baseline(left.image, right.image, one.labels.highest)
         panels.append(with_title(colour_disparity(ours, one.labels.lowest, one.labels.highest), name))
-        for told, disparity in (("errors", ours), ("errors of StereoSGBM", theirs)):
+        for title, disparity in (("errors", ours), ("errors of StereoSGBM", theirs)):
             error, counted = disparity_error(disparity, truth, mask)
             bad = 100.0 * float(np.mean(error[counted] > 1.0))
-            panels.append(with_title(colour_error(error, counted), f"{told}: {bad:.2f} % bad"))
+            panels.append(with_title(colour_error(error, counted), f"{title}: {bad:.2f} % bad"))
     write_picture(FOLDER / "pairs.jpg", in_rows(panels, 3))
     return [FOLDER / "pairs.jpg"]
 

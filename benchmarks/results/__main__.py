@@ -18,7 +18,7 @@ EXAMPLES = """\
   python -m benchmarks.results                          all results that are not of this code (make results)
   python -m benchmarks.results --row rate/x264-medium   one of them
   python -m benchmarks.results --quick --row decoding/time   whether it can be measured; nothing is kept
-  python -m benchmarks.results --check                  which are those of this code, told by canaries
+  python -m benchmarks.results --check                  which are those of this code, by canaries
   python -m benchmarks.results --fill                   page, plot and numbers in documents again
 """
 
@@ -27,14 +27,14 @@ def _parser() -> argparse.ArgumentParser:
     parser = cli.ArgumentParser(PROG, "Measure the headline results, and show them.", EXAMPLES)
     add = parser.add_argument
     add("--row", action="append", metavar="NAME", choices=BY_NAME, help="repeatable; default: all")
-    add("--again", action="store_true", help="measure even what is already of this code")
+    add("--again", action="store_true", help="repeat results of this code, too")
     add("--quick", action="store_true", help="few clips and frames, to try it out; nothing is kept")
     add("--jobs", type=cli.integer(1, 64), default=2, metavar="N", help="points at a time; default: 2")
     add("--folder", type=Path, default=FOLDER, help=f"intermediate results; default: {FOLDER}")
     only = parser.add_mutually_exclusive_group()
     only.add_argument("--list", action="store_true", help="list the results")
     only.add_argument(
-        "--check", action="store_true", help="tell which are those of this code; status 1 if not all"
+        "--check", action="store_true", help="list which are those of this code; status 1 if not all"
     )
     only.add_argument("--fill", action="store_true", help="write the page, the plot and numbers in documents")
     return parser
@@ -73,7 +73,7 @@ def _check(rows: list[Row]) -> int:
 
 
 def _measure(rows: list[Row], setting: Setting, *, again: bool) -> int:
-    """Measure rows, each written down when it is there; go on when one fails."""
+    """Measure rows, write each result at once, and continue if one fails."""
     entries = {} if setting.quick else document.kept(document.read_document())
     failures = 0
     for row in rows:
@@ -104,7 +104,7 @@ def _measure(rows: list[Row], setting: Setting, *, again: bool) -> int:
 
 
 def show(setting: Setting | None = None) -> None:
-    """Write the page and the numbers in documents, and the plot where its curves are there."""
+    """Write the page and the numbers in documents, and the plot if its curves exist."""
     entries = document.read_document()
     document.PAGE.write_text(document.page_text(entries), encoding="utf-8")
     changed = fill.fill(entries)

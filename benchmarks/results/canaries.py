@@ -1,4 +1,4 @@
-"""Digests of what small encodings and decodings write: equal as long as a change leaves all bytes alone."""
+"""Digests of the output of small encodings and decodings, to find changes of their bytes."""
 
 import hashlib
 import json
@@ -20,7 +20,7 @@ def _digest(paths: Iterable[Path]) -> str:
 
 @cache
 def anchors() -> str:
-    """Digest the files of all anchors for a rendered scene, and what is measured of them."""
+    """Digest the files of all anchors for a rendered scene, and their measured values."""
     from dvc.rd.anchors.decoding import measure_file
     from dvc.rd.anchors.encoding import encode_file
 
@@ -38,7 +38,7 @@ def anchors() -> str:
 
 
 def _codec(*options: object, **num_frames: int) -> Callable[[Path], str]:
-    """Code rendered scenes, decode them, and digest both streams, all frames and what anchors write."""
+    """Code rendered scenes, decode them, and digest both streams, all frames and the anchors."""
 
     def _run(folder: Path) -> str:
         for scene, frames in num_frames.items():
@@ -86,7 +86,7 @@ def _depth_map(folder: Path) -> str:
 
 
 CANARIES: dict[str, Callable[[Path], str]] = {
-    # By default groups of street end with key frames; of stairway none does, and the last is a frame alone.
+    # By default groups of street end with key frames; of stairway none does, and the last has a single frame.
     "default": _codec("--qp", 30, street=25, stairway=34),
     "no-feedback": _codec("--qp", 30, "--no-feedback", street=25, stairway=25),
     "2d": _codec("--qp", 30, "--codec", "2d", street=9),
@@ -95,7 +95,7 @@ CANARIES: dict[str, Callable[[Path], str]] = {
     "texture-depth": _texture_depth,
     "depth-map": _depth_map,
 }
-"""By configuration."""
+"""Canaries by configuration."""
 
 
 @cache

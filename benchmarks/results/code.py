@@ -1,4 +1,4 @@
-"""Which code a result is of: hashes of the trees of packages as git has them, from the files as they are."""
+"""Identity of the code of a result: hashes of the trees of packages, as git computes them."""
 
 import ast
 import hashlib
@@ -14,7 +14,7 @@ _IGNORED = ("__pycache__", ".pyc", ".nbi", ".nbc", ".part")
 
 @cache
 def code_digest(root: Path = ROOT) -> str:
-    """Digest all packages; documents and tests have no part in it."""
+    """Digest all packages without documents and tests."""
     lines = [f"{name} {tree_hash(root / name)}" for name in PACKAGES]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 

@@ -14,7 +14,7 @@ _FOR_DEVELOPERS = re.compile(r"extra == ['\"](docs|test|check)['\"]")
 
 
 def constraints_text() -> str:
-    """Return a line for each package that is installed, and that this one or its packages need."""
+    """Return a line for each installed package that this one needs, directly or not."""
     found, names = dict[str, str](), ["dvc3d"]
     while names:
         name = names.pop()
@@ -25,7 +25,7 @@ def constraints_text() -> str:
                 continue
             try:
                 found[key] = metadata.version(key)
-            except metadata.PackageNotFoundError:  # what other systems need
+            except metadata.PackageNotFoundError:  # a package for other systems
                 continue
             names.append(key)
     found.pop("dvc3d", None)
@@ -33,6 +33,6 @@ def constraints_text() -> str:
 
 
 def write_constraints(path: Path = CONSTRAINTS) -> None:
-    """Write them."""
+    """Write the constraints."""
     with atomic_output(path) as temporary:
         temporary.write_text(constraints_text(), encoding="utf-8")

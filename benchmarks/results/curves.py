@@ -16,7 +16,7 @@ from dvc.rd.points import ANCHORS
 from dvc.rd.results import read_results
 
 FRAMES, QUICK_FRAMES = 49, 9
-"""One intra frame and 48 others: with fewer, the key frames of a group weigh too much or too little."""
+"""One intra frame and 48 more: with fewer, the key frames of a group weigh too much or too little."""
 QPS, FEW_QPS, PROVEN_QP = (24, 28, 32, 36), (24, 30, 36), 36
 QUICK_QPS = (28, 36)
 ANCHOR_QPS = (20, 24, 28, 32, 36, 42)
@@ -26,11 +26,11 @@ CODECS: dict[str, tuple[str, ...]] = {
     "no-feedback": ("--no-feedback",),
     LUMA_ONLY: ("--luma-only",),
 }
-"""Options of `dvc-rd run` beside qualities, by the name of the folder."""
+"""Options of `dvc-rd run` except qualities, by the name of the folder."""
 MATRICES, QUICK_MATRICES = (1, 3, 5), (1, 3)
 """DISCOVER quantisation matrices that reach the PSNRs of `QPS`."""
 _OF_LUMA = (LUMA_ONLY, "matrices", "scene", "block-motion")
-"""Folders of streams without chroma; all others are in colour."""
+"""Folders of streams without chroma; the rest are in colour."""
 
 
 def frames(setting: Setting) -> int:
@@ -153,7 +153,7 @@ def worst_frame_db(setting: Setting) -> Measured:
 
 
 def not_proven(setting: Setting) -> Measured:
-    """Count clips whose punctured stream a fresh process decodes to other frames; such a point would fail."""
+    """Count clips with a punctured stream that a fresh process decodes to other frames; such points fail."""
     proven = {
         clip: float(sum(point.data["proof"].get("fresh_decode_equal") is True for point in curve.points))
         for clip, curve in sweep(setting, DEFAULT).items()

@@ -1,18 +1,29 @@
 """Chapters 3 and 4: disparities coded with texture, and depth maps coded along their edges."""
 
 from functools import cache
+from pathlib import Path
 
 from benchmarks.results.harness import Measured, Setting, mean_of
 from benchmarks.results.stereo import data_folder
-from benchmarks.thesis.chapter import Way
-from benchmarks.thesis.chapter3.as_written import METHODS_BY_WAY
-from benchmarks.thesis.chapter3.chapter import QUICK_BPP, REFERENCE_BPP
-from benchmarks.thesis.chapter3.curves import Point, curve, differences, reference_multipliers
-from benchmarks.thesis.chapter3.scenes import FREE_SCENES, Scene, scene_of_array
-from benchmarks.thesis.chapter4.chapter import MAP_RATES
-from benchmarks.thesis.chapter4.curves import map_point, picture_points, standard_point
-from benchmarks.thesis.chapter4.material import Material, material_of_set, motorcycle
-from benchmarks.thesis.real_sets import PAIRS
+from benchmarks.thesis.harness import Method
+from benchmarks.thesis.map_curves import (
+    MAP_RATES,
+    Material,
+    map_point,
+    material_of_set,
+    picture_points,
+    standard_point,
+)
+from benchmarks.thesis.scenes import FREE_SCENES, MOTORCYCLE, PAIRS, Scene, scene_of_array
+from benchmarks.thesis.view_curves import (
+    CODERS,
+    QUICK_BPP,
+    REFERENCE_BPP,
+    Point,
+    curve,
+    differences,
+    reference_multipliers,
+)
 from dvc.errors import DvcError
 
 TEXTURE_DEPTH = ("teddy", "venus", "cones", "motorcycle")
@@ -24,16 +35,15 @@ PICTURE_RATES, QUICK_PICTURE_RATES = (0.1, 0.3, 0.75), (0.3,)
 @cache
 def _scene(name: str) -> Scene:
     if name in PAIRS:
-        one = PAIRS[name]
-        return scene_of_array(name, one.pair(data_folder(name)), one.labels)
-    return FREE_SCENES[name]()
+        return scene_of_array(PAIRS[name].pair(data_folder(name)), PAIRS[name].labels)
+    return FREE_SCENES[name](Path())
 
 
 @cache
 def _curve(name: str, method: str, rates_bpp: tuple[float, ...]) -> list[Point]:
     views = _scene(name).views
     multipliers = reference_multipliers(views, rates_bpp)
-    return curve(views, _scene(name).labels, METHODS_BY_WAY[Way.OURS][method], multipliers)
+    return curve(views, _scene(name).labels, CODERS[Method.DEFAULT][method], multipliers)
 
 
 def over_quadtree(setting: Setting, method: str, names: tuple[str, ...] = TEXTURE_DEPTH) -> Measured:
@@ -49,7 +59,7 @@ def over_quadtree(setting: Setting, method: str, names: tuple[str, ...] = TEXTUR
 
 @cache
 def _material(name: str) -> Material:
-    return motorcycle() if name == "motorcycle" else material_of_set(name, data_folder(name))
+    return material_of_set(name, Path() if name == MOTORCYCLE else data_folder(name))
 
 
 def _gain_db(name: str, rate_bpp: float) -> float:

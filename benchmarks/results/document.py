@@ -30,7 +30,7 @@ def read_document(path: Path = DOCUMENT) -> dict[str, Entry]:
 
 
 def write_document(entries: dict[str, Entry], path: Path = DOCUMENT) -> None:
-    """Write results in the order in which they are defined; those that are defined no more go."""
+    """Write results in the order in which they are defined; removed ones are dropped."""
     kept = [entries[row.name] for row in ROWS if row.name in entries]
     text = json.dumps({"schema": SCHEMA, "results": kept}, ensure_ascii=False, indent=1)
     with atomic_output(path) as temporary:
@@ -38,7 +38,7 @@ def write_document(entries: dict[str, Entry], path: Path = DOCUMENT) -> None:
 
 
 def entry_of(row: Row, measured: Measured, wall_s: float) -> Entry:
-    """Return what the document holds of a result."""
+    """Return the record of a result."""
     values = measured.by_clip.values()
     return {
         "name": row.name,
@@ -76,12 +76,12 @@ def machine() -> str:
 
 
 def is_current(entry: Entry, row: Row) -> bool:
-    """Tell whether a result is that of the code as it is, without running anything."""
+    """Return whether a result is that of the present code, without running anything."""
     return bool(entry["digest"] == code_digest() and _same_question(entry, row))
 
 
 def still_holds(entry: Entry, row: Row) -> bool:
-    """Tell whether the code would write the same bytes as that which the result is of."""
+    """Return whether the present code would write the same bytes as the code of the result."""
     if not _same_question(entry, row) or entry["own_code"] != row_code(row):
         return False
     return all(entry["canaries"].get(name) == canary(name) for name in row.canaries)
@@ -92,7 +92,7 @@ def _same_question(entry: Entry, row: Row) -> bool:
 
 
 def kept(entries: dict[str, Entry]) -> dict[str, Entry]:
-    """Carry results over to the code as it is where canaries and own code are the same; drop all others."""
+    """Carry results over to the present code if canaries and own code are the same; drop the rest."""
     found = {}
     for row in ROWS:
         entry = entries.get(row.name)
@@ -102,14 +102,14 @@ def kept(entries: dict[str, Entry]) -> dict[str, Entry]:
 
 
 def one_code(entries: dict[str, Entry]) -> dict[str, Entry]:
-    """Return the results of the code that most of them are of: a page never mixes."""
+    """Return the results of the most frequent code: a page never mixes."""
     digests = [entry["digest"] for entry in entries.values()]
     most = max(sorted(set(digests)), key=digests.count) if digests else None
     return {name: entry for name, entry in entries.items() if entry["digest"] == most}
 
 
 def page_text(entries: dict[str, Entry]) -> str:
-    """Write the page: missed targets first, then those that are met, then what has none or no value."""
+    """Write the page: missed targets first, then those that are met, then results without target or value."""
     shown = one_code(entries)
     missed = [row for row in ROWS if row.name in shown and shown[row.name]["met"] is False]
     met = [row for row in ROWS if row.name in shown and shown[row.name]["met"]]

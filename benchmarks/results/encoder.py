@@ -1,4 +1,4 @@
-"""What encoding costs: processor time beside x264 in the same run, operations a pixel, memory."""
+"""Costs of encoding: processor time compared with x264 in the same run, operations a pixel, memory."""
 
 import statistics
 from collections.abc import Callable
@@ -24,7 +24,7 @@ FRAMES, QUICK_FRAMES = 49, 9
 LENGTHS, QUICK_LENGTHS = (33, 241), (9, 33)
 REPETITIONS = 3
 CLIPS = (*STATIC_CLIPS, "cube")
-PEERS = ("x264-superfast", "x264-superfast-no-asm")
+ANCHORS = ("x264-superfast", "x264-superfast-no-asm")
 OURS = "no-feedback"
 _FEW_FRAMES, _MANY_FRAMES = 50, 1000
 _DECODED_FRAMES, _DECODED_QP = (25, 250), 40
@@ -48,10 +48,10 @@ def own_run_s(source: Path, folder: Path, frames: int) -> float:
     return own_cpu_s(_encode(source, folder, frames, "--no-feedback"))
 
 
-def anchor_cpu_s(source: Path, folder: Path, peer: str, frames: int) -> float:
+def anchor_cpu_s(source: Path, folder: Path, anchor: str, frames: int) -> float:
     """Return the processor time of a standard codec at the usual quality, without reading the input."""
-    report, stream = folder / "anchor.json", folder / f"anchor{ANCHOR_CODECS[peer].suffix}"
-    words = ["encode", source, stream, "--codec", peer, "--qp", DEFAULT_QP]
+    report, stream = folder / "anchor.json", folder / f"anchor{ANCHOR_CODECS[anchor].suffix}"
+    words = ["encode", source, stream, "--codec", anchor, "--qp", DEFAULT_QP]
     run_module("dvc.rd.anchors", *words, "--frames", frames, "--json", report)
     return float(report_of(report)["coding_cpu_s"])
 
@@ -66,7 +66,7 @@ def anchor_frame_ms(video: Path, folder: Path, setting: Setting) -> float:
     """Return the processor time of x264 superfast for a frame of a clip that is played again and again."""
     lengths = setting.choose(LENGTHS, QUICK_LENGTHS)
     looped_video = looped(video, folder / "looped.mkv", lengths[1])
-    run = partial(anchor_cpu_s, looped_video, folder, PEERS[0])
+    run = partial(anchor_cpu_s, looped_video, folder, ANCHORS[0])
     return statistics.median(later_frames_ms(run, lengths) for _ in range(REPETITIONS))
 
 
@@ -79,7 +79,7 @@ def times_ms(setting: Setting) -> dict[str, dict[str, float]]:
         video = looped(clip_source(clip).path, folder / f"{clip}.mkv", lengths[1])
         runs: dict[str, Callable[[int], float]] = {
             OURS: partial(own_run_s, video, folder),
-            **{peer: partial(anchor_cpu_s, video, folder, peer) for peer in PEERS},
+            **{anchor: partial(anchor_cpu_s, video, folder, anchor) for anchor in ANCHORS},
         }
         times: dict[str, list[float]] = {name: [] for name in runs}
         for _ in range(setting.choose(REPETITIONS, 1)):
@@ -89,18 +89,18 @@ def times_ms(setting: Setting) -> dict[str, dict[str, float]]:
     return found
 
 
-def time_over(setting: Setting, peer: str) -> Measured:
+def time_over(setting: Setting, anchor: str) -> Measured:
     """Compare the encoder without feedback with x264, one thread each."""
     times = times_ms(setting)
-    ours, theirs = (statistics.fmean(one[name] for one in times.values()) for name in (OURS, peer))
+    ours, theirs = (statistics.fmean(one[name] for one in times.values()) for name in (OURS, anchor))
     note = (
         f"{ours:.2f} and {theirs:.2f} ms a frame; clips forth and back, frames {LENGTHS[0]} to {LENGTHS[1]}"
     )
-    return mean_of({clip: one[OURS] / one[peer] for clip, one in times.items()}, LENGTHS[1], note)
+    return mean_of({clip: one[OURS] / one[anchor] for clip, one in times.items()}, LENGTHS[1], note)
 
 
 def operations(setting: Setting) -> Measured:
-    """Count operations a pixel but for key frames, by the model that tests hold against the kernels."""
+    """Count operations a pixel without key frames, by the model that tests compare with the kernels."""
     frames, found = int(setting.choose(FRAMES, QUICK_FRAMES)), {}
     for clip in setting.clips(CLIPS):
         stages = _encode(clip_source(clip).path, setting.scratch("encoder"), frames, "--no-feedback")[
@@ -134,7 +134,7 @@ def looped(source: Path, path: Path, num_frames: int, period: int = 25) -> Path:
 
 
 def memory_growth(setting: Setting) -> Measured:
-    """Code videos of which one is many times longer; return by how much memory grows, in percent."""
+    """Code a short and a long video, and return the growth of memory in percent."""
     folder = setting.scratch("memory")
     peaks: dict[str, list[int]] = {}
     small = folder / "small.mkv"

@@ -1,8 +1,8 @@
-"""Numbers in documents: each stands behind a mark that names its result, and is filled in from the document.
+"""Numbers in documents: each follows a mark with the name of its result, and is filled in from the document.
 
 ``<!-- row:NAME --> +4.6 %`` is the value of a result; ``<!-- row:NAME:box --> −3.0 %`` that of one clip.
-The number ends before ``<!-- / -->``, which closes every mark. Numbers that are given, such as settings
-and those of others, stand between ``<!-- given -->`` and ``<!-- / -->``.
+The number ends before ``<!-- / -->``, which closes every mark. Given numbers, such as settings
+and those of other projects, are between ``<!-- given -->`` and ``<!-- / -->``.
 """
 
 import re
@@ -26,7 +26,7 @@ GENERATED = ("results.md", "results.json")
 
 
 def documents(root: Path = ROOT) -> list[Path]:
-    """List the documents whose numbers must be those of results."""
+    """List the documents with numbers of results."""
     return [
         root / "README.md",
         *(path for path in sorted((root / "docs").glob("*.md")) if path.name not in GENERATED),
@@ -58,14 +58,14 @@ def _written(name: str, clip: str | None, shown: dict[str, Entry]) -> str:
 
 
 def unmarked(text: str) -> Iterator[str]:
-    """Find numbers that look measured and stand behind no mark, with what is around them."""
+    """Find numbers that look measured but have no mark, with their context."""
     bare = _CODE.sub(" ", _GIVEN.sub("", _MARK.sub("", text)))
     for match in _MEASURED.finditer(bare):
         yield " ".join(bare[max(0, match.start() - 40) : match.end() + 20].split())
 
 
 def fill(entries: dict[str, Entry]) -> list[Path]:
-    """Fill in all documents; return those that were changed."""
+    """Fill in all documents, and return the changed ones."""
     changed = []
     for path in documents():
         text = path.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What all results share: settings, what a measurement returns, clips, and timed child processes."""
+"""Settings, measured values, clips, and timed child processes of all results."""
 
 import json
 import statistics
@@ -24,23 +24,23 @@ Item = TypeVar("Item")
 
 
 class Missing(DvcError):
-    """Material that a result is measured on is not there."""
+    """Missing material of a result."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """How thoroughly to measure."""
+    """Extent of the measurements."""
 
-    quick: bool = False  # only prove that it works: few clips and frames; what comes out is not kept
+    quick: bool = False  # few clips and frames to try a measurement; its result is not kept
     jobs: int = 2
-    folder: Path = FOLDER  # of intermediate results
+    folder: Path = FOLDER  # folder of intermediate results
 
     def choose(self, full: Any, quick: Any) -> Any:
         """Return one of two values."""
         return quick if self.quick else full
 
     def clips(self, names: Sequence[str] = CLIPS) -> list[str]:
-        """Return those of the clips that are there; say which are not."""
+        """Return the existing clips, and report missing ones."""
         found = []
         for name in [name for name in names if not self.quick or name in QUICK_CLIPS]:
             try:
@@ -61,12 +61,12 @@ class Setting:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a measurement found."""
+    """A measured value."""
 
     value: float
-    by_clip: Mapping[str, float] = field(default_factory=dict)  # what the value is the mean of
-    frames: int | None = None  # of each clip
-    note: str = ""  # what a reader must know beside it
+    by_clip: Mapping[str, float] = field(default_factory=dict)  # terms of the mean
+    frames: int | None = None  # number of frames of each clip
+    note: str = ""  # remark for readers
 
 
 def mean_of(by_clip: Mapping[str, float], frames: int | None = None, note: str = "") -> Measured:
@@ -75,7 +75,7 @@ def mean_of(by_clip: Mapping[str, float], frames: int | None = None, note: str =
 
 
 def clip_source(clip: str) -> Source:
-    """Find a clip; scenes are rendered when they are first asked for."""
+    """Find a clip; scenes are rendered on the first request."""
     try:
         return find_source(clip, default_cache(), ProcessGroup())
     except ConfigError as err:
@@ -93,7 +93,7 @@ class Usage:
 
     wall_s: float
     cpu_s: float
-    peak_bytes: int  # the most that one of its processes had
+    peak_bytes: int  # peak of one of its processes
 
 
 # A process inherits the peak of the one that started it until it has loaded its program, so a small one does.
@@ -119,6 +119,6 @@ def run_module(module: str, *arguments: object) -> Usage:
 
 
 def report_of(path: Path) -> dict[str, Any]:
-    """Read what a command has written with ``--json``."""
+    """Read the JSON report of a command."""
     values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return values

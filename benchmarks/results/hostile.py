@@ -31,7 +31,7 @@ def harmful(setting: Setting) -> Measured:
 
 
 def hours_fuzzed(_: Setting) -> Measured:
-    """Tell how long mutations that nobody had tried were tried, in all parts."""
+    """Return the time of mutations that were new when they were tried, in all parts."""
     tried = _tried(FUZZING)
     note = (
         f"{tried.inputs.total()} mutations, {len(tried.finds)} did harm when they were found: {tried.told()}"

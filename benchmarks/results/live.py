@@ -19,10 +19,10 @@ PATIENCE_S = 600
 
 @dataclass(frozen=True)
 class LiveRun:
-    """What a live run took."""
+    """Costs of a live run."""
 
     encoder_cpu_s: float
-    num_messages: float  # of requests, for each Wyner-Ziv frame
+    num_messages: float  # messages of requests for each Wyner-Ziv frame
     same_as_file: bool  # whether a file of the same options gives the same frames and bits
 
 
@@ -91,7 +91,7 @@ def messages(setting: Setting) -> Measured:
 
 
 def differences(setting: Setting) -> Measured:
-    """Count clips whose frames or bits differ between a live run and a file."""
+    """Count clips with different frames or bits in a live run and a file."""
     found = _runs(setting)
     return Measured(
         float(sum(not same for _, _, same in found.values())),

@@ -19,7 +19,7 @@ TITLE = "3D-DVC-TE (default)"
 
 
 def draw(setting: Setting, path: Path = PLOT) -> bool:
-    """Draw what the sweeps have left; tell whether there was enough."""
+    """Draw the results of the sweeps, and return whether they are complete."""
     try:
         found = {clip: curves_of(setting, clip) for clip in CLIPS}
     except (DvcError, OSError):

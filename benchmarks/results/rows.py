@@ -1,4 +1,4 @@
-"""The results: what each measures, its target, and what tells that the code behind it is still the same."""
+"""The results: measurement, target, and canaries of their code."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from pathlib import Path
 from benchmarks.hostile.parts import CUTS, FUZZING
 from benchmarks.results import curves, dibr, encoder, hostile, live, stereo
 from benchmarks.results.harness import Measured, Setting
+from benchmarks.thesis.scenes import PAIRS
 
 CODEC = ("default",)
 FEEDBACK_FREE = ("no-feedback",)
@@ -18,23 +19,23 @@ class Row:
     """One result."""
 
     name: str
-    title: str  # what is measured
+    title: str  # description of the value
     measure: Callable[[Setting], Measured]
-    form: str = "{:+.1f} %"  # how the value is written
+    form: str = "{:+.1f} %"  # format of the value
     at_most: float | None = None  # target
     at_least: float | None = None
-    canaries: tuple[str, ...] = CODEC  # configurations whose output it depends on
-    files: tuple[Path, ...] = ()  # that it is read from
+    canaries: tuple[str, ...] = CODEC  # configurations that it depends on
+    files: tuple[Path, ...] = ()  # files that it is read from
 
     @property
     def target(self) -> str:
-        """What is asked for, or that nothing is."""
+        """The target as text."""
         if self.at_most is not None:
             return f"≤ {self.written(self.at_most)}"
         return "no target" if self.at_least is None else f"≥ {self.written(self.at_least)}"
 
     def met(self, value: float) -> bool | None:
-        """Tell whether a value reaches the target."""
+        """Return whether a value reaches the target, if there is one."""
         if self.at_most is not None:
             return value <= self.at_most
         return None if self.at_least is None else value >= self.at_least
@@ -150,7 +151,7 @@ ROWS = (
     Row(
         "encoding/time",
         "processor time without feedback over that of x264 superfast",
-        partial(encoder.time_over, peer="x264-superfast"),
+        partial(encoder.time_over, anchor="x264-superfast"),
         "{:.2f}",
         at_most=1.0,
         canaries=FEEDBACK_FREE,
@@ -158,7 +159,7 @@ ROWS = (
     Row(
         "encoding/time-no-asm",
         "processor time without feedback over that of x264 superfast without vector code",
-        partial(encoder.time_over, peer="x264-superfast-no-asm"),
+        partial(encoder.time_over, anchor="x264-superfast-no-asm"),
         "{:.2f}",
         at_most=0.5,
         canaries=FEEDBACK_FREE,
@@ -220,7 +221,7 @@ ROWS = (
     Row(
         "stereo/over-sgbm",
         "such pixels over those of OpenCV's StereoSGBM, holes filled, these four pairs",
-        partial(stereo.over_baseline, names=tuple(stereo.PAIRS)),
+        partial(stereo.over_baseline, names=tuple(PAIRS)),
         "{:.2f}",
         at_most=0.65,
         canaries=("stereo",),
@@ -305,5 +306,5 @@ ROWS = (
         files=(CUTS,),
     ),
 )
-"""In the order in which they are shown where none is missed."""
+"""All results in the order of the page, apart from missed targets."""
 BY_NAME = {row.name: row for row in ROWS}

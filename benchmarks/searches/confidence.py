@@ -1,10 +1,11 @@
-"""Weights of the confidence of surfaces: which order of pixels is nearest to that of their errors.
+"""Weights of the confidence of surfaces: the order of pixels that is nearest to that of their errors.
 
 ``python -m benchmarks.searches.confidence [--pairs teddy Baby1] [--halve]`` reconstructs pairs below
-``../shared/stereo`` and tells of each the area under the sparsification curve (errors beyond 1 px, all pixels
-whose truth is known, in per cent): without any order, with the weights of `dvc.stereo.surfaces.confidence`,
-with weights found on the other pairs, and of the best order. In the end it prints the weights found on all;
-those in use come of `TUNING_PAIRS`. ``--pairs test`` names the others.
+``../shared/stereo`` and prints for each the area under the sparsification curve (errors beyond 1 px, all
+pixels with known truth, in per cent): without any order, with the weights of
+`dvc.stereo.surfaces.confidence`, with weights found on the other pairs, and of the best order. Finally it
+prints the weights found on all; those in use come from `TUNING_PAIRS`. ``--pairs test`` selects the test
+pairs.
 """
 
 import argparse
@@ -35,10 +36,10 @@ def measured(pair: Pair, jobs: int) -> Sample:
         np.floor(labels.label(surface.disparity) + 0.5).astype(np.int64)
         for surface in reconstruct(pair.array, labels, jobs=jobs).surfaces
     ]
-    told = evidence(pair.array, labels, maps, 0)
+    measures = evidence(pair.array, labels, maps, 0)
     counted = pair.counted[0]
     bad = np.abs(maps[0] - pair.truth)[counted] > 1.0
-    return np.stack([np.asarray(plane)[counted] for plane in told], axis=1).astype(np.float64), bad
+    return np.stack([np.asarray(plane)[counted] for plane in measures], axis=1).astype(np.float64), bad
 
 
 def fitted(samples: Sequence[Sample]) -> Floats:
@@ -65,16 +66,16 @@ def main(words: Sequence[str] | None = None) -> None:
     names, pairs = chosen_pairs(arguments)
     samples = [measured(pair, arguments.jobs) for pair in pairs]
     in_use = np.array(WEIGHTS)
-    print(f"{'':14} {'no order':>9} {'in use':>9} {'others':>9} {'ideal':>9}")
+    print(f"{'':14} {'no order':>9} {'in use':>9} {'fitted':>9} {'ideal':>9}")
     rows = []
     for number, (name, (measures, bad)) in enumerate(zip(names, samples, strict=True)):
-        others = samples[:number] + samples[number + 1 :]
-        areas = [sparsification(bad, measures @ weights) for weights in (in_use, fitted(others or samples))]
+        rest = samples[:number] + samples[number + 1 :]
+        areas = [sparsification(bad, measures @ weights) for weights in (in_use, fitted(rest or samples))]
         rows.append([100.0 * float(bad.mean()), areas[0][0], areas[1][0], areas[0][1]])
         print(f"{name:14} " + " ".join(f"{value:9.2f}" for value in rows[-1]), flush=True)
     print(f"{'mean':14} " + " ".join(f"{value:9.2f}" for value in np.mean(rows, axis=0)))
-    told = zip(Evidence._fields, fitted(samples), strict=True)
-    print("weights of all: " + ", ".join(f"{name} {value:.2f}" for name, value in told))
+    weights = zip(Evidence._fields, fitted(samples), strict=True)
+    print("weights of all: " + ", ".join(f"{name} {value:.2f}" for name, value in weights))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
-"""Settings of libx264 for key pictures: what better prediction saves, and the time that it takes.
+"""Settings of libx264 for key pictures: rate that better prediction saves, and its time.
 
 ``python -m benchmarks.searches.key_pictures [CLIP ...] [--every 8 4] [--qp 24 30 36] [--axes AXIS ...]``
-codes every so many frames of each clip, the first picture intra and the others predicted, with every
-combination of what the axes offer. An axis holds what may stand in one place, such as ``subme=5/subme=6``, or
-several parameters at once: ``me=hex/me=umh:merange=24``. A row has the processor time of a picture and the
-change of rate (Bjontegaard, PSNR of luma) against preset medium with ``me=hex:ref=1``: the mean, and that of
-each clip and distance. Settings that another beats in both are left out but with ``--all``. The time of x264
-superfast for all frames stands above the rows.
+codes every N-th frame of each clip, the first picture intra and the rest predicted, with every combination
+of the axes. An axis holds alternatives, such as ``subme=5/subme=6``, of one or several parameters:
+``me=hex/me=umh:merange=24``. A row has the processor time of a picture and the change of rate (Bjontegaard,
+PSNR of luma) against preset medium with ``me=hex:ref=1``: the mean, and that of each clip and distance.
+Settings that another beats in both are shown only with ``--all``. The first line has the time of x264
+superfast for all frames.
 """
 
 import argparse
@@ -35,7 +35,7 @@ AXES = (
     "ref=1/ref=2",
 )
 I_QP: Final = -3
-"""Of the intra picture, relative to the others."""
+"""QP of the intra picture, relative to the other pictures."""
 # With a rate factor and `qcomp` 1 the QP is constant, too, and search begins at vectors of small pictures.
 _FIXED = {"psy": "0", "mbtree": "0", "bframes": "0", "rc-lookahead": "0", "sync-lookahead": "0"}
 _FIXED |= {"sliced-threads": "0", "threads": "1", "scenecut": "0", "keyint": "infinite", "weightp": "0"}
@@ -43,11 +43,11 @@ _FIXED |= {"qcomp": "1", "ipratio": "1", "qpmin": "0", "aq-mode": "1", "aq-stren
 
 
 class Coded(NamedTuple):
-    """What came of some pictures."""
+    """Result of some pictures."""
 
     num_bits: int
-    psnr_db: float  # of luma, mean over pictures
-    cpu_ms: float  # a picture
+    psnr_db: float  # luma PSNR, mean over pictures
+    cpu_ms: float  # time of a picture
 
 
 def parameters_of(setting: str, qp: int) -> dict[str, str]:
@@ -85,11 +85,11 @@ def coded(frames: Sequence[Frame], parameters: dict[str, str], *, colour: bool =
 
 
 class Tried(NamedTuple):
-    """What a setting does on each clip and distance."""
+    """Effect of a setting on each clip and distance."""
 
     setting: str
     rates_percent: dict[str, float]  # by clip and distance, against the reference
-    cpu_ms: float  # a picture, mean
+    cpu_ms: float  # time of a picture, mean
 
     @property
     def rate_percent(self) -> float:

@@ -24,9 +24,9 @@ from dvc.wynerziv import priors
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
 EVERY = 16
-"""Of so many coefficients of a plane one is kept."""
+"""Number of coefficients of a plane for each sample."""
 RIDGE = 3.0
-"""Precision of weights around those of the Laplacian alone."""
+"""Precision of weights around those of the plain Laplacian."""
 
 
 class Samples(list[tuple[Array, Array, Bits]]):
@@ -39,7 +39,7 @@ class Samples(list[tuple[Array, Array, Bits]]):
 
 
 def met(stream: bytes) -> dict[int, Samples]:
-    """Decode a stream; return what was known of its planes, by class."""
+    """Decode a stream, and return the priors of its planes by class."""
     found: dict[int, Samples] = defaultdict(Samples)
     usual = priors.LearnedPriors.learn
 
@@ -62,7 +62,7 @@ def code_length(llr: Array, bits: Bits) -> float:
 
 
 def fitted(clips: Sequence[tuple[Array, Array, Bits]]) -> Array:
-    """Fit weights to several clips, each of which counts the same."""
+    """Fit weights to several clips of equal weight."""
     count = min(bits.size for _, _, bits in clips)
     rng = np.random.default_rng(0)
     picked = [rng.permutation(bits.size)[:count] for _, _, bits in clips]
@@ -101,8 +101,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         weights = fitted(list(joined.values()))
         print(f"class {number}:", ", ".join(f"{weight:.2f}" for weight in weights))
         for clip, (terms, llr, bits) in joined.items():
-            others = [own for other, own in joined.items() if other != clip] or [joined[clip]]
-            change = code_length(fitted(others) @ terms, bits) / code_length(llr, bits)
+            rest = [own for other, own in joined.items() if other != clip] or [joined[clip]]
+            change = code_length(fitted(rest) @ terms, bits) / code_length(llr, bits)
             print(f"  {clip:10} {100.0 * (change - 1.0):+5.1f} %")
 
 

@@ -1,7 +1,7 @@
-"""How much of a run of bits to ask for at a time: bits and requests of runs that real decoding has met.
+"""Size of a request for bits of a run: bits and requests of runs from real decoding.
 
 ``python -m benchmarks.searches.requests [CLIP ...] [--percent 0 6 20] [--set RANGE_BIAS=0.2]`` decodes clips
-once, keeps what was known of each run, and reconciles these runs anew with each share of what is unknown;
+once, records the prior of each run, and reconciles these runs again with each share of the unknown bits;
 `--set` gives a constant of `dvc.slepian_wolf.cascade` another value. `WORTH_ASKING`, `RANGE_BIAS` and
 `MORE_BITS` were chosen on box, stone, street, tree, cube and desk; `SWEEPS` and `CHANGE` on box, street and
 desk, and tested on stone, tree, cube and river.
@@ -28,60 +28,60 @@ SEED = 0
 Bits = NDArray[np.uint8]
 
 
-class Known(NamedTuple):
-    """A run of bits as decoding has met it."""
+class Run(NamedTuple):
+    """A run of bits from real decoding."""
 
     llr: NDArray[np.floating]
     coupling: NeighbourCoupling | None
     bits: Bits
 
 
-def met(streams: list[bytes]) -> list[Known]:
-    """Decode streams; return their runs."""
-    runs: list[Known] = []
-    usual, usual_check = cascade_coder.CascadeDecoder.decode, cascade_coder.CascadeDecoder.check
+def recorded(streams: list[bytes]) -> list[Run]:
+    """Return the runs of streams, by decoding them."""
+    runs, decoder = list[Run](), cascade_coder.CascadeDecoder
+    usual, usual_check = decoder.decode, decoder.check
 
-    def noted(self, llr, position=(0, 0), coupling=None):  # type: ignore[no-untyped-def]
+    def recording(self, llr, position=(0, 0), coupling=None):  # type: ignore[no-untyped-def]
         result = yield from usual(self, llr, position, coupling)
-        vars(self).setdefault("noted", {})[position[1]] = Known(llr.copy(), coupling, result.bits)
+        vars(self).setdefault("recorded", {})[position[1]] = Run(llr.copy(), coupling, result.bits)
         return result
 
-    def noted_check(self, frame=0):  # type: ignore[no-untyped-def]
+    def recording_check(self, frame=0):  # type: ignore[no-untyped-def]
         result = yield from usual_check(self, frame)
-        own = vars(self).pop("noted", {})
+        own = vars(self).pop("recorded", {})
         right = {number: other.bits for number, other in result.corrected.items()}
         runs.extend(run._replace(bits=right.get(number, run.bits)) for number, run in own.items())
         return result
 
-    cascade_coder.CascadeDecoder.decode, cascade_coder.CascadeDecoder.check = noted, noted_check  # type: ignore[method-assign]
+    decoder.decode, decoder.check = recording, recording_check  # type: ignore[method-assign]
     for stream in streams:
         decoded(stream)
-    cascade_coder.CascadeDecoder.decode, cascade_coder.CascadeDecoder.check = usual, usual_check  # type: ignore[method-assign]
+    decoder.decode, decoder.check = usual, usual_check  # type: ignore[method-assign]
     return runs
 
 
-def ideal_bits_of(runs: list[Known]) -> float:
+def ideal_bits_of(runs: list[Run]) -> float:
     """Return the ideal code length of runs under their priors."""
     llrs = (r.llr if r.coupling is None else r.coupling.llr_in_sequence(r.bits) for r in runs)
     return sum(ideal_bits(bounded_llr(llr), r.bits) for llr, r in zip(llrs, runs, strict=True))
 
 
 def answering(bits: Bits) -> Callable[[ParityRequest], Bits]:
-    """Return what answers requests for a run."""
+    """Return a function that answers requests for a run."""
     orders = np.stack([bit_order(number, bits.size, SEED) for number in range(NUM_ORDERS)])
     parities = np.bitwise_xor.accumulate(bits[orders], axis=1).ravel()
     check = crc(bits, CRC_BITS)
 
     def answer(request: ParityRequest) -> Bits:
         if request.kind == "parity":
-            wanted: Bits = parities[request.code * bits.size + np.array(request.positions)]
-            return wanted
+            answered: Bits = parities[request.code * bits.size + np.array(request.positions)]
+            return answered
         return (check if request.kind == "crc" else bits)[request.start : request.start + request.count]
 
     return answer
 
 
-def reconciled(runs: list[Known], settings: CascadeConfig) -> Iterator[tuple[Known, PlaneResult]]:
+def reconciled(runs: list[Run], settings: CascadeConfig) -> Iterator[tuple[Run, PlaneResult]]:
     """Decode runs, each by itself."""
     for run in runs:
         steps = reconciliation.PlaneReconciliation(run.llr, settings, (0, 0), run.coupling)
@@ -89,8 +89,8 @@ def reconciled(runs: list[Known], settings: CascadeConfig) -> Iterator[tuple[Kno
         yield run, drive(steps.decode(beliefs), answering(run.bits))
 
 
-def row(runs: list[Known], percent: int) -> str:
-    """Return a line for a share of what is unknown."""
+def row(runs: list[Run], percent: int) -> str:
+    """Return a line for a share of the unknown bits."""
     started = time.process_time()
     found = list(reconciled(runs, CascadeConfig(percent)))
     spent_ms = 1e3 * (time.process_time() - started)
@@ -116,7 +116,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/stages"), help="folder of streams")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    runs = met(
+    runs = recorded(
         [coded(c, qp, arguments.frames, arguments.out) for c in arguments.clips for qp in arguments.qp]
     )
     for given in arguments.set:

@@ -1,13 +1,13 @@
-"""Settings of the stream and of the encoder: how much more or less a clip takes with others at equal PSNR.
+"""Settings of stream and encoder: change of the rate at equal PSNR.
 
 ``python -m benchmarks.searches.settings SETTINGS ... [--clips box tree] [--qp 26 32 38] [--frames 65]``
-codes and decodes clips as usual, and with each of the settings, those that are tried together joined by
-commas: values of the configuration (``gop.length=4``, ``key.qp=-1`` relative to the usual) and constants of
-modules (``dvc.keyframes.INTRA_QP_OFFSET=-2``, ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``), and bounds
-at which groups end (``rule.lost_share=0.4``). With ``--colour`` chroma is coded, too, and PSNR is (6 Y + Cb +
-Cr) / 8. A row states the change of rate less what the change of PSNR is worth on the clip's usual curve, in
-percent: the mean, its standard error, and that of each QP and clip. The last row leaves each clip out in
-turn: what it changes by with what is best for the others.
+codes and decodes clips by default, and with each of the settings, several of them joined by commas: values
+of the configuration (``gop.length=4``, ``key.qp=-1`` relative to the usual) and constants of modules
+(``dvc.keyframes.INTRA_QP_OFFSET=-2``, ``dvc.config.sections.LAMBDA_PERCENT=100:50:30``), and bounds that end
+groups (``rule.lost_share=0.4``). With ``--colour`` chroma is coded, too, and PSNR is (6 Y + Cb + Cr) / 8. A
+row has the change of rate minus the value of the change of PSNR on the clip's default curve, in percent: the
+mean, its standard error, and that of each QP and clip. The last row is a cross-validation: the change of
+each clip with the best settings for the remaining clips.
 """
 
 import argparse
@@ -49,8 +49,8 @@ from encoder.session import EncoderSession
 USUAL = ""
 
 
-class Place(NamedTuple):
-    """What is coded, and how."""
+class Trial(NamedTuple):
+    """A clip, and its coding."""
 
     clip: str
     qp: int
@@ -58,14 +58,14 @@ class Place(NamedTuple):
 
 
 class Coded(NamedTuple):
-    """What came of it."""
+    """Result of a trial."""
 
-    num_bytes: int  # of the punctured stream
+    num_bytes: int  # size of the punctured stream
     psnr_db: float  # mean over frames
 
 
 def _value(text: str, usual: Any) -> Any:
-    """Read a value of the type of the usual one; with a sign it is relative to that."""
+    """Read a value of the type of the default one; with a sign it is relative to that."""
     if isinstance(usual, tuple):
         return tuple(int(number) for number in text.split(":"))
     value = type(usual)(text)
@@ -110,24 +110,24 @@ def _patched(name: str, text: str) -> Any:
 
 
 def frame_psnr_db(original: Frame, decoded: Frame) -> float:
-    """Return the PSNR of luma, or with chroma where it was coded."""
+    """Return the PSNR of luma, or of all planes if chroma is coded."""
     luma_db = psnr_db(original.luma, decoded.luma)
     if original.chroma is None or decoded.chroma is None:
         return luma_db
     return psnr_yuv_db(luma_db, *map(psnr_db, original.chroma, decoded.chroma))
 
 
-def coded(place: Place, num_frames: int, delivery: Delivery, luma_only: bool = True) -> Coded:
+def coded(trial: Trial, num_frames: int, delivery: Delivery, luma_only: bool = True) -> Coded:
     """Code a clip, and decode it."""
-    of_config, constants = divided(place.settings)
-    with ExitStack() as stack, open_video(clip_source(place.clip).path) as video:
+    of_config, constants = divided(trial.settings)
+    with ExitStack() as stack, open_video(clip_source(trial.clip).path) as video:
         for name, text in constants.items():
             stack.enter_context(_patched(name, text))
         originals = list(islice(video, num_frames))
-        session, stream = encoder_session(video.info, place.qp, of_config, delivery, luma_only), io.BytesIO()
+        session, stream = encoder_session(video.info, trial.qp, of_config, delivery, luma_only), io.BytesIO()
         session.write(originals, stream, lambda _: None)
         reader, punctured = StreamReader(io.BytesIO(stream.getvalue())), io.BytesIO()
-        decoder = GroupDecoder(reader.config)  # in this process, whose constants are changed
+        decoder = GroupDecoder(reader.config)  # in this process, because its constants are changed
         groups = [decoder.decode(task) for task in stream_tasks(reader.config, reader)]
     form = reader.form if isinstance(delivery, NoFeedback) else Form.PUNCTURED
     with StreamWriter(punctured, reader.config, form) as writer:
@@ -138,32 +138,32 @@ def coded(place: Place, num_frames: int, delivery: Delivery, luma_only: bool = T
     return Coded(len(punctured.getvalue()), float(np.mean(psnrs_db)))
 
 
-def net_percent(found: Mapping[Place, Coded], place: Place) -> float:
-    """Return by how much the rate changes, less what the PSNR that is won is worth on the usual curve."""
-    usual = sorted(own for at, own in found.items() if at.clip == place.clip and at.settings == USUAL)
+def net_percent(found: Mapping[Trial, Coded], trial: Trial) -> float:
+    """Return the change of rate minus the value of the change of PSNR on the default curve."""
+    usual = sorted(own for at, own in found.items() if at.clip == trial.clip and at.settings == USUAL)
     slope = math.log(usual[-1].num_bytes / usual[0].num_bytes) / (usual[-1].psnr_db - usual[0].psnr_db)
-    before, after = found[place._replace(settings=USUAL)], found[place]
+    before, after = found[trial._replace(settings=USUAL)], found[trial]
     return 100 * (math.log(after.num_bytes / before.num_bytes) - slope * (after.psnr_db - before.psnr_db))
 
 
-def row(found: Mapping[Place, Coded], settings: str) -> str:
+def row(found: Mapping[Trial, Coded], settings: str) -> str:
     """Return a line for some settings."""
-    net = {place: net_percent(found, place) for place in found if place.settings == settings}
+    net = {trial: net_percent(found, trial) for trial in found if trial.settings == settings}
     values = np.array(list(net.values()))
     error = values.std(ddof=1) / math.sqrt(values.size) if values.size > 1 else math.nan
 
     def means(field: str) -> str:
-        kinds = dict.fromkeys(getattr(place, field) for place in net)
-        own = {kind: [v for place, v in net.items() if getattr(place, field) == kind] for kind in kinds}
+        kinds = dict.fromkeys(getattr(trial, field) for trial in net)
+        own = {kind: [v for trial, v in net.items() if getattr(trial, field) == kind] for kind in kinds}
         return ", ".join(f"{kind} {np.mean(of):+.1f}" for kind, of in own.items())
 
     return f"{settings}: {values.mean():+.2f} +- {error:.2f} %; QP {means('qp')}; {means('clip')}"
 
 
-def left_out(found: Mapping[Place, Coded]) -> str:
-    """Return what each clip changes by with the settings that are best for all others."""
+def left_out(found: Mapping[Trial, Coded]) -> str:
+    """Return the change of each clip with the best settings for the remaining clips."""
     clips, tried = (
-        [*dict.fromkeys(getattr(place, name) for place in found)] for name in ("clip", "settings")
+        [*dict.fromkeys(getattr(trial, name) for trial in found)] for name in ("clip", "settings")
     )
     net = {
         clip: [
@@ -173,14 +173,13 @@ def left_out(found: Mapping[Place, Coded]) -> str:
         for clip in clips
     }
     best = {
-        clip: int(np.argmin(np.sum([net[other] for other in clips if other != clip], axis=0)))
-        for clip in clips
+        clip: int(np.argmin(np.sum([net[rest] for rest in clips if rest != clip], axis=0))) for clip in clips
     }
     values = [net[clip][best[clip]] for clip in clips]
     chosen = ", ".join(
         f"{clip} {net[clip][best[clip]]:+.1f} ({tried[best[clip]] or 'usual'})" for clip in clips
     )
-    return f"each clip with what is best for the others: {np.mean(values):+.2f} %; {chosen}"
+    return f"each clip with the best settings for the remaining clips: {np.mean(values):+.2f} %; {chosen}"
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -198,18 +197,18 @@ def main(words: Sequence[str] | None = None) -> None:
     if len(set(arguments.qp)) < 2:
         parser.error("--qp: a curve needs two of them")
     tried = (USUAL, *arguments.settings)
-    places = [Place(*own) for own in product(arguments.clips, arguments.qp, tried)]
-    found: dict[Place, Coded] = {}
+    trials = [Trial(*own) for own in product(arguments.clips, arguments.qp, tried)]
+    found: dict[Trial, Coded] = {}
     spawning = multiprocessing.get_context("spawn")
     with (
         mock.patch.dict(os.environ, child_environment()),
         ProcessPoolExecutor(arguments.jobs, spawning) as pool,
-        progress_bar("streams", len(places)) as progress,
+        progress_bar("streams", len(trials)) as progress,
     ):
         options = {"num_frames": arguments.frames, "delivery": delivery, "luma_only": not arguments.colour}
-        results = pool.map(partial(coded, **options), places)
-        for place, own in zip(places, results, strict=True):
-            found[place] = own
+        results = pool.map(partial(coded, **options), trials)
+        for trial, own in zip(trials, results, strict=True):
+            found[trial] = own
             progress(1)
     for settings in arguments.settings:
         print(row(found, settings), flush=True)

@@ -1,11 +1,11 @@
-"""Settings of a reconstruction: bad pixels of pairs with known disparities, beside those of StereoSGBM.
+"""Settings of a reconstruction: bad pixels of pairs with known disparities, and those of StereoSGBM.
 
-``python -m benchmarks.searches.surfaces [--pairs teddy Baby1] [--set sub_pixel=True] [--halve]`` reconstructs
-pairs below ``../shared/stereo`` with the usual settings or others: fields of `StereoSettings`, and constants
-of modules by their full names. A row tells which share is off by more than 1 and 0.5 px, of all pixels and of
-those that both views see, ours and that of StereoSGBM with the one of `GRID` that is best on all these pairs;
-the last rows the ratio of the means and the geometric mean of ratios. The settings were chosen on
-`TUNING_PAIRS` of `dvc.stereo.surfaces.settings`; ``--pairs test`` names the others.
+``python -m benchmarks.searches.surfaces [--pairs teddy Baby1] [--set sub_pixel=True] [--halve]``
+reconstructs pairs below ``../shared/stereo`` with default or changed settings: fields of `StereoSettings`,
+and constants of modules by their full names. A row has the share that is off by more than 1 and 0.5 px, of
+all pixels and of those that both views see, ours and that of StereoSGBM with the one of `GRID` that is best
+on all these pairs; the last rows the ratio of the means and the geometric mean of ratios. The settings were
+chosen on `TUNING_PAIRS` of `dvc.stereo.surfaces.settings`; ``--pairs test`` selects the test pairs.
 """
 
 import argparse
@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.thesis.real_sets import PAIRS, RealSet
+from benchmarks.thesis.scenes import PAIRS, RealSet
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.stereo.evaluation import read_mask, read_truth
 from dvc.stereo.opencv_baseline import SemiGlobalSettings, semi_global_baseline
@@ -36,13 +36,13 @@ GRID = [
     SemiGlobalSettings(size, first * size**2, second * size**2, uniqueness_ratio=unique)
     for size, (first, second), unique in product((3, 5, 7), ((24, 96), (12, 200), (24, 200)), (0, 10))
 ]
-"""What StereoSGBM is tried with."""
+"""Settings of StereoSGBM that are tried."""
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
 class Pair(NamedTuple):
-    """Two views, and what is known of the left one."""
+    """Two views, and the truth of the left one."""
 
     array: CameraArray
     truth: Floats  # disparity; NaN: unknown
@@ -54,7 +54,7 @@ class Pair(NamedTuple):
         return int(np.ceil(np.nanmax(self.truth)))
 
     def bad_percent(self, disparity: NDArray[np.floating]) -> list[float]:
-        """Return how many pixels are off: by each threshold, of all and of those that both views see."""
+        """Return the share of wrong pixels by each threshold, of all and of those that both views see."""
         off = np.abs(disparity - self.truth)
         return [
             100.0 * float(np.mean(off[mask] > threshold))
@@ -82,7 +82,7 @@ def read_pair(name: str) -> Pair:
 
 
 def seen_by_both(truth: Floats, right: Floats) -> Mask:
-    """Tell which pixels of the left view the right one shows: their disparities agree."""
+    """Return a mask of the pixels of the left view that the right one shows: their disparities agree."""
     columns, known = np.arange(truth.shape[1]), np.isfinite(truth)
     there = np.rint(columns - np.where(known, truth, np.inf).clip(max=1e6)).astype(np.int64)
     inside = known & (there >= 0)
@@ -110,11 +110,11 @@ def _area(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[Any]:
 def best_baseline(pairs: Sequence[Pair]) -> tuple[SemiGlobalSettings, list[list[float]]]:
     """Return the settings of StereoSGBM with the fewest bad pixels, and their bad pixels of each pair."""
 
-    def bad(pair: Pair, own: SemiGlobalSettings) -> list[float]:
+    def bad(pair: Pair, settings: SemiGlobalSettings) -> list[float]:
         left, right = (view.image for view in pair.array)
-        return pair.bad_percent(semi_global_baseline(left, right, float(pair.highest), own))
+        return pair.bad_percent(semi_global_baseline(left, right, float(pair.highest), settings))
 
-    found = [[bad(pair, own) for pair in pairs] for own in GRID]
+    found = [[bad(pair, settings) for pair in pairs] for settings in GRID]
     best = int(np.argmin([np.mean(own, axis=0)[:2].sum() for own in found]))
     return GRID[best], found[best]
 
@@ -156,14 +156,14 @@ def summary(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]]) 
 
 
 def add_pair_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says which pairs are reconstructed."""
+    """Add options that select pairs."""
     parser.add_argument("--pairs", nargs="+", default=list(TUNING_PAIRS), metavar="NAME")
     parser.add_argument("--halve", action="store_true", help="pairs of half the size: quicker")
     parser.add_argument("--jobs", type=int, default=2)
 
 
 def chosen_pairs(arguments: argparse.Namespace) -> tuple[list[str], list[Pair]]:
-    """Return the names of the pairs that are asked for, and the pairs."""
+    """Return the selected pairs and their names."""
     names = list(TEST_PAIRS) if arguments.pairs == ["test"] else arguments.pairs
     return names, [halved(read_pair(name)) if arguments.halve else read_pair(name) for name in names]
 

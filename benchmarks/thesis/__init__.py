@@ -1,1 +1,1 @@
-"""The thesis, measured again: each of its numbers beside its method as written and beside ours."""
+"""The thesis measured again: each printed number next to those of its method as written and of ours."""

@@ -11,23 +11,21 @@ from dvc import cli
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from benchmarks.thesis.chapter import Chapter, Task, Way
+    from benchmarks.thesis.harness import Chapter, Method, Task
 
 PROG = "python -m benchmarks.thesis"
 CHAPTERS = range(2, 6)
-BOTH = "both"
-AS = ("thesis", "ours", BOTH)
 DESCRIPTION = """\
 Measure every table and figure of the thesis: each number as it is printed, by its method as it is written,
-and by ours. Each chapter has a folder with a document, a page, and the numbers. Started again, it goes on
-where it stopped.
+and by ours. Each chapter has a folder with a document, a page, and the numbers. Started again, the command
+resumes where it stopped.
 """
 EXAMPLES = """\
   python -m benchmarks.thesis --data ../shared/stereo --out results/thesis   all chapters, quickly
   python -m benchmarks.thesis --chapter 2 --data ../shared/stereo --preset full   25 cameras
   python -m benchmarks.thesis --chapter 3 --as thesis --data ../shared/stereo teddy --out thesis
-  python -m benchmarks.thesis --chapter 3 left.png right.png --disparities 0:60 --out own   own views
-  python -m benchmarks.thesis --chapter 4 disparity.pfm left.png --out own   an own map and its picture
+  python -m benchmarks.thesis --chapter 3 left.png right.png --disparities 0:60 --out views   your views
+  python -m benchmarks.thesis --chapter 4 disparity.pfm left.png --out map   your map and its picture
   python -m benchmarks.thesis --chapter 5 street box --frames 11 --jobs 2 --out thesis
 """
 
@@ -37,13 +35,13 @@ def _parse_chapters(text: str) -> list[int]:
     chosen = list(range(int(match[1]), int(match[2] or match[1]) + 1)) if match else []
     if not chosen or not set(chosen) <= set(CHAPTERS):
         raise argparse.ArgumentTypeError(
-            f"expected a chapter from 2 to 5, or some, such as 2..4, got {text!r}"
+            f"expected a chapter from 2 to 5, or a range such as 2..4, got {text!r}"
         )
     return chosen
 
 
-def _range(text: str) -> str:
-    """Refuse what is no range of disparities."""
+def _parse_range(text: str) -> str:
+    """Refuse a text that is no range of disparities."""
     from dvc.array_files import parse_disparities
 
     parse_disparities(text)
@@ -53,60 +51,35 @@ def _range(text: str) -> str:
 def _parser() -> argparse.ArgumentParser:
     parser = cli.ArgumentParser(PROG, DESCRIPTION, EXAMPLES)
     add = parser.add_argument
-    what = "real sets (chapters 2 to 4) or sequences (5) in place of the preset's; or own files"
-    add("chosen", nargs="*", metavar="WHAT", help=what)
+    names = "real sets (chapters 2 to 4) or sequences (5) instead of the preset's; or your files"
+    add("chosen", nargs="*", metavar="NAME", help=names)
+    chapters = "2 to 5, or 2..4; default: all"
+    add("--chapter", type=_parse_chapters, default=list(CHAPTERS), metavar="N", help=chapters)
     add(
-        "--chapter",
-        type=_parse_chapters,
-        default=list(CHAPTERS),
-        metavar="N",
-        help="2 to 5, or 2..4; default: all",
+        "--as", dest="method", choices=["thesis", "ours", "both"], default="both", help="default: %(default)s"
     )
-    add("--as", dest="way", choices=AS, default=BOTH, help="whose methods; default: %(default)s")
-    add(
-        "--preset",
-        choices=["quick", "full"],
-        default="quick",
-        help="minutes a chapter, or hours; default: %(default)s",
-    )
-    add("--out", type=Path, required=True, metavar="DIR", help="results; what is there is kept")
-    add(
-        "--data",
-        type=Path,
-        metavar="DIR",
-        help="folder with the folders of the real sets; default: rendered ones",
-    )
-    add("--disparities", type=_range, metavar="MIN:MAX", help="chapter 3, own views: disparities, in pixels")
-    add("--frames", type=cli.integer(2, 10**6), metavar="N", help="chapter 5: of each sequence")
+    presets = "minutes a chapter, or hours; default: %(default)s"
+    add("--preset", choices=["quick", "full"], default="quick", help=presets)
+    add("--out", type=Path, required=True, metavar="DIR", help="results; those of an earlier run are used")
+    data = "folder with the folders of the real sets; default: rendered scenes"
+    add("--data", type=Path, metavar="DIR", help=data)
+    disparities = "chapter 3, your views: disparities, in pixels"
+    add("--disparities", type=_parse_range, metavar="MIN:MAX", help=disparities)
+    add("--frames", type=cli.integer(2, 10**6), metavar="N", help="chapter 5: frames of each sequence")
     cli.add_integer(parser, "--jobs", (1, 256), "processor cores that may be used", default=1)
     add("--dask", metavar="ADDRESS", help="chapter 5: measure on a Dask cluster")
-    add("--quiet", action="store_true", help="show no progress, and do not tell what was written")
+    add("--quiet", action="store_true", help="show neither progress nor the names of written files")
     return parser
 
 
-def _work(arguments: argparse.Namespace) -> int:
-    from benchmarks.thesis.chapter import BOTH as BOTH_WAYS
-    from benchmarks.thesis.chapter import Way
-
-    ways = BOTH_WAYS if arguments.way == BOTH else (Way(arguments.way),)
-    chapters: list[Chapter] = [
-        import_module(f"benchmarks.thesis.chapter{number}.chapter").CHAPTER for number in arguments.chapter
-    ]
-    tasks = [_task(arguments, chapter) for chapter in chapters]
-    plans = [len(chapter.steps(task)) for chapter, task in zip(chapters, tasks, strict=True)]  # refused early
-    assert all(plans)
-    failures = [_measured(*pair, ways, arguments) for pair in zip(chapters, tasks, strict=True)]
-    return cli.EXIT_BAD_INPUT if any(failures) else 0
-
-
-def _task(arguments: argparse.Namespace, chapter: "Chapter") -> "Task":
-    from benchmarks.thesis.chapter import Task
+def _task(arguments: argparse.Namespace, number: int) -> "Task":
+    from benchmarks.thesis.harness import Task
 
     for name in arguments.chosen:
         if Path(name).suffix and not Path(name).exists():
             raise ConfigError(f"{name}: no such file")
     return Task(
-        arguments.out / f"chapter{chapter.number}",
+        arguments.out / f"chapter{number}",
         arguments.data,
         tuple(arguments.chosen),
         arguments.preset == "full",
@@ -117,20 +90,31 @@ def _task(arguments: argparse.Namespace, chapter: "Chapter") -> "Task":
     )
 
 
-def _measured(
-    chapter: "Chapter", task: "Task", ways: "tuple[Way, ...]", arguments: argparse.Namespace
-) -> list[str]:
-    from benchmarks.thesis.harness import measure, planned
+def _work(arguments: argparse.Namespace) -> int:
+    from benchmarks.thesis.harness import METHODS, Method, planned
 
-    total = len(planned(chapter, task, ways))
-    with cli.progress_bar(f"chapter {chapter.number}", total, arguments.quiet) as advance:
-        failures = measure(chapter, task, ways, advance)
+    methods = METHODS if arguments.method == "both" else (Method(arguments.method),)
+    planning = []
+    for number in arguments.chapter:
+        chapter, task = import_module(f"benchmarks.thesis.chapter{number}").CHAPTER, _task(arguments, number)
+        planning.append((chapter, task, len(planned(chapter, task, methods))))  # refuses bad requests early
+    failed = [_measure(*plan, methods, arguments.quiet) for plan in planning]
+    return cli.EXIT_BAD_INPUT if any(failed) else 0
+
+
+def _measure(
+    chapter: "Chapter", task: "Task", num_steps: int, methods: "tuple[Method, ...]", quiet: bool
+) -> bool:
+    """Measure a chapter, and return whether a part of it has failed."""
+    from benchmarks.thesis.harness import PAGE, measure
+
+    with cli.progress_bar(f"chapter {chapter.number}", num_steps, quiet) as advance:
+        failures = measure(chapter, task, methods, advance)
     for failure in failures:
         sys.stderr.write(f"{PROG}: {cli.one_line(failure)}\n")
-    if not arguments.quiet:
-        names = f"chapter{chapter.number}.md", "index.html"
-        sys.stdout.write("".join(f"{task.folder / name}\n" for name in names))
-    return failures
+    if not quiet:
+        sys.stdout.write(f"{task.folder / f'chapter{chapter.number}.md'}\n{task.folder / PAGE}\n")
+    return bool(failures)
 
 
 main = cli.command(PROG, _parser, _work, extra="report")

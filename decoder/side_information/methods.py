@@ -1,4 +1,4 @@
-"""The methods: what `--side-information` and the configuration may name."""
+"""Methods that `--side-information` and the configuration may name."""
 
 from collections.abc import Callable
 from functools import partial
@@ -14,19 +14,16 @@ from decoder.side_information.scene_interpolators import (
 from decoder.side_information.tracked_scene import TrackedSceneInterpolation
 from decoder.side_information.untracked_scene import SceneInterpolation
 from dvc.config import CodecConfig
-from dvc.extensions import SCENE_INTERPOLATORS, SIDE_INFORMATION, Registry, maker
+from dvc.extensions import SIDE_INFORMATION, Registry, maker
 
 Method = Callable[[CodecConfig], SideInformationMethod]
-INTERPOLATORS: Registry[SceneInterpolatorType] = Registry(
-    SCENE_INTERPOLATORS,
-    {
-        AveragedDepthInterpolator.name: AveragedDepthInterpolator,
-        BlockInterpolator.name: BlockInterpolator,
-        MeshInterpolator.name: MeshInterpolator,
-        FusedInterpolator.name: FusedInterpolator,
-    },
-)
-"""How the motion between key frames is modelled from a scene, by the name of the method."""
+INTERPOLATORS: dict[str, SceneInterpolatorType] = {
+    AveragedDepthInterpolator.name: AveragedDepthInterpolator,
+    BlockInterpolator.name: BlockInterpolator,
+    MeshInterpolator.name: MeshInterpolator,
+    FusedInterpolator.name: FusedInterpolator,
+}
+"""Models of the motion between key frames from a scene, by the name of the method."""
 
 
 def _block_motion(config: CodecConfig) -> SideInformationMethod:
@@ -48,4 +45,4 @@ METHODS: Registry[Method] = Registry(
     {BlockMotionInterpolation.name: _block_motion, **{name: partial(_scene, name) for name in INTERPOLATORS}},
     partial(maker, SIDE_INFORMATION),
 )
-"""How to build each method from the configuration, by the name that the configuration uses."""
+"""Factories of the methods, from the configuration, by the name in it."""

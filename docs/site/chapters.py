@@ -14,7 +14,7 @@ _PLACE = re.compile(r"(?<![\d.])(\d)\.(\d+)(?:\.(\d+))?")
 
 
 def terms(chapter: int) -> list[tuple[str, str, str, str]]:
-    """Return place, term, meaning and modules of what the glossary has of a chapter, in its order."""
+    """Return place, term, meaning and modules of the entries of a chapter in the glossary."""
     rows = []
     for line in (DOCS / "glossary.md").read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split(" | ")]
@@ -28,8 +28,8 @@ def terms(chapter: int) -> list[tuple[str, str, str, str]]:
 
 def chapter_text(number: int) -> str:
     """Write the tables of a chapter."""
-    chapter = importlib.import_module(f"benchmarks.thesis.chapter{number}.chapter").CHAPTER
-    lines = ["| place | what | meaning | module |", "| --- | --- | --- | --- |"]
+    chapter = importlib.import_module(f"benchmarks.thesis.chapter{number}").CHAPTER
+    lines = ["| place | term | meaning | module |", "| --- | --- | --- | --- |"]
     lines += ["| " + " | ".join(row) + " |" for row in terms(number)]
     lines += ["", f"## Figures of `python -m benchmarks.thesis --chapter {number}`", ""]
     lines += ["| figure | shows | instead |", "| --- | --- | --- |"]

@@ -7,7 +7,6 @@ from fractions import Fraction
 from dvc import extensions
 from dvc.config.fields import Section, check_choice, check_range, shown
 from dvc.errors import ConfigError
-from dvc.extensions import Registry
 from dvc.limits import MAX_SIDE_PX
 
 REFERENCES = ("keys", "hierarchical", "all")
@@ -15,9 +14,7 @@ TRACKS_KINDS = ("none", "encoder", "decoder")
 FALLBACKS = ("block-motion", "tracks")
 SFM_BACKENDS = ("native", "colmap", "thesis")
 MAPPERS = SFM_BACKENDS[:2]
-NOISE_MODELS: Registry[object] = Registry(
-    extensions.NOISE_MODELS, dict.fromkeys(("frame", "band", "coefficient", "local"))
-)
+NOISE_MODELS = ("frame", "band", "coefficient", "local")
 """Names of the models of `dvc.wynerziv.noise`."""
 PRIORS = ("laplacian", "learned")
 NUM_BANDS = 16

@@ -14,15 +14,12 @@ Wyner-Ziv video coding", IEEE Trans. Circuits Syst. Video Technol. 18(9), 2008, 
 """
 
 from collections.abc import Callable
-from functools import wraps
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from dvc.errors import DvcError
-from dvc.extensions import NOISE_MODELS, Registry, load
 from dvc.wynerziv.quantizer import power_of_two
 
 Array = NDArray[np.float64]
@@ -68,25 +65,12 @@ def _local_scale(residual: Array) -> Array:
     return MIN_SCALE + 0.3 * band + 0.5 * neighbourhood + 0.3 * magnitude
 
 
-def _checked(name: str) -> NoiseModel:
-    """Return a model of another package, whose scales are looked at."""
-    model: NoiseModel = load(NOISE_MODELS, name)
-
-    @wraps(model)
-    def checked(residual: Array) -> Array:
-        scale = np.asarray(model(residual), np.float64)
-        if scale.shape != residual.shape or not (np.isfinite(scale) & (scale >= MIN_SCALE)).all():
-            raise DvcError(f"noise model {name!r}: expected a scale of at least {MIN_SCALE} per coefficient")
-        return scale
-
-    return checked
-
-
-MODELS: Registry[NoiseModel] = Registry(
-    NOISE_MODELS,
-    {"frame": _frame_scale, "band": _band_scale, "coefficient": _coefficient_scale, "local": _local_scale},
-    _checked,
-)
+MODELS: dict[str, NoiseModel] = {
+    "frame": _frame_scale,
+    "band": _band_scale,
+    "coefficient": _coefficient_scale,
+    "local": _local_scale,
+}
 """Models by their names in the configuration. Each maps the residual (bands, rows, columns), the transform of
 half the difference of the compensated references, to the scale of each coefficient."""
 

@@ -11,7 +11,7 @@ from decoder import level
 from decoder.group_tasks import DecodedFrame
 from decoder.level import Decoded, FrameCoroutine, Prior, Wish, decode_level
 from dvc.config import CascadeConfig
-from dvc.contracts.plane_exchange import noisy
+from dvc.contracts.plane_coders import noisy
 from dvc.slepian_wolf import (
     CRC_BITS,
     FrameCheck,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.thesis.real_sets import PAIRS, TSUKUBA, RealSet
+from benchmarks.thesis.scenes import PAIRS, TSUKUBA, RealSet
 from dvc.stereo.opencv_baseline import fill_holes, semi_global_baseline
 from tests.stereo.data import REAL_SETS, pair_of_planes, real_set
 

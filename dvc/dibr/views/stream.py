@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 
 from dvc.bits import encode_varint
-from dvc.config.fields import check_choice, shown
+from dvc.config.fields import check_choice
 from dvc.dibr import container
 from dvc.dibr.limits import MAX_LAYERS, Extent, check_extent
-from dvc.dibr.names import EXTENSION, NUMBERS
+from dvc.dibr.names import NUMBERS, OWN_NAMES
 from dvc.errors import BitstreamError, ConfigError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.geometry.viewpoints import CalibratedViewpoint, Viewpoint
@@ -61,12 +61,9 @@ def encode_header(header: Header) -> bytes:
     """Return the bytes of a header."""
     height, width = header.shape
     is_calibrated = isinstance(header.viewpoints[0], CalibratedViewpoint)
-    number = NUMBERS[header.method]
-    flags = _CALIBRATED * is_calibrated | number << _METHOD_SHIFT
+    flags = _CALIBRATED * is_calibrated | NUMBERS[header.method] << _METHOD_SHIFT
     sizes = header.num_layers, len(header.references), len(header.viewpoints)
     fixed = _FIXED.pack(flags, width, height, *header.labels, *sizes)
-    if number == EXTENSION:
-        fixed += encode_varint(len(header.method)) + header.method.encode()
     views = b"".join(_encode_viewpoint(viewpoint) for viewpoint in header.viewpoints)
     data = container.begin(container.Body.VIEWS) + fixed + bytes(header.references) + views
     return data + container.checksum(data)
@@ -77,29 +74,22 @@ def decode_header(data: bytes) -> tuple[Header, int]:
     reader = container.Reader.of_body(data, container.Body.VIEWS)
     flags, width, height, lowest, step, num_labels, *sizes = reader.fields(_FIXED)
     num_layers, num_references, num_views = sizes
-    method = _decode_method(reader, flags >> _METHOD_SHIFT)
     references = tuple(reader.bytes(num_references))
     layout = _CAMERA if flags & _CALIBRATED else _POSITION
     cameras = [reader.fields(layout) for _ in range(num_views)]
     reader.check("the header of the stream is damaged")
-    if NUMBERS.get(method) != flags >> _METHOD_SHIFT:
-        raise BitstreamError(NUMBERS.missing(shown(method)))
+    number = flags >> _METHOD_SHIFT
+    if number >= len(OWN_NAMES):
+        raise BitstreamError(f"disparity codec {number} is unknown")
     try:
         labels = DisparityLabels(lowest, step, num_labels)
         viewpoints = tuple(map(_decode_viewpoint, cameras))
-        header = Header((height, width), method, labels, references, num_layers, viewpoints)
+        header = Header((height, width), OWN_NAMES[number], labels, references, num_layers, viewpoints)
     except (ConfigError, ValueError) as error:
         raise BitstreamError(f"the header of the stream cannot have been written: {error}") from None
     if max(references) >= num_views:
         raise BitstreamError("the header of the stream names a reference that is not among its views")
     return header, reader.position
-
-
-def _decode_method(reader: container.Reader, number: int) -> str:
-    """Read how disparities are coded."""
-    if number == EXTENSION:
-        return reader.bytes(reader.varint()).decode("ascii", "replace")
-    return next((name for name, own in NUMBERS.own.items() if own == number), str(number))
 
 
 def _encode_viewpoint(viewpoint: Viewpoint) -> bytes:

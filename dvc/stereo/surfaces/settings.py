@@ -1,11 +1,7 @@
 """Parameters of a reconstruction: one set for all scenes, chosen on several."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
-
-from dvc.extensions import INFERENCE, Registry, maker
 
 if TYPE_CHECKING:
     from dvc.geometry.volumes.aggregation import Window
@@ -19,12 +15,7 @@ TUNING_PAIRS = (
 TEST_PAIRS = "Aloe", "Cloth3", "Midd1", "Pipes_Q", "Recycle_Q", "Wood2", "bull"
 """Pairs of Middlebury that settings were chosen on, and others, which several trials were compared on."""
 COST_NAMES = "census", "squared"
-INFERENCE_NAMES: "Registry[Callable[[], Inference] | None]" = Registry(
-    INFERENCE,
-    dict.fromkeys(("belief-propagation", "semi-global")),
-    partial(maker, INFERENCE),
-)
-"""Ours, which settings make, and what is installed, with what makes it."""
+INFERENCE_NAMES = "belief-propagation", "semi-global"
 OCCLUSION_NAMES = "explicit", "implicit", "none"
 AGREEMENT_NAMES = "near", "exact"
 FILLING_NAMES = "continued", "inferred"
@@ -74,8 +65,8 @@ class StereoSettings:
     ----------
     cost : str
         Matching cost, of `COST_NAMES`; costs of squared differences are not aggregated.
-    inference : str
-        Method, of `INFERENCE_NAMES`.
+    inference : str or Inference
+        Method, one of `INFERENCE_NAMES` or an object.
     occlusion : str
         What is done about hidden points: visibility is computed from surfaces (2.19), as soon as there are
         any; the better one of opposite neighbours counts (2.18); or nothing is done, all count alike.
@@ -103,7 +94,7 @@ class StereoSettings:
     """
 
     cost: str = "census"
-    inference: str = "belief-propagation"
+    inference: "str | Inference" = "belief-propagation"
     occlusion: str = "explicit"
     max_iterations: int = 3
     min_change: float = 0.002
@@ -172,9 +163,8 @@ class StereoSettings:
         from dvc.geometry.volumes.belief_propagation import BeliefPropagation
         from dvc.geometry.volumes.inference import SemiGlobal
 
-        make_other = INFERENCE_NAMES[self.inference]
-        if make_other is not None:
-            return make_other()
+        if not isinstance(self.inference, str):
+            return self.inference
         scanlines = self.inference == "semi-global" or (iteration == 0 and self.cost != "squared")
         if scanlines:
             return SemiGlobal(small_jump=SMALL_JUMP / fineness)

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.searches.settings import (
     Coded,
-    Place,
+    Trial,
     coded,
     divided,
     encoder_session,
@@ -42,13 +42,13 @@ def test_values_are_read_by_their_types() -> None:
 def test_what_psnr_is_worth_is_taken_off() -> None:
     """A point on the usual curve changes nothing; one that takes a tenth more at the same PSNR does."""
     found = {
-        Place("a", 32, ""): Coded(2000, 38.0),
-        Place("a", 38, ""): Coded(1000, 34.0),
-        Place("a", 32, "x"): Coded(round(2000 * 2**-0.25), 37.0),
-        Place("a", 38, "x"): Coded(1100, 34.0),
+        Trial("a", 32, ""): Coded(2000, 38.0),
+        Trial("a", 38, ""): Coded(1000, 34.0),
+        Trial("a", 32, "x"): Coded(round(2000 * 2**-0.25), 37.0),
+        Trial("a", 38, "x"): Coded(1100, 34.0),
     }
-    assert net_percent(found, Place("a", 32, "x")) == pytest.approx(0.0, abs=0.05)
-    assert net_percent(found, Place("a", 38, "x")) == pytest.approx(100 * math.log(1.1))
+    assert net_percent(found, Trial("a", 32, "x")) == pytest.approx(0.0, abs=0.05)
+    assert net_percent(found, Trial("a", 38, "x")) == pytest.approx(100 * math.log(1.1))
     assert row(found, "x").startswith("x: +4.77 +- 4.7")
     assert "QP 32 +0.0, 38 +9.5; a +4.8" in row(found, "x")
 
@@ -58,8 +58,8 @@ def test_each_clip_is_left_out_of_the_choice() -> None:
     found = {}
     for clip, bytes_of in {"a": (1000, 900, 1300), "b": (1000, 800, 700), "c": (1000, 990, 700)}.items():
         for settings, num_bytes in zip(("", "x", "y"), bytes_of, strict=True):
-            found[Place(clip, 32, settings)] = Coded(2 * num_bytes, 38.0)
-            found[Place(clip, 38, settings)] = Coded(num_bytes, 34.0)
+            found[Trial(clip, 32, settings)] = Coded(2 * num_bytes, 38.0)
+            found[Trial(clip, 38, settings)] = Coded(num_bytes, 34.0)
     text = left_out(found)
     assert "a +26.2 (y), b -22.3 (x), c -1.0 (x)" in text
     assert "+0.97 %" in text
@@ -69,18 +69,18 @@ def test_a_clip_is_coded_with_settings(street: str) -> None:
     """Finer key frames take more bytes and look better; constants of the encoder are put back."""
     from dvc import keyframes
 
-    usual, finer = (coded(Place(street, 40, settings), 2, ParityBuffer()) for settings in ("", "key.qp=-6"))
+    usual, finer = (coded(Trial(street, 40, settings), 2, ParityBuffer()) for settings in ("", "key.qp=-6"))
     assert finer.num_bytes > usual.num_bytes
     assert finer.psnr_db > usual.psnr_db
     before = keyframes.INTRA_QP_OFFSET
-    coarser = coded(Place(street, 40, "dvc.keyframes.INTRA_QP_OFFSET=0"), 2, ParityBuffer())
+    coarser = coded(Trial(street, 40, "dvc.keyframes.INTRA_QP_OFFSET=0"), 2, ParityBuffer())
     assert before == keyframes.INTRA_QP_OFFSET
     assert coarser.num_bytes < usual.num_bytes
 
 
 def test_there_may_be_no_feedback(street: str) -> None:
     """Fewer bytes, and constants of what suits that."""
-    place = Place(street, 30, "encoder.spacing.ALONE_COST=0.0")
+    place = Trial(street, 30, "encoder.spacing.ALONE_COST=0.0")
     asked, usual, keys = (
         coded(place._replace(settings=settings), 3, delivery)
         for settings, delivery in (("", ParityBuffer()), ("", NoFeedback()), (place.settings, NoFeedback()))

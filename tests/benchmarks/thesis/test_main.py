@@ -1,4 +1,4 @@
-"""Command `python -m benchmarks.thesis`: chapters, ways, own files, and what is refused."""
+"""Command `python -m benchmarks.thesis`: chapters, methods, files of the user, and errors."""
 
 from pathlib import Path
 
@@ -12,33 +12,33 @@ from tests.dibr.depth_maps import texture, two_discs
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--chapter", "6"], "expected a chapter from 2 to 5"),
         (["--chapter", "4..3"], "expected a chapter from 2 to 5"),
-        (["--chapter", "2", "--data", "."], "there is no tsukuba"),
-        (["--chapter", "2", "nothing", "--data", "sets"], "there is no nothing"),
+        (["--chapter", "2", "--data", "."], "tsukuba: --data must name a folder"),
+        (["--chapter", "2", "nothing", "--data", "sets"], "nothing: expected one of tsukuba"),
         (["--chapter", "3", "teddy"], "--data must name a folder"),
         (["--chapter", "3", "nothing"], "expected one of"),
-        (["--chapter", "2", "teddy"], "real sets are those of a folder, --data"),
+        (["--chapter", "2", "teddy"], "--data must name a folder"),
         (["--chapter", "3", "none.png", "flat.png"], "none.png: no such file"),
         (["--chapter", "5", "nothing"], "neither a file nor a known sequence"),
         (["--chapter", "3", "flat.png", "flat.png"], "need --disparities MIN:MAX"),
         (["--chapter", "4", "teddy", "--data", "."], "--data must name a folder"),
         (["--chapter", "4", "nothing"], "expected one of"),
         (["--chapter", "4", "flat.png"], "the map is constant"),
-        (["--chapter", "4", "flat.png", "flat.png", "flat.png"], "a map, and its picture"),
+        (["--chapter", "4", "flat.png", "flat.png", "flat.png"], "takes a map and its picture, got 3 files"),
         (["--as", "mine"], "invalid choice"),
         (["--chapter", "3", "flat.png", "flat.png", "--disparities", "foo"], "expected MIN:MAX"),
-        (["--chapter", "4", "small.pfm"], "small: no file of at most 0.2 bits a pixel holds so small a map"),
+        (["--chapter", "4", "small.pfm"], "small: the map is too small for a file of 0.2 bits per pixel"),
     ],
 )
-def test_mistakes_are_told_in_one_line(
+def test_mistakes_are_reported_in_one_line(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     arguments: list[str],
-    told: str,
+    message: str,
 ) -> None:
     """Each ends with status 2 and one line."""
     monkeypatch.chdir(tmp_path)
@@ -51,12 +51,12 @@ def test_mistakes_are_told_in_one_line(
     captured = capsys.readouterr()
     assert status == 2
     assert captured.err.count("\n") == 1
-    assert told in captured.err
+    assert message in captured.err
     assert not list(tmp_path.glob("out/*/chapter*.md"))
 
 
 def test_an_own_map_is_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Files of each way alone, in the folder of the chapter; the documents are named."""
+    """The folder of the chapter has files of one method; the command prints the documents."""
     write_pfm(tmp_path / "discs.pfm", two_discs(64, 80).astype(np.float32))
     cv2.imwrite(str(tmp_path / "picture.png"), texture(64, 80))
     words = [str(tmp_path / "discs.pfm"), str(tmp_path / "picture.png"), "--out", str(tmp_path)]

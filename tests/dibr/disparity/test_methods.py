@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc.contracts.disparity_codecs import NUM_LABELS, DisparityCodecContract, step_edge
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
 from dvc.dibr.disparity.distortion import Holes
 from dvc.dibr.disparity.fixed_quadtree import SPLIT_BITS, FixedQuadtreeCodec
@@ -20,8 +19,9 @@ from dvc.dibr.disparity.methods import METHODS
 from dvc.dibr.disparity.quadtree import QuadtreeCodec
 from dvc.dibr.disparity.wavelet_codec import WaveletCodec
 from dvc.errors import BitstreamError
+from tests.dibr.disparity.codec_contract import NUM_LABELS, DisparityCodecContract, step_edge
 
-CODECS: dict[str, DisparityCodec] = METHODS.own | {
+CODECS: dict[str, DisparityCodec] = METHODS | {
     "l as written": LaplacianCodec(L_TRANSFORM),
     "s as written": LaplacianCodec(S_TRANSFORM),
     "fixed quadtree": FixedQuadtreeCodec(),

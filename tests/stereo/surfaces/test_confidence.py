@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.thesis.chapter2 import two_planes as figure
+from benchmarks.thesis import chapter2 as figure
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.stereo.evaluation import sparsification
 from dvc.stereo.surfaces.confidence import Evidence, confidence, evidence

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.thesis.chapter2 import two_planes as figure
-from benchmarks.thesis.real_sets import PAIRS
+from benchmarks.thesis import chapter2 as figure
+from benchmarks.thesis.scenes import PAIRS
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.geometry.surfaces import Reconstruction
 from dvc.stereo.surfaces import reconstruction

@@ -1,4 +1,4 @@
-"""Chapter 5: what is measured, and what is told of made-up points."""
+"""Chapter 5: points that are measured, and values of made-up points."""
 
 import json
 from dataclasses import replace
@@ -9,20 +9,20 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.thesis.chapter import Task, Way
-from benchmarks.thesis.chapter5 import chapter
-from benchmarks.thesis.chapter5.chapter import CHAPTER
-from benchmarks.thesis.chapter5.curves import (
+from benchmarks.thesis import chapter5
+from benchmarks.thesis.chapter5 import (
+    CHAPTER,
     CODECS,
-    DUELS,
+    COMPARISONS,
     FULL,
     LOSSLESS_GOP,
-    METHODS,
-    OURS_METHODS,
     QUICK,
-    THESIS_SEQUENCES,
-    sweeps,
+    ROWS,
+    SCENES,
+    curve_points,
+    prediction_point,
 )
+from benchmarks.thesis.harness import Method, Task
 from dvc import cli
 from dvc.rd.points import Point
 from dvc.rd.results import POINTS_FOLDER
@@ -79,12 +79,12 @@ def _measure_nothing(points: list[Point], folder: Path, *_: object, **__: object
 @pytest.fixture
 def measured(monkeypatch: pytest.MonkeyPatch) -> None:
     """Measure nothing."""
-    monkeypatch.setattr(chapter, "run_points", _measure_nothing)
+    monkeypatch.setattr(chapter5, "run_points", _measure_nothing)
 
 
 def test_points_as_written_are_those_of_the_text() -> None:
-    """Turbo codes, DISCOVER matrices, meshes, GOPs of 2 and 10, key frames alone as references."""
-    curves = sweeps("street", QUICK, QUICK.frames, Way.THESIS)
+    """Turbo codes, DISCOVER matrices, meshes, GOPs of 2 and 10, only key frames as references."""
+    curves = curve_points("street", QUICK, QUICK.frames, Method.THESIS)
     for name, codec in CODECS.items():
         for point, matrix in zip(curves[name], QUICK.wz_q, strict=True):
             options = dict(point.options)
@@ -102,8 +102,8 @@ def test_points_as_written_are_those_of_the_text() -> None:
 
 
 def test_ours_have_their_own_settings() -> None:
-    """Qualities in place of matrices, and nothing that is not the default."""
-    curves = sweeps("street", FULL, 5, Way.OURS)
+    """Qualities instead of matrices, and defaults."""
+    curves = curve_points("street", FULL, 5, Method.DEFAULT)
     for name in CODECS:
         assert [point.qp for point in curves[name]] == list(FULL.qp)
         assert all(point.options == () and point.side_information is None for point in curves[name])
@@ -112,20 +112,20 @@ def test_ours_have_their_own_settings() -> None:
 
 def test_table_5_1_is_measured_with_lossless_key_frames() -> None:
     """As written by blocks and meshes, ours by depth; a row for each."""
-    written = [method.point("street", 9, Way.THESIS) for method in METHODS]
+    written = [prediction_point(row, "street", 9, Method.THESIS) for row in ROWS[Method.THESIS]]
     assert [point.side_information for point in written] == [None, *("blocks", "mesh") * 3]
     assert all(point.key_qp == "lossless" and point.gop == LOSSLESS_GOP for point in written)
-    ours = [method.point("street", 9, Way.OURS) for method in OURS_METHODS]
+    ours = [prediction_point(row, "street", 9, Method.DEFAULT) for row in ROWS[Method.DEFAULT]]
     assert [point.codec for point in ours] == list(CODECS.values())
     assert {point.side_information for point in ours} == {None}
     assert all(point.luma_only for point in (*written, *ours))
 
 
-@pytest.mark.parametrize("way", Way)
-def test_side_information_stands_beside_the_thesis(tmp_path: Path, measured: None, way: Way) -> None:
+@pytest.mark.parametrize("method", Method)
+def test_side_information_stands_beside_the_thesis(tmp_path: Path, measured: None, method: Method) -> None:
     """Values have the names under which the thesis prints them; figures are drawn."""
-    made = _step("side-information-street").make(Task(tmp_path), way)
-    values = {(value.place, value.what): value.text for value in made.values}
+    made = _step("side-information-street").make(Task(tmp_path), method)
+    values = {(value.source, value.label): value.text for value in made.values}
     assert values["Table 5.1", "street: 3D-DVC-TE (mesh) [dB]"] == "29.0"
     assert set(values) <= set(CHAPTER.printed)
     assert CHAPTER.printed["Table 5.1", "street: 3D-DVC-TE (mesh) [dB]"] == "29.3"
@@ -133,15 +133,15 @@ def test_side_information_stands_beside_the_thesis(tmp_path: Path, measured: Non
     assert set(made.pictures) == {("5.12", "street")}
 
 
-@pytest.mark.parametrize("way", Way)
-def test_curves_are_compared(tmp_path: Path, measured: None, way: Way) -> None:
-    """Every comparison of the thesis is made, and told beside what it says."""
-    made = _step("curves-street").make(Task(tmp_path), way)
-    values = {(value.place, value.what): value.text for value in made.values}
-    duels = {what: text for (place, what), text in values.items() if place == "Figure 5.15"}
-    assert len(duels) == len(DUELS)
-    assert duels["street: 3D-DVC-TE against 2D-DVC"].startswith("better at all common rates; -")
-    assert duels["street: 3D-DVC-TE against H.264 IPPP"].startswith("worse at all common rates; +")
+@pytest.mark.parametrize("method", Method)
+def test_curves_are_compared(tmp_path: Path, measured: None, method: Method) -> None:
+    """Every comparison of the thesis is made."""
+    made = _step("curves-street").make(Task(tmp_path), method)
+    values = {(value.source, value.label): value.text for value in made.values}
+    outcomes = {label: text for (source, label), text in values.items() if source == "Figure 5.15"}
+    assert len(outcomes) == len(COMPARISONS)
+    assert outcomes["street: 3D-DVC-TE against 2D-DVC"].startswith("better at all common rates; -")
+    assert outcomes["street: 3D-DVC-TE against H.264 IPPP"].startswith("worse at all common rates; +")
     assert values["Figure 5.14", "street: frame predicted from it [dB]"] == "29.0"
     assert values["Figure 5.14", "street: key frame, QP near 26 [dB]"] == "36.0"
     assert set(values) <= set(CHAPTER.printed)
@@ -149,41 +149,41 @@ def test_curves_are_compared(tmp_path: Path, measured: None, way: Way) -> None:
     assert set(made.pictures) == {("5.14", "street")}
 
 
-def test_failures_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Points that cannot be measured are named, and the others are shown."""
+def test_failures_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Failed points are named, and the remaining ones are shown."""
 
     def _some(points: list[Point], folder: Path, **options: Any) -> SweepSummary:
         measured = _measure_nothing(points[1:], folder)
         return replace(measured, failures=[("first", "no decoder")])
 
-    monkeypatch.setattr(chapter, "run_points", lambda points, folder, *_, **__: _some(points, folder))
-    made = _step("side-information-street").make(Task(tmp_path), Way.THESIS)
+    monkeypatch.setattr(chapter5, "run_points", lambda points, folder, *_, **__: _some(points, folder))
+    made = _step("side-information-street").make(Task(tmp_path), Method.THESIS)
     assert made.failures == ["first: no decoder"]
-    assert len(made.values) == len(METHODS) - 1
+    assert len(made.values) == len(ROWS[Method.THESIS]) - 1
 
 
 def test_results_of_another_clip_of_the_name_are_not_taken(tmp_path: Path, measured: None) -> None:
-    """What was measured on the clip that was there before stays in the folder, and is not shown."""
+    """Results of an earlier clip stay in the folder, but are not shown."""
     step = _step("side-information-street")
-    step.make(Task(tmp_path), Way.THESIS)
+    step.make(Task(tmp_path), Method.THESIS)
     files = sorted((tmp_path / POINTS_FOLDER).iterdir())
     for path in files:
         data = json.loads(path.read_text())
         data["sequence"]["digest"] = "0" * 32
         data["totals"]["si_psnr_y_db"] = 99.0
         cli.write_json(tmp_path / POINTS_FOLDER / f"z{path.name}", data)
-    made = step.make(Task(tmp_path), Way.THESIS)
-    assert len(made.values) == len(METHODS)
+    made = step.make(Task(tmp_path), Method.THESIS)
+    assert len(made.values) == len(ROWS[Method.THESIS])
     assert "99.0" not in {value.text for value in made.values}
 
 
 def test_presets_take_the_clips_that_are_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rendered scenes are always there, real clips only where the folder of video files has them."""
+    """Rendered scenes always exist, real clips only if the folder of video files has them."""
     monkeypatch.setenv("DVC_DATA", str(tmp_path))
     for name in ("tree.mkv", "other.mkv"):
         (tmp_path / name).write_bytes(b"x")
     full = {step.name for step in CHAPTER.steps(Task(tmp_path, full=True))}
-    assert {f"curves-{name}" for name in (*THESIS_SEQUENCES, "tree")} <= full
+    assert {f"curves-{name}" for name in (*SCENES, "tree")} <= full
     assert "curves-other" not in full
     quick = [step.name for step in CHAPTER.steps(Task(tmp_path))]
     assert quick == ["correspondences-street", "side-information-street", "curves-street"]

@@ -8,12 +8,19 @@ import numpy as np
 import pytest
 
 from benchmarks.thesis.__main__ import main
-from benchmarks.thesis.chapter import Task, Way
-from benchmarks.thesis.chapter3.as_written import METHODS_BY_WAY, PLAIN_QUADTREE, Method, render_planes
-from benchmarks.thesis.chapter3.chapter import CHAPTER, EARLY_LEVELS
-from benchmarks.thesis.chapter3.curves import curve, layered_points, reference_multipliers
-from benchmarks.thesis.chapter3.scenes import Scene, everywhere_valid, load_scene
-from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, level_shapes
+from benchmarks.thesis.chapter3 import CHAPTER, NUM_LEVELS, load_scene
+from benchmarks.thesis.harness import Method, Task
+from benchmarks.thesis.scenes import Scene, everywhere_valid
+from benchmarks.thesis.view_curves import (
+    CODERS,
+    PLAIN_QUADTREE,
+    Coder,
+    curve,
+    layered_points,
+    reference_multipliers,
+    render_planes,
+)
+from dvc.dibr.disparity.integer_transforms import L_TRANSFORM
 from dvc.dibr.disparity.laplacian_codec import LaplacianCodec
 from dvc.dibr.disparity.wavelet_codec import WaveletCodec
 from dvc.dibr.rendering import PictureAndDisparity
@@ -25,8 +32,7 @@ from dvc.picture_files import write_png
 from tests.dibr.plane_views import FAR, LABELS, NEAR, planes
 from tests.stereo.data import REAL_SETS, real_set
 
-SCENE = Scene("views", planes(64, 80), LABELS)
-CODEC = LaplacianCodec(L_TRANSFORM)
+SCENE = Scene(planes(64, 80), LABELS)
 
 
 @pytest.fixture(scope="module")
@@ -41,55 +47,54 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_all_figures_are_drawn(folder: Path) -> None:
-    """Every one that is no diagram, by both ways; numbers of both stand in the document."""
+    """Every figure except diagrams is drawn by both methods; the document has the numbers of both."""
     names = {path.name for path in folder.glob("*.png")}
     both = {
-        f"figure-{n}-views-{way}.png"
+        f"figure-{n}-views-{method}.png"
         for n in ("3.9", "3.9b", "3.10", "3.12", "3.13", "3.14", "3.15")
-        for way in Way
+        for method in Method
     }
     assert names == both | {"figure-3.4-views-thesis.png"}
     values = json.loads((folder / "chapter3.json").read_text())
-    gains = {(value["what"], value["way"]) for value in values if value["place"] == "Figure 3.13"}
-    assert {("views: L over quadtrees [dB]", way) for way in ("thesis", "ours")} <= gains
+    gains = {(value["label"], value["method"]) for value in values if value["source"] == "Figure 3.13"}
+    assert {("views: L over quadtrees [dB]", method) for method in ("thesis", "ours")} <= gains
     assert (f"views: L over {PLAIN_QUADTREE.replace('quadtree', 'quadtrees', 1)} [dB]", "ours") in gains
-    assert len([value for value in values if "largest loss" in value["what"]]) == 4
+    assert len([value for value in values if "largest loss" in value["label"]]) == 4
 
 
-@pytest.mark.parametrize("way", Way)
-def test_rates_are_those_of_streams_that_decode(way: Way) -> None:
-    """Smaller lambdas cost more and look better; what is decoded is what the encoder has found."""
-    for method in METHODS_BY_WAY[way].values():
-        points = curve(SCENE.views, LABELS, method, (1e-2, 4e-4), way)
+@pytest.mark.parametrize("method", Method)
+def test_rates_are_those_of_streams_that_decode(method: Method) -> None:
+    """Smaller lambdas cost more and look better; streams decode to the disparities of the encoder."""
+    for coder in CODERS[method].values():
+        points = curve(SCENE.views, LABELS, coder, (1e-2, 4e-4), method)
         sizes = [point.num_bytes for point in points]
         assert sizes == sorted(sizes)
         assert points[1].quality.pooled_db > points[0].quality.pooled_db + 1.0
-        encoded = ViewEncoder(SCENE.views, LABELS, method.kind, codec=method.codec).encode(1e-2)
+        encoded = ViewEncoder(SCENE.views, LABELS, coder.kind, codec=coder.codec).encode(1e-2)
         assert len(encoded.data) == points[0].num_bytes
-        pair = decode(decode_stream(encoded.data), codec=method.codec).pairs[0]
+        pair = decode(decode_stream(encoded.data), codec=coder.codec).pairs[0]
         np.testing.assert_array_equal(pair.disparity, points[0].pair.disparity)
 
 
 def test_quality_layers_as_written_refine_each_other() -> None:
     """Each layer has more bytes, and the last one is as good as a file without layers nearly is."""
-    method = METHODS_BY_WAY[Way.THESIS]["l"]
-    points = layered_points(SCENE.views, LABELS, method, 4e-4, 3, Way.THESIS)
+    coder = CODERS[Method.THESIS]["l"]
+    points = layered_points(SCENE.views, LABELS, coder, 4e-4, 3, Method.THESIS)
     assert [point.num_bytes for point in points] == sorted({point.num_bytes for point in points})
-    (single,) = curve(SCENE.views, LABELS, method, (4e-4,), Way.THESIS)
+    (single,) = curve(SCENE.views, LABELS, coder, (4e-4,), Method.THESIS)
     assert points[-1].quality.pooled_db > single.quality.pooled_db - 1.0
 
 
 @pytest.mark.parametrize("make", [LaplacianCodec, WaveletCodec])
 def test_stopping_early_stores_more_roots(make: type[LaplacianCodec] | type[WaveletCodec]) -> None:
-    """Where the tree ends earlier it has more roots, and its stream decodes, too."""
+    """A tree that ends earlier has more roots, and its stream decodes, too."""
     sizes = []
     for num_levels in (None, 2):
-        method = Method("l", make(L_TRANSFORM, num_levels))
-        (point,) = curve(SCENE.views, LABELS, method, (2e-3,))
+        coder = Coder("l", make(L_TRANSFORM, num_levels))
+        (point,) = curve(SCENE.views, LABELS, coder, (2e-3,))
         sizes.append(point.disparity_bytes)
     assert sizes[1] > sizes[0]
-    assert level_shapes((64, 80), 2)[-1] == (16, 20)
-    assert set(EARLY_LEVELS.values()) >= {None}
+    assert None in NUM_LEVELS.values()
 
 
 def test_planes_are_rendered_far_to_near() -> None:
@@ -115,12 +120,12 @@ def test_half_pixels_are_bilinear() -> None:
 
 
 def test_codecs_as_written_know_nothing_of_rendering() -> None:
-    """What maps cause in rendered views changes neither trees nor quadtrees."""
-    for name, method in METHODS_BY_WAY[Way.THESIS].items():
+    """Errors of rendered views change neither trees nor quadtrees."""
+    for name, coder in CODERS[Method.THESIS].items():
         rng = np.random.default_rng(3)
         tensor = rng.random((16, 16, 8)).astype(np.float32)
-        plain = method.codec.optimise(tensor, 1e-2)
-        asked = method.codec.optimise(tensor, 1e-2, distortion=_Refused())
+        plain = coder.codec.optimise(tensor, 1e-2)
+        asked = coder.codec.optimise(tensor, 1e-2, distortion=_Refused())
         np.testing.assert_array_equal(plain.disparity(), asked.disparity(), name)
 
 
@@ -134,18 +139,18 @@ class _Refused:
 
 
 def test_scenes_are_those_of_the_thesis(tmp_path: Path) -> None:
-    """Teddy and Tsukuba quickly, others with more time; without data those that need none."""
+    """Teddy and Tsukuba in the quick preset, more in the full one; without data those that need none."""
     task = Task(tmp_path, REAL_SETS)
     names = {step.name.split("-")[1] for step in CHAPTER.steps(task)}
     assert names == {"teddy", "tsukuba"}
     more = {step.name for step in CHAPTER.steps(replace(task, full=True))}
-    assert {"methods-cones", "methods-cgtoy", "peers-teddy"} <= more
+    assert {"methods-cones", "methods-cgtoy", "baselines-teddy"} <= more
     assert {step.name.split("-")[1] for step in CHAPTER.steps(Task(tmp_path))} == {"toy", "motorcycle"}
 
 
 def test_multipliers_give_the_rates_of_the_reference() -> None:
-    """At the multiplier for a rate the picture takes about that."""
-    views = Scene("views", planes(96, 128), LABELS).views
+    """The picture takes about the rate of its multiplier."""
+    views = Scene(planes(96, 128), LABELS).views
     (multiplier,) = reference_multipliers(views, [0.5])
     encoded = ViewEncoder(views, LABELS).encode(multiplier)
     assert 0.35 <= 8 * encoded.picture_bytes / (96 * 128) <= 0.7

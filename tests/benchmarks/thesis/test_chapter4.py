@@ -5,21 +5,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.thesis.chapter import Task
-from benchmarks.thesis.chapter4 import as_written
-from benchmarks.thesis.chapter4.as_written import EDGES_BPP, LINEAR, ORDERS, fixed_edges
-from benchmarks.thesis.chapter4.chapter import CHAPTER
-from benchmarks.thesis.chapter4.coefficients import high_bands
-from benchmarks.thesis.chapter4.curves import (
+from benchmarks.thesis import map_curves
+from benchmarks.thesis.chapter4 import (
+    CHAPTER,
+    EDGE_COLOUR,
+    NUM_LEVELS,
+    SIGNAL_EDGES,
+    high_bands,
+    load_material,
+    piecewise_signal,
+    signal_bands,
+    with_edges,
+)
+from benchmarks.thesis.harness import Task
+from benchmarks.thesis.map_curves import (
+    EDGES_BPP,
+    LINEAR,
+    ORDERS,
+    Material,
+    fixed_edges,
     largest_gain,
     map_curve,
     map_point,
     picture_points,
     standard_point,
 )
-from benchmarks.thesis.chapter4.material import Material, load_material
-from benchmarks.thesis.chapter4.pictures import EDGE_COLOUR, with_edges
-from benchmarks.thesis.chapter4.signals import EDGES, NUM_LEVELS, largest_high, piecewise_signal, signal_bands
 from dvc.images.edges.chain_code import EdgeCode
 from dvc.images.edges.extraction import edges_of_jumps
 from dvc.images.wavelets.edge_maps import EdgeMaps
@@ -34,7 +44,7 @@ def test_edges_as_written_have_one_rate(monkeypatch: pytest.MonkeyPatch) -> None
     """As many as are allowed, in code words; fewer where fewer are allowed."""
     counts = []
     for bpp in (0.1, 0.05, EDGES_BPP):
-        monkeypatch.setattr(as_written, "EDGES_BPP", bpp)
+        monkeypatch.setattr(map_curves, "EDGES_BPP", bpp)
         edges = fixed_edges(MATERIAL)
         assert 8 * len(edges.data) <= bpp * DISCS.size
         assert edges.maps is None or edges.code is EdgeCode.FIXED
@@ -43,8 +53,8 @@ def test_edges_as_written_have_one_rate(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_curves_as_written_share_their_edges(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At all rates that are enough for them; each order of the extrapolation gives another curve."""
-    monkeypatch.setattr(as_written, "EDGES_BPP", 0.1)
+    """Curves begin at the rate of the edges; each order of the extrapolation gives another curve."""
+    monkeypatch.setattr(map_curves, "EDGES_BPP", 0.1)
     edges = fixed_edges(MATERIAL)
     assert edges.maps is not None
     curves = {
@@ -52,7 +62,7 @@ def test_curves_as_written_share_their_edges(monkeypatch: pytest.MonkeyPatch) ->
         for name, order in ORDERS.items()
     }
     for points in curves.values():
-        assert len(points) == 2, "edges alone take more than the first rate"
+        assert len(points) == 2, "the edges take more than the first rate"
         assert {point.edges.count() for point in points} == {edges.maps.count()}
         assert all(
             point.num_bytes <= rate * DISCS.size / 8 for point, rate in zip(points, (0.2, 0.3), strict=True)
@@ -75,7 +85,7 @@ def test_teddy_has_the_edges_and_gains_of_the_thesis(tmp_path: Path) -> None:
     real_set("teddy")
     teddy = load_material("teddy", Task(tmp_path, REAL_SETS))
     edges = fixed_edges(teddy)
-    assert 8 * len(edges.data) / teddy.num_pixels == pytest.approx(EDGES_BPP, abs=1e-3)
+    assert 8 * len(edges.data) / teddy.depth.size == pytest.approx(EDGES_BPP, abs=1e-3)
     printed = float(CHAPTER.printed["Figure 4.7", "teddy: map at 0.04 bpp, SA9/7lin [dB]"])
     assert map_point(teddy, 0.04, edges).psnr_db == pytest.approx(printed, abs=0.5)
 
@@ -83,11 +93,11 @@ def test_teddy_has_the_edges_and_gains_of_the_thesis(tmp_path: Path) -> None:
 def test_all_but_the_coarsest_high_band_vanish() -> None:
     """Constant, linear and cubic pieces: zero by the shape-adaptive transform, not by the standard one."""
     signal, bands = piecewise_signal(), signal_bands()
-    pieces = np.split(signal, np.array(EDGES) + 1)
+    pieces = np.split(signal, np.array(SIGNAL_EDGES) + 1)
     for piece, degree in zip(pieces, (0, 1, 3, 0), strict=True):
         assert np.abs(np.diff(piece, degree + 1)).max() < 1e-12
         assert degree == 0 or np.abs(np.diff(piece, degree)).max() > 1e-5
-    adaptive, standard = largest_high(bands.shape_adaptive), largest_high(bands.standard)
+    standard, adaptive = ([float(np.abs(band).max()) for band in side] for side in bands[1:])
     assert len(adaptive) == len(standard) == NUM_LEVELS
     assert max(adaptive[:-1]) < 1e-12
     assert min(standard) > 0.1
@@ -107,11 +117,11 @@ def test_points_are_measured_as_files() -> None:
     material = Material("discs", DISCS, 50.0)
     point = map_point(material, 0.2)
     assert point.psnr_db == pytest.approx(10 * np.log10(50.0**2 / np.mean((point.depth - DISCS) ** 2)))
-    assert point.edges_bpp == 8 * point.part_bytes["edges"] / DISCS.size > 0
+    assert point.edges_bpp == 8 * point.edge_bytes / DISCS.size > 0
 
 
 def test_pictures_have_equal_bits() -> None:
-    """What is written is the better one of both."""
+    """The encoder writes the better one of both."""
     picture = np.where(two_discs() > 25, 200, 60).astype(np.uint8)
     (point,) = picture_points(picture, edges_of_jumps(DISCS, 5.0), [0.3])
     assert point.shape_adaptive_db > point.standard_db + 3

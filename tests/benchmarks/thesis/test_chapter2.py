@@ -8,11 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.thesis.chapter import Task, Way
-from benchmarks.thesis.chapter2.as_written import SPRITES, THESIS
-from benchmarks.thesis.chapter2.chapter import CHAPTER
-from benchmarks.thesis.chapter2.two_planes import FAR, LABELS, NEAR, two_planes
-from benchmarks.thesis.harness import planned
+from benchmarks.thesis.chapter2 import CHAPTER, FAR, LABELS, NEAR, SPRITES, THESIS, two_planes
+from benchmarks.thesis.harness import Method, Task, planned
 from dvc.geometry.surfaces import Reconstruction
 from dvc.layers.layered_depth_image import layered_depth_image
 from dvc.layers.sprites import SpriteSettings, extract_sprites
@@ -71,7 +68,7 @@ def test_two_iterations_repair_what_one_leaves() -> None:
     ids=lambda change: next(iter(change)),
 )
 def test_every_setting_counts(change: dict[str, Any]) -> None:
-    """With another value of any of them the surfaces are others."""
+    """Another value of any of them changes the surfaces."""
     written, changed = _found(), _found(replace(THESIS, **change))
     differs = [
         (one.disparity != other.disparity).any() or (one.confidence != other.confidence).any()
@@ -81,12 +78,12 @@ def test_every_setting_counts(change: dict[str, Any]) -> None:
 
 
 def test_settings_are_those_that_are_written() -> None:
-    """The figures of the text, and what stands for what it leaves open."""
+    """Values of the text, and our readings of open points."""
     assert (THESIS.cost, THESIS.max_iterations, THESIS.min_change) == ("squared", 5, 0.0)
     assert (THESIS.agreement, THESIS.filling, THESIS.edge_strength) == ("exact", "inferred", 1.0)
     assert not THESIS.exposures
     assert (THESIS.geometric_weight, THESIS.geometric_limit, THESIS.undefined_cost) == (0.1, 3.0, 0.2)
-    assert SPRITES[Way.THESIS].space == "depth"
+    assert SPRITES[Method.THESIS].space == "depth"
 
 
 def test_sprites_compare_depth_or_disparity() -> None:
@@ -104,8 +101,8 @@ def test_sprites_compare_depth_or_disparity() -> None:
 
 
 def test_steps_without_data_need_none(tmp_path: Path) -> None:
-    """The made-up scenes alone; with data all pairs, and more cameras where hours are allowed."""
-    names = [step.name for step, _ in planned(CHAPTER, Task(tmp_path), (Way.OURS,))]
+    """Only made-up scenes; with data all pairs, and more cameras in the full preset."""
+    names = [step.name for step, _ in planned(CHAPTER, Task(tmp_path), (Method.DEFAULT,))]
     assert names == ["two-planes", "toy"]
     real_set("tsukuba")
     quick, full = (
@@ -119,19 +116,19 @@ def test_steps_without_data_need_none(tmp_path: Path) -> None:
 def test_a_step_makes_its_figure(tmp_path: Path) -> None:
     """Views, maps and errors of three cameras after one and two iterations."""
     (step,) = (step for step in CHAPTER.steps(Task(tmp_path)) if step.name == "two-planes")
-    made = step.make(Task(tmp_path), Way.THESIS)
+    made = step.make(Task(tmp_path), Method.THESIS)
     (picture,) = made.pictures.values()
     assert list(made.pictures) == [("2.4", "")]
     assert picture.shape[1] == 3 * 2 * ARRAY.shape[1] + 2 * 8
 
 
-def test_a_pair_is_told_beside_the_thesis(tmp_path: Path) -> None:
+def test_values_of_a_pair_have_printed_labels(tmp_path: Path) -> None:
     """Values have the names under which the thesis prints them."""
     real_set("tsukuba")
     task = Task(tmp_path, REAL_SETS, ("tsukuba",))
     make: Callable[..., Any] = next(step.make for step in CHAPTER.steps(task) if step.name == "pair-tsukuba")
-    made = make(task, Way.THESIS)
-    values = {(value.place, value.what): value.value for value in made.values}
+    made = make(task, Method.THESIS)
+    values = {(value.source, value.label): value.value for value in made.values}
     printed = {key for key in CHAPTER.printed if key in values}
     assert printed == {("Table 2.1", "tsukuba: bad pixels, all [%]")}
     assert 1.5 < values[printed.pop()] < 6.0

@@ -1,1 +1,0 @@
-"""Chapter 2: stereo from planar camera arrays."""

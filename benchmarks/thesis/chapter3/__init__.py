@@ -1,1 +1,0 @@
-"""Chapter 3: joint estimation and coding of pictures and disparities."""

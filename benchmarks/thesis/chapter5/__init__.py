@@ -1,1 +1,0 @@
-"""Chapter 5: side information from the geometry of the scene."""
