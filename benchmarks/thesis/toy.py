@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 from dvc.environment import python_module
-from dvc.rd.processes import ProcessGroup
+from dvc.rd.child_processes import ProcessGroup
 from dvc.stereo.rectification.rectified_array import RectifiedArray, rectified_array
 
 

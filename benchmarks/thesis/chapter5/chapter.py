@@ -19,14 +19,13 @@ from benchmarks.thesis.chapter5.curves import (
     sweeps,
 )
 from dvc.errors import DvcError
-from dvc.rd.curves import Curve
-from dvc.rd.differences import bd_text, compare_curves, crossing_text
-from dvc.rd.point_result import PointResult
-from dvc.rd.points import Point
-from dvc.rd.processes import ProcessGroup
-from dvc.rd.results import read_results
-from dvc.rd.sources import available_clips, check_source, default_cache, source_name
-from dvc.rd.sweep import run_points
+from dvc.rd.child_processes import ProcessGroup
+from dvc.rd.comparison import bd_rate_text
+from dvc.rd.originals import available_clips, check_source, default_cache, source_name
+from dvc.rd.rd_curves import Curve, compare_curves, crossing_text
+from dvc.rd.rd_results import PointResult, options_of, read_results
+from dvc.rd.run_points import run_points
+from dvc.rd.specification import Point
 from dvc.web.plotting import Line, line_plot
 
 SIDE_INFORMATION, CURVES, SEEN, TEXT = "Table 5.1", "Figure 5.15", "Figure 5.14", "Sections 5.5.2 and 5.5.3"
@@ -49,11 +48,11 @@ def _measured(points: Sequence[Point], task: Task, made: Made) -> dict[Point, Po
     sequence = points[0].sequence
     original = source_name(sequence), summary.digests[sequence]
     by_options = {
-        str(result.data["options"]): result
+        str(result.options): result
         for result in read_results(task.folder)
-        if (result.data["sequence"]["name"], result.data["sequence"]["digest"]) == original
+        if (result.sequence.name, result.sequence.digest) == original
     }
-    found = {point: by_options.get(str(point.to_dict())) for point in points}
+    found = {point: by_options.get(str(options_of(point))) for point in points}
     return {point: result for point, result in found.items() if result is not None}
 
 
@@ -65,7 +64,7 @@ def _side_information(sequence: str, task: Task, way: Way) -> Made:
     by_name = {points[point]: result for point, result in found.items()}
     name = source_name(sequence)
     for method, result in by_name.items():
-        value = result.total("si_psnr_y_db")
+        value = result.totals.si_psnr_y_db
         made.values.append(Value(SIDE_INFORMATION, PREDICTED.format(name, method), value or "none", ".1f"))
     lines = [(method, pictures.predicted(result)) for method, result in by_name.items()]
     made.plots["5.11", name] = _frames_plot(lines, f"{name}: predicted frames")
@@ -105,17 +104,16 @@ def _curves(sequence: str, task: Task, way: Way) -> Made:
 
 
 def _outcome(reference: Curve, codec: Curve) -> str:
-    return f"{crossing_text(reference, codec)}; {bd_text(compare_curves(reference, codec))}"
+    return f"{crossing_text(reference, codec)}; {bd_rate_text(compare_curves(reference, codec))}"
 
 
 def _lossy(name: str, points: Sequence[PointResult], task: Task, made: Made) -> None:
     """Figures 5.13 and 5.14: key frames and predictions of one codec by QP."""
     lines = [
-        (f"QP {point.data['key']['qp']}", {**pictures.predicted(point), **pictures.keys(point)})
-        for point in points
+        (f"QP {point.key.qp}", {**pictures.predicted(point), **pictures.keys(point)}) for point in points
     ]
     made.plots["5.13", name] = _frames_plot(lines, f"{name}: key and predicted frames")
-    seen = min(points, key=lambda point: abs(point.data["key"]["qp"] - SEEN_QP))
+    seen = min(points, key=lambda point: abs((point.key.qp or 0) - SEEN_QP))
     for text, psnr_db in zip((KEY_FRAME, PREDICTED_FRAME), pictures.seen_db(seen), strict=True):
         if psnr_db is not None:
             made.values.append(Value(SEEN, text.format(name), psnr_db, ".1f"))

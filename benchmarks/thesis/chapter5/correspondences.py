@@ -10,8 +10,8 @@ import numpy as np
 from benchmarks.thesis.chapter5.curves import LOSSLESS_GOP
 from dvc.environment import python_module
 from dvc.errors import DvcError
-from dvc.rd.processes import ProcessGroup
-from dvc.rd.sources import default_cache, find_source
+from dvc.rd.child_processes import ProcessGroup
+from dvc.rd.originals import default_cache, find_source
 from dvc.web.drawing import Picture
 
 COARSE_QP = 42

@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.rd.pictures import read_picture
-from dvc.rd.point_result import PointResult
+from dvc.rd.measure import read_picture
+from dvc.rd.rd_results import PictureFiles, PointResult
 from dvc.web.drawing import Picture, in_rows, with_title
 
 NOISE_GAIN = 4
@@ -18,29 +17,26 @@ NOISE_GAIN = 4
 def predicted(point: PointResult) -> dict[int, float]:
     """Return the PSNR of each predicted frame, by its number."""
     return {
-        frame["index"]: frame["si_psnr_y_db"]
-        for frame in point.data.get("per_frame", ())
-        if isinstance(frame.get("si_psnr_y_db"), (int, float))
+        frame.index or 0: frame.si_psnr_y_db for frame in point.per_frame if frame.si_psnr_y_db is not None
     }
 
 
 def keys(point: PointResult) -> dict[int, float]:
     """Return the PSNR of each key frame, by its number."""
-    frames = point.data.get("per_frame", ())
-    return {frame["index"]: frame["psnr_y_db"] for frame in frames if frame["type"] == "key"}
+    return {frame.index or 0: frame.psnr_y_db or 0.0 for frame in point.per_frame if frame.type == "key"}
 
 
 def tracks_bpp(point: PointResult) -> float:
     """Return what tracks take, in bits per pixel of all frames."""
-    sequence, totals = point.data["sequence"], point.data["totals"]
-    pixels = sequence["width"] * sequence["height"] * totals["frames"]
-    return float(totals["bits"].get("tracks", 0) / pixels)
+    pixels = point.sequence.width * point.sequence.height * point.totals.frames
+    return point.totals.bits.get("tracks", 0) / pixels
 
 
 def seen_db(point: PointResult) -> tuple[float | None, float | None]:
     """Return the PSNRs of the key frame and of the predicted frame that a point has pictures of."""
-    told: dict[str, Any] = point.data.get("pictures") or {}
-    return keys(point).get(told.get("key_index", -1)), predicted(point).get(told.get("index", -1))
+    files = point.pictures or PictureFiles()
+    indices = [-1 if index is None else index for index in (files.key_index, files.index)]
+    return keys(point).get(indices[0]), predicted(point).get(indices[1])
 
 
 def noise(methods: Mapping[str, PointResult], folder: Path) -> Picture | None:
@@ -70,11 +66,10 @@ def quality(point: PointResult, folder: Path) -> Picture | None:
 
 def _planes(point: PointResult, folder: Path, names: Sequence[str]) -> list[NDArray[np.int16]] | None:
     """Return pictures of a point, if all are there and of one size."""
-    told: dict[str, Any] = point.data.get("pictures") or {}
     planes = []
     for name in names:
-        path = told.get(name)
-        plane = read_picture(folder / path) if isinstance(path, str) else None
+        path = getattr(point.pictures, name, None)
+        plane = read_picture(folder / path) if path is not None else None
         if plane is None:
             return None
         planes.append(np.asarray(plane, dtype=np.int16))
