@@ -193,7 +193,7 @@ def _compare(arguments: argparse.Namespace) -> int:
 def _print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table: drawn on a terminal, as Markdown elsewhere."""
     if not sys.stdout.isatty():
-        from dvc.rd.rd_report import table
+        from dvc.rd.rd_tables import table
 
         sys.stdout.write(table(head, rows))
         return

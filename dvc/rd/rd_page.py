@@ -13,10 +13,12 @@ from dvc.files import atomic_output
 from dvc.rd.comparison import NOTHING, RateCost, Verdict, rate_costs, verdicts
 from dvc.rd.measure import read_picture
 from dvc.rd.rd_curves import ANCHOR_LABEL, Curve, Experiment, experiments
-from dvc.rd.rd_plots import Style, curve_styles
-from dvc.rd.rd_report import (
+from dvc.rd.rd_results import PointResult, mean
+from dvc.rd.rd_tables import (
     RATE_COST_CAPTION,
+    Style,
     code_digests,
+    curve_styles,
     number_text,
     points_cells,
     preface,
@@ -24,7 +26,6 @@ from dvc.rd.rd_report import (
     rate_cost_cells,
     rates_text,
 )
-from dvc.rd.rd_results import PointResult, mean
 from dvc.web.document import SHARED, asset, content_policy, data_uri, script_json, template
 from dvc.web.gallery import Table
 from dvc.web.plotting import MATPLOTLIB_DASHES

@@ -1,27 +1,42 @@
-"""The report of an experiment: tables in Markdown with a plot for each sequence, or one page."""
+"""The report of an experiment: pages, and Markdown with plots of the curves."""
 
 import os
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from dvc import cli
-from dvc.config import VARIANTS
 from dvc.errors import DvcError
 from dvc.files import atomic_output
-from dvc.rd.anchors import ANCHOR_CODECS
 from dvc.rd.comparison import NOTHING, RateCost, Verdict, bd_rate_text, measure_titles, rate_costs, verdicts
-from dvc.rd.rd_curves import ANCHOR_LABEL, Curve, Experiment, compare_curves, experiments, table_measures
-from dvc.rd.rd_results import IMPORTED, PointResult
-from dvc.rd.specification import NO_FEEDBACK
+from dvc.rd.rd_curves import (
+    ANCHOR_LABEL,
+    Comparison,
+    Curve,
+    Experiment,
+    compare_curves,
+    experiments,
+    table_measures,
+)
+from dvc.rd.rd_page import write_page
+from dvc.rd.rd_results import PointResult
+from dvc.rd.rd_tables import (
+    RATE_COST_CAPTION,
+    Style,
+    curve_styles,
+    escaped,
+    fenced,
+    points_cells,
+    preface,
+    rate_cost_cells,
+    table,
+)
+from dvc.web.plotting import MATPLOTLIB_DASHES, SIZE_INCHES, SUFFIXES, contents, new_figure, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 RATE_COST_SLUG = "rate-against-cost"
-RATE_COST_CAPTION = (
-    "Mean difference in rate at equal PSNR, and processor time of encoding a frame without reading the input "
-    "and loading code: means over the sequences that have both of a codec and of the reference; the lower "
-    "left is best"
-)
-Cell = Callable[[PointResult], str]
+LABEL_ROOM_PX = 14
 
 
 def write_reports(
@@ -34,8 +49,6 @@ def write_reports(
     pictures: bool = True,
 ) -> list[Path]:
     """Write the report as pages (.html) and as Markdown (.md) with its plots; return all files."""
-    from dvc.rd.rd_page import write_page
-
     found = experiments(results)
     judged = verdicts(found)
     texts = [path for path in outputs if path.suffix == ".md"]
@@ -54,8 +67,6 @@ def write_reports(
 
 def _write_plots(found: Sequence[Experiment], anchor: str, folder: Path, stem: str) -> dict[str, list[Path]]:
     """Write the plots of all experiments, and of rate against cost; return the files by slug."""
-    from dvc.rd.rd_plots import curve_styles, render_experiment, render_rate_cost
-
     styles = curve_styles(found)
     drawn = {one.slug: render_experiment(one, styles, anchor) for one in found}
     costs = rate_costs(found, anchor)
@@ -144,146 +155,110 @@ def _rate_cost(found: Sequence[Experiment], anchor: str, pictures: dict[str, str
     return "\n".join(["## Rate against cost of encoding\n", f"{RATE_COST_CAPTION}.\n", picture, cells])
 
 
-def rate_cost_cells(points: Sequence[RateCost], reference: str) -> tuple[list[str], list[list[str]]]:
-    """Return head and rows of the table of rate against cost."""
-    in_colour = any(point.bd_rate_yuv_percent is not None for point in points)
-    titles = measure_titles(table_measures(in_colour))
-    head = ["codec", "encoder CPU a frame [ms]", *(f"BD-rate against {reference}{one}" for one in titles)]
-    rows = []
-    for point in points:
-        rates = [point.bd_rate_percent, point.bd_rate_yuv_percent][: len(titles)]
-        texts = [NOTHING if rate is None else f"{rate:+.1f} %" for rate in rates]
-        rows.append([point.label, f"{point.cost_ms:.2f}", *texts, str(point.num_sequences)])
-    return [*head, "sequences"], rows
+def render_experiment(
+    experiment: Experiment, styles: Mapping[str, Style], anchor: str = ANCHOR_LABEL
+) -> dict[str, bytes]:
+    """Draw the curves of an experiment; return the files by suffix."""
+    reference = experiment.anchor(anchor)
+    curves = [curve for curve in experiment.curves if not curve.has_lossless_keys] or experiment.curves
+    codecs = [curve for curve in curves if not curve.is_anchor]
+    with new_figure(SIZE_INCHES) as figure:
+        axes = figure.add_subplot()
+        for curve in curves:
+            style = styles[curve.label]
+            axes.plot(
+                curve.rates_kbps,
+                curve.psnrs_y_db,
+                color=style.colour,
+                marker=style.marker,
+                markerfacecolor="none" if style.is_open else style.colour,
+                linestyle=MATPLOTLIB_DASHES[style.dash],
+                label=plain(_legend(curve, reference)),
+            )
+        if any(len(curve.points) > 1 for curve in codecs):
+            _zoom_to(axes, codecs)
+        if codecs:
+            _name_points(axes, codecs[0], styles[codecs[0].label].colour)
+        axes.set_title(plain(experiment.title), fontsize=10)
+        axes.set_xlabel("rate [kbit/s]")
+        axes.set_ylabel("luma PSNR [dB]")
+        axes.grid(color="#dddddd", linewidth=0.8)
+        axes.set_axisbelow(True)
+        axes.legend(loc="best", frameon=True, fontsize=8 if len(curves) > 4 else 10)
+        return {suffix: contents(figure, suffix) for suffix in SUFFIXES}
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join("| " + " | ".join(map(escaped, line)) + " |\n" for line in lines)
-
-
-def escaped(text: str) -> str:
-    """Escape a text that may contain markup or the end of a cell or line."""
-    return cli.one_line(text).replace("|", "\\|").replace("<", "&lt;")
-
-
-def fenced(lines: Sequence[str]) -> str:
-    """Return lines as a code block."""
-    text = "".join(f"{line}\n" for line in lines)
-    fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
-    return f"{fence}\n{text}{fence}\n"
-
-
-def preface(results: Sequence[PointResult]) -> str:
-    """Return the origin of the points, and the meaning of rates and PSNRs."""
-    return f"{measured_text(results)} {rates_text(results)} {psnrs_text(results)}"
-
-
-def psnrs_text(results: Sequence[PointResult]) -> str:
-    """Return the meaning of PSNRs."""
-    if any(result.totals.psnr_yuv_db is not None for result in results):
-        return "PSNRs are means of frames: of luma, and in colour (6 Y + Cb + Cr) / 8."
-    return "PSNRs are of luma, means of frames."
-
-
-def rates_text(results: Sequence[PointResult]) -> str:
-    """Return the meaning of rates, and the number of proven ones."""
-    codecs = [result for result in results if result.codec in VARIANTS]
-    with_feedback = [result for result in codecs if result.options.options.get(NO_FEEDBACK) != "true"]
-    sentences = []
-    if with_feedback:
-        proven = sum(result.is_proven for result in with_feedback)
-        count = "each" if proven == len(with_feedback) else f"{proven} of {len(with_feedback)}"
-        proof = f"a fresh process decoded {count} to the same frames" if proven else "none was decoded again"
-        sentences.append(
-            "Rates of distributed codecs are sizes of punctured streams, which hold only the bits that the "
-            f"decoder requested; {proof}."
+def _name_points(axes: "Axes", curve: Curve, colour: str) -> None:
+    """Write the levels next to the points of a curve if they have room."""
+    last = (float("-inf"), float("-inf"))
+    for point in curve.points:
+        x, y = axes.transData.transform((point.rate_kbps, point.psnr_y_db))
+        if max(abs(x - last[0]), abs(y - last[1])) < LABEL_ROOM_PX:
+            continue
+        last = (x, y)
+        axes.annotate(
+            point.level,
+            (point.rate_kbps, point.psnr_y_db),
+            xytext=(-5, 6),
+            textcoords="offset points",
+            color=colour,
+            fontsize=8,
+            ha="right",
         )
-    if len(with_feedback) < len(codecs):
-        sentences.append("Rates of distributed codecs without feedback are sizes of the encoder's own files.")
-    return " ".join([*sentences, f"Rates of {'other ' if codecs else ''}codecs are sizes of whole files."])
 
 
-def measured_text(results: Sequence[PointResult]) -> str:
-    """Return the number of points, when they were measured, and by which code."""
-    sources = [result.code.version for result in results if result.codec == IMPORTED]
-    names = escaped(", ".join(sorted(set(sources))))
-    imported = f"{len(sources)} points were not measured here: rates and PSNRs are those of {names}."
-    results = [result for result in results if result.codec != IMPORTED]
-    if not results:
-        return imported
-    versions = sorted({(result.code.version, result.code.commit or "no commit") for result in results})
-    num_digests = len(code_digests(results))
-    dates = sorted(result.date[:10] for result in results)
-    code = escaped(", ".join(f"dvc3d {version} ({commit})" for version, commit in versions))
-    mixed = f" The points come from {num_digests} versions of the code." if num_digests > 1 else ""
-    period = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
-    text = f"{len(results)} points, measured {period} with {code}.{mixed}"
-    return f"{text} {imported}" if sources else text
+def _zoom_to(axes: "Axes", curves: list[Curve]) -> None:
+    """Show the range of some curves; anchors may leave it."""
+    rates = [rate for curve in curves for rate in curve.rates_kbps]
+    psnrs = [psnr for curve in curves for psnr in curve.psnrs_y_db]
+    width, height = max(rates) - min(rates), max(max(psnrs) - min(psnrs), 1.0)
+    axes.set_xlim(max(0.0, min(rates) - 0.2 * width), max(rates) + 0.3 * max(width, 0.1 * max(rates)))
+    axes.set_ylim(min(psnrs) - 0.15 * height, max(psnrs) + 0.12 * height)
 
 
-def code_digests(results: Sequence[PointResult]) -> set[str]:
-    """Return the digests of the code that measured points of the project's codecs."""
-    return {result.code.digest for result in results if result.codec not in {*ANCHOR_CODECS, IMPORTED}}
+def _legend(curve: Curve, anchor: Curve | None) -> str:
+    if anchor is None or anchor is curve:
+        return curve.label
+    rates = Comparison("", anchor, curve).rates
+    luma, in_colour = rates["luma"], rates["colour"]
+    if isinstance(luma, str):
+        return curve.label
+    against = "" if anchor.label == ANCHOR_LABEL else f" against {anchor.label}"
+    colour = "" if isinstance(in_colour, str) else f", colour {in_colour.value:+.1f} %"
+    return f"{curve.label} (BD-rate{against} {luma.value:+.1f} %{colour})"
 
 
-def points_cells(curve: Curve) -> tuple[list[str], list[list[str]]]:
-    """Return head and rows of the table of the points of a curve, without empty columns."""
-    rows = [[cell(point) for cell in COLUMNS.values()] for point in curve.points]
-    used = [i for i in range(len(COLUMNS)) if any(row[i] != NOTHING for row in rows)]
-    return [list(COLUMNS)[i] for i in used], [[row[i] for i in used] for row in rows]
+def render_rate_cost(
+    points: Sequence[RateCost], styles: Mapping[str, Style], reference: str = ANCHOR_LABEL
+) -> dict[str, bytes]:
+    """Draw rate against cost; return the files by suffix."""
+    with new_figure(SIZE_INCHES) as figure:
+        from matplotlib.ticker import FuncFormatter
+
+        axes = figure.add_subplot()
+        for point in points:
+            style = styles[point.label]
+            axes.plot(
+                [point.cost_ms],
+                [point.bd_rate_percent],
+                color=style.colour,
+                marker=style.marker,
+                markersize=8,
+                markerfacecolor="none" if style.is_open else style.colour,
+                linestyle="none",
+                label=plain(point.label),
+            )
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_minor_formatter(FuncFormatter(_minor_label))
+        axes.set_xlabel("processor time of encoding a frame [ms]")
+        axes.set_ylabel(plain(f"BD-rate against {reference} [%]"))
+        axes.grid(color="#dddddd", linewidth=0.8, which="both")
+        axes.set_axisbelow(True)
+        axes.legend(loc="best", fontsize=8)
+        return {suffix: contents(figure, suffix) for suffix in SUFFIXES}
 
 
-def number_text(value: float | None, decimals: int) -> str:
-    """Write a number with a fixed number of decimals, or a dash."""
-    return NOTHING if value is None else f"{value:.{decimals}f}"
-
-
-def _total(name: str, decimals: int) -> Cell:
-    return lambda point: number_text(getattr(point.totals, name), decimals)
-
-
-def _share(kind: str) -> Cell:
-    return lambda point: number_text(point.bit_shares.get(kind), 1)
-
-
-def _per_wyner_ziv(name: str, decimals: int) -> Cell:
-    def _cell(point: PointResult) -> str:
-        count, value = point.num_frames("wz"), getattr(point.totals, name)
-        return number_text(None if not count or value is None else value / count, decimals)
-
-    return _cell
-
-
-def _level(point: PointResult) -> str:
-    return point.level if point.has_level else NOTHING
-
-
-def _key_qp(point: PointResult) -> str:
-    return "lossless" if point.key.lossless else number_text(point.key.qp, 0)
-
-
-COLUMNS: dict[str, Cell] = {
-    "level": _level,
-    "key QP": _key_qp,
-    "rate [kbit/s]": _total("rate_kbps", 1),
-    "luma PSNR [dB]": _total("psnr_y_db", 2),
-    "colour PSNR [dB]": _total("psnr_yuv_db", 2),
-    "key PSNR": _total("key_psnr_y_db", 2),
-    "WZ PSNR": _total("wz_psnr_y_db", 2),
-    "SI initial": _total("si_psnr_y_db", 2),
-    "SI refined": _total("refined_si_psnr_y_db", 2),
-    "key %": _share("key"),
-    "intra %": _share("intra"),
-    "inter %": _share("inter"),
-    "parity %": _share("parity"),
-    "CRC %": _share("crc"),
-    "tracks %": _share("tracks"),
-    "header %": _share("header"),
-    "requests per WZ frame": _per_wyner_ziv("num_requests", 0),
-    "decode s per WZ frame": _per_wyner_ziv("decode_s", 2),
-    "encode CPU ms per key frame": lambda point: number_text(point.type_ms("key"), 1),
-    "per WZ frame": lambda point: number_text(point.type_ms("wz"), 1),
-}
-"""Columns of the table of a curve, by title."""
+def _minor_label(value: float, _: object) -> str:
+    """Label only 2 and 5 times powers of ten between the powers themselves."""
+    return f"{value:g}" if f"{value:e}"[0] in "25" else ""

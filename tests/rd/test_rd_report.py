@@ -10,8 +10,9 @@ import pytest
 
 from dvc.rd.comparison import bd_rate_text, rate_costs
 from dvc.rd.rd_curves import compare_curves, experiments
-from dvc.rd.rd_report import points_cells, rates_text, table, write_reports
+from dvc.rd.rd_report import write_reports
 from dvc.rd.rd_results import PointResult, parse_result, read_results
+from dvc.rd.rd_tables import points_cells, rates_text, table
 from dvc.rd.specification import NO_FEEDBACK
 from tests.rd.made_up import result_data, write_colour_results, write_results
 from tests.rd.made_up_page import HOSTILE
