@@ -231,8 +231,8 @@ def _point(row: Mapping[str, str], source: str, measured: Mapping[_Frames, Any])
         if not row[name].isprintable():
             raise ValueError(f"{name} has characters that cannot be shown")
     rate_kbps = _number(row, "rate_kbps", MAX_NUMBER / 1e6)
-    names = [name for name in _IMPORTED_PSNRS if name == "psnr_y_db" or row.get(name)]
-    psnrs_db = {name: _number(row, name, _MAX_DB) for name in names}
+    psnrs = [name for name in _IMPORTED_PSNRS if name == "psnr_y_db" or row.get(name)]
+    psnrs_db = {name: _number(row, name, _MAX_DB) for name in psnrs}
     luma_only = row.get("luma_only", "").lower()
     if luma_only not in _TRUTHS:
         raise ValueError(f"luma_only must be true or false, got {luma_only!r}")
@@ -240,14 +240,27 @@ def _point(row: Mapping[str, str], source: str, measured: Mapping[_Frames, Any])
     frames = _Frames(row["sequence"], first, count, _TRUTHS[luma_only])
     sequence = measured.get(frames) or _sequence(row, frames)
     qp = _whole(row, "qp", -100) if row.get("qp") else None
-    duration_s = count / sequence["frames_per_s"]
-    bits = 1000 * rate_kbps * duration_s
-    if not max(bits, duration_s) < MAX_NUMBER:
-        raise ValueError(f"{count} frames, {sequence['frames_per_s']:g} a second, last too long")
-    num_bits = max(8, round(bits))
+    names = {
+        "curve": row.get("curve") or row["codec"],
+        "point": row.get("point") or f"{rate_kbps:g} kbit/s",
+    }
     return {
         "identity": values_digest(dict(row)),
         "code": {"version": row.get("source") or source, "commit": None, "digest": ""},
+        **_result(frames, sequence, qp, names, {"rate_kbps": rate_kbps, **psnrs_db}),
+    }
+
+
+def _result(
+    frames: _Frames, sequence: dict[str, Any], qp: int | None, names: dict[str, str], totals: dict[str, float]
+) -> dict[str, Any]:
+    """Return the contents of a result, except its source."""
+    duration_s = frames.frames / sequence["frames_per_s"]
+    bits = 1000 * totals["rate_kbps"] * duration_s
+    if not max(bits, duration_s) < MAX_NUMBER:
+        raise ValueError(f"{frames.frames} frames, {sequence['frames_per_s']:g} a second, last too long")
+    num_bits = max(8, round(bits))
+    return {
         "schema": SCHEMA,
         "sequence": sequence,
         "codec": IMPORTED,
@@ -256,21 +269,17 @@ def _point(row: Mapping[str, str], source: str, measured: Mapping[_Frames, Any])
             "wz_q": None,
             "key_qp": "" if qp is None else str(qp),
             "gop": 0,
-            "start": first,
-            "frames": count,
+            "start": frames.first_frame,
+            "frames": frames.frames,
             "luma_only": frames.luma_only,
-            "options": {
-                "curve": row.get("curve") or row["codec"],
-                "point": row.get("point") or f"{rate_kbps:g} kbit/s",
-            },
+            "options": names,
         },
         "key": {"qp": qp, "lossless": False},
         "totals": {
-            "frames": count,
+            "frames": frames.frames,
             "duration_s": duration_s,
             "stream_bytes": num_bits // 8,
-            "rate_kbps": rate_kbps,
-            **psnrs_db,
+            **totals,
             "bits": {"stream": num_bits},
         },
         "times": {"encode_cpu_s": None, "decode_cpu_s": None},
