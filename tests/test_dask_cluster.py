@@ -1,4 +1,4 @@
-"""What is said of work that a cluster did not do."""
+"""Messages about work that a cluster did not do."""
 
 import pytest
 
@@ -24,5 +24,5 @@ class FutureCancelledError(Exception):
     ],
 )
 def test_failures_are_one_line(error: Exception, line: str) -> None:
-    """Whatever it is, and whoever raised it."""
+    """Any error gives one line."""
     assert failure_text(error, "measured this point") == line

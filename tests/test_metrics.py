@@ -110,7 +110,7 @@ def test_shifted_psnr_gives_its_shift() -> None:
 
 @given(seed=st.integers(0, 10**6))
 def test_swapping_curves_inverts_the_ratio(seed: int) -> None:
-    """What A saves against B is what B loses against A."""
+    """The saving of A against B is the loss of B against A."""
     rng = np.random.default_rng(seed)
     a, b = random_curve(rng, 4), random_curve(rng, 6)
     forward, backward = bd_rate(*a, *b).value, bd_rate(*b, *a).value
@@ -134,7 +134,7 @@ def test_dominated_points_are_left_out_and_counted() -> None:
 
 
 def test_rates_that_differ_by_rounding_are_one() -> None:
-    """Of points at one rate the better one counts."""
+    """The better of two points at one rate counts."""
     twice = bd_rate([100.00000000000001, 100.0, 200.0], [30.0, 29.0, 33.0], [100.0, 200.0], [30.0, 33.0])
     assert (twice.value, twice.num_points, twice.num_dropped) == (0.0, (2, 2), (1, 0))
     swapped = bd_psnr([100.0, 100.00000000000001, 200.0], [29.0, 30.0, 33.0], [100.0, 200.0], [30.0, 33.0])
@@ -142,7 +142,7 @@ def test_rates_that_differ_by_rounding_are_one() -> None:
 
 
 def test_disjoint_curves_are_refused() -> None:
-    """Without a common range there is nothing to compare, even if the ends touch."""
+    """Curves without a common range are refused, even if the ends touch."""
     higher = [psnr + 10.9 for psnr in PSNRS_DB]
     with pytest.raises(RdCurveError, match="no PSNR in common"):
         bd_rate(RATES, PSNRS_DB, RATES, higher)

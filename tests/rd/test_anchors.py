@@ -80,7 +80,7 @@ def test_files_are_what_is_measured(
 
 @pytest.mark.parametrize("name", ["x264-medium", "x265-medium", "svtav1-6"])
 def test_chroma_is_coded_unless_luma_is_asked_for(tmp_path: Path, name: str) -> None:
-    """In colour the chroma is that of the original; without, whatever the original has, there is none."""
+    """In colour, the chroma is that of the original; with luma only, the file has none."""
     noise = np.random.default_rng(3).integers(60, 200, (2, 16, 24)).astype(np.uint8)
     cb, cr = (cv2.GaussianBlur(plane, (0, 0), 3) for plane in noise)
     clip, codec = tmp_path / "clip.mkv", ANCHOR_CODECS[name]
@@ -211,7 +211,7 @@ def _num_references(path: Path) -> int:
         ("x265-medium", {"I", "P", "B"}, None),
     ],
 )
-def test_files_have_the_frame_types_and_references_that_are_told(
+def test_files_have_the_frame_types_and_references_of_the_preset(
     tmp_path: Path, name: str, types: set[str], references: int | None
 ) -> None:
     """One intra frame comes first; B frames, and the references that are kept, are those of the preset."""
@@ -241,7 +241,7 @@ def test_av1_with_random_access_waits_for_later_frames(tmp_path: Path) -> None:
 def test_missing_encoder_is_named(
     clip: Path, tmp_path: Path, codec: AnchorCodec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without the encoder there is one line that names it."""
+    """Without the encoder, the error names it."""
     monkeypatch.setattr(av, "codecs_available", set())
     with pytest.raises(ConfigError, match=f"{codec.name}: .* without the encoder {codec.library}"):
         encode_file(clip, tmp_path / f"x{codec.suffix}", codec, 30, luma_only=True)
@@ -311,7 +311,7 @@ def test_too_small_pictures_are_refused(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def results(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[PointResult]]:
-    """Measure an anchor with real processes, and one whose encoder refuses the pictures."""
+    """Measure an anchor with real processes, and one with an encoder that refuses the pictures."""
     folder = tmp_path_factory.mktemp("rd")
     points = [Point(str(clip), "x264-ippp", None, "30", 0, start=1, frames=3, luma_only=True)]
     tiny = write_clip(clip.with_name("tiny.mkv"), 3, 3, 1)
@@ -325,7 +325,7 @@ def results(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
 
 
 def test_anchors_are_measured_by_processes(results: tuple[Path, list[PointResult]], clip: Path) -> None:
-    """A point says what was run and what was found, and names no folder."""
+    """A result holds commands and measurements, and names no folder."""
     folder, (result,) = results
     data = json.loads((folder / POINTS_FOLDER / f"{result.name}.json").read_text(encoding="utf-8"))
     assert data["proof"]["decoded_by"] == "FFmpeg"
@@ -337,7 +337,7 @@ def test_anchors_are_measured_by_processes(results: tuple[Path, list[PointResult
 
 
 def test_pictures_of_an_anchor(results: tuple[Path, list[PointResult]], clip: Path) -> None:
-    """The original and the decoded picture of one frame lie beside the points; there is no prediction."""
+    """The original and the decoded picture of one frame are saved, and no prediction."""
     folder, (result,) = results
     pictures = result.pictures
     assert pictures is not None
@@ -352,7 +352,7 @@ def test_pictures_of_an_anchor(results: tuple[Path, list[PointResult]], clip: Pa
 
 
 def test_anchors_do_not_change_with_the_codec(clip: Path) -> None:
-    """Another version of the codec leaves the identity of an anchor alone, but not that of the codec."""
+    """Another version of the codec changes the identity of points of the codec, not of anchors."""
     source = find_source(str(clip), clip.parent, ProcessGroup())
     versions = (CodeVersion("1", None, "a"), CodeVersion("2", None, "b"))
     anchor, codec = Point(str(clip), "x265", None, "30", 0), Point(str(clip), "2d", 1, "auto", 2)
@@ -376,7 +376,7 @@ def test_units_keep_their_start_codes() -> None:
 
 
 def test_messages_and_known_parameter_sets_are_left_out() -> None:
-    """What a decoder has or does not need is not written, whatever the length of its start code."""
+    """Messages and repeated parameter sets are dropped for start codes of either length."""
     assert without_overhead(SPS + SEI + SLICE, "h264") == SPS + SLICE
     assert without_overhead(SPS[1:] + SEI + SLICE, "h264", header=SPS) == SLICE
     assert without_overhead(b"\x12\0", "obu") == b"\x12\0"

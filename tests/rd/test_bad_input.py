@@ -1,4 +1,4 @@
-"""What goes wrong in sweeps: signals, full disks, missing decoders, results of other sizes."""
+"""Failures of sweeps: signals, full disks, missing decoders, results of other sizes."""
 
 import errno
 import resource
@@ -51,7 +51,7 @@ def _leftovers(folder: Path) -> list[str]:
 
 
 def test_termination_leaves_whole_points_and_the_sweep_goes_on(clip: Path, tmp_path: Path) -> None:
-    """After SIGTERM there is no part of a point, and what is missing can be measured."""
+    """After SIGTERM no part of a point remains, and missing points can be measured."""
     out = tmp_path / "out"
     with subprocess.Popen(_command(clip, out, range(20, 40)), stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60
@@ -72,7 +72,7 @@ def test_termination_leaves_whole_points_and_the_sweep_goes_on(clip: Path, tmp_p
 
 
 def test_a_disk_without_room_for_streams(clip: Path, tmp_path: Path) -> None:
-    """Where the processes cannot write, the point fails with one line, and nothing is left."""
+    """If the processes cannot write, the point fails with one line, and no file remains."""
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))
@@ -90,7 +90,7 @@ def test_a_disk_without_room_for_streams(clip: Path, tmp_path: Path) -> None:
 
 
 def test_a_disk_without_room_for_results(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where a result cannot be written, its point fails with one line, and no half of it is there."""
+    """If a result cannot be written, its point fails with one line, and no partial file remains."""
     monkeypatch.setattr(run_points, "measure", lambda *_: result_data(60.0, 30.0))
 
     def full(*_: object, **__: object) -> int:
@@ -106,7 +106,7 @@ def test_a_disk_without_room_for_results(clip: Path, tmp_path: Path, monkeypatch
 
 
 def test_a_disk_without_room_for_folders(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where no folder can be made for a point, it fails with one line."""
+    """If no folder can be made for a point, it fails with one line."""
 
     def full(*_: object, **__: object) -> str:
         raise NO_SPACE
@@ -139,10 +139,8 @@ def test_an_interpreter_that_is_not_there(
     ]
 
 
-def test_a_failure_that_nobody_thought_of(
-    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Any error fails its point alone, with its kind."""
+def test_an_unexpected_error(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any error fails only its own point, with its type as the reason."""
 
     def measure(task: Task, *_: object) -> dict[str, Any]:
         if task.point.key_qp == "30":
@@ -157,7 +155,7 @@ def test_a_failure_that_nobody_thought_of(
 
 
 def test_processes_have_one_thread(tmp_path: Path) -> None:
-    """What a point runs neither compiles nor filters on more threads than one."""
+    """The processes of a point neither compile nor filter on more than one thread."""
     found = tmp_path / "found"
     numbers = "cv2.getNumThreads(), numba.get_num_threads()"
     code = f"import cv2, numba; print({numbers}, file=open({str(found)!r}, 'w'))"
@@ -166,7 +164,7 @@ def test_processes_have_one_thread(tmp_path: Path) -> None:
 
 
 def test_stopping_processes_that_have_ended() -> None:
-    """A process that ended a moment ago does not keep the others from being ended."""
+    """A process that has just ended does not prevent the end of the other processes."""
     processes = ProcessGroup()
     child = subprocess.Popen([sys.executable, "-c", ""], start_new_session=True)
     child.wait()
@@ -177,14 +175,14 @@ def test_stopping_processes_that_have_ended() -> None:
 
 
 def test_a_process_that_is_killed() -> None:
-    """A process that a signal ends is told by the name of the signal."""
+    """The error of a process that a signal ended names the signal."""
     code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
     with pytest.raises(DvcError, match=r"^the process was ended by SIGKILL$"):
         ProcessGroup().run([sys.executable, "-c", code])
 
 
 def test_code_that_changes_meanwhile(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A point whose code was edited while it was measured has no result, for nobody knows which it was."""
+    """A point has no result if its code was edited while it was measured."""
     monkeypatch.setattr(run_points, "measure", lambda *_: result_data(60.0, 30.0))
     monkeypatch.setattr(run_points, "code_version", lambda: CodeVersion("1", None, "f" * 32))
     summary = run_points.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)

@@ -1,4 +1,4 @@
-"""Comparison of curves: figures, where one is better, refusals, and the command."""
+"""Comparison of curves: differences, crossings, refusals, and the command."""
 
 import csv
 import io
@@ -84,7 +84,7 @@ def test_all_curves_of_an_experiment_against_one_of_another(tmp_path: Path) -> N
     ],
 )
 def test_labels_that_say_nothing_are_refused(tmp_path: Path, arguments: dict[str, Any], message: str) -> None:
-    """An unknown or ambiguous label raises ConfigError with those that there are."""
+    """An unknown or ambiguous label raises ConfigError that lists the labels."""
     results = read_results(write_results(tmp_path / "a"))
     with pytest.raises(ConfigError, match=message):
         compare(results, **arguments)
@@ -97,7 +97,7 @@ def test_two_curves_of_two_experiments_are_refused(tmp_path: Path) -> None:
         compare(results, results, curves=("a", "b"))
 
 
-def test_a_whole_label_is_taken_although_others_have_it(tmp_path: Path) -> None:
+def test_a_whole_label_is_found_although_it_is_part_of_another(tmp_path: Path) -> None:
     """A label that is part of another one can still be named."""
     data = result_data(60.0, 30.0)
     longer = {**data, "options": {**data["options"], "options": {"seed": "2"}}}
@@ -131,13 +131,13 @@ def test_means_over_sequences(tmp_path: Path) -> None:
     ],
 )
 def test_where_a_curve_is_better(points: list[tuple[float, float]], text: str) -> None:
-    """The rate where two curves cross is found, and who is better on which side of it."""
+    """The crossing of two curves is found, and the better curve on each side of it."""
     reference = _curve((50.0, 29.0), (200.0, 35.0))
     assert crossing_text(reference, _curve(*points)) == text
 
 
 def test_rates_that_differ_by_rounding_are_one() -> None:
-    """Of points at one rate the better one counts."""
+    """The better of two points at one rate counts."""
     curve, twice = _curve((100, 30), (200, 33)), _curve((100, 29), (100.00000000000001, 30), (200, 33))
     assert crossing_text(curve, twice) == "equal at all common rates"
 
@@ -158,7 +158,7 @@ def test_several_crossings() -> None:
     st.lists(st.tuples(st.floats(1, 1e4), st.floats(10, 60)), min_size=1, max_size=6),
 )
 def test_crossings_of_any_curves(a: list[tuple[float, float]], b: list[tuple[float, float]]) -> None:
-    """Crossings increase, change sides each time, and lie where both curves are."""
+    """Crossings increase, alternate, and lie within the rates of both curves."""
     pieces = crossings_kbps(_curve(*a), _curve(*b))
     rates = [rate for rate, _ in pieces]
     assert rates == sorted(rates)
@@ -182,7 +182,7 @@ def test_csv_of_comparisons(tmp_path: Path) -> None:
 
 
 def test_compare_command(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """The command prints a Markdown table into a pipe, and writes numbers where it is told to."""
+    """The command prints a Markdown table into a pipe, and writes numbers to a file or standard output."""
     a, b = write_results(tmp_path / "a"), write_results(tmp_path / "b", 0.9)
     assert main(["compare", str(a), str(b), "--csv", str(tmp_path / "c.csv")]) == 0
     printed = capfd.readouterr().out
@@ -225,7 +225,7 @@ def test_columns_of_comparisons_are_documented() -> None:
 
 
 def test_curves_are_compared_at_other_qualities(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """By the mean squared error, or with chroma, where it was measured; chroma weighs a quarter."""
+    """Curves are compared by mean squared error, or with chroma (weight one quarter) if it was measured."""
     data = result_data(60.0, 30.0)
     totals = {**data["totals"], "psnr_yuv_db": 32.75}
     frames = [{"type": "key", "psnr_y_db": 40.0}, {"type": "wz", "psnr_y_db": 20.0}]
@@ -255,7 +255,7 @@ def test_curves_are_compared_at_other_qualities(tmp_path: Path, capsys: pytest.C
 def test_curves_are_compared_by_luma_and_in_colour(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Both figures stand side by side; a quality that is chosen stands alone."""
+    """Both measures are shown, or only the chosen one."""
     folder = write_colour_results(tmp_path / "a")
     (one,) = compare(read_results(folder))
     values = [getattr(one.rates[measure], "value", None) for measure in MEASURES]
@@ -276,7 +276,7 @@ def test_curves_are_compared_by_luma_and_in_colour(
         assert figure in line
 
 
-def test_means_stand_for_each_measure(tmp_path: Path) -> None:
+def test_means_are_shown_for_each_measure(tmp_path: Path) -> None:
     """The mean in colour is over the sequences that have chroma."""
     results = read_results(write_colour_results(tmp_path / "a"))
     other = SequenceInfo("other", "d2", 32, 16, 25.0)

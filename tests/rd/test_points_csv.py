@@ -27,7 +27,7 @@ def write_points(folder: Path, *lines: str) -> str:
     return str(path)
 
 
-def test_points_stand_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_points_join_measured_experiments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Points of a sequence that was measured are a curve of its experiment, which compare and report show."""
     ours = write_results(tmp_path / "ours")
     lines = [
@@ -54,7 +54,7 @@ def test_points_stand_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "Theirs" in (ours / "report.html").read_text(encoding="utf-8")
 
 
-def test_other_frames_stand_by_themselves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_frames_are_another_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Points on frames that nothing was measured on need the size, and the command says so."""
     ours = write_results(tmp_path / "ours")
     points = write_points(tmp_path, f"{HEAD},{SIZE}", "clip,Theirs,50,29,7,64,48,25")
@@ -64,7 +64,7 @@ def test_other_frames_stand_by_themselves(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_points_of_opendvc(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """They come with the package, alone need nothing else, and have less rate than intra."""
+    """They are part of the package, need no other points, and have less rate than intra."""
     folder = tmp_path / "new" / "folder"
     assert main(["import", "opendvc", "--out", str(folder)]) == 0
     results = read_results(folder)
@@ -127,7 +127,7 @@ def test_importing_again_replaces(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("lines", "told"),
+    ("lines", "message"),
     [
         ([], "no column sequence, codec, rate_kbps, psnr_y_db, frames"),
         (["sequence,codec,rate_kbps", "clip,A,1"], "no column psnr_y_db"),
@@ -159,12 +159,12 @@ def test_importing_again_replaces(tmp_path: Path) -> None:
     ],
 )
 def test_damaged_files_are_refused(
-    lines: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    lines: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line says what is wrong, where; nothing is written."""
+    """One line names the error and its line; nothing is written."""
     assert main(["import", write_points(tmp_path, *lines), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
-    assert error.startswith(f"dvc-rd: theirs.csv: {told}")
+    assert error.startswith(f"dvc-rd: theirs.csv: {message}")
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
@@ -177,9 +177,9 @@ def test_files_that_cannot_be_read(
     monkeypatch.setattr(points_csv, "MAX_CHARACTERS", 1000)
     for name in ("missing.csv", "bytes.csv", "/dev/zero"):
         assert main(["import", str(tmp_path / name), "--out", str(tmp_path)]) == 2
-    told = capsys.readouterr().err.splitlines()
-    assert ["cannot be read" in line for line in told] == [True, True, False]
-    assert told[2] == "dvc-rd: /dev/zero: more than 1000 characters"
+    message = capsys.readouterr().err.splitlines()
+    assert ["cannot be read" in line for line in message] == [True, True, False]
+    assert message[2] == "dvc-rd: /dev/zero: more than 1000 characters"
 
 
 def test_damaged_imported_results_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -246,7 +246,7 @@ def test_names_with_commas_and_quotes_survive() -> None:
 
 
 def test_export_command(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """The command writes a file in one piece, or standard output."""
+    """The command writes a file in one piece, or to standard output."""
     folder = write_results(tmp_path / "a")
     assert main(["export", str(folder), "--csv", str(tmp_path / "points.csv")]) == 0
     assert len((tmp_path / "points.csv").read_text(encoding="utf-8").splitlines()) == 7

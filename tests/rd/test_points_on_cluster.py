@@ -1,4 +1,4 @@
-"""Points on a Dask cluster: two worker processes, one of which is killed in the middle; refusals."""
+"""Points on a Dask cluster: two worker processes, of them one is killed; refusals."""
 
 import json
 import os
@@ -101,7 +101,7 @@ def test_a_killed_worker_changes_nothing(clip: Path, workers: LocalCluster, tmp_
 
 
 def test_a_failing_point_on_a_cluster(clip: Path, workers: LocalCluster, tmp_path: Path) -> None:
-    """A point that fails on a worker is reported by its reason, and the others are measured."""
+    """A point that fails on a worker is reported with its reason, and the other points are measured."""
     points = [Point(str(clip), "2d", None, "40", 1, start=99), _points(clip)[-1]]
     summary = run_points(points, tmp_path, tmp_path, cluster=workers.scheduler_address)
     assert summary.num_measured == 1
@@ -136,7 +136,7 @@ def test_an_original_that_is_another_one_is_refused(clip: Path, tmp_path: Path) 
 def test_a_cluster_that_is_not_there(
     clip: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An address where nobody answers is one line and status 2, like a missing package."""
+    """An address without a scheduler is one line and status 2, like a missing package."""
     monkeypatch.setattr("dvc.dask_cluster.CONNECT_S", 0.2)
     arguments = ["run", str(clip), "--gop", "1", "--key-qp", "40", "--out", str(tmp_path), "--dask"]
     assert main([*arguments, "tcp://127.0.0.1:1"]) == 2

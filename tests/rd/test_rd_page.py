@@ -1,4 +1,4 @@
-"""The page without a browser: what it holds, what is escaped, how large it may be."""
+"""The page without a browser: contents, escaping, and size."""
 
 import json
 import re
@@ -51,7 +51,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_many(tmp_path_factory.mktemp("page") / "results", levels=3)
 
 
-def test_page_holds_everything_and_names_of_others_stay_text(many: Path, tmp_path: Path) -> None:
+def test_page_holds_everything_and_names_stay_text(many: Path, tmp_path: Path) -> None:
     """No text of a result becomes an element, no address leads outside, and the size is bounded."""
     page = page_of(list(read_folders([many]).results), tmp_path / "page.html")
     text = own_text(page)
@@ -85,7 +85,7 @@ def test_every_curve_can_be_the_anchor(many: Path) -> None:
 
 
 def test_curves_that_cannot_be_compared_say_why(tmp_path: Path) -> None:
-    """One point has no BD figure, is told as such, and gets no mean."""
+    """A curve of one point has no BD figure and no mean, and a note names it."""
     results = [
         parse_result("a", result_data(60.0, 30.0)),
         parse_result("b", result_data(70.0, 30.0, codec="h264-intra")),
@@ -108,7 +108,7 @@ def test_frames_and_shares() -> None:
 
 
 def test_side_information_prefers_lossless_keys() -> None:
-    """Where there are points with lossless key frames, the table is of these alone."""
+    """If points with lossless key frames exist, the table has only these."""
     lossy = result_data(60.0, 30.0)
     lossless = result_data(600.0, 40.0, key={"qp": 0, "lossless": True})
     lossless["totals"] |= {"si_psnr_y_db": 33.0}
@@ -119,7 +119,7 @@ def test_side_information_prefers_lossless_keys() -> None:
     assert side_information_table(experiments([parse_result("a", lossy)])) is not None
 
 
-def test_experiments_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_experiments_of_one_name_get_distinct_names(tmp_path: Path) -> None:
     """Two lengths of one sequence are named by their frames."""
     longer = result_data(60.0, 30.0)
     longer["totals"] |= {"frames": 5}
@@ -130,7 +130,7 @@ def test_experiments_of_one_name_are_told_apart(tmp_path: Path) -> None:
 
 
 def test_lossless_key_frames_have_no_part_in_the_verdict() -> None:
-    """Points of lossless key frames tell of side information; they are compared with nobody."""
+    """Points with lossless key frames measure side information and are not compared."""
     lossless = [
         parse_result(str(i), result_data(600.0 + i, 40.0 + i, key={"qp": 0, "lossless": True}))
         for i in (0, 1)
@@ -139,7 +139,7 @@ def test_lossless_key_frames_have_no_part_in_the_verdict() -> None:
     assert verdicts(experiments([*lossless, *lossy])) == []
 
 
-def test_cost_is_per_frame_and_beside_intra(tmp_path: Path) -> None:
+def test_cost_is_per_frame_and_relative_to_intra(tmp_path: Path) -> None:
     """Encoding times are divided by the frames of their type, and by that of the intra anchor."""
     codec, intra = cost_table(experiments(read_folders([write_results(tmp_path / "a")]).results)).rows
     assert codec[2:6] == ("1.00", "1.00", "1.00", "1.00")
@@ -147,8 +147,8 @@ def test_cost_is_per_frame_and_beside_intra(tmp_path: Path) -> None:
     assert intra[3] == "–"
 
 
-def test_rate_stands_beside_cost(tmp_path: Path) -> None:
-    """A table and a picture of rate against cost are there where two codecs have both."""
+def test_page_shows_rate_against_cost(tmp_path: Path) -> None:
+    """The page has a table and a chart of rate against cost if two codecs have both."""
     results = read_results(write_results(tmp_path / "a"))
     assert "Rate against cost of encoding" in own_text(page_of(results, tmp_path / "both.html"))
     one = [result for result in results if result.codec == "2d"]
@@ -163,7 +163,7 @@ def test_cost_without_a_part_is_not_shown() -> None:
     assert row[2:6] == ("1.00", "–", "–", "–")
 
 
-def test_damaged_and_repeated_results_are_told(tmp_path: Path) -> None:
+def test_damaged_and_repeated_results_are_named(tmp_path: Path) -> None:
     """A damaged file is left out and named; of a point measured twice the newer one counts."""
     first, second = write_results(tmp_path / "a"), write_results(tmp_path / "b", scale=1.1)
     (first / POINTS_FOLDER / "broken.json").write_text("{", encoding="utf-8")
@@ -192,7 +192,7 @@ def test_pictures_outside_the_folder_are_not_read(tmp_path: Path) -> None:
 
 
 def test_pictures_keep_to_their_room(many: Path) -> None:
-    """Fewer points are shown where there is little room; a missing picture is counted."""
+    """Fewer points are shown if they have little room; a missing picture is counted."""
     results = read_folders([many]).results
     found = experiments(results)
     full, tight = build_gallery(found, 10**7), build_gallery(found, 20_000)
@@ -236,7 +236,7 @@ def test_page_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
     ],
 )
 def test_files_that_are_no_pictures_of_points(tmp_path: Path, data: bytes) -> None:
-    """What is damaged, of another kind, or huge by its own account is no picture."""
+    """Files that are damaged, of another type, or have a huge size in the header are not read."""
     (tmp_path / "p.png").write_bytes(data)
     assert read_picture(tmp_path / "p.png") is None
     assert read_picture(tmp_path / "none.png") is None

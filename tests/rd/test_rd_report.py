@@ -29,7 +29,7 @@ def test_results_are_sorted_into_experiments_and_curves(tmp_path: Path) -> None:
     assert experiment.title == "clip: 64×48, frames 0 to 2 at 25 Hz, luma only"
 
 
-def test_other_frames_and_options_are_told_apart() -> None:
+def test_other_frames_and_options_are_separated() -> None:
     """Another length is another experiment, other options another curve; names of files stay unique."""
     plain = result_data(60.0, 30.0)
     longer = result_data(60.0, 30.0)
@@ -64,7 +64,7 @@ def test_bd_rate_is_that_of_the_rates(tmp_path: Path) -> None:
 
 
 def test_one_point_cannot_be_compared() -> None:
-    """A curve of one point is told to be not comparable, and why."""
+    """A curve of one point is not comparable, and the text has the reason."""
     results = [
         parse_result("a", result_data(60.0, 30.0)),
         parse_result("b", result_data(70.0, 30.0, codec="h264-intra")),
@@ -75,7 +75,7 @@ def test_one_point_cannot_be_compared() -> None:
     )
 
 
-def test_tables_leave_out_what_nobody_has(tmp_path: Path) -> None:
+def test_tables_leave_out_empty_columns(tmp_path: Path) -> None:
     """Columns about Wyner-Ziv frames are there for the codec, and not for the intra anchor."""
     (experiment,) = experiments(read_results(write_results(tmp_path / "a")))
     codec, intra = (table(*points_cells(curve)) for curve in experiment.curves)
@@ -119,7 +119,7 @@ def test_report_has_tables_and_pictures(tmp_path: Path) -> None:
 
 
 def test_names_and_commands_are_no_markup(tmp_path: Path) -> None:
-    """Nothing that a result says becomes an element, a heading or the end of a block."""
+    """No text of a result becomes an element, a heading or the end of a block."""
     data = result_data(60.0, 30.0, commands=["````", "# title", HOSTILE])
     data["sequence"]["name"] = f"{HOSTILE}\n# title"
     data["code"]["commit"] = HOSTILE
@@ -136,8 +136,8 @@ def _proven(data: dict[str, Any], proof: dict[str, Any], **options: str) -> Poin
     return parse_result("a", {**data, "proof": proof, "options": {**data["options"], "options": options}})
 
 
-def test_what_was_proven_is_told() -> None:
-    """How many streams a fresh process has decoded again; streams without feedback are files as they are."""
+def test_text_counts_proven_streams() -> None:
+    """The text has the number of streams that a fresh process decoded; streams without feedback are files."""
     data = result_data(60.0, 30.0)
     yes = _proven(data, {"fresh_decode_equal": True})
     no = _proven(data, {"fresh_decode_equal": None})
@@ -156,8 +156,8 @@ def test_report_of_single_points(tmp_path: Path) -> None:
     assert "| clip | 2D-DVC, GOP 2 | – |" in report.read_text(encoding="utf-8")
 
 
-def test_rate_stands_beside_cost(tmp_path: Path) -> None:
-    """Means over the sequences that have both of a codec and of the one that all are compared with."""
+def test_rate_costs_are_means_over_common_sequences(tmp_path: Path) -> None:
+    """Means are over the sequences that have both of a codec and of the reference."""
     results = read_results(write_results(tmp_path / "a"))
     times = {"2d": 0.006, "h264-intra": 0.003}
     results = [replace(one, times=replace(one.times, coding_cpu_s=times[one.codec])) for one in results]
@@ -171,7 +171,7 @@ def test_rate_stands_beside_cost(tmp_path: Path) -> None:
 
 
 def test_report_shows_rate_against_cost(tmp_path: Path) -> None:
-    """With two codecs whose cost is known there are a table and a plot; with one there is neither."""
+    """With two codecs of known cost the report has a table and a plot; with one codec it has neither."""
     results = read_results(write_results(tmp_path / "a"))
     written = write_reports(results, [tmp_path / "report.md"])
     text = (tmp_path / "report.md").read_text(encoding="utf-8")

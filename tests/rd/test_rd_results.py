@@ -1,4 +1,4 @@
-"""Result files: what is written is read, what is damaged is refused."""
+"""Result files: reading what was written, refusing damaged files."""
 
 import logging
 from pathlib import Path

@@ -76,7 +76,7 @@ def test_points_are_measured_by_processes(folder: Path) -> None:
     assert intra["key"]["qp"] == 40
 
 
-def test_pictures_lie_beside_the_points(folder: Path, clip: Path) -> None:
+def test_pictures_are_saved_with_the_points(folder: Path, clip: Path) -> None:
     """A frame before and after, its prediction and its key frame; the original once for both points."""
     codec, intra = (data["pictures"] for data in _contents(folder))
     assert codec["index"] == intra["index"] == 1
@@ -102,7 +102,7 @@ def test_pictures_lie_beside_the_points(folder: Path, clip: Path) -> None:
 
 
 def test_streams_without_feedback_are_measured_as_they_are(clip: Path, tmp_path: Path) -> None:
-    """The rate is the size of the encoder's own file, which a second process decodes; there is no other."""
+    """The rate is the size of the encoder's own file, which a second process decodes."""
     arguments = [str(clip), "--qp", "36", "--no-feedback", "--out", str(tmp_path)]
     assert main(["run", *arguments, "--quiet"]) == 0
     (point,) = _contents(tmp_path)
@@ -118,7 +118,7 @@ def test_streams_without_feedback_are_measured_as_they_are(clip: Path, tmp_path:
 
 
 def test_results_name_no_machine(folder: Path, clip: Path) -> None:
-    """Neither the folder of the clip nor that of the results stands in a result."""
+    """Results name neither the folder of the clip nor their own."""
     for path in (folder / POINTS_FOLDER).iterdir():
         text = path.read_text(encoding="utf-8")
         assert str(clip.parent) not in text
@@ -140,7 +140,7 @@ def test_finished_points_are_skipped(folder: Path, clip: Path, capfd: pytest.Cap
     assert {path: path.stat().st_mtime_ns for path in (folder / POINTS_FOLDER).iterdir()} == before
 
 
-def test_failing_point_does_not_stop_the_others(
+def test_failing_point_does_not_stop_the_sweep(
     clip: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     """A sequence that is not there and a start beyond the end are reported; the good point is measured."""
@@ -158,7 +158,7 @@ def test_failing_point_does_not_stop_the_others(
 
 
 def test_dishonest_rate_is_a_failure(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A point whose punctured stream decodes to other frames has no result."""
+    """A point has no result if its punctured stream decodes to other frames."""
     monkeypatch.setattr("dvc.rd.measure.filecmp.cmp", lambda *_, **__: False)
     summary = run_points([Point(str(clip), "2d", None, "40", 1)], tmp_path, tmp_path)
     assert [reason for _, reason in summary.failures] == [
@@ -183,7 +183,7 @@ def test_interrupt_stops_processes_and_leaves_nothing(clip: Path, tmp_path: Path
 
 
 def test_failed_process_is_named_by_its_last_line() -> None:
-    """The last line on standard error says why a process failed; a silent one gives its status."""
+    """The error is the last line on standard error, or the status of a silent process."""
     processes = ProcessGroup()
     with pytest.raises(DvcError, match=r"^the reason$"):
         processes.run([sys.executable, "-c", "import sys; sys.exit('first\\nthe reason')"])
@@ -223,7 +223,7 @@ def test_interrupted_process_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_scene_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who comes while it is being rendered waits for it, unless he is stopped."""
+    """Other processes wait while a scene is being rendered, unless they are stopped."""
     monkeypatch.setattr(originals, "_catalogue", lambda *_: {"name": "box", "path": None})
     rendered: list[str] = []
 

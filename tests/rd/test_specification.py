@@ -35,7 +35,7 @@ def test_numbers_are_read_in_order_and_once(text: str, numbers: tuple[int, ...])
     "text", ["", "0", "9", "3-1", "1-9", "a", "1,,2", "-1", "1-3:0", "1.5", "99999999999"]
 )
 def test_other_numbers_are_refused(text: str) -> None:
-    """What is no list of numbers in the range raises ConfigError."""
+    """A text that is not a list of numbers in the range raises ConfigError."""
     with pytest.raises(ConfigError, match="expected numbers from 1 to 8"):
         parse_numbers(text, 1, 8)
 
@@ -74,7 +74,7 @@ def test_encoder_options_name_everything() -> None:
     )
 
 
-def test_luma_alone_is_coded_with_the_flag() -> None:
+def test_luma_only_is_coded_with_the_flag() -> None:
     """A point of luma asks for it."""
     assert "--luma-only" in Point("clip", "2d", 3, "auto", 2, luma_only=True).encoder_options()
 
@@ -128,15 +128,15 @@ def test_points_of_several_sweeps_are_listed_once() -> None:
     assert sum(point.wz_q == 2 for point in points) == 1
 
 
-def test_key_frames_alone_have_no_presets() -> None:
+def test_key_frames_only_have_no_presets() -> None:
     """With GOP 1 a sweep has one point."""
     assert [point.wz_q for point in Sweep(("clip",), gop=1, key_qp=("30",)).points()] == [None]
     several = list(Sweep(("clip",), gop=1, key_qp=("30", "34", "38")).points())
     assert [(point.wz_q, point.key_qp) for point in several] == [(None, "30"), (None, "34"), (None, "38")]
 
 
-def test_key_frames_alone_have_qualities() -> None:
-    """Those that are given go to the encoder; there is no prediction to look at."""
+def test_key_frames_only_have_qualities() -> None:
+    """Given qualities go to the encoder; points have no prediction."""
     points = list(Sweep(("clip",), gop=1, qp=(22, 26)).points())
     assert [(point.qp, point.key_qp) for point in points] == [(22, "auto"), (26, "auto")]
     assert "--gop 1 --key-qp auto --start 0 --qp 22" in " ".join(points[0].encoder_options())
@@ -235,7 +235,7 @@ def test_anchors_that_are_files() -> None:
 
 
 def test_side_information_is_an_option_of_the_decoder() -> None:
-    """The method goes to the decoder, and stands in a point only where one is asked for."""
+    """The method goes to the decoder, and is in the options of a point only if one was chosen."""
     plain, mesh = (
         next(iter(build_sweep({"sequences": ["clip"], "side_information": method}).points()))
         for method in (None, "mesh")
@@ -247,7 +247,7 @@ def test_side_information_is_an_option_of_the_decoder() -> None:
 
 @pytest.mark.parametrize("value", [3, "a b", "--json"])
 def test_other_methods_are_refused(value: object) -> None:
-    """What cannot be the name of a method raises ConfigError."""
+    """A value that cannot be the name of a method raises ConfigError."""
     with pytest.raises(ConfigError, match=r"side_information|cannot be given"):
         build_sweep({"sequences": ["clip"], "side_information": value})
 
