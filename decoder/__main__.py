@@ -127,7 +127,7 @@ def _decoded(
 
         return decode_stream(config, reader, arguments.jobs, wanted, limits, losses)
     from decoder.cluster import decode_on_cluster
-    from dvc.cluster import connected
+    from dvc.dask_cluster import connected
     from dvc.versions import codec_digest
 
     client = stack.enter_context(connected(arguments.dask, codec_digest()))

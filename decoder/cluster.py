@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, cast
 from decoder.group_tasks import DecodedGroup, GroupTask, Losses
 from decoder.processes import DecodingProcess, GroupsInFlight
 from decoder.session import Reader, StreamGroups, check_stream, stream_tasks
-from dvc.cluster import OTHER_CODE, failure, require_workers
 from dvc.config import CodecConfig
+from dvc.dask_cluster import OTHER_CODE, failure_text, require_workers
 from dvc.errors import BitstreamError, DvcError
 from dvc.limits import Limits
 from dvc.versions import codec_digest
@@ -97,7 +97,7 @@ class _GroupsOnCluster:
                 require_workers(self._client)
             group: DecodedGroup | Exception = future.result()
         except Exception as err:
-            raise DvcError(failure(err, "decoded the same group of pictures")) from err
+            raise DvcError(failure_text(err, "decoded the same group of pictures")) from err
         return group
 
     @staticmethod

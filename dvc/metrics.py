@@ -1,10 +1,9 @@
-"""Measures of quality, and of the distance between two rate-distortion curves."""
+"""Measures of picture quality, and of the distance between two rate-distortion curves."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,8 @@ from dvc.errors import RdCurveError
 PEAK = 255
 SSIM_WINDOW_PX = 11
 PSNR_CAP_DB = 100.0
-"""Of planes that are equal, for means."""
-
-Method = Literal["pchip", "cubic"]
-MIN_POINTS: dict[str, int] = {"pchip": 2, "cubic": 4}
+"""PSNR of equal planes in means."""
+MIN_CURVE_POINTS = 2
 
 
 def psnr_db(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
@@ -90,7 +87,7 @@ def mean_psnr_db(psnrs_db: Sequence[float]) -> float:
 
 
 def psnr_of_mean_error_db(psnrs_db: Sequence[float]) -> float:
-    """Return the PSNR of the mean squared error of several frames, which bad frames weigh on.
+    """Return the PSNR of the mean squared error of several frames, which emphasises bad frames.
 
     Parameters
     ----------
@@ -138,7 +135,7 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
 
 
 def _check_planes(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
-    """Refuse what is not two planes of one size."""
+    """Raise `ValueError` unless both are planes of one size."""
     if a.dtype != np.uint8 or b.dtype != np.uint8:
         raise ValueError(f"`a` and `b` must be uint8, got {a.dtype} and {b.dtype}")
     if a.shape != b.shape or a.ndim != 2 or a.size == 0:
@@ -147,15 +144,13 @@ def _check_planes(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
 
 @dataclass(frozen=True)
 class BdResult:
-    """A Bjontegaard difference of curve B against curve A, and what it rests on.
+    """A Bjontegaard difference of curve B against curve A.
 
     Attributes
     ----------
     value : float
         Per cent of rate for `bd_rate` (negative: B needs less), decibels for `bd_psnr` (positive: B is
         better).
-    method : {"pchip", "cubic"}
-        Interpolation between the points.
     overlap : tuple of float
         Ends of the interval that both curves cover: decibels for `bd_rate`, rate for `bd_psnr`.
     overlap_share : float
@@ -167,7 +162,6 @@ class BdResult:
     """
 
     value: float
-    method: Method
     overlap: tuple[float, float]
     overlap_share: float
     num_points: tuple[int, int]
@@ -175,18 +169,13 @@ class BdResult:
 
 
 def bd_rate(
-    rate_a: Sequence[float],
-    psnr_a_db: Sequence[float],
-    rate_b: Sequence[float],
-    psnr_b_db: Sequence[float],
-    *,
-    method: Method = "pchip",
+    rate_a: Sequence[float], psnr_a_db: Sequence[float], rate_b: Sequence[float], psnr_b_db: Sequence[float]
 ) -> BdResult:
     """Return the mean difference in rate between two curves at equal quality.
 
-    The logarithm of the rate is interpolated over the PSNR, and the difference is averaged over the PSNRs
-    that both curves reach. Points may come in any order; those that another point of the same curve dominates
-    (no more rate and no less PSNR) are left out and counted, so that both curves rise.
+    The logarithm of the rate is interpolated over the PSNR (PCHIP), and the difference is averaged over the
+    PSNRs that both curves reach. Points may come in any order; those that another point of the same curve
+    dominates (no more rate and no less PSNR) are left out and counted, so that both curves rise.
 
     Parameters
     ----------
@@ -194,9 +183,6 @@ def bd_rate(
         Rates in any one unit, positive.
     psnr_a_db, psnr_b_db : sequence of float
         Qualities in decibels.
-    method : {"pchip", "cubic"}, optional
-        Piecewise cubic Hermite interpolation, as in the field's current tools, or one third-order polynomial
-        per curve, the original proposal.
 
     Returns
     -------
@@ -206,25 +192,22 @@ def bd_rate(
     Raises
     ------
     RdCurveError
-        If the curves have no PSNR in common, or too few points (2 for "pchip", 4 for "cubic"), or a value is
-        not finite or a rate not positive.
+        If the curves have no PSNR in common, or fewer than two points, or a value is not finite or a rate
+        not positive.
 
     References
     ----------
     [BD] Bjontegaard, VCEG-M33 (2001); [BD-PCHIP] JCTVC-L1100 and ITU-T HSTP-VID-WPOM (2020).
     """
-    curve_a, curve_b = _curve(rate_a, psnr_a_db, "A", method), _curve(rate_b, psnr_b_db, "B", method)
-    logarithmic = _mean_difference(curve_a.swapped(), curve_b.swapped(), method, "PSNR")
-    return replace(logarithmic, value=(10**logarithmic.value - 1) * 100)
+    rates_a, psnrs_a = rising_curve(rate_a, psnr_a_db, "A")
+    rates_b, psnrs_b = rising_curve(rate_b, psnr_b_db, "B")
+    logarithmic = _mean_difference((psnrs_a, rates_a), (psnrs_b, rates_b), "PSNR")
+    num_dropped = len(rate_a) - rates_a.size, len(rate_b) - rates_b.size
+    return replace(logarithmic, value=(10**logarithmic.value - 1) * 100, num_dropped=num_dropped)
 
 
 def bd_psnr(
-    rate_a: Sequence[float],
-    psnr_a_db: Sequence[float],
-    rate_b: Sequence[float],
-    psnr_b_db: Sequence[float],
-    *,
-    method: Method = "pchip",
+    rate_a: Sequence[float], psnr_a_db: Sequence[float], rate_b: Sequence[float], psnr_b_db: Sequence[float]
 ) -> BdResult:
     """Return the mean difference in quality between two curves at equal rate.
 
@@ -236,8 +219,6 @@ def bd_psnr(
         Rates in any one unit, positive.
     psnr_a_db, psnr_b_db : sequence of float
         Qualities in decibels.
-    method : {"pchip", "cubic"}, optional
-        As for `bd_rate`.
 
     Returns
     -------
@@ -249,67 +230,48 @@ def bd_psnr(
     RdCurveError
         As for `bd_rate`, with no rate in common.
     """
-    curve_a, curve_b = _curve(rate_a, psnr_a_db, "A", method), _curve(rate_b, psnr_b_db, "B", method)
-    logarithmic = _mean_difference(curve_a, curve_b, method, "rate")
-    return replace(logarithmic, overlap=(10 ** logarithmic.overlap[0], 10 ** logarithmic.overlap[1]))
+    curve_a, curve_b = rising_curve(rate_a, psnr_a_db, "A"), rising_curve(rate_b, psnr_b_db, "B")
+    logarithmic = _mean_difference(curve_a, curve_b, "rate")
+    num_dropped = len(rate_a) - curve_a[0].size, len(rate_b) - curve_b[0].size
+    overlap = 10 ** logarithmic.overlap[0], 10 ** logarithmic.overlap[1]
+    return replace(logarithmic, overlap=overlap, num_dropped=num_dropped)
 
 
-@dataclass(frozen=True)
-class _Curve:
-    """A rising curve: one ordinate is the base-10 logarithm of the rate, the other the PSNR in decibels."""
-
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    num_dropped: int
-
-    def swapped(self) -> "_Curve":
-        """Return the inverse function."""
-        return _Curve(self.y, self.x, self.num_dropped)
-
-    def integral(self, low: float, high: float, method: Method) -> float:
-        """Integrate the interpolated curve."""
-        if method == "cubic":
-            antiderivative = np.polynomial.Polynomial.fit(self.x, self.y, 3).integ()
-            return float(antiderivative(high) - antiderivative(low))
-        from scipy.interpolate import PchipInterpolator
-
-        return float(PchipInterpolator(self.x, self.y).integrate(low, high))
+RisingCurve = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
-def _curve(rate: Sequence[float], psnr: Sequence[float], name: str, method: Method) -> _Curve:
-    """Check the points of a curve, sort them, and leave out those that others dominate."""
-    if method not in MIN_POINTS:
-        raise ValueError(f"`method` must be one of {sorted(MIN_POINTS)}, got {method!r}")
-    rates, psnrs = np.asarray(rate, np.float64), np.asarray(psnr, np.float64)
+def rising_curve(rate: Sequence[float], psnr_db: Sequence[float], name: str) -> RisingCurve:
+    """Return base-10 logarithms of rates, and PSNRs, of the points that no other point dominates, sorted."""
+    rates, psnrs = np.asarray(rate, np.float64), np.asarray(psnr_db, np.float64)
     if rates.shape != psnrs.shape or rates.ndim != 1:
         raise RdCurveError(f"curve {name}: {rates.size} rates for {psnrs.size} PSNRs")
     if not (np.all(np.isfinite(rates)) and np.all(np.isfinite(psnrs)) and np.all(rates > 0)):
         raise RdCurveError(f"curve {name}: rates must be positive, and all values finite")
-    logarithms = np.log10(rates)  # which may be equal where rates are not
+    logarithms = np.log10(rates)  # may be equal although the rates are not
     order = np.lexsort((-psnrs, logarithms))
     logarithms, psnrs = logarithms[order], psnrs[order]
     best_before = np.maximum.accumulate(np.concatenate([[-np.inf], psnrs[:-1]]))
-    kept = psnrs > best_before
-    num_kept = int(np.count_nonzero(kept))
-    if num_kept < MIN_POINTS[method]:
+    rising = psnrs > best_before
+    num_useful = int(np.count_nonzero(rising))
+    if num_useful < MIN_CURVE_POINTS:
         raise RdCurveError(
-            f"curve {name}: {num_kept} useful points of {rates.size}, "
-            f"the method {method!r} needs {MIN_POINTS[method]}"
+            f"curve {name}: {num_useful} useful points of {rates.size}, expected at least {MIN_CURVE_POINTS}"
         )
-    return _Curve(logarithms[kept], psnrs[kept], rates.size - num_kept)
+    return logarithms[rising], psnrs[rising]
 
 
-def _mean_difference(a: _Curve, b: _Curve, method: Method, axis: str) -> BdResult:
-    """Average curve B minus curve A over the abscissae that both have."""
-    low, high = float(max(a.x[0], b.x[0])), float(min(a.x[-1], b.x[-1]))
+def _mean_difference(a: RisingCurve, b: RisingCurve, axis: str) -> BdResult:
+    """Average the ordinates of curve B minus curve A over the abscissae that both have."""
+    from scipy.interpolate import PchipInterpolator
+
+    low, high = float(max(a[0][0], b[0][0])), float(min(a[0][-1], b[0][-1]))
     if not low < high:
         raise RdCurveError(f"the curves have no {axis} in common")
-    difference = b.integral(low, high, method) - a.integral(low, high, method)
+    integrals = [float(PchipInterpolator(*curve).integrate(low, high)) for curve in (a, b)]
     return BdResult(
-        value=difference / (high - low),
-        method=method,
+        value=(integrals[1] - integrals[0]) / (high - low),
         overlap=(low, high),
-        overlap_share=(high - low) / float(max(a.x[-1], b.x[-1]) - min(a.x[0], b.x[0])),
-        num_points=(a.x.size, b.x.size),
-        num_dropped=(a.num_dropped, b.num_dropped),
+        overlap_share=(high - low) / float(max(a[0][-1], b[0][-1]) - min(a[0][0], b[0][0])),
+        num_points=(a[0].size, b[0].size),
+        num_dropped=(0, 0),
     )

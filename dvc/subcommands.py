@@ -1,4 +1,4 @@
-"""Commands that are made of subcommands, and what each of these says, takes and does."""
+"""Commands that are made of subcommands."""
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
@@ -9,22 +9,22 @@ from dvc import cli
 
 
 class Subcommand(NamedTuple):
-    """What `--help` says of a subcommand, what it takes, and what it does."""
+    """Help, options and action of a subcommand."""
 
-    summary: str  # its line in the help of the command
-    description: str  # begins its own help
-    add_options: Callable[[argparse.ArgumentParser], None]  # adds what it takes to its parser
-    run: Callable[[argparse.Namespace], int]  # does it, and returns the exit status
-    examples: str = ""  # end its own help
+    summary: str  # line in the help of the command
+    description: str  # first lines of its own help
+    add_options: Callable[[argparse.ArgumentParser], None]  # adds its options to a parser
+    run: Callable[[argparse.Namespace], int]  # returns the exit status
+    examples: str = ""  # last lines of its own help
 
     @classmethod
     def of(cls, module: ModuleType) -> Self:
-        """Return the subcommand that a module is."""
+        """Return the subcommand that a module defines."""
         return cls(module.SUMMARY, module.DESCRIPTION, module.add_options, module.run, module.EXAMPLES)
 
 
 def by_name(modules: Sequence[ModuleType]) -> dict[str, Subcommand]:
-    """Return the subcommands that modules are."""
+    """Return the subcommands that modules define, by name."""
     names = [module.__name__.rpartition(".")[2].replace("_", "-") for module in modules]
     return {name: Subcommand.of(module) for name, module in zip(names, modules, strict=True)}
 
@@ -36,7 +36,7 @@ def command(
     subcommands: Mapping[str, Subcommand],
     extra: str | None = None,
 ) -> Callable[..., int]:
-    """Make the `main` of a command that has subcommands; see `dvc.cli.command`."""
+    """Return the `main` of a command with subcommands; see `dvc.cli.command`."""
 
     def _parser() -> argparse.ArgumentParser:
         parser = cli.ArgumentParser(prog, description, examples)

@@ -1,4 +1,4 @@
-"""Commands made of subcommands: help, options in any order, what is run."""
+"""Commands made of subcommands: help, options in any order, dispatch."""
 
 import argparse
 from types import ModuleType
@@ -25,17 +25,17 @@ def _module() -> ModuleType:
 
 
 def test_modules_are_subcommands(capsys: pytest.CaptureFixture[str]) -> None:
-    """A module is run under its name; the help of both levels tells of it."""
+    """A module is run under its name; the help of both levels describes it."""
     main = subcommands.command("tool", "A tool.", "  tool merge x\n", subcommands.by_name([_module()]))
     assert main(["merge", "a", "b", "c"]) == 3
     assert main(["merge", "a", "--lattice", "-1,0", "0,0"]) == 1
-    for arguments, told in ((["--help"], "merge files"), (["merge", "--help"], "Merge any files.")):
+    for arguments, text in ((["--help"], "merge files"), (["merge", "--help"], "Merge any files.")):
         with pytest.raises(SystemExit) as ended:
             main(arguments)
         assert ended.value.code == 0
-        text = capsys.readouterr().out
-        assert told in text
-        assert "examples:" in text
+        shown = capsys.readouterr().out
+        assert text in shown
+        assert "examples:" in shown
 
 
 @pytest.mark.parametrize("arguments", [[], ["split"], ["merge"]])

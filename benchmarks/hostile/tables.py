@@ -10,9 +10,8 @@ from benchmarks.hostile.files import Files, written
 from dvc.array_files import read_positions
 from dvc.errors import DvcError
 from dvc.feedback.authentication import MIN_TOKEN_BYTES, read_token
-from dvc.rd.imported import import_points
-from dvc.rd.reference_rows import read_reference_rows
-from dvc.rd.results import read_results
+from dvc.rd.points_csv import import_points
+from dvc.rd.rd_results import read_results
 from dvc.rd.specification import build_sweep, expand, read_spec
 from sfm.output.point_cloud import read_ply, write_ply
 
@@ -33,23 +32,18 @@ sequence,codec,point,qp,rate_kbps,psnr_y_db,width,height,frames_per_s,frames,fir
 foreman,other,"Q1, key",40,47.7,27.93,176,144,15,150,0,true
 foreman,other,Q2,36,61.5,29.1,176,144,15,150,0,true
 """
-_ROWS = """clip,codec,entropy,chroma,qp,frames,bits_total,kbps30,psnr_y
-box,jm95-intra,cabac,none,28,3,24000,240.0,33.5
-box,jm95-ippp-zero,cabac,none,32,3,6000,60.0,30.0
-"""
 _LATTICE = "file,m,n\na.png,0,0\nb.png,1,0.5\n"
 
 
 @cache
 def good_tables() -> tuple[Files, ...]:
-    """Return positions, points of others, rows, a specification, a result, a cloud of points, and a token."""
+    """Return positions, imported points, a specification, a result, a cloud of points, and a token."""
     made = written(lambda folder: _import(folder, _POINTS))
     name, result = next(iter(made.items()))
     positions = np.random.default_rng(6).normal(size=(9, 3))
     return (
         {"lattice.csv": _LATTICE.encode()},
         {"points.csv": _POINTS.encode()},
-        {"rows.csv": _ROWS.encode()},
         {"sweep.toml": _SPEC.encode()},
         {name: result},
         written(lambda folder: write_ply(folder / "cloud.ply", positions, np.zeros((9, 3), np.uint8), "")),
@@ -88,7 +82,6 @@ def _read_cloud(path: Path) -> bool:
 _READERS: dict[str, Callable[[Path], bool]] = {
     "lattice.csv": lambda path: bool(np.isfinite(list(read_positions(path).values())).all()),
     "points.csv": lambda path: len(import_points(path, path.parent)) > 0,
-    "rows.csv": lambda path: all(row.frames > 0 for row in read_reference_rows(path)),
     "sweep.toml": lambda path: len(expand([build_sweep(sweep) for sweep in read_spec(path)])) > 0,
     "cloud.ply": _read_cloud,
     "token": lambda path: len(read_token(path)) >= MIN_TOKEN_BYTES,

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from benchmarks.results.harness import run_module
-from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.anchors import ANCHOR_CODECS
 
 _SIZE, _CODED_SIZE = "96x80", "128x96"
 
@@ -21,18 +21,15 @@ def _digest(paths: Iterable[Path]) -> str:
 @cache
 def anchors() -> str:
     """Digest the files of all anchors for a rendered scene, and their measured values."""
-    from dvc.rd.anchors.decoding import measure_file
-    from dvc.rd.anchors.encoding import encode_file
+    from dvc.rd.anchors.anchor_files import encode_file, measure_file
 
     with tempfile.TemporaryDirectory() as scratch:
         video, files = Path(scratch) / "street.mkv", []
         run_module("sequences", "render", "street", "--size", _CODED_SIZE, "--frames", 17, "--out", video)
         for name, codec in ANCHOR_CODECS.items():
             files += [Path(scratch) / f"{name}{codec.suffix}", Path(scratch) / f"{name}.json"]
-            encode_file(video, files[-2], codec, 28, luma_only=codec.zero_motion)
-            measured = measure_file(
-                files[-2], video, zero_motion=codec.zero_motion, luma_only=codec.zero_motion
-            )
+            encode_file(video, files[-2], codec, 28)
+            measured = measure_file(files[-2], video)
             files[-1].write_text(json.dumps(measured["per_frame"]), encoding="utf-8")
         return _digest(files)
 

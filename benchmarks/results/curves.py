@@ -8,12 +8,10 @@ from functools import cache
 from benchmarks.results.harness import Measured, Missing, Setting, mean_of
 from dvc.environment import child_environment, python_module
 from dvc.errors import DvcError
-from dvc.rd.anchors.codecs import ANCHOR_CODECS
-from dvc.rd.curves import ANCHOR_LABEL, Curve, experiments
-from dvc.rd.differences import Measure, compare_curves
-from dvc.rd.point_result import PointResult
-from dvc.rd.points import ANCHORS
-from dvc.rd.results import read_results
+from dvc.rd.anchors import ANCHOR_CODECS
+from dvc.rd.rd_curves import ANCHOR_LABEL, Curve, Measure, compare_curves, experiments
+from dvc.rd.rd_results import PointResult, read_results
+from dvc.rd.specification import ANCHORS
 
 FRAMES, QUICK_FRAMES = 49, 9
 """One intra frame and 48 more: with fewer, the key frames of a group weigh too much or too little."""
@@ -57,7 +55,6 @@ def sweep(setting: Setting, name: str, anchor: str | None = None) -> dict[str, C
     if anchor is not None:
         qps = setting.choose(ANCHOR_QPS, ANCHOR_QPS[1::2])
         words = ["--qp", str(PROVEN_QP), "--anchor", anchor, "--anchor-qp", _numbers(qps)]
-        words += ["--luma-only", "--no-proof"] if name == LUMA_ONLY else []
         run_sweep(setting, clips, name, *words, num_frames=count)
     elif name == "matrices":
         matrices = _numbers(setting.choose(MATRICES, QUICK_MATRICES))
@@ -82,7 +79,7 @@ def curves_in(
         label = ANCHOR_LABEL if anchor == "intra" else ANCHOR_CODECS[ANCHORS[anchor]].label
     found = {}
     for one in experiments(read_results(setting.scratch(name))):
-        clip = one.curves[0].points[0].data["sequence"]["name"]
+        clip = one.curves[0].points[0].sequence.name
         matching = [
             curve for curve in one.curves if (not curve.is_anchor if label is None else curve.label == label)
         ]
@@ -109,7 +106,7 @@ def bd_rates(
 def against_anchor(setting: Setting, anchor: str, name: str = DEFAULT, measure: Measure = "luma") -> Measured:
     """Compare with a standard codec on the same frames."""
     codec = sweep(setting, name)
-    reference = sweep(setting, name if name == LUMA_ONLY else DEFAULT, anchor)
+    reference = sweep(setting, DEFAULT, anchor)
     return mean_of(bd_rates(reference, codec, measure), frames(setting))
 
 
@@ -128,25 +125,23 @@ def of_points(setting: Setting, number: Callable[[PointResult], float], note: st
 
 def parity_over_ideal(setting: Setting) -> Measured:
     """Compare all check and parity bits with the ideal code length of the decoder's own probabilities."""
-    return of_points(setting, lambda point: float(point.data["totals"]["plane_bits"]["all"]["ratio"]))
+    return of_points(setting, lambda point: float(point.totals.plane_bits["all"]["ratio"]))
 
 
 def decoding_cpu_s(setting: Setting) -> Measured:
     """Take processor time of the decoder for each Wyner-Ziv frame, start of the process included."""
-    return of_points(
-        setting, lambda point: float(point.data["times"]["decode_cpu_s"]) / point.num_frames("wz")
-    )
+    return of_points(setting, lambda point: (point.times.decode_cpu_s or 0.0) / point.num_frames("wz"))
 
 
 def requests_per_frame(setting: Setting) -> Measured:
     """Count what the decoder asks for."""
-    return of_points(setting, lambda point: (point.total("num_requests") or 0.0) / point.num_frames("wz"))
+    return of_points(setting, lambda point: (point.totals.num_requests or 0.0) / point.num_frames("wz"))
 
 
 def worst_frame_db(setting: Setting) -> Measured:
     """Tell how far the worst frame is below the mean of all, at the worst quality of each clip."""
     below = {
-        clip: max(point.psnr_y_db - (point.total("worst_psnr_y_db") or 0.0) for point in curve.points)
+        clip: max(point.psnr_y_db - (point.totals.worst_psnr_y_db or 0.0) for point in curve.points)
         for clip, curve in sweep(setting, DEFAULT).items()
     }
     return mean_of(below, frames(setting))
@@ -155,7 +150,7 @@ def worst_frame_db(setting: Setting) -> Measured:
 def not_proven(setting: Setting) -> Measured:
     """Count clips with a punctured stream that a fresh process decodes to other frames; such points fail."""
     proven = {
-        clip: float(sum(point.data["proof"].get("fresh_decode_equal") is True for point in curve.points))
+        clip: float(sum(point.is_proven for point in curve.points))
         for clip, curve in sweep(setting, DEFAULT).items()
     }
     return Measured(float(sum(count == 0 for count in proven.values())), {}, frames(setting))
@@ -176,7 +171,7 @@ def side_information_gain(setting: Setting) -> Measured:
         run_sweep(setting, clips, name, *_SIDE_INFORMATION, *words, num_frames=count)
     by_name = {name: curves_in(setting, name, clips, count) for name in ("scene", "block-motion")}
     predicted = {
-        name: {clip: curve.points[0].total("si_psnr_y_db") or 0.0 for clip, curve in curves.items()}
+        name: {clip: curve.points[0].totals.si_psnr_y_db or 0.0 for clip, curve in curves.items()}
         for name, curves in by_name.items()
     }
     return mean_of(

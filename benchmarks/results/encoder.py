@@ -17,7 +17,7 @@ from benchmarks.results.harness import (
     there_and_back,
 )
 from dvc.config import DEFAULT_QP
-from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.anchors import ANCHOR_CODECS
 from dvc.video import create_video, open_video
 
 FRAMES, QUICK_FRAMES = 49, 9

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 from dvc.environment import child_environment, python_module
 from dvc.errors import ConfigError, DvcError
-from dvc.rd.processes import ProcessGroup
-from dvc.rd.sources import Source, default_cache, find_source
+from dvc.rd.child_processes import ProcessGroup
+from dvc.rd.originals import Source, default_cache, find_source
 
 SCENES = ("street", "stairway", "statue")
 STATIC_CLIPS = ("box", "desk", "river", "stone", "tree")

@@ -7,9 +7,9 @@ from benchmarks.results.code import ROOT
 from benchmarks.results.harness import Setting
 from dvc.errors import DvcError
 from dvc.files import atomic_output
-from dvc.rd.anchors.codecs import ANCHOR_CODECS
-from dvc.rd.curves import Curve
-from dvc.rd.points import ANCHORS
+from dvc.rd.anchors import ANCHOR_CODECS
+from dvc.rd.rd_curves import Curve
+from dvc.rd.specification import ANCHORS
 from dvc.web.plotting import new_figure
 
 PLOT = ROOT / "docs" / "rd.svg"

@@ -70,12 +70,6 @@ ROWS = (
     _against_anchor("x264-ippp", "x264 medium without B frames, one reference", 10.0),
     _against_anchor("x264-superfast", "x264 superfast without B frames, one reference"),
     _against_anchor("x264-ippp-16", "the same with medium and an intra frame every 16", -15.0),
-    Row(
-        "rate/x264-ippp-zero",
-        "BD-rate against x264 without motion (all vectors zero), both of luma only",
-        partial(curves.against_anchor, anchor="x264-ippp-zero", name=curves.LUMA_ONLY),
-        at_most=-65.0,
-    ),
     _against_anchor("intra", "H.264 intra", -70.0),
     Row(
         "rate/2d",

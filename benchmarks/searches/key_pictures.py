@@ -20,8 +20,8 @@ import numpy as np
 
 from benchmarks.results.harness import clip_source
 from dvc.metrics import bd_rate, psnr_db
-from dvc.rd.anchors.bitstream import without_overhead
-from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.anchors import ANCHOR_CODECS
+from dvc.rd.anchors.anchor_files import without_overhead
 from dvc.video import Frame, open_video
 from dvc.video.pixels import frame_from_picture, picture_from_frame
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -14,16 +14,14 @@ from numpy.typing import NDArray
 from benchmarks.thesis.harness import Method, Step, StepResult, Task, Value, load_chapter
 from dvc.environment import python_module
 from dvc.errors import DvcError
-from dvc.rd.curves import Curve
-from dvc.rd.differences import bd_text, compare_curves, crossing_text
-from dvc.rd.pictures import read_picture
-from dvc.rd.point_result import PointResult
-from dvc.rd.points import Point
-from dvc.rd.processes import ProcessGroup
-from dvc.rd.results import read_results
-from dvc.rd.sources import available_clips, check_source, default_cache, find_source, source_name
-from dvc.rd.specification import Sweep
-from dvc.rd.sweep import run_points
+from dvc.rd.child_processes import ProcessGroup
+from dvc.rd.comparison import bd_rate_text
+from dvc.rd.measure import read_picture
+from dvc.rd.originals import available_clips, check_source, default_cache, find_source, source_name
+from dvc.rd.rd_curves import Curve, compare_curves, crossing_text
+from dvc.rd.rd_results import PictureFiles, PointResult, options_of, read_results
+from dvc.rd.run_points import run_points
+from dvc.rd.specification import Point, Sweep
 from dvc.web.drawing import Picture, in_rows, with_title
 from dvc.web.plotting import Line, line_plot
 
@@ -91,7 +89,7 @@ ROWS = {
 """Rows that are measured: ours predict from dense depth, one row for each codec."""
 CODECS = {"2D-DVC": "2d", "3D-DVC": "3d", "3D-DVC-TD": "3d-td", "3D-DVC-TE": "3d-te"}
 TRACKED = "3d-td", "3d-te"
-ANCHORS = {"H.264 intra": "intra", "H.264 IPPP, zero motion": "x264-ippp-zero", "H.264 IPPP": "x264-ippp"}
+ANCHORS = {"H.264 intra": "intra", "H.264 IPPP": "x264-ippp"}
 """Codecs of figure 5.15 by their names in it."""
 
 
@@ -102,7 +100,6 @@ COMPARISONS = (
     ("3D-DVC-TD", "3D-DVC"),
     ("3D-DVC-TE", "H.264 intra"),
     ("3D-DVC-TD", "H.264 intra"),
-    ("3D-DVC-TE", "H.264 IPPP, zero motion"),
     ("3D-DVC-TE", "H.264 IPPP"),
 )
 """Curves of figure 5.15 that section 5.5.4 of [Maitre2008] compares, each with its reference."""
@@ -178,35 +175,31 @@ def _measured(points: Sequence[Point], task: Task, result: StepResult) -> dict[P
     sequence = points[0].sequence
     original = source_name(sequence), summary.digests[sequence]
     by_options = {
-        str(one.data["options"]): one
+        str(one.options): one
         for one in read_results(task.folder)
-        if (one.data["sequence"]["name"], one.data["sequence"]["digest"]) == original
+        if (one.sequence.name, one.sequence.digest) == original
     }
-    results = {point: by_options.get(str(point.to_dict())) for point in points}
+    results = {point: by_options.get(str(options_of(point))) for point in points}
     return {point: one for point, one in results.items() if one is not None}
 
 
 def _predicted_db(point: PointResult) -> dict[int, float]:
     """Return the PSNR of each predicted frame by its number."""
     return {
-        frame["index"]: frame["si_psnr_y_db"]
-        for frame in point.data.get("per_frame", ())
-        if isinstance(frame.get("si_psnr_y_db"), (int, float))
+        frame.index or 0: frame.si_psnr_y_db for frame in point.per_frame if frame.si_psnr_y_db is not None
     }
 
 
 def _keys_db(point: PointResult) -> dict[int, float]:
     """Return the PSNR of each key frame by its number."""
-    frames = point.data.get("per_frame", ())
-    return {frame["index"]: frame["psnr_y_db"] for frame in frames if frame["type"] == "key"}
+    return {frame.index or 0: frame.psnr_y_db or 0.0 for frame in point.per_frame if frame.type == "key"}
 
 
 def _planes(point: PointResult, folder: Path, names: Sequence[str]) -> list[NDArray[np.int16]] | None:
     """Return pictures of a point, if all of them exist in one size."""
-    pictures: dict[str, Any] = point.data.get("pictures") or {}
-    planes = []
+    pictures, planes = point.pictures or PictureFiles(), []
     for name in names:
-        path = pictures.get(name)
+        path = getattr(pictures, name, None)
         plane = read_picture(folder / path) if isinstance(path, str) else None
         if plane is None:
             return None
@@ -226,7 +219,7 @@ def _side_information(sequence: str, task: Task, method: Method) -> StepResult:
     measured = {rows[point]: one for point, one in _measured(list(rows), task, result).items()}
     panels = []
     for row, point in measured.items():
-        value = point.total("si_psnr_y_db")
+        value = point.totals.si_psnr_y_db
         result.values.append(Value(SIDE_INFORMATION, PREDICTED.format(name, row), value or "none", ".1f"))
         if (planes := _planes(point, task.folder, ("original", "predicted"))) is not None:
             difference = planes[0] - planes[1]
@@ -254,7 +247,7 @@ def _curves(sequence: str, task: Task, method: Method) -> StepResult:
     for codec, reference in COMPARISONS:
         if codec in curves and reference in curves:
             pair = curves[reference], curves[codec]
-            outcome = f"{crossing_text(*pair)}; {bd_text(compare_curves(*pair))}"
+            outcome = f"{crossing_text(*pair)}; {bd_rate_text(compare_curves(*pair))}"
             result.values.append(Value(CURVES, AGAINST.format(name, codec, reference), outcome))
     lines = [Line(label, curve.rates_kbps, curve.psnrs_y_db) for label, curve in curves.items()]
     result.plots["5.15", name] = line_plot(lines, name, "rate [kbit/s]", "luma PSNR [dB]")
@@ -269,19 +262,18 @@ def _curves(sequence: str, task: Task, method: Method) -> StepResult:
 
 def _tracks_bpp(point: PointResult) -> float:
     """Return the rate of tracks in bits per pixel of all frames."""
-    sequence, totals = point.data["sequence"], point.data["totals"]
-    pixels = sequence["width"] * sequence["height"] * totals["frames"]
-    return float(totals["bits"].get("tracks", 0) / pixels)
+    pixels = point.sequence.width * point.sequence.height * point.totals.frames
+    return point.totals.bits.get("tracks", 0) / pixels
 
 
 def _lossy(name: str, points: Sequence[PointResult], task: Task, result: StepResult) -> None:
     """Draw figures 5.13 and 5.14: key frames and predictions of one codec by QP."""
-    lines = [(f"QP {one.data['key']['qp']}", {**_predicted_db(one), **_keys_db(one)}) for one in points]
+    lines = [(f"QP {one.key.qp}", {**_predicted_db(one), **_keys_db(one)}) for one in points]
     result.plots["5.13", name] = _frames_plot(lines, f"{name}: key and predicted frames")
-    point = min(points, key=lambda point: abs(point.data["key"]["qp"] - SEEN_QP))
-    pictures: dict[str, Any] = point.data.get("pictures") or {}
-    key_db = _keys_db(point).get(pictures.get("key_index", -1))
-    predicted_db = _predicted_db(point).get(pictures.get("index", -1))
+    point = min(points, key=lambda point: abs((point.key.qp or 0) - SEEN_QP))
+    files = point.pictures or PictureFiles()
+    key_db = _keys_db(point).get(-1 if files.key_index is None else files.key_index)
+    predicted_db = _predicted_db(point).get(-1 if files.index is None else files.index)
     planes = _planes(point, task.folder, ("key", "predicted"))
     panels = []
     for number, (label, title, psnr_db) in enumerate(

@@ -15,7 +15,7 @@ from dvc.dibr.views.views import Views, views_of_array
 from dvc.environment import python_module
 from dvc.errors import ConfigError, DvcError
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.rd.processes import ProcessGroup
+from dvc.rd.child_processes import ProcessGroup
 from dvc.stereo.evaluation import MASKS, Evaluation, evaluate, read_mask, read_truth
 from dvc.stereo.rectification.rectified_array import RectifiedArray, rectified_array
 

@@ -7,32 +7,31 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from dvc.environment import python_module
-from dvc.errors import DvcError
-from dvc.rd.anchors.codecs import ANCHOR_CODECS
-from dvc.rd.pictures import save_pictures
-from dvc.rd.points import SCHEMA, Task
-from dvc.rd.processes import ProcessGroup, ProcessTimes
-from dvc.versions import library_versions
+import numpy as np
 
+from dvc.environment import python_module
+from dvc.errors import DvcError, VideoError
+from dvc.files import atomic_output
+from dvc.rd.anchors import ANCHOR_CODECS
+from dvc.rd.child_processes import ProcessGroup, ProcessTimes
+from dvc.rd.specification import SCHEMA, Task
+from dvc.versions import library_versions
+from dvc.video import open_video
+from dvc.video.frames import Plane
+
+PICTURES_FOLDER = "pictures"
+MAX_PICTURE_SIDE_PX = 8192
+MAX_PICTURE_BYTES = 2**27
 _STREAM, _PUNCTURED = "stream.dvc", "punctured.dvc"
 _VIDEO, _AGAIN, _PREDICTED = "decoded.y4m", "again.y4m", "predicted.y4m"
 _ENCODER_JSON, _DECODER_JSON = "encoder.json", "decoder.json"
 
 
 def measure(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]:
-    """Measure one point."""
-    measured = (_measure_anchor if task.point.codec in ANCHOR_CODECS else _measure_codec)(
-        task, folder, processes
-    )
-    predicted = folder / _PREDICTED
-    measured["pictures"] = save_pictures(
-        task,
-        folder.parent,
-        folder / _VIDEO,
-        predicted if predicted.exists() else None,
-        measured["per_frame"],
-    )
+    """Measure one point in a scratch folder; its pictures are written next to that folder."""
+    is_anchor = task.point.codec in ANCHOR_CODECS
+    measured = (_measure_anchor if is_anchor else _measure_codec)(task, folder, processes)
+    measured["pictures"] = _save_pictures(task, folder, measured["per_frame"])
     return measured
 
 
@@ -53,7 +52,7 @@ def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[st
         rate_kbps = 8 * decoded["stream_bytes"] / duration_s / 1000
         decoded |= {"duration_s": duration_s, "rate_kbps": rate_kbps}
     return {
-        **_provenance(task, task.code.digest, video["width"], video["height"], frames_per_s),
+        **_provenance(task, video["width"], video["height"], frames_per_s),
         "commands": _shown(_commands(task, task.source.path.name)),
         "key": {"qp": config["key"]["qp"], "lossless": config["key"]["lossless"]},
         "totals": decoded,
@@ -72,7 +71,7 @@ def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[st
 
 
 def _proof(task: Task, folder: Path, reported: int) -> dict[str, Any]:
-    """Check that a rate is the size of a file, which decodes to the frames it is reported for."""
+    """Check that the rate is the size of a file, and that the file decodes to the reported frames."""
     no_feedback = task.point.no_feedback
     num_bytes = (folder / (_STREAM if no_feedback else _PUNCTURED)).stat().st_size
     if num_bytes != reported:
@@ -99,14 +98,13 @@ def _measure_anchor(task: Task, folder: Path, processes: ProcessGroup) -> dict[s
             f"the file has {num_bytes} bytes, the reports say {coded['bytes']} for {coded['frames']} frames "
             f"and {totals['stream_bytes']} for {totals['frames']}"
         )
-    vectors = {name: decoded[name] for name in ("num_vectors", "num_nonzero_vectors") if name in decoded}
     return {
-        **_provenance(task, task.code_digest, decoded["width"], decoded["height"], decoded["frames_per_s"]),
+        **_provenance(task, decoded["width"], decoded["height"], decoded["frames_per_s"]),
         "commands": _shown(_anchor_commands(task, task.source.path.name)),
         "key": {"qp": coded["config"]["qp"], "lossless": False},
         "totals": totals,
         "times": {**_process_times(encoding, decoding), "coding_cpu_s": round(coded["coding_cpu_s"], 6)},
-        "proof": {"file_bytes": num_bytes, "decoded_by": "FFmpeg", **vectors},
+        "proof": {"file_bytes": num_bytes, "decoded_by": "FFmpeg"},
         "config": coded["config"],
         "per_frame": decoded["per_frame"],
     }
@@ -132,16 +130,13 @@ def _commands(task: Task, original: str, folder: str = "") -> tuple[list[str], .
 def _anchor_commands(task: Task, original: str, folder: str = "") -> tuple[list[str], list[str]]:
     """Return the arguments that write and measure an anchor's file, each after the name of its module."""
     point, file = task.point, folder + _anchor_file(task)
+    planes = ["--luma-only"] if point.luma_only else []
+    frames = [] if point.frames is None else ["--frames", str(point.frames)]
     encode = ["dvc.rd.anchors", "encode", original, file, "--codec", point.codec, "--qp", point.key_qp]
-    encode += ["--start", str(point.start), "--json", folder + _ENCODER_JSON]
-    if point.frames is not None:
-        encode += ["--frames", str(point.frames)]
+    encode += ["--start", str(point.start), "--json", folder + _ENCODER_JSON, *frames, *planes]
     decode = ["dvc.rd.anchors", "decode", file, "--reference", original]
     decode += ["--reference-start", str(point.start), "--video", folder + _VIDEO]
-    if ANCHOR_CODECS[point.codec].zero_motion:
-        decode.append("--zero-motion")
-    planes = ["--luma-only"] if point.luma_only else []
-    return [*encode, *planes], [*decode, *planes, "--json", folder + _DECODER_JSON]
+    return encode, [*decode, *planes, "--json", folder + _DECODER_JSON]
 
 
 def _anchor_file(task: Task) -> str:
@@ -157,7 +152,7 @@ def _shown(commands: tuple[list[str], ...]) -> list[str]:
 
 
 def _reports(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Read what encoder and decoder have reported."""
+    """Read the reports of encoder and decoder."""
     texts = [(folder / name).read_text(encoding="utf-8") for name in (_ENCODER_JSON, _DECODER_JSON)]
     return json.loads(texts[0]), json.loads(texts[1])
 
@@ -171,8 +166,8 @@ def _process_times(encoding: ProcessTimes, decoding: ProcessTimes) -> dict[str, 
     }
 
 
-def _provenance(task: Task, digest: str, width: int, height: int, frames_per_s: float) -> dict[str, Any]:
-    """Return what a result says of itself, its input and its code."""
+def _provenance(task: Task, width: int, height: int, frames_per_s: float) -> dict[str, Any]:
+    """Return the entries of a result about itself, its input and its code."""
     return {
         "schema": SCHEMA,
         "identity": task.identity,
@@ -186,6 +181,71 @@ def _provenance(task: Task, digest: str, width: int, height: int, frames_per_s: 
         },
         "codec": task.point.codec,
         "options": task.point.to_dict(),
-        "code": {"version": task.code.version, "commit": task.code.commit, "digest": digest},
+        "code": {"version": task.code.version, "commit": task.code.commit, "digest": task.code_digest},
         "libraries": library_versions(),
     }
+
+
+def picture_index(frames: int) -> int:
+    """Return the frame that is saved: an odd one in the middle, which is rarely a key frame."""
+    return min(frames // 2 | 1, frames - 1)
+
+
+def _save_pictures(task: Task, scratch: Path, per_frame: list[dict[str, Any]]) -> dict[str, Any]:
+    """Write one frame of a point as grey PNG: original, decoded, predicted, and the key frame before it."""
+    index, folder = picture_index(len(per_frame)), scratch.parent
+    frame = task.point.start + index
+    names: dict[str, str | None] = {
+        "original": f"{PICTURES_FOLDER}/{task.source.name}-{task.source.digest[:8]}-{frame}.png",
+        **{kind: f"{PICTURES_FOLDER}/{task.name}-{kind}.png" for kind in ("decoded", "predicted", "key")},
+    }
+    (folder / PICTURES_FOLDER).mkdir(exist_ok=True)
+    original = folder / str(names["original"])
+    if not original.is_file():  # several points share it, and may write it at the same time
+        copy = original.with_name(f"{task.name}-original.png")
+        _write_picture(copy, _luma(task.source.path, frame))
+        copy.replace(original)
+    _write_picture(folder / str(names["decoded"]), _luma(scratch / _VIDEO, index))
+    key_index = None
+    if per_frame[index]["type"] == "wz" and (scratch / _PREDICTED).exists():
+        key_index = next((i for i in range(index - 1, -1, -1) if per_frame[i]["type"] == "key"), None)
+    if key_index is None:
+        names |= {"predicted": None, "key": None}
+    else:
+        _write_picture(folder / str(names["predicted"]), _luma(scratch / _PREDICTED, index))
+        _write_picture(folder / str(names["key"]), _luma(scratch / _VIDEO, key_index))
+    return {"index": index, "key_index": key_index, **names}
+
+
+def read_picture(path: Path) -> Plane | None:
+    """Read a picture of a point; return None if it is missing, damaged or too large."""
+    import cv2
+
+    try:
+        with path.open("rb") as file:
+            head = file.read(24)
+            width, height = (int.from_bytes(head[i : i + 4], "big") for i in (16, 20))
+            if not head.startswith(b"\x89PNG") or not 0 < max(width, height) <= MAX_PICTURE_SIDE_PX:
+                return None
+            coded = head + file.read(MAX_PICTURE_BYTES)
+        plane: Any = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except (OSError, cv2.error):
+        return None
+    return None if plane is None else np.asarray(plane, dtype=np.uint8)
+
+
+def _luma(video: Path, index: int) -> Plane:
+    with open_video(video, start=index, num_frames=1) as reader:
+        for frame in reader:
+            return frame.luma
+    raise VideoError(f"{video.name}: has no frame {index}")
+
+
+def _write_picture(path: Path, luma: Plane) -> None:
+    import cv2
+
+    encoded, data = cv2.imencode(".png", luma)
+    if not encoded:
+        raise VideoError(f"{path.name}: cannot be coded as PNG")
+    with atomic_output(path) as temporary:
+        temporary.write_bytes(data.tobytes())

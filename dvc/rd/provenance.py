@@ -1,4 +1,4 @@
-"""Where a result comes from: version of the code, contents of the input."""
+"""Origin of a result: version of the code, contents of the input."""
 
 import hashlib
 import json
@@ -6,7 +6,7 @@ import subprocess
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from importlib import util
+from importlib import metadata, util
 from pathlib import Path
 
 import dvc
@@ -14,24 +14,29 @@ from dvc.environment import child_environment
 from dvc.versions import codec_digest
 
 _CODEC_PACKAGES = ("dvc", "encoder", "decoder", "sfm")
-_CHUNK_BYTES = 2**20
 
 
 @dataclass(frozen=True)
 class CodeVersion:
     """Version of the codec."""
 
-    version: str  # of the distribution
-    # of the repository that the code lies in, with ``-dirty`` if one of the packages of the codec was
-    # changed; None outside one
+    version: str  # version of the distribution
+    # commit of the repository that tracks the code, with ``-dirty`` if a package of the codec was changed
     commit: str | None
-    digest: str  # of the code of the codec
+    digest: str  # digest of the code of the codec
 
 
 @cache
 def code_version() -> CodeVersion:
-    """Find out which code would run."""
+    """Return the version of the code that would run."""
     return CodeVersion(version=dvc.__version__, commit=_commit(Path(dvc.__file__)), digest=codec_digest())
+
+
+@cache
+def anchors_digest() -> str:
+    """Digest the sources that run the anchors and the version of PyAV, which brings their encoders."""
+    sources = files_digest(package_sources("dvc.rd.anchors"))
+    return values_digest([sources, metadata.version("av")])
 
 
 def package_sources(name: str) -> list[Path]:
@@ -45,17 +50,16 @@ def files_digest(paths: Iterable[Path]) -> str:
     digest = hashlib.sha256()
     for path in paths:
         digest.update(f"{path.parent.name}/{path.name}\0{path.stat().st_size}\0".encode())
-        _update(digest, path)
+        digest.update(path.read_bytes())
     return digest.hexdigest()[:32]
 
 
 def input_digest(path: Path) -> str:
-    """Digest the contents of a video file or of a folder of images; the name of a file plays no part."""
+    """Digest the contents of a video file, or names and contents of a folder of images."""
     if path.is_dir():
         return files_digest(sorted(entry for entry in path.iterdir() if entry.is_file()))
-    digest = hashlib.sha256()
-    _update(digest, path)
-    return digest.hexdigest()[:32]
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:32]
 
 
 def values_digest(values: object) -> str:
@@ -64,14 +68,8 @@ def values_digest(values: object) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def _update(digest: "hashlib._Hash", path: Path) -> None:
-    with path.open("rb") as file:
-        while chunk := file.read(_CHUNK_BYTES):
-            digest.update(chunk)
-
-
 def _commit(source: Path) -> str | None:
-    """Return the commit of the repository that tracks a source file, if there is one and git is at hand."""
+    """Return the commit of the repository that tracks a source file, or None without one or without git."""
     folder = source.parent
     try:
         if _git(folder, "ls-files", "--error-unmatch", source.name) is None:
@@ -84,7 +82,7 @@ def _commit(source: Path) -> str | None:
 
 
 def _git(folder: Path, *command: str) -> str | None:
-    """Return what git says, or None if it fails; the repository may not name a program to run."""
+    """Return the output of git, or None if it fails; the repository may not name a program to run."""
     words = ["git", "-c", "core.fsmonitor=false", "-C", str(folder), *command]
     done = subprocess.run(words, env=child_environment(), capture_output=True, check=False, text=True)
     return done.stdout.strip() if done.returncode == 0 else None

@@ -1,32 +1,35 @@
-"""What is asked for: sweeps, on the command line or in a file, and the points that they mean."""
+"""Points of an experiment, and the sweeps on the command line or in a file that list them."""
 
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dvc.config import (
-    DEFAULT_CODEC,
-    MAX_QP,
-    DiscoverMatrix,
-    Qp,
-    Quality,
-    variant_of,
-)
+from dvc.config import DEFAULT_CODEC, MAX_QP, DiscoverMatrix, Qp, Quality, variant_of
 from dvc.errors import ConfigError
 from dvc.files import read_whole
-from dvc.rd.anchors.codecs import ANCHOR_CODECS
-from dvc.rd.points import ANCHORS, NO_FEEDBACK, Point, anchor_gop
+from dvc.rd.anchors import ANCHOR_CODECS
+from dvc.rd.originals import Source
+from dvc.rd.provenance import CodeVersion, anchors_digest, values_digest
+from dvc.versions import library_versions
 
-MAX_NUMBERS = 1000
+SCHEMA = "dvc3d-rd-point/1"
+"""Name and version of the format of result files."""
+INTRA = "h264-intra"
+ANCHORS = {"intra": INTRA, **{name: name for name in ANCHOR_CODECS}}
+"""Codecs to compare with, by their names on the command line."""
+NO_FEEDBACK = "no-feedback"
+"""Option of the encoder for streams that are decoded without requests."""
 USUAL_QPS = (22, 26, 30, 34, 38)
-"""Qualities of a sweep that says nothing else."""
+"""Default qualities of a sweep."""
+MAX_NUMBERS = 1000
 _RANGE = re.compile(r"(\d{1,9})(?:-(\d{1,9})(?::(\d{1,9}))?)?")
 _OPTION_NAME = re.compile(r"[a-z][a-z0-9-]{0,40}")
 _RESERVED = frozenset(
-    {
+    (
         "codec",
         "gop",
         "qp",
@@ -39,97 +42,168 @@ _RESERVED = frozenset(
         "timeout",
         "json",
         "quiet",
-    }
+    )
 )
+"""Options of the encoder that the experiment itself sets."""
+
+Options = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of a rate-distortion curve, before it is measured."""
+
+    sequence: str  # name of the catalogue, or a path
+    codec: str  # a variant of the codec, or a value of `ANCHORS`
+    wz_q: int | None  # DISCOVER matrix
+    key_qp: str  # QP of the key frames, ``"auto"`` or ``"lossless"``
+    gop: int  # frames from one key frame to the next; 0: only the first is one
+    start: int = 0  # first frame
+    frames: int | None = None  # number of frames; None for all
+    luma_only: bool = False
+    options: Options = ()  # further options of the encoder without dashes, sorted; flags are ``"true"``
+    side_information: str | None = None  # method that replaces the one in the stream
+    qp: int | None = None  # quality that sets key frames, steps and requests together
+    decoder: Options = ()  # further options of the decoder, as in `options`
+    proof: bool = True  # decode the punctured stream again, in a fresh process
+
+    @property
+    def has_wyner_ziv(self) -> bool:
+        """Whether some frames are not key frames."""
+        return self.gop != 1 and (self.wz_q is not None or self.qp is not None)
+
+    @property
+    def no_feedback(self) -> bool:
+        """Whether the encoder's own file is decoded, without requests."""
+        return (NO_FEEDBACK, "true") in self.options
+
+    def encoder_options(self) -> list[str]:
+        """Return the options of the encoder that make this point."""
+        words = ["--codec", "2d" if self.codec == INTRA else self.codec]
+        words += ["--gop", str(self.gop), "--key-qp", self.key_qp, "--start", str(self.start)]
+        for name, value in (("wz-q", self.wz_q), ("qp", self.qp), ("frames", self.frames)):
+            words += [] if value is None else [f"--{name}", str(value)]
+        return words + ["--luma-only"] * self.luma_only + _words(self.options)
+
+    def decoder_options(self) -> list[str]:
+        """Return the options of the decoder that make this point."""
+        method = [] if self.side_information is None else ["--side-information", self.side_information]
+        return method + _words(self.decoder)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all except the sequence as JSON-safe values, without entries that are rarely set."""
+        values = asdict(self) | {"options": dict(self.options), "decoder": dict(self.decoder)}
+        defaults: dict[str, object] = {"side_information": None, "qp": None, "decoder": {}, "proof": True}
+        del values["sequence"]
+        return {k: v for k, v in values.items() if k not in defaults or v != defaults[k]}
+
+
+@dataclass(frozen=True)
+class Task:
+    """A point with everything that identifies its result."""
+
+    point: Point
+    source: Source
+    code: CodeVersion
+
+    @property
+    def name(self) -> str:
+        """Name of the result file without suffix: sequence, codec and quality, then a unique digest."""
+        point = self.point
+        preset = "" if point.wz_q is None else f"-q{point.wz_q}"
+        key_qp = re.sub(r"[^A-Za-z0-9]+", "_", point.key_qp)[:20]
+        if point.qp is not None and point.key_qp == "auto":
+            key_qp = str(point.qp)
+        unique = values_digest([point.to_dict(), self.source.digest])[:8]
+        return f"{self.source.name}-{point.codec}{preset}-qp{key_qp}-{unique}"
+
+    @property
+    def identity(self) -> str:
+        """Digest of configuration, input, code and libraries: equal if the result would be."""
+        version = "anchors" if self.point.codec in ANCHOR_CODECS else self.code.version
+        made_by = [version, self.code_digest, library_versions()]
+        return values_digest([SCHEMA, self.point.to_dict(), self.source.digest, made_by])
+
+    @property
+    def code_digest(self) -> str:
+        """Digest of the code of the codec, or of the code that runs an anchor's encoder."""
+        return anchors_digest() if self.point.codec in ANCHOR_CODECS else self.code.digest
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Points that differ in sequence and rate."""
+    """Points that differ in sequence and rate; defaults and meanings are those of `Point`."""
 
     sequences: tuple[str, ...] = ()  # names of the catalogue, or paths
-    codec: str = DEFAULT_CODEC  # one of `dvc.config.VARIANTS`
+    codec: str = DEFAULT_CODEC
     wz_q: tuple[int, ...] = ()  # DISCOVER quantisation matrices
-    key_qp: tuple[str, ...] = ("auto",)  # one QP for all matrices or qualities, or one for each
-    gop: int | None = None  # as in `Point`; None for the codec's own
-    start: int = 0  # as in `Point`
+    key_qp: tuple[str, ...] = ("auto",)  # one QP, or one for each matrix or quality
+    gop: int | None = None  # None: chosen by the codec
+    start: int = 0
     frames: int | None = None
     luma_only: bool = False
-    options: tuple[tuple[str, str], ...] = ()
+    options: Options = ()
     side_information: str | None = None
-    anchors: tuple[str, ...] = ()  # names in `ANCHORS`
-    # QPs of the anchors beside those of the sweep itself
-    anchor_qp: tuple[int, ...] = field(default=tuple(range(20, 45, 4)))
-    # qualities that set key frames, steps and requests together, in place of matrices; in place of neither,
-    # `USUAL_QPS`
-    qp: tuple[int, ...] = ()
-    no_feedback: bool = False  # whether nothing is sent of Wyner-Ziv frames, which no decoder asks for
-    proof: bool = True  # as in `Point`
+    anchors: tuple[str, ...] = ()  # keys of `ANCHORS`
+    anchor_qp: tuple[int, ...] = tuple(range(20, 45, 4))  # QPs of the anchors besides those of the sweep
+    qp: tuple[int, ...] = ()  # qualities, which exclude `wz_q`; `USUAL_QPS` without either
+    no_feedback: bool = False
+    proof: bool = True
 
     def __post_init__(self) -> None:
         if not self.sequences:
             raise ConfigError("a sweep needs at least one sequence")
         if self.qp and self.wz_q:
-            raise ConfigError("qualities (qp) or matrices (wz_q): a sweep takes one of them")
-        count, what = len(self._levels()), "matrices" if self.wz_q else "qualities"
+            raise ConfigError("a sweep takes either qualities (qp) or matrices (wz_q)")
+        count, noun = len(self._levels()), "matrices" if self.wz_q else "qualities"
         if self._has_levels() and len(self.key_qp) not in (1, count):
-            raise ConfigError(f"{len(self.key_qp)} key QPs for {count} {what}; give one, or one each")
+            raise ConfigError(f"{len(self.key_qp)} key QPs for {count} {noun}; give one, or one each")
         for name in self.anchors:
             if name not in ANCHORS:
                 raise ConfigError(f"the anchor must be one of {', '.join(ANCHORS)}, got {name!r}")
-            if name in ANCHOR_CODECS and ANCHOR_CODECS[name].zero_motion and not self.luma_only:
-                raise ConfigError(f"the anchor {name} codes luma only: add --luma-only")
-        if self.side_information is not None:
-            check_option(self.side_information)
-        for name, _ in self.options:
+        for name in ([self.side_information] if self.side_information else []) + list(dict(self.options)):
             check_option(name)
 
     def points(self) -> Iterator[Point]:
         """Yield the points, sequence by sequence, anchors last."""
-        gop = self._gop_length()
+        options = dict(self.options) | ({NO_FEEDBACK: "true"} if self.no_feedback else {})
         levels = self._levels() if self._has_levels() else [(None, None)] * len(self.key_qp)
         key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(levels)
         for sequence in self.sequences:
-            common = {"start": self.start, "frames": self.frames, "luma_only": self.luma_only}
+            point = partial(Point, sequence, start=self.start, frames=self.frames, luma_only=self.luma_only)
             for (wz_q, qp), key_qp in zip(levels, key_qps, strict=False):
-                yield Point(
-                    sequence,
-                    self.codec,
-                    wz_q,
-                    key_qp,
-                    gop,
-                    options=self._encoder_options(),
+                yield point(
+                    codec=self.codec,
+                    wz_q=wz_q,
+                    key_qp=key_qp,
+                    gop=self._gop_length(),
+                    options=tuple(sorted(options.items())),
                     side_information=self.side_information,
                     qp=qp,
                     proof=self.proof,
-                    **common,  # type: ignore[arg-type]
                 )
             for anchor in self.anchors:
-                gop_length = anchor_gop(ANCHORS[anchor])
+                codec = ANCHORS[anchor]
                 for qp in self.anchor_qps():
-                    yield Point(sequence, ANCHORS[anchor], None, str(qp), gop_length, **common)  # type: ignore[arg-type]
-
-    def _encoder_options(self) -> tuple[tuple[str, str], ...]:
-        """Return further options of the encoder."""
-        own = {NO_FEEDBACK: "true"} if self.no_feedback else {}
-        return tuple(sorted({**dict(self.options), **own}.items()))
+                    yield point(codec=codec, wz_q=None, key_qp=str(qp), gop=anchor_gop(codec))
 
     def _has_levels(self) -> bool:
-        """Tell whether points differ in matrix or quality: a matrix says nothing of key frames."""
+        """Return whether points differ in matrix or quality; a matrix has no effect on key frames."""
         return self._gop_length() > 1 or bool(self.qp)
 
     def _levels(self) -> list[tuple[int | None, int | None]]:
-        """List matrix or quality of the points, the other being none."""
+        """List matrix and quality of the points; one of them is None."""
         if self.wz_q:
             return [(matrix, None) for matrix in self.wz_q]
         return [(None, qp) for qp in self.qp or USUAL_QPS]
 
     def _gop_length(self) -> int:
+        if self.gop is not None:
+            return self.gop
         options = dict(self.options)
         is_chosen = bool({"key-frames", "intra-period"} & options.keys())
         is_intra = options.get("key-frames") == "intra" or (bool(self.wz_q) and not is_chosen)
-        usual = variant_of(self.codec).groups(options.get("references"), 0 if is_intra else None).length
-        return usual if self.gop is None else self.gop
+        return variant_of(self.codec).groups(options.get("references"), 0 if is_intra else None).length
 
     def anchor_qps(self) -> list[int]:
         """Return the QPs of the anchors: their own, and those of the sweep's key frames."""
@@ -144,8 +218,14 @@ class Sweep:
         return sorted(qps)
 
 
+def anchor_gop(codec: str) -> int:
+    """Return the distance between the intra frames of an anchor; 0: only the first is intra."""
+    is_intra = codec == INTRA or ANCHOR_CODECS[codec].structure == "intra"
+    return 1 if is_intra else ANCHOR_CODECS[codec].intra_period
+
+
 def check_option(name: str) -> None:
-    """Refuse an option of the encoder that the experiment itself sets, or that cannot be one."""
+    """Raise `ConfigError` for an option of the encoder that the experiment sets, or that cannot be one."""
     if not _OPTION_NAME.fullmatch(name) or name in _RESERVED:
         raise ConfigError(f"{name!r} cannot be given as an option of the encoder")
 
@@ -166,7 +246,7 @@ def parse_numbers(text: str, low: int, high: int) -> tuple[int, ...]:
     return tuple(numbers)
 
 
-def parse_options(words: Sequence[str]) -> tuple[tuple[str, str], ...]:
+def parse_options(words: Sequence[str]) -> Options:
     """Read options of the encoder as ``NAME=VALUE``; a flag has the value ``true``."""
     options = {}
     for word in words:
@@ -182,58 +262,82 @@ def read_spec(path: Path) -> list[dict[str, Any]]:
         document = tomllib.loads(read_whole(path).decode())
     except (ValueError, RecursionError) as err:
         raise ConfigError(f"{path}: {err}") from err
-    unknown = set(document) - {"defaults", "sweep"}
     sweeps, defaults = document.get("sweep"), document.get("defaults", {})
-    if unknown or not isinstance(sweeps, list) or not sweeps or not isinstance(defaults, dict):
-        raise ConfigError(f"{path}: expected tables [[sweep]] and, if wanted, [defaults]")
+    is_list = isinstance(sweeps, list) and all(isinstance(sweep, dict) for sweep in sweeps)
+    if set(document) - {"defaults", "sweep"} or not sweeps or not is_list or not isinstance(defaults, dict):
+        raise ConfigError(f"{path}: expected tables [[sweep]] and, optionally, [defaults]")
     names = {entry.name for entry in fields(Sweep)}
-    merged = [{**defaults, **sweep} if isinstance(sweep, dict) else {"": sweep} for sweep in sweeps]
-    for given in merged:
-        for name in given:
-            if name not in names:
-                raise ConfigError(f"{path}: no field {name!r}; there are {', '.join(sorted(names))}")
+    merged = [{**defaults, **sweep} for sweep in sweeps]
+    if unknown := [name for values in merged for name in values if name not in names]:
+        raise ConfigError(f"{path}: no field {unknown[0]!r}; expected {', '.join(sorted(names))}")
     return merged
 
 
-def build_sweep(given: dict[str, Any]) -> Sweep:
-    """Build a sweep from plain values."""
-    values = {name: value for name, value in given.items() if value is not None}
-    for name in ("sequences", "key_qp", "anchors"):
-        if name in values:
-            values[name] = tuple(_listed(name, values[name]))
-    ranges = {"wz_q": (1, 8), "qp": (1, MAX_QP), "anchor_qp": (1, 51)}
-    for name, (low, high) in ranges.items():
-        if name in values:
-            values[name] = parse_numbers(",".join(_listed(name, values[name])), low, high)
-    for name, low in (("gop", 1), ("start", 0), ("frames", 1)):
-        if name in values and (type(values[name]) is not int or values[name] < low):
-            raise ConfigError(f"`{name}` must be a whole number from {low}, got {values[name]!r}")
-    for name in ("luma_only", "no_feedback", "proof"):
-        if not isinstance(values.get(name, True), bool):
-            raise ConfigError(f"`{name}` must be true or false, got {values[name]!r}")
-    if not isinstance(values.get("codec", ""), str):
-        raise ConfigError(f"`codec` must be a name, got {values['codec']!r}")
-    if isinstance(values.get("options"), dict):
-        values["options"] = tuple(sorted((name, _word(value)) for name, value in values["options"].items()))
-    if not isinstance(values.get("side_information", ""), str):
-        raise ConfigError(f"`side_information` must be a name, got {values['side_information']!r}")
-    if not isinstance(values.get("options", ()), tuple):
-        raise ConfigError(f"`options` must be a table of options and values, got {values['options']!r}")
-    return Sweep(**values)
-
-
-def _word(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _listed(name: str, value: object) -> list[str]:
-    """Return the words of a list, or of one value."""
+def _names(name: str, value: object) -> tuple[str, ...]:
     items = value if isinstance(value, (list, tuple)) else str(value).split(",")
     if not items or not all(isinstance(item, (str, int)) and str(item) for item in items):
         raise ConfigError(f"`{name}` must be a list of names or numbers, got {value!r}")
-    return [str(item) for item in items]
+    return tuple(str(item) for item in items)
+
+
+def _numbers(low: int, high: int) -> Callable[[str, object], object]:
+    return lambda name, value: parse_numbers(",".join(_names(name, value)), low, high)
+
+
+def _whole(low: int) -> Callable[[str, object], object]:
+    def _read(name: str, value: object) -> object:
+        if type(value) is not int or value < low:
+            raise ConfigError(f"`{name}` must be a whole number from {low}, got {value!r}")
+        return value
+
+    return _read
+
+
+def _typed(kind: type, noun: str) -> Callable[[str, object], object]:
+    def _read(name: str, value: object) -> object:
+        if not isinstance(value, kind):
+            raise ConfigError(f"`{name}` must be {noun}, got {value!r}")
+        return value
+
+    return _read
+
+
+def _options(name: str, value: object) -> object:
+    if isinstance(value, dict):
+        words = {
+            key: str(word).lower() if isinstance(word, bool) else str(word) for key, word in value.items()
+        }
+        return tuple(sorted(words.items()))
+    return _typed(tuple, "a table of options and values")(name, value)
+
+
+_FLAG, _NAME = _typed(bool, "true or false"), _typed(str, "a name")
+_READERS: dict[str, Callable[[str, object], object]] = {
+    **dict.fromkeys(("sequences", "key_qp", "anchors"), _names),
+    **dict.fromkeys(("codec", "side_information"), _NAME),
+    **dict.fromkeys(("luma_only", "no_feedback", "proof"), _FLAG),
+    **dict.fromkeys(("gop", "frames"), _whole(1)),
+    "start": _whole(0),
+    "wz_q": _numbers(1, 8),
+    "qp": _numbers(1, MAX_QP),
+    "anchor_qp": _numbers(1, 51),
+    "options": _options,
+}
+"""Functions that check and convert the fields of a sweep."""
+
+
+def build_sweep(values: dict[str, Any]) -> Sweep:
+    """Build a sweep from plain values; None is a value that was not given."""
+    given = {name: value for name, value in values.items() if value is not None}
+    return Sweep(**{name: _READERS[name](name, value) for name, value in given.items()})  # type: ignore[arg-type]
 
 
 def expand(sweeps: Sequence[Sweep]) -> list[Point]:
     """List the points of several sweeps."""
     return list(dict.fromkeys(point for sweep in sweeps for point in sweep.points()))
+
+
+def _words(options: Options) -> list[str]:
+    """Return options as arguments of a command."""
+    given = [[f"--{name}"] if value == "true" else [f"--{name}", value] for name, value in options]
+    return [word for words in given for word in words]

@@ -293,8 +293,8 @@ def test_clusters_that_cannot_decode_are_refused(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No scheduler, no workers, no package, a live encoder: a line each, status 2, and no output."""
-    monkeypatch.setattr("dvc.cluster.CONNECT_S", 0.2)
-    monkeypatch.setattr("dvc.cluster.WORKERS_S", 0.2)
+    monkeypatch.setattr("dvc.dask_cluster.CONNECT_S", 0.2)
+    monkeypatch.setattr("dvc.dask_cluster.WORKERS_S", 0.2)
     output = tmp_path / "o.y4m"
     assert run(recording, output, "--dask", "tcp://127.0.0.1:1") == 2
     assert run(output, "--connect", "127.0.0.1:1", "--dask", "tcp://127.0.0.1:1") == 2

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from dvc.metrics import psnr_yuv_db
-from dvc.rd.points import SCHEMA
-from dvc.rd.results import POINTS_FOLDER
+from dvc.rd.rd_results import POINTS_FOLDER
+from dvc.rd.specification import SCHEMA
 
 
 def result_data(
@@ -57,6 +57,7 @@ def result_data(
         "times": {
             "encode_cpu_s": 1.0,
             "decode_cpu_s": 2.0,
+            "coding_cpu_s": 0.003,
             "key_encode_cpu_s": 0.002 if wyner_ziv else 0.003,
             "wz_encode_cpu_s": 0.001 if wyner_ziv else 0.0,
             "encode_start_up_cpu_s": 0.9,
@@ -66,25 +67,31 @@ def result_data(
     }
 
 
+def add_result(folder: Path, name: str, data: object) -> Path:
+    """Write one result of an experiment, or a damaged file if `data` is text."""
+    path = folder / POINTS_FOLDER / f"{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(data if isinstance(data, str) else json.dumps(data), encoding="utf-8")
+    return path
+
+
 def write_results(folder: Path, scale: float = 1.0) -> Path:
     """Write a codec's curve, and an intra curve of a quarter more rate."""
-    (folder / POINTS_FOLDER).mkdir(parents=True)
     for number, (rate_kbps, psnr_y_db) in enumerate([(60.0, 29.0), (90.0, 31.5), (200.0, 35.0)], start=1):
         codec = result_data(scale * rate_kbps, psnr_y_db, wz_q=number)
         intra = result_data(1.25 * scale * rate_kbps, psnr_y_db, codec="h264-intra")
         for name, data in ((f"codec-{number}", codec), (f"intra-{number}", intra)):
-            (folder / POINTS_FOLDER / f"{name}.json").write_text(json.dumps(data), encoding="utf-8")
+            add_result(folder, name, data)
     return folder
 
 
 def write_colour_results(folder: Path) -> Path:
     """Write a codec's curve and an intra curve in colour: a fifth less rate by luma, none by all planes."""
-    (folder / POINTS_FOLDER).mkdir(parents=True)
     lead_db = 3.0 * math.log2(1.25)  # as 3 dB take twice the rate; chroma makes up for it
     for number, (rate_kbps, psnr_y_db) in enumerate([(60.0, 29.0), (120.0, 32.0), (240.0, 35.0)], start=1):
         codec = result_data(rate_kbps, psnr_y_db, wz_q=number, chroma_db=38.0 + number)
         chroma_db = 38.0 + number + 3.0 * lead_db
         intra = result_data(rate_kbps, psnr_y_db - lead_db, codec="h264-intra", chroma_db=chroma_db)
         for name, data in ((f"codec-{number}", codec), (f"intra-{number}", intra)):
-            (folder / POINTS_FOLDER / f"{name}.json").write_text(json.dumps(data), encoding="utf-8")
+            add_result(folder, name, data)
     return folder

@@ -1,14 +1,12 @@
 """Made-up results of several codecs on several sequences, with frames and pictures."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from dvc.rd.results import POINTS_FOLDER
-from tests.rd.made_up import result_data
+from tests.rd.made_up import add_result, result_data
 
 HOSTILE = "<script>window.stolen=1</script><img src=x onerror='window.stolen=1'>"
 SEQUENCES = ("street", "stairway", HOSTILE)
@@ -25,7 +23,6 @@ SIDES_PX = {"street": (64, 48), "stairway": (64, 48), HOSTILE: (80, 64)}
 
 def write_many(folder: Path, *, levels: int = 6, pictures: bool = True) -> Path:
     """Write the results of an experiment: 3 sequences, 5 curves."""
-    (folder / POINTS_FOLDER).mkdir(parents=True)
     rng = np.random.default_rng(5)
     for number, name in enumerate(SEQUENCES):
         for curve, (codec, options, factor) in enumerate(CURVES):
@@ -34,8 +31,7 @@ def write_many(folder: Path, *, levels: int = 6, pictures: bool = True) -> Path:
                 stem = f"s{number}-c{curve}-q{level + 1}"
                 if pictures:
                     data["pictures"] = _pictures(folder, name, stem, codec == "2d", level)
-                path = folder / POINTS_FOLDER / f"{stem}.json"
-                path.write_text(json.dumps(data), encoding="utf-8")
+                add_result(folder, stem, data)
     return folder
 
 
@@ -80,7 +76,7 @@ def _pictures(folder: Path, name: str, stem: str, predicted: bool, level: int) -
     rng = np.random.default_rng(level)
     rows, columns = np.mgrid[:height, :width]
     original = np.uint8(128 + 60 * np.sin(columns / 6) + 40 * np.cos(rows / 5))
-    (folder / "pictures").mkdir(exist_ok=True)
+    (folder / "pictures").mkdir(parents=True, exist_ok=True)
     planes = {"original": original}
     for kind, sigma in (("decoded", 10.0 / (level + 1)), ("predicted", 12.0)):
         noisy = original + rng.normal(0, sigma, original.shape)

@@ -1,13 +1,13 @@
-"""What goes wrong in sweeps: signals, full disks, missing decoders, results of other sizes."""
+"""Failures of sweeps: signals, full disks, missing decoders, results of other sizes."""
 
 import errno
-import json
 import resource
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterable
+from dataclasses import astuple
 from importlib import util
 from pathlib import Path
 from typing import Any
@@ -16,16 +16,15 @@ import numpy as np
 import pytest
 
 from dvc.errors import DvcError
-from dvc.rd import results, sweep
+from dvc.rd import rd_results, run_points
 from dvc.rd.__main__ import main
-from dvc.rd.point_result import PointResult
-from dvc.rd.points import Point, Task
-from dvc.rd.processes import ProcessGroup, Stopped
+from dvc.rd.child_processes import ProcessGroup, Stopped
 from dvc.rd.provenance import CodeVersion
-from dvc.rd.results import POINTS_FOLDER
+from dvc.rd.rd_results import POINTS_FOLDER, PictureFiles, PointResult
+from dvc.rd.specification import Point, Task
 from dvc.versions import codec_digest
 from dvc.video import Frame, create_video
-from tests.rd.made_up import result_data
+from tests.rd.made_up import add_result, result_data
 
 NO_SPACE = OSError(errno.ENOSPC, "No space left on device")
 
@@ -52,7 +51,7 @@ def _leftovers(folder: Path) -> list[str]:
 
 
 def test_termination_leaves_whole_points_and_the_sweep_goes_on(clip: Path, tmp_path: Path) -> None:
-    """After SIGTERM there is no part of a point, and what is missing can be measured."""
+    """After SIGTERM no part of a point remains, and missing points can be measured."""
     out = tmp_path / "out"
     with subprocess.Popen(_command(clip, out, range(20, 40)), stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60
@@ -62,9 +61,9 @@ def test_termination_leaves_whole_points_and_the_sweep_goes_on(clip: Path, tmp_p
         _, messages = process.communicate(timeout=60)
     assert process.returncode == 130
     assert messages.splitlines()[-1] == "dvc-rd: interrupted"
-    measured = [results.read_result(path) for path in (out / POINTS_FOLDER).iterdir()]
+    measured = [rd_results.read_result(path) for path in (out / POINTS_FOLDER).iterdir()]
     points = [f"{POINTS_FOLDER}/{result.name}.json" for result in measured]
-    named = [name for result in measured for name in result.data["pictures"].values()]
+    named = [name for result in measured for name in astuple(result.pictures or PictureFiles())]
     pictures = {name for name in named if isinstance(name, str)}
     assert _leftovers(out) == sorted([*points, *pictures])
     last = subprocess.run(_command(clip, out, [39]), capture_output=True, text=True, check=False)
@@ -73,7 +72,7 @@ def test_termination_leaves_whole_points_and_the_sweep_goes_on(clip: Path, tmp_p
 
 
 def test_a_disk_without_room_for_streams(clip: Path, tmp_path: Path) -> None:
-    """Where the processes cannot write, the point fails with one line, and nothing is left."""
+    """If the processes cannot write, the point fails with one line, and no file remains."""
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))
@@ -91,8 +90,8 @@ def test_a_disk_without_room_for_streams(clip: Path, tmp_path: Path) -> None:
 
 
 def test_a_disk_without_room_for_results(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where a result cannot be written, its point fails with one line, and no half of it is there."""
-    monkeypatch.setattr(sweep, "measure", lambda *_: result_data(60.0, 30.0))
+    """If a result cannot be written, its point fails with one line, and no partial file remains."""
+    monkeypatch.setattr(run_points, "measure", lambda *_: result_data(60.0, 30.0))
 
     def full(*_: object, **__: object) -> int:
         raise NO_SPACE
@@ -100,20 +99,20 @@ def test_a_disk_without_room_for_results(clip: Path, tmp_path: Path, monkeypatch
     with monkeypatch.context() as patched:
         patched.setattr(Path, "write_text", full)
         points = [Point(str(clip), "2d", None, str(qp), 1) for qp in (30, 31)]
-        summary = sweep.run_points(points, tmp_path / "out", tmp_path, jobs=2)
+        summary = run_points.run_points(points, tmp_path / "out", tmp_path, jobs=2)
     assert [reason.endswith("No space left on device") for _, reason in summary.failures] == [True, True]
     assert _leftovers(tmp_path / "out") == []
-    assert sweep.run_points(points, tmp_path / "out", tmp_path).num_measured == 2
+    assert run_points.run_points(points, tmp_path / "out", tmp_path).num_measured == 2
 
 
 def test_a_disk_without_room_for_folders(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where no folder can be made for a point, it fails with one line."""
+    """If no folder can be made for a point, it fails with one line."""
 
     def full(*_: object, **__: object) -> str:
         raise NO_SPACE
 
     monkeypatch.setattr("tempfile.mkdtemp", full)
-    summary = sweep.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
+    summary = run_points.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
     assert ["No space left on device" in reason for _, reason in summary.failures] == [True]
 
 
@@ -134,31 +133,29 @@ def test_an_interpreter_that_is_not_there(
 ) -> None:
     """A program that cannot be started fails the point with one line that names it."""
     monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    summary = sweep.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
+    summary = run_points.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
     assert [reason for _, reason in summary.failures] == [
         f"cannot start {tmp_path / 'python'}: No such file or directory"
     ]
 
 
-def test_a_failure_that_nobody_thought_of(
-    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Any error fails its point alone, with its kind."""
+def test_an_unexpected_error(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any error fails only its own point, with its type as the reason."""
 
     def measure(task: Task, *_: object) -> dict[str, Any]:
         if task.point.key_qp == "30":
             raise KeyError("totals")
         return result_data(60.0, 30.0)
 
-    monkeypatch.setattr(sweep, "measure", measure)
+    monkeypatch.setattr(run_points, "measure", measure)
     points = [Point(str(clip), "2d", None, qp, 1) for qp in ("30", "31")]
-    summary = sweep.run_points(points, tmp_path / "out", tmp_path)
+    summary = run_points.run_points(points, tmp_path / "out", tmp_path)
     assert [reason for _, reason in summary.failures] == ["KeyError: 'totals'"]
     assert summary.num_measured == 1
 
 
 def test_processes_have_one_thread(tmp_path: Path) -> None:
-    """What a point runs neither compiles nor filters on more threads than one."""
+    """The processes of a point neither compile nor filter on more than one thread."""
     found = tmp_path / "found"
     numbers = "cv2.getNumThreads(), numba.get_num_threads()"
     code = f"import cv2, numba; print({numbers}, file=open({str(found)!r}, 'w'))"
@@ -167,7 +164,7 @@ def test_processes_have_one_thread(tmp_path: Path) -> None:
 
 
 def test_stopping_processes_that_have_ended() -> None:
-    """A process that ended a moment ago does not keep the others from being ended."""
+    """A process that has just ended does not prevent the end of the other processes."""
     processes = ProcessGroup()
     child = subprocess.Popen([sys.executable, "-c", ""], start_new_session=True)
     child.wait()
@@ -178,35 +175,30 @@ def test_stopping_processes_that_have_ended() -> None:
 
 
 def test_a_process_that_is_killed() -> None:
-    """A process that a signal ends is told by the name of the signal."""
+    """The error of a process that a signal ended names the signal."""
     code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
     with pytest.raises(DvcError, match=r"^the process was ended by SIGKILL$"):
         ProcessGroup().run([sys.executable, "-c", code])
 
 
 def test_code_that_changes_meanwhile(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A point whose code was edited while it was measured has no result, for nobody knows which it was."""
-    monkeypatch.setattr(sweep, "measure", lambda *_: result_data(60.0, 30.0))
-    monkeypatch.setattr(sweep, "code_version", lambda: CodeVersion("1", None, "f" * 32))
-    summary = sweep.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
+    """A point has no result if its code was edited while it was measured."""
+    monkeypatch.setattr(run_points, "measure", lambda *_: result_data(60.0, 30.0))
+    monkeypatch.setattr(run_points, "code_version", lambda: CodeVersion("1", None, "f" * 32))
+    summary = run_points.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
     assert "the code was changed" in summary.failures[0][1]
     assert codec_digest() != "f" * 32
     assert _leftovers(tmp_path / "out") == []
-
-
-def _write(folder: Path, name: str, data: dict[str, Any]) -> None:
-    (folder / POINTS_FOLDER).mkdir(parents=True, exist_ok=True)
-    (folder / POINTS_FOLDER / f"{name}.json").write_text(json.dumps(data), encoding="utf-8")
 
 
 def test_sequences_of_several_sizes_in_one_report(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Sequences of one name but other sizes are sections of their own, and never compared."""
     other = {"name": "clip", "digest": "d2", "width": 32, "height": 16, "frames_per_s": 12.5}
     for number, rate_kbps in enumerate((60.0, 90.0)):
-        _write(tmp_path, f"a{number}", result_data(rate_kbps, 30.0 + number))
-        _write(tmp_path, f"b{number}", result_data(rate_kbps, 31.0 + number, sequence=other))
-        _write(tmp_path, f"c{number}", result_data(rate_kbps, 29.5 + number, codec="h264-intra"))
-    _write(tmp_path, "damaged", {"schema": "dvc3d-rd-point/0"})
+        add_result(tmp_path, f"a{number}", result_data(rate_kbps, 30.0 + number))
+        add_result(tmp_path, f"b{number}", result_data(rate_kbps, 31.0 + number, sequence=other))
+        add_result(tmp_path, f"c{number}", result_data(rate_kbps, 29.5 + number, codec="h264-intra"))
+    add_result(tmp_path, "damaged", {"schema": "dvc3d-rd-point/0"})
     assert main(["report", str(tmp_path), "--out", str(tmp_path / "r.md")]) == 0
     text = (tmp_path / "r.md").read_text(encoding="utf-8")
     assert "clip: 64×48" in text
@@ -220,7 +212,7 @@ def test_results_that_name_another_schema_are_left_out(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A result of a later version is named and left out, and the rest is used."""
-    _write(tmp_path, "good", result_data(60.0, 30.0))
-    _write(tmp_path, "later", result_data(60.0, 30.0, schema="dvc3d-rd-point/99"))
-    assert [type(result) for result in results.read_results(tmp_path)] == [PointResult]
+    add_result(tmp_path, "good", result_data(60.0, 30.0))
+    add_result(tmp_path, "later", result_data(60.0, 30.0, schema="dvc3d-rd-point/99"))
+    assert [type(result) for result in rd_results.read_results(tmp_path)] == [PointResult]
     assert "later.json: not a result of schema" in caplog.text

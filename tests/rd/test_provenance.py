@@ -1,4 +1,4 @@
-"""Where results come from: the commit of the code, and whether the code was changed since."""
+"""Origin of results: the commit of the code, and whether the code was changed since."""
 
 import subprocess
 from pathlib import Path
@@ -47,6 +47,6 @@ def test_no_repository_has_no_commit(source: Path, tmp_path_factory: pytest.Temp
     other = source.parent / "other.py"
     other.write_text("")
     assert _commit(other) is None
-    alone = tmp_path_factory.mktemp("alone") / "__init__.py"
-    alone.write_text("")
-    assert _commit(alone) is None
+    untracked = tmp_path_factory.mktemp("untracked") / "__init__.py"
+    untracked.write_text("")
+    assert _commit(untracked) is None

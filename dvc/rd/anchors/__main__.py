@@ -4,9 +4,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from dvc import cli
+from dvc import cli, subcommands
 from dvc.config import MAX_QP
-from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.anchors import ANCHOR_CODECS
+from dvc.subcommands import Subcommand
 
 PROG = "dvc.rd.anchors"
 EXAMPLES = """\
@@ -15,45 +16,40 @@ EXAMPLES = """\
 """
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = cli.ArgumentParser(PROG, "Write files of standard codecs, and measure them.", EXAMPLES)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="{encode,decode}")
-    encode = commands.add_parser(
-        "encode", prog=f"{PROG} encode", description="Write a file.", help="write a file"
+def _add_encode(encode: argparse.ArgumentParser) -> None:
+    add = encode.add_argument
+    add("input", metavar="INPUT", help="any video that dvc-encode reads, except raw ones")
+    add("output", metavar="OUTPUT", help="file to write: .264, .265 or .obu")
+    add("--codec", choices=ANCHOR_CODECS, required=True)
+    add("--qp", type=cli.integer(1, MAX_QP), required=True, metavar="QP", help="1 to 51, H.264's scale")
+    add("--start", type=cli.integer(0, 10**9), default=0, metavar="K", help="first frame")
+    add("--frames", type=cli.integer(1, 10**9), metavar="N", help="default: all")
+    _add_common(encode)
+
+
+def _add_decode(decode: argparse.ArgumentParser) -> None:
+    add = decode.add_argument
+    add("input", metavar="FILE", type=Path, help="file that `encode` wrote")
+    add("--reference", required=True, metavar="ORIGINAL", help="input of `encode`")
+    add(
+        "--reference-start",
+        type=cli.integer(0, 10**9),
+        default=0,
+        metavar="K",
+        help="--start of `encode`",
     )
-    encode.add_argument("input", metavar="INPUT", help="any video that dvc-encode reads but raw ones")
-    encode.add_argument("output", metavar="OUTPUT", help="file to write: .264, .265 or .obu")
-    encode.add_argument("--codec", choices=ANCHOR_CODECS, required=True)
-    encode.add_argument(
-        "--qp",
-        type=cli.integer(1, MAX_QP),
-        required=True,
-        metavar="QP",
-        help="on the scale of H.264, 1 to 51",
-    )
-    encode.add_argument("--start", type=cli.integer(0, 10**9), default=0, metavar="K", help="first frame")
-    encode.add_argument("--frames", type=cli.integer(1, 10**9), metavar="N", help="default: all")
-    decode = commands.add_parser(
-        "decode", prog=f"{PROG} decode", description="Measure a file.", help="measure a file"
-    )
-    decode.add_argument("input", metavar="FILE", type=Path, help="what `encode` wrote")
-    decode.add_argument("--reference", required=True, metavar="ORIGINAL", help="what `encode` read")
-    decode.add_argument(
-        "--reference-start", type=cli.integer(0, 10**9), default=0, metavar="K", help="what --start was"
-    )
-    decode.add_argument("--zero-motion", action="store_true", help="refuse motion vectors that are not zero")
-    decode.add_argument("--video", type=Path, metavar="OUT", help="write the luma: .y4m or .mkv")
-    for command in (encode, decode):
-        command.add_argument(
-            "--luma-only", action="store_true", help="leave chroma out; x264-ippp-zero codes nothing else"
-        )
-        command.add_argument("--json", metavar="FILE", help="write what was found (-: standard output)")
-        command.add_argument("--quiet", action="store_true", help="accepted like by the other commands")
-    return parser
+    add("--video", type=Path, metavar="OUT", help="write the luma: .y4m or .mkv")
+    _add_common(decode)
+
+
+def _add_common(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--luma-only", action="store_true", help="leave chroma out")
+    command.add_argument("--json", metavar="FILE", help="write the results (-: standard output)")
+    command.add_argument("--quiet", action="store_true", help="accepted as by the other commands")
 
 
 def _encode(arguments: argparse.Namespace) -> int:
-    from dvc.rd.anchors.encoding import encode_file
+    from dvc.rd.anchors.anchor_files import encode_file
 
     cli.check_outputs([arguments.input], [arguments.output, *_json_files(arguments)])
     coded = encode_file(
@@ -71,7 +67,7 @@ def _encode(arguments: argparse.Namespace) -> int:
 
 
 def _decode(arguments: argparse.Namespace) -> int:
-    from dvc.rd.anchors.decoding import measure_file
+    from dvc.rd.anchors.anchor_files import measure_file
 
     outputs = [arguments.video] if arguments.video else []
     cli.check_outputs([arguments.input, arguments.reference], [*outputs, *_json_files(arguments)])
@@ -79,7 +75,6 @@ def _decode(arguments: argparse.Namespace) -> int:
         arguments.input,
         arguments.reference,
         arguments.reference_start,
-        zero_motion=arguments.zero_motion,
         luma_only=arguments.luma_only,
         video=arguments.video,
     )
@@ -92,11 +87,12 @@ def _json_files(arguments: argparse.Namespace) -> list[str]:
     return [] if arguments.json in (None, "", "-") else [arguments.json]
 
 
-def _work(arguments: argparse.Namespace) -> int:
-    return (_encode if arguments.command == "encode" else _decode)(arguments)
+_SUBCOMMANDS = {
+    "encode": Subcommand("write a file", "Write a file.", _add_encode, _encode),
+    "decode": Subcommand("measure a file", "Measure a file.", _add_decode, _decode),
+}
 
-
-main = cli.command(PROG, _parser, _work, has_subcommands=True)
+main = subcommands.command(PROG, "Write files of standard codecs, and measure them.", EXAMPLES, _SUBCOMMANDS)
 
 if __name__ == "__main__":
     sys.exit(main())

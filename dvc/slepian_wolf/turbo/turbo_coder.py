@@ -1,13 +1,13 @@
 """Turbo codes as a coder of planes: the punctured pair of the thesis, and a check of each plane by itself."""
 
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.pool import Pool
 from dvc.slepian_wolf.checks import CRC_BITS, crc
 from dvc.slepian_wolf.coupling import NeighbourCoupling, bounded_llr, entropy_bits, ideal_bits
 from dvc.slepian_wolf.protocol import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult, Words
@@ -158,12 +158,32 @@ def _iterate(plane: _Plane, decoder: TurboDecoder) -> int:
     return done
 
 
+class DecoderPool:
+    """Idle decoders of one plane length; each serves one thread at a time and is kept for the next."""
+
+    def __init__(self, make: Callable[[], TurboDecoder]) -> None:
+        self._make = make
+        self._idle: list[TurboDecoder] = []
+
+    @contextmanager
+    def lent(self) -> Iterator[TurboDecoder]:
+        """Lend a decoder."""
+        try:
+            decoder = self._idle.pop()
+        except IndexError:
+            decoder = self._make()
+        try:
+            yield decoder
+        finally:
+            self._idle.append(decoder)
+
+
 class TurboPlaneDecoder:
     """Decodes planes with the classical code."""
 
     cost = PlaneCost(1.2, 10.0)
 
-    def __init__(self, decoders: Pool[TurboDecoder]) -> None:
+    def __init__(self, decoders: DecoderPool) -> None:
         self._decoders = decoders
 
     def decode(
@@ -191,7 +211,7 @@ class TurboCoder:
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
-        self._decoders: dict[int, Pool[TurboDecoder]] = {}  # by length of the planes
+        self._decoders: dict[int, DecoderPool] = {}  # by length of the planes
 
     def encode(self, code: int, words: Words, parity: Words) -> None:
         """Compute the parity of up to 64 planes."""
@@ -201,4 +221,4 @@ class TurboCoder:
     def decoder(self, num_bits: int) -> TurboPlaneDecoder:
         """Return a decoder of planes."""
         new = partial(TurboDecoder, CLASSICAL, num_bits, self._seed)
-        return TurboPlaneDecoder(self._decoders.setdefault(num_bits, Pool(new)))
+        return TurboPlaneDecoder(self._decoders.setdefault(num_bits, DecoderPool(new)))

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from dvc.slepian_wolf.checks import CRC_BITS, crc
-from dvc.slepian_wolf.turbo.turbo_coder import ERROR_EXPONENT, _Plane
+from dvc.slepian_wolf.turbo.turbo_coder import ERROR_EXPONENT, DecoderPool, _Plane
+from dvc.slepian_wolf.turbo.turbo_decoder import TurboDecoder
+from dvc.slepian_wolf.turbo.turbo_encoder import CLASSICAL
 
 BITS = np.random.default_rng(1).integers(0, 2, 64, dtype=np.uint8)
 
@@ -51,3 +53,21 @@ def test_hopeless_planes_are_given_up() -> None:
     plane = plane_of(6)
     plane.check = 1 - plane.check
     assert accepted(plane, crc(BITS, CRC_BITS), 1.0) == (False, [])
+
+
+def test_decoders_are_made_if_none_is_idle_and_come_back() -> None:
+    """Two loans at once need two decoders; a later loan, or one after a failure, gets one of these."""
+    made: list[TurboDecoder] = []
+
+    def make() -> TurboDecoder:
+        made.append(TurboDecoder(CLASSICAL, 64, 1))
+        return made[-1]
+
+    pool = DecoderPool(make)
+    with pool.lent() as first, pool.lent() as second:
+        assert first is not second
+    with pytest.raises(KeyError), pool.lent():
+        raise KeyError
+    with pool.lent() as third, pool.lent() as fourth:
+        assert third is not fourth
+    assert len(made) == 2

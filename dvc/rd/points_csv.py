@@ -1,0 +1,329 @@
+"""Points as comma-separated values: export of results, import of points that were measured elsewhere."""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from dvc.errors import DvcError
+from dvc.rd.provenance import values_digest
+from dvc.rd.rd_curves import experiments
+from dvc.rd.rd_results import (
+    IMPORTED,
+    MAX_NUMBER,
+    POINTS_FOLDER,
+    FrameResult,
+    PointResult,
+    read_results,
+    write_result,
+)
+from dvc.rd.specification import SCHEMA
+
+OPENDVC: Final = "opendvc"
+"""Name of the points of openDVC, which are part of this package."""
+MAX_CHARACTERS: Final = 2**24
+"""Largest size of a file."""
+_IMPORTED_PSNRS: Final = (
+    *("psnr_y_db", "key_psnr_y_db", "wz_psnr_y_db", "si_psnr_y_db", "refined_si_psnr_y_db"),
+    *("psnr_cb_db", "psnr_cr_db", "psnr_yuv_db"),
+)
+_REQUIRED: Final = ("sequence", "codec", "rate_kbps", "psnr_y_db", "frames")
+_TRUTHS: Final = {"": False, "true": True, "false": False}
+_MAX_PX, _MAX_DB = 2**16, 1000.0
+
+Column = Callable[[PointResult], object]
+
+
+def _bits(kind: str) -> Column:
+    return lambda point: point.totals.bits.get(kind)
+
+
+def _options(point: PointResult) -> str:
+    """Write further options of the encoder as `--option` takes them."""
+    options = sorted(point.options.options.items())
+    return " ".join(name if value == "true" else f"{name}={value}" for name, value in options)
+
+
+POINT_COLUMNS: dict[str, Column] = {
+    "point": attrgetter("name"),
+    "codec": attrgetter("codec"),
+    "gop": attrgetter("options.gop"),
+    "wz_q": attrgetter("options.wz_q"),
+    "key_qp": attrgetter("key.qp"),
+    "lossless_keys": attrgetter("key.lossless"),
+    "side_information": attrgetter("options.side_information"),
+    "options": _options,
+    "width": attrgetter("sequence.width"),
+    "height": attrgetter("sequence.height"),
+    "frames_per_s": attrgetter("sequence.frames_per_s"),
+    "first_frame": attrgetter("options.start"),
+    "frames": attrgetter("totals.frames"),
+    "luma_only": attrgetter("options.luma_only"),
+    "rate_kbps": attrgetter("totals.rate_kbps"),
+    "psnr_y_db": attrgetter("totals.psnr_y_db"),
+    "key_psnr_y_db": attrgetter("totals.key_psnr_y_db"),
+    "wz_psnr_y_db": attrgetter("totals.wz_psnr_y_db"),
+    "si_psnr_y_db": attrgetter("totals.si_psnr_y_db"),
+    "refined_si_psnr_y_db": attrgetter("totals.refined_si_psnr_y_db"),
+    "stream_bytes": attrgetter("totals.stream_bytes"),
+    **{f"{kind}_bits": _bits(kind) for kind in ("key", "tracks", "parity", "crc", "header")},
+    "num_requests": attrgetter("totals.num_requests"),
+    "num_failed_planes": attrgetter("totals.num_failed_planes"),
+    "encode_cpu_s": attrgetter("times.encode_cpu_s"),
+    "decode_cpu_s": attrgetter("times.decode_cpu_s"),
+    "code_version": attrgetter("code.version"),
+    "code_commit": attrgetter("code.commit"),
+    "code_digest": attrgetter("code.digest"),
+    "sequence_digest": attrgetter("sequence.digest"),
+    "date": attrgetter("date"),
+    **{f"{kind}_bits": _bits(kind) for kind in ("intra", "inter")},
+    "key_encode_cpu_s": attrgetter("times.key_encode_cpu_s"),
+    "wz_encode_cpu_s": attrgetter("times.wz_encode_cpu_s"),
+    "tracking_cpu_s": attrgetter("times.tracking_cpu_s"),
+    "coding_cpu_s": attrgetter("times.coding_cpu_s"),
+    "qp": attrgetter("options.qp"),
+    "psnr_cb_db": attrgetter("totals.psnr_cb_db"),
+    "psnr_cr_db": attrgetter("totals.psnr_cr_db"),
+    "psnr_yuv_db": attrgetter("totals.psnr_yuv_db"),
+}
+"""Columns of `results_csv` after `sequence` and `curve`; new ones are added at the end only."""
+
+_POINT_OF_FRAME = ("point", "codec", "gop", "wz_q", "key_qp", "lossless_keys")
+FRAME_COLUMNS = (
+    *("index", "type", "bits", "psnr_y_db", "si_psnr_y_db", "refined_si_psnr_y_db", "num_requests"),
+    *("num_failed_planes", "side_information", "side_information_reason", "decode_s", "key_bits"),
+    *("tracks_bits", "parity_bits", "crc_bits", "header_bits", "psnr_cb_db", "psnr_cr_db"),
+)
+"""Columns of a frame, after those of its point; new ones are added at the end only."""
+
+
+def results_csv(results: Sequence[PointResult], *, per_frame: bool = False) -> str:
+    """Write a line for each point, or for each frame of each point."""
+    names = _POINT_OF_FRAME if per_frame else tuple(POINT_COLUMNS)
+    rows: list[list[object]] = []
+    for one in experiments(results):
+        for curve in one.curves:
+            for point in curve.points:
+                cells = [point.sequence.name, curve.label, *(POINT_COLUMNS[name](point) for name in names)]
+                if per_frame:
+                    rows += [[*cells, *_frame_cells(frame)] for frame in point.per_frame]
+                else:
+                    rows.append(cells)
+    return csv_text(("sequence", "curve", *names, *(FRAME_COLUMNS if per_frame else ())), rows)
+
+
+def _frame_cells(frame: FrameResult) -> list[object]:
+    """Return the cells of a frame; its bits are one number, or one for each kind."""
+    cells = asdict(frame)
+    if isinstance(frame.bits, dict):
+        cells["bits"] = sum(frame.bits.values())
+        cells |= {f"{kind}_bits": count for kind, count in frame.bits.items()}
+    return [cells.get(name) for name in FRAME_COLUMNS]
+
+
+def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table as comma-separated values."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    for row in rows:
+        writer.writerow([str(cell).lower() if isinstance(cell, bool) else cell for cell in row])
+    return text.getvalue()
+
+
+class _Frames(NamedTuple):
+    """Frames of a sequence: curves on the same frames can be compared."""
+
+    sequence: str
+    first_frame: int
+    frames: int
+    luma_only: bool
+
+
+def _frames(result: PointResult) -> _Frames:
+    options = result.options
+    return _Frames(result.sequence.name, options.start, result.totals.frames, options.luma_only)
+
+
+def _curve(result: PointResult) -> tuple[_Frames, str]:
+    return _frames(result), result.options.options["curve"]
+
+
+def import_points(path: Path, folder: Path) -> list[PointResult]:
+    """Read points and write them as results, which replace those of the same codecs and sequences."""
+    text, name = _read_text(path)
+    has_results = any((folder / POINTS_FOLDER).glob("*.json"))
+    previous = read_results(folder) if has_results else []
+    measured = {_frames(result): asdict(result.sequence) for result in previous if result.codec != IMPORTED}
+    points: dict[str, dict[str, Any]] = {}
+    for number, row in _rows(text, name):
+        try:
+            data = _point(row, name, measured)
+        except ValueError as err:
+            raise DvcError(f"{name}: line {number}: {err}") from err
+        stem = _stem(data)
+        if stem in points:
+            raise DvcError(f"{name}: line {number}: the same point a second time: give it a name in 'point'")
+        points[stem] = data
+    if not points:
+        raise DvcError(f"{name}: no points")
+    try:
+        (folder / POINTS_FOLDER).mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        raise DvcError(f"cannot write to {folder}: {err.strerror}") from err
+    written = [write_result(folder, stem, data) for stem, data in points.items()]
+    curves = {_curve(result) for result in written}
+    for result in previous:
+        if result.codec == IMPORTED and _curve(result) in curves and result.name not in points:
+            (folder / POINTS_FOLDER / f"{result.name}.json").unlink()
+    return written
+
+
+def unmatched_sequences(points: Sequence[PointResult], folder: Path) -> list[str]:
+    """Return the sequences of imported points without a measured point on the same frames."""
+    measured = {_frames(result) for result in read_results(folder) if result.codec != IMPORTED}
+    return list(dict.fromkeys(point.sequence.name for point in points if _frames(point) not in measured))
+
+
+def _read_text(path: Path) -> tuple[str, str]:
+    """Return text and name of a file."""
+    if str(path) == OPENDVC and not path.exists():
+        path = Path(__file__).with_name(f"{OPENDVC}.csv")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            text = file.read(MAX_CHARACTERS + 1)
+    except (OSError, UnicodeDecodeError) as err:
+        raise DvcError(f"{path}: cannot be read: {getattr(err, 'strerror', None) or err}") from err
+    if len(text) > MAX_CHARACTERS:
+        raise DvcError(f"{path}: more than {MAX_CHARACTERS} characters")
+    return text, path.name
+
+
+def _rows(text: str, name: str) -> list[tuple[int, Mapping[str, str]]]:
+    """Return the rows with the numbers of their lines, without lines that begin with #."""
+    lines = "".join("\n" if line.startswith("#") else line for line in io.StringIO(text, newline=""))
+    reader = csv.reader(io.StringIO(lines, newline=""), strict=True)
+    try:
+        rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(row)]
+    except csv.Error as err:
+        raise DvcError(f"{name}: line {reader.line_num}: {err}") from err
+    head = rows[0][1] if rows else []
+    if missing := [column for column in _REQUIRED if column not in head]:
+        raise DvcError(
+            f"{name}: no column {', '.join(missing)}; the first line must name {', '.join(_REQUIRED)}"
+        )
+    for number, row in rows[1:]:
+        if len(row) != len(head):
+            raise DvcError(f"{name}: line {number}: {len(row)} cells under {len(head)} columns")
+    return [(number, dict(zip(head, row, strict=True))) for number, row in rows[1:]]
+
+
+def _point(row: Mapping[str, str], source: str, measured: Mapping[_Frames, Any]) -> dict[str, Any]:
+    """Return the contents of a result."""
+    for name in ("sequence", "codec"):
+        if not row[name]:
+            raise ValueError(f"{name} is empty")
+        if not row[name].isprintable():
+            raise ValueError(f"{name} has characters that cannot be shown")
+    rate_kbps = _number(row, "rate_kbps", MAX_NUMBER / 1e6)
+    psnrs = [name for name in _IMPORTED_PSNRS if name == "psnr_y_db" or row.get(name)]
+    psnrs_db = {name: _number(row, name, _MAX_DB) for name in psnrs}
+    luma_only = row.get("luma_only", "").lower()
+    if luma_only not in _TRUTHS:
+        raise ValueError(f"luma_only must be true or false, got {luma_only!r}")
+    first, count = _whole(row, "first_frame", 0, 0), _whole(row, "frames", 1)
+    frames = _Frames(row["sequence"], first, count, _TRUTHS[luma_only])
+    sequence = measured.get(frames) or _sequence(row, frames)
+    qp = _whole(row, "qp", -100) if row.get("qp") else None
+    names = {
+        "curve": row.get("curve") or row["codec"],
+        "point": row.get("point") or f"{rate_kbps:g} kbit/s",
+    }
+    return {
+        "identity": values_digest(dict(row)),
+        "code": {"version": row.get("source") or source, "commit": None, "digest": ""},
+        **_result(frames, sequence, qp, names, {"rate_kbps": rate_kbps, **psnrs_db}),
+    }
+
+
+def _result(
+    frames: _Frames, sequence: dict[str, Any], qp: int | None, names: dict[str, str], totals: dict[str, float]
+) -> dict[str, Any]:
+    """Return the contents of a result, except its source."""
+    duration_s = frames.frames / sequence["frames_per_s"]
+    bits = 1000 * totals["rate_kbps"] * duration_s
+    if not max(bits, duration_s) < MAX_NUMBER:
+        raise ValueError(f"{frames.frames} frames, {sequence['frames_per_s']:g} a second, last too long")
+    num_bits = max(8, round(bits))
+    return {
+        "schema": SCHEMA,
+        "sequence": sequence,
+        "codec": IMPORTED,
+        "options": {
+            "codec": IMPORTED,
+            "wz_q": None,
+            "key_qp": "" if qp is None else str(qp),
+            "gop": 0,
+            "start": frames.first_frame,
+            "frames": frames.frames,
+            "luma_only": frames.luma_only,
+            "options": names,
+        },
+        "key": {"qp": qp, "lossless": False},
+        "totals": {
+            "frames": frames.frames,
+            "duration_s": duration_s,
+            "stream_bytes": num_bits // 8,
+            **totals,
+            "bits": {"stream": num_bits},
+        },
+        "times": {"encode_cpu_s": None, "decode_cpu_s": None},
+    }
+
+
+def _sequence(row: Mapping[str, str], frames: _Frames) -> dict[str, Any]:
+    """Return the description that a row gives of a sequence without measured points."""
+    if missing := [name for name in ("width", "height", "frames_per_s") if not row.get(name)]:
+        first, last = frames.first_frame, frames.first_frame + frames.frames - 1
+        where = f"frames {first} to {last} of {frames.sequence}"
+        raise ValueError(f"{', '.join(missing)} must be given, as nothing is measured here on {where}")
+    size = {name: _whole(row, name, 1, most=_MAX_PX) for name in ("width", "height")}
+    digest = row.get("sequence_digest") or values_digest([IMPORTED, row["sequence"]])
+    frames_per_s = _number(row, "frames_per_s", 1e6)
+    return {"name": row["sequence"], "digest": digest, **size, "frames_per_s": frames_per_s}
+
+
+def _number(row: Mapping[str, str], name: str, most: float) -> float:
+    """Return a number above 0."""
+    text = row.get(name, "")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= most:
+        raise ValueError(f"{name} must be a number above 0, got {text!r}")
+    return value
+
+
+def _whole(
+    row: Mapping[str, str], name: str, least: int, default: int | None = None, *, most: int = 10**9
+) -> int:
+    text = row.get(name, "")
+    if not text and default is not None:
+        return default
+    if not re.fullmatch(r"-?[0-9]{1,9}", text) or not least <= int(text) <= most:
+        raise ValueError(f"{name} must be a whole number from {least} on, got {text!r}")
+    return int(text)
+
+
+def _stem(data: Mapping[str, Any]) -> str:
+    """Return the name of the file: sequence and curve, then a unique digest."""
+    options = data["options"]
+    unique = values_digest([data["sequence"]["name"], options])[:8]
+    words = [data["sequence"]["name"], options["options"]["curve"], unique]
+    return "-".join(re.sub(r"[^A-Za-z0-9_.]+", "_", word)[:60] for word in words)

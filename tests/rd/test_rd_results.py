@@ -1,0 +1,163 @@
+"""Result files: reading what was written, refusing damaged files."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dvc.errors import DvcError
+from dvc.rd.originals import Source
+from dvc.rd.provenance import CodeVersion, code_version, input_digest, values_digest
+from dvc.rd.rd_results import (
+    POINTS_FOLDER,
+    is_finished,
+    parse_result,
+    read_result,
+    read_results,
+    write_result,
+)
+from dvc.rd.specification import Point, Task
+from tests.rd.made_up import add_result, result_data, write_results
+
+POINT = Point("clip", "2d", 3, "auto", 2)
+TASK = Task(POINT, Source("clip", Path("clip.mkv"), "abc"), CodeVersion("1.0", None, "def"))
+
+
+def _store(folder: Path, data: object) -> Path:
+    return add_result(folder, TASK.name, data)
+
+
+def test_results_survive_writing_and_reading(tmp_path: Path) -> None:
+    """A result reads back as it was written."""
+    (tmp_path / POINTS_FOLDER).mkdir()
+    data = result_data(64.0, 30.0)
+    written = write_result(tmp_path, "point", data)
+    assert written == parse_result("point", data) == read_results(tmp_path)[0]
+    assert (written.rate_kbps, written.psnr_y_db, written.totals.key_psnr_y_db) == (64.0, 30.0, None)
+    assert written.options.codec == "2d"
+
+
+def test_identity_depends_on_configuration_input_and_code() -> None:
+    """Another option, input or code gives another identity; the name of the file does not depend on code."""
+    other_point = Task(Point("clip", "2d", 4, "auto", 2), TASK.source, TASK.code)
+    other_input = Task(POINT, Source("clip", Path("clip.mkv"), "xyz"), TASK.code)
+    other_code = Task(POINT, TASK.source, CodeVersion("1.0", None, "xyz"))
+    tasks = (TASK, other_point, other_input, other_code)
+    assert len({task.identity for task in tasks}) == 4
+    assert len({task.name for task in tasks}) == 3
+    assert Task(POINT, TASK.source, CodeVersion("1.0", "a1b2", "def")).identity == TASK.identity
+
+
+def test_finished_points_are_known(tmp_path: Path) -> None:
+    """A result of the same identity counts."""
+    assert not is_finished(tmp_path, TASK)
+    _store(tmp_path, result_data(60.0, 30.0, identity=TASK.identity))
+    assert is_finished(tmp_path, TASK)
+
+
+def test_results_of_other_code_are_measured_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A result of another version does not count, with a notice, unless that is allowed."""
+    _store(tmp_path, result_data(60.0, 30.0, options=POINT.to_dict()))
+    with caplog.at_level(logging.WARNING):
+        assert not is_finished(tmp_path, TASK)
+    assert "another version" in caplog.text
+    assert is_finished(tmp_path, TASK, any_version=True)
+
+
+def _without(section: str, name: str) -> dict[str, Any]:
+    data = result_data(60.0, 30.0)
+    del data[section][name]
+    return data
+
+
+def _with(section: str, name: str, value: object) -> dict[str, Any]:
+    data = result_data(60.0, 30.0)
+    data[section] = {**data[section], name: value}
+    return data
+
+
+DAMAGED = [
+    "",
+    "{",
+    "[]",
+    "null",
+    '{"schema": "dvc3d-rd-point/0"}',
+    "[" * 100_000,
+    "[" * 900 + "]" * 900,
+    result_data(60.0, 30.0, identity=3),
+    result_data(60.0, 30.0, totals=[]),
+    result_data(60.0, 30.0, key={}),
+    result_data(float("nan"), 30.0),
+    result_data(0.0, 30.0),
+    result_data(10**400, 30.0),
+    _with("sequence", "name", "\ud800"),
+    _with("sequence", "width", True),
+    _with("totals", "frames", True),
+    result_data(60.0, 30.0, per_frame=[{"type": "key", "index": []}]),
+    result_data(60.0, 30.0, per_frame=[{"type": "key", "psnr_y_db": 1e300}]),
+    _with("totals", "bits", {"key": -1}),
+    _with("totals", "bits", {}),
+    _with("totals", "bits", {"key": "many"}),
+    _with("options", "options", {"seed": 2}),
+    _with("options", "wz_q", "1"),
+    _with("options", "decoder", []),
+    _with("code", "commit", ["a"]),
+    _with("sequence", "frames_per_s", 0),
+    _with("times", "coding_cpu_s", "y"),
+    _with("sequence", "width", 0),
+    result_data(60.0, 30.0, per_frame={}),
+    result_data(60.0, 30.0, per_frame=[1]),
+    result_data(60.0, 30.0, commands=[1]),
+    result_data(60.0, 30.0, pictures="all"),
+    _without("totals", "psnr_y_db"),
+    _without("sequence", "digest"),
+    _without("options", "gop"),
+]
+
+
+@pytest.mark.parametrize("data", DAMAGED, ids=range(len(DAMAGED)))
+def test_damaged_results_are_refused(tmp_path: Path, data: object, caplog: pytest.LogCaptureFixture) -> None:
+    """A damaged or foreign file raises DvcError that names it, and its point is measured again."""
+    path = _store(tmp_path, data)
+    with pytest.raises(DvcError, match=path.stem):
+        read_result(path)
+    with caplog.at_level(logging.WARNING):
+        assert not is_finished(tmp_path, TASK)
+    assert path.name in caplog.text
+
+
+def test_reports_leave_damaged_results_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Good results are read although another is damaged; a folder without any is refused."""
+    with pytest.raises(DvcError, match="no results"):
+        read_results(tmp_path)
+    write_results(tmp_path / "good")
+    _store(tmp_path / "good", "{")
+    with caplog.at_level(logging.WARNING):
+        assert len(read_results(tmp_path / "good")) == 6
+    assert "left out" in caplog.text
+
+
+def test_digest_of_an_input_is_that_of_its_contents(tmp_path: Path) -> None:
+    """Name and place of a file play no part; contents do, in a folder of images as well."""
+    (tmp_path / "images").mkdir()
+    for name, content in (("a", b"1"), ("b", b"1"), ("c", b"2"), ("images/0.png", b"1")):
+        (tmp_path / name).write_bytes(content)
+    a, b, c = (input_digest(tmp_path / name) for name in "abc")
+    assert a == b != c
+    folder = input_digest(tmp_path / "images")
+    (tmp_path / "images" / "0.png").write_bytes(b"2")
+    assert input_digest(tmp_path / "images") != folder
+
+
+def test_order_of_keys_does_not_change_a_digest() -> None:
+    """Equal values have equal digests."""
+    assert values_digest({"a": 1, "b": 2}) == values_digest({"b": 2, "a": 1})
+
+
+def test_code_version_is_that_of_the_package() -> None:
+    """The version names the distribution and a digest of its sources."""
+    import dvc
+
+    assert code_version().version == dvc.__version__
+    assert len(code_version().digest) == 32

@@ -1,0 +1,301 @@
+"""Sweeps: real processes on a tiny clip; resuming, failing, stopping."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dvc.errors import DvcError
+from dvc.files import lock
+from dvc.metrics import psnr_db
+from dvc.rd import originals
+from dvc.rd.__main__ import main
+from dvc.rd.child_processes import ProcessGroup, Stopped
+from dvc.rd.measure import PICTURES_FOLDER
+from dvc.rd.originals import find_source
+from dvc.rd.provenance import CodeVersion
+from dvc.rd.rd_results import POINTS_FOLDER, read_results
+from dvc.rd.run_points import run_points
+from dvc.rd.specification import Point, Task
+from dvc.video import Frame, create_video, open_video
+from tests.rd.made_up import result_data, write_results
+
+NUM_FRAMES = 3
+POINTS = ("--codec", "2d", "--wz-q", "1", "--anchor", "intra", "--anchor-qp", "40")
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write three frames of a texture that moves by a pixel per frame; the last one comes late."""
+    path = tmp_path_factory.mktemp("clip") / "clip.mkv"
+    rng = np.random.default_rng(3)
+    texture = np.kron(rng.integers(60, 190, (16, 18)), np.ones((4, 4))).astype(np.uint8)
+    with create_video(path, (64, 48), 25) as writer:
+        for index in range(NUM_FRAMES):
+            writer.write(Frame(texture[index : index + 48, index : index + 64]), Fraction(index**2, 25))
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Measure one point of the codec and one of the anchor, with real processes."""
+    out = tmp_path_factory.mktemp("rd")
+    arguments = [str(clip), *POINTS, "--out", str(out)]
+    assert main(["run", *arguments]) == 0
+    return out
+
+
+def _contents(folder: Path) -> list[dict[str, Any]]:
+    """Return the contents of all result files."""
+    return [
+        json.loads(path.read_text(encoding="utf-8")) for path in sorted((folder / POINTS_FOLDER).iterdir())
+    ]
+
+
+def test_points_are_measured_by_processes(folder: Path) -> None:
+    """A result per point: the rate of the punctured file at the constant rate, a value for every frame."""
+    codec, intra = _contents(folder)
+    assert (codec["codec"], intra["codec"]) == ("2d", "h264-intra")
+    assert codec["totals"]["frames"] == NUM_FRAMES == len(codec["per_frame"])
+    num_bytes = codec["proof"]["punctured_bytes"]
+    assert codec["totals"]["rate_kbps"] == pytest.approx(8 * num_bytes * 25 / NUM_FRAMES / 1000)
+    assert sum(codec["totals"]["bits"].values()) == 8 * num_bytes
+    assert codec["sequence"]["name"] == "clip"
+    assert not codec["config"]["video"]["luma_only"]
+    assert min(codec["totals"]["psnr_yuv_db"], intra["totals"]["psnr_yuv_db"]) > 20
+    assert codec["totals"]["duration_s"] == intra["totals"]["duration_s"] < codec["per_frame"][-1]["time_s"]
+    assert intra["key"]["qp"] == 40
+
+
+def test_pictures_are_saved_with_the_points(folder: Path, clip: Path) -> None:
+    """A frame before and after, its prediction and its key frame; the original once for both points."""
+    codec, intra = (data["pictures"] for data in _contents(folder))
+    assert codec["index"] == intra["index"] == 1
+    assert codec["original"] == intra["original"]
+    assert intra["predicted"] is intra["key"] is intra["key_index"] is None
+    kinds = ("original", "predicted", "decoded", "key")
+    names = {codec[name] for name in kinds} | {intra["decoded"]}
+    assert {f"{PICTURES_FOLDER}/{path.name}" for path in (folder / PICTURES_FOLDER).iterdir()} == names
+    planes = {}
+    for name in kinds:
+        with open_video(folder / codec[name]) as reader:
+            (frame,) = reader
+        assert (frame.width, frame.height, frame.chroma) == (64, 48, None)
+        planes[name] = frame.luma
+    report = _contents(folder)[0]["per_frame"][1]
+    assert psnr_db(planes["original"], planes["decoded"]) == pytest.approx(report["psnr_y_db"])
+    assert psnr_db(planes["original"], planes["predicted"]) == pytest.approx(report["si_psnr_y_db"])
+    with open_video(clip) as reader:
+        first = next(iter(reader)).luma
+    report = _contents(folder)[0]["per_frame"][0]
+    assert codec["key_index"] == 0
+    assert psnr_db(first, planes["key"]) == pytest.approx(report["psnr_y_db"])
+
+
+def test_streams_without_feedback_are_measured_as_they_are(clip: Path, tmp_path: Path) -> None:
+    """The rate is the size of the encoder's own file, which a second process decodes."""
+    arguments = [str(clip), "--qp", "36", "--no-feedback", "--out", str(tmp_path)]
+    assert main(["run", *arguments, "--quiet"]) == 0
+    (point,) = _contents(tmp_path)
+    assert [command.split()[2] for command in point["commands"]] == ["encoder", "decoder"]
+    assert "--no-feedback" in point["commands"][0]
+    assert "--punctured" not in point["commands"][1]
+    num_bytes = point["proof"]["file_bytes"]
+    assert sum(point["totals"]["bits"].values()) == 8 * num_bytes
+    assert point["totals"]["rate_kbps"] == pytest.approx(8 * num_bytes * 25 / NUM_FRAMES / 1000)
+    times = point["times"]
+    assert 0 < times["key_encode_cpu_s"] + times["wz_encode_cpu_s"] < times["coding_cpu_s"]
+    assert times["coding_cpu_s"] < times["encode_cpu_s"]
+
+
+def test_results_name_no_machine(folder: Path, clip: Path) -> None:
+    """Results name neither the folder of the clip nor their own."""
+    for path in (folder / POINTS_FOLDER).iterdir():
+        text = path.read_text(encoding="utf-8")
+        assert str(clip.parent) not in text
+        assert str(folder) not in text
+
+
+def test_nothing_else_stays_behind(folder: Path) -> None:
+    """Streams and decoded videos are gone, and no temporary file is left."""
+    assert sorted(path.name for path in folder.iterdir()) == [PICTURES_FOLDER, POINTS_FOLDER]
+    assert all(path.suffix == ".json" for path in (folder / POINTS_FOLDER).iterdir())
+
+
+def test_finished_points_are_skipped(folder: Path, clip: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """The same sweep again measures nothing."""
+    before = {path: path.stat().st_mtime_ns for path in (folder / POINTS_FOLDER).iterdir()}
+    arguments = [str(clip), *POINTS, "--out", str(folder)]
+    assert main(["run", *arguments]) == 0
+    assert "0 measured, 2 already there, 0 failed" in capfd.readouterr().err
+    assert {path: path.stat().st_mtime_ns for path in (folder / POINTS_FOLDER).iterdir()} == before
+
+
+def test_failing_point_does_not_stop_the_sweep(
+    clip: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    """A sequence that is not there and a start beyond the end are reported; the good point is measured."""
+    spec = tmp_path / "sweep.toml"
+    spec.write_text(
+        f'[defaults]\ngop = 1\nkey_qp = "40"\n[[sweep]]\nsequences = ["nowhere.mkv", "{clip}"]\n'
+        f'[[sweep]]\nsequences = ["{clip}"]\nstart = 99\n',
+        encoding="utf-8",
+    )
+    assert main(["run", "--spec", str(spec), "--out", str(tmp_path / "out"), "--jobs", "2"]) == 2
+    assert "3 points: 1 measured, 0 already there, 2 failed" in capfd.readouterr().err
+    assert "'nowhere.mkv' is neither a file nor a known sequence" in caplog.text
+    assert "cannot start at frame 99" in caplog.text
+    assert len(read_results(tmp_path / "out")) == 1
+
+
+def test_dishonest_rate_is_a_failure(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A point has no result if its punctured stream decodes to other frames."""
+    monkeypatch.setattr("dvc.rd.measure.filecmp.cmp", lambda *_, **__: False)
+    summary = run_points([Point(str(clip), "2d", None, "40", 1)], tmp_path, tmp_path)
+    assert [reason for _, reason in summary.failures] == [
+        "a fresh process decodes the punctured stream to other frames"
+    ]
+    assert list((tmp_path / POINTS_FOLDER).iterdir()) == []
+
+
+def test_interrupt_stops_processes_and_leaves_nothing(clip: Path, tmp_path: Path) -> None:
+    """After an interrupt the command ends at once with status 130, and no half-written file is there."""
+    command = [sys.executable, "-m", "dvc.rd", "run", str(clip), "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 30
+        while not list(tmp_path.glob("out/.running-*")) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        _, messages = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "interrupted" in messages
+    assert not list(tmp_path.glob("out/.running-*"))
+    assert all(json.loads(path.read_text()) for path in tmp_path.glob("out/points/*"))
+
+
+def test_failed_process_is_named_by_its_last_line() -> None:
+    """The error is the last line on standard error, or the status of a silent process."""
+    processes = ProcessGroup()
+    with pytest.raises(DvcError, match=r"^the reason$"):
+        processes.run([sys.executable, "-c", "import sys; sys.exit('first\\nthe reason')"])
+    with pytest.raises(DvcError, match="ended with status 7"):
+        processes.run([sys.executable, "-c", "raise SystemExit(7)"])
+
+
+def test_times_of_a_process() -> None:
+    """A process that computes takes processor time, and not more than it was there for."""
+    times = ProcessGroup().run([sys.executable, "-c", "sum(range(10**6))"])
+    assert 0 < times.cpu_s <= times.wall_s + 0.1
+
+
+def test_stopped_group_starts_nothing() -> None:
+    """After `stop` no command is started."""
+    processes = ProcessGroup()
+    processes.stop()
+    with pytest.raises(Stopped):
+        processes.run([sys.executable, "-c", "pass"])
+
+
+def test_interrupted_process_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interrupt while a process is waited for leaves no process behind."""
+    numbers = []
+
+    def _interrupted(number: int, _: int) -> None:
+        numbers.append(number)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "wait4", _interrupted)
+    processes = ProcessGroup()
+    with pytest.raises(KeyboardInterrupt):
+        processes.run([sys.executable, "-c", "import time; time.sleep(600)"])
+    with pytest.raises(ProcessLookupError):
+        os.kill(numbers[0], 0)
+    assert not processes._running
+
+
+def test_a_scene_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other processes wait while a scene is being rendered, unless they are stopped."""
+    monkeypatch.setattr(originals, "_catalogue", lambda *_: {"name": "box", "path": None})
+    rendered: list[str] = []
+
+    def _render(_: ProcessGroup, command: list[str]) -> None:
+        rendered.append(command[-1])
+        time.sleep(0.5)
+        Path(command[-1]).write_bytes(b"video")
+
+    monkeypatch.setattr(ProcessGroup, "run", _render)
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda _: find_source("box", tmp_path, ProcessGroup()), range(3)))
+    assert len(rendered) == 1
+    assert len(set(found)) == 1
+    assert [path.name for path in tmp_path.iterdir()] == [found[0].path.name]
+    found[0].path.unlink()
+    stopped = ProcessGroup()
+    stopped.stop()
+    with open(tmp_path / f".{found[0].path.name}.lock", "w") as file:
+        lock(file.fileno())
+        with pytest.raises(Stopped):
+            find_source("box", tmp_path, stopped)
+
+
+def test_names_of_results_are_safe(clip: Path) -> None:
+    """The name of a result has only characters that every file system takes."""
+    strange = clip.with_name("a clip: käse?.mkv")
+    os.link(clip, strange)
+    source = find_source(str(strange), clip.parent, ProcessGroup())
+    name = Task(Point(str(strange), "2d", 1, "auto", 2), source, CodeVersion("1", None, "0")).name
+    assert name.isascii()
+    assert not set(name) & set(' /:?*"<>|\\')
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "--out", "x"], "give at least one SEQUENCE"),
+        (["run", "clip", "--out", "x", "--wz-q", "9"], "expected numbers from 1 to 8"),
+        (["run", "clip", "--out", "x", "--option", "json=3"], "cannot be given as an option"),
+        (["run", "--spec", "nowhere.toml", "--out", "x"], "nowhere.toml: No such file"),
+        (["run", "clip", "--out", "/dev/null/x", "--wz-q", "1"], "cannot write to /dev/null/x"),
+        (["report", "nowhere"], "no results"),
+        (["report", "nowhere", "--out", "x.pdf"], "must be a file name that ends with .html or .md"),
+        (["compare", "nowhere", "nowhere"], "no results"),
+    ],
+)
+def test_bad_input_is_one_line(arguments: list[str], message: str, capfd: pytest.CaptureFixture[str]) -> None:
+    """Wrong input ends with one line on standard error and status 2."""
+    assert main(arguments) == 2
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert message in captured.err
+
+
+def test_report_and_compare_commands(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """`report` names the files that it wrote; `compare` prints a table."""
+    a, b = write_results(tmp_path / "a"), write_results(tmp_path / "b", 0.9)
+    assert main(["report", str(a)]) == 0
+    names = [Path(line).name for line in capfd.readouterr().out.splitlines()]
+    assert names[:2] == ["report.html", "report.md"]
+    assert main(["compare", str(a), str(b)]) == 0
+    assert "-10.0 %" in capfd.readouterr().out
+
+
+def test_made_up_results_are_of_the_schema(folder: Path) -> None:
+    """The results that other tests use have the entries of real ones."""
+    real = _contents(folder)[0]
+    assert set(result_data(60.0, 30.0)) <= set(real)
+
+
+def test_help_is_quick_to_load() -> None:
+    """`--help` loads neither numpy nor anything heavier."""
+    code = "import sys; sys.argv=['dvc-rd']; import dvc.rd.__main__; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
