@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.hostile.files import Files, written
 from dvc.array_files import read_positions
 from dvc.errors import DvcError
-from dvc.feedback.authentication import MIN_TOKEN_BYTES, read_token
+from dvc.feedback.protection import MIN_TOKEN_BYTES, read_token
 from dvc.rd.imported import import_points
 from dvc.rd.reference_rows import read_reference_rows
 from dvc.rd.results import read_results
