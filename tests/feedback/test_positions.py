@@ -403,7 +403,7 @@ def test_bits_of_a_run_are_those_of_all_its_frames() -> None:
     assert 3 * 16 * large.num_blocks > MAX_RUN_BITS
     enter(account, ParityRequest(1, 0, "uncoded", 0, 0, MAX_RUN_BITS, begun=most))
     account.answer()
-    with pytest.raises(ValueError, match=f"1 uncoded bits of run 0 of frame 1: the run does not have"):
+    with pytest.raises(ValueError, match="1 uncoded bits of run 0 of frame 1: the run does not have"):
         enter(account, ParityRequest(1, 0, "uncoded", 0, MAX_RUN_BITS, 1))
     with pytest.raises(ValueError, match="positions must increase and lie within"):
         enter(account, ranges(8 * MAX_RUN_BITS))
