@@ -4,13 +4,13 @@ import re
 from pathlib import Path
 
 import pytest
+from encoder.door import Door
 
 from benchmarks.hostile import bad_hellos
 from benchmarks.hostile.bad_hellos import HELLOS, send_hellos
 from dvc.config import VideoConfig, codec_config
 from dvc.feedback import Protection, listen
 from encoder import door
-from encoder.door import Door
 from tests.clips import moving_texture, write_clip
 from tests.waiting import wait_until
 
