@@ -622,16 +622,6 @@ def welcome(peer: socket.socket, stream: Path) -> tuple[Connection, EncoderEndpo
     return connection, endpoint, records
 
 
-def drip(peer: socket.socket, stream: Path) -> None:
-    """Answer requests a byte at a time, faster than the timeout."""
-    connection, endpoint, _ = answer_until_the_first_request(peer, stream)
-    endpoint.send_answers(bytes(1))
-    with suppress(FeedbackError):
-        for byte in endpoint.bytes_to_send()[:-1] * 100:
-            connection.send(bytes([byte]))
-            connection.receive(0.4)
-
-
 def say_too_much(peer: socket.socket, stream: Path) -> None:
     connection, _, _ = welcome(peer, stream)
     connection.send(bytes([1]) + b"\xff\xff\xff\xff\x7f" + bytes(1000))
@@ -655,6 +645,17 @@ def go_away_at_the_first_request(peer: socket.socket, stream: Path) -> None:
     answer_until_the_first_request(peer, stream)[0].close(0.0)
 
 
+def drip_at_the_first_request(peer: socket.socket, stream: Path) -> None:
+    """Send an answer a byte at a time, each before the timeout."""
+    connection, endpoint, table = answer_until_the_first_request(peer, stream)
+    endpoint.send_answers(bytes(-(-table.num_bits // 8)))
+    with suppress(FeedbackError):
+        for byte in endpoint.bytes_to_send()[:-1]:
+            connection.send(bytes([byte]))
+            connection.receive(0.6)
+        connection.receive(PATIENCE_S)
+
+
 def be_silent_at_the_first_request(peer: socket.socket, stream: Path) -> None:
     connection, _, _ = answer_until_the_first_request(peer, stream)
     with suppress(FeedbackError):
@@ -663,18 +664,19 @@ def be_silent_at_the_first_request(peer: socket.socket, stream: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("behaviour", "words"),
+    ("behaviour", "status", "words"),
     [
-        (listen_only, "is silent for 1 s"),
-        (be_silent_at_the_first_request, "is silent for 1 s"),
-        (say_too_much, "broke the feedback protocol"),
-        (go_away_at_the_first_request, "closed the connection|went away"),
+        (listen_only, 2, "is silent for 1 s"),
+        (say_too_much, 2, "broke the feedback protocol"),
+        (be_silent_at_the_first_request, 3, "is silent for 1 s"),
+        (drip_at_the_first_request, 3, "is silent for 1 s"),
+        (go_away_at_the_first_request, 3, "closed the connection"),
     ],
 )
-def test_decoder_gives_up_on_a_bad_encoder(
-    tmp_path: Path, stream: Path, behaviour: Behaviour, words: str
+def test_decoder_ends_with_a_bad_encoder(
+    tmp_path: Path, stream: Path, behaviour: Behaviour, status: int, words: str
 ) -> None:
-    """An encoder that is silent, babbles or leaves ends the decoder with one line, and no video is left."""
+    """An encoder that is silent, drips, babbles or leaves ends it with one line; whole groups are kept."""
 
     def serve() -> None:
         peer, _ = listener.accept()
@@ -687,9 +689,13 @@ def test_decoder_gives_up_on_a_bad_encoder(
         address = f"127.0.0.1:{listener.getsockname()[1]}"
         options = ("--timeout", 1, "--patience", 0)
         decoder = start("decoder", "--connect", address, tmp_path / "out.y4m", *options)
-        assert_refused(finish(decoder), "dvc-decode:", words)
+        ended, stderr = finish(decoder)
         thread.join(PATIENCE_S)
-    assert list(tmp_path.iterdir()) == []
+    assert ended == status, stderr
+    assert stderr.startswith("dvc-decode: ")
+    assert words in stderr
+    assert stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["out.y4m.part"] * (status == 3)
 
 
 @pytest.fixture(scope="module")

@@ -45,7 +45,9 @@ def _words(make: Callable[[np.random.Generator], bytes]) -> Say:
 
 def _no_token(peer: socket.socket, rng: np.random.Generator) -> None:
     """Say a good hello, inside TLS if the encoder uses it, without the token."""
-    with Dialler(*peer.getpeername(), Protection(decoder_context(None)), _ANSWER_S).connect(_ANSWER_S) as own:
+    host, port = peer.getpeername()
+    dialler = Dialler(host, port, Protection(decoder_context(None)), _ANSWER_S)
+    with dialler.connect(_ANSWER_S) as own:
         own.send(DecoderEndpoint(rng.bytes(16)).bytes_to_send())
         own.receive(_ANSWER_S)
 

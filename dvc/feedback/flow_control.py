@@ -145,7 +145,7 @@ class RequestAccount:
     def open_gop(self, number: int, first_frame: int, num_frames: int) -> int:
         """Enter the Wyner-Ziv frames of a group of pictures; return the slot of the first."""
         row = min({*range(len(self._frames.gops))} - {*self._rows.values()})
-        start = row * self._rules.gop_length
+        start: int = row * self._rules.gop_length
         slots = slice(start, start + self._rules.gop_length)
         self._frames.requested[slots] = 0
         self._frames.num_planes[slots] = 0

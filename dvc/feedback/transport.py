@@ -195,7 +195,8 @@ class Connection(Closing):
         pending = isinstance(self._socket, ssl.SSLSocket) and self._socket.pending()
         if self._inbox or pending or self._failure is not None:
             return [self, *wait(list[Any](others), 0.0)]
-        return wait([self, *list[Any](others)], within_s)
+        objects: list[Any] = [self, *others]
+        return wait(objects, within_s)
 
     def break_off(self, reason: str) -> None:
         """Break the connection, from any thread; the thread that uses it gets an error for this reason."""
