@@ -17,8 +17,8 @@ from dvc.video import Frame
 from dvc.wynerziv.areas import Areas
 from encoder import live
 from encoder.acceptor import AcceptedPeer, FirstFrame
-from encoder.leaky_bucket import RateLimits
 from encoder.live import DecoderPace, serve
+from encoder.rate_limits import RateLimits
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
