@@ -29,7 +29,7 @@ from dvc.config import (
 from dvc.feedback import Connection, Dialler
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
-from encoder.acceptor import AcceptedPeer
+from encoder.acceptor import AcceptedPeer, FirstFrame
 
 if TYPE_CHECKING:
     from encoder.session import EncoderSession
@@ -176,7 +176,7 @@ def session(made: Material) -> "EncoderSession":
 class _OnePeer:
     """No further connection."""
 
-    first_frame = {0: 0}.get
+    first_frame: FirstFrame = {0: 0}.get
 
     def next_peer(self, within_s: float | None = None) -> None:
         """Return that there is none."""
