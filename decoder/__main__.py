@@ -16,7 +16,6 @@ from dvc.errors import (
     DvcError,
     FeedbackError,
     PartialOutputError,
-    PeerClosedError,
 )
 
 if TYPE_CHECKING:
@@ -147,31 +146,17 @@ def _decode_live(arguments: argparse.Namespace, page: "ViewServer | None") -> in
     from decoder.live import LiveSource
     from decoder.session import decode_live
     from decoder.view.decoding_view import facts_of
-    from dvc.feedback import dial, parse_address
+    from dvc.feedback import Dialler, parse_address
 
-    protection = options.protection(arguments)
-    host, port = parse_address(arguments.connect)
-
-    def hinted(err: FeedbackError) -> str:
-        wants = isinstance(err, PeerClosedError) and protection.is_none
-        return f"{err}; it may want a token, or TLS" if wants else str(err)
-
-    def lost(err: FeedbackError) -> None:
-        _say(f"{hinted(err)}; trying again for {arguments.patience:g} s")
-
-    try:
-        link = dial(host, port, arguments.timeout, protection, arguments.patience, lost)
-    except PeerClosedError as err:
-        raise FeedbackError(hinted(err)) from err
-    with link:
-        link.keep_alive()
-        source = LiveSource(link)
-        first = source.endpoint.first_frame
-        if first:
-            _say(f"begins with frame {first}: frames 0 to {first - 1} were sent to another decoder, or none")
+    address = parse_address(arguments.connect)
+    dialler = Dialler(*address, options.protection(arguments), arguments.timeout)
+    with (
+        _stopped_by_signals() as stop,
+        closing(LiveSource(dialler, arguments.patience, _say, stop)) as source,
+    ):
         try:
             config = options.with_choices(source.config, arguments)
-            with _stopped_by_signals() as stop, ExitStack() as stack:
+            with ExitStack() as stack:
                 groups = decode_live(config, source, arguments.jobs, stop, options.limits(arguments))
                 view = None
                 if page is not None:
@@ -179,10 +164,9 @@ def _decode_live(arguments: argparse.Namespace, page: "ViewServer | None") -> in
                 output = _output(config, arguments, stack, live=source, view=view)
                 output.consume(groups, arguments.quiet)
         except (DvcError, KeyboardInterrupt) as err:
-            with suppress(FeedbackError):  # it may have gone itself
-                source.give_up(cli.one_line(err) or "interrupted")
+            with suppress(FeedbackError):  # the encoder may have gone, too
+                source.abort(cli.one_line(err) or "interrupted")
             raise
-        link.deliver()
     return 0
 
 
@@ -215,7 +199,6 @@ def _output(
     reference = None
     if arguments.reference:
         start = arguments.reference_start + (0 if wanted is None else wanted.start)
-        start += 0 if live is None else live.endpoint.first_frame
         original = open_video(
             arguments.reference, size=arguments.size, frame_rate=config.video.frame_rate, start=start
         )

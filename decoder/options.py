@@ -46,10 +46,10 @@ def parser() -> argparse.ArgumentParser:
     live.add_argument(
         "--tls-ca",
         metavar="FILE",
-        help="talk over TLS, to an encoder whose certificate one of these (PEM) has signed",
+        help="use TLS; the certificate of the encoder is signed by one of these (PEM)",
     )
     live.add_argument(
-        "--fingerprint", metavar="SHA256", help="talk over TLS, to the encoder whose certificate has this one"
+        "--fingerprint", metavar="SHA256", help="use TLS; the certificate of the encoder has this fingerprint"
     )
     _add_prediction(parser)
     _add_outputs(parser)
@@ -237,16 +237,15 @@ def frame_range(frames: slice, num_frames: int) -> range:
 
 
 def protection(arguments: argparse.Namespace) -> "Protection":
-    """Tell whom to talk to."""
-    from dvc.feedback import Protection, parse_address, read_token
-    from dvc.feedback.tls import decoder_context, parse_fingerprint
+    """Return the protection of the connection."""
+    from dvc.feedback import Protection, read_token
+    from dvc.feedback.protection import decoder_context, parse_fingerprint
 
-    token = None if arguments.token_file is None else read_token(arguments.token_file)
+    token = b"" if arguments.token_file is None else read_token(arguments.token_file)
     fingerprint = None if arguments.fingerprint is None else parse_fingerprint(arguments.fingerprint)
-    wanted = arguments.tls_ca is not None or fingerprint is not None
-    tls = decoder_context(arguments.tls_ca) if wanted else None
-    host, _ = parse_address(arguments.connect)
-    return Protection(False, token, tls, host, fingerprint, arguments.insecure)
+    has_tls = arguments.tls_ca is not None or fingerprint is not None
+    tls = decoder_context(arguments.tls_ca) if has_tls else None
+    return Protection(tls, token, fingerprint, arguments.insecure)
 
 
 def limits(arguments: argparse.Namespace) -> "Limits":

@@ -121,12 +121,12 @@ class DecodedOutput:
             cli.write_json(self._report_path, self._to_dict())
 
     def _to_dict(self) -> dict[str, Any]:
-        """Return the report, with the history of the connection."""
+        """Return the report, with the lost connections of a live run."""
         assert self._stream is not None
         report = self._report.to_dict(self._stream.num_bytes)
         if self._live is None:
             return report
-        return {**report, "first_frame": self._live.endpoint.first_frame, **asdict(self._live.link.counts)}
+        return {**report, **asdict(self._live.report)}
 
 
 def _video_writer(

@@ -10,9 +10,8 @@ from decoder.live import LiveGroups, LiveSource
 from decoder.processes import DecodingProcess, GroupsInFlight
 from decoder.side_information.protocol import ReferenceFrame
 from dvc.config import CodecConfig, encode_config
-from dvc.errors import BitstreamError
-from dvc.feedback import Gop, max_open_gops
-from dvc.feedback.link import Readable
+from dvc.errors import BitstreamError, ConnectionLostError
+from dvc.feedback import Gop, Readable, max_open_gops
 from dvc.keyframes import KeyFrameDecoder
 from dvc.limits import Limits
 from dvc.slepian_wolf import ParityRequest
@@ -165,7 +164,7 @@ def decode_live(
     Raises
     ------
     BitstreamError, FeedbackError
-        If the encoder sends what cannot be decoded.
+        If the encoder sends data that cannot be decoded, or a lost connection is not replaced in time.
     """
     limits, tasks = limits or Limits(), _Tasks(config)
     limits.check_memory(config.video, max_open_gops(config) * config.gop.length, jobs)
@@ -175,9 +174,14 @@ def decode_live(
         limits.check_live_frames(task.last_index + 1)
         return task
 
-    groups = LiveGroups(source, _task, stop)
-    yield from groups.timed(GroupsInFlight(groups, jobs).decode())
-    source.flush()
+    while True:
+        groups = LiveGroups(source, _task, stop)
+        try:
+            yield from groups.timed(GroupsInFlight(groups, jobs).decode())
+            return
+        except ConnectionLostError as err:  # groups that are not written begin again
+            if not source.reconnect(err):
+                return
 
 
 class StreamGroups:

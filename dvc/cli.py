@@ -292,28 +292,29 @@ def add_live(group: argparse._ActionsContainer, option: str, text: str) -> None:
     group.add_argument(
         "--token-file",
         metavar="FILE",
-        help="talk only to who has the same token, of 16 bytes or more; what is sent is sealed, not hidden",
+        help="shared secret of 16 bytes or more, which is sent inside TLS: the encoder serves only a decoder"
+        " with the same token; requires TLS",
     )
     group.add_argument(
         "--insecure",
         action="store_true",
-        help="talk to anybody through a network; needed there without token and TLS",
+        help="allow plain TCP through a network: anyone may read and change the data",
     )
-    silence = "patience with a silent peer, in seconds; then the connection is lost"
+    silence = "time after which the connection to a silent peer is lost, in seconds"
     add_integer(group, "--timeout", (1, 86400), silence, default=30, metavar="S")
     patience = (
-        "how long a lost connection may take to come back, in seconds, so that the run goes on where it"
-        " stopped; 0: it ends the run"
+        "time in which the decoder may replace a lost connection, in seconds: the run continues after the"
+        " last group of pictures that is written; 0: a lost connection ends the run"
     )
     add_integer(group, "--patience", (0, 86400), patience, default=30, metavar="S")
 
 
 def check_live(arguments: argparse.Namespace, live: str, *options: str) -> None:
-    """Refuse options that say who may talk where nobody does."""
+    """Refuse options of the connection without a live run."""
     given = {option: getattr(arguments, option[2:].replace("-", "_")) for option in (live, *options)}
     for option in options:
         if given[option] and not given[live]:
-            raise ConfigError(f"{option} is for {live}")
+            raise ConfigError(f"{option} requires {live}")
 
 
 def write_json(path: str | Path, values: object) -> None:

@@ -21,24 +21,20 @@ class FeedbackError(DvcError):
     """A peer that breaks the feedback protocol, falls silent or goes away."""
 
 
-class PeerClosedError(FeedbackError):
-    """The other side of the feedback channel closed the connection."""
+class ConnectionLostError(FeedbackError):
+    """The connection to the other side of the feedback channel broke; another one may continue the run."""
 
 
-class NobodyListensError(FeedbackError):
-    """No program of the other side is at an address."""
+class NobodyListensError(ConnectionLostError):
+    """No program of the other side listens at an address."""
 
 
 class UntrustedError(FeedbackError):
-    """The other side of the feedback channel is not the program, or not the one, that it should be."""
+    """The other side of the feedback channel did not prove its identity."""
 
 
 class RefusedError(FeedbackError):
-    """The other side of the feedback channel has reported why it ends."""
-
-
-class SupersededError(FeedbackError):
-    """Another decoder has come, while the one before was away."""
+    """The other side of the feedback channel ended the run, and gave a reason."""
 
 
 class PartialOutputError(DvcError):

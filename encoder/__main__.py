@@ -13,12 +13,12 @@ from encoder import options
 if TYPE_CHECKING:
     from dvc.video import VideoInfo
     from dvc.video.sources import FrameStream
-    from encoder.frame_queue import FrameQueue
-    from encoder.pacing import PacedFrames
+    from encoder.frame_queue import FrameQueue, PacedFrames
     from encoder.segments import InputFrames, Segment
     from encoder.session import EncoderSession, Progress
 
-SILENCE_S = 1.0  # being late by less is not worth a word
+MIN_REPORTED_LAG_S = 1.0
+"""Shortest lag that is logged."""
 
 
 def _encode(arguments: argparse.Namespace) -> int:
@@ -49,7 +49,7 @@ def _encode(arguments: argparse.Namespace) -> int:
 def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progress") -> None:
     """Encode what comes from a reader, and report; what is live, or recorded as segments, may be stopped."""
     from dvc.memory import resident_bytes
-    from encoder.pacing import PacedFrames
+    from encoder.frame_queue import PacedFrames
     from encoder.report import memory_report
     from encoder.segments import InputFrames
 
@@ -93,9 +93,9 @@ def _load_libraries() -> None:
 def _pace(reader: "FrameStream", frames: "PacedFrames") -> dict[str, object]:
     """Say how far the encoder fell behind a live source, and the source behind its own clock."""
     lead_s = reader.clock.lead_s
-    if frames.behind_s > SILENCE_S:
+    if frames.behind_s > MIN_REPORTED_LAG_S:
         _say(f"fell up to {frames.behind_s:.1f} s behind the source; one that cannot wait loses frames")
-    if lead_s is not None and lead_s > SILENCE_S:
+    if lead_s is not None and lead_s > MIN_REPORTED_LAG_S:
         _say(
             f"time stamps ran up to {lead_s:.1f} s ahead of the frames: some were lost before they came here,"
             f" or there are fewer than {float(reader.info.frame_rate):g} a second"
@@ -151,40 +151,36 @@ def _serve(
 ) -> dict[str, object]:
     """Answer a decoder, also after an interrupt, which ends the frames; return how late it was."""
     from dvc.feedback import listen, parse_address
-    from encoder.door import Door
+    from encoder.acceptor import PeerAcceptor
     from encoder.frame_queue import LeftOut
-    from encoder.groups_ahead import GroupsAhead
-    from encoder.live import serve
-    from encoder.pacing import DecoderPace
+    from encoder.live import DecoderPace, serve
+
+    def _has_frames() -> bool:
+        return queue is None or source.stopped or queue.holds(session.config.gop.length)
 
     left_out = queue.left_out if queue is not None else LeftOut()
     pace = DecoderPace(session.config.video.frame_rate, _say, left_out)
     protection = options.protection(arguments)
     with ExitStack() as stack:
-        spool = options.spool(arguments, _say)
-        ahead = None
-        if spool is not None and queue is not None:
-            ahead = GroupsAhead(stack.enter_context(spool), queue, session.config)
         listener = stack.enter_context(listen(*parse_address(arguments.serve)))
         protection.check_exposure(listener.host)
-        if protection.insecure and protection.is_none:
-            _say("anybody may connect, and read and change what is sent: there is neither token nor TLS")
+        if protection.insecure and protection.tls is None:
+            _say("the connection is not protected: anyone may connect, and read and change the data")
         _say(f"waiting for a decoder on {listener.name}")
-        door = Door(listener, session.config, protection, arguments.timeout, arguments.patience, _say)
-        stack.enter_context(door)
-        link, endpoint = door.decoder()
-        with source.stopping_at_signals():
-            links = serve(session, source, link, progress, pace, endpoint, door.decoder, ahead)
-    if left_out.frames:
-        _say(
-            f"left out {left_out.frames} frames in {left_out.gaps} gap(s): the decoder takes fewer than come"
+        acceptor = PeerAcceptor(
+            listener, session.config, protection, arguments.timeout, arguments.patience, _say
         )
+        peer = stack.enter_context(acceptor).next_peer()
+        assert peer is not None
+        with source.stopping_at_signals():
+            link = serve(session, source, acceptor, peer, progress, pace, arguments.patience, _has_frames)
+    if left_out.frames:
+        _say(f"left out {left_out.frames} frames in {left_out.gaps} gap(s): the decoder is too slow")
     return {
         "decoder_behind_s": round(pace.behind_s, 3),
         "most_frames_open": pace.most_frames_open,
         "left_out": asdict(left_out),
-        **({} if spool is None else {"spool": asdict(spool.report)}),
-        **links,
+        **link,
     }
 
 

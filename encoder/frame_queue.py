@@ -1,37 +1,37 @@
-"""Frames of a live source that wait for a decoder that is slower; a thread reads them as they come."""
+"""Frames of a live source: a bounded queue for a slower decoder, and the lag behind the source."""
 
 import threading
+import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Self
 
 from dvc.video import Frame
 
 MAX_CLOSING_S = 1.0
-"""Longest wait for a read of the source to end; a pipe or a camera may be silent for ever."""
+"""Longest wait for a read of the source to end; a pipe or a camera may never send again."""
 MAX_FRAMES = 64
-"""Frames that wait where nobody says how many: two seconds of most cameras."""
+"""Default length of the queue: about two seconds of video."""
 MAX_PX = 1 << 27
-"""Pixels that wait where nobody says how many frames: 64 of 1920x1080, 200 MB."""
+"""Default bound of the pixels in the queue: 64 frames of 1920x1080, 200 MB."""
+MAX_NAMED_GAPS = 10_000
+"""Number of gaps that are listed by frame numbers; further gaps are only counted."""
 
 
 def default_frames(num_px: int, group_length: int) -> int:
-    """Return how many frames of a size wait where nobody says so: those of a group at least."""
+    """Return the default length of a queue of frames of a size, at least one group."""
     return max(group_length, min(MAX_FRAMES, MAX_PX // num_px))
-
-
-MAX_NAMED_GAPS = 10_000
-"""Gaps whose frames are named; further ones are counted."""
 
 
 @dataclass
 class LeftOut:
-    """How many frames of a source were left out, in how many places, and which."""
+    """Frames of a source that were left out."""
 
     frames: int = 0
     gaps: int = 0
-    named: list[list[int]] = field(default_factory=list)  # first and last of each gap, from 0
+    named: list[list[int]] = field(default_factory=list)  # first and last frame of each gap, from 0
 
     def add(self, number: int, begins_gap: bool) -> None:
         """Count a frame."""
@@ -44,15 +44,15 @@ class LeftOut:
 
 
 class FrameQueue:
-    """So many frames at most; where it is full the source waits, or frames are left out, by whole groups.
+    """A bounded queue, filled by a thread; if it is full the source waits, or whole groups are left out.
 
-    Where frames are left out None stands in their place, once, and a group of pictures can be taken after it.
+    One None replaces all frames of a gap; after it a whole group of pictures can be read.
     """
 
     def __init__(self, source: Iterable[Frame], max_frames: int, group_length: int = 0) -> None:
         self.left_out = LeftOut()
         self._source, self._max_frames = source, max_frames
-        self._group_length = group_length  # of the longest group that is left out; 0: the source waits
+        self._group_length = group_length  # length of the longest group; 0: the source waits
         self._frames: deque[Frame | None] = deque()
         self._num_waiting = 0
         self._leaves_out = self._ended = self._closed = False
@@ -79,19 +79,19 @@ class FrameQueue:
         raise StopIteration
 
     def _begin(self) -> None:
-        """Read the source from now on; nothing is read before it is asked for."""
+        """Start to read the source."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._read, name="frame queue", daemon=True)
             self._thread.start()
 
     def holds(self, count: int) -> bool:
-        """Tell whether so many frames wait, or all that there will be."""
+        """Return whether at least `count` frames can be read without waiting, or all that are left."""
         self._begin()
         with self._changed:
-            return self._num_waiting >= count or self._ended
+            return self._num_waiting >= min(count, self._max_frames) or self._ended
 
     def close(self) -> bool:
-        """Take no more of the source; tell whether it is at rest, so that it can be closed."""
+        """Stop to read the source; return whether the thread has ended, so that it can be closed."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -103,7 +103,7 @@ class FrameQueue:
         failure: BaseException | None = None
         try:
             for number, frame in enumerate(self._source):
-                if not self._keep(number, frame):
+                if not self._put(number, frame):
                     break
         except BaseException as err:
             failure = err
@@ -111,8 +111,8 @@ class FrameQueue:
             self._failure, self._ended = failure, True
             self._changed.notify_all()
 
-    def _keep(self, number: int, frame: Frame) -> bool:
-        """Put a frame with the others, or leave it out; tell whether more are wanted."""
+    def _put(self, number: int, frame: Frame) -> bool:
+        """Append a frame or leave it out; return whether more frames are read."""
         with self._changed:
             if self._group_length == 0:
                 while self._num_waiting >= self._max_frames and not self._closed:
@@ -128,3 +128,35 @@ class FrameQueue:
             self._num_waiting += 1
             self._changed.notify_all()
             return not self._closed
+
+
+class PacedFrames:
+    """Frames of a source, and the lag of their consumer behind it."""
+
+    def __init__(
+        self,
+        source: Iterable[Frame],
+        frame_rate: Fraction,
+        clock: Callable[[], float] = time.monotonic,
+        cpu_clock: Callable[[], float] = time.thread_time,
+    ) -> None:
+        self.behind_s = 0.0
+        self._source = source
+        self._interval_s = float(1 / frame_rate)
+        self._clock, self._cpu_clock = clock, cpu_clock
+
+    def __iter__(self) -> Iterator[Frame]:
+        late_s, source, before = 0.0, iter(self._source), None
+        while True:
+            asked, asked_cpu = self._clock(), self._cpu_clock()
+            frame = next(source, None)
+            if frame is None:
+                return
+            now, read_s = self._clock(), self._cpu_clock() - asked_cpu
+            if before is not None:
+                waited_s = max(0.0, now - asked - read_s)
+                busy_s = asked - before + read_s
+                late_s = max(0.0, late_s + busy_s - waited_s - self._interval_s)
+                self.behind_s = max(self.behind_s, late_s)
+            before = now
+            yield frame

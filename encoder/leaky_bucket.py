@@ -194,11 +194,6 @@ class LeakyBucket:
         forecast_bits = float(expected.asked.sum())
         self._open[self._num_groups] = _OpenGroup(forecast_bits, certain, demand / DEMAND_MARGIN, allowed)
 
-    def drop(self, last: int) -> None:
-        """Expect no more requests for the groups up to a number."""
-        for number in [number for number in self._open if number <= last]:
-            self._settled += self._open.pop(number).certain
-
     def account(self, number: int, asked: NDArray[np.int64]) -> None:
         """Replace the assumed requests for a group by the real ones of its frames."""
         if number not in self._open:

@@ -4,252 +4,314 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass, field
-from typing import NamedTuple
+from dataclasses import asdict, dataclass
+from fractions import Fraction
+from typing import Protocol
 
 import numpy as np
 
-from dvc.errors import BitstreamError, DvcError, FeedbackError, SupersededError
-from dvc.feedback import EncoderEndpoint, Event, GopDone, Link, LinkCounts
+from dvc.errors import BitstreamError, ConnectionLostError, DvcError, FeedbackError
+from dvc.feedback import Event, GopDone
 from dvc.slepian_wolf import RequestTable
 from dvc.slepian_wolf.requests import COUNT, SLOT
 from dvc.video import Frame
-from encoder.door import Entered, give_up
-from encoder.groups_ahead import GroupsAhead
-from encoder.kept_groups import KeptGroup, KeptGroups
-from encoder.pacing import DecoderPace
-from encoder.session import EncoderSession, Progress
+from encoder.acceptor import AcceptedPeer, FirstFrame
+from encoder.frame_queue import LeftOut
+from encoder.session import EncodedGroup, EncoderSession, Progress
 
 MAX_STALL_S = 3600.0
-"""Longest time without progress: a decoder that is alive but does nothing is given up."""
-LOOK_S = 0.1
-"""Longest wait for a decoder where frames may come meanwhile, of which a group is encoded ahead."""
+"""Longest time that a connected decoder may take without asking for anything or finishing a group."""
+LOOK_S = 0.02
+"""Longest wait for the decoder while frames of the next group are awaited."""
+
+
+class Peers(Protocol):
+    """Connections of the decoder, one after the other; see `encoder.acceptor`."""
+
+    first_frame: FirstFrame
+
+    def next_peer(self, within_s: float | None = None) -> AcceptedPeer | None:
+        """Wait for a connection of the decoder; return None if there is none in time."""
 
 
 @dataclass
-class LinkReport(LinkCounts):
-    """How often connections were lost, and decoders, and what that cost."""
+class LinkReport:
+    """Lost connections, and their cost."""
 
-    num_decoders: int = 1
-    groups_begun_again: int = 0  # by decoders that came in place of others
-    bits_asked_again: int = 0  # that decoders before had asked for of these groups
-    frames_lost: list[list[int]] = field(default_factory=list)  # that no decoder has written: first and last
+    num_reconnections: int = 0
+    away_s: float = 0.0
+    groups_sent_again: int = 0
+    bits_asked_again: int = 0  # requested before for groups that were sent again
 
-    def add(self, counts: LinkCounts) -> None:
-        """Count what a link has gone through that is over."""
-        self.num_reconnections += counts.num_reconnections
-        self.away_s = round(self.away_s + counts.away_s, 3)
-        self.bytes_sent_again += counts.bytes_sent_again
+
+class DecoderPace:
+    """Lag of a live decoder behind the video while its window of groups of pictures is full."""
+
+    GROWTH = 4.0
+
+    def __init__(
+        self,
+        frame_rate: Fraction,
+        log: Callable[[str], None],
+        left_out: LeftOut | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.behind_s = 0.0
+        self.most_frames_open = 0
+        self._interval_s = float(1 / frame_rate)
+        self._log, self._clock, self._left_out = log, clock, left_out or LeftOut()
+        self._start_s: float | None = None
+        self._num_sent = self._num_done = 0
+        self._logged_s = 1.0 / self.GROWTH
+
+    def sent(self, num_frames: int) -> None:
+        """Count frames that are sent to the decoder."""
+        if self._start_s is None:
+            self._start_s = self._clock()
+        self._num_sent += num_frames
+        self.most_frames_open = max(self.most_frames_open, self._num_sent - self._num_done)
+
+    def done(self, num_frames: int) -> None:
+        """Count frames that the decoder has written."""
+        self._num_done += num_frames
+
+    def waits(self) -> None:
+        """Record that the decoder takes no more for now; log a lag that has grown."""
+        if self._start_s is None:
+            return
+        left_out = self._left_out.frames
+        behind_s = self._clock() - self._start_s - (self._num_sent + left_out) * self._interval_s
+        self.behind_s = max(self.behind_s, behind_s)
+        if behind_s >= self.GROWTH * self._logged_s:
+            self._logged_s = behind_s
+            self._log(
+                f"the decoder is {behind_s:.1f} s behind the video: it has {self._num_sent - self._num_done}"
+                f" frames up to number {self._num_sent - 1}, more frames wait; {left_out or 'none'} left out"
+            )
 
 
 def serve(
     session: EncoderSession,
     frames: Iterable[Frame | None],
-    link: Link,
+    peers: Peers,
+    peer: AcceptedPeer,
     progress: Progress,
     pace: DecoderPace | None = None,
-    endpoint: EncoderEndpoint | None = None,
-    next_decoder: Callable[[], Entered] | None = None,
-    ahead: GroupsAhead | None = None,
+    patience_s: float = 0.0,
+    has_frames: Callable[[], bool] = lambda: True,
 ) -> dict[str, object]:
-    """Encode a sequence for a decoder at the other end of a link, answering its requests.
+    """Encode a sequence for a decoder, answering its requests; return the cost of lost connections.
 
-    Where it does not come back, another one may in its place. `ahead`: where groups wait that it has no room
-    for; else it is the frames that wait. Returns what the links went through.
+    `has_frames` returns whether a group can be read without waiting; until then requests are answered.
     """
-    endpoint = endpoint or EncoderEndpoint(session.config)
     quiet = DecoderPace(session.config.video.frame_rate, lambda _: None)
-    live = _LiveEncoder(session, frames, link, endpoint, progress, pace or quiet, ahead)
+    live = _LiveEncoder(session, frames, peer, progress, pace or quiet, has_frames)
+    peers.first_frame = live.first_frame
     try:
         with session.statistics.coding():
-            while not live.run():
-                assert next_decoder is not None
-                live.begin_again(*next_decoder())
+            while not live.finished:
+                try:
+                    live.run()
+                except ConnectionLostError as err:
+                    returned = _next_peer(peers, patience_s)
+                    if returned is not None:
+                        live.resume(returned)
+                    elif live.all_confirmed:
+                        break
+                    else:
+                        away = f"; it has not come back for {patience_s:g} s" if patience_s else ""
+                        raise FeedbackError(f"{err}{away}") from err
     except FeedbackError as err:
+        live.abort(err)
         raise FeedbackError(f"{err}{live.unfinished}") from err
     except (DvcError, KeyboardInterrupt) as err:
-        with suppress(FeedbackError):
-            give_up(live.link, live.endpoint, str(err) or "interrupted")
+        live.abort(str(err) or "interrupted")
         raise
     finally:
-        live.link.close()
-    live.report.add(live.link.counts)
+        live.close()
     return asdict(live.report)
 
 
-class _OpenGroup(NamedTuple):
-    """A group that a decoder works at."""
+def _next_peer(peers: Peers, patience_s: float) -> AcceptedPeer | None:
+    """Wait for the decoder to come back; of several connections only the last is in use."""
+    peer = peers.next_peer(patience_s) if patience_s else None
+    while peer is not None and (later := peers.next_peer(0.0)) is not None:
+        peer = later
+    return peer
 
-    group: KeptGroup
-    slots: range  # of its Wyner-Ziv frames
+
+@dataclass(eq=False)
+class _SentGroup:
+    """A group that the decoder has not confirmed."""
+
+    number: int  # in the sequence
+    first_frame: int
+    encoded: EncodedGroup
+    slots: range = range(0)  # of its Wyner-Ziv frames
+
+    @property
+    def num_frames(self) -> int:
+        return self.encoded.record.num_frames
 
 
 class _LiveEncoder:
-    """State of a live run."""
+    """State of a live run, which outlives its connections."""
 
     def __init__(
         self,
         session: EncoderSession,
         frames: Iterable[Frame | None],
-        link: Link,
-        endpoint: EncoderEndpoint,
+        peer: AcceptedPeer,
         progress: Progress,
         pace: DecoderPace,
-        ahead: GroupsAhead | None,
+        has_frames: Callable[[], bool],
     ) -> None:
-        self.link, self.endpoint, self.report = link, endpoint, LinkReport()
-        self._ahead, self._exhausted = ahead, False
-        self._pace, self._session, self._progress = pace, session, progress
-        self._source = session.groups(frames)
-        config = session.config
-        self._kept = KeptGroups(endpoint.num_slots + 2 * config.gop.length + config.key.intra_period)
-        self._num_groups = self._num_frames = self._num_written = 0  # of the sequence
-        self._begin(deque())
+        self.report, self.finished = LinkReport(), False
+        self._session, self._progress, self._pace = session, progress, pace
+        self._source, self._has_frames = session.groups(frames), has_frames
+        self._num_groups = self._num_frames = 0  # encoded
+        self._lost_s = 0.0
+        self._open: dict[int, _SentGroup] = {}  # by number
+        self._first_frames = {0: 0}  # by number, of groups with which the decoder may continue
+        self._again: deque[_SentGroup] = deque()  # to be sent on this connection before further groups
+        self._connect(peer)
 
-    def _begin(self, again: deque[KeptGroup]) -> None:
-        """Begin with a decoder, which is sent some groups before further ones."""
-        self._again, self._ended = again, False
-        self._open: dict[int, _OpenGroup] = {}
-        self._buffer = self._session.encoder_buffer(self.endpoint.num_slots)
-        self._num_bits = np.zeros(self.endpoint.num_slots, np.int64)  # that were asked for, of each frame
+    def _connect(self, peer: AcceptedPeer) -> None:
+        self._connection, self._endpoint = peer
+        self._ended = False
+        self._buffer = self._session.encoder_buffer(self._endpoint.num_slots)
+        self._num_bits = np.zeros(self._endpoint.num_slots, np.int64)  # requested, by slot
         self._progressed_s = time.monotonic()
 
-    def begin_again(self, link: Link, endpoint: EncoderEndpoint) -> None:
-        """Go on with another decoder: at an IDR picture, before the frames that none has written."""
-        self.report.add(self.link.counts)
-        self.report.num_decoders += 1
-        self.link.close()
-        self.report.bits_asked_again += sum(map(self._bits_of, self._open.values()))
-        self.link, self.endpoint = link, endpoint
-        again = self._kept.begin_again()
-        if not again:
-            self._session.begin_again(self._num_groups)
-            while not again and self._next_group():
-                again = self._kept.begin_again()
-        endpoint.first_frame = again[0].first_frame if again else self._num_frames
-        if endpoint.first_frame > self._num_written:
-            self.report.frames_lost.append([self._num_written, endpoint.first_frame - 1])
-            self._num_written = endpoint.first_frame
-        self.report.groups_begun_again += len(again)
-        self._pace.begin_again(sum(group.encoded.record.num_frames for group in again if not group.done))
-        if self._session.limiter is not None:
-            self._session.limiter.drop(again[0].number if again else self._num_groups - 1)
-        self._begin(deque(again))
+    def first_frame(self, num_groups: int) -> int | None:
+        """Return the first frame after some groups, None if a decoder cannot continue there; thread-safe."""
+        return self._first_frames.get(num_groups)
+
+    def resume(self, peer: AcceptedPeer) -> None:
+        """Continue on another connection after the groups that the decoder has."""
+        hello = peer.endpoint.hello
+        assert hello is not None
+        if self.first_frame(hello.num_groups) is None:
+            raise FeedbackError(f"the decoder cannot continue after {hello.num_groups} groups of pictures")
+        self._connection.close()
+        self.report.num_reconnections += 1
+        self.report.away_s = round(self.report.away_s + time.monotonic() - self._lost_s, 3)
+        for number in [number for number in self._open if number < hello.num_groups]:
+            self._confirm(number)
+        begun = [group for group in self._open.values() if group not in self._again]
+        self.report.groups_sent_again += len(begun)
+        self.report.bits_asked_again += sum(int(self._num_bits[group.slots].sum()) for group in begun)
+        self._again = deque(self._open.values())
+        self._connect(peer)
+
+    @property
+    def all_confirmed(self) -> bool:
+        """Whether the decoder has written the whole sequence."""
+        return self._ended and not self._open
 
     @property
     def unfinished(self) -> str:
-        """Name frames that were encoded, and that no decoder has said to have written."""
-        if self._num_written == self._num_frames:
+        """Clause that names the frames without confirmation."""
+        if not self._open:
             return ""
-        return f"; frames {self._num_written} to {self._num_frames - 1} are not known to be decoded"
+        first = min(group.first_frame for group in self._open.values())
+        return f"; frames {first} to {self._num_frames - 1} are not known to be decoded"
 
-    def run(self) -> bool:
-        """Serve a decoder; tell whether it has got all, so that no other one has come in its place."""
+    def abort(self, reason: object) -> None:
+        """Report to the decoder that the run ends."""
+        self._endpoint.send_failure(str(reason))
+        with suppress(FeedbackError):
+            self._connection.send(self._endpoint.bytes_to_send())
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._connection.close()
+
+    def run(self) -> None:
+        """Serve the decoder until it has everything, or the connection is lost."""
         try:
             with ExitStack() as answering:
-                while not self.endpoint.finished:
+                while not self._endpoint.finished:
                     self._step(answering)
-        except SupersededError:
-            return False
-        return True
+            self.finished = True
+            self._connection.send(self._endpoint.bytes_to_send())
+        except ConnectionLostError:
+            self._lost_s = time.monotonic()
+            if not self.finished:
+                raise
 
     def _step(self, answering: ExitStack) -> None:
-        wanted = self.endpoint.num_credits > 0 and not self._ended and self._has_room()
-        if not wanted and not self._ended:
-            self._pace.waits()
-        works_ahead = not (wanted or self._exhausted or self._ahead is None) and self._ahead.can_grow
-        if wanted or works_ahead:
+        may_send = self._endpoint.num_credits > 0 and not self._ended and self._has_room()
+        sends = may_send and (bool(self._again) or self._has_frames())
+        if sends:
             answering.close()
-            self._encode_ahead() if works_ahead else self._send_group()
+            self._send_group()
             answering.enter_context(self._session.statistics.timing("parity_cpu_s"))
-        self.link.send(self.endpoint.bytes_to_send())
-        if self._is_ready(busy=wanted or works_ahead):
-            self._take(self.endpoint.receive(self.link.receive()))
-
-    def _is_ready(self, busy: bool) -> bool:
-        """Tell whether to receive something, which may be waited for."""
-        if busy:
-            return self.link.has_received()
-        return self._ahead is None or self._exhausted or bool(self.link.wait(at_most_s=LOOK_S))
+        elif not (may_send or self._ended):
+            self._pace.waits()
+        self._connection.send(self._endpoint.bytes_to_send())
+        within_s = 0.0 if sends else LOOK_S if may_send else MAX_STALL_S
+        self._process(self._endpoint.receive(self._connection.receive(within_s)))
 
     def _has_room(self) -> bool:
-        """Tell whether another group may be open."""
+        """Return whether another group may be open."""
         limiter = self._session.limiter
-        most = None if limiter is None else limiter.max_open_groups
-        return most is None or len(self._open) < most
+        limit = None if limiter is None else limiter.max_open_groups
+        return limit is None or len(self._open) - len(self._again) < limit
 
-    def _take(self, events: Sequence[Event]) -> None:
+    def _process(self, events: Sequence[Event]) -> None:
         now_s = time.monotonic()
-        if not events and now_s - self._progressed_s > MAX_STALL_S:
-            raise FeedbackError(f"the other side is alive, but does nothing for {MAX_STALL_S:g} s")
-        self._progressed_s = now_s if events else self._progressed_s
+        if events:
+            self._progressed_s = now_s
+        elif now_s - self._progressed_s > MAX_STALL_S:
+            raise FeedbackError(f"the other side is connected, but does nothing for {MAX_STALL_S:g} s")
         for event in events:
             if isinstance(event, RequestTable):
                 self._answer(event)
             elif isinstance(event, GopDone):
-                self._done(self._open.pop(event.number))
+                self._confirm(event.number)
 
-    def _done(self, done: _OpenGroup) -> None:
-        """Notice that a decoder has written a group."""
-        group = done.group
-        if not group.done:
-            group.done = True
-            if self._session.limiter is not None:
-                self._session.limiter.account(group.number, self._num_bits[done.slots])
-            self._num_written = max(self._num_written, group.end_frame)
-            num_frames = group.encoded.record.num_frames
-            self._pace.done(num_frames)
-            self._progress(num_frames)
-        self._kept.drop_done()
+    def _confirm(self, number: int) -> None:
+        """Discard a group that the decoder has written."""
+        group = self._open.pop(number)
+        del self._first_frames[number]
+        if self._session.limiter is not None:
+            self._session.limiter.account(number, self._num_bits[group.slots])
+        self._pace.done(group.num_frames)
+        self._progress(group.num_frames)
 
-    def _encode(self) -> KeptGroup | None:
-        """Encode the next group of the source, if there is one."""
+    def _next_group(self) -> _SentGroup | None:
+        """Return the next group of the sequence, if there is one."""
+        if self._again:
+            return self._again.popleft()
         group = next(self._source, None)
         if group is None:
-            self._exhausted = True
             return None
-        kept = KeptGroup(self._num_groups, self._num_frames, self._session.encode(group))
-        self._num_groups, self._num_frames = kept.number + 1, kept.end_frame
-        return kept
-
-    def _encode_ahead(self) -> None:
-        group = self._encode()
-        if group is not None and self._ahead is not None:
-            with self._session.statistics.timing("writing_cpu_s"):
-                self._ahead.add(group)
-
-    def _next_group(self) -> KeptGroup | None:
-        """Return the next group that a decoder gets, if there is one."""
-        group = (self._ahead and self._ahead.take()) or self._encode()
-        if group is not None:
-            self._kept.add(group)
-            self._pace.sent(group.encoded.record.num_frames)
-        return group
+        sent = _SentGroup(self._num_groups, self._num_frames, self._session.encode(group))
+        self._open[sent.number] = sent
+        self._num_groups, self._num_frames = sent.number + 1, sent.first_frame + sent.num_frames
+        self._first_frames[self._num_groups] = self._num_frames
+        self._pace.sent(sent.num_frames)
+        return sent
 
     def _send_group(self) -> None:
-        group = self._again.popleft() if self._again else self._next_group()
-        self._progressed_s = time.monotonic()  # however long the source took
+        group = self._next_group()
+        self._progressed_s = time.monotonic()  # the source may have taken long
         if group is None:
-            self.endpoint.send_end()
+            self._endpoint.send_end()
             self._ended = True
             return
         with self._session.statistics.timing("writing_cpu_s"):
-            number = self.endpoint.send_gop(group.encoded.record)
-        first, frames = self.endpoint.first_slot(number), group.encoded.frames
-        slots = range(first, first + len(frames))
-        self._open[number] = _OpenGroup(group, slots)
-        self._num_bits[slots] = 0
-        for slot, frame in zip(slots, frames, strict=True):
-            self._buffer.enter(slot, frame)
-
-    def _bits_of(self, group: _OpenGroup) -> int:
-        """Return how many bits were asked for of an open group."""
-        return int(self._num_bits[group.slots].sum())
+            _, slot = self._endpoint.send_gop(group.encoded.record)
+        group.slots = range(slot, slot + len(group.encoded.frames))
+        self._num_bits[group.slots] = 0
+        for number, frame in zip(group.slots, group.encoded.frames, strict=True):
+            self._buffer.enter(number, frame)
 
     def _answer(self, requests: RequestTable) -> None:
         try:
             bits = self._buffer.answer(requests)
-        except (ValueError, BitstreamError) as err:  # no such bit in this frame, no areas
+        except (ValueError, BitstreamError) as err:  # planes or areas that the frame does not have
             raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
         np.add.at(self._num_bits, requests.rows[:, SLOT], requests.rows[:, COUNT])
-        self.endpoint.send_answers(bits)
+        self._endpoint.send_answers(bits)

@@ -40,14 +40,12 @@ from dvc.config import (
 )
 from dvc.errors import ConfigError
 from encoder.rate_limits import TOLERANCE, WINDOW_S, RateLimits
-from encoder.spool import FILE_MIB, MEMORY_MIB
 
 if TYPE_CHECKING:
     from dvc.feedback import Protection
     from dvc.video import Frame, VideoInfo
     from encoder.frame_queue import FrameQueue
     from encoder.session import EncoderSession
-    from encoder.spool import Spool
     from encoder.time_stamps import CodingClock
 
 PROG = "dvc-encode"
@@ -61,7 +59,7 @@ EXAMPLES = """\
   dvc-encode rtsp://camera/main day-%04d.dvc --segment 60    a file a minute; Ctrl-C finishes the last
   ffmpeg -i in.ts -pix_fmt yuv420p -f yuv4mpegpipe - | dvc-encode - out.dvc --input-format y4m
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
-  dvc-encode /dev/video0 --serve 0.0.0.0:5000 --token-file token --leave-out    through a network
+  dvc-encode /dev/video0 --serve 0.0.0.0:5000 --tls-cert cert.pem --leave-out    through a network
 """
 
 KEY_FRAMES = ("predicted", "intra")
@@ -350,41 +348,28 @@ def _add_source(group: argparse._ArgumentGroup) -> None:
 
 def _add_live(group: argparse._ArgumentGroup) -> None:
     text = (
-        "answer one decoder over TCP instead of writing a file (no HOST: on this machine alone; 0.0.0.0: on"
-        " all its networks, by token or TLS; port 0: any free one)"
+        "answer one decoder over TCP instead of writing a file (no HOST: on this machine only; 0.0.0.0: on"
+        " all its networks, with TLS; port 0: any free one)"
     )
     cli.add_live(group, "--serve", text)
     cli.add_integer(
         group,
         "--queue",
         (1, 10**6),
-        "frames of a camera, a pipe or an address that wait in memory for a decoder that is slower (default:"
-        " 64, fewer where they are larger than 1920x1080, but those of a GOP at least)",
+        "longest queue of frames of a camera, a pipe or an address for a slower decoder (default: 64, fewer"
+        " if they are larger than 1920x1080, but at least a GOP)",
         metavar="FRAMES",
     )
     group.add_argument(
-        "--spool",
-        metavar="FILE",
-        help="encode what a camera, a pipe or an address sends while a decoder is slower, or away: groups of"
-        " pictures that it has no room for wait in memory, and beyond a bound in this file, which has no name"
-        " while it is used and is gone at the end",
-    )
-    for option, least, default, where in (
-        ("--spool-size", 1, FILE_MIB, "the file of --spool"),
-        ("--spool-memory", 0, MEMORY_MIB, "memory with --spool"),
-    ):
-        text = f"most that waits in {where}, in MiB; default: {default}"
-        cli.add_integer(group, option, (least, 2**24), text, metavar="MIB")
-    group.add_argument(
         "--tls-cert",
         metavar="FILE",
-        help="talk over TLS, with this certificate (PEM: chain, and key if it is there)",
+        help="use TLS with this certificate (PEM: the chain, and the key unless --tls-key is given)",
     )
-    group.add_argument("--tls-key", metavar="FILE", help="key of the certificate, where that is elsewhere")
+    group.add_argument("--tls-key", metavar="FILE", help="key of the certificate")
     group.add_argument(
         "--leave-out",
         action="store_true",
-        help="when the queue is full, leave frames out, by whole groups, and count them; default: the source"
+        help="when the queue is full, leave out frames by whole groups, and count them; default: the source"
         " waits",
     )
 
@@ -394,9 +379,6 @@ def check(arguments: argparse.Namespace) -> None:
     if (arguments.output is None) == (arguments.serve is None):
         raise ConfigError("give either OUTPUT or --serve HOST:PORT")
     cli.check_live(arguments, "--serve", "--token-file", "--insecure", "--tls-cert", "--tls-key")
-    for option, value in (("--spool-size", arguments.spool_size), ("--spool-memory", arguments.spool_memory)):
-        if value is not None and arguments.spool is None:
-            raise ConfigError(f"{option} is for --spool")
     if arguments.segment is not None:
         if arguments.serve is not None:
             raise ConfigError("--segment is for files, not for --serve")
@@ -411,46 +393,33 @@ def check(arguments: argparse.Namespace) -> None:
 
 
 def protection(arguments: argparse.Namespace) -> "Protection":
-    """Tell who may connect."""
+    """Return the protection of the connection."""
     from dvc.feedback import Protection, read_token
-    from dvc.feedback.tls import encoder_context
+    from dvc.feedback.protection import encoder_context
 
     if arguments.tls_key is not None and arguments.tls_cert is None:
-        raise ConfigError("--tls-key is the key of --tls-cert")
-    token = None if arguments.token_file is None else read_token(arguments.token_file)
+        raise ConfigError("--tls-key requires --tls-cert")
+    token = b"" if arguments.token_file is None else read_token(arguments.token_file)
     tls = None if arguments.tls_cert is None else encoder_context(arguments.tls_cert, arguments.tls_key)
-    return Protection(True, token, tls, insecure=arguments.insecure)
+    return Protection(tls, token, insecure=arguments.insecure)
 
 
 def queue(
     frames: "Iterable[Frame]", arguments: argparse.Namespace, live: bool, config: "CodecConfig"
 ) -> "FrameQueue | None":
-    """Set up what holds the frames of a live source for a decoder that is slower; a file waits by itself."""
+    """Return the queue of a live source for a slower decoder; a file waits by itself."""
     from encoder.frame_queue import FrameQueue, default_frames
 
     if arguments.serve is None or not live:
-        for option in ("--leave-out", "--queue", "--spool"):
-            if getattr(arguments, option[2:].replace("-", "_")):
-                raise ConfigError(
-                    f"{option} is for --serve and a camera, a pipe or an address; all else waits"
-                )
+        for option, value in (("--leave-out", arguments.leave_out), ("--queue", arguments.queue)):
+            if value:
+                raise ConfigError(f"{option} requires --serve and a camera, a pipe or an address as INPUT")
         return None
     length, video = config.gop.length, config.video
     max_frames = arguments.queue or default_frames(video.width * video.height, length)
-    for option, value in (("--leave-out", arguments.leave_out), ("--spool", arguments.spool)):
-        if value and max_frames < length:
-            raise ConfigError(f"with {option} the queue must hold a group: --queue {length} or more")
+    if arguments.leave_out and max_frames < length:
+        raise ConfigError(f"--leave-out requires a queue that holds a group: --queue {length} or more")
     return FrameQueue(frames, max_frames, length if arguments.leave_out else 0)
-
-
-def spool(arguments: argparse.Namespace, say: "Callable[[str], None]") -> "Spool | None":
-    """Open the file in which groups wait, where there is to be one."""
-    from encoder.spool import Spool
-
-    if arguments.spool is None:
-        return None
-    memory_mib = MEMORY_MIB if arguments.spool_memory is None else arguments.spool_memory
-    return Spool(arguments.spool, (arguments.spool_size or FILE_MIB) << 20, memory_mib << 20, say)
 
 
 def session(

@@ -209,11 +209,6 @@ class RateLimiter:
         if self._bucket is not None:
             self._bucket.account(number, asked)
 
-    def drop(self, last: int) -> None:
-        """Expect no more requests for the groups up to a number."""
-        if self._bucket is not None:
-            self._bucket.drop(last)
-
     def report(self) -> dict[str, int]:
         """Return how the limits were kept, JSON-safe."""
         level = {} if self._bucket is None else {"peak_buffer_bits": round(self._bucket.peak_bits)}

@@ -167,17 +167,6 @@ class EncoderSession:
             if is_frames:
                 yield from self._group_coder.groups(cast("Iterator[Frame]", run))
 
-    def begin_again(self, number: int) -> None:
-        """Begin a chain of key frames with a group, so that decoding can start there.
-
-        Parameters
-        ----------
-        number : int
-            Number of the group; its key frame becomes an IDR picture unless it is already encoded.
-        """
-        if number >= self._num_groups:
-            self._num_chained = 0
-
     def encode(self, group: Group) -> EncodedGroup:
         """Encode one group of pictures.
 

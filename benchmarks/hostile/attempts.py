@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from benchmarks.hostile.material import (
     live_run,
     material,
     serve,
+    session,
     to_encoder,
 )
 from benchmarks.hostile.mutations import (
@@ -36,10 +38,11 @@ from benchmarks.hostile.mutations import (
 )
 from benchmarks.hostile.pictures import damaged_pictures, try_pictures
 from benchmarks.hostile.workers import STREAMS
-from dvc.errors import BitstreamError, FeedbackError
-from dvc.feedback import LinkCounts
+from dvc.errors import BitstreamError, ConnectionLostError, FeedbackError
+from dvc.feedback import Connection, DecoderEndpoint, EncoderEndpoint
 from dvc.stream import StreamReader
 from dvc.stream.records import RecordType
+from encoder.acceptor import AcceptedPeer
 
 
 @dataclass(frozen=True)
@@ -82,28 +85,24 @@ def try_stream(good: Good | None, damaged: bytes, jobs: int = 1) -> str:
 
 
 class _Replay:
-    """A link whose peer sends what was recorded, and then goes away."""
-
-    counts = LinkCounts()
+    """A connection to a peer that sends a recording, and then goes away."""
 
     def __init__(self, chunks: Sequence[bytes]) -> None:
         self._chunks = iter(chunks)
 
     def send(self, data: bytes) -> None:
-        """Throw away."""
+        """Discard data."""
 
     def close(self) -> None:
         """Do nothing."""
 
-    def has_received(self) -> bool:
-        """Let the encoder send all that it may."""
-        return False
-
-    def receive(self) -> bytes:
+    def receive(self, within_s: float | None = None) -> bytes:
+        """Return the next chunk, unless the encoder has more to send."""
+        if within_s == 0.0:
+            return b""
         for chunk in self._chunks:
-            if chunk:
-                return chunk
-        raise FeedbackError("the other side closed the connection")
+            return chunk
+        raise ConnectionLostError("the other side closed the connection")
 
 
 def try_encoder(codec: str, number: bytes) -> str:
@@ -120,8 +119,11 @@ def try_encoder(codec: str, number: bytes) -> str:
             damaged.insert(position, random_message(rng))
         case _:
             damaged[position] = mutate(damaged[position], rng)
+    endpoint = EncoderEndpoint(session(material(codec)).config)
+    endpoint.receive(DecoderEndpoint(bytes(16)).bytes_to_send())
+    endpoint.send_welcome()
     try:
-        serve(material(codec), _Replay(damaged))
+        serve(material(codec), AcceptedPeer(cast(Connection, _Replay(damaged)), endpoint))
     except FeedbackError:
         return "refused"
     return "decoded"

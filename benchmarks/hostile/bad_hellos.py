@@ -1,9 +1,9 @@
 """Bad hellos while a good decoder works: whether it gets the same frames, and how much later.
 
-``python -m benchmarks.hostile.bad_hellos`` runs an encoder and a decoder that know a token, alone and while
-another process sends hellos that are none, spread over the time that the run alone took. What it takes with
-them is told as a ratio, for wall time, processor time of both ends, and that of the encoder's coding. Other
-options are the encoder's. ``--send HOST:PORT`` sends hellos alone.
+``python -m benchmarks.hostile.bad_hellos`` runs an encoder and a decoder inside TLS, first without and then
+with another process that sends bad hellos, spread over the time of the first run. It prints the ratios of
+wall time, processor time of both ends, and processor time of the encoder's coding. The encoder gets all other
+options. ``--send HOST:PORT`` only sends hellos.
 """
 
 import argparse
@@ -26,10 +26,11 @@ from benchmarks.hostile.lost_links import Decoded, Ends, Files, check_end, sourc
 from benchmarks.results.encoder import looped
 from benchmarks.results.harness import report_of
 from dvc.environment import child_environment, python_module
-from dvc.feedback import parse_address
-from dvc.feedback.authentication import GREETING, NONCE_BYTES, PROOF_BYTES, authenticate
-from dvc.feedback.opening import NEW, SESSION_BYTES, Opening
+from dvc.errors import FeedbackError
+from dvc.feedback import DecoderEndpoint, Dialler, Protection, parse_address
+from dvc.feedback.protection import decoder_context
 
+_CLIENT_HELLO = b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"
 SILENT_EVERY = 200
 """Hellos of which one is half a hello and then nothing, for as long as it is waited for."""
 _ANSWER_S = 2.0
@@ -38,24 +39,27 @@ _HELLO_S = 10.0
 Say = Callable[[socket.socket, np.random.Generator], None]
 
 
-def _wrong_token(peer: socket.socket, _: np.random.Generator) -> None:
-    authenticate(peer, secrets.token_bytes(16), listening=False, within_s=_ANSWER_S)
-
-
 def _words(make: Callable[[np.random.Generator], bytes]) -> Say:
     return lambda peer, rng: peer.sendall(make(rng))
+
+
+def _no_token(peer: socket.socket, rng: np.random.Generator) -> None:
+    """Say a good hello, inside TLS if the encoder uses it, without the token."""
+    host, port = peer.getpeername()
+    dialler = Dialler(host, port, Protection(decoder_context(None)), _ANSWER_S)
+    with dialler.connect(_ANSWER_S) as own:
+        own.send(DecoderEndpoint(rng.bytes(16)).bytes_to_send())
+        own.receive(_ANSWER_S)
 
 
 HELLOS: dict[str, Say] = {
     "nothing": _words(lambda _: b""),
     "random bytes": _words(lambda rng: rng.bytes(int(rng.integers(1, 2000)))),
     "another protocol": _words(lambda _: b"GET / HTTP/1.1\r\nHost: camera\r\n\r\n"),
-    "TLS": _words(lambda rng: b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + rng.bytes(505)),
-    "no token": _words(lambda _: Opening(NEW).encode()),
-    "another's stream": _words(lambda rng: Opening(rng.bytes(SESSION_BYTES), 5).encode()),
-    "half a hello": _words(lambda rng: (GREETING + rng.bytes(NONCE_BYTES))[: int(rng.integers(1, 45))]),
-    "a guessed proof": _words(lambda rng: GREETING + rng.bytes(NONCE_BYTES + PROOF_BYTES)),
-    "wrong token": _wrong_token,
+    "TLS": _words(lambda rng: _CLIENT_HELLO + rng.bytes(505)),
+    "no TLS": _words(lambda rng: DecoderEndpoint(rng.bytes(16)).bytes_to_send()),
+    "half a hello": _words(lambda rng: _CLIENT_HELLO[: int(rng.integers(1, len(_CLIENT_HELLO)))]),
+    "no token": _no_token,
 }
 
 
@@ -70,12 +74,12 @@ def send_hellos(address: tuple[str, int], count: int, seconds: float, seed: int)
         except OSError:
             break
         if number % SILENT_EVERY == SILENT_EVERY - 1:
-            peer.sendall(GREETING[:5])
+            peer.sendall(_CLIENT_HELLO[:5])
             silent.append(peer)
             sent["silence"] += 1
             continue
         kind = list(HELLOS)[number % len(HELLOS)]
-        with peer, suppress(Exception):
+        with peer, suppress(OSError, FeedbackError):
             HELLOS[kind](peer, rng)
             peer.shutdown(socket.SHUT_WR)
             while peer.recv(2**16):
@@ -119,7 +123,7 @@ def good_run(
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run what is asked for, and tell what it takes."""
+    """Run the command."""
     parser = argparse.ArgumentParser("python -m benchmarks.hostile.bad_hellos", description=__doc__)
     parser.add_argument("--clip", default="box", help="name of a clip, or a video file; default: box")
     parser.add_argument("--frames", type=int, default=100, help="it is played forwards and backwards")
@@ -144,7 +148,7 @@ def _compare(arguments: argparse.Namespace, options: Sequence[str]) -> int:
     video = looped(source_of(arguments.clip), folder / "video.mkv", arguments.frames)
     (folder / "token").write_text(secrets.token_hex(16))
     token = ["--token-file", folder / "token"]
-    ends = Ends(video, folder, [*options, *token])
+    ends = Ends(video, folder, [*options, *token], tls=True)
     ratios, same = list[Taken](), True
     for pair in range(arguments.pairs):
         wanted, alone = good_run(ends, Files.named(folder, "alone"), token, [])

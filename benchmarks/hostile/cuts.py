@@ -26,7 +26,7 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     "points": ("--codec", "3d-td"),
     "faults": (),
 }
-"""Of the encoder, by kind; runs with faults are damaged as well."""
+"""Options of the encoder, by kind; runs with faults are inside TLS, and damaged as well."""
 FAULTS_APART_BYTES = 20_000
 ENDING_S = 300.0
 """Time of a run, after which it hangs."""
@@ -47,7 +47,7 @@ def prepared(video: Path, folder: Path) -> dict[str, Uncut]:
     found = {}
     for kind, options in OPTIONS.items():
         (folder / kind).mkdir(parents=True, exist_ok=True)
-        ends = Ends(video, folder / kind, options, ENDING_S)
+        ends = Ends(video, folder / kind, options, ENDING_S, tls=kind == "faults")
         found[kind] = Uncut(ends, folder / kind, *uncut(ends, folder / kind))
     return found
 

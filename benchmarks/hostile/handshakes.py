@@ -1,130 +1,127 @@
-"""How a connection begins, by TLS, token and opening, and what follows, of which one sending is damaged."""
+"""Beginnings of connections, plain or by TLS, with a token or without, of which one chunk is damaged."""
 
-import contextlib
 import socket
 import tempfile
 import threading
-import time
-from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.hostile.mutations import mutate
-from dvc.errors import FeedbackError
-from dvc.feedback import Protection
-from dvc.feedback.opening import NEW, SESSION_BYTES, Opening, checks, open_stream, read_opening, refuse
-from dvc.feedback.protected_socket import Peer, read_before
-from dvc.feedback.resumable import Checks, ResumableStream
-from dvc.feedback.tls import decoder_context, encoder_context
+from dvc.config import VideoConfig, codec_config
+from dvc.errors import ConfigError, FeedbackError
+from dvc.feedback import Connection, DecoderEndpoint, EncoderEndpoint, Protection
+from dvc.feedback.protection import decoder_context, encoder_context
 
 WITHIN_S = 0.3
-"""Time for each part; where bytes are missing both ends wait for it."""
+"""Time for each step; if bytes are missing both ends wait for it."""
 _TOKEN = b"a token of some length"
-_SAID = b"from the decoder" * 40, b"from the encoder" * 90
-_MOST_SENDINGS = 6
+_MAX_CHUNKS = 5
 _READ_BYTES = 2**16
-
-
-class _Damaging:
-    """A socket of which one sending is damaged."""
-
-    def __init__(self, peer: socket.socket, number: int, rng: np.random.Generator) -> None:
-        self._peer, self._left, self._rng = peer, number, rng
-
-    def sendall(self, data: bytes) -> None:
-        self._peer.sendall(data if self._left else mutate(bytes(data), self._rng))
-        self._left -= 1
-
-    def send(self, data: bytes) -> int:
-        self.sendall(data)
-        return len(data)
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._peer, name)
+_CONFIG = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
 
 
 @cache
 def _protections(with_tls: bool, with_token: bool) -> tuple[Protection, Protection]:
-    """Return those of the decoder and of the encoder."""
-    token = _TOKEN if with_token else None
+    """Return the protections of the decoder and of the encoder."""
     if not with_tls:
-        return Protection(False, token), Protection(True, token)
+        return Protection(), Protection()
     import trustme
 
-    signing = trustme.CA(key_type=trustme.KeyType.ECDSA)
+    token = _TOKEN if with_token else b""
+    authority = trustme.CA(key_type=trustme.KeyType.ECDSA)
     with tempfile.TemporaryDirectory() as folder:
         chain, authorities = Path(folder) / "encoder.pem", Path(folder) / "authorities.pem"
-        signing.issue_cert(
-            "camera", key_type=trustme.KeyType.ECDSA
-        ).private_key_and_cert_chain_pem.write_to_path(chain)
-        signing.cert_pem.write_to_path(authorities)
-        listening = Protection(True, token, encoder_context(chain))
-        return Protection(False, token, decoder_context(authorities), "camera"), listening
+        certificate = authority.issue_cert("camera", key_type=trustme.KeyType.ECDSA)
+        certificate.private_key_and_cert_chain_pem.write_to_path(chain)
+        authority.cert_pem.write_to_path(authorities)
+        return Protection(decoder_context(authorities), token), Protection(encoder_context(chain), token)
 
 
-def _decode(peer: Peer, refused: bool) -> bytes:
-    """Begin as a decoder; return what the encoder says."""
-    answer, both = open_stream(peer, Opening(NEW), WITHIN_S)
-    return _talk(peer, answer, both, _SAID[0], len(_SAID[1]))
+def _pair() -> tuple[socket.socket, socket.socket]:
+    """Return two TCP sockets that are connected to each other."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        near = socket.create_connection(server.getsockname())
+        return near, server.accept()[0]
 
 
-def _encode(peer: Peer, refused: bool) -> bytes:
-    """Begin as an encoder; return what the decoder says."""
-    asked = read_opening(peer, time.monotonic() + WITHIN_S)
-    if refused:
-        refuse(peer, "a decoder is connected already")
-        return _SAID[0]
-    answer = Opening(bytes(range(SESSION_BYTES)))
-    peer.sendall(answer.encode())
-    decoder, encoder = checks(asked, answer)
-    return _talk(peer, asked, Checks(encoder, decoder), _SAID[1], len(_SAID[0]))
+def _pump(source: socket.socket, target: socket.socket, bad: int, rng: np.random.Generator) -> None:
+    """Pass on what comes; one chunk is damaged."""
+    number = 0
+    try:
+        while data := source.recv(_READ_BYTES):
+            target.sendall(mutate(data, rng) if number == bad else data)
+            number += 1
+        target.shutdown(socket.SHUT_WR)
+    except OSError:
+        pass
 
 
-def _talk(peer: Peer, other: Opening, both: Checks, said: bytes, length: int) -> bytes:
-    """Say something, and hear what the other side says."""
-    stream, heard = ResumableStream(), b""
-    stream.begin(other.num_received, both)
-    for start in range(0, len(said), 300):
-        stream.keep(said[start : start + 300])
-        peer.sendall(stream.pieces())
-    deadline_s = time.monotonic() + WITHIN_S
-    while len(heard) < length:
-        heard += stream.receive(read_before(deadline_s, peer, _READ_BYTES, "pieces"))
-    return heard
+def _decode(peer: socket.socket, protection: Protection) -> str:
+    """Begin as a decoder."""
+    connection = Connection(protection.wrap(peer, "camera"), WITHIN_S)
+    with connection:
+        connection.shake_hands(protection, WITHIN_S)
+        endpoint = DecoderEndpoint(bytes(16), token=protection.token)
+        connection.send(endpoint.bytes_to_send())
+        while not endpoint.is_welcome:
+            if not (data := connection.receive(WITHIN_S)):
+                raise FeedbackError("no welcome")
+            endpoint.receive(data)
+    return "welcome"
+
+
+def _encode(peer: socket.socket, protection: Protection, ended: list[object]) -> None:
+    """Begin as an encoder."""
+    try:
+        with Connection(protection.wrap(peer), WITHIN_S) as connection:
+            endpoint = EncoderEndpoint(_CONFIG)
+            while endpoint.hello is None:
+                if not (data := connection.receive(WITHIN_S)):
+                    raise FeedbackError("no hello")
+                endpoint.receive(data)
+            if not protection.accepts(endpoint.hello.token):
+                raise FeedbackError("the token is wrong")
+            endpoint.send_welcome()
+            connection.send(endpoint.bytes_to_send())
+            connection.receive(WITHIN_S)
+    except FeedbackError:
+        ended.append("refused")
+    except Exception as err:
+        ended.append(err)
 
 
 def damaged_handshake(number: int) -> bytes:
-    """Return the number: what is sent is drawn by both ends, so it is damaged on the way."""
+    """Return the number: both ends draw random bytes, so these are damaged on the way."""
     return str(number).encode()
 
 
 def try_handshake(damaged: bytes) -> str:
-    """Let two ends talk; each refuses, or hears what the other one has said."""
+    """Connect two ends; each refuses, or the decoder is welcome."""
     number = int(damaged)
     rng = np.random.default_rng(number)
-    protections = _protections(number % 4 >= 2, number % 2 == 1)
-    sockets: list[socket.socket | _Damaging] = list(socket.socketpair())
-    bad = int(rng.integers(2))
-    sockets[bad] = _Damaging(sockets[bad], int(rng.integers(_MOST_SENDINGS)), rng)  # type: ignore[arg-type]
-    refused, heard, failures = rng.random() < 0.1, [b"", b""], list[BaseException]()
-
-    def _run(end: int, begin: Callable[[Peer, bool], bytes]) -> None:
-        with contextlib.closing(sockets[end]) as peer:  # type: ignore[type-var]
-            try:
-                heard[end] = begin(protections[end].applied(peer, WITHIN_S), refused)  # type: ignore[arg-type]
-            except (FeedbackError, OSError):
-                heard[end] = b""
-            except Exception as err:
-                failures.append(err)
-
-    other = threading.Thread(target=_run, args=(1, _encode))
-    other.start()
-    _run(0, _decode)
-    other.join()
-    if failures:
-        raise failures[0]
-    if any(said not in (b"", expected) for said, expected in zip(heard, reversed(_SAID), strict=True)):
-        return "what is heard is not what was said"
-    return "decoded" if all(heard) else "refused"
+    decoder, encoder = _protections(number % 4 >= 2, number % 2 == 1)
+    (near, first), (second, far) = _pair(), _pair()
+    bad, chunk, ended = int(rng.integers(2)), int(rng.integers(_MAX_CHUNKS)), list[object]()
+    threads = [
+        threading.Thread(target=_pump, args=(first, second, -1 if bad else chunk, rng)),
+        threading.Thread(target=_pump, args=(second, first, chunk if bad else -1, rng)),
+        threading.Thread(target=_encode, args=(far, encoder, ended)),
+    ]
+    with near, first, second, far:
+        for thread in threads:
+            thread.start()
+        try:
+            outcome = _decode(near, decoder)
+        except (FeedbackError, ConfigError):
+            outcome = "refused"
+        for pumped in (first, second):
+            with suppress(OSError):
+                pumped.shutdown(socket.SHUT_RDWR)
+        for thread in threads:
+            thread.join()
+    if ended and isinstance(ended[0], Exception):
+        raise ended[0]
+    return "decoded" if outcome == "welcome" else outcome

@@ -1,12 +1,11 @@
-"""Live runs whose connection is lost, and ends that are killed: frames are the same, or missing ones named.
+"""Live runs with lost connections: frames, bits and the punctured stream are those of an uncut run.
 
-``python -m benchmarks.hostile.lost_links --runs 100`` cuts as many runs at random moments, ``--kills 20``
-kills each end as often, and ``--faults N`` cuts, flips, drops, repeats, moves and trickles about every N
-bytes. Other options are the encoder's.
+``python -m benchmarks.hostile.lost_links --runs 100`` cuts 100 runs at random moments, and ``--faults N``
+cuts, flips, drops, repeats, moves and trickles about every N bytes of a run inside TLS. The encoder gets all
+other options.
 """
 
 import argparse
-import signal
 import subprocess
 import sys
 import threading
@@ -23,17 +22,14 @@ from benchmarks.hostile.bad_link import BITS_PER_SECOND, DELAY_S, Faults
 from benchmarks.results.encoder import looped
 from benchmarks.results.harness import clip_source, report_of
 from benchmarks.slow_link import SlowLink, slow_link
-from dvc.cli import EXIT_PARTIAL
 from dvc.environment import child_environment, python_module
 from dvc.feedback import parse_address
-from dvc.files import PARTIAL_SUFFIX
-from dvc.video import open_video
 
 PATIENCE_S = 20
 ENDING_S = 86400.0
 OPENED_BYTES = 400
-"""Passed before which a decoder may not be in: it does not come back then."""
-_COUNTS = ("num_reconnections", "bytes_sent_again", "groups_begun_again", "bits_asked_again")
+"""Bytes that pass before the first cut."""
+_COUNTS = ("num_reconnections", "groups_sent_again", "bits_asked_again")
 
 
 class Files(NamedTuple):
@@ -47,11 +43,6 @@ class Files(NamedTuple):
     def named(cls, folder: Path, name: str) -> "Files":
         """Name them."""
         return cls(*(folder / f"{name}.{ending}" for ending in ("y4m", "dvc", "json")))
-
-    @property
-    def partial(self) -> "Files":
-        """Names of what is left of them where the run did not come to its end."""
-        return Files(*(path.with_name(path.name + PARTIAL_SUFFIX) for path in self))
 
 
 class Decoded(NamedTuple):
@@ -73,14 +64,6 @@ def source_of(clip: str) -> Path:
     return Path(clip) if Path(clip).suffix else clip_source(clip).path
 
 
-def lumas(path: Path) -> list[bytes]:
-    """Return the frames of a video, whatever its name."""
-    whole = path.with_name("look.y4m")
-    whole.write_bytes(path.read_bytes())
-    with open_video(whole) as video:
-        return [frame.luma.tobytes() for frame in video]
-
-
 def start(
     module: str, *words: object, stdin: int | None = None, patience_s: int = PATIENCE_S
 ) -> "subprocess.Popen[str]":
@@ -89,13 +72,31 @@ def start(
     return subprocess.Popen(command, env=child_environment(), stdin=stdin, stderr=subprocess.PIPE, text=True)
 
 
+def certificate(folder: Path) -> tuple[list[object], list[object]]:
+    """Write a certificate for this machine; return the options of the encoder and of the decoder."""
+    import trustme
+
+    authority = trustme.CA(key_type=trustme.KeyType.ECDSA)
+    chain, authorities = folder / "encoder.pem", folder / "authorities.pem"
+    made = authority.issue_cert("127.0.0.1", key_type=trustme.KeyType.ECDSA)
+    made.private_key_and_cert_chain_pem.write_to_path(chain)
+    authority.cert_pem.write_to_path(authorities)
+    return ["--tls-cert", chain], ["--tls-ca", authorities]
+
+
 class Ends:
-    """Encoders and decoders of a video."""
+    """Encoders and decoders of a video, inside TLS if `tls` is set."""
 
     def __init__(
-        self, video: Path, folder: Path, options: Sequence[object], ending_s: float = ENDING_S
+        self,
+        video: Path,
+        folder: Path,
+        options: Sequence[object],
+        ending_s: float = ENDING_S,
+        tls: bool = False,
     ) -> None:
-        self._video, self._folder, self._options = video, folder, options
+        encoder, self._decoder_options = certificate(folder) if tls else ([], [])
+        self._video, self._folder, self._options = video, folder, [*options, *encoder]
         self.ending_s = ending_s  # how long they may take
         self.encoder_report = folder / "encoder.json"
 
@@ -119,7 +120,15 @@ class Ends:
 
     def decoder(self, address: str, files: Files, *more: object) -> "subprocess.Popen[str]":
         """Start a decoder."""
-        words = [*more, files.video, "--punctured", files.punctured, "--json", files.report]
+        words = [
+            *more,
+            *self._decoder_options,
+            files.video,
+            "--punctured",
+            files.punctured,
+            "--json",
+            files.report,
+        ]
         return start("decoder", "--connect", address, *words)
 
 
@@ -167,9 +176,9 @@ def run_with_losses(
             check_end(decoder, 0, ends.ending_s)
         finally:
             decoder.kill()
-    said, back = report_of(ends.encoder_report), report_of(files.report)
-    counts = {name: said[name] + back.get(name, 0) * (name == "bytes_sent_again") for name in _COUNTS}
-    return Decoded.read(files), {**counts, "away_s": back["away_s"], "connections": link.num_connections}
+    report = report_of(ends.encoder_report)
+    counts = {name: report[name] for name in (*_COUNTS, "away_s")}
+    return Decoded.read(files), {**counts, "connections": link.num_connections}
 
 
 def cut_once(num_bytes: int) -> Callable[[SlowLink, "subprocess.Popen[str]"], None]:
@@ -194,69 +203,17 @@ def cut_every(pause_s: float) -> Callable[[SlowLink, "subprocess.Popen[str]"], N
     return cut
 
 
-def kill_decoder(ends: Ends, folder: Path, num_bytes: int, wanted: list[bytes]) -> dict[str, Any]:
-    """Kill a decoder when so many bytes have passed, and let another one go on; both together have all."""
-    first, second = Files.named(folder, "first"), Files.named(folder, "second")
-    with ends.encoder() as (_, address), _linked(address) as link:
-        decoder = ends.decoder(link.address, first)
-        _wait_for(link, num_bytes, decoder)
-        decoder.kill()
-        decoder.communicate()
-        said = check_end(ends.decoder(address, second), 0)
-    left, more = _left(first), lumas(second.video)
-    begins = int(report_of(second.report)["first_frame"])
-    if begins and f"begins with frame {begins}" not in said:
-        raise SystemExit(f"the decoder does not say that it begins with frame {begins}: {said}")
-    if left != wanted[: len(left)] or more != wanted[begins:]:
-        raise SystemExit(f"frames are not the same where a decoder was killed after {num_bytes} bytes")
-    report = report_of(ends.encoder_report)
-    counts = {name: report[name] for name in _COUNTS}
-    _remove(first.partial)
-    return {**counts, "frames_kept": len(left), "begins": begins, "missing": max(begins - len(left), 0)}
-
-
-def kill_encoder(ends: Ends, folder: Path, num_bytes: int, wanted: list[bytes]) -> dict[str, Any]:
-    """Kill an encoder when so many bytes have passed, and start another; the decoder's file is whole."""
-    files = Files.named(folder, "third")
-    with ends.encoder(-signal.SIGKILL) as (encoder, address), _linked(address) as link:
-        decoder = ends.decoder(link.address, files)
-        _wait_for(link, num_bytes, decoder)
-        encoder.kill()
-        encoder.wait()
-        started_s = time.monotonic()
-        with ends.encoder(-signal.SIGKILL, address) as (another, _):
-            decoder.communicate(timeout=ENDING_S)
-            another.kill()
-    taken_s = time.monotonic() - started_s
-    left = _left(files)
-    if left != wanted[: len(left)] or decoder.returncode != (EXIT_PARTIAL if left else 2):
-        raise SystemExit(f"status {decoder.returncode} where an encoder was killed after {num_bytes} bytes")
-    _remove(files.partial)
-    return {"frames_kept": len(left), "seconds": round(taken_s, 1)}
-
-
-def _left(files: Files) -> list[bytes]:
-    path = files.partial.video if files.partial.video.exists() else files.video
-    return lumas(path) if path.exists() and path.stat().st_size else []
-
-
-def _remove(files: Files) -> None:
-    for path in files:
-        path.unlink(missing_ok=True)
-
-
-def _told(number: int, outcome: dict[str, Any]) -> None:
+def _print_counts(number: int, outcome: dict[str, Any]) -> None:
     print(f"{number}: " + ", ".join(f"{name} {value}" for name, value in outcome.items()), flush=True)
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run what is asked for, and tell what it costs."""
+    """Run the command."""
     parser = argparse.ArgumentParser("python -m benchmarks.hostile.lost_links", description=__doc__)
     parser.add_argument("--clip", default="box", help="name of a clip, or a video file; default: box")
     parser.add_argument("--frames", type=int, default=300, help="it is played forwards and backwards")
     parser.add_argument("--cut-every", type=float, metavar="S", help="cut one run so often")
     parser.add_argument("--runs", type=int, default=0, help="that are cut once each, at random moments")
-    parser.add_argument("--kills", type=int, default=0, help="of decoders, and of encoders")
     parser.add_argument("--faults", type=float, metavar="BYTES", help="between faults of the link")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("out/lost_links"), help="folder of what is written")
@@ -264,12 +221,11 @@ def main(words: Sequence[str] | None = None) -> int:
     folder: Path = arguments.out
     folder.mkdir(parents=True, exist_ok=True)
     video = looped(source_of(arguments.clip), folder / "video.mkv", arguments.frames)
-    ends, rng = Ends(video, folder, options), np.random.default_rng(arguments.seed)
+    ends = Ends(video, folder, options, tls=arguments.faults is not None)
+    rng = np.random.default_rng(arguments.seed)
     wanted, num_bytes = uncut(ends, folder)
     print(f"uncut: {num_bytes} bytes of the link, {len(wanted.punctured)} of the file", flush=True)
-    frames = lumas(folder / "uncut.y4m")
-    moments = rng.integers(OPENED_BYTES, num_bytes, (3, max(arguments.runs, arguments.kills))).tolist()
-    cuts = [cut_once(moment) for moment in moments[0][: arguments.runs]]
+    cuts = [cut_once(moment) for moment in rng.integers(OPENED_BYTES, num_bytes, arguments.runs).tolist()]
     if arguments.cut_every:
         cuts.append(cut_every(arguments.cut_every))
     elif arguments.faults and not cuts:
@@ -281,10 +237,7 @@ def main(words: Sequence[str] | None = None) -> int:
         if found != wanted:
             raise SystemExit(f"frames or bits of run {number} are not those of an uncut one")
         taken = {"seconds": round(time.monotonic() - started_s, 1)}
-        _told(number, {"same": True, **taken, **counts, **(faults.counts if faults else {})})
-    for number in range(arguments.kills):
-        _told(number, kill_decoder(ends, folder, moments[1][number], frames))
-        _told(number, kill_encoder(ends, folder, moments[2][number], frames))
+        _print_counts(number, {"same": True, **taken, **counts, **(faults.counts if faults else {})})
     return 0
 
 

@@ -3,15 +3,16 @@
 import io
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
-from functools import cache, partial
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hostile.workers import STREAMS
-from benchmarks.loopback import accepted
+from benchmarks.loopback import accepted, accepting
 from dvc.config import (
     CascadeConfig,
     CodecConfig,
@@ -25,9 +26,13 @@ from dvc.config import (
     VideoConfig,
     codec_config,
 )
-from dvc.feedback import Link, dial, listen
+from dvc.feedback import Connection, Dialler
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
+from encoder.acceptor import AcceptedPeer, FirstFrame
+
+if TYPE_CHECKING:
+    from encoder.session import EncoderSession
 
 PATIENCE_S, COMPILING_S = 0.75, 300.0
 """How long a silent peer is waited for: in attempts, and in the first run, which may compile kernels."""
@@ -104,7 +109,8 @@ def to_encoder(codec: str) -> list[bytes]:
     made, received = material(codec), list[bytes]()
 
     def _keep(data: bytes) -> bytes:
-        received.append(data)
+        if data:
+            received.append(data)
         return data
 
     failure, _ = live_run(made, (_same, _keep), COMPILING_S)
@@ -125,41 +131,59 @@ def live_run(
     change: tuple[Change, Change] = (_same, _same),
     patience_s: float = PATIENCE_S,
 ) -> list[Exception | None]:
-    """Run encoder and decoder on a link between two threads."""
+    """Run decoder and encoder in two threads; what they receive is changed; return their errors."""
     ended: list[Exception | None] = [None, None]
 
-    def _run(number: int, work: Callable[[Link], None], end: Link) -> None:
-        receive = end.receive
-        end.receive = lambda: change[number](receive())  # type: ignore[method-assign]
-        with end:
-            try:
-                work(end)
-            except Exception as err:
-                ended[number] = err
+    def _changed(connection: Connection, number: int) -> None:
+        receive = connection.receive
+        connection.receive = lambda within_s=None: change[number](receive(within_s))  # type: ignore[method-assign]
 
-    with listen() as listener:
-        serving = threading.Thread(
-            target=lambda: _run(1, partial(serve, made), accepted(listener, patience_s))
-        )
+    def _encode() -> None:
+        try:
+            peer = accepted(acceptor)
+            _changed(peer.connection, 1)
+            serve(made, peer)
+        except Exception as err:
+            ended[1] = err
+
+    def _decode() -> None:
+        from decoder.live import LiveSource
+        from decoder.session import decode_live
+
+        try:
+            with closing(LiveSource(Dialler(listener.host, listener.port, timeout_s=patience_s))) as source:
+                _changed(source.connection, 0)
+                for _ in decode_live(source.config, source):
+                    pass
+        except Exception as err:
+            ended[0] = err
+
+    with accepting(session(made).config, patience_s) as (listener, acceptor):
+        serving = threading.Thread(target=_encode)
         serving.start()
-        _run(0, decode_live, dial(listener.host, listener.port, patience_s))
+        _decode()
         serving.join()
     return ended
 
 
-def serve(made: Material, link: Any) -> None:
-    """Run the encoder on a link."""
-    from encoder import live
+def session(made: Material) -> "EncoderSession":
+    """Return an encoder."""
     from encoder.session import EncoderSession
 
-    live.serve(EncoderSession(made.config, Live()), made.frames, link, lambda _: None)
+    return EncoderSession(made.config, Live())
 
 
-def decode_live(link: Any) -> None:
-    """Run the decoder on a link."""
-    from decoder.live import LiveSource
-    from decoder.session import decode_live
+class _OnePeer:
+    """No further connection."""
 
-    source = LiveSource(link)
-    for _ in decode_live(source.config, source):
-        pass
+    first_frame: FirstFrame = {0: 0}.get
+
+    def next_peer(self, within_s: float | None = None) -> None:
+        """Return that there is none."""
+
+
+def serve(made: Material, peer: AcceptedPeer) -> None:
+    """Run the encoder on a connection."""
+    from encoder import live
+
+    live.serve(session(made), made.frames, _OnePeer(), peer, lambda _: None)

@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.hostile.soak`` plays a clip forwards and backwards to an encoder, at the pace of a
 camera by a pipe, and cuts the link every so often; with ``--away`` it is down for half of that time. Frames
-that the spool does not take are left out. Other options are the encoder's.
+that the queue does not hold are left out. The encoder gets all other options.
 """
 
 import argparse
@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace, options: Sequence[str]) -> str:
     with open_video(looped(source_of(arguments.clip), folder / "video.mkv", arguments.frames)) as video:
         rate = arguments.rate or video.info.frame_rate
         words = ["-", "--size", f"{video.info.width}x{video.info.height}", "--frame-rate", rate, *options]
-        words += ["--serve", "127.0.0.1:0", "--leave-out", "--spool", folder / "spool", "--json", report]
+        words += ["--serve", "127.0.0.1:0", "--leave-out", "--json", report]
         with (
             start("encoder", *words, stdin=subprocess.PIPE, patience_s=patience_s) as encoder,
             ThreadPoolExecutor(3) as work,
@@ -124,16 +124,15 @@ def _told(samples: Sequence[Sample], report: dict[str, Any], num_decoded: int, n
         [max(values) for values in zip(*part, strict=True)]
         for part in (samples[:quarter], samples[-quarter:])
     )
-    left_out, spool = report["left_out"], report["spool"]
+    left_out = report["left_out"]
     return "\n".join(
         (
             f"frames: {num_frames} played, {num_decoded} decoded, {left_out['frames']} left out in"
-            f" {left_out['gaps']} gap(s), {report['frames_lost']} lost",
+            f" {left_out['gaps']} gap(s)",
             f"connections: {report['num_reconnections']} lost, {report['away_s']:.1f} s away,"
-            f" {report['bytes_sent_again']} bytes sent again",
+            f" {report['groups_sent_again']} groups sent again, {report['bits_asked_again']} bits",
             f"encoder: at most {first[0]:.0f} MiB in the first quarter of {len(samples)} samples,"
             f" {last[0]:.0f} in the last; decoder {first[1]:.0f}, {last[1]:.0f}",
-            f"spool: at most {spool['most_in_memory']} bytes in memory, {spool['most_on_disk']} on disk",
         )
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.hostile.files import Files, written
 from dvc.array_files import read_positions
 from dvc.errors import DvcError
-from dvc.feedback.authentication import MIN_TOKEN_BYTES, read_token
+from dvc.feedback.protection import MIN_TOKEN_BYTES, read_token
 from dvc.rd.points_csv import import_points
 from dvc.rd.rd_results import read_results
 from dvc.rd.specification import build_sweep, expand, read_spec

@@ -1,4 +1,4 @@
-"""Compiled loops over many requests, their syntax and what flow control says of them; validated by callers.
+"""Compiled loops that parse requests and check them against the open groups; validated by callers.
 
 `rows` (n, 9) and `positions` (m,) are the columns of a `dvc.slepian_wolf.RequestTable`.
 """
@@ -24,54 +24,54 @@ from dvc.slepian_wolf.requests import (
     START,
 )  # fmt: skip
 
-ENDS, NEEDLESS, LONG, STANDING = 1, 2, 3, 4  # faults of syntax
+TRUNCATED, OVERLONG, TOO_LARGE, NOT_INCREASING = 1, 2, 3, 4  # faults of syntax
 (
-    NO_RUN, NO_FRAME, SECOND, OUT_OF_TURN, TOO_MANY, NO_CODE, TOO_MANY_JOINT, OTHER_RUNS,
-    OTHER_COUNT, NEEDLESS_POSITIONS, NO_POSITIONS,
-) = range(1, 12)  # fmt: skip
+    NO_RUN, NO_FRAME, UNANSWERED, TOO_MANY, NO_CODE, TOO_MANY_JOINT, WRONG_FIRST_RUN,
+    WRONG_COUNT, NEEDLESS_POSITIONS, BAD_POSITIONS,
+) = range(1, 11)  # fmt: skip
 CRC, PARITY, UNCODED, JOINT = (KINDS.index(kind) for kind in ("crc", "parity", "uncoded", "joint"))
-HAS_POSITIONS, BEGINS = 4, 8  # bits of the first byte of a request beside its kind; the code comes above
+HAS_POSITIONS, BEGINS = 4, 8  # flags in the first byte of a request, between kind and code
 
 
 class Rules(NamedTuple):
-    """What requests of a configuration may be."""
+    """Bounds of the requests of a configuration."""
 
     gop_length: int
-    limits: NDArray[np.int64]  # most bits of a plane, by kinds
+    limits: NDArray[np.int64]  # largest number of bits of a plane, by kind
     crc_bits: int
     num_codes: int
 
 
 class OpenFrames(NamedTuple):
-    """What has been asked for of the frames of open groups of pictures, by slots and runs."""
+    """Requests for frames of open groups of pictures, by slot and run."""
 
     gops: NDArray[np.int64]  # first frame and number of frames of each open group
-    requested: NDArray[np.int32]  # bits, by kinds
-    awaited: NDArray[np.int32]  # bits that are asked for and have not come
-    num_planes: NDArray[np.int32]  # that a run has bits of; 0 of a run that is not begun
+    requested: NDArray[np.int32]  # number of bits, by kind
+    awaited: NDArray[np.int32]  # number of bits of unanswered requests
+    num_planes: NDArray[np.int32]  # number of planes of a run; 0 if it has not begun
 
 
 @inlined_kernel
 def _varint(data, at):
-    """Read an integer as `dvc.bits.decode_varint` does; return it, what follows it, and what is wrong."""
+    """Read an integer as `dvc.bits.decode_varint` does; return it, the position after it, and the fault."""
     value = 0
     for count in range(MAX_VARINT_BYTES):
         if at + count >= data.size:
-            return value, at, ENDS
+            return value, at, TRUNCATED
         byte = np.int64(data[at + count])
         value |= (byte & 0x7F) << (7 * count)
         if byte <= 0x7F:
-            return value, at + count + 1, NEEDLESS if byte == 0 and count > 0 else 0
-    return value, at, LONG
+            return value, at + count + 1, OVERLONG if byte == 0 and count > 0 else 0
+    return value, at, TOO_LARGE
 
 
 @kernel
 def _increasing(data, at, count, before, numbers, num_numbers):
-    """Read increasing numbers; return what follows, how many there are now, and what is wrong."""
+    """Read increasing numbers; return the position after them, their new count, and the fault."""
     for _ in range(count):
         step, at, fault = _varint(data, at)
         if fault or step == 0:
-            return at, num_numbers, fault or STANDING
+            return at, num_numbers, fault or NOT_INCREASING
         before += step
         numbers[num_numbers] = before
         num_numbers += 1
@@ -80,13 +80,13 @@ def _increasing(data, at, count, before, numbers, num_numbers):
 
 @kernel
 def _run(data, at, planes, num_planes, parts, num_parts, number):
-    """Read a run; return what follows, how many planes and parts of runs there are now, and what is wrong."""
+    """Read a run; return the position after it, the new counts of planes and parts, and the fault."""
     count, at, fault = _varint(data, at)
     offset = -1
     for _ in range(0 if fault else count):
         step, at, fault = _varint(data, at)
         if fault or step == 0:
-            return at, num_planes, num_parts, fault or STANDING
+            return at, num_planes, num_parts, fault or NOT_INCREASING
         offset += step
         count_planes, at, fault = _varint(data, at)
         if fault:
@@ -96,7 +96,7 @@ def _run(data, at, planes, num_planes, parts, num_parts, number):
             return at, num_planes, num_parts, fault
         size, at, fault = _varint(data, at)
         if fault or size > data.size - at:
-            return at, num_planes, num_parts, fault or ENDS
+            return at, num_planes, num_parts, fault or TRUNCATED
         part = parts[num_parts]
         part[0], part[1], part[2], part[3], part[4] = number, offset, num_planes, at, at + size
         at += size
@@ -106,9 +106,9 @@ def _run(data, at, planes, num_planes, parts, num_parts, number):
 
 @kernel
 def parse_requests(data, rows, positions, planes, parts):
-    """Read requests; return how many they are, their positions, bits, runs and parts, and what is wrong.
+    """Read requests; return the counts of requests, positions, bits, runs and parts, and the fault.
 
-    `parts` (n, 5): run, offset of the frame, where its planes end, where its areas begin and end in the data.
+    `parts` (n, 5): run, offset of the frame, end of its planes, start and end of its areas in the data.
     """
     at, n, m, frame, num_bits, num_planes, num_runs, num_parts = 0, 0, 0, 0, 0, 0, 0, 0
     fault = 0
@@ -141,7 +141,7 @@ def parse_requests(data, rows, positions, planes, parts):
 
 @kernel
 def slot_of(frame, gops, gop_length):
-    """Return where a frame of an open group of pictures is held, -1: it is of none."""
+    """Return the slot of a frame of an open group of pictures, -1 if it is in none."""
     for k in range(gops.shape[0]):
         if gops[k, 0] <= frame < gops[k, 0] + gops[k, 1]:
             return k * gop_length + frame - gops[k, 0]
@@ -150,7 +150,7 @@ def slot_of(frame, gops, gop_length):
 
 @inlined_kernel
 def _limit(rules, kind, num_planes):
-    """Return how many bits of a kind a run may have."""
+    """Return the largest number of bits of a kind that may be requested of a run."""
     if kind in (PARITY, UNCODED):
         return min(rules.limits[kind] * num_planes, MAX_RUN_BITS)
     return rules.limits[kind]
@@ -158,25 +158,25 @@ def _limit(rules, kind, num_planes):
 
 @kernel
 def _fault_of_positions(row, chosen, rules, num_planes, requested):
-    """Say what is wrong with the positions of a request: given where, and only where, they mean something."""
+    """Return the fault of the positions of a request, which only some requests have."""
     limit, limits, fault = 0, rules.limits, 0
     if row[KIND] == JOINT:
         limit = num_planes.size
         if row[COUNT] > rules.crc_bits:
             fault = TOO_MANY_JOINT
         elif chosen.size == 0 or chosen[0] != row[RUN]:
-            fault = OTHER_RUNS
+            fault = WRONG_FIRST_RUN
     elif limits[JOINT] > 0 and row[KIND] == PARITY:
         limit = _limit(rules, PARITY, num_planes[row[RUN]]) * (rules.num_codes - row[CODE])
         if chosen.size != row[COUNT]:
-            fault = OTHER_COUNT
+            fault = WRONG_COUNT
     if chosen.size and limit == 0:
         fault = NEEDLESS_POSITIONS
     before = -1
     for position in chosen:
         if position <= before or position >= limit:
-            return fault or NO_POSITIONS
-        # Runs that the message begins are all known by now; those of later requests have no bits yet.
+            return fault or BAD_POSITIONS
+        # All runs of the message have begun here, but later requests have not been entered.
         if row[KIND] == JOINT and position != row[RUN] and not requested[position].any():
             return fault or NO_RUN
         before = position
@@ -184,8 +184,8 @@ def _fault_of_positions(row, chosen, rules, num_planes, requested):
 
 
 @kernel
-def enter_requests(rows, positions, frames, rules, in_turn):
-    """Enter requests, and find where frames are held; return the first at fault, and its fault."""
+def enter_requests(rows, positions, frames, rules):
+    """Enter requests, fill in their slots and starts; return the first bad request and its fault."""
     requested, awaited, num_planes = frames.requested, frames.awaited, frames.num_planes
     start = 0
     for n in range(rows.shape[0]):
@@ -201,15 +201,12 @@ def enter_requests(rows, positions, frames, rules, in_turn):
         elif not 0 <= run < awaited.shape[1] or num_planes[slot, run] == 0:
             fault = NO_RUN
         elif awaited[slot, run]:
-            fault = SECOND
+            fault = UNANSWERED
         if fault:
             return n, fault
         before = np.int64(requested[slot, run, kind])
-        if in_turn:
-            row[START] = before
-        if row[START] != before:
-            fault = OUT_OF_TURN
-        elif not 1 <= row[COUNT] <= _limit(rules, kind, num_planes[slot, run]) - before:
+        row[START] = before
+        if not 1 <= row[COUNT] <= _limit(rules, kind, num_planes[slot, run]) - before:
             fault = TOO_MANY
         elif kind != UNCODED and not 0 <= code < rules.num_codes:
             fault = NO_CODE
@@ -223,6 +220,6 @@ def enter_requests(rows, positions, frames, rules, in_turn):
 
 @kernel
 def enter_answers(rows, awaited):
-    """Strike out requests that are answered now; `awaited` as in `enter_requests`."""
+    """Remove answered requests; `awaited` as in `enter_requests`."""
     for n in range(rows.shape[0]):
         awaited[rows[n, SLOT], rows[n, RUN]] = 0

@@ -1,6 +1,7 @@
 """The two ends of the feedback channel as state machines: bytes in, events out; no I/O, no clocks."""
 
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -9,8 +10,8 @@ from numpy.typing import NDArray
 
 from dvc.bits import MAX_VARINT_BYTES, decode_varint
 from dvc.config import CodecConfig, decode_config, encode_config
-from dvc.errors import BitstreamError, FeedbackError
-from dvc.feedback.flow_control import FlowControl
+from dvc.errors import BitstreamError, FeedbackError, RefusedError
+from dvc.feedback.flow_control import FlowControl, RequestAccount
 from dvc.feedback.messages import (
     MAX_ANSWER_BITS,
     MAX_REQUEST_BYTES,
@@ -18,6 +19,7 @@ from dvc.feedback.messages import (
     TYPES,
     End,
     Failure,
+    Finished,
     Gop,
     GopDone,
     Hello,
@@ -25,6 +27,7 @@ from dvc.feedback.messages import (
     NextGop,
     ParityAnswers,
     ParityRequests,
+    Welcome,
     decode_payload,
     encode_message,
     max_payload_bytes,
@@ -33,22 +36,25 @@ from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.slepian_wolf.requests import RUN
 from dvc.stream import GopRecord
 
+_TLS_RECORDS = 0x15, 0x16
+"""First bytes of TLS: alert and handshake."""
+
 
 @dataclass(frozen=True, eq=False)
 class ParityAnswer:
-    """The bits that a request wanted."""
+    """The bits of one request."""
 
     frame: int
     run: int
     bits: NDArray[np.uint8]  # shape (count,), each element 0 or 1
 
 
-Event = Hello | NextGop | Gop | RequestTable | ParityAnswer | GopDone | End
-"""What has come of the peer."""
+Event = Hello | Welcome | NextGop | Gop | RequestTable | ParityAnswer | GopDone | End
+"""Result of a message of the peer."""
 
 
 class _Endpoint(ABC):
-    """Cuts the bytes of the peer into messages, and collects those for the peer."""
+    """Splits the bytes of the peer into messages, and collects messages for the peer."""
 
     _accepted: tuple[type[Message], ...]
     _config: CodecConfig | None = None
@@ -60,7 +66,7 @@ class _Endpoint(ABC):
         self._limits: dict[type[Message], int] = {}
 
     def receive(self, data: bytes) -> list[Event]:
-        """Take in bytes from the peer."""
+        """Process bytes from the peer."""
         if self._failed:
             raise FeedbackError("the feedback channel has failed before")
         self._received += data
@@ -68,7 +74,7 @@ class _Endpoint(ABC):
         try:
             while (message := self._next_message()) is not None:
                 if isinstance(message, Failure):
-                    raise FeedbackError(f"the other side gave up: {message.text}")
+                    raise RefusedError(f"the other side ended the run: {message.text}")
                 events += self._accept(message)
         except (BitstreamError, ValueError) as err:
             self._fail()
@@ -83,11 +89,13 @@ class _Endpoint(ABC):
         self._received.clear()
 
     def _next_message(self) -> Message | None:
-        """Take the next message off the bytes received, None if it is not complete."""
+        """Remove the next message from the received bytes; None if it is not complete."""
         received = self._received
         if not received:
             return None
         if not 1 <= received[0] <= len(TYPES):
+            if received[0] in _TLS_RECORDS:
+                raise BitstreamError("it uses TLS, which this side does not")
             raise BitstreamError(f"unknown message of type {received[0]}")
         message_type = TYPES[received[0] - 1]
         if message_type not in self._accepted:
@@ -115,40 +123,40 @@ class _Endpoint(ABC):
 
     @abstractmethod
     def _accept(self, message: Message) -> Sequence[Event]:
-        """Check a message of the peer against the state, bring that up to date, and say what has come."""
+        """Check a message of the peer against the state and update it; return the events."""
 
     def _send(self, message: Message) -> None:
         self._outgoing.append(encode_message(message))
 
     def bytes_to_send(self) -> bytes:
-        """Return what is to be sent to the peer, once."""
+        """Return the bytes that are to be sent to the peer, once."""
         data = b"".join(self._outgoing)
         self._outgoing.clear()
         return data
 
     def send_failure(self, text: str) -> None:
-        """Tell the peer that this side gives up."""
+        """Report to the peer that this side ends the run."""
         self._send(Failure(text))
 
 
 class EncoderEndpoint(_Endpoint):
-    """The encoder's end: waits for a decoder's hello, sends groups of pictures and answers requests.
+    """The encoder's end of a connection: waits for the hello, sends groups of pictures, answers requests.
 
     Parameters
     ----------
     config : CodecConfig
-        The codec configuration; it is the first thing that the decoder gets.
+        The codec configuration, which the decoder receives first.
     """
 
     _accepted: tuple[type[Message], ...] = (Hello,)
 
     def __init__(self, config: CodecConfig) -> None:
         super().__init__()
-        self.greeted = False
-        self.first_frame = 0  # of the sequence, with which this decoder begins
-        self._config = config
-        self._flow = FlowControl(config)
-        self._owes_hello = False
+        self._config: CodecConfig = config
+        self.hello: Hello | None = None
+        self.finished = False  # whether the decoder has written the whole sequence
+        self._flow: FlowControl  # with the welcome
+        self._requests: RequestAccount
 
     @property
     def num_credits(self) -> int:
@@ -156,222 +164,155 @@ class EncoderEndpoint(_Endpoint):
         return self._flow.num_credits
 
     @property
-    def finished(self) -> bool:
-        """Whether the end was sent and the decoder is done with all groups of pictures."""
-        return self._flow.finished
+    def num_slots(self) -> int:
+        """Largest number of open frames."""
+        return self._requests.num_slots
 
     def _accept(self, message: Message) -> Sequence[Event]:
         match message:
-            case Hello(version, config, first_frame):
-                _check_version(version)
-                if config or first_frame:
-                    raise ValueError("bytes follow the version")
-                self.greeted = True
-                self._accepted = (NextGop, ParityRequests, GopDone, Failure)
-                self._owes_hello = True
+            case Hello():
+                _check_version(message.version)
+                self.hello, self._accepted = message, ()
                 return [message]
             case ParityRequests(table):
-                self._flow.request(table, in_turn=True)
+                self._requests.request(table)
                 return [table]
             case NextGop():
                 self._flow.add_credit()
                 return [message]
             case GopDone(number):
                 self._flow.close_gop(number)
+                self._requests.close_gop(number)
                 return [message]
+            case Finished():
+                if not self._flow.all_done:
+                    raise ValueError("Finished before all groups of pictures are done")
+                self.finished, self._accepted = True, ()
+                self._send(message)
         return []
 
-    def bytes_to_send(self) -> bytes:
-        """Return what is to be sent to the peer, once; first of all, which frame is the first."""
-        hello, self._owes_hello = self._owes_hello, False
-        said = b""
-        if hello and self._config is not None:
-            said = encode_message(Hello(PROTOCOL_VERSION, encode_config(self._config), self.first_frame))
-        return said + super().bytes_to_send()
+    def send_welcome(self, first_frame: int = 0) -> None:
+        """Accept the decoder, which continues with this frame after the groups that its hello names."""
+        assert self.hello is not None
+        self._flow = FlowControl(self._config, self.hello.num_groups, first_frame)
+        self._requests = RequestAccount(self._config)
+        self._accepted = (NextGop, ParityRequests, GopDone, Finished, Failure)
+        self._send(Welcome(PROTOCOL_VERSION, encode_config(self._config)))
 
-    def send_gop(self, record: GopRecord) -> int:
-        """Send the next group of pictures.
-
-        Parameters
-        ----------
-        record : GopRecord
-            Its Wyner-Ziv payloads hold what the decoder needs before its first request, not the parity.
-
-        Returns
-        -------
-        int
-            Number of the group of pictures.
-
-        Raises
-        ------
-        ValueError
-            If the decoder has not asked for one, the number of frames does not fit the configuration, or the
-            record is too large for a message.
-        """
-        number = self._flow.num_gops
+    def send_gop(self, record: GopRecord) -> tuple[int, int]:
+        """Send the next group of pictures."""
+        number, first_frame = self._flow.num_groups, self._flow.num_frames
         message = encode_message(Gop(number, record))
-        if len(message) > max_payload_bytes(Gop, self._config):
+        if len(message) > self._max_payload_bytes(Gop):
             raise ValueError(f"`record` takes {len(message)} bytes, more than a message may have")
         self._flow.open_gop(number, record.num_frames, record.predicted)
         self._outgoing.append(message)
-        return number
-
-    def first_slot(self, number: int) -> int:
-        """Return where the first frame of an open group of pictures is held; other frames follow.
-
-        Parameters
-        ----------
-        number : int
-            Number of the group.
-
-        Returns
-        -------
-        int
-            Number of its slot.
-        """
-        return self._flow.first_slot(number)
-
-    @property
-    def num_slots(self) -> int:
-        """Most frames that may be open."""
-        return self._flow.num_slots
+        return number, self._requests.open_gop(number, first_frame, record.num_frames - 1)
 
     def send_answers(self, packed: bytes) -> None:
-        """Answer the first of all requests that wait.
-
-        Parameters
-        ----------
-        packed : bytes
-            Bits for each request of the table, one after the other, filled up to a byte with zeros.
-
-        Raises
-        ------
-        ValueError
-            If nothing was asked for, or not so many bits.
-        """
-        _check_size(self._flow.answer(), packed)
+        """Answer the first unanswered message of requests."""
+        _check_size(self._requests.answer(), packed)
         self._send(ParityAnswers(packed))
 
     def send_end(self) -> None:
-        """Say that there are no more groups of pictures; requests may still come.
-
-        Raises
-        ------
-        ValueError
-            If it was said before.
-        """
+        """Announce that no more groups of pictures follow; requests may still come."""
         self._flow.end(self._flow.num_frames)
         self._send(End(self._flow.num_frames))
 
 
 class DecoderEndpoint(_Endpoint):
-    """The decoder's end: says hello, asks for groups of pictures and for parity."""
+    """The decoder's end of a connection: says hello, asks for groups of pictures and for parity.
 
-    _accepted: tuple[type[Message], ...] = (Hello, Failure)
+    Parameters
+    ----------
+    decoder_id : bytes
+        Random, the same for all connections of a run.
+    num_groups, num_frames : int
+        Groups of pictures and frames that the decoder has written.
+    token : bytes
+        Shared secret; empty without one.
+    """
 
-    def __init__(self) -> None:
+    _accepted: tuple[type[Message], ...] = (Welcome, Failure)
+
+    def __init__(
+        self, decoder_id: bytes, num_groups: int = 0, num_frames: int = 0, token: bytes = b""
+    ) -> None:
         super().__init__()
-        self.first_frame = 0  # of the sequence, with which this decoder begins
-        self._opened: FlowControl | None = None  # with the encoder's Hello
-        self._send(Hello(PROTOCOL_VERSION))
+        self.finished = False  # whether the encoder knows that the whole sequence is written
+        self._first = num_groups, num_frames
+        self._flow: FlowControl | None = None
+        self._waiting: deque[RequestTable] = deque()
+        self._send(Hello(PROTOCOL_VERSION, decoder_id, num_groups, token))
 
     @property
     def config(self) -> CodecConfig:
-        """The codec configuration.
-
-        Raises
-        ------
-        ValueError
-            If `Hello` has not come yet.
-        """
+        """The codec configuration."""
         if self._config is None:
-            raise ValueError("Hello has not come yet")
+            raise ValueError("Welcome has not come yet")
         return self._config
 
     @property
-    def num_credits(self) -> int:
-        """Number of groups of pictures that were asked for and have not come."""
-        return self._flow.num_credits
+    def is_welcome(self) -> bool:
+        """Whether the encoder has accepted the decoder."""
+        return self._flow is not None
 
     @property
-    def finished(self) -> bool:
-        """Whether the end has come and all groups of pictures are done."""
-        return self._opened is not None and self._opened.finished
-
-    @property
-    def _flow(self) -> FlowControl:
-        if self._opened is None:
-            raise ValueError("Hello has not come yet")
-        return self._opened
+    def flow(self) -> FlowControl:
+        """The account of groups of pictures."""
+        if self._flow is None:
+            raise ValueError("Welcome has not come yet")
+        return self._flow
 
     def _accept(self, message: Message) -> Sequence[Event]:
         match message:
             case ParityAnswers(packed):
-                return _divided(self._flow.answer(), packed)
-            case Hello(version, config, first_frame):
-                self._accept_hello(version, config)
-                self.first_frame = first_frame
+                if not self._waiting:
+                    raise ValueError("bits that were not requested")
+                return _answers(self._waiting.popleft(), packed)
+            case Welcome(version, config):
+                _check_version(version)
+                self._config = decode_config(config)
+                self._flow = FlowControl(self._config, *self._first)
+                self._accepted = (Gop, ParityAnswers, End, Finished, Failure)
                 return [message]
             case Gop(number, record):
-                self._flow.open_gop(number, record.num_frames, record.predicted)
+                self.flow.open_gop(number, record.num_frames, record.predicted)
                 return [message]
             case End(num_frames):
-                self._flow.end(num_frames)
+                self.flow.end(num_frames)
+                self._finish()
                 return [message]
+            case Finished():
+                if not self.flow.all_done:
+                    raise ValueError("Finished before all groups of pictures are done")
+                self.finished, self._accepted = True, ()
         return []
 
-    def _accept_hello(self, version: int, config: bytes) -> None:
-        _check_version(version)
-        self._config = decode_config(config)
-        self._opened = FlowControl(self._config)
-        self._accepted = (Gop, ParityAnswers, End, Failure)
-
     def send_next_gop(self) -> None:
-        """Allow the encoder to send one more group of pictures; does nothing once the end has come.
-
-        Raises
-        ------
-        ValueError
-            If `Hello` has not come yet, or as many are open or asked for as may be: `max_open_gops`.
-        """
-        if self._flow.ended:
+        """Allow the encoder to send one more group of pictures; does nothing after the end."""
+        if self.flow.ended:
             return
-        self._flow.add_credit()
+        self.flow.add_credit()
         self._send(NextGop())
 
     def send_requests(self, requests: Sequence[ParityRequest]) -> None:
-        """Ask for bits of planes, in as few messages as may be.
-
-        Parameters
-        ----------
-        requests : sequence of ParityRequest
-            For runs without a request that waits for its answer; bits are asked for in order, each once.
-
-        Raises
-        ------
-        ValueError
-            If no such bits can be asked for now.
-        """
+        """Ask for bits of planes, in as few messages as possible."""
         for part in _parts(sorted(requests, key=lambda request: request.frame)):
             table = RequestTable.of(part)
-            self._flow.request(table)
+            self._waiting.append(table)
             self._send(ParityRequests(table))
 
     def send_gop_done(self, number: int) -> None:
-        """Let the encoder forget a group of pictures.
-
-        Parameters
-        ----------
-        number : int
-            Its number.
-
-        Raises
-        ------
-        ValueError
-            If it is not open, or answers are missing.
-        """
-        self._flow.close_gop(number)
+        """Report that a group of pictures is written, so that the encoder may discard it."""
+        self.flow.close_gop(number)
         self._send(GopDone(number))
+        self._finish()
+
+    def _finish(self) -> None:
+        """Report that the whole sequence is written, as soon as it is."""
+        if self.flow.all_done:
+            self._send(Finished())
 
 
 def _parts(requests: Sequence[ParityRequest]) -> Iterator[list[ParityRequest]]:
@@ -401,12 +342,12 @@ def _check_size(table: RequestTable, packed: bytes) -> None:
         raise ValueError(f"{len(packed)} bytes of bits, asked for {table.num_bits} bits")
 
 
-def _divided(table: RequestTable, packed: bytes) -> list[Event]:
+def _answers(table: RequestTable, packed: bytes) -> list[Event]:
     """Return the answer to each request."""
     _check_size(table, packed)
     if packed and packed[-1] & (1 << -table.num_bits % 8) - 1:
-        raise BitstreamError("the last byte is not filled up with zeros")
-    places = table.rows[:, : RUN + 1].tolist()
+        raise BitstreamError("the last byte is not padded with zeros")
+    runs = table.rows[:, : RUN + 1].tolist()
     return [
-        ParityAnswer(frame, run, own) for (frame, run), own in zip(places, table.divided(packed), strict=True)
+        ParityAnswer(frame, run, bits) for (frame, run), bits in zip(runs, table.divided(packed), strict=True)
     ]

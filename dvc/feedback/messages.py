@@ -14,38 +14,50 @@ from dvc.slepian_wolf import KINDS, MAX_RUN_BITS, ParityRequest, Part, RequestTa
 from dvc.slepian_wolf.requests import NUM_COLUMNS
 from dvc.stream import GopRecord, decode_gop, encode_gop
 
-PROTOCOL_VERSION = 10
+PROTOCOL_VERSION = 11
+DECODER_ID_BYTES = 16
+"""Length of the random number by which an encoder recognises its decoder after a lost connection."""
+MAX_TOKEN_BYTES = 4096
+"""Longest token that a decoder may send."""
 MAX_HEADER_BYTES = 2**16
-"""Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
-
+"""Largest mean size of the header of a Wyner-Ziv frame in a `Gop` message."""
 MAX_REQUEST_BYTES = 2**16
-"""Bytes of a message of requests from which on a sender begins the next one."""
+"""Size of a message of requests beyond which the sender starts another one."""
 MAX_ANSWER_BITS = 2**21
-"""Most bits that one message may ask for."""
+"""Largest number of bits that one message may request."""
 
 _MAX_FAILURE_BYTES = 500
 _MIN_REQUEST_BYTES = 4
-_MAX_POSITION_BYTES = 2  # on the average: the orders of a run are a few times as long as their bits
-_FAULTS = {
-    _kernels.ENDS: "data end within a request",
-    _kernels.NEEDLESS: "integer is longer than it need be",
-    _kernels.LONG: "integer is too long",
-    _kernels.STANDING: "positions do not increase",
+_MAX_POSITION_BYTES = 2  # mean over the positions of a message: an order is a few times as long as its run
+_SYNTAX_FAULTS = {
+    _kernels.TRUNCATED: "data end within a request",
+    _kernels.OVERLONG: "integer is longer than necessary",
+    _kernels.TOO_LARGE: "integer is too long",
+    _kernels.NOT_INCREASING: "positions do not increase",
 }
 
 
 @dataclass(frozen=True)
 class Hello:
-    """Decoder to encoder, first: who is there; then encoder to decoder: what will be sent."""
+    """Decoder to encoder, first on every connection."""
 
     version: int  # of the protocol
-    config: bytes = b""  # as `encode_config` writes it; the encoder's alone
-    first_frame: int = 0  # of the sequence, with which this decoder begins; where there is a configuration
+    decoder_id: bytes = b""  # random, the same on all connections of a run
+    num_groups: int = 0  # groups of pictures that the decoder has written
+    token: bytes = b""
+
+
+@dataclass(frozen=True)
+class Welcome:
+    """Encoder to decoder, in reply to `Hello`."""
+
+    version: int  # of the protocol
+    config: bytes = b""  # as `encode_config` writes it
 
 
 @dataclass(frozen=True)
 class NextGop:
-    """Decoder to encoder: one more group of pictures may be sent."""
+    """Decoder to encoder: credit for one more group of pictures."""
 
 
 @dataclass(frozen=True)
@@ -53,63 +65,72 @@ class Gop:
     """Encoder to decoder: a group of pictures without parity."""
 
     number: int  # from 0
-    record: GopRecord  # each Wyner-Ziv payload is what the decoder needs before its first request
+    record: GopRecord  # each Wyner-Ziv payload is the header that the decoder needs before its first request
 
 
 @dataclass(frozen=True, eq=False)
 class ParityRequests:
-    """Decoder to encoder: bits of planes are wanted."""
+    """Decoder to encoder: requests for bits of planes."""
 
     table: RequestTable  # in order of frames
 
 
 @dataclass(frozen=True)
 class ParityAnswers:
-    """Encoder to decoder: all bits that the first message of requests without an answer wants."""
+    """Encoder to decoder: all bits of the first unanswered message of requests."""
 
-    packed: bytes  # one request's bits after the other's, filled up to a byte with zeros
+    packed: bytes  # the bits of all requests, padded to a byte with zeros
 
 
 @dataclass(frozen=True)
 class GopDone:
-    """Decoder to encoder: nothing more will be asked of a group of pictures."""
+    """Decoder to encoder: a group of pictures is written."""
 
     number: int
 
 
 @dataclass(frozen=True)
 class End:
-    """Encoder to decoder: there are no more groups of pictures."""
+    """Encoder to decoder: no more groups of pictures follow."""
 
     num_frames: int  # of the sequence
 
 
 @dataclass(frozen=True)
+class Finished:
+    """Decoder to encoder, last: the whole sequence is written; the encoder confirms it with the same."""
+
+
+@dataclass(frozen=True)
 class Failure:
-    """Either way, last: the sender gives up."""
+    """Either direction, last: the sender aborts the run."""
 
     text: str  # one line
 
 
-Message = Hello | NextGop | Gop | ParityRequests | ParityAnswers | GopDone | End | Failure
+Message = (
+    Hello | Welcome | NextGop | Gop | ParityRequests | ParityAnswers | GopDone | End | Finished | Failure
+)
 
 TYPES: tuple[type[Message], ...] = (
-    Hello, NextGop, Gop, ParityRequests, ParityAnswers, GopDone, End, Failure
+    Hello, Welcome, NextGop, Gop, ParityRequests, ParityAnswers, GopDone, End, Finished, Failure
 )  # fmt: skip
-"""The type byte of a message is its place here plus one."""
+"""Message types; the type byte of a message is its index here plus one."""
 
 _MAX_PAYLOAD_BYTES: dict[type[Message], int] = {
-    Hello: 4096,
+    Hello: 16 + DECODER_ID_BYTES + MAX_TOKEN_BYTES,
+    Welcome: 4096,
     NextGop: 0,
     ParityAnswers: MAX_ANSWER_BITS // 8,
     GopDone: 5,
     End: 5,
+    Finished: 0,
     Failure: _MAX_FAILURE_BYTES,
 }
 
 
 def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -> int:
-    """Return the largest payload that a message may have."""
+    """Return the size of the largest valid payload of a message."""
     if message_type in _MAX_PAYLOAD_BYTES:
         return _MAX_PAYLOAD_BYTES[message_type]
     if config is None:
@@ -122,7 +143,7 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
 
 
 def encode_message(message: Message) -> bytes:
-    """Write a message as type, length of the payload, payload; `decode_payload` reads the last."""
+    """Write a message as type, length of the payload, payload."""
     payload = _encode_payload(message)
     return bytes([TYPES.index(type(message)) + 1]) + encode_varint(len(payload)) + payload
 
@@ -130,8 +151,10 @@ def encode_message(message: Message) -> bytes:
 def _encode_payload(message: Message) -> bytes:
     payload = b""
     match message:
-        case Hello(version, config, first_frame):
-            payload = encode_varint(version) + (encode_varint(first_frame) + config) * bool(config)
+        case Hello(version, decoder_id, num_groups, token):
+            payload = encode_varint(version) + decoder_id + encode_varint(num_groups) + token
+        case Welcome(version, config):
+            payload = encode_varint(version) + config
         case Gop(number, record):
             payload = encode_varint(number) + encode_gop(record)
         case ParityRequests(table):
@@ -151,13 +174,13 @@ def _encode_requests(table: RequestTable) -> bytes:
     return b"".join(map(_encode_request, requests, frames))
 
 
-def _encode_request(request: ParityRequest, frame: int) -> bytes:
-    """Write a request that follows one for `frame`."""
+def _encode_request(request: ParityRequest, previous_frame: int) -> bytes:
+    """Write a request; its frame is coded as a difference."""
     positions = request.positions
     begun = request.begun
     first = 16 * request.code + KINDS.index(request.kind)
     first += _kernels.BEGINS * (begun is not None) + _kernels.HAS_POSITIONS * bool(positions)
-    numbers = [first, request.frame - frame, request.run, request.count]
+    numbers = [first, request.frame - previous_frame, request.run, request.count]
     if positions and request.kind == "joint":
         numbers.append(len(positions))
     numbers += (after - before for before, after in pairwise((-1, *positions)))
@@ -170,23 +193,29 @@ def _encode_request(request: ParityRequest, frame: int) -> bytes:
 
 
 def _encode_part(step: int, part: Part) -> bytes:
-    """Write a part of a run, so many frames after the one before."""
+    """Write a part of a run; its frame is coded as a difference."""
     planes = (after - before for before, after in pairwise((-1, *part.planes)))
     numbers = (step, len(part.planes), *planes, len(part.areas))
     return b"".join(map(encode_varint, numbers)) + part.areas
 
 
 def decode_payload(message_type: type[Message], payload: bytes) -> Message:
-    """Read the payload of a message; as `encode_message` writes it."""
+    """Read the payload of a message."""
     return _DECODERS[message_type](payload)
 
 
 def _decode_hello(payload: bytes) -> Hello:
-    version, position = decode_varint(payload, 0)
-    if position == len(payload) or version != PROTOCOL_VERSION:
+    version, start = decode_varint(payload, 0)
+    if version != PROTOCOL_VERSION:
         return Hello(version)
-    first_frame, position = decode_varint(payload, position)
-    return Hello(version, payload[position:], first_frame)
+    end = start + DECODER_ID_BYTES
+    num_groups, position = decode_varint(payload, end)
+    return Hello(version, payload[start:end], num_groups, payload[position:])
+
+
+def _decode_welcome(payload: bytes) -> Welcome:
+    version, position = decode_varint(payload, 0)
+    return Welcome(version, payload[position:])
 
 
 def _decode_gop_message(payload: bytes) -> Gop:
@@ -203,38 +232,38 @@ def _decode_requests(payload: bytes) -> ParityRequests:
         data, rows, positions, planes, parts
     )
     if fault:
-        raise BitstreamError(_FAULTS[fault])
-    found: list[list[Part]] = [[] for _ in range(num_runs)]
+        raise BitstreamError(_SYNTAX_FAULTS[fault])
+    runs: list[list[Part]] = [[] for _ in range(num_runs)]
     first = 0
     for run, offset, last, start, stop in parts[:num_parts].tolist():
-        found[run].append(Part(offset, tuple(planes[first:last].tolist()), payload[start:stop]))
+        runs[run].append(Part(offset, tuple(planes[first:last].tolist()), payload[start:stop]))
         first = last
-    runs = tuple(map(tuple, found))
-    return ParityRequests(RequestTable(rows[:num_rows], positions[:num_positions], num_bits, runs))
+    return ParityRequests(
+        RequestTable(rows[:num_rows], positions[:num_positions], num_bits, tuple(map(tuple, runs)))
+    )
 
 
-# Payloads without content are empty: their limit is 0 bytes.
+# Messages without a decoded payload have none: its largest size is 0 bytes.
 _DECODERS: dict[type[Message], Callable[[bytes], Message]] = {
     Hello: _decode_hello,
+    Welcome: _decode_welcome,
     NextGop: lambda _: NextGop(),
     Gop: _decode_gop_message,
     ParityRequests: _decode_requests,
     ParityAnswers: ParityAnswers,
-    GopDone: lambda payload: GopDone(*_decode_varints(payload, 0, 1)),
-    End: lambda payload: End(*_decode_varints(payload, 0, 1)),
+    GopDone: lambda payload: GopDone(_decode_number(payload)),
+    End: lambda payload: End(_decode_number(payload)),
+    Finished: lambda _: Finished(),
     Failure: lambda payload: Failure(_one_line(payload.decode(errors="replace"))),
 }
 
 
-def _decode_varints(payload: bytes, position: int, count: int) -> list[int]:
-    """Read the last `count` integers of a payload."""
-    values = []
-    for _ in range(count):
-        value, position = decode_varint(payload, position)
-        values.append(value)
+def _decode_number(payload: bytes) -> int:
+    """Read a payload that is one integer."""
+    value, position = decode_varint(payload, 0)
     if position != len(payload):
-        raise BitstreamError(f"{len(payload) - position} bytes are left over")
-    return values
+        raise BitstreamError(f"{len(payload) - position} bytes follow the payload")
+    return value
 
 
 def _one_line(text: str) -> str:

@@ -1,63 +1,131 @@
-"""How a connection is protected: by TLS, by a token, by both, or not at all."""
+"""Protection of a connection: TLS by certificate or fingerprint, and a shared token inside it."""
 
+import hashlib
+import hmac
+import socket
 import ssl
-import time
 from dataclasses import dataclass
 from ipaddress import ip_address
+from pathlib import Path
 
-from dvc.errors import ConfigError
-from dvc.feedback.authentication import authenticate
-from dvc.feedback.protected_socket import Peer
-from dvc.feedback.tls import TlsSocket
+from dvc.errors import ConfigError, UntrustedError
+from dvc.feedback.messages import MAX_TOKEN_BYTES
+
+MIN_TOKEN_BYTES = 16
+"""Length of the shortest token that is accepted."""
+_FINGERPRINT_DIGITS = 64
 
 
 @dataclass(frozen=True)
 class Protection:
-    """What both ends of a connection do before anything else is said.
+    """Protection of one end of a connection.
 
     Attributes
     ----------
-    listening : bool
-        Whether this is the end that listens.
-    token : bytes or None
-        What both ends know, see `read_token`.
     tls : SSLContext or None
-        What this end proves itself with, or believes.
-    host : str or None
-        Whom the certificate must be for, where it is believed because of who signed it.
+        Certificate of the encoder, or trusted authorities of the decoder; None: plain TCP.
+    token : bytes
+        Shared secret, see `read_token`; empty without one. It is only sent inside TLS.
     fingerprint : bytes or None
-        SHA-256 of the certificate that must be that of the other end.
+        SHA-256 of the certificate that the encoder must have.
     insecure : bool
-        Whether anybody may be talked to through a network.
+        Whether plain TCP is allowed beyond this machine.
     """
 
-    listening: bool
-    token: bytes | None = None
     tls: ssl.SSLContext | None = None
-    host: str | None = None
+    token: bytes = b""
     fingerprint: bytes | None = None
     insecure: bool = False
 
-    @property
-    def is_none(self) -> bool:
-        """Whether anybody may talk."""
-        return self.token is None and self.tls is None
-
-    def check_exposure(self, host: str) -> None:
-        """Refuse to talk to anybody through a network, unless that is wanted; `host`: numerical address."""
-        if self.is_none and not self.insecure and not ip_address(host.partition("%")[0]).is_loopback:
+    def __post_init__(self) -> None:
+        if self.token and self.tls is None:
             raise ConfigError(
-                f"{host} is on a network, where anybody may talk: --token-file, TLS or --insecure is needed"
+                "--token-file requires TLS: --tls-cert (encoder), --tls-ca or --fingerprint (decoder)"
             )
 
-    def applied(self, peer: Peer, within_s: float) -> Peer:
-        """Return what is to be used in place of a socket that is just connected."""
-        deadline_s = time.monotonic() + within_s
-        if self.tls is not None:
-            protected = TlsSocket(peer, self.tls, self.listening, self.host)
-            protected.shake_hands(within_s, self.fingerprint)
-            peer = protected
-        if self.token is not None:
-            left_s = max(deadline_s - time.monotonic(), 0.0)
-            peer = authenticate(peer, self.token, self.listening, left_s)
-        return peer
+    def check_exposure(self, host: str) -> None:
+        """Refuse plain TCP with a numerical address of another machine, unless it is allowed."""
+        if self.tls is None and not self.insecure and not ip_address(host.partition("%")[0]).is_loopback:
+            raise ConfigError(f"{host} is on a network: TLS or --insecure is required")
+
+    def accepts(self, token: bytes) -> bool:
+        """Return whether a decoder sent the right token, in constant time."""
+        return hmac.compare_digest(token, self.token)
+
+    def wrap(self, peer: socket.socket, host: str | None = None) -> socket.socket:
+        """Return a connected socket inside TLS, before its handshake; `host` is the name of the encoder."""
+        if self.tls is None:
+            return peer
+        return self.tls.wrap_socket(peer, host is None, do_handshake_on_connect=False, server_hostname=host)
+
+    def check_certificate(self, peer: socket.socket) -> None:
+        """Refuse an encoder with another certificate than the one with the fingerprint."""
+        if self.fingerprint is not None and isinstance(peer, ssl.SSLSocket):
+            certificate = peer.getpeercert(True) or b""
+            if not hmac.compare_digest(hashlib.sha256(certificate).digest(), self.fingerprint):
+                raise UntrustedError("the certificate of the other side has another fingerprint")
+
+
+def encoder_context(certificate: str | Path, key: str | Path | None = None) -> ssl.SSLContext:
+    """Return the TLS settings of an encoder: its chain of certificates, and its key if it is separate."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_3
+    context.num_tickets = 0
+    try:
+        context.load_cert_chain(certificate, key, password=_refuse_password)
+    except ssl.SSLError as err:
+        raise ConfigError(f"{certificate}: no certificate with its key: {err.reason or err}") from err
+    return context
+
+
+def decoder_context(authorities: str | Path | None) -> ssl.SSLContext:
+    """Return the TLS settings of a decoder: trusted authorities, or None if only a fingerprint is checked."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.minimum_version = ssl.TLSVersion.TLSv1_3
+    if authorities is None:
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        return context
+    try:
+        context.load_verify_locations(authorities)
+    except ssl.SSLError as err:
+        raise ConfigError(f"{authorities}: no certificates: {err.reason or err}") from err
+    return context
+
+
+def _refuse_password() -> str:
+    raise ConfigError("a key with a password is not supported")
+
+
+def parse_fingerprint(text: str) -> bytes:
+    """Read the SHA-256 of a certificate: 64 hexadecimal digits, with or without colons, or openssl's line."""
+    digits = text.rpartition("=")[2].strip().replace(":", "")
+    if len(digits) != _FINGERPRINT_DIGITS or not all(digit in "0123456789abcdefABCDEF" for digit in digits):
+        raise ConfigError(f"a fingerprint is {_FINGERPRINT_DIGITS} hexadecimal digits, got {text[:80]!r}")
+    return bytes.fromhex(digits)
+
+
+def read_token(path: str | Path) -> bytes:
+    """Read a token from a file; white space around it is ignored.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    bytes
+        From 16 to 4096 of them.
+
+    Raises
+    ------
+    ConfigError
+        If the file holds no such token.
+    OSError
+        If it cannot be read.
+    """
+    with Path(path).open("rb") as file:
+        token = file.read(MAX_TOKEN_BYTES + 1).strip()
+    if not MIN_TOKEN_BYTES <= len(token) <= MAX_TOKEN_BYTES:
+        raise ConfigError(f"{path}: a token has from {MIN_TOKEN_BYTES} to {MAX_TOKEN_BYTES} bytes")
+    return token

@@ -1,26 +1,37 @@
-"""Moves the bytes of the feedback channel over TCP: connections, timeouts, nothing else."""
+"""TCP connections of the feedback channel, plain or inside TLS: its only module with I/O."""
 
 import contextlib
+import select
 import socket
+import ssl
 import time
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import wait
+from typing import Any, Protocol
 
-from dvc.errors import ConfigError, FeedbackError, NobodyListensError, PeerClosedError
-from dvc.feedback.protected_socket import Peer, ProtectedSocket
+from dvc.errors import ConfigError, ConnectionLostError, FeedbackError, NobodyListensError, UntrustedError
 from dvc.feedback.protection import Protection
 from dvc.files import Closing
 
 DEFAULT_TIMEOUT_S = 30.0
+"""Default time after which a silent peer is lost."""
 _CHUNK_BYTES = 2**18
+_MAX_INBOX_BYTES = 2**24
+"""Largest amount of data that is received while data are sent."""
 _RETRY_S = 0.1
-_BACKLOG = 16
+_BACKLOG = 128
 _LINGER_S = 1.0
 _LINGER_BYTES = 2**24
+_AGAIN = BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError
 
 
-Result = TypeVar("Result")
-_Address = Any  # what `socket` takes for an address depends on the family
+class Readable(Protocol):
+    """Object with a file descriptor that can be waited for."""
+
+    def fileno(self) -> int:
+        """Return the file descriptor."""
 
 
 def parse_address(text: str) -> tuple[str, int]:
@@ -41,7 +52,7 @@ def parse_address(text: str) -> tuple[str, int]:
     Raises
     ------
     ConfigError
-        If it is no such address.
+        If it is not such an address.
     """
     host, colon, port = text.rpartition(":")
     if host.startswith("[") and host.endswith("]"):
@@ -53,7 +64,7 @@ def parse_address(text: str) -> tuple[str, int]:
     return host or "localhost", int(port)
 
 
-def _shown(address: tuple[object, ...]) -> str:
+def _format_address(address: Sequence[object]) -> str:
     host, port = ascii(address[0])[1:81].removesuffix("'"), address[1]
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
@@ -61,181 +72,184 @@ def _shown(address: tuple[object, ...]) -> str:
 class Connection(Closing):
     """A TCP connection to the peer.
 
+    It is open, then broken (by an error, by the peer or by `break_off`), and at last closed.
+
     Parameters
     ----------
     peer : socket
-        A connected socket; closed with the connection.
+        A connected socket, which may be inside TLS; it is closed with the connection.
     timeout_s : float
-        Patience with a silent peer, in seconds, in each direction.
+        Time after which a peer that acknowledges or takes nothing is lost, in seconds.
+    stop : Readable, optional
+        Once it is readable, waiting raises `KeyboardInterrupt`.
     """
 
-    def __init__(self, peer: socket.socket, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        self._socket: Peer = peer
-        self._timeout_s = timeout_s
-        self._failure: FeedbackError | None = None
+    def __init__(
+        self, peer: socket.socket, timeout_s: float = DEFAULT_TIMEOUT_S, stop: Readable | None = None
+    ) -> None:
+        self.timeout_s = timeout_s
+        self._socket = peer
+        self._failure: ConnectionLostError | None = None
+        self._inbox: deque[bytes] = deque()
+        self._poll = select.poll()
+        self._stop_fd = -1 if stop is None else stop.fileno()
+        self._fd = peer.fileno()
         try:
-            peer.settimeout(timeout_s)
-            peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            address = peer.getpeername()
-            self.name, self.host = _shown(address), str(address[0])
+            peer.setblocking(False)
+            self.name = _format_address(peer.getpeername())
+            _detect_dead_peer(peer, timeout_s)
         except OSError as err:
             peer.close()
-            raise FeedbackError(f"the other side went away: {err.strerror or err}") from err
-
-    def protect(self, protection: Protection, within_s: float) -> None:
-        """Protect the connection before anything else is sent or received.
-
-        Parameters
-        ----------
-        protection : Protection
-            How.
-        within_s : float
-            Time that this may take, in seconds.
-
-        Raises
-        ------
-        ConfigError
-            If there is no protection, and the peer is on a network.
-        FeedbackError
-            If the peer does not do its part in time; the connection is closed then.
-        """
-        protection.check_exposure(self.host)
-        self._socket = self.talk(lambda peer: protection.applied(peer, within_s))
-        self._socket.settimeout(self._timeout_s)
-
-    def talk(self, work: Callable[[Peer], Result]) -> Result:
-        """Let something send and receive that comes before all else.
-
-        Parameters
-        ----------
-        work : callable
-            Called with the socket.
-
-        Returns
-        -------
-        object
-            What it returns.
-
-        Raises
-        ------
-        FeedbackError
-            If the peer does not do its part; the connection is closed then.
-        """
-        try:
-            result = work(self._socket)
-            self._socket.settimeout(self._timeout_s)
-        except (OSError, FeedbackError) as err:
-            self.close()
-            if isinstance(err, OSError):
-                err = self._error("is silent", err)
-            raise type(err)(f"{self.name}: {err}") from err
-        return result
-
-    def send(self, data: bytes) -> None:
-        """Send bytes.
-
-        Parameters
-        ----------
-        data : bytes
-            Any number.
-
-        Raises
-        ------
-        FeedbackError
-            If the peer went away, or takes nothing for the timeout.
-        """
-        rest = memoryview(data)
-        while rest:
-            try:
-                rest = rest[self._socket.send(rest[:_CHUNK_BYTES]) :]
-            except OSError as err:
-                raise self._failure or self._error("takes nothing", err) from err
-
-    def receive(self) -> bytes:
-        """Wait for bytes of the peer.
-
-        Returns
-        -------
-        bytes
-            At least one, at most 256 KiB.
-
-        Raises
-        ------
-        FeedbackError
-            If the peer went away, or sends nothing for the timeout.
-        """
-        try:
-            data = self._socket.recv(_CHUNK_BYTES)
-        except OSError as err:
-            raise self._failure or self._error("is silent", err) from err
-        if not data:
-            raise self._failure or PeerClosedError(f"the other side ({self.name}) closed the connection")
-        return data
-
-    def break_off(self, reason: FeedbackError) -> None:
-        """Let nothing more be sent; who receives what has come already learns the reason after that.
-
-        Parameters
-        ----------
-        reason : FeedbackError
-            What is raised then.
-        """
-        self._failure = self._failure or reason
-        with contextlib.suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)
+            raise ConnectionLostError(f"the other side went away: {err.strerror or err}") from err
+        if stop is not None:
+            self._poll.register(self._stop_fd, select.POLLIN)
 
     def fileno(self) -> int:
         """Return the file descriptor of the socket."""
-        return self._socket.fileno()
+        return self._fd
 
-    @property
-    def is_broken(self) -> bool:
-        """Whether it was broken off."""
-        return self._failure is not None
+    def shake_hands(self, protection: Protection, within_s: float) -> None:
+        """Finish the TLS handshake of a decoder, and check the certificate of the encoder."""
+        peer, deadline_s = self._socket, time.monotonic() + within_s
+        if not isinstance(peer, ssl.SSLSocket):
+            return
+        while True:
+            try:
+                peer.do_handshake()
+                break
+            except _AGAIN:
+                if not self._wait_for(select.POLLIN, deadline_s):
+                    raise self.lose("takes too long with TLS") from None
+            except (ssl.SSLCertVerificationError, ssl.SSLError) as err:
+                if isinstance(err, ssl.SSLEOFError | ssl.SSLZeroReturnError):
+                    raise self.lose("closed the connection") from err
+                raise UntrustedError(f"no TLS with the other side ({self.name}): {_reason(err)}") from err
+            except OSError as err:
+                raise self.lose("went away", err) from err
+        protection.check_certificate(peer)
 
-    @property
-    def pending(self) -> bool:
-        """Whether there are bytes to be received that have left the socket already."""
-        return isinstance(self._socket, ProtectedSocket) and self._socket.pending
+    def send(self, data: bytes, within_s: float | None = None) -> None:
+        """Send bytes, of which some are taken within each timeout; data that come are kept for `receive`."""
+        rest = memoryview(data)
+        patience_s = self.timeout_s if within_s is None else within_s
+        deadline_s = time.monotonic() + patience_s
+        while rest:
+            self._check()
+            try:
+                rest = rest[self._socket.send(rest[:_CHUNK_BYTES]) :]
+                deadline_s = time.monotonic() + patience_s
+            except _AGAIN:
+                self._wait_for_room(deadline_s)
+            except OSError as err:
+                raise self.lose("went away", err) from err
 
-    def silence(self) -> FeedbackError:
-        """Return the error of a peer from which nothing comes.
+    def _wait_for_room(self, deadline_s: float) -> None:
+        """Wait until more can be sent, and receive: the peer may do so only after it has sent something."""
+        receives = sum(map(len, self._inbox)) < _MAX_INBOX_BYTES
+        ready = self._wait_for(select.POLLOUT | (select.POLLIN if receives else 0), deadline_s)
+        if not ready:
+            raise self.lose(f"takes nothing for {self.timeout_s:g} s")
+        if ready & select.POLLIN and (data := self._read()) is not None:
+            self._inbox.append(data)
 
-        Returns
-        -------
-        FeedbackError
-            Not raised.
-        """
-        return self._error("is silent", TimeoutError())
+    def receive(self, within_s: float | None = None) -> bytes:
+        """Wait for at most 256 KiB of the peer; return nothing if none came in time."""
+        if self._inbox:
+            return self._inbox.popleft()
+        deadline_s = None if within_s is None else time.monotonic() + within_s
+        while (data := self._read()) is None:
+            if not self._wait_for(select.POLLIN, deadline_s):
+                return b""
+        return data
 
-    def _error(self, silence: str, err: OSError) -> FeedbackError:
-        if isinstance(err, TimeoutError):
-            return FeedbackError(f"the other side ({self.name}) {silence} for {self._timeout_s:g} s")
-        closed = isinstance(err, ConnectionResetError | BrokenPipeError)  # by who has not read all
-        kind = PeerClosedError if closed else FeedbackError
-        return kind(f"the other side ({self.name}) went away: {err.strerror or err}")
+    def _read(self) -> bytes | None:
+        """Return received bytes; None if there are none now."""
+        self._check()
+        try:
+            data = self._socket.recv(_CHUNK_BYTES)
+        except _AGAIN:
+            return None
+        except ssl.SSLError as err:
+            raise self.lose(f"sent no valid TLS: {_reason(err)}") from err
+        except OSError as err:
+            raise self.lose("went away", err) from err
+        if not data:
+            raise self.lose("closed the connection")
+        return data
 
-    def close(self) -> None:
-        """Close the connection; what was sent still arrives, if the peer reads it within a second."""
-        self.close_within(_LINGER_S)
+    def _wait_for(self, events: int, deadline_s: float | None) -> int:
+        """Wait for events of the socket; return them, 0 after the deadline."""
+        self._poll.register(self._fd, events)
+        while True:
+            left_s = None if deadline_s is None else deadline_s - time.monotonic()
+            if left_s is not None and left_s < 0.0:
+                return 0
+            ready = dict(self._poll.poll(None if left_s is None else 1e3 * left_s))
+            if self._stop_fd in ready:
+                raise KeyboardInterrupt
+            if self._fd in ready:
+                return ready[self._fd] | select.POLLIN * bool(ready[self._fd] & ~events)
 
-    def close_within(self, linger_s: float) -> None:
-        """Close the connection; what was sent still arrives, if the peer reads it in time.
+    def wait(self, others: Sequence[Readable] = (), within_s: float | None = None) -> list[Any]:
+        """Wait until this connection or other objects are readable; return these."""
+        pending = isinstance(self._socket, ssl.SSLSocket) and self._socket.pending()
+        if self._inbox or pending or self._failure is not None:
+            return [self, *wait(list[Any](others), 0.0)]
+        objects: list[Any] = [self, *others]
+        return wait(objects, within_s)
 
-        Parameters
-        ----------
-        linger_s : float
-            How long the peer has, in seconds.
-        """
+    def break_off(self, reason: str) -> None:
+        """Break the connection, from any thread; the thread that uses it gets an error for this reason."""
+        self._failure = self._failure or ConnectionLostError(reason)
+        with contextlib.suppress(OSError):
+            socket.socket.shutdown(self._socket, socket.SHUT_RDWR)
+
+    def lose(self, fault: str, err: OSError | None = None) -> ConnectionLostError:
+        """Break the connection for a fault of the peer, a predicate; return the error."""
+        cause = "" if err is None else f": {err.strerror or err}"
+        if self._failure is None:
+            self._failure = ConnectionLostError(f"the other side ({self.name}) {fault}{cause}")
+        return self._failure
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+
+    def close(self, linger_s: float = _LINGER_S) -> None:
+        """Close the connection; data that were sent still arrive if the peer reads them in time."""
         deadline_s, num_bytes = time.monotonic() + linger_s, 0
-        with contextlib.closing(self._socket), contextlib.suppress(OSError, FeedbackError):
-            self._socket.shutdown(socket.SHUT_WR)
-            while num_bytes < _LINGER_BYTES and (left_s := deadline_s - time.monotonic()) > 0:
-                self._socket.settimeout(left_s)
-                data = self._socket.recv(_CHUNK_BYTES)  # closing on unread bytes would cut off the peer
+        with contextlib.closing(self._socket) as peer, contextlib.suppress(OSError, KeyboardInterrupt):
+            if self._failure is not None:
+                return
+            self._failure = ConnectionLostError("the connection is closed")
+            socket.socket.shutdown(peer, socket.SHUT_WR)
+            # To close a socket with unread data would reset the connection.
+            while num_bytes < _LINGER_BYTES and self._wait_for(select.POLLIN, deadline_s):
+                data = socket.socket.recv(peer, _CHUNK_BYTES)
                 if not data:
                     break
                 num_bytes += len(data)
+
+
+def _detect_dead_peer(peer: socket.socket, timeout_s: float) -> None:
+    """Have the system break a connection when the peer acknowledges nothing, even if a process is busy."""
+    interval_s = max(1, int(timeout_s / 4))
+    peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in (
+        ("TCP_KEEPIDLE", interval_s),
+        ("TCP_KEEPINTVL", interval_s),
+        ("TCP_KEEPCNT", 3),
+        ("TCP_USER_TIMEOUT", int(1000 * timeout_s)),
+    ):
+        if hasattr(socket, name):
+            peer.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+
+def _reason(err: ssl.SSLError) -> str:
+    if isinstance(err, ssl.SSLCertVerificationError):
+        return str(err.verify_message)
+    return (err.reason or str(err)).lower().replace("_", " ")
 
 
 class Listener(Closing):
@@ -249,46 +263,26 @@ class Listener(Closing):
 
     def __init__(self, listening: socket.socket) -> None:
         self._socket = listening
-        host, port = listening.getsockname()[:2]
-        self.host: str = host
-        self.port: int = port
-        self.name = _shown((host, port))
+        listening.setblocking(False)
+        self.host, self.port = listening.getsockname()[:2]
+        self.name = _format_address((self.host, self.port))
 
-    def accept(
-        self, timeout_s: float | None = None, silence_timeout_s: float = DEFAULT_TIMEOUT_S
-    ) -> Connection:
-        """Wait for a peer; others wait until this is called again, or are refused when it is closed.
+    def fileno(self) -> int:
+        """Return the file descriptor of the socket."""
+        return self._socket.fileno()
 
-        Parameters
-        ----------
-        timeout_s : float or None
-            How long to wait for a peer, in seconds; None for ever.
-        silence_timeout_s : float
-            Patience with the peer thereafter, in seconds.
-
-        Returns
-        -------
-        Connection
-            The connection.
-
-        Raises
-        ------
-        FeedbackError
-            If nobody connects.
-        """
+    def accept(self, protection: Protection, timeout_s: float = DEFAULT_TIMEOUT_S) -> Connection:
+        """Accept a peer that has connected; its TLS handshake takes place when it is received from."""
+        peer, _ = self._socket.accept()
         try:
-            self._socket.settimeout(timeout_s)
-            while True:
-                peer, _ = self._socket.accept()
-                with contextlib.suppress(FeedbackError):  # who is gone already was no peer
-                    return Connection(peer, silence_timeout_s)
-        except TimeoutError as err:
-            raise FeedbackError(f"nobody connected to {self.name} within {timeout_s:g} s") from err
+            peer.setblocking(False)
+            return Connection(protection.wrap(peer), timeout_s)
         except OSError as err:
-            raise FeedbackError(f"cannot accept a connection on {self.name}: {err.strerror or err}") from err
+            peer.close()
+            raise ConnectionLostError(f"the other side went away: {err.strerror or err}") from err
 
     def close(self) -> None:
-        """Stop listening, also where another thread waits for a peer."""
+        """Stop listening; a thread that waits for a peer notices it."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
@@ -300,91 +294,63 @@ def listen(host: str = "localhost", port: int = 0) -> Listener:
     Parameters
     ----------
     host : str
-        Address of this machine on which to listen; the loopback unless told otherwise.
+        Address of this machine on which to listen; the loopback by default.
     port : int
         0 for any free one, see `Listener.port`.
 
     Returns
     -------
     Listener
-        Waiting.
+        The port.
 
     Raises
     ------
     FeedbackError
-        If the address is not to be had.
+        If the address is not available.
     """
-
-    def _bind(listening: socket.socket, address: _Address) -> None:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind(address)
-        listening.listen(_BACKLOG)
-
     try:
-        return Listener(_open_socket(host, port, _bind))
-    except OSError as err:
-        raise FeedbackError(f"cannot listen on {_shown((host, port))}: {err.strerror or err}") from err
+        family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
+        return Listener(socket.create_server((host, port), family=family, backlog=_BACKLOG))
+    except (OSError, ValueError) as err:
+        raise FeedbackError(
+            f"cannot listen on {_format_address((host, port))}: {getattr(err, 'strerror', None) or err}"
+        ) from err
 
 
-def connect(
-    host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S, silence_timeout_s: float | None = None
-) -> Connection:
-    """Connect to a peer that listens, or will within the timeout.
+@dataclass(frozen=True)
+class Dialler:
+    """Way of a decoder to its encoder."""
 
-    Parameters
-    ----------
-    host : str
-        Name or number of its host.
-    port : int
-        Its port.
-    timeout_s : float
-        How long to try, in seconds.
-    silence_timeout_s : float, optional
-        Patience with a silent peer thereafter, in seconds; the same by default.
+    host: str
+    port: int
+    protection: Protection = field(default_factory=Protection)
+    timeout_s: float = DEFAULT_TIMEOUT_S
 
-    Returns
-    -------
-    Connection
-        The connection.
+    @property
+    def name(self) -> str:
+        """Address of the encoder."""
+        return _format_address((self.host, self.port))
 
-    Raises
-    ------
-    FeedbackError
-        If nobody listens there.
-    """
-    deadline_s = time.monotonic() + timeout_s
-
-    def _dial(peer: socket.socket, address: _Address) -> None:
-        peer.settimeout(max(_RETRY_S, deadline_s - time.monotonic()))
-        peer.connect(address)
-
-    while True:
+    def connect(self, within_s: float, stop: Readable | None = None) -> Connection:
+        """Connect to the encoder, and prove its identity; nothing has been sent to it."""
+        deadline_s = time.monotonic() + within_s
         try:
-            return Connection(_open_socket(host, port, _dial), silence_timeout_s or timeout_s)
-        except (ConnectionRefusedError, TimeoutError) as err:
-            if time.monotonic() + _RETRY_S >= deadline_s:
-                raise NobodyListensError(f"nobody listens on {_shown((host, port))}") from err
-            time.sleep(_RETRY_S)
-        except OSError as err:
+            peer = socket.create_connection((self.host, self.port), max(within_s, _RETRY_S))
+        except (OSError, ValueError) as err:
+            if isinstance(err, ConnectionRefusedError | TimeoutError):
+                raise NobodyListensError(f"nobody listens on {self.name}") from err
             raise NobodyListensError(
-                f"cannot connect to {_shown((host, port))}: {err.strerror or err}"
+                f"cannot connect to {self.name}: {getattr(err, 'strerror', None) or err}"
             ) from err
-
-
-def _open_socket(host: str, port: int, use: Callable[[socket.socket, _Address], None]) -> socket.socket:
-    """Use a new socket with every address that a host name stands for, until one works."""
-    failure: OSError = ConnectionRefusedError()
-    try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    except ValueError as err:
-        raise OSError(0, "not the name of a host") from err
-    for family, kind, protocol, _, address in found:
-        opened = socket.socket(family, kind, protocol)
         try:
-            use(opened, address)
-        except OSError as err:
-            opened.close()
-            failure = err
-        else:
-            return opened
-    raise failure
+            self.protection.check_exposure(peer.getpeername()[0])
+            peer.setblocking(False)
+            peer = self.protection.wrap(peer, self.host)
+            connection = Connection(peer, self.timeout_s, stop)
+            connection.shake_hands(self.protection, deadline_s - time.monotonic())
+        except BaseException as err:
+            peer.close()
+            if isinstance(err, OSError):
+                raise ConnectionLostError(f"the other side ({self.name}) went away: {err}") from err
+            raise
+        return connection

@@ -4,42 +4,30 @@ import io
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from fractions import Fraction
-from itertools import islice
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from benchmarks.loopback import accepted
+from benchmarks.loopback import accepted, accepting
 from benchmarks.slow_link import slow_link
-from decoder.group_tasks import DecodedGroup
-from decoder.live import HELD_SHARE, HeldRequests, LiveSource
+from decoder.group_tasks import DecodedGroup, GroupTask
+from decoder.live import HELD_SHARE, HeldRequests, LiveGroups, LiveSource
 from decoder.session import decode_live, decode_stream
 from dvc.config import CascadeConfig, CodecConfig, Delivery, Live, Qp, VideoConfig, codec_config
-from dvc.errors import BitstreamError, FeedbackError
-from dvc.feedback import (
-    MAX_OPEN_GOPS,
-    EncoderEndpoint,
-    Link,
-    Protection,
-    dial,
-    flow_control,
-    listen,
-    max_open_gops,
-)
+from dvc.errors import BitstreamError, ConnectionLostError, FeedbackError
+from dvc.feedback import MAX_OPEN_GOPS, Dialler, max_open_gops
 from dvc.limits import Limits
 from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.slepian_wolf.requests import FRAME
 from dvc.stream import GopRecord, StreamReader
 from dvc.video import Frame
-from encoder import live
-from encoder.door import Door
-from encoder.kept_groups import KeptGroups
-from encoder.live import serve
-from encoder.pacing import DecoderPace
+from encoder.acceptor import AcceptedPeer, PeerAcceptor
+from encoder.live import DecoderPace, serve
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
@@ -78,15 +66,22 @@ def offline(frames: list[Frame]) -> list[DecodedGroup]:
         return list(decode_stream(reader.config, reader))
 
 
+Work = Callable[[PeerAcceptor, AcceptedPeer], object]
+
+
 @contextmanager
-def serving(work: Callable[[Link], object], timeout_s: float = PATIENCE_S) -> Iterator[str]:
-    """Let something serve whoever connects; yield the address."""
+def serving(work: Work, config: CodecConfig = CONFIG, patience_s: float = 0.0) -> Iterator[str]:
+    """Serve a decoder in another thread; yield the address."""
 
     def _serve() -> None:
-        with accepted(listener, PATIENCE_S) as link:
-            work(link)
+        peer = accepted(acceptor)
+        try:
+            work(acceptor, peer)
+        finally:
+            peer.connection.close(0.1)
 
-    with listen("127.0.0.1") as listener:
+    config = session(config, Live()).config
+    with accepting(config, PATIENCE_S, patience_s) as (listener, acceptor):
         thread = threading.Thread(target=_serve)
         thread.start()
         yield listener.name
@@ -97,13 +92,12 @@ def decoded(
     address: str, jobs: int = 1, timeout_s: float = PATIENCE_S, limits: Limits | None = None
 ) -> Iterator[DecodedGroup]:
     host, _, port = address.rpartition(":")
-    with dial(host, int(port), timeout_s) as link:
-        source = LiveSource(link)
+    with closing(LiveSource(Dialler(host, int(port), timeout_s=timeout_s))) as source:
         yield from decode_live(source.config, source, jobs, limits=limits)
 
 
-def encoding(frames: list[Frame], pace: DecoderPace | None = None) -> Callable[[Link], None]:
-    return lambda link: serve(session(delivery=Live()), frames, link, lambda _: None, pace)
+def encoding(frames: list[Frame], pace: DecoderPace | None = None, config: CodecConfig = CONFIG) -> Work:
+    return lambda acceptor, peer: serve(session(config, Live()), frames, acceptor, peer, lambda _: None, pace)
 
 
 def assert_same(found: list[DecodedGroup], wanted: list[DecodedGroup]) -> None:
@@ -150,7 +144,7 @@ def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
     session(config).write(video, file, lambda _: None)
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         wanted = list(decode_stream(reader.config, reader))
-    with serving(lambda end: serve(session(config, Live()), video, end, lambda _: None)) as address:
+    with serving(encoding(video, None, config), config) as address:
         host, _, port = address.rpartition(":")
         with slow_link(host, int(port), delay_s=0.004, bits_per_second=5e5) as link:
             started = time.monotonic()
@@ -168,75 +162,85 @@ def test_predicted_key_frames_are_those_of_a_file(frames: list[Frame]) -> None:
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         wanted = list(decode_stream(reader.config, reader))
     assert [group.record.predicted for group in wanted] == [False, True, True, False, True, True, True]
-    with serving(lambda end: serve(session(CHAINED, Live()), frames, end, lambda _: None)) as address:
+    with serving(encoding(frames, None, CHAINED), CHAINED) as address:
         assert_same(list(decoded(address, 2)), wanted)
 
 
-def taken_over(
-    config: CodecConfig, frames: list[Frame], num_groups: int
-) -> tuple[list[Frame], list[Frame], int, dict[str, Any]]:
-    """Decode some groups by a decoder that goes away, and the rest by another one.
-
-    Return what each has, with which frame the second begins, and what the encoder tells.
-    """
-    told: list[dict[str, Any]] = []
-    own = session(config, Live())
-
-    def _serve() -> None:
-        link, endpoint = door.decoder()
-        told.append(serve(own, frames, link, lambda _: None, None, endpoint, door.decoder))
-
-    with (
-        listen("127.0.0.1") as listener,
-        Door(listener, own.config, Protection(True), PATIENCE_S, PATIENCE_S, lambda _: None) as door,
-    ):
-        thread = threading.Thread(target=_serve)
-        thread.start()
-        first = dial(listener.host, listener.port, PATIENCE_S, None, PATIENCE_S)
-        source = LiveSource(first)
-        groups = decode_live(source.config, source)
-        left = [frame for group in islice(groups, num_groups) for frame in group.frames]
-        source.flush()
-        first.deliver()  # what it is done with
-        first._reconnect = None
-        first._closed.set()
-        assert first._connection is not None
-        first._connection.break_off(FeedbackError("killed"))
-        with first, dial(listener.host, listener.port, PATIENCE_S) as second:
-            source = LiveSource(second)
-            more = [frame for group in decode_live(source.config, source) for frame in group.frames]
-            second.deliver()
-        thread.join()
-    return left, more, source.endpoint.first_frame, told[0]
-
-
-@pytest.mark.parametrize("config", [CONFIG, CHAINED], ids=["intra", "predicted"])
-def test_another_decoder_gets_the_rest(frames: list[Frame], config: CodecConfig) -> None:
-    """The same frames as ever, from an IDR picture on before what the first has not written."""
+def file_of(config: CodecConfig, frames: list[Frame]) -> list[DecodedGroup]:
+    """Return what a file decodes to."""
     file = io.BytesIO()
     session(config).write(frames, file, lambda _: None)
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
-        wanted = [frame.luma for group in decode_stream(reader.config, reader) for frame in group.frames]
-    left, more, begins, told = taken_over(config, frames, 6)
-    assert 0 < begins <= len(left)
-    assert len(more) == len(frames) - begins
-    for frame, luma in zip([*left, *more], [*wanted[: len(left)], *wanted[begins:]], strict=True):
-        np.testing.assert_array_equal(frame.luma, luma)
-    assert (told["num_decoders"], told["frames_lost"]) == (2, [])
-    assert told["groups_begun_again"] > 1
-    assert told["bits_asked_again"] >= 0
+        return list(decode_stream(reader.config, reader))
 
 
-def test_what_could_not_be_kept_is_named(frames: list[Frame], monkeypatch: pytest.MonkeyPatch) -> None:
-    """If no IDR picture is kept, another one is made, and the frames before it are lost."""
-    monkeypatch.setattr(live, "KeptGroups", lambda _: KeptGroups(5))
-    monkeypatch.setattr(flow_control, "MAX_OPEN_GOPS", 3)
-    left, more, begins, told = taken_over(CHAINED, [frames[0]] * 60, 2)
-    assert len(left) < begins
-    assert len(more) == 60 - begins
-    ((first, last),) = told["frames_lost"]
-    assert first <= len(left)
-    assert last == begins - 1
+@pytest.mark.parametrize("config", [CONFIG, CHAINED], ids=["intra", "predicted"])
+def test_lost_connections_change_neither_frames_nor_bits(frames: list[Frame], config: CodecConfig) -> None:
+    """Groups that are not written are decoded again; both ends count them."""
+    reports: list[dict[str, Any]] = []
+
+    def _serve(acceptor: PeerAcceptor, peer: AcceptedPeer) -> None:
+        own = session(config, Live())
+        reports.append(serve(own, frames, acceptor, peer, lambda _: None, None, PATIENCE_S))
+
+    found: list[DecodedGroup] = []
+    with serving(_serve, config, PATIENCE_S) as address:
+        host, _, port = address.rpartition(":")
+        with closing(LiveSource(Dialler(host, int(port), timeout_s=PATIENCE_S), PATIENCE_S)) as source:
+            for number, group in enumerate(decode_live(source.config, source)):
+                found.append(group)
+                if number in (0, 2, 3):
+                    source.connection.break_off("the cable was pulled")
+    assert_same(found, file_of(config, frames))
+    assert source.report.num_reconnections >= 3
+    assert source.report.groups_sent_again > 0
+    assert reports[0]["num_reconnections"] == source.report.num_reconnections
+    assert reports[0]["bits_asked_again"] > 0
+
+
+def test_a_connection_that_is_lost_at_the_very_end_is_no_error(frames: list[Frame]) -> None:
+    """All is written, and the encoder is gone."""
+    with serving(encoding(frames), patience_s=PATIENCE_S) as address:
+        host, _, port = address.rpartition(":")
+        with closing(LiveSource(Dialler(host, int(port), timeout_s=PATIENCE_S), PATIENCE_S)) as source:
+            found = list(decode_live(source.config, source))
+    assert sum(len(group.frames) for group in found) == len(frames)
+    assert not source.reconnect(ConnectionLostError("the connection broke"))
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [(CHAINED, "serves another sequence"), (CONFIG, "differs from the one that came before")],
+)
+def test_another_sequence_is_not_continued(frames: list[Frame], other: CodecConfig, words: str) -> None:
+    """Another encoder that has come to the same address before any group was written is noticed."""
+
+    def _other(acceptor: PeerAcceptor, peer: AcceptedPeer) -> None:
+        with suppress(FeedbackError):
+            serve(session(other, Live()), frames[::-1], acceptor, peer, lambda _: None)
+
+    with serving(until_left(frames, []), patience_s=PATIENCE_S) as first, serving(_other, other) as second:
+        host, port = second.rpartition(":")[::2]
+        address = first.rpartition(":")
+        source = LiveSource(Dialler(address[0], int(address[2]), timeout_s=PATIENCE_S), PATIENCE_S)
+        groups = LiveGroups(source, lambda gop: cast(GroupTask, SimpleNamespace(record=gop.record)))
+        while not source.tasks:
+            list(groups.wait([]))
+            list(groups.received())
+        source._dialler = Dialler(host, int(port), timeout_s=PATIENCE_S)
+        with closing(source), pytest.raises((FeedbackError, BitstreamError), match=words):
+            _receive_again(source)
+
+
+def _receive_again(source: LiveSource) -> None:
+    """Connect again, and receive groups until one is refused."""
+    source.reconnect(ConnectionLostError("the connection broke"))
+    groups = LiveGroups(source, lambda gop: cast(GroupTask, None))
+    while True:
+        list(groups.wait([]))
+        for task in groups.received():
+            if isinstance(task, BitstreamError):
+                raise task
 
 
 class Clock:
@@ -279,10 +283,9 @@ class Liar:
         self._frames, self._left, self._behave = frames, num_requests, behave
         self.waiting: list[RequestTable] = []
 
-    def __call__(self, link: Link) -> None:
-        self.link, self.endpoint = link, EncoderEndpoint(session().config)
-        own = session(delivery=Live())
-        self.endpoint = EncoderEndpoint(own.config)
+    def __call__(self, acceptor: PeerAcceptor, peer: AcceptedPeer) -> None:
+        self.link, self.endpoint = peer
+        link, own = self.link, session(delivery=Live())
         groups = own.groups(self._frames)
         number = 0
         while sum(len(table.rows) for table in self.waiting) < self._left:
@@ -291,7 +294,7 @@ class Liar:
                 if group is None:
                     break
                 encoded = own.encode(group)
-                number = self.endpoint.send_gop(encoded.record)
+                number, _ = self.endpoint.send_gop(encoded.record)
             link.send(self.endpoint.bytes_to_send())
             events = self.endpoint.receive(link.receive())
             self.waiting += [event for event in events if isinstance(event, RequestTable)]
@@ -337,7 +340,7 @@ def send_more_groups(liar: Liar) -> None:
     [
         (stall, FeedbackError, "is silent for 2 s"),
         (die, FeedbackError, "closed the connection|went away"),
-        (answer_twice, FeedbackError, "not asked for"),
+        (answer_twice, FeedbackError, "not requested"),
         (send_more_groups, (FeedbackError, BitstreamError), "group of pictures"),
     ],
 )
@@ -381,7 +384,9 @@ def test_lies_do_not_hang(frames: list[Frame], offline: list[DecodedGroup], shar
                 bits = np.packbits(rng.random(table.num_bits) < share)
                 liar.endpoint.send_answers(bits.tobytes())
             liar.link.send(liar.endpoint.bytes_to_send())
-            events = liar.endpoint.receive(liar.link.receive())
+            if not (data := liar.link.receive(1.0)):
+                return  # all that was sent is decoded
+            events = liar.endpoint.receive(data)
             liar.waiting = [event for event in events if isinstance(event, RequestTable)]
 
     found: list[DecodedGroup] = []
@@ -404,24 +409,10 @@ def test_the_window_is_bounded_by_frames_and_by_their_size() -> None:
     )
 
 
-def test_a_peer_that_does_not_introduce_itself_is_refused() -> None:
-    """Something else than an encoder ends the run at once."""
-
-    def _babble(connection: Link) -> None:
-        connection.receive()
-        connection.send(b"\x02\x00")
-        with suppress(FeedbackError):
-            while True:
-                connection.receive()
-
-    with serving(_babble) as address, pytest.raises(FeedbackError, match="broke the feedback protocol"):
-        list(decoded(address))
-
-
-def until_left(frames: list[Frame], ended: list[FeedbackError]) -> Callable[[Link], None]:
-    def _serve(connection: Link) -> None:
+def until_left(frames: list[Frame], ended: list[FeedbackError]) -> Work:
+    def _serve(acceptor: PeerAcceptor, peer: AcceptedPeer) -> None:
         try:
-            encoding(frames)(connection)
+            encoding(frames)(acceptor, peer)
         except FeedbackError as err:
             ended.append(err)
 

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
+from fractions import Fraction
 from itertools import groupby, pairwise
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from dvc.config import Live, ParityBuffer, VideoConfig, codec_config
 from dvc.errors import VideoError
 from dvc.video import Frame
-from encoder.frame_queue import FrameQueue, default_frames
+from encoder.frame_queue import FrameQueue, PacedFrames, default_frames
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 from tests.waiting import wait_until
@@ -167,3 +168,68 @@ def test_what_waits_is_told_without_waiting_for_it() -> None:
     source.failure = VideoError("gone")
     source.let_go(1)
     wait_until(lambda: queue.holds(3))
+
+
+def test_a_group_can_be_read_once_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or when the queue is full, or the source has ended."""
+    monkeypatch.setattr("encoder.frame_queue.MAX_CLOSING_S", 0.05)
+    source = Source()
+    queue = FrameQueue(source, 5)
+    assert not queue.holds(3)
+    source.let_go(2)
+    wait_for_frames(source, 2)
+    assert not queue.holds(3)
+    source.let_go(1)
+    wait_until(lambda: queue.holds(3))
+    source.let_go(2)
+    wait_until(lambda: queue.holds(8))
+    assert not queue.close()
+    source.let_go(1)
+    wait_until(queue.close)
+
+
+class Clock:
+    """A clock that moves when it is told to."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def behind_s(work_s: list[float], waiting_s: float = 0.0, reading_s: float = 0.0) -> float:
+    """Return how far work of given times on frames falls behind 4 of them a second."""
+    clock, cpu_clock = Clock(), Clock()
+
+    def source() -> Iterator[Frame]:
+        for _ in work_s:
+            clock.now_s += waiting_s + reading_s
+            cpu_clock.now_s += reading_s
+            yield FRAMES[0]
+
+    frames = PacedFrames(source(), Fraction(4), clock, cpu_clock)
+    for _, spent_s in zip(frames, work_s, strict=True):
+        clock.now_s += spent_s
+    return frames.behind_s
+
+
+@pytest.mark.parametrize(
+    ("work_s", "waiting_s", "reading_s", "expected_s"),
+    [
+        ([0.25] * 8, 0.0, 0.0, 0.0),
+        ([0.5] * 9, 0.0, 0.0, 2.0),
+        ([0.5] * 5 + [0.0] * 20, 0.0, 0.0, 1.25),
+        ([0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0], 0.0, 0.0, 1.0),
+        ([0.125] * 8, 0.125, 0.0, 0.0),
+        ([0.0] * 8, 5.0, 0.0, 0.0),
+        ([0.25] * 9, 0.0, 0.25, 2.0),
+        ([9.0], 0.0, 0.0, 0.0),
+        ([], 0.0, 0.0, 0.0),
+    ],
+)
+def test_lateness_adds_up_and_is_made_good(
+    work_s: list[float], waiting_s: float, reading_s: float, expected_s: float
+) -> None:
+    """Work that takes longer than a frame lasts adds up; shorter work and waiting for the source take off."""
+    assert behind_s(work_s, waiting_s, reading_s) == expected_s

@@ -99,17 +99,6 @@ def test_five_qualities_are_tried_at_most() -> None:
     assert search.tried[best] == 20.0
 
 
-def test_nothing_more_is_expected_of_groups_that_are_left_out() -> None:
-    """Their key frames and tracks were sent; what a decoder takes of those after them counts as before."""
-    bucket = LeakyBucket(BITS_PER_S, FRAME_RATE)
-    for _ in range(3):
-        live_group(bucket, 1.0, 1.0)
-    owed, groups = bucket.level, dict(bucket._open)
-    bucket.drop(1)
-    assert list(bucket._open) == [2]
-    assert bucket.level == pytest.approx(owed - groups[0].assumed - groups[1].assumed)
-
-
 KEY_BITS, NUM_FRAMES = 2000.0, 16
 
 

@@ -1,130 +1,127 @@
-"""Serving a decoder: what it may cost, and what another one gets that comes in its place."""
+"""Serving a decoder: lost connections, and peers that ask for what there is not."""
 
-import math
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from dvc.config import Live, Qp, VideoConfig, codec_config
-from dvc.errors import FeedbackError, SupersededError
-from dvc.feedback import DecoderEndpoint, EncoderEndpoint, LinkCounts
-from dvc.feedback.messages import Gop, ParityRequests, encode_message
-from dvc.slepian_wolf import ParityRequest, Part, RequestTable
+from dvc.config import Live, VideoConfig, codec_config
+from dvc.errors import ConnectionLostError, FeedbackError
+from dvc.feedback import Connection, DecoderEndpoint, EncoderEndpoint, Gop
+from dvc.feedback.messages import Finished, encode_message
+from dvc.slepian_wolf import ParityRequest, Part
 from dvc.video import Frame
 from dvc.wynerziv.areas import Areas
 from encoder import live
-from encoder.kept_groups import KeptGroups
-from encoder.leaky_bucket import RateLimits
-from encoder.live import serve
-from encoder.pacing import DecoderPace
+from encoder.acceptor import AcceptedPeer, FirstFrame
+from encoder.live import DecoderPace, serve
+from encoder.rate_limits import RateLimits
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
+LAST = encode_message(Finished())
 CONFIG = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
-HELLO = DecoderEndpoint().bytes_to_send()
 NO_AREAS = np.zeros(Areas((6, 8)).count, np.bool_)
 
 
-def test_no_frame_is_taken_before_the_hello() -> None:
-    """A camera is not read for somebody who is no decoder."""
-
-    class Peer:
-        has_received = staticmethod(lambda: False)
-        close = staticmethod(lambda: None)
-        receive = staticmethod(iter([b"", HELLO[:2], b"\0"]).__next__)
-        send = staticmethod(lambda data: None)
-
-    frames = iter(moving_texture(3, 24, 32))
-    with pytest.raises(FeedbackError, match="broke the feedback protocol"):
-        serve(EncoderSession(CONFIG, Live()), frames, Peer(), lambda _: None)  # type: ignore[arg-type]
-    assert len(list(frames)) == 3
-
-
-def test_a_decoder_without_progress_is_given_up_by_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Signs of life count for nothing after an hour, however many or few they are."""
-    now_s = 0.0
-
-    class Decoder:
-        """Asks for one group of pictures, and is at work from then on, a step of 600 s after the other."""
-
-        def __init__(self) -> None:
-            endpoint = DecoderEndpoint()
-            encoder = EncoderEndpoint(EncoderSession(CONFIG, Live()).config)
-            hello = endpoint.bytes_to_send()
-            encoder.receive(hello)
-            endpoint.receive(encoder.bytes_to_send())
-            endpoint.send_next_gop()
-            self.said = iter([hello, endpoint.bytes_to_send()])
-
-        def receive(self) -> bytes:
-            nonlocal now_s
-            now_s += 600.0
-            return next(self.said, b"")
-
-        has_received = staticmethod(lambda: False)
-        close = staticmethod(lambda: None)
-        send = staticmethod(lambda data: None)
-
-    monkeypatch.setattr(live.time, "monotonic", lambda: now_s)
-    frames = [Frame(frame.luma) for frame in moving_texture(3, 24, 32)]
-    with pytest.raises(FeedbackError, match="alive, but does nothing for 3600 s"):
-        serve(EncoderSession(CONFIG, Live()), frames, Decoder(), lambda _: None)  # type: ignore[arg-type]
-    assert 4000.0 < now_s < 6000.0
-
-
 class Decoder:
-    """Takes one group of pictures after the other, asks for nothing, and may be gone after some."""
+    """A connection to a decoder that takes one group after the other, and is lost after some."""
 
-    counts = LinkCounts()
-
-    def __init__(self, lasts: float = math.inf) -> None:
-        self._endpoint, self._lasts, self._answer = DecoderEndpoint(), lasts, b""
+    def __init__(
+        self, lasts: int = 10**6, num_groups: int = 0, num_frames: int = 0, done: bool = True
+    ) -> None:
+        self._endpoint = DecoderEndpoint(bytes(16), num_groups, num_frames)
+        self._lasts, self._done = lasts, done
         self.records: list[Gop] = []
 
-    def enter(self, encoder: EncoderEndpoint) -> None:
-        """Exchange the hellos."""
+    def accepted(self, session: EncoderSession, first_frame: FirstFrame = {0: 0}.get) -> AcceptedPeer:
+        """Exchange the hello and the welcome."""
+        encoder = EncoderEndpoint(session.config)
         encoder.receive(self._endpoint.bytes_to_send())
+        assert encoder.hello is not None
+        encoder.send_welcome(first_frame(encoder.hello.num_groups) or 0)
         self.send(encoder.bytes_to_send())
+        return AcceptedPeer(cast(Connection, self), encoder)
 
     def send(self, data: bytes) -> None:
         for event in self._endpoint.receive(data):
             if isinstance(event, Gop):
                 self.records.append(event)
-                self._endpoint.send_gop_done(event.number)
-        if not self._endpoint.num_credits:
+                self.take(event)
+        flow = self._endpoint.flow
+        if not flow.num_credits and len(flow.open) < 3:
             self._endpoint.send_next_gop()
 
-    def receive(self) -> bytes:
+    def take(self, gop: Gop) -> None:
+        if self._done:
+            self._endpoint.send_gop_done(gop.number)
+
+    def receive(self, within_s: float | None = None) -> bytes:
         if len(self.records) > self._lasts:
-            raise SupersededError
+            raise ConnectionLostError("the connection broke")
         return self._endpoint.bytes_to_send()
 
-    def wait(self, at_most_s: float) -> bool:
-        return at_most_s > 0.0
-
-    has_received = staticmethod(lambda: False)
-    close = staticmethod(lambda: None)
+    def close(self) -> None:
+        """Do nothing."""
 
 
 class Asking(Decoder):
     """Asks for bits, whether it may or not, as soon as it has got a group with a Wyner-Ziv frame."""
 
-    def __init__(self, requests: list[ParityRequest]) -> None:
-        super().__init__()
-        self._says = encode_message(ParityRequests(RequestTable.of(requests)))
+    def __init__(self, requests: list[ParityRequest], **options: Any) -> None:
+        super().__init__(**options)
+        self._requests = requests
 
-    def send(self, data: bytes) -> None:
-        for event in self._endpoint.receive(data):
-            if isinstance(event, Gop) and event.record.num_frames > 1:
-                self._answer, self._says = self._says, b""
-        if not self._endpoint.num_credits:
-            self._endpoint.send_next_gop()
+    def take(self, gop: Gop) -> None:
+        if gop.record.num_frames > 1:
+            self._endpoint.send_requests(self._requests)
+            self._requests = []
 
-    def receive(self) -> bytes:
-        said, self._answer = self._answer, b""
-        return super().receive() + said
+    def receive(self, within_s: float | None = None) -> bytes:
+        return self._endpoint.bytes_to_send() or super().receive(within_s)
+
+
+class Peers:
+    """Connections that come one after the other; each continues where the one before says."""
+
+    def __init__(self, session: EncoderSession, decoders: Sequence[Decoder]) -> None:
+        self.first_frame: FirstFrame = {0: 0}.get
+        self._session, self._decoders = session, list(decoders)
+
+    def next_peer(self, within_s: float | None = None) -> AcceptedPeer | None:
+        if not self._decoders or within_s == 0.0:
+            return None
+        return self._decoders.pop(0).accepted(self._session, self.first_frame)
+
+
+def served(
+    session: EncoderSession, frames: Sequence[Frame], *decoders: Decoder, **options: Any
+) -> dict[str, Any]:
+    """Serve a decoder on some connections."""
+    peers = Peers(session, decoders[1:])
+    return serve(session, frames, peers, decoders[0].accepted(session), lambda _: None, **options)
+
+
+def test_a_decoder_without_progress_is_lost_by_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After an hour, however many or few bytes come."""
+    now_s = 0.0
+
+    class Idle(Decoder):
+        """Is at work, and takes 600 s for each step."""
+
+        def receive(self, within_s: float | None = None) -> bytes:
+            nonlocal now_s
+            now_s += 600.0
+            return super().receive(within_s) if len(self.records) < 2 else b""
+
+    monkeypatch.setattr(live.time, "monotonic", lambda: now_s)
+    frames = [Frame(frame.luma) for frame in moving_texture(9, 24, 32)]
+    with pytest.raises(FeedbackError, match="connected, but does nothing for 3600 s"):
+        served(EncoderSession(CONFIG, Live()), frames, Idle(done=False))
+    assert 4000.0 < now_s < 8000.0
 
 
 LAST_PLANE = sum(CONFIG.wyner_ziv.max_planes) - 1
@@ -141,13 +138,13 @@ def asking(plane: int, areas: bytes = b"") -> ParityRequest:
         ([asking(0, b"\xff" * 20)], "range-coded data are damaged"),
         ([asking(LAST_PLANE)], "plane 191 of a frame"),
         ([replace(asking(0), begun=(Part(0, (0, LAST_PLANE)),))], "plane 191 of a frame"),
-        ([replace(asking(0), begun=None)], "run 0 of frame 1, or another one that was not begun"),
+        ([replace(asking(0), begun=None)], "run 0 of frame 1: this run, or another"),
         (
             [
                 replace(asking(0), kind="joint", positions=(0, 1)),
                 replace(asking(1), run=1),
             ],
-            "joint bits of run 0 of frame 1, or another one that was not begun",
+            "joint bits of run 0 of frame 1: this run, or another",
         ),
         (
             [replace(asking(0, Areas((6, 8)).coded(NO_AREAS)), kind="uncoded", count=48)],
@@ -158,94 +155,131 @@ def asking(plane: int, areas: bytes = b"") -> ParityRequest:
 def test_bits_that_a_frame_does_not_have_end_the_run(requests: list[ParityRequest], text: str) -> None:
     """A decoder that asks for planes or areas of no frame, or for no run, is told off in one line."""
     frames = [Frame(frame.luma) for frame in moving_texture(9, 24, 32)]
-    session, decoder = EncoderSession(CONFIG, Live()), Asking(requests)
-    endpoint = EncoderEndpoint(session.config)
-    decoder.enter(endpoint)
+    session = EncoderSession(CONFIG, Live())
     with pytest.raises(
         FeedbackError, match=f"the other side broke the feedback protocol: .*{text}"
     ) as caught:
-        serve(session, frames, decoder, lambda _: None, None, endpoint)  # type: ignore[arg-type]
+        served(session, frames, Asking(requests))
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("intra_period", "begins"), [(0, 8), (5, 6), (96, 0)])
-def test_another_decoder_begins_with_an_idr_picture_before_what_may_be_lost(
-    intra_period: int, begins: int
-) -> None:
-    """Its chain is sent again, and no frame is lost."""
-    video = VideoConfig(32, 24, 25, 1, luma_only=True)
-    session = EncoderSession(codec_config(video, "2d", key={"intra_period": intra_period}), Live())
-    frames = [Frame(frame.luma) for frame in moving_texture(21, 24, 32)]
-    decoders, endpoints = (Decoder(lasts=6), Decoder()), [EncoderEndpoint(session.config) for _ in range(2)]
-
-    def entered(place: int) -> tuple[Decoder, EncoderEndpoint]:
-        decoders[place].enter(endpoints[place])
-        return decoders[place], endpoints[place]
-
-    link, endpoint = entered(0)
-    told = serve(session, frames, link, lambda _: None, None, endpoint, lambda: entered(1))  # type: ignore[arg-type, return-value]
-    assert (told["num_decoders"], told["frames_lost"]) == (2, [])
-    alone, *others = (gop.record for gop in decoders[1].records)
-    assert (alone.num_frames, alone.predicted) == (1, False)
-    assert endpoints[1].first_frame == begins
-    assert begins + 1 + sum(record.num_frames for record in others) == 21
+def first_bits(frame: int, count: int) -> ParityRequest:
+    """Return a request for check bits of a frame."""
+    return ParityRequest(frame, 0, "crc", 0, 0, count, (), (Part(0, (0,)),))
 
 
-@pytest.fixture
-def forgets(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Keep so few groups that the IDR picture is forgotten that they rest on."""
-    monkeypatch.setattr(live, "KeptGroups", lambda _: KeptGroups(4))
-
-
-@pytest.mark.usefixtures("forgets")
-def test_frames_that_no_decoder_gets_are_named_once() -> None:
-    """Also where the next one goes before it has written any."""
-    video = VideoConfig(32, 24, 25, 1, luma_only=True)
-    session = EncoderSession(codec_config(video, "2d", Qp(30), key={"intra_period": 96}), Live())
+def test_a_decoder_that_comes_back_gets_what_it_has_not_written() -> None:
+    """The same records with the same numbers; what it had asked for of them is counted."""
     frames = [Frame(frame.luma) for frame in moving_texture(13, 24, 32)]
-    decoders = iter([Decoder(lasts=2), Decoder(lasts=-1), Decoder()])
+    session = EncoderSession(CONFIG, Live())
+    whole = Decoder()
+    served(EncoderSession(CONFIG, Live()), frames, whole)
+    before = Decoder(lasts=2)
+    asking_one = Asking([first_bits(5, 8)], num_groups=3, num_frames=5, lasts=0, done=False)
+    after = Decoder(num_groups=3, num_frames=5)
+    done: list[int] = []
+    peers = Peers(session, [asking_one, after])
+    report = serve(session, frames, peers, before.accepted(session), done.append, None, 1.0)
+    assert [gop.number for gop in before.records] == [0, 1, 2]
+    assert [gop.number for gop in after.records] == [3, 4, 5, 6]
+    assert [gop.record for gop in whole.records] == [gop.record for gop in (*before.records, *after.records)]
+    assert asking_one.records[0].record == after.records[0].record
+    assert sum(done) == 13
+    assert report["num_reconnections"] == 2
+    assert report["bits_asked_again"] == 8
+    assert report["groups_sent_again"] == len(asking_one.records)
 
-    def entered() -> tuple[Decoder, EncoderEndpoint]:
-        decoder, endpoint = next(decoders), EncoderEndpoint(session.config)
-        decoder.enter(endpoint)
-        return decoder, endpoint
 
-    link, endpoint = entered()
-    told = serve(session, frames, link, lambda _: None, None, endpoint, entered)  # type: ignore[arg-type]
-    assert told["num_decoders"] == 3
-    lost = [number for first, last in told["frames_lost"] for number in range(first, last + 1)]
-    assert lost
-    assert len(set(lost)) == len(lost)
-
-
-@pytest.mark.usefixtures("forgets")
-def test_another_decoder_begins_with_a_group_of_which_nothing_is_known() -> None:
-    """It gets the key frame alone; of the others of the group no bits are expected, and no frames missed."""
-    video, limits = VideoConfig(32, 24, 25, 1, luma_only=True), RateLimits(bits_per_s=20_000)
-    config = codec_config(video, "2d", Qp(30), key={"intra_period": 96})
-    session = EncoderSession(config, Live(), limits=limits)
+def test_a_decoder_that_does_not_come_back_ends_the_run() -> None:
+    """The error names the frames that may not be written; without patience it does not wait."""
     frames = [Frame(frame.luma) for frame in moving_texture(13, 24, 32)]
-    decoders = Decoder(lasts=2), Decoder()
-    endpoints = EncoderEndpoint(session.config), EncoderEndpoint(session.config)
-    pace = DecoderPace(Fraction(25), lambda _: None)
+    for patience_s, words in (
+        (0.0, "the connection broke; frames 1 to"),
+        (0.5, "not come back for 0.5 s; frames"),
+    ):
+        with pytest.raises(FeedbackError, match=words):
+            served(EncoderSession(CONFIG, Live()), frames, Decoder(lasts=1), patience_s=patience_s)
 
-    def entered(place: int) -> tuple[Decoder, EncoderEndpoint]:
-        decoders[place].enter(endpoints[place])
-        return decoders[place], endpoints[place]
 
-    def done(num_frames: int) -> None:
-        seen.append(num_frames)
+def test_a_connection_that_is_lost_after_all_is_written_is_no_error() -> None:
+    """All groups are confirmed, although the last message is missing."""
 
-    seen: list[int] = []
-    first, second = (lambda: entered(0)), (lambda: entered(1))
-    link, endpoint = first()
-    told = serve(session, frames, link, done, pace, endpoint, second)  # type: ignore[arg-type]
-    assert told["num_decoders"] == 2
-    alone, *others = decoders[1].records
-    assert (alone.record.num_frames, alone.record.wyner_ziv) == (1, ())
-    assert all(gop.record.num_frames == 2 for gop in others)
-    assert endpoints[1].first_frame + 1 + 2 * len(others) == 13
-    assert told["frames_lost"] == [[sum(seen[: -1 - len(others)]), endpoints[1].first_frame - 1]]
+    class Lost(Decoder):
+        """Is lost once all is done."""
+
+        def receive(self, within_s: float | None = None) -> bytes:
+            if self._endpoint.flow.all_done:
+                data = super().receive(within_s)
+                if not data.endswith(LAST):
+                    raise ConnectionLostError("the connection broke")
+                return data.removesuffix(LAST)
+            return super().receive(within_s)
+
+    frames = [Frame(frame.luma) for frame in moving_texture(5, 24, 32)]
+    report = served(EncoderSession(CONFIG, Live()), frames, Lost(), patience_s=0.1)
+    assert report["num_reconnections"] == 0
+
+
+def test_bits_of_groups_that_are_sent_again_are_settled_once() -> None:
+    """A bit rate is not charged for what a lost connection took."""
+    frames = [Frame(frame.luma) for frame in moving_texture(13, 24, 32)]
+    session = EncoderSession(CONFIG, Live(), limits=RateLimits(bits_per_s=20_000))
+    served(session, frames, Decoder(lasts=0, done=False), Decoder(), patience_s=1.0)
     assert session.limiter is not None
     assert not session.limiter._bucket._open  # type: ignore[union-attr]
-    assert pace._num_sent == pace._num_done
+
+
+def test_requests_are_answered_while_frames_are_awaited() -> None:
+    """A group is read when its frames are there."""
+    frames = [Frame(frame.luma) for frame in moving_texture(5, 24, 32)]
+    asked: list[bool] = []
+
+    def _has_frames() -> bool:
+        asked.append(len(decoder.records) > 0)
+        return asked.count(True) % 5 == 0
+
+    decoder = Decoder()
+    served(EncoderSession(CONFIG, Live()), frames, decoder, has_frames=_has_frames)
+    assert sum(gop.record.num_frames for gop in decoder.records) == 5
+    assert len(asked) > 10
+
+
+class Clock:
+    """A clock that moves when it is told to."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_a_late_decoder_is_logged_less_and_less_often() -> None:
+    """It is said when the decoder is a second late, and when it is four times as late as was said last."""
+    clock, said = Clock(), list[str]()
+    pace = DecoderPace(Fraction(4), said.append, clock=clock)
+    pace.waits()
+    for _ in range(3):
+        pace.sent(8)
+    pace.done(8)
+    for now_s in range(40):
+        clock.now_s = float(now_s)
+        pace.waits()
+    assert [line.split(" s behind")[0] for line in said] == [
+        f"the decoder is {late}.0" for late in (1, 4, 16)
+    ]
+    assert "16 frames up to number 23" in said[0]
+    assert "more frames wait; none left out" in said[0]
+    assert (pace.behind_s, pace.most_frames_open) == (33.0, 24)
+
+
+def test_a_decoder_in_time_is_not_logged() -> None:
+    """As long as frames are sent as early as they come nothing is said."""
+    clock, said = Clock(), list[str]()
+    pace = DecoderPace(Fraction(4), said.append, clock=clock)
+    for number in range(50):
+        clock.now_s = 0.25 * number
+        pace.sent(1)
+        pace.waits()
+        pace.done(1)
+    assert (said, pace.behind_s, pace.most_frames_open) == ([], 0.0, 1)

@@ -10,7 +10,7 @@ from dvc.bits import decode_bytes, decode_varint, encode_varint
 from dvc.config import CodecConfig, DiscoverMatrix, TurboConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint
-from dvc.feedback.flow_control import MAX_RUNS, FlowControl
+from dvc.feedback.flow_control import MAX_RUNS, RequestAccount
 from dvc.feedback.messages import (
     ParityRequests,
     decode_payload,
@@ -49,17 +49,16 @@ def read(payload: bytes) -> list[ParityRequest]:
     return requests
 
 
-def enter(flow: FlowControl, *requests: ParityRequest) -> None:
-    flow.request(RequestTable.of(requests))
+def enter(account: RequestAccount, *requests: ParityRequest) -> None:
+    account.request(RequestTable.of(requests))
 
 
-def opened(config: CodecConfig, num_frames: int = 2) -> FlowControl:
-    """Return the flow of a sequence of which frame 1 is open, or more between it and the key frame."""
-    flow = FlowControl(config)
-    for number, frames in enumerate((1, num_frames)):
-        flow.add_credit()
-        flow.open_gop(number, frames)
-    return flow
+def opened(config: CodecConfig, num_frames: int = 2) -> RequestAccount:
+    """Return an account with frame 1 open, or more frames between it and the key frame."""
+    account = RequestAccount(config)
+    account.open_gop(0, 0, 0)
+    account.open_gop(1, 1, num_frames - 1)
+    return account
 
 
 def ranges(*positions: int, start: int = 0, order: int = 0, begun: Run | None = None) -> ParityRequest:
@@ -195,7 +194,7 @@ FIRST = of_planes(0)
 
 def test_orders_may_change_and_requests_go_on() -> None:
     """Ranges of several orders, then check bits of runs together, are entered one after the other."""
-    flow = opened(CONFIG)
+    account = opened(CONFIG)
     for request in (
         ranges(5, 80, NUM_BITS - 1, begun=FIRST),
         ranges(9, start=3, order=7),
@@ -208,74 +207,76 @@ def test_orders_may_change_and_requests_go_on() -> None:
         together(0, 1, start=16, count=6),
         together(1, 2),
     ):
-        enter(flow, request)
-        assert flow.answer().requests() == [request]
+        enter(account, request)
+        assert account.answer().requests() == [request]
 
 
 @pytest.mark.parametrize(
     ("request_", "text"),
     [
-        (ranges(5, 5, order=7), "must increase from 0 to 1583"),
-        (ranges(5, 4), "must increase"),
-        (ranges(-1, 4), "must increase"),
-        (ranges(3, NUM_BITS, order=7), "must increase"),
-        (ranges(3, 2 * NUM_BITS, order=6), "must increase"),
-        (ranges(3, 2 * NUM_BITS, order=7, begun=of_planes(1, 9)), "must increase from 0 to 3167"),
+        (ranges(5, 5, order=7), "positions must increase and lie within"),
+        (ranges(5, 4), "positions must increase and lie within"),
+        (ranges(-1, 4), "positions must increase and lie within"),
+        (ranges(3, NUM_BITS, order=7), "positions must increase and lie within"),
+        (ranges(3, 2 * NUM_BITS, order=6), "positions must increase and lie within"),
+        (ranges(3, 2 * NUM_BITS, order=7, begun=of_planes(1, 9)), "positions must increase and lie within"),
         (ranges(*range(NUM_BITS + 1)), "1585 parity bits"),
         (ranges(*range(2 * NUM_BITS + 1), begun=of_planes(1, 9)), "3169 parity bits"),
-        (ranges(5, order=8), "code 8"),
-        (ranges(5, start=1), "number 1 on, where 0 is the next"),
-        (ParityRequest(1, 0, "parity", 0, 0, 3), "3 parity bits of run 0 of frame 1 at 0 positions"),
-        (ParityRequest(1, 0, "parity", 0, 0, 3, (1, 2)), "at 2 positions"),
-        (ParityRequest(1, 0, "crc", 0, 1, 1, (1,)), "positions of crc bits"),
-        (ParityRequest(1, 0, "uncoded", 0, 0, 1, (1,)), "positions of uncoded bits"),
-        (ParityRequest(1, 0, "joint", 0, 0, 8), "joint bits of other runs than run"),
-        (replace(together(1, 2), run=0), "joint bits of other runs than run"),
-        (together(0, 1, count=17), "17 joint bits of run 0 of frame 1 at once"),
-        (together(0, MAX_RUNS), "must increase from 0 to 255"),
-        (together(0, 1, 1), "must increase"),
+        (ranges(5, order=8), "no such code"),
+        (
+            ParityRequest(1, 0, "parity", 0, 0, 3),
+            "3 parity bits of run 0 of frame 1: as many positions as bits",
+        ),
+        (ParityRequest(1, 0, "parity", 0, 0, 3, (1, 2)), "as many positions as bits"),
+        (ParityRequest(1, 0, "crc", 0, 1, 1, (1,)), "1 crc bits .*: this kind has no positions"),
+        (ParityRequest(1, 0, "uncoded", 0, 0, 1, (1,)), "1 uncoded bits .*: this kind has no positions"),
+        (ParityRequest(1, 0, "joint", 0, 0, 8), "first run of joint bits must be its own"),
+        (replace(together(1, 2), run=0), "first run of joint bits must be its own"),
+        (together(0, 1, count=17), "too many joint bits at once"),
+        (together(0, MAX_RUNS), "positions must increase and lie within"),
+        (together(0, 1, 1), "positions must increase and lie within"),
     ],
 )
 def test_hostile_positions_are_refused(request_: ParityRequest, text: str) -> None:
     """Positions that are none, too many, out of order or out of place break the protocol."""
-    flow = opened(CONFIG)
-    enter(flow, beginning(0, 0), beginning(1, 3))
-    flow.answer()
+    account = opened(CONFIG)
+    enter(account, beginning(0, 0), beginning(1, 3))
+    account.answer()
     with pytest.raises(ValueError, match=text):
-        enter(flow, replace(request_, run=2) if request_.begun else request_)
+        enter(account, replace(request_, run=2) if request_.begun else request_)
 
 
 @pytest.mark.parametrize("kind", ["parity", "joint"])
 def test_turbo_codes_have_no_positions(kind: Kind) -> None:
     """Where parity has an order of release, requests by position are refused."""
-    with pytest.raises(ValueError, match=r"positions of parity bits|joint bits"):
+    with pytest.raises(ValueError, match=r"no positions|joint bits"):
         enter(opened(TURBO), ParityRequest(1, 0, kind, 0, 0, 1, (0,), FIRST))
 
 
 @pytest.mark.parametrize("planes", [(0,), (0, 7, NUM_PLANES - 1)])
 def test_what_a_run_may_cost_is_bounded(planes: tuple[int, ...]) -> None:
     """No more parities or uncoded bits than its planes have, nor joint bits than all runs of the frame."""
-    flow, num_bits = opened(CONFIG), len(planes) * NUM_BITS
+    account, num_bits = opened(CONFIG), len(planes) * NUM_BITS
     for request in (
         ranges(*range(num_bits - 5), begun=of_planes(*planes)),
         ranges(*range(5), start=num_bits - 5),
         ParityRequest(1, 0, "uncoded", 0, 0, num_bits),
         ParityRequest(1, 0, "crc", 0, 0, 16),
     ):
-        enter(flow, request)
-        flow.answer()
+        enter(account, request)
+        account.answer()
     for refused, text in (
         (ranges(0, start=num_bits), "1 parity bits"),
         (ParityRequest(1, 0, "uncoded", 0, num_bits, 1), "1 uncoded bits"),
         (ParityRequest(1, 0, "crc", 0, 16, 1), "1 crc bits"),
     ):
         with pytest.raises(ValueError, match=text):
-            enter(flow, refused)
+            enter(account, refused)
     for number in range(MAX_RUNS):
-        enter(flow, together(0, start=16 * number, count=16))
-        flow.answer()
+        enter(account, together(0, start=16 * number, count=16))
+        account.answer()
     with pytest.raises(ValueError, match="1 joint bits"):
-        enter(flow, together(0, start=16 * MAX_RUNS, count=1))
+        enter(account, together(0, start=16 * MAX_RUNS, count=1))
 
 
 @pytest.mark.parametrize(
@@ -297,54 +298,54 @@ def test_joint_bits_are_of_runs_that_have_begun(
     before: list[ParityRequest], requests: list[ParityRequest]
 ) -> None:
     """A request for check bits of several runs does not go ahead of the first request for one of them."""
-    flow = opened(CONFIG, 3)
+    account = opened(CONFIG, 3)
     if before:
-        enter(flow, *before)
-        flow.answer()
+        enter(account, *before)
+        account.answer()
     with pytest.raises(
-        ValueError, match=r"joint bits of run \d of frame 1, or another one that was not begun"
+        ValueError, match=r"joint bits of run \d of frame 1: this run, or another one that it names, has not"
     ):
-        enter(flow, *requests)
+        enter(account, *requests)
 
 
 def test_a_run_may_begin_in_the_same_message() -> None:
     """Joint check bits may be asked for right behind the first request for another run, or as the first."""
-    flow = opened(CONFIG)
+    account = opened(CONFIG)
     requests = [beginning(0, 3, 5), ParityRequest(1, 1, "joint", 0, 0, 8, (1,), FIRST)]
-    enter(flow, *requests)
-    assert flow.answer().requests() == requests
+    enter(account, *requests)
+    assert account.answer().requests() == requests
     requests = [beginning(2, 7), together(0, 1, 2)]
-    enter(flow, *requests)
-    assert flow.answer().requests() == requests
+    enter(account, *requests)
+    assert account.answer().requests() == requests
 
 
 @pytest.mark.parametrize("number", [-1, 0, 1, 3, MAX_RUNS, 2**34])
 @pytest.mark.parametrize("begun", [FIRST, of_planes(0, 1), of_planes(1, 2), (Part(1, (0,)),)])
 def test_runs_begin_in_turn(number: int, begun: Run) -> None:
     """A number that was given to a run, or is not the next, begins none; the next one does."""
-    flow = opened(CONFIG, 3)
-    enter(flow, beginning(0, 20, 23), beginning(1, 21))
-    flow.answer()
-    with pytest.raises(ValueError, match=f"run {number} of frame 1 begins, 2 is the next of 256"):
-        enter(flow, ParityRequest(1, number, "crc", 0, 1, 1, begun=begun))
-    enter(flow, ParityRequest(1, 2, "crc", 0, 0, 1, begun=begun))
+    account = opened(CONFIG, 3)
+    enter(account, beginning(0, 20, 23), beginning(1, 21))
+    account.answer()
+    with pytest.raises(ValueError, match=f"run {number} of frame 1 begins, expected 2 of at most 256"):
+        enter(account, ParityRequest(1, number, "crc", 0, 1, 1, begun=begun))
+    enter(account, ParityRequest(1, 2, "crc", 0, 0, 1, begun=begun))
 
 
 def test_a_frame_names_so_many_runs_and_no_more() -> None:
     """Another frame of the group may name as many."""
     config = codec_config(VIDEO, "2d", gop={"length": 4})
-    flow, num_planes = opened(config, 4), sum(config.wyner_ziv.max_planes)
+    account, num_planes = opened(config, 4), sum(config.wyner_ziv.max_planes)
     planes = [divmod(number, num_planes) for number in range(2 * MAX_RUNS)]
     for frame, own in ((1, planes[:MAX_RUNS]), (2, planes[MAX_RUNS:])):
         runs = enumerate((Part(offset + 1 - frame, (plane,)),) for offset, plane in own)
-        enter(flow, *(ParityRequest(frame, number, "crc", 0, 0, 1, (), run) for number, run in runs))
-        flow.answer()
+        enter(account, *(ParityRequest(frame, number, "crc", 0, 0, 1, (), run) for number, run in runs))
+        account.answer()
     for frame in (1, 2):
-        with pytest.raises(ValueError, match=f"run 256 of frame {frame} begins, 256 is the next of 256"):
-            enter(flow, beginning(MAX_RUNS, 0, frame=frame))
+        with pytest.raises(ValueError, match=f"run 256 of frame {frame} begins, expected 256 of at most 256"):
+            enter(account, beginning(MAX_RUNS, 0, frame=frame))
     last = ParityRequest(1, MAX_RUNS - 1, "joint", 0, 0, 16, (MAX_RUNS - 1,))
-    enter(flow, last)
-    assert flow.answer().requests() == [last]
+    enter(account, last)
+    assert account.answer().requests() == [last]
 
 
 @pytest.mark.parametrize(
@@ -361,95 +362,94 @@ def test_a_frame_names_so_many_runs_and_no_more() -> None:
 )
 def test_parts_are_of_frames_of_the_group_in_order(begun: Run, offsets: str) -> None:
     """Key frames have no bits, nor have frames of other groups; a run has some of one frame at least."""
-    flow = opened(CONFIG, 4)
-    with pytest.raises(ValueError, match=f"run 0 of frame 1 has frames {offsets} after that"):
-        enter(flow, ParityRequest(1, 0, "crc", 0, 0, 1, begun=begun))
+    account = opened(CONFIG, 4)
+    with pytest.raises(ValueError, match=f"run 0 of frame 1 has frames at the offsets {offsets}"):
+        enter(account, ParityRequest(1, 0, "crc", 0, 0, 1, begun=begun))
     everything = tuple(Part(offset, (0,)) for offset in range(3))
-    enter(flow, ParityRequest(1, 0, "uncoded", 0, 0, 3 * NUM_BITS, begun=everything))
-    with pytest.raises(ValueError, match=r"run 0 of frame 2 has frames \[0, 1, 2\] after that"):
-        enter(flow, ParityRequest(2, 0, "crc", 0, 0, 1, begun=everything))
+    enter(account, ParityRequest(1, 0, "uncoded", 0, 0, 3 * NUM_BITS, begun=everything))
+    with pytest.raises(ValueError, match=r"run 0 of frame 2 has frames at the offsets \[0, 1, 2\]"):
+        enter(account, ParityRequest(2, 0, "crc", 0, 0, 1, begun=everything))
 
 
 @pytest.mark.parametrize("more", [Part(0, (3,)), Part(0, (1, 2, 3)), Part(1, (5, 9)), Part(1, (0, 9))])
 def test_a_plane_is_in_one_run(more: Part) -> None:
     """Whichever frame names that; what an encoder has to keep of runs is bounded by the planes."""
-    flow = opened(CONFIG, 3)
-    enter(flow, ParityRequest(1, 0, "crc", 0, 0, 1, (), (Part(0, (2, 3)), Part(1, (0, 9)))))
-    flow.answer()
+    account = opened(CONFIG, 3)
+    enter(account, ParityRequest(1, 0, "crc", 0, 0, 1, (), (Part(0, (2, 3)), Part(1, (0, 9)))))
+    account.answer()
     again = [ParityRequest(1, 1, "crc", 0, 0, 1, (), (more,))]
     if more.offset:
         again.append(ParityRequest(2, 0, "crc", 0, 0, 1, (), (more._replace(offset=0),)))
     for request in again:
-        with pytest.raises(ValueError, match="of which some are in another run"):
-            enter(flow, request)
-    enter(flow, ParityRequest(1, 1, "crc", 0, 0, 1, (), (Part(0, (0, 9)), Part(1, (2, 3)))))
+        with pytest.raises(ValueError, match="some of which are in another run"):
+            enter(account, request)
+    enter(account, ParityRequest(1, 1, "crc", 0, 0, 1, (), (Part(0, (0, 9)), Part(1, (2, 3)))))
 
 
 def test_bits_of_a_run_are_those_of_all_its_frames() -> None:
     """As many as the planes of all of them have, but never more than a run may have."""
-    flow, begun = opened(CONFIG, 4), (Part(0, (0, 5)), Part(2, (1,)))
-    enter(flow, ParityRequest(1, 0, "uncoded", 0, 0, 3 * NUM_BITS, begun=begun))
-    flow.answer()
+    account, begun = opened(CONFIG, 4), (Part(0, (0, 5)), Part(2, (1,)))
+    enter(account, ParityRequest(1, 0, "uncoded", 0, 0, 3 * NUM_BITS, begun=begun))
+    account.answer()
     for refused, text in (
         (ParityRequest(1, 0, "uncoded", 0, 3 * NUM_BITS, 1), "1 uncoded bits"),
-        (ranges(8 * 3 * NUM_BITS), f"must increase from 0 to {8 * 3 * NUM_BITS - 1}"),
+        (ranges(8 * 3 * NUM_BITS), "positions must increase and lie within"),
     ):
         with pytest.raises(ValueError, match=text):
-            enter(flow, refused)
+            enter(account, refused)
     large = VideoConfig(1920, 1080, 25, 1)
-    flow = opened(replace(CONFIG, video=large), 4)
+    account = opened(replace(CONFIG, video=large), 4)
     most = tuple(Part(offset, (*range(16),)) for offset in range(3))
     assert 3 * 16 * large.num_blocks > MAX_RUN_BITS
-    enter(flow, ParityRequest(1, 0, "uncoded", 0, 0, MAX_RUN_BITS, begun=most))
-    flow.answer()
-    with pytest.raises(ValueError, match=f"1 uncoded bits of run 0 of frame 1 from number {MAX_RUN_BITS} on"):
-        enter(flow, ParityRequest(1, 0, "uncoded", 0, MAX_RUN_BITS, 1))
-    with pytest.raises(ValueError, match=f"must increase from 0 to {8 * MAX_RUN_BITS - 1}"):
-        enter(flow, ranges(8 * MAX_RUN_BITS))
+    enter(account, ParityRequest(1, 0, "uncoded", 0, 0, MAX_RUN_BITS, begun=most))
+    account.answer()
+    with pytest.raises(ValueError, match="1 uncoded bits of run 0 of frame 1: the run does not have"):
+        enter(account, ParityRequest(1, 0, "uncoded", 0, MAX_RUN_BITS, 1))
+    with pytest.raises(ValueError, match="positions must increase and lie within"):
+        enter(account, ranges(8 * MAX_RUN_BITS))
 
 
 def test_runs_end_with_their_group_of_pictures() -> None:
     """Where another group is held later, all its runs must be told again, from the first number on."""
-    flow = opened(CONFIG)
-    slot = flow.first_slot(1)
-    enter(flow, beginning(0, 0, 3))
-    flow.answer()
-    flow.close_gop(1)
-    flow.add_credit()
-    flow.open_gop(2, 2)
-    assert flow.first_slot(2) == slot
-    with pytest.raises(ValueError, match="run 0 of frame 3, or another one that was not begun"):
-        enter(flow, replace(beginning(0, 0, frame=3), begun=None))
-    enter(flow, beginning(0, 0, 1, frame=3), beginning(1, 3, frame=3))
+    account = opened(CONFIG)
+    enter(account, beginning(0, 0, 3))
+    account.answer()
+    account.close_gop(1)
+    assert account.open_gop(2, 3, 1) == CONFIG.gop.length
+    with pytest.raises(ValueError, match="run 0 of frame 3: this run, or another"):
+        enter(account, replace(beginning(0, 0, frame=3), begun=None))
+    enter(account, beginning(0, 0, 1, frame=3), beginning(1, 3, frame=3))
 
 
 def test_frames_have_their_own_runs() -> None:
     """What one frame names is no run of another, whosever bits it has."""
-    flow = opened(CONFIG, 3)
+    account = opened(CONFIG, 3)
     both = ParityRequest(1, 0, "crc", 0, 0, 1, begun=(Part(0, (0,)), Part(1, (0,))))
-    enter(flow, both, beginning(1, 3), beginning(0, 4, frame=2))
-    assert len(flow.answer().runs) == 3
-    with pytest.raises(ValueError, match="run 1 of frame 2, or another one that was not begun"):
-        enter(flow, replace(beginning(1, 3, frame=2), begun=None))
+    enter(account, both, beginning(1, 3), beginning(0, 4, frame=2))
+    assert len(account.answer().runs) == 3
+    with pytest.raises(ValueError, match="run 1 of frame 2: this run, or another"):
+        enter(account, replace(beginning(1, 3, frame=2), begun=None))
 
 
 def test_endpoint_refuses_requests_that_are_too_long() -> None:
     """The length is judged before the bytes come."""
     encoder = EncoderEndpoint(CONFIG)
-    encoder.receive(DecoderEndpoint().bytes_to_send())
+    encoder.receive(DecoderEndpoint(bytes(16)).bytes_to_send())
+    encoder.send_welcome()
     limit = max_payload_bytes(ParityRequests, CONFIG)
     assert limit == 2**16 + 2 * 4 * MAX_RUN_PLANES * NUM_BITS
     largest = max_payload_bytes(ParityRequests, replace(CONFIG, video=VideoConfig(1920, 1080, 25, 1)))
     assert largest == 2**16 + 2 * MAX_RUN_BITS
-    too_long = b"\x04" + encode_varint(limit + 1)
+    too_long = b"\x05" + encode_varint(limit + 1)
     with pytest.raises(FeedbackError, match=f"at most {limit}"):
         encoder.receive(too_long)
 
 
 def opened_ends(num_frames: int = 2) -> tuple[EncoderEndpoint, DecoderEndpoint]:
     """Return both ends of a sequence of which frame 1 is open, or more between it and the key frame."""
-    encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint()
+    encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint(bytes(16))
     encoder.receive(decoder.bytes_to_send())
+    encoder.send_welcome()
     decoder.receive(encoder.bytes_to_send())
     headers = (b"header",) * (num_frames - 1)
     for record in (GopRecord(1, b"key"), GopRecord(num_frames, b"key", False, b"", headers)):
@@ -513,18 +513,16 @@ def test_the_largest_request_fits() -> None:
         (Part(1, (*range(MAX_RUN_PLANES + 1),)), f"has {MAX_RUN_PLANES + 1} planes, areas of 0 bytes"),
         (Part(1, ()), "has 0 planes, areas of 0 bytes"),
         (Part(1, (0,), bytes(MAX_AREAS_BYTES + 1)), f"areas of {MAX_AREAS_BYTES + 1} bytes"),
-        (Part(1, (0, NUM_PLANES)), f"there are {NUM_PLANES}"),
-        (Part(1, (2**34,)), f"there are {NUM_PLANES}"),
-        (Part(2, (0,)), r"has frames \[0, 2\] after that"),
-        (Part(2**34, (0,)), rf"has frames \[0, {2**34}\] after that"),
+        (Part(1, (0, NUM_PLANES)), rf"\] of {NUM_PLANES}"),
+        (Part(1, (2**34,)), rf"\] of {NUM_PLANES}"),
+        (Part(2, (0,)), r"has frames at the offsets \[0, 2\]"),
+        (Part(2**34, (0,)), rf"has frames at the offsets \[0, {2**34}\]"),
     ],
 )
-def test_endpoints_refuse_runs_that_cannot_be(wrong: Part, text: str) -> None:
+def test_encoder_refuses_runs_that_cannot_be(wrong: Part, text: str) -> None:
     """Planes or areas that are too many, and planes or frames that are not there, end the channel."""
-    encoder, decoder = opened_ends(3)
+    encoder, _ = opened_ends(3)
     request = ranges(3, begun=(*FIRST, wrong))
-    with pytest.raises(ValueError, match=f"run 0 of frame 1 .*{text}"):
-        decoder.send_requests([request])
     with pytest.raises(FeedbackError, match=f"run 0 of frame 1 .*{text}"):
         encoder.receive(written(request))
 
@@ -538,10 +536,10 @@ def test_any_number_of_parts_is_read_in_time() -> None:
 
 
 def test_endpoint_breaks_off_at_hostile_positions() -> None:
-    """A request that flow control refuses ends the channel, as any breach does."""
+    """A request that account control refuses ends the channel, as any breach does."""
     encoder, _ = opened_ends()
     (table,) = encoder.receive(written(ranges(3, 9, begun=FIRST)))
     assert isinstance(table, RequestTable)
     assert table.requests() == [ranges(3, 9, begun=FIRST)]
-    with pytest.raises(FeedbackError, match="second request"):
+    with pytest.raises(FeedbackError, match="previous request"):
         encoder.receive(written(ranges(3, 9)))

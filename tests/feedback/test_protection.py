@@ -1,26 +1,23 @@
-"""Protection of connections: TLS, tokens, both; whom a decoder believes, and where a network needs any."""
+"""Protection of connections by TLS and a token."""
 
 import hashlib
-import socket
 import ssl
 import threading
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from dvc.errors import ConfigError, FeedbackError
-from dvc.feedback import Connection, Protection, connect, listen
-from dvc.feedback.authentication import GREETING
-from dvc.feedback.tls import decoder_context, encoder_context, parse_fingerprint
+from benchmarks.loopback import accept_connection
+from dvc.errors import ConfigError, ConnectionLostError, FeedbackError, UntrustedError
+from dvc.feedback import Connection, Dialler, Protection, listen, read_token
+from dvc.feedback.protection import decoder_context, encoder_context, parse_fingerprint
 
 TOKEN = b"correct horse battery"
 
 
 class Certificates(NamedTuple):
-    """Files of an encoder on this machine, and what a decoder may know of it."""
+    """Files of an encoder on this machine, and the fingerprint of its certificate."""
 
     authority: Path
     chain: Path  # with its key
@@ -42,136 +39,88 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Certificates:
     return Certificates(authority, chain, hashlib.sha256(der).digest())
 
 
-class Ends(NamedTuple):
-    """What came of an attempt to connect: the ends, or why not."""
+def serve_once(
+    encoder: Protection, decoder: Protection, said: bytes = b"hello", host: str = "127.0.0.1"
+) -> tuple[list[bytes | Exception], list[bytes | Exception]]:
+    """Connect; the decoder says something, which the encoder returns; return what each end got."""
+    near: list[bytes | Exception] = []
+    far: list[bytes | Exception] = []
 
-    near: Connection
-    far: Connection
-    errors: list[str]
-
-
-def protected(encoder: Protection, decoder: Protection) -> Ends:
-    """Connect, and protect both ends."""
-    errors: list[str] = []
-    with listen("127.0.0.1") as listener:
-        far = connect(listener.host, listener.port, 5.0)
-        near = listener.accept(5.0, 5.0)
-
-    def protect(connection: Connection, protection: Protection) -> None:
+    def _encode(connection: Connection) -> None:
+        received = b""
         try:
-            connection.protect(protection, 2.0)
+            while len(received) < len(said):
+                if not (data := connection.receive(5.0)):
+                    break
+                received += data
+            near.append(received)
+            connection.send(received)
         except FeedbackError as err:
-            errors.append(str(err))
+            near.append(err)
+        connection.close()
 
-    thread = threading.Thread(target=protect, args=(far, decoder))
-    thread.start()
-    protect(near, encoder)
-    thread.join()
-    return Ends(near, far, errors)
+    with listen("127.0.0.1") as listener:
+        dialler = Dialler(host, listener.port, decoder, 5.0)
 
+        def _accept() -> None:
+            connection = accept_connection(listener, 5.0)
+            _encode(Connection(encoder.wrap(connection._socket), 5.0))
 
-@pytest.mark.parametrize("token", [None, TOKEN], ids=["TLS", "TLS and token"])
-@pytest.mark.parametrize("belief", ["authority", "fingerprint"])
-def test_both_directions_are_used_at_once(
-    belief: str, token: bytes | None, certificates: Certificates
-) -> None:
-    """By threads of their own, with more data than any piece holds, all of which arrive."""
-    known: dict[str, Any] = {"tls": decoder_context(None), "fingerprint": certificates.fingerprint}
-    if belief == "authority":
-        known = {"tls": decoder_context(certificates.authority), "host": "127.0.0.1"}
-    encoder = Protection(True, token, encoder_context(certificates.chain))
-    near, far, errors = protected(encoder, Protection(False, token, **known))
-    assert errors == []
-    data = bytes(range(256)) * 40000
-    got: dict[str, bytes] = {"near": b"", "far": b""}
-
-    def collect(name: str, connection: Connection) -> None:
-        while len(got[name]) < len(data):
-            got[name] += connection.receive()
-
-    with near, far:
-        work = [
-            threading.Thread(target=near.send, args=(data,)),
-            threading.Thread(target=far.send, args=(data,)),
-            threading.Thread(target=collect, args=("near", near)),
-            threading.Thread(target=collect, args=("far", far)),
-        ]
-        for thread in work:
-            thread.start()
-        for thread in work:
-            thread.join()
-        assert got == {"near": data, "far": data}
-        assert not near.pending
-
-
-def test_what_is_sent_is_hidden(certificates: Certificates) -> None:
-    """Bytes on the way are not those that are sent."""
-    passed: list[bytes] = []
-
-    class Tapped(socket.socket):
-        def sendall(self, data: bytes, flags: int = 0) -> None:  # type: ignore[override]
-            passed.append(bytes(data))
-            super().sendall(data, flags)
-
-    near, far = socket.socketpair()
-    tapped = Tapped(fileno=near.detach())
-    with tapped, far:
-        known = Protection(False, None, decoder_context(None), None, certificates.fingerprint)
-        thread = threading.Thread(target=lambda: known.applied(far, 5.0))
+        thread = threading.Thread(target=_accept)
         thread.start()
-        encoder = Protection(True, None, encoder_context(certificates.chain)).applied(tapped, 5.0)
+        try:
+            with dialler.connect(5.0) as connection:
+                connection.send(said)
+                received = b""
+                while len(received) < len(said):
+                    received += connection.receive(5.0)
+                far.append(received)
+        except FeedbackError as err:
+            far.append(err)
         thread.join()
-        encoder.sendall(b"a secret picture")
-    assert b"secret" not in b"".join(passed)
+    return near, far
 
 
-def test_another_certificate_is_not_believed(certificates: Certificates) -> None:
-    """By authority, by name, or by fingerprint."""
+@pytest.mark.parametrize("trust", ["authority", "fingerprint", "both"])
+def test_a_trusted_encoder_is_talked_to(trust: str, certificates: Certificates) -> None:
+    """More data than a TLS record holds arrive in both directions."""
+    tls = decoder_context(None if trust == "fingerprint" else certificates.authority)
+    fingerprint = None if trust == "authority" else certificates.fingerprint
+    said = bytes(range(256)) * 4000
+    near, far = serve_once(
+        Protection(encoder_context(certificates.chain), TOKEN), Protection(tls, TOKEN, fingerprint), said
+    )
+    assert near == far == [said]
+
+
+def test_another_certificate_is_not_trusted(certificates: Certificates) -> None:
+    """By authority, by name, or by fingerprint; and nothing, so no token, is sent to it."""
     import trustme
 
-    encoder = Protection(True, None, encoder_context(certificates.chain))
-    stranger = trustme.CA()
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    stranger.configure_trust(context)
-    beliefs = {
-        "unable to get local issuer certificate": Protection(False, None, context, "127.0.0.1"),
-        "mismatch": Protection(False, None, decoder_context(certificates.authority), "example.org"),
-        "another fingerprint": Protection(False, None, decoder_context(None), None, bytes(32)),
-    }
-    for reason, decoder in beliefs.items():
-        near, far, errors = protected(encoder, decoder)
-        with near, far:
-            assert any(reason in error for error in errors), errors
+    stranger = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    trustme.CA().configure_trust(stranger)
+    encoder = Protection(encoder_context(certificates.chain))
+    for reason, decoder, host in (
+        ("unable to get local issuer certificate", Protection(stranger), "127.0.0.1"),
+        ("mismatch", Protection(decoder_context(certificates.authority)), "localhost"),
+        ("another fingerprint", Protection(decoder_context(None), b"", bytes(32)), "127.0.0.1"),
+    ):
+        near, far = serve_once(encoder, decoder, host=host)
+        assert isinstance(far[0], UntrustedError)
+        assert reason in str(far[0])
+        assert not isinstance(near[0], bytes)
 
 
-def test_who_speaks_no_tls_is_turned_away(certificates: Certificates) -> None:
-    """In one line, at either end."""
-    tls = Protection(True, None, encoder_context(certificates.chain))
-    near, far, errors = protected(tls, Protection(False, TOKEN))
-    with near, far:
-        assert any("no TLS with the other side" in error for error in errors), errors
-    near, far, errors = protected(
-        Protection(True, TOKEN),
-        Protection(False, None, decoder_context(None), None, certificates.fingerprint),
-    )
-    with near, far:
-        assert any("has no token" in error for error in errors), errors
-
-
-def test_what_was_changed_on_the_way_shows(certificates: Certificates) -> None:
-    """Every bit of an encrypted piece counts."""
-    near, far = socket.socketpair()
-    with near, far:
-        known = Protection(False, None, decoder_context(None), None, certificates.fingerprint)
-        found: list[Any] = []
-        thread = threading.Thread(target=lambda: found.append(known.applied(far, 5.0)))
-        thread.start()
-        Protection(True, None, encoder_context(certificates.chain)).applied(near, 5.0)
-        thread.join()
-        near.sendall(b"\x17\x03\x03\x00\x20" + bytes(32))
-        near.shutdown(socket.SHUT_WR)
-        with pytest.raises(FeedbackError, match="changed on the way"):
-            found[0].recv(100)
+def test_a_peer_without_tls_is_refused(certificates: Certificates) -> None:
+    """At either end, in one line."""
+    tls = Protection(encoder_context(certificates.chain))
+    near, _ = serve_once(tls, Protection())
+    assert isinstance(near[0], ConnectionLostError)
+    assert "sent no valid TLS" in str(near[0])
+    known = Protection(decoder_context(None), b"", certificates.fingerprint)
+    _, far = serve_once(Protection(), known, said=b"x")
+    assert isinstance(far[0], UntrustedError)
+    assert "no TLS with the other side" in str(far[0])
 
 
 def test_certificates_and_fingerprints_are_checked(certificates: Certificates, tmp_path: Path) -> None:
@@ -191,36 +140,44 @@ def test_certificates_and_fingerprints_are_checked(certificates: Certificates, t
             parse_fingerprint(text)
 
 
+def test_a_token_is_only_sent_inside_tls(certificates: Certificates) -> None:
+    """Without TLS it is refused; with it, the encoder accepts the same token and no other."""
+    with pytest.raises(ConfigError, match="--token-file requires TLS"):
+        Protection(None, TOKEN)
+    encoder = Protection(encoder_context(certificates.chain), TOKEN)
+    assert encoder.accepts(TOKEN)
+    for wrong in (b"", TOKEN[:-1], TOKEN + b"x", TOKEN.upper()):
+        assert not encoder.accepts(wrong)
+    assert not Protection().accepts(TOKEN)
+
+
+@pytest.mark.parametrize("size", [16, 4096])
+def test_tokens_are_read(size: int, tmp_path: Path) -> None:
+    """White space around them is ignored."""
+    path = tmp_path / "token"
+    path.write_bytes(b"x" * size if size == 4096 else b" \n" + b"x" * size + b"\n")
+    assert read_token(path) == b"x" * size
+
+
+@pytest.mark.parametrize("size", [0, 15, 4097])
+def test_tokens_of_other_sizes_are_refused(size: int, tmp_path: Path) -> None:
+    """In one line that names the file."""
+    path = tmp_path / "token"
+    path.write_bytes(b"x" * size)
+    with pytest.raises(ConfigError, match="token: a token has from 16 to 4096 bytes"):
+        read_token(path)
+
+
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.8.0.1", "::1"])
 def test_loopback_needs_no_protection(host: str) -> None:
-    """Nobody else gets there."""
-    Protection(True).check_exposure(host)
+    """Only programs of this machine get there."""
+    Protection().check_exposure(host)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.4", "fe80::1%eth0", "2001:db8::1"])
 def test_a_network_needs_protection(host: str, certificates: Certificates) -> None:
-    """Or that the user says otherwise."""
-    with pytest.raises(ConfigError, match="--token-file"):
-        Protection(True).check_exposure(host)
-    for enough in (
-        Protection(True, TOKEN),
-        Protection(True, None, encoder_context(certificates.chain)),
-        Protection(True, insecure=True),
-    ):
+    """Unless the user allows plain TCP."""
+    with pytest.raises(ConfigError, match="TLS or --insecure is required"):
+        Protection().check_exposure(host)
+    for enough in (Protection(encoder_context(certificates.chain)), Protection(insecure=True)):
         enough.check_exposure(host)
-
-
-@settings(max_examples=60)
-@given(words=st.binary(max_size=300), prefix=st.sampled_from(["", "token", "tls"]))
-def test_whatever_a_stranger_says_it_is_turned_away(
-    words: bytes, prefix: str, certificates: Certificates
-) -> None:
-    """Also behind the beginning of a greeting, or of a TLS record."""
-    begins = {"": b"", "token": GREETING, "tls": b"\x16\x03\x01\x00\x40\x01\x00\x00\x3c\x03\x03"}
-    for encoder in (Protection(True, TOKEN), Protection(True, None, encoder_context(certificates.chain))):
-        near, far = socket.socketpair()
-        with near, far:
-            far.sendall(begins[prefix] + words)
-            far.shutdown(socket.SHUT_WR)
-            with pytest.raises(FeedbackError):
-                encoder.applied(near, 2.0)

@@ -10,15 +10,13 @@ from tests.clips import moving_texture, write_clip
 
 @pytest.mark.slow
 def test_runs_with_losses_give_the_same_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A cut, faults and a kill of each end."""
+    """A cut, with faults inside TLS."""
     clip = write_clip(tmp_path / "clip.y4m", moving_texture(12, 48, 64))
-    words = ["--clip", clip, "--frames", 12, "--runs", 1, "--kills", 1, "--codec", "2d", "--faults", 20000]
+    words = ["--clip", clip, "--frames", 12, "--runs", 1, "--codec", "2d", "--faults", 20000]
     assert lost_links.main([*map(str, words), "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith("uncut: ")
     assert said[1].startswith("0: same True")
-    assert "frames_kept" in said[2]
-    assert "frames_kept" in said[3]
 
 
 def test_ends_that_do_not_end_well_are_told() -> None:

@@ -1,0 +1,184 @@
+"""Acceptance of one decoder, and of the same one after its connection was lost."""
+
+import queue
+import selectors
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from dvc.config import CodecConfig
+from dvc.errors import FeedbackError, RefusedError
+from dvc.feedback import Connection, EncoderEndpoint, Listener, Protection
+from dvc.files import Closing
+
+HELLO_S = 5.0
+"""Time from a connection to its whole hello, including TLS."""
+MAX_GREETINGS = 64
+"""Largest number of peers that have not said hello yet; beyond it the oldest is dropped."""
+PAUSE_S = 0.02
+"""Pause after each peer, which bounds the share of the processor that strangers take."""
+MAX_LINES = 5
+"""Lines about rejected peers that are logged at once; one more every `LINE_INTERVAL_S`."""
+LINE_INTERVAL_S = 10.0
+
+FirstFrame = Callable[[int], int | None]
+"""Returns the frame with which a decoder continues after some groups of pictures, None if it cannot."""
+
+
+class AcceptedPeer(NamedTuple):
+    """A connection to the decoder, and its endpoint after the welcome."""
+
+    connection: Connection
+    endpoint: EncoderEndpoint
+
+
+@dataclass
+class _Greeting:
+    """A peer that has not said hello yet."""
+
+    connection: Connection
+    endpoint: EncoderEndpoint
+    deadline_s: float
+
+
+class PeerAcceptor(Closing):
+    """Shakes hands with all peers in one thread, which never waits for any of them."""
+
+    def __init__(
+        self,
+        listener: Listener,
+        config: CodecConfig,
+        protection: Protection,
+        timeout_s: float,
+        patience_s: float,
+        log: Callable[[str], None],
+    ) -> None:
+        self.first_frame: FirstFrame = {0: 0}.get
+        self._listener, self._config, self._protection = listener, config, protection
+        self._timeout_s, self._patience_s, self._log = timeout_s, patience_s, log
+        self._accepted: queue.SimpleQueue[AcceptedPeer] = queue.SimpleQueue()
+        self._greetings: dict[int, _Greeting] = {}  # by file descriptors, the oldest first
+        self._decoder_id: bytes | None = None
+        self._current: Connection | None = None
+        self._num_lines, self._logged_s, self._num_unlogged = float(MAX_LINES), time.monotonic(), 0
+        self._closed = False
+        self._woken, self._waking = socket.socketpair()
+        self._selector = selectors.DefaultSelector()
+        for waited_for in (listener, self._woken):
+            self._selector.register(waited_for, selectors.EVENT_READ)
+        self._thread = threading.Thread(target=self._run, name="acceptor", daemon=True)
+        self._thread.start()
+
+    def next_peer(self, within_s: float | None = None) -> AcceptedPeer | None:
+        """Wait for a connection of the decoder; return None if there is none in time."""
+        try:
+            return self._accepted.get(timeout=within_s)
+        except queue.Empty:
+            return None
+
+    def close(self) -> None:
+        """Accept no more peers."""
+        self._closed = True
+        self._waking.close()
+        self._thread.join()
+        self._listener.close()
+
+    def _run(self) -> None:
+        while not self._closed:
+            deadline_s = min((one.deadline_s for one in self._greetings.values()), default=None)
+            left_s = None if deadline_s is None else max(deadline_s - time.monotonic(), 0.0)
+            for key, _ in self._selector.select(left_s):
+                if key.fd in self._greetings:
+                    self._greet(self._greetings[key.fd])
+                elif key.fileobj is self._listener:
+                    self._accept()
+            for greeting in [*self._greetings.values()]:
+                if greeting.deadline_s <= time.monotonic():
+                    self._reject(greeting, f"no hello within {HELLO_S:g} s")
+        for greeting in [*self._greetings.values()]:
+            self._forget(greeting)
+            greeting.connection.close(0.0)
+        self._selector.close()
+        self._woken.close()
+
+    def _accept(self) -> None:
+        try:
+            connection = self._listener.accept(self._protection, self._timeout_s)
+        except BlockingIOError:
+            return
+        except (OSError, FeedbackError):  # too many open files, or the peer has gone
+            self._drop_oldest(0)
+            time.sleep(PAUSE_S)
+            return
+        endpoint = EncoderEndpoint(self._config)
+        greeting = _Greeting(connection, endpoint, time.monotonic() + HELLO_S)
+        self._greetings[connection.fileno()] = greeting
+        self._selector.register(connection, selectors.EVENT_READ)
+        self._drop_oldest(MAX_GREETINGS)
+        time.sleep(PAUSE_S)
+
+    def _drop_oldest(self, max_greetings: int) -> None:
+        if len(self._greetings) > max_greetings:
+            self._reject(next(iter(self._greetings.values())), "too many peers wait")
+
+    def _greet(self, greeting: _Greeting) -> None:
+        """Receive from a peer; accept or reject it once its hello is complete."""
+        connection, endpoint = greeting.connection, greeting.endpoint
+        try:
+            endpoint.receive(connection.receive(0.0))
+            if endpoint.hello is not None:
+                self._admit(connection, endpoint)
+                self._forget(greeting)
+        except (FeedbackError, OSError) as err:
+            self._reject(greeting, str(err))
+
+    def _admit(self, connection: Connection, endpoint: EncoderEndpoint) -> None:
+        hello = endpoint.hello
+        assert hello is not None
+        if not self._protection.accepts(hello.token):
+            raise RefusedError("the token is wrong")
+        if self._decoder_id not in (None, hello.decoder_id):
+            raise RefusedError("another decoder is served")
+        first_frame = self.first_frame(hello.num_groups)
+        if first_frame is None:
+            raise RefusedError(f"no decoder can continue here after {hello.num_groups} groups of pictures")
+        endpoint.send_welcome(first_frame)
+        connection.send(endpoint.bytes_to_send(), within_s=0.0)
+        if self._current is not None:
+            self._current.break_off(f"the decoder has come back as {connection.name}")
+        self._decoder_id, self._current = hello.decoder_id, connection
+        self._accepted.put(AcceptedPeer(connection, endpoint))
+        if not self._patience_s:
+            self._closed = True
+            self._listener.close()
+
+    def _forget(self, greeting: _Greeting) -> None:
+        self._selector.unregister(greeting.connection)
+        del self._greetings[greeting.connection.fileno()]
+
+    def _reject(self, greeting: _Greeting, reason: str) -> None:
+        """Close the connection of a peer that is not the decoder, after the reason."""
+        self._forget(greeting)
+        connection, endpoint = greeting.connection, greeting.endpoint
+        endpoint.send_failure(reason)
+        with suppress(FeedbackError):
+            connection.send(endpoint.bytes_to_send(), within_s=0.0)
+        connection.close(0.0)
+        self._log_rejection(f"{connection.name}: {reason}")
+
+    def _log_rejection(self, text: str) -> None:
+        """Log that a peer was rejected, or count it if there are many."""
+        now_s = time.monotonic()
+        earned = (now_s - self._logged_s) / LINE_INTERVAL_S
+        self._num_lines, self._logged_s = min(self._num_lines + earned, MAX_LINES), now_s
+        if self._num_lines < 1.0:
+            self._num_unlogged += 1
+            return
+        self._num_lines -= 1.0
+        more = f" ({self._num_unlogged} more since the last line)" if self._num_unlogged else ""
+        self._num_unlogged = 0
+        self._log(f"not a decoder: {text}; still waiting{more}")
