@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from sfm.model import Reconstruction
+    from sfm.scene_model import Reconstruction
 
 PROG = "dvc-sfm"
 EXAMPLES = """\
@@ -67,7 +67,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _map(arguments: argparse.Namespace) -> int:
     from dvc.files import check_folder
-    from sfm.output.map_folder import map_to_folder
+    from sfm.output.scene_folder import map_to_folder
 
     check_folder(arguments.out)
     report: Callable[[str], None] | None = None if arguments.quiet else _report
@@ -112,8 +112,14 @@ def _luma(path: str, index: int) -> "NDArray[np.uint8]":
 
 def _write(folder: Path, reconstruction: "Reconstruction", first: Any, second: Any) -> None:
     from dvc.picture_files import write_png
-    from sfm.output.drawing import draw_correspondences, side_by_side
-    from sfm.output.export import point_colours, write_colmap, write_json, write_points
+    from sfm.output.model_files import (
+        draw_correspondences,
+        point_colours,
+        side_by_side,
+        write_colmap,
+        write_json,
+        write_points,
+    )
 
     write_json(folder / "model.json", reconstruction)
     model = reconstruction.model

@@ -11,21 +11,19 @@ from numpy.typing import NDArray
 from dvc.config import SFM_BACKENDS
 from dvc.geometry.cameras import PixelFrame
 from dvc.geometry.triangulation import triangulate_depth
-from sfm import colmap
+from sfm import colmap_estimators
 from sfm.cameras.bundle_adjustment import bundle_adjustment
 from sfm.cameras.self_calibration import self_calibration
 from sfm.correspondences import outliers
-from sfm.correspondences.densification import densify
+from sfm.correspondences.corner_matching import detect_corners, match_corners
+from sfm.correspondences.densification import densify, propagate
 from sfm.correspondences.epipolar_search import EpipolarSearch
-from sfm.correspondences.features import detect_corners
-from sfm.correspondences.matching import match_corners
-from sfm.correspondences.propagation import propagate
 from sfm.estimation.degeneracy import classify_motion
-from sfm.estimation.fundamental import FundamentalEstimator
 from sfm.estimation.sample_consensus import lo_ransac, mapsac
+from sfm.estimation.two_view_estimators import FundamentalEstimator
 from sfm.estimation.weak_calibration import WeakCalibration, least_sampson_distance
-from sfm.model import CameraPair, Correspondences, Model, Reconstruction
-from sfm.settings import OutlierSettings, SfmSettings, TrustSettings
+from sfm.reconstruction_settings import OutlierSettings, SfmSettings, TrustSettings
+from sfm.scene_model import CameraPair, Correspondences, Model, Reconstruction
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -99,7 +97,7 @@ def _reconstruct(
     stages["matching"] = matches
 
     if backend == "colmap":
-        calibration = colmap.weak_calibration(matches, settings, _draw_seed(rng))
+        calibration = colmap_estimators.weak_calibration(matches, settings, _draw_seed(rng))
     else:
         calibration = weak_calibration(matches, rng, settings)
     motion = classify_motion(matches, calibration, rng, settings.degeneracy)
@@ -110,7 +108,7 @@ def _reconstruct(
     stages["weak calibration"] = matches
 
     if backend == "colmap":
-        pair = colmap.camera_pair(matches, frame, settings, _draw_seed(rng))
+        pair = colmap_estimators.camera_pair(matches, frame, settings, _draw_seed(rng))
     else:
         pair = _camera_pair(matches, calibration, frame, rng, settings)
     if pair.reason:

@@ -13,7 +13,7 @@ from dvc.feedback.protection import MIN_TOKEN_BYTES, read_token
 from dvc.rd.points_csv import import_points
 from dvc.rd.rd_results import read_results
 from dvc.rd.specification import build_sweep, expand, read_spec
-from sfm.output.point_cloud import read_ply, write_ply
+from sfm.output.map_files import read_ply, write_ply
 
 _SPEC = """[defaults]
 sequences = ["box", "desk"]

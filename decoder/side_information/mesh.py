@@ -25,7 +25,7 @@ from dvc.geometry.rendering import EMPTY, fill_holes, render_grid
 from dvc.geometry.sampling import sample
 from dvc.geometry.triangulation import inverse_depths
 from dvc.geometry.warping import inverse_warp, warp_grid, warp_matrix
-from sfm.model import Model
+from sfm.scene_model import Model
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from dvc.geometry.cameras import PixelFrame, homogeneous, project
 from dvc.geometry.triangulation import inverse_depths
-from sfm.cameras.alternation import camera_step, denominators, depth_step, nonzero
 from sfm.cameras.projective_basis import (
+    CAMERA_NORM,
     FixedPointSettings,
     camera_basis,
     camera_from_coordinates,
@@ -24,9 +24,10 @@ from sfm.cameras.projective_basis import (
     normalized_camera,
     projection_equations,
 )
+from sfm.decompositions import least_singular
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
-from sfm.least_squares import Damping, levenberg_marquardt, solve_damped
-from sfm.model import Correspondences
+from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix, solve_damped
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -34,6 +35,7 @@ Mask = NDArray[np.bool_]
 
 TINY = 1e-300
 DAMPING = Damping(start=1e-4, min_factor=1e-12, num_tries=12)
+MIN_DEPTH = 1e-12
 
 
 @dataclass(frozen=True)
@@ -229,3 +231,33 @@ def _result(
     return BundleAdjustment(
         state.camera, depths, fundamental, second, in_front, fixed, rms, start_rms, num_iterations, ""
     )
+
+
+def nonzero(values: Floats, min_magnitude: float = MIN_DEPTH) -> Floats:
+    """Replace values too near zero to divide by."""
+    return np.where(np.abs(values) > min_magnitude, values, min_magnitude)
+
+
+def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, basis: Floats) -> Floats:
+    """Find the camera with the least reweighted error while the depths stay."""
+    points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(first))])
+    equations = projection_equations(kappa[:, None] * points, observed)
+    normal = normal_matrix(*(rows @ basis for rows in equations))
+    camera: Floats = CAMERA_NORM * (basis @ least_singular(normal)).reshape(3, 4)
+    return -camera if np.count_nonzero(points @ camera[2] < 0) > 0.5 * len(points) else camera
+
+
+def depth_step(first: Floats, observed: Floats, camera: Floats, kappa: Floats) -> Floats:
+    """Find the depths with the least reweighted error while the camera stays."""
+    turned, moved = homogeneous(first) @ camera[:, :3].T, camera[:, 3]
+    a = kappa[:, None] * (observed * turned[:, 2:] - turned[:, :2])
+    b = kappa[:, None] * (observed * moved[2:] - moved[:2])
+    aa, ab = (a * a).sum(axis=1), (a * b).sum(axis=1)
+    depths: Floats = np.where(aa > 0, -ab / np.where(aa > 0, aa, 1.0), np.nan)
+    return depths
+
+
+def denominators(first: Floats, depths: Floats, camera: Floats) -> Floats:
+    """Return the weights kappa: the inverse depths of the points in a camera."""
+    kappa: Floats = 1.0 / nonzero(depths * (homogeneous(first) @ camera[2, :3]) + camera[2, 3])
+    return kappa

@@ -1,16 +1,16 @@
 """Cameras of the frames between two key frames: each by itself, or all by the regularity of their path."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.geometry.cameras import project
-from sfm.cameras.camera_prior import ExpectedPoints
+from dvc.geometry.cameras import homogeneous, project
+from dvc.geometry.triangulation import inverse_depths
 from sfm.cameras.projective_basis import normalized_camera
-from sfm.cameras.resection import Resection, ResectionSettings, resection
-from sfm.cameras.tracked_points import TrackedPoints
-from sfm.model import Model
+from sfm.cameras.resection import ExpectedPoints, Resection, ResectionSettings, resection
+from sfm.scene_model import Model
 
 Floats = NDArray[np.float64]
 
@@ -22,6 +22,43 @@ JERK_PX = 1.0
 """Second differences above this count linearly, not squared: a jerk is a jerk."""
 _NEAREST = 1e-3
 """Least depth, relative to the median of a camera's points, at which a point tells about the path."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPoints:
+    """Points of the scene and where they are at one temporal position."""
+
+    temporal_position: float  # 0 at the first and 1 at the second key frame
+    points: Floats  # homogeneous points, as `Model.points` has them
+    positions: Floats  # image points in pixels; nan where a point was not seen
+
+
+def linear_tracks(first: Floats, second: Floats, temporal_position: float) -> Floats:
+    """Move points evenly from one key frame to the other."""
+    return (1.0 - temporal_position) * first + temporal_position * second
+
+
+def linear_points(model: Model, temporal_position: float) -> TrackedPoints:
+    """Guess where all points of a model are at a temporal position: the tracks of a codec that sends none."""
+    pairs = model.correspondences
+    positions = linear_tracks(pairs.first, pairs.second, temporal_position)
+    return TrackedPoints(temporal_position, model.points, positions)
+
+
+def tracked_points(
+    model: Model, first: Floats, second: Floats, positions: Floats, temporal_position: float
+) -> TrackedPoints:
+    """Place points that were tracked from key frame to key frame in a scene."""
+    frame = model.pixel_frame
+    known = np.asarray(np.isfinite(np.hstack([first, second])).all(axis=1))
+    x0 = frame.to_normalized(np.where(known[:, None], first, 0.0))
+    x1 = frame.to_normalized(np.where(known[:, None], second, 0.0))
+    inverse, quotient = inverse_depths(x0, model.second_camera, x1)
+    known &= (inverse > 0) & (quotient > 0)
+    depth = 1.0 / np.where(known, inverse, 1.0)
+    points = np.column_stack([depth[:, None] * homogeneous(x0), np.ones(len(x0))])
+    points[~known] = np.nan
+    return TrackedPoints(temporal_position, points, np.where(known[:, None], positions, np.nan))
 
 
 def interpolated_camera(model: Model, temporal_position: float) -> Floats:

@@ -10,7 +10,7 @@ from dvc.geometry.cameras import PixelFrame, homogeneous
 from dvc.geometry.triangulation import inverse_depths
 from sfm.decompositions import right_singular
 from sfm.estimation.epipolar import epipoles, fundamental_to_normalized, skew
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

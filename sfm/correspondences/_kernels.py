@@ -4,7 +4,7 @@ They stand in one file because most of them call each other, and numba's cache d
 another file change.
 
 Images are float64 arrays [row, column]; points are (x, y). `coefficients` are those of the cubic B-spline
-that interpolates an image, with `MARGIN` more on all sides: `sfm.correspondences.refinement.spline`.
+that interpolates an image, with `MARGIN` more on all sides: `sfm.correspondences.subpixel.spline`.
 """
 
 from typing import NamedTuple

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.correspondences.refinement import check_pair, half_pixel_samples, inside, spline, window
+from sfm.correspondences.subpixel import check_pair, half_pixel_samples, inside, spline, window
 from sfm.estimation.epipolar import epipoles
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 
 if TYPE_CHECKING:
     from sfm.correspondences._kernels import KeyPair

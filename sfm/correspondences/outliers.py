@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfm.estimation.epipolar import distances_to_epipole, epipoles, symmetric_distances
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

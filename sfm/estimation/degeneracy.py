@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfm.decompositions import right_singular
-from sfm.estimation.homography import HomographyEstimator
 from sfm.estimation.sample_consensus import RobustSettings, lo_ransac, mapsac, noise_scale
+from sfm.estimation.two_view_estimators import HomographyEstimator
 from sfm.estimation.weak_calibration import WeakCalibration
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 MotionKind = Literal["general", "rotation", "none", "unknown"]

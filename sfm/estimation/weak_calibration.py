@@ -7,9 +7,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.estimation.fundamental import FundamentalEstimator
 from sfm.estimation.sample_consensus import RobustResult, RobustSettings
-from sfm.model import Correspondences
+from sfm.estimation.two_view_estimators import FundamentalEstimator
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 from dvc.geometry.colmap import quiet
 from dvc.video import Frame
-from sfm.mapping.adjustment import SEED
-from sfm.mapping.reconstruction import MIN_KEYS, complete_by_tracks
-from sfm.mapping.structure import Structure
-from sfm.mapping.tracking import SequenceTracks
+from sfm.mapping.incremental_mapper import MIN_KEYS, complete_by_tracks
+from sfm.mapping.point_tracker import SequenceTracks
+from sfm.mapping.structure import SEED, Structure
 
 Floats = NDArray[np.float64]
 

@@ -8,13 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from dvc.video import Frame
+from dvc.errors import ConfigError
+from dvc.files import atomic_folder
+from dvc.video import Frame, open_video
+from dvc.video.lookup import FrameLookup
 from sfm.mapping.scene_map import MapPiece, SceneMap
-from sfm.output.colmap_text import ColmapCloud, ColmapImage, write_colmap_text
-from sfm.output.depth_maps import depth_step, write_depth_maps
-from sfm.output.flight.page import write_flight
-from sfm.output.point_cloud import write_ply
-from sfm.output.trajectory import write_trajectory
+from sfm.output.flight_page import write_flight
+from sfm.output.map_files import (
+    ColmapCloud,
+    ColmapImage,
+    depth_step,
+    write_colmap_text,
+    write_depth_maps,
+    write_ply,
+    write_trajectory,
+)
 
 MAX_SPARSE_POINTS = 100_000
 """COLMAP's text has no more points than that: programs read it slowly."""
@@ -106,3 +114,19 @@ def _sparse_cloud(piece: MapPiece) -> ColmapCloud:
 
 def _write_json(path: Path, values: object) -> None:
     path.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def map_to_folder(
+    path: str, folder: str | Path, mapper: str, report: Callable[[str], None] | None = None
+) -> SceneMap:
+    """Map a video that can be read several times, and write all that is known of its scene."""
+    from sfm.mapping.map_sequence import map_video
+
+    with open_video(path) as reader:
+        info = reader.info
+    if info.live:
+        raise ConfigError(f"{path} can be read only once: a map needs a file or a folder")
+    scene = map_video(path, mapper=mapper, report=report)
+    with atomic_folder(folder) as target, FrameLookup(path) as frame:
+        write_scene(target, scene, frame, info.frame_rate, Path(path).name)
+    return scene

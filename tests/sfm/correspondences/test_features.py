@@ -6,7 +6,7 @@ import pytest
 
 from dvc._jit import python_twin
 from sfm.correspondences import _kernels
-from sfm.correspondences.features import FeatureSettings, detect_corners
+from sfm.correspondences.corner_matching import FeatureSettings, detect_corners
 from tests.reference import sfm_matching as reference
 from tests.sfm.textures import picture, texture
 

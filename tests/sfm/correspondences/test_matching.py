@@ -5,9 +5,14 @@ import pytest
 
 from dvc._jit import python_twin
 from sfm.correspondences import _kernels
-from sfm.correspondences.features import FeatureSettings, detect_corners
-from sfm.correspondences.matching import MatchingSettings, describe, match_corners
-from sfm.model import Correspondences
+from sfm.correspondences.corner_matching import (
+    FeatureSettings,
+    MatchingSettings,
+    describe,
+    detect_corners,
+    match_corners,
+)
+from sfm.scene_model import Correspondences
 from tests.reference import sfm_matching as reference
 from tests.sfm.textures import Image, picture, shifted, texture
 

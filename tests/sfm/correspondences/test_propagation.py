@@ -5,11 +5,11 @@ import pytest
 
 from dvc._jit import python_twin
 from sfm.correspondences import _kernels
+from sfm.correspondences.densification import PropagationSettings, find_edges, propagate
 from sfm.correspondences.epipolar_search import EpipolarSearch, SearchSettings
-from sfm.correspondences.propagation import PropagationSettings, find_edges, propagate
-from sfm.correspondences.refinement import half_pixel_samples, spline, spline_coefficients, window
+from sfm.correspondences.subpixel import half_pixel_samples, spline, spline_coefficients, window
 from sfm.estimation.epipolar import epipoles
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 from tests.reference import sfm_neighbourhoods, sfm_propagation
 from tests.sfm.textures import Floats, Image, forwards, picture, shifted, sideways, texture
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from dvc._jit import python_twin
 from sfm.correspondences import _kernels
-from sfm.correspondences.features import detect_corners
-from sfm.correspondences.refinement import (
+from sfm.correspondences.corner_matching import detect_corners
+from sfm.correspondences.subpixel import (
     RefinementSettings,
     half_pixel_samples,
     refine,

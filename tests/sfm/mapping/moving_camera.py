@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.mapping.tracking import SeenPoints, SequenceTracks
+from sfm.mapping.point_tracker import SeenPoints, SequenceTracks
 
 Floats = NDArray[np.float64]
 

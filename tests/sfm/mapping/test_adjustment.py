@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from sfm.mapping.adjustment import adjust, locate
-from sfm.mapping.structure import Observations, Structure, observations, reprojection
-from sfm.mapping.trajectory import trajectory_error
+from sfm.mapping.evaluation import trajectory_error
+from sfm.mapping.structure import Observations, Structure, adjust, locate, observations, reprojection
 from tests.sfm.mapping.moving_camera import FOCAL, K, pose_of, scene, tracks_of
 
 

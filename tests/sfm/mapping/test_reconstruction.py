@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sfm.mapping.reconstruction import reconstruct_pieces
-from sfm.mapping.tracking import SeenPoints, SequenceTracks
-from sfm.mapping.trajectory import trajectory_error
+from sfm.mapping.evaluation import trajectory_error
+from sfm.mapping.incremental_mapper import reconstruct_pieces
+from sfm.mapping.point_tracker import SeenPoints, SequenceTracks
 from tests.sfm.mapping.moving_camera import FOCAL, HEIGHT, WIDTH, pose_of, scene, tracks_of
 
 

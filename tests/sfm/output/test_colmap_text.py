@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfm.output.colmap_text import ColmapCloud, ColmapImage, write_colmap_text
+from sfm.output.map_files import ColmapCloud, ColmapImage, write_colmap_text
 from tests.sfm.plane_map import intrinsics_of, pose_at
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from sfm.output.depth_maps import depth_levels, depth_step, write_depth_maps
+from sfm.output.map_files import depth_levels, depth_step, write_depth_maps
 
 
 def test_depths_come_back_to_half_a_step(tmp_path: Path) -> None:

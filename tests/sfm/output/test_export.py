@@ -6,9 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfm.model import Reconstruction
-from sfm.output.export import point_colours, to_dict, write_colmap, write_json, write_points
-from sfm.output.metric_upgrade import metric_upgrade
+from sfm.output.model_files import (
+    metric_upgrade,
+    point_colours,
+    to_dict,
+    write_colmap,
+    write_json,
+    write_points,
+)
+from sfm.scene_model import Reconstruction
 from tests.sfm.euclidean import FOCAL_LENGTH, FRAME, euclidean_scene
 
 NAMES = ("first.png", "second.png")

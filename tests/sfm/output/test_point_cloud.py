@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfm.output.point_cloud import read_ply, write_ply
+from sfm.output.map_files import read_ply, write_ply
 
 
 @pytest.mark.parametrize("count", [0, 1, 1000])

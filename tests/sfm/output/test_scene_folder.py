@@ -10,7 +10,7 @@ import pytest
 from dvc.video import Frame
 from sfm.mapping.scene_map import MapPiece, SceneMap
 from sfm.output import scene_folder
-from sfm.output.point_cloud import read_ply
+from sfm.output.map_files import read_ply
 from sfm.output.scene_folder import write_scene
 from tests.sfm.plane_map import frames_of, map_of, piece_of
 

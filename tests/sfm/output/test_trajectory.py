@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfm.output.trajectory import write_trajectory
+from sfm.output.map_files import write_trajectory
 from tests.sfm.plane_map import pose_at
 
 

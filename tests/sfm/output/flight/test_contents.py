@@ -6,9 +6,9 @@ import zlib
 import cv2
 import numpy as np
 import pytest
-
 from sfm.output.flight import contents
-from sfm.output.flight.contents import (
+
+from sfm.output.flight_page import (
     Shares,
     cloud_values,
     nearness,

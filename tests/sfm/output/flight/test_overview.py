@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sfm.mapping.scene_map import MapPiece
-from sfm.output.flight.overview import overview
+from sfm.output.flight_page import overview
 from tests.sfm.plane_map import WALL, intrinsics_of, piece_of, pose_at
 
 

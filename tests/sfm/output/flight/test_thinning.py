@@ -1,6 +1,6 @@
 """Series that are thinned evenly."""
 
-from sfm.output.flight.thinning import Thinned
+from sfm.output.flight_page import Thinned
 
 
 def test_all_items_are_kept_while_there_is_room() -> None:

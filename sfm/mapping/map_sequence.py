@@ -6,9 +6,9 @@ from dvc.config import MAPPERS
 from dvc.video import Frame, open_video
 from sfm.mapping.colmap_mapper import colmap_pieces
 from sfm.mapping.dense import dense_pieces
-from sfm.mapping.reconstruction import reconstruct_pieces
+from sfm.mapping.incremental_mapper import reconstruct_pieces
+from sfm.mapping.point_tracker import track_sequence
 from sfm.mapping.scene_map import SceneMap
-from sfm.mapping.tracking import track_sequence
 
 FrameSource = Callable[[], Iterable[Frame]]
 """Gives all frames from the first to the last, whenever it is called: they are read again, not kept."""

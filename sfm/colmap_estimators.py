@@ -19,8 +19,8 @@ from sfm.estimation.epipolar import (
     unit_norm,
 )
 from sfm.estimation.weak_calibration import WeakCalibration
-from sfm.model import CameraPair, Correspondences
-from sfm.settings import SfmSettings
+from sfm.reconstruction_settings import SfmSettings
+from sfm.scene_model import CameraPair, Correspondences
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -1,15 +1,34 @@
 """Cameras and points as COLMAP's text files; COLMAP puts the centre of the first pixel at (0.5, 0.5)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 
 Floats = NDArray[np.float64]
+Depths = NDArray[np.float32]
+
+VERTEX = np.dtype([("position", "<f4", 3), ("colour", "u1", 3)])
+_HEADER = """\
+ply
+format binary_little_endian 1.0
+comment {comment}
+element vertex {count}
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+end_header
+"""
+MAX_LEVEL = 2**16 - 1
 
 
 class ColmapImage(NamedTuple):
@@ -96,3 +115,59 @@ def quaternion(rotation: Floats) -> Floats:
 
     x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
     return np.array([w, x, y, z])
+
+
+def write_ply(path: str | Path, points: Floats, colours: NDArray[np.uint8], comment: str) -> None:
+    """Write points, shape (N, 3), in single precision, with red, green and blue; inverse of `read_ply`."""
+    vertices = np.empty(len(points), VERTEX)
+    vertices["position"], vertices["colour"] = points, colours
+    with Path(path).open("wb") as file:
+        file.write(_HEADER.format(comment=comment, count=len(points)).encode("ascii"))
+        file.write(vertices.tobytes())
+
+
+def read_ply(path: str | Path) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Read the points and colours of a file that `write_ply` has written."""
+    header, _, body = Path(path).read_bytes().partition(b"end_header\n")
+    if header.splitlines()[-6:] != _HEADER.encode("ascii").splitlines()[-7:-1]:
+        raise ValueError(f"{path}: not a cloud of coloured points")
+    vertices = np.frombuffer(body, VERTEX)
+    return vertices["position"], vertices["colour"]
+
+
+def write_trajectory(path: Path, poses: Mapping[int, Floats], fps: Fraction | float | None) -> None:
+    """Write poses, world to camera, as lines of camera to world; a time is that of a frame by its number."""
+    unit = "the number of the frame" if fps is None else f"seconds, the number of the frame / {fps}"
+    lines = ["# timestamp tx ty tz qx qy qz qw", f"# camera to world; timestamp: {unit}"]
+    for number in sorted(poses):
+        turn, shift = poses[number][:, :3].T, poses[number][:, 3]
+        w, x, y, z = quaternion(turn)
+        time = f"{number}" if fps is None else f"{float(number / Fraction(fps)):.6f}"
+        lines.append(" ".join([time, *(f"{value:.9g}" for value in (*(-turn @ shift), x, y, z, w))]))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def depth_step(depths: Mapping[int, Depths]) -> float:
+    """Return the depth of a level: the largest depth of all has the largest level."""
+    largest = max((float(depth[is_known(depth)].max(initial=0.0)) for depth in depths.values()), default=0.0)
+    return largest / MAX_LEVEL or 1.0
+
+
+def is_known(depth: Depths) -> NDArray[np.bool_]:
+    """Tell where there is a depth."""
+    return np.isfinite(depth) & (depth > 0.0)
+
+
+def depth_levels(depth: Depths, step: float) -> NDArray[np.uint16]:
+    """Return depths as levels from 1; 0 is where none is known."""
+    known = is_known(depth)
+    levels = np.zeros(depth.shape, np.uint16)
+    levels[known] = np.clip(np.rint(depth[known].astype(np.float64) / step), 1, MAX_LEVEL).astype(np.uint16)
+    return levels
+
+
+def write_depth_maps(folder: Path, depths: Mapping[int, Depths], step: float) -> None:
+    """Write ``000012.png`` for frame 12, and so on."""
+    for number, depth in depths.items():
+        _, coded = cv2.imencode(".png", depth_levels(depth, step))
+        (folder / f"{number:06d}.png").write_bytes(coded.tobytes())

@@ -4,7 +4,7 @@ import numpy as np
 
 from dvc.geometry.cameras import PixelFrame, project
 from dvc.geometry.triangulation import triangulate_depth
-from sfm.model import Correspondences, Reconstruction
+from sfm.scene_model import Correspondences, Reconstruction
 from tests.sfm.euclidean import euclidean_scene
 
 

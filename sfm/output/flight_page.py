@@ -1,9 +1,12 @@
-"""What the page holds of a piece: its cameras, pictures of frames, pictures with depth, and points."""
+"""The page of a map: one file, which loads nothing."""
 
 import zlib
 from collections.abc import Callable
+from fractions import Fraction
 from functools import partial
-from typing import Any, NamedTuple
+from importlib import resources
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -11,15 +14,32 @@ from numpy.typing import NDArray
 
 from dvc.video import Frame
 from dvc.video.pixels import rgb_from_frame
-from dvc.web.surfaces import camera_values, disparity_codes, surface_values, text_of, webp
-from sfm.mapping.scene_map import MapPiece
-from sfm.output.depth_maps import is_known
-from sfm.output.flight.overview import overview
-from sfm.output.flight.thinning import Thinned
+from dvc.web.document import data_uri
+from dvc.web.surfaces import (
+    StageFiles,
+    camera_values,
+    disparity_codes,
+    palette_text,
+    surface_values,
+    text_of,
+    webp,
+    write_stage,
+)
+from sfm.mapping.scene_map import MapPiece, SceneMap
+from sfm.output.map_files import is_known
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
+FILES = StageFiles(
+    resources.files("sfm.output") / "templates",
+    "flight.html.j2",
+    scripts=("orbit.js", "overlay.js", "sources.js", "film.js", "flight.js"),
+    shaders=("world.vert", "world.frag"),
+    styles=("flight.css",),
+)
+SAME_SURFACE = 1.06
+"""Inverse depths of neighbours on one surface have at most this ratio."""
 MAX_SIDE_PX = 960
 """Larger frames are shown smaller."""
 MAX_SMALL_SIDE_PX = 480
@@ -36,6 +56,61 @@ STRAY = 3.0
 """Inverse depths so many times as large as those of nearly all pixels are errors."""
 FAR_SHARE = 0.002
 """Share of points on either side of each axis that does not decide which part of the cloud is shown."""
+MOST = 0.75
+"""Share of the points that are in the view."""
+CAMERAS = 0.3
+"""Weight of the cameras in the middle."""
+AHEAD = 10.0
+"""Distance that is looked at where nothing is known, in lengths of the path or units."""
+Item = TypeVar("Item")
+
+
+def write_flight(
+    path: Path, scene: SceneMap, frame: Callable[[int], Frame], fps: Fraction | float | None, title: str
+) -> None:
+    """Write the page."""
+    still = _still(scene, frame)
+    values = flight_values(scene, frame, fps, title)
+    write_stage(
+        path,
+        FILES,
+        values,
+        title=title,
+        width=values["width"],
+        height=values["height"],
+        still=still,
+        summary=scene.summary,
+        pieces=values["pieces"],
+    )
+
+
+def flight_values(
+    scene: SceneMap, frame: Callable[[int], Frame], fps: Fraction | float | None, title: str
+) -> dict[str, Any]:
+    """Return what the programs of the page are told."""
+    size = scene.width_px, scene.height_px
+    width, height = shown_size(size)
+    located = [piece for piece in scene.pieces if piece.poses]
+    shares = Shares.of(max(1, len(located)))
+    return {
+        "name": title,
+        "width": width,
+        "height": height,
+        "num_frames": scene.num_frames,
+        "frames_per_second": None if fps is None else float(fps),
+        "ratio": SAME_SURFACE,
+        "palette": palette_text(),
+        "pieces": [piece_values(piece, frame, size, shares) for piece in located],
+    }
+
+
+def _still(scene: SceneMap, frame: Callable[[int], Frame]) -> str:
+    """Address of the first picture, which is shown where nothing can be drawn."""
+    picture = np.zeros((1, 1, 3), np.uint8)
+    if scene.num_frames:
+        picture = rgb_from_frame(frame(0))
+    small = resized(picture, shown_size((picture.shape[1], picture.shape[0]), MAX_SMALL_SIDE_PX))
+    return data_uri("image/webp", webp(small, SMALL_QUALITY))
 
 
 class Shares(NamedTuple):
@@ -171,3 +246,53 @@ def _source_size(source: dict[str, Any]) -> int:
 
 def _picture_size(picture: dict[str, Any]) -> int:
     return len(picture["picture"])
+
+
+def overview(piece: MapPiece) -> dict[str, Any]:
+    """Return what is up and ahead, the middle of the scene, and within which radius of it nearly all is."""
+    poses = np.array([piece.poses[number] for number in sorted(piece.poses)])
+    centres = -np.einsum("kji,kj->ki", poses[:, :, :3], poses[:, :, 3])
+    up, ahead = _unit(-poses[:, 1, :3].mean(axis=0)), _unit(poses[:, 2, :3].mean(axis=0))
+    path = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    points = piece.points[np.isfinite(piece.points).all(axis=1)]
+    if len(points) == 0:
+        points = centres + AHEAD * (path or 1.0) * poses[:, 2, :3]
+    middle = (1.0 - CAMERAS) * np.median(points, axis=0) + CAMERAS * centres.mean(axis=0)
+    away = np.linalg.norm(points - middle, axis=1)
+    to_cameras = float(np.linalg.norm(centres - middle, axis=1).max())
+    return {
+        "up": up.tolist(),
+        "ahead": ahead.tolist(),
+        "middle": middle.tolist(),
+        "radius": max(float(np.quantile(away, MOST)), to_cameras, 1e-9),
+        "path": path,
+        "depth": max(float(np.median((points - centres.mean(axis=0)) @ ahead)), 0.05 * to_cameras, 1e-9),
+    }
+
+
+def _unit(vector: Floats) -> Floats:
+    """Return a direction; any where there is none."""
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
+
+
+class Thinned(Generic[Item]):
+    """Keeps every item of a series, then every second one, and so on, so that they stay within a size."""
+
+    def __init__(self, max_size: int, max_items: int, size_of: Callable[[Item], int]) -> None:
+        self._max_size, self._max_items, self._size_of = max_size, max_items, size_of
+        self._stride, self._count = 1, 0
+        self.items: list[Item] = []
+
+    def offer(self, make: Callable[[], Item]) -> None:
+        """Make the next item of the series and keep it, unless it is left out as others are."""
+        if self._count % self._stride == 0:
+            self.items.append(make())
+            while len(self.items) > 1 and self._is_too_much():
+                self.items = self.items[::2]
+                self._stride *= 2
+        self._count += 1
+
+    def _is_too_much(self) -> bool:
+        size = sum(self._size_of(item) for item in self.items)
+        return len(self.items) > self._max_items or size > self._max_size

@@ -5,11 +5,9 @@ from dataclasses import dataclass, field, replace
 from dvc.geometry.cameras import PixelFrame
 from sfm.cameras.bundle_adjustment import BundleAdjustmentSettings
 from sfm.cameras.self_calibration import SelfCalibrationSettings
-from sfm.correspondences.densification import DensificationSettings
+from sfm.correspondences.corner_matching import FeatureSettings, MatchingSettings
+from sfm.correspondences.densification import DensificationSettings, PropagationSettings
 from sfm.correspondences.epipolar_search import SearchSettings
-from sfm.correspondences.features import FeatureSettings
-from sfm.correspondences.matching import MatchingSettings
-from sfm.correspondences.propagation import PropagationSettings
 from sfm.estimation.degeneracy import DegeneracySettings
 from sfm.estimation.weak_calibration import WeakCalibrationSettings
 
