@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from sfm.correspondences import _kernels
 from sfm.correspondences.corner_matching import (
     FeatureSettings,
     MatchingSettings,
+    best_candidates,
+    chi_square,
     describe,
     detect_corners,
     match_corners,
@@ -105,21 +106,25 @@ def test_wrong_arguments_are_refused() -> None:
         MatchingSettings(bin_width=0.0)
 
 
+def test_histograms() -> None:
+    """Triangular windows are summed as the twin does, beyond the outermost bins as well."""
+    rng = np.random.default_rng(3)
+    luma, settings = rng.integers(0, 256, (9, 9)).astype(np.uint8), MatchingSettings(radius_px=2, num_bins=8)
+    corners = np.array([[2.0, 2.0], [4.0, 5.0], [6.0, 3.0]])
+    described = describe(luma, corners, settings)
+    deviations = described.patches - described.means[:, None]
+    expected = [reference.parzen_histogram(patch, settings.bin_width, 8) for patch in deviations]
+    np.testing.assert_allclose(described.histograms, expected, atol=1e-9)
+    np.testing.assert_allclose(described.histograms.sum(axis=1), 25.0)
+
+
 @pytest.mark.nojit
 @pytest.mark.parametrize("compiled", [True, False])
-def test_histograms(compiled: bool) -> None:
-    """Triangular windows are summed as the twin does, beyond the outermost bins as well."""
-    patches = np.random.default_rng(3).normal(0, 40, (6, 25))
-    histograms = np.empty((6, 8))
-    kernel = _kernels.parzen_histograms
-    (kernel if compiled else python_twin(kernel))(patches, 12.0, histograms)
-    expected = [reference.parzen_histogram(patch, 12.0, 8) for patch in patches]
-    np.testing.assert_allclose(histograms, expected, atol=1e-9)
-    np.testing.assert_allclose(histograms.sum(axis=1), 25.0)
-    chi = _kernels.chi_square if compiled else python_twin(_kernels.chi_square)
-    assert chi(histograms[0], histograms[1]) == pytest.approx(
-        reference.chi_square(histograms[0], histograms[1])
-    )
+def test_chi_square(compiled: bool) -> None:
+    """The distance of two distributions is that of the twin; without overlap it is the number of samples."""
+    chi = chi_square if compiled else python_twin(chi_square)
+    a, b = np.random.default_rng(3).uniform(0.0, 9.0, (2, 8))
+    assert chi(a, b) == pytest.approx(reference.chi_square(a, b))
     assert chi(np.array([3.0, 0.0, 0.0]), np.array([0.0, 3.0, 0.0])) == pytest.approx(3.0)
 
 
@@ -132,15 +137,15 @@ def test_best_candidates(compiled: bool, count: int) -> None:
     corners = [rng.integers(10, 60, (25, 2)).astype(np.float64) for _ in range(2)]
     luma = picture(TEXTURE, 70, 70)
     settings = MatchingSettings(radius_px=2)
-    patches, means, histograms = zip(*(describe(luma, points, settings) for points in corners), strict=True)
+    first, second = (describe(luma, points, settings) for points in corners)
     limits = rng.uniform(5e3, 3e4, 25)
     chosen, errors = np.full((25, count), -1), np.empty((25, count))
-    kernel = _kernels.best_candidates if compiled else python_twin(_kernels.best_candidates)
+    kernel = best_candidates if compiled else python_twin(best_candidates)
     tests = (30.0, 9.0, limits)
-    described = zip(corners, patches, means, histograms, strict=True)
-    first, second = (_kernels.Corners(*parts) for parts in described)
-    kernel(first, second, _kernels.Similarity(30.0, *tests[:2]), limits, chosen, errors)
-    expected, least = reference.best_candidates(*corners, 30.0, patches, means, histograms, *tests, count)
+    kernel(first, second, 30.0, *tests[:2], limits, chosen, errors)
+    expected, least = reference.best_candidates(
+        *corners, 30.0, *zip(first[1:], second[1:], strict=True), *tests, count
+    )
     assert [[j for j in row if j >= 0] for row in chosen.tolist()] == expected
     assert any(expected)
     for row, found in zip(errors, least, strict=True):

@@ -6,16 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc._jit import python_twin
-from sfm.correspondences import _kernels
+from sfm.correspondences import spline_sampling, subpixel
 from sfm.correspondences.corner_matching import detect_corners
-from sfm.correspondences.subpixel import (
-    RefinementSettings,
-    half_pixel_samples,
-    refine,
-    spline,
-    spline_coefficients,
-    window,
-)
+from sfm.correspondences.spline_sampling import half_pixel_samples, spline, spline_coefficients
+from sfm.correspondences.subpixel import RefinementSettings, refine, window
 from tests.reference import sfm_neighbourhoods as reference
 from tests.sfm.textures import Floats, picture, shifted, texture
 
@@ -150,7 +144,7 @@ def run(kernel: object, compiled: bool) -> object:
 def test_samples_and_gradients(compiled: bool, place: tuple[float, float]) -> None:
     """Values are those of the spline, gradients those of its differences; both samplers agree."""
     values, dx, dy = (np.empty((5, 5)) for _ in range(3))
-    run(_kernels.sample_square, compiled)(SPLINE, *place, 2, values, dx, dy)  # type: ignore[operator]
+    run(spline_sampling.sample_square, compiled)(SPLINE, *place, 2, values, dx, dy)  # type: ignore[operator]
     expected = reference.neighbourhood(COEFFICIENTS, *place, np.eye(2), 2)
     np.testing.assert_allclose(values.ravel(), expected, atol=1e-9)
     step = 1e-5
@@ -164,7 +158,7 @@ def test_samples_and_gradients(compiled: bool, place: tuple[float, float]) -> No
         np.testing.assert_allclose(gradient.ravel(), (ends[0] - ends[1]) / (2 * step), atol=1e-4)
     if min(place) > 3 and place[0] < 90:
         affine = np.array([[0.9, 0.2], [-0.1, 1.1]])
-        run(_kernels.sample_affine, compiled)(SPLINE, *place, affine, 2, values, dx, dy)  # type: ignore[operator]
+        run(spline_sampling.sample_affine, compiled)(SPLINE, *place, affine, 2, values, dx, dy)  # type: ignore[operator]
         expected = reference.neighbourhood(COEFFICIENTS, *place, affine, 2)
         np.testing.assert_allclose(values.ravel(), expected, atol=1e-9)
 
@@ -178,7 +172,7 @@ def test_normal_equations(compiled: bool, num_parameters: int) -> None:
     target, values, dx, dy = rng.normal(0, 20, (4, 5, 5))
     weights = window(2)
     matrix, vector = np.empty((num_parameters, num_parameters)), np.empty(num_parameters)
-    error = run(_kernels.normal_equations, compiled)(  # type: ignore[operator]
+    error = run(subpixel.normal_equations, compiled)(  # type: ignore[operator]
         target, values, dx, dy, weights, num_parameters, matrix, vector
     )
     expected = reference.normal_equations(target, values, dx, dy, weights, num_parameters)
@@ -186,11 +180,11 @@ def test_normal_equations(compiled: bool, num_parameters: int) -> None:
     np.testing.assert_allclose(vector, expected[1], rtol=1e-9, atol=1e-9)
     assert error == pytest.approx(reference.free_mean_error(target, values, weights))
     step = np.empty(num_parameters)
-    assert run(_kernels.solve_damped, compiled)(matrix, vector, 0.3, step)  # type: ignore[operator]
+    assert run(subpixel.solve_damped, compiled)(matrix, vector, 0.3, step)  # type: ignore[operator]
     damped = matrix + 0.3 * np.diag(np.diag(matrix))
     np.testing.assert_allclose(step, np.linalg.solve(damped, -vector), rtol=1e-9)
     for singular in (np.zeros((2, 2)), np.ones((2, 2))):
-        assert not run(_kernels.solve_damped, compiled)(singular, np.ones(2), 0.0, np.empty(2))  # type: ignore[operator]
+        assert not run(subpixel.solve_damped, compiled)(singular, np.ones(2), 0.0, np.empty(2))  # type: ignore[operator]
 
 
 @pytest.mark.nojit
@@ -200,8 +194,8 @@ def test_minimum_is_one() -> None:
     x, y = INNER[0].astype(int)
     target = STILL[y - 3 : y + 4, x - 3 : x + 4].astype(np.float64)
     parameters = INNER[0].copy()
-    patch = _kernels.Patch(target, window(3), np.pad(moved, _kernels.MARGIN, "reflect"))
-    error = _kernels.minimize_neighbourhood(patch, parameters, _kernels.Descent(20, 1e-4, 2.0))
+    patch = subpixel.Patch(target, window(3), np.pad(moved, spline_sampling.MARGIN, "reflect"))
+    error = subpixel.minimize_neighbourhood(patch, parameters, subpixel.Descent(20, 1e-4, 2.0))
 
     def error_at(place: Floats) -> float:
         values = reference.neighbourhood(moved, place[0], place[1], np.eye(2), 3)
