@@ -1,4 +1,4 @@
-"""Compiled loops of `sfm.decompositions`, which validates and describes."""
+"""Compiled loops of `sfm.decompositions`."""
 
 import math
 
@@ -7,9 +7,9 @@ from dvc._jit import kernel
 MAX_SWEEPS = 40
 MAX_STEPS = 200
 PRECISION = 1e-15
-"""Of the cosine between two columns, below which they are orthogonal."""
+"""Largest cosine between orthogonal columns."""
 NOTHING = 1e-31
-"""Of all squares, below which a product of columns is rounding."""
+"""Share of the sum of squares below which a product of columns is a rounding error."""
 
 
 @kernel
@@ -53,7 +53,7 @@ def rotate(a, p, q, cosine, sine):
 
 @kernel
 def real_roots(coefficients, roots):
-    """Find real roots (N, 3) of cubics (N, 4), the constant first, in rising order; nan: there are fewer."""
+    """Find real roots (N, 3), in rising order, of cubics (N, 4) with the constant first; nan fills."""
     for number in range(coefficients.shape[0]):
         lead = coefficients[number, 3]
         c, b, a = (
@@ -71,7 +71,7 @@ def real_roots(coefficients, roots):
 
 @kernel
 def root_between(a, b, c, low, high):
-    """Find where z^3 + a z^2 + b z + c changes its sign, by steps of Newton that stay between; or nan."""
+    """Find a root of z^3 + a z^2 + b z + c in an interval, by Newton steps within it; nan without one."""
     at_low, at_high = ((low + a) * low + b) * low + c, ((high + a) * high + b) * high + c
     if low == high or (at_low > 0.0) == (at_high > 0.0):
         return math.nan

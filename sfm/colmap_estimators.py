@@ -1,4 +1,4 @@
-"""Two steps of the pipeline by COLMAP's estimators: weak calibration, and a Euclidean pair of cameras.
+"""COLMAP's estimators: the fundamental matrix, relative poses, and a pair of cameras of unknown focal length.
 
 COLMAP puts the centre of the first pixel at (0.5, 0.5); this module converts.
 """
@@ -26,42 +26,62 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 9))
-"""Focal lengths tried, in units of the longer side of the image."""
+"""Focal lengths to try, in units of the longer side of the image."""
+MIN_NUM_POINTS = 8
+
+
+def pinhole_camera(K: Floats) -> Any:
+    """Return COLMAP's camera of square pixels with the principal point in the middle of the image."""
+    import pycolmap
+
+    parameters = [K[0, 0], K[0, 2] + COLMAP_FIRST_PIXEL_PX, K[1, 2] + COLMAP_FIRST_PIXEL_PX]
+    width, height = round(2 * parameters[1]), round(2 * parameters[2])
+    return pycolmap.Camera(model="SIMPLE_PINHOLE", width=width, height=height, params=parameters, camera_id=1)
+
+
+def relative_pose(camera: Any, first: Floats, second: Floats, ransac: Any) -> tuple[Floats, Mask] | None:
+    """Return the pose [R | t] of the second camera and a mask of inliers, for points in COLMAP's pixels."""
+    import pycolmap
+
+    answer = pycolmap.estimate_relative_pose(camera, first, camera, second, ransac)
+    if answer is None:
+        return None
+    rigid, mask = answer["cam2_from_cam1"], answer["inlier_mask"]
+    refined = pycolmap.refine_relative_pose(rigid, camera, first, camera, second, mask)
+    rigid = rigid if refined is None else refined["cam2_from_cam1"]
+    return np.asarray(rigid.matrix(), np.float64), np.asarray(mask, dtype=bool)
 
 
 def weak_calibration(matches: Correspondences, settings: SfmSettings, seed: int) -> WeakCalibration:
-    """Find the fundamental matrix by COLMAP's LO-RANSAC."""
-    found = _fundamental(matches, settings.colmap_max_error_px, seed)
-    if found is None or np.count_nonzero(found[1]) < settings.weak_calibration.min_num_inliers:
-        reason = f"COLMAP finds no epipolar geometry in {len(matches)} correspondences"
-        return WeakCalibration.missing(len(matches), reason)
-    fundamental, inliers = found
+    """Estimate the fundamental matrix by COLMAP's LO-RANSAC."""
+    import pycolmap
+
+    missing = WeakCalibration.missing(
+        len(matches), f"COLMAP finds no epipolar geometry in {len(matches)} correspondences"
+    )
+    if len(matches) < MIN_NUM_POINTS:
+        return missing
+    ransac = _ransac(settings, seed)
+    answer = pycolmap.estimate_fundamental_matrix(matches.first, matches.second, ransac)
+    if answer is None:
+        return missing
+    fundamental = np.asarray(answer["F"], dtype=np.float64)
+    inliers = np.asarray(answer["inlier_mask"], dtype=bool)
+    is_valid = np.isfinite(fundamental).all() and fundamental.any()
+    if not is_valid or np.count_nonzero(inliers) < settings.weak_calibration.min_num_inliers:
+        return missing
+    fundamental = unit_norm(fundamental)
     residuals = sampson_distances(fundamental, matches.first, matches.second)
     noise_px = float(np.sqrt((residuals[inliers] ** 2).mean()))
     return WeakCalibration(fundamental, inliers, residuals, noise_px, 0, "")
 
 
-def _fundamental(matches: Correspondences, max_error_px: float, seed: int) -> tuple[Floats, Mask] | None:
-    import pycolmap
-
-    if len(matches) < 8:
-        return None
-    ransac = _ransac(max_error_px, seed)
-    answer = pycolmap.estimate_fundamental_matrix(matches.first, matches.second, ransac)
-    if answer is None:
-        return None
-    fundamental = np.asarray(answer["F"], dtype=np.float64)
-    if not np.isfinite(fundamental).all() or not fundamental.any():
-        return None
-    return unit_norm(fundamental), np.asarray(answer["inlier_mask"], dtype=bool)
-
-
 def camera_pair(matches: Correspondences, frame: PixelFrame, settings: SfmSettings, seed: int) -> CameraPair:
-    """Find the relative pose, and of several focal lengths the one under which the points agree best."""
+    """Estimate the relative pose with the focal length under which the points agree best."""
     max_error_px = settings.colmap_max_error_px
     best, fundamental, best_cost = None, np.zeros((3, 3)), np.inf
     for ratio in FOCAL_LENGTHS:
-        camera = _camera(matches, frame, float(ratio), _ransac(max_error_px, seed))
+        camera = _camera(matches, frame, float(ratio), _ransac(settings, seed))
         if camera is None:
             continue
         candidate = unit_norm(fundamental_to_pixels(fundamental_from_camera(camera), frame))
@@ -72,12 +92,12 @@ def camera_pair(matches: Correspondences, frame: PixelFrame, settings: SfmSettin
     if best is None:
         return CameraPair.missing(len(matches), "COLMAP finds no relative pose")
     camera = best * (CAMERA_NORM / np.linalg.norm(best))
-    kept = _agreeing(matches, camera, frame, settings.outliers.max_reprojection_px)
-    return CameraPair(camera, fundamental, kept)
+    agreeing = _agreeing(matches, camera, frame, settings.outliers.max_reprojection_px)
+    return CameraPair(camera, fundamental, agreeing)
 
 
 def _agreeing(matches: Correspondences, camera: Floats, frame: PixelFrame, limit_px: float) -> Mask:
-    """Tell which points are before both cameras and project near where they are seen."""
+    """Return a mask of points in front of both cameras that project near their image points."""
     first, second = frame.to_normalized(matches.first), frame.to_normalized(matches.second)
     depth_first, depth_second = triangulate_depth(first, camera, second)
     finite = np.isfinite(depth_first) & np.isfinite(depth_second)
@@ -88,31 +108,23 @@ def _agreeing(matches: Correspondences, camera: Floats, frame: PixelFrame, limit
     return in_front & outliers.reprojection(matches.second, projected, limit_px)
 
 
-def _ransac(max_error_px: float, seed: int) -> Any:
+def _ransac(settings: SfmSettings, seed: int) -> Any:
     import pycolmap
 
-    return pycolmap.RANSACOptions(max_error=max_error_px, random_seed=seed, num_threads=1)
+    return pycolmap.RANSACOptions(max_error=settings.colmap_max_error_px, random_seed=seed, num_threads=1)
 
 
 def _camera(matches: Correspondences, frame: PixelFrame, ratio: float, ransac: Any) -> Floats | None:
-    """Find the second camera for a focal length in units of the longer side of the image."""
-    import pycolmap
-
-    if len(matches) < 8:
+    """Estimate the second camera for a focal length in units of the longer side of the image."""
+    if len(matches) < MIN_NUM_POINTS:
         return None
-    size = {"width": frame.width_px, "height": frame.height_px}
-    focal_length_px = ratio * frame.scale_px
-    parameters = [focal_length_px, 0.5 * frame.width_px, 0.5 * frame.height_px]
-    camera = pycolmap.Camera(model="SIMPLE_PINHOLE", params=parameters, **size)
+    focal = ratio * frame.scale_px
+    K = np.array([[focal, 0, 0.5 * (frame.width_px - 1)], [0, focal, 0.5 * (frame.height_px - 1)], [0, 0, 1]])
     first, second = matches.first + COLMAP_FIRST_PIXEL_PX, matches.second + COLMAP_FIRST_PIXEL_PX
-    answer = pycolmap.estimate_relative_pose(camera, first, camera, second, ransac)
+    answer = relative_pose(pinhole_camera(K), first, second, ransac)
     if answer is None:
         return None
-    pose = answer["cam2_from_cam1"]
-    refined = pycolmap.refine_relative_pose(pose, camera, first, camera, second, answer["inlier_mask"])
-    if refined is not None:
-        pose = refined["cam2_from_cam1"]
-    second_from_first = np.asarray(pose.matrix(), dtype=np.float64)
-    k = np.array([focal_length_px, focal_length_px, frame.scale_px]) / frame.scale_px
-    found = np.column_stack([second_from_first[:, :3] * k[:, None] / k, second_from_first[:, 3] * k])
-    return found if np.isfinite(found).all() and found[:, 3].any() else None
+    second_from_first = answer[0]
+    k = np.array([focal, focal, frame.scale_px]) / frame.scale_px
+    camera = np.column_stack([second_from_first[:, :3] * k[:, None] / k, second_from_first[:, 3] * k])
+    return camera if np.isfinite(camera).all() and camera[:, 3].any() else None

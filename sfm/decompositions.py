@@ -1,4 +1,4 @@
-"""Singular vectors by Jacobi rotations, and roots: the same digits whatever library is installed.
+"""Singular vectors by Jacobi rotations, and roots of cubics: the same digits on any x86-64 processor.
 
 References
 ----------
@@ -12,26 +12,26 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 RANK = 1e-14
-"""Of the largest singular value, below which the others are none."""
+"""Share of the largest singular value below which singular values count as zero."""
 
 
 def right_singular(matrices: Floats) -> tuple[Floats, Floats]:
     """Return singular values (..., n), the largest first, and right singular vectors, rows of (..., n, n).
 
-    Of matrices with fewer rows than columns the last values are those of the null space.
+    If a matrix has fewer rows than columns, the last vectors span its null space.
     """
     _, values, rows = _decomposed(matrices)
     return values, rows
 
 
 def least_singular(matrices: Floats) -> Floats:
-    """Return the right singular vectors (..., n) of the least values: of a Gram matrix, its eigenvectors."""
+    """Return the right singular vectors (..., n) of the least values; for Gram matrices the eigenvectors."""
     rows: Floats = _decomposed(matrices)[2][..., -1, :]
     return rows
 
 
 def svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return u, s and vt of a matrix of 3x3; where it is singular, u is completed to be orthogonal."""
+    """Return u, s and vt of a matrix of 3x3; for singular matrices u is completed to be orthogonal."""
     columns, values, rows = _decomposed(matrix)
     rank = int(np.count_nonzero(values > RANK * values[0]))
     u = np.eye(3)
@@ -46,7 +46,7 @@ def svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def real_roots(coefficients: Floats) -> Floats:
-    """Return the real roots (N, 3) of cubics (N, 4), the constant first, in rising order; nan: fewer."""
+    """Return the real roots (N, 3), in rising order, of cubics (N, 4) with the constant first; nan fills."""
     from sfm import _kernels
 
     roots = np.empty((len(coefficients), 3))
@@ -55,7 +55,7 @@ def real_roots(coefficients: Floats) -> Floats:
 
 
 def _decomposed(matrices: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return orthogonal columns, the largest first, their lengths, and the rows that make them."""
+    """Return orthogonal columns, the largest first, their lengths, and the rows that produce them."""
     from sfm import _kernels
 
     height, width = matrices.shape[-2:]

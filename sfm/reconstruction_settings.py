@@ -12,12 +12,12 @@ from sfm.estimation.degeneracy import DegeneracySettings
 from sfm.estimation.weak_calibration import WeakCalibrationSettings
 
 ALTERNATIONS = 100
-"""Most alternations where they are all that there is: the thesis tells no number."""
+"""Number of alternations without joint steps; the thesis does not specify it."""
 
 
 @dataclass(frozen=True)
 class CorrespondenceSettings:
-    """How points are found, and found again."""
+    """Parameters of the correspondences."""
 
     features: FeatureSettings = field(default_factory=FeatureSettings)
     matching: MatchingSettings = field(default_factory=MatchingSettings)
@@ -28,37 +28,37 @@ class CorrespondenceSettings:
 
 @dataclass(frozen=True)
 class OutlierSettings:
-    """What the tests let pass that other steps do not bring along."""
+    """Limits of the tests for outliers that are not part of another step."""
 
-    motion_limit_px: float = 2.0  # difference from the neighbours' median motion that is always allowed
+    motion_limit_px: float = 2.0  # allowed difference from the neighbours' median motion
     motion_spreads: float = 3.0  # ... and in units of the neighbours' own spread
-    max_reprojection_px: float = 1.0  # distance of a projected 3D point from where it was seen
-    epipole_distance_px: float = 10.0  # nearer to an epipole nothing can be triangulated
-    depth_share: float = 0.1  # difference of inverse depths that is always allowed, of the median one
+    max_reprojection_px: float = 1.0  # largest reprojection error
+    epipole_distance_px: float = 10.0  # least distance to an epipole; nearer points cannot be triangulated
+    depth_share: float = 0.1  # allowed difference of inverse depths, as a share of the median
     depth_spreads: float = 3.0  # ... and in units of the neighbours' own spread
 
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """How the second camera is found, given the epipolar geometry."""
+    """Parameters of the second camera, given the epipolar geometry."""
 
     self_calibration: SelfCalibrationSettings = field(default_factory=SelfCalibrationSettings)
     bundle_adjustment: BundleAdjustmentSettings = field(default_factory=BundleAdjustmentSettings)
-    num_adjustments: int = 3  # bundle adjustments, outliers being removed between them
+    num_adjustments: int = 3  # number of bundle adjustments, with outliers removed in between
 
 
 @dataclass(frozen=True)
 class TrustSettings:
-    """What a model must have to be trusted."""
+    """Requirements for a model to be trusted."""
 
-    # correspondences, in pictures of CIF size and larger ones; smaller ones need down to half as many. Chosen
-    # on the clip "stone" alone (QP 32, 17 frames): 50 and 200 took 5 % more Wyner-Ziv bits than 100.
+    # number of correspondences from CIF size on; smaller pictures need down to half of it. Chosen on the clip
+    # "stone" (QP 32, 17 frames): 50 and 200 took 5 % more Wyner-Ziv bits than 100.
     min_num_points: int = 100
     min_coverage: float = 0.25  # share of the cells of an 8x8 grid that must hold a correspondence
-    min_inlier_share: float = 0.4  # of the matched corners, that must agree with the epipolar geometry
+    min_inlier_share: float = 0.4  # share of the matched corners that agree with the epipolar geometry
 
     def num_points_needed(self, frame: PixelFrame) -> int:
-        """Return how many correspondences a frame must have."""
+        """Return the number of correspondences that a frame needs."""
         share = frame.width_px * frame.height_px / (352 * 288)
         return round(self.min_num_points * min(max(share, 0.5), 1.0))
 
@@ -73,10 +73,10 @@ class SfmSettings:
     outliers: OutlierSettings = field(default_factory=OutlierSettings)
     cameras: CameraSettings = field(default_factory=CameraSettings)
     trust: TrustSettings = field(default_factory=TrustSettings)
-    colmap_max_error_px: float = 1.0  # largest error of an inlier for COLMAP's estimators
+    colmap_max_error_px: float = 1.0  # largest error of an inlier in COLMAP's estimators
 
     def as_written(self) -> "SfmSettings":
-        """Return these with cameras as section 5.2 of the thesis has them, to the letter."""
+        """Return these settings with cameras exactly as in section 5.2 of the thesis."""
         linear_program = SelfCalibrationSettings(
             first_depth_ratio=None, dropped_share=0.0, max_dropped_share=0.0, free_unit=False
         )

@@ -1,4 +1,4 @@
-"""What the steps of the reconstruction hand on: correspondences, and the model of a static scene."""
+"""Data that steps of the reconstruction pass on: correspondences, cameras, and the model of a scene."""
 
 from dataclasses import dataclass, field
 from typing import Self
@@ -14,7 +14,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """Points of the first key frame and where they are in the second.
+    """Points of the first key frame and their positions in the second.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Correspondences:
 
     @property
     def finite(self) -> Mask:
-        """Those of which both points are known, shape (N,)."""
+        """Mask of correspondences with two finite points, shape (N,)."""
         return np.asarray(np.isfinite(self.first).all(axis=1) & np.isfinite(self.second).all(axis=1))
 
     def __getitem__(self, chosen: Mask | NDArray[np.int64]) -> Self:
@@ -48,18 +48,7 @@ class Correspondences:
 
     @classmethod
     def concatenate(cls, parts: "list[Correspondences]") -> Self:
-        """Join lists of correspondences.
-
-        Parameters
-        ----------
-        parts : list of Correspondences
-            At least one.
-
-        Returns
-        -------
-        Correspondences
-            All of them, in order.
-        """
+        """Join at least one list of correspondences."""
         return cls(
             np.concatenate([part.first for part in parts]),
             np.concatenate([part.second for part in parts]),
@@ -68,7 +57,7 @@ class Correspondences:
 
     @classmethod
     def empty(cls) -> Self:
-        """Return no correspondences at all."""
+        """Return an empty list of correspondences."""
         return cls(np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
 
 
@@ -112,7 +101,7 @@ class Model:
 
     @property
     def view_pair(self) -> ViewPair:
-        """The two views, and the range of depth that the points before them tell."""
+        """The two views, with the range of depth of the points in front of each."""
         usable = np.isfinite(self.depths) & (self.depths > 0)
         in_second = self.points[usable] @ oriented(self.second_camera)[2]
         ranges = (
@@ -132,48 +121,35 @@ class CameraPair:
         Second camera in normalised coordinates, Frobenius norm sqrt(3); the first is ``[I | 0]``.
     fundamental : ndarray of shape (3, 3), float64
         F in pixels, unit norm.
-    kept : ndarray of shape (N,), bool
+    inliers : ndarray of shape (N,), bool
         Correspondences that passed all tests.
     reason : str
-        Why there is no camera; empty if there is one.
+        Reason for a missing camera; empty on success.
     """
 
     camera: Floats
     fundamental: Floats
-    kept: Mask
+    inliers: Mask
     reason: str = ""
 
     @classmethod
     def missing(cls, num_points: int, reason: str) -> Self:
-        """Say why there is no camera.
-
-        Parameters
-        ----------
-        num_points : int
-            Correspondences that were given.
-        reason : str
-            One line.
-
-        Returns
-        -------
-        CameraPair
-            Without any of them.
-        """
+        """Return a failure, without inliers."""
         return cls(np.eye(3, 4), np.zeros((3, 3)), np.zeros(num_points, dtype=bool), reason)
 
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """What came of an attempt to reconstruct a scene from two key frames.
+    """Result of the reconstruction of a scene from two key frames.
 
     Attributes
     ----------
     model : Model or None
-        The scene; None where there is none to be had.
+        The scene; None if the reconstruction failed.
     reason : str
-        Why the model is missing or cannot be trusted; empty if it can.
+        Reason why the model is missing or cannot be trusted; empty if it can.
     motion : str
-        What the camera did: ``general``, ``rotation`` (or a distant or planar scene), ``none``, ``unknown``.
+        Motion of the camera: ``general``, ``rotation`` (or a distant or planar scene), ``none``, ``unknown``.
     stages : dict of str to Correspondences
         Correspondences after each step of the pipeline, by its name, for figures and studies.
     """
@@ -185,5 +161,5 @@ class Reconstruction:
 
     @property
     def success(self) -> bool:
-        """Whether there is a model that can be trusted."""
+        """Whether the model can be trusted."""
         return self.model is not None and not self.reason

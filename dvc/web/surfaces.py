@@ -87,8 +87,8 @@ def surface_values(
         "height": height,
         "lowest": lowest,
         "unit": unit,
-        "codes": text_of(pack_codes(codes)),
-        "picture": None if picture is None else text_of(picture),
+        "codes": base64_text(pack_codes(codes)),
+        "picture": None if picture is None else base64_text(picture),
     }
 
 
@@ -104,7 +104,7 @@ def camera_values(intrinsic: Floats, pose: Floats) -> dict[str, Any]:
 def palette_text() -> str:
     """Return red, green and blue from far to near, 256 of them."""
     colours = colour_disparity(np.linspace(0.0, 1.0, 256)[None], 0.0, 1.0)[0, :, ::-1]
-    return text_of(np.ascontiguousarray(colours).tobytes())
+    return base64_text(np.ascontiguousarray(colours).tobytes())
 
 
 def webp(picture: NDArray[np.uint8], quality: int = LOSSLESS) -> bytes:
@@ -113,6 +113,6 @@ def webp(picture: NDArray[np.uint8], quality: int = LOSSLESS) -> bytes:
     return coded.tobytes()
 
 
-def text_of(content: bytes) -> str:
+def base64_text(content: bytes) -> str:
     """Return bytes as text."""
     return base64.b64encode(content).decode("ascii")

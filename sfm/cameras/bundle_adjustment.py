@@ -42,16 +42,14 @@ MIN_DEPTH = 1e-12
 class BundleAdjustmentSettings:
     """Parameters of the bundle adjustment."""
 
-    # most alternations of the thesis before the joint steps; they end when they do not help
-    num_alternations: int = 3
-    max_iterations: int = 100  # bound on the number of joint steps
-    tolerance: float = 1e-10  # relative decrease of the error below which the adjustment has converged
-    min_num_points: int = 9  # points that are needed
-    # which two points fix the projective basis
+    num_alternations: int = 3  # largest number of the thesis's alternations before the joint steps
+    max_iterations: int = 100  # largest number of joint steps
+    tolerance: float = 1e-10  # relative decrease of the error at convergence
+    min_num_points: int = 9
     fixed_points: FixedPointSettings = field(default_factory=FixedPointSettings)
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
+        """Check the ranges."""
         if self.num_alternations < 0 or self.max_iterations < 0:
             raise ValueError("numbers of iterations must not be negative")
         if self.min_num_points < 9:
@@ -66,16 +64,16 @@ class BundleAdjustment:
     depths: Floats  # depth of each point in the first camera
     fundamental: Floats  # ``[t]x R`` in pixels, unit norm
     second: Floats  # the points projected into the second key frame, in pixels
-    in_front: Mask  # points that are before both cameras
-    fixed: Indices  # the points that fix the projective basis
+    in_front: Mask  # points in front of both cameras
+    fixed: Indices  # two points that fix the projective basis
     rms_px: float  # root mean square of the reprojection errors of all points in the second key frame
-    start_rms_px: float  # the same before
-    num_iterations: int  # joint steps
-    reason: str  # why nothing was refined; empty if all is well
+    start_rms_px: float  # the same at the start
+    num_iterations: int  # number of joint steps
+    reason: str  # reason of a failure; empty on success
 
     @property
     def success(self) -> bool:
-        """Whether the result is an adjusted one."""
+        """Whether the camera was adjusted."""
         return not self.reason
 
 
@@ -112,7 +110,7 @@ def bundle_adjustment(
 
 
 class _State(NamedTuple):
-    """What changes: the camera (3, 4), in the basis, and inverse depths (N,)."""
+    """Variables: the camera (3, 4), in the basis, and inverse depths (N,)."""
 
     camera: Floats
     inverse: Floats
@@ -126,14 +124,14 @@ def _failure(start: _State, pairs: Correspondences, depths: Floats, reason: str)
 
 
 def _triangulated(first: Floats, second: Floats, start: _State) -> _State:
-    """Move all points to the depths that suit the second key frame best, where these are positive."""
+    """Move points to the depths that fit the second key frame best, if these are positive."""
     inverse, quotient = inverse_depths(first, start.camera, second)
     return _State(start.camera, np.where((inverse > 0) & (quotient > 0), inverse, start.inverse))
 
 
 @dataclass(frozen=True, eq=False)
 class _Adjustment:
-    """What stays: points of both frames, those that are free, and the basis of the camera."""
+    """Constants: points of both frames, a mask of free points, and the basis of the camera."""
 
     first: Floats
     observed: Floats
@@ -199,7 +197,7 @@ def _fix_basis(problem: _Adjustment, start: _State, fixed: Indices) -> tuple[_Ad
 
 
 def _alternate(problem: _Adjustment, state: _State, count: int) -> _State:
-    """Alternate camera and depth steps (Appendix B) as long as the error becomes less."""
+    """Alternate camera and depth steps (Appendix B) while the error falls."""
     first, observed = problem.first, problem.observed
     depths, kappa, cost = 1.0 / state.inverse, np.ones(len(first)), problem.cost(state)
     best = state
@@ -208,11 +206,11 @@ def _alternate(problem: _Adjustment, state: _State, count: int) -> _State:
         new = depth_step(first, observed, camera, kappa)
         depths = np.where(problem.free & np.isfinite(new) & (new != 0), new, depths)
         kappa = denominators(first, depths, camera)
-        found = _State(camera, 1.0 / depths)
-        new_cost = problem.cost(found)
+        candidate = _State(camera, 1.0 / depths)
+        new_cost = problem.cost(candidate)
         if new_cost >= cost:
             break
-        best, cost = found, new_cost
+        best, cost = candidate, new_cost
     return best
 
 
@@ -234,12 +232,12 @@ def _result(
 
 
 def nonzero(values: Floats, min_magnitude: float = MIN_DEPTH) -> Floats:
-    """Replace values too near zero to divide by."""
+    """Replace values too close to zero for a division."""
     return np.where(np.abs(values) > min_magnitude, values, min_magnitude)
 
 
 def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, basis: Floats) -> Floats:
-    """Find the camera with the least reweighted error while the depths stay."""
+    """Return the camera of least reweighted error for constant depths."""
     points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(first))])
     equations = projection_equations(kappa[:, None] * points, observed)
     normal = normal_matrix(*(rows @ basis for rows in equations))
@@ -248,7 +246,7 @@ def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, 
 
 
 def depth_step(first: Floats, observed: Floats, camera: Floats, kappa: Floats) -> Floats:
-    """Find the depths with the least reweighted error while the camera stays."""
+    """Return the depths of least reweighted error for a constant camera."""
     turned, moved = homogeneous(first) @ camera[:, :3].T, camera[:, 3]
     a = kappa[:, None] * (observed * turned[:, 2:] - turned[:, :2])
     b = kappa[:, None] * (observed * moved[2:] - moved[:2])

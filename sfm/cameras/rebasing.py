@@ -1,4 +1,16 @@
-"""Change of basis: the model of two other views of the same scene, whose cameras are known."""
+"""Change of basis: the model of two other views of a scene, and the reversal of its order of depths.
+
+Correspondences and depths bounded from both sides leave two projective frames that differ by more than a
+plane at infinity: one has all depths in the opposite order. If a camera turns about the scene, the linear
+program of the self-calibration may prefer it, because near points move least. Image positions do not depend
+on the order of depths; occlusions do.
+
+References
+----------
+[Hartley1998] R. Hartley, "Chirality", Int. J. Computer Vision 26(1), 1998.
+[HartleyZisserman2003] R. Hartley, A. Zisserman, "Multiple view geometry in computer vision", 2nd ed., 2003:
+Sec. 9.6, four rigid motions of an essential matrix.
+"""
 
 from dataclasses import replace
 from itertools import product
@@ -16,11 +28,11 @@ from sfm.scene_model import Correspondences, Model
 Floats = NDArray[np.float64]
 
 MIN_DETERMINANT = 1e-9
-"""Of the left part of a camera, relative to its entries: below it the centre is at infinity."""
+"""Least determinant of the left part of a finite camera, relative to its entries."""
 FOCAL_LENGTHS = (1.2, 0.8, 1.8, 2.7)
-"""That are tried, in units of the longer side of the image: the usual one, wider angles, longer lenses."""
+"""Focal lengths to try, in units of the longer side of the image: usual, wide, then long."""
 MIN_SHARE_AHEAD = 0.8
-"""Share of the points that must lie before both cameras of the rigid motion for it to be believed."""
+"""Least share of the points in front of both cameras of a plausible rigid motion."""
 MARGIN = 1.0
 """Distance of the new plane at infinity from the nearest points, as a share of the inverse depths' range."""
 
@@ -28,8 +40,8 @@ MARGIN = 1.0
 class Rebased(NamedTuple):
     """A model in another basis."""
 
-    model: Model  # of the two views; its correspondences are where they see the points of the scene
-    from_basis: Floats  # a camera of the old basis times this matrix is the same camera in the new one
+    model: Model  # of the two views; its correspondences are projections of the scene's points
+    from_basis: Floats  # a camera of the old basis times this matrix is the same camera in the new basis
 
     def camera(self, camera: Floats) -> Floats | None:
         """Convert a camera to the basis of the model."""
@@ -38,7 +50,7 @@ class Rebased(NamedTuple):
 
 
 def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased | None:
-    """Describe the scene of a model by two other views of it."""
+    """Return the model of two other views of a scene; None if they do not see it from finite positions."""
     first, second = _oriented(first_camera), _oriented(second_camera)
     if first is None or second is None:
         return None
@@ -63,7 +75,7 @@ def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased
 
 
 def _oriented(camera: Floats) -> Floats | None:
-    """Give a camera its sign; None where its centre is at infinity."""
+    """Return a camera with its sign fixed; None if its centre is at infinity."""
     determinant = float(np.linalg.det(camera[:, :3]))
     if abs(determinant) < MIN_DETERMINANT * max(float(np.abs(camera).max()), 1e-300) ** 3:
         return None
@@ -71,14 +83,12 @@ def _oriented(camera: Floats) -> Floats | None:
 
 
 def rigid_order(model: Model) -> Rebased | None:
-    """Describe a scene whose depths a rigid motion sees in the opposite order so that they are in that
-    order.
-    """
+    """Return the model with the order of depths reversed if a rigid motion requires that; else None."""
     return _reversed(model) if is_reversed(model) else None
 
 
 def is_reversed(model: Model) -> bool:
-    """Tell whether what a model has nearer is farther away."""
+    """Return whether a rigid motion sees the depths of a model in the opposite order."""
     if not len(model.correspondences):
         return False
     camera, frame, seen = oriented(model.second_camera), model.pixel_frame, model.correspondences
@@ -107,7 +117,7 @@ def _rigid_motions(essential: Floats) -> list[Floats]:
 
 
 def _reversed(model: Model) -> Rebased | None:
-    """Subtract inverse depths from a constant: a plane before the nearest points becomes that at infinity."""
+    """Subtract inverse depths from a constant: a plane in front of all points becomes that at infinity."""
     lowest, highest = model.view_pair.inverse_depth_ranges[0]
     constant = highest + MARGIN * (highest - lowest)
     with np.errstate(divide="ignore"):

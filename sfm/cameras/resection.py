@@ -1,4 +1,8 @@
-"""Resection: the camera of an intermediate frame from points of the scene and where they are seen."""
+"""Resection: the camera of an intermediate frame from points of the scene and their image positions.
+
+Linear equations give a start; robust Levenberg-Marquardt steps minimise the distances in the image. A prior
+camera contributes virtual points.
+"""
 
 import math
 from collections.abc import Callable
@@ -19,23 +23,23 @@ Mask = NDArray[np.bool_]
 TINY = 1e-300
 NUM_PARAMETERS = 11
 MEDIAN_OF_RAYLEIGH = 1.1774  # median distance in the plane, in standard deviations of a coordinate
-TUKEY_TUNING = 5.5  # of distances in the plane, in standard deviations of a coordinate
-MIN_DEPTH = 1e-9  # of a point in the camera
+TUKEY_TUNING = 5.5  # largest distance with a weight, in standard deviations of a coordinate
+MIN_DEPTH = 1e-9  # least depth of a point in the camera
 DAMPING = Damping(start=1e-6, min_factor=1e-12, num_tries=8)
 TOLERANCE = 1e-12  # change of a camera of unit norm below which a minimum is reached
 
 
 @dataclass(frozen=True)
 class PriorSettings:
-    """How far a prior camera is trusted."""
+    """Confidence in a prior camera."""
 
     min_noise_px: float = 0.1  # lower bound on the standard deviation of a coordinate of a point
-    # bounds on how far the prior camera, moved to fit the points, may be off in the image
+    # bounds on the image error of the prior camera after it was moved to fit the points
     min_sigma_px: float = 1.0
     max_sigma_px: float = 10.0
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
+        """Check the ranges."""
         if not 0 < self.min_sigma_px <= self.max_sigma_px:
             raise ValueError(f"`min_sigma_px` must be in (0, max], got {self.min_sigma_px}")
 
@@ -44,41 +48,39 @@ class PriorSettings:
 class ResectionSettings:
     """Parameters of the resection."""
 
-    min_num_points: int = 6  # points that are needed; six determine a camera
-    # reweighted linear solutions before the distance in the image is minimised
-    num_linear_iterations: int = 5
-    max_iterations: int = 30  # bound on the number of steps that minimise it
-    min_threshold_px: float = 1.0  # a point is an outlier from the larger of both
+    min_num_points: int = 6  # six points determine a camera
+    num_linear_iterations: int = 5  # number of reweighted linear solutions
+    max_iterations: int = 30  # largest number of steps that minimise distances in the image
+    min_threshold_px: float = 1.0  # an outlier exceeds both thresholds
     threshold_in_sigmas: float = 4.0
-    max_rms_px: float = 3.0  # above this the camera cannot be trusted
-    min_inlier_share: float = 0.5  # below this share of the points it cannot either
-    prior: PriorSettings = field(default_factory=PriorSettings)  # how far the prior camera is trusted
+    max_rms_px: float = 3.0  # largest error of a trusted camera
+    min_inlier_share: float = 0.5  # least share of points that agree with a trusted camera
+    prior: PriorSettings = field(default_factory=PriorSettings)
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
+        """Check the ranges."""
         if self.min_num_points < 6:
             raise ValueError(f"`min_num_points` must be at least 6, got {self.min_num_points}")
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedPoints:
-    """Where points are expected to be seen by what is known of other instants."""
+    """Image positions of points that follow from other instants."""
 
     points: Floats  # homogeneous points, as `Model.points` has them
     positions: Floats  # image points in pixels
-    # what the mean of their squared distances counts, with respect to the mean of those that are seen
-    weight: float
+    weight: float  # of their mean squared distance, relative to that of the observed points
 
 
 @dataclass(frozen=True, eq=False)
 class Resection:
-    """What came of an attempt to find a camera."""
+    """Result of a resection."""
 
     camera: Floats  # projection matrix in normalised coordinates, Frobenius norm sqrt(3)
-    inliers: Mask  # points that it sees where they are
+    inliers: Mask  # points that agree with the camera
     residuals_px: Floats  # reprojection errors; inf for points that are not finite
     rms_px: float  # root mean square error of the inliers
-    reason: str  # why the camera cannot be trusted; empty if it can
+    reason: str  # reason why the camera cannot be trusted; empty if it can
 
     @property
     def success(self) -> bool:
@@ -88,20 +90,20 @@ class Resection:
 
 @dataclass(frozen=True, eq=False)
 class ResectionProblem:
-    """Points as (x, y, 1, inverse depth), well scaled, and where they are seen."""
+    """Points as (x, y, 1, inverse depth), well scaled, and their image positions."""
 
     x: Floats  # scaled points
-    seen: Floats  # where they are seen, in normalised units
-    weights: Floats  # of the squared distances
-    num_real: int  # points that are seen, and points of the prior camera
-    num_virtual: int
-    to_scaled: Floats  # takes unscaled points
+    seen: Floats  # image positions in normalised units
+    weights: Floats  # weights of the squared distances
+    num_real: int  # number of observed points, which are first
+    num_virtual: int  # number of points of the prior camera, which follow
+    to_scaled: Floats  # matrix from unscaled to scaled points
     start: Floats  # the prior camera, moved to fit, for scaled points
     sigma: float  # standard deviation of a virtual point, in normalised units
     min_noise: float  # lower bound on that of a real one
 
     def with_expected(self, expected: ExpectedPoints, frame: PixelFrame) -> "ResectionProblem":
-        """Append points that count together as `expected` says."""
+        """Append expected points with their weight."""
         x = expected.points / expected.points[:, 2:3]
         each = expected.weight * self.num_real / len(x)
         return replace(
@@ -120,16 +122,16 @@ def resection(
     settings: ResectionSettings | None = None,
     expected: ExpectedPoints | None = None,
 ) -> Resection:
-    """Find the camera that sees points of the scene where they are seen, in spite of outliers."""
+    """Estimate the camera from points of the scene and their image positions, despite outliers."""
     settings = settings or ResectionSettings()
     num = len(points)
     if points.shape != (num, 4) or positions.shape != (num, 2):
         raise ValueError(
             f"expected (N, 4) points and (N, 2) positions, got {points.shape}, {positions.shape}"
         )
-    known = np.isfinite(points).all(axis=1) & np.isfinite(positions).all(axis=1)
-    known &= np.abs(np.where(known, points[:, 2], 0.0)) > TINY
-    used = np.flatnonzero(known)
+    finite = np.isfinite(points).all(axis=1) & np.isfinite(positions).all(axis=1)
+    finite &= np.abs(np.where(finite, points[:, 2], 0.0)) > TINY
+    used = np.flatnonzero(finite)
     residuals = np.full(num, np.inf)
     guess = np.eye(3, 4) if prior is None else normalized_camera(prior)
     if len(used) < settings.min_num_points:
@@ -172,7 +174,7 @@ def _judge(
 def resection_problem(
     x: Floats, seen: Floats, prior: Floats, frame: PixelFrame, settings: PriorSettings
 ) -> ResectionProblem:
-    """Scale the points, and let a prior camera see virtual points all over the image."""
+    """Scale the points, and add virtual points all over the image of a prior camera."""
     min_noise = settings.min_noise_px / frame.scale_px
     middle, spread = x.mean(axis=0), x.std(axis=0)
     size = np.maximum(spread, np.array([0.05, 0.05, 1.0, 1e-6 + 0.02 * abs(middle[3])]))
@@ -185,7 +187,7 @@ def resection_problem(
     p = virtual @ moved.T
     ahead = p[:, 2] > 1e-3 * CAMERA_NORM
     num_virtual = int(np.count_nonzero(ahead))
-    # Many virtual points stand for few parameters.
+    # Many virtual points represent few parameters.
     each = NUM_PARAMETERS / (2.0 * max(1, num_virtual))
     return ResectionProblem(
         x=np.vstack([x, virtual[ahead]]) @ to_scaled.T,
@@ -201,7 +203,7 @@ def resection_problem(
 
 
 def _virtual_points(inverse: Floats, frame: PixelFrame) -> Floats:
-    """Return points (V, 4) all over the image, nearer and farther than the points of the scene."""
+    """Return points (V, 4) all over the image, in front of and behind the points of the scene."""
     low, high = float(np.quantile(inverse, 0.05)), float(np.quantile(inverse, 0.95))
     margin = 0.25 * max(abs(low), abs(high)) + 0.25 * (high - low)
     right, bottom = 0.5 * frame.width_px / frame.scale_px, 0.5 * frame.height_px / frame.scale_px
@@ -229,14 +231,14 @@ def _moved_to_fit(camera: Floats, x: Floats, seen: Floats, least: float) -> tupl
         robust = 1.0 / np.maximum(distance, error)
         normal = np.einsum("n,ni,nj->ij", robust, guess, guess)
         slope = np.einsum("n,ni,nk->ik", robust, guess, offset)
-        # Points on a line leave part of the map open: the damping leaves it at the identity.
+        # Points on a line do not determine the whole map: the damping keeps the rest at the identity.
         affine[0] += solve_damped(normal, slope[:, 0], 1e-6)
         affine[1] += solve_damped(normal, slope[:, 1], 1e-6)
     return affine @ camera, error
 
 
 def image_distances(problem: ResectionProblem, camera: Floats) -> Floats:
-    """Measure how far a camera sees points from where they are."""
+    """Return the distances of projected points from their image positions."""
     p = problem.x @ camera.T
     offset = p[:, :2] / nonzero(p[:, 2], MIN_DEPTH)[:, None] - problem.seen
     distances: Floats = np.hypot(offset[:, 0], offset[:, 1])
@@ -244,7 +246,7 @@ def image_distances(problem: ResectionProblem, camera: Floats) -> Floats:
 
 
 def robust_weights(problem: ResectionProblem, distances: Floats, redescending: bool) -> tuple[Floats, float]:
-    """Weigh points by their distances; virtual ones count by their own uncertainty."""
+    """Return weights of observed points by robust distances, of virtual points by uncertainty, and the noise."""
     real = distances[: problem.num_real]
     free = max(1.0, 2.0 * problem.num_real - NUM_PARAMETERS) / (2.0 * problem.num_real)
     noise = max(problem.min_noise, float(np.median(real)) / (MEDIAN_OF_RAYLEIGH * math.sqrt(free)))
@@ -283,7 +285,7 @@ def minimize_distances(problem: ResectionProblem, start: Floats, max_iterations:
 
 
 class _RobustDistances:
-    """Weighted squared distances. The weights settle first; then they stay, so that the steps converge."""
+    """Weighted squared distances; the weights change in the first steps only, so that the steps converge."""
 
     def __init__(self, problem: ResectionProblem, num_reweighted: int) -> None:
         self._problem, self._num_reweighted = problem, num_reweighted

@@ -1,4 +1,4 @@
-"""What estimators of fundamental matrices and of homographies share: coordinates, and data."""
+"""Estimators of fundamental matrices and homographies from points, and the least Sampson distance."""
 
 import math
 from abc import ABC, abstractmethod
@@ -17,7 +17,8 @@ from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix
 
 Floats = NDArray[np.float64]
 
-TOLERANCE = 1e-12  # relative decrease of the cost below which a minimum is reached
+TOLERANCE = 1e-12
+"""Relative decrease of the cost at a minimum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,7 @@ class HomographyEstimator(TwoViewEstimator):
         return distances
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
-        """Fit the inliers by linear least squares, reweighted so that the distance in the image counts."""
+        """Fit the inliers by linear least squares, reweighted to minimise distances in the image."""
         points = homogeneous(self._first[inliers])
         for _ in range(3):
             depth = points @ model[2]
@@ -184,7 +185,7 @@ class _SampsonProblem:
 
 
 def _solve(normal: Floats, slope: Floats, damping: float) -> Floats:
-    """Solve the damped normal equations; directions without any curvature are left alone."""
+    """Solve the damped normal equations, with no step in directions without curvature."""
     values, rows = right_singular(normal)
     top = max(float(values[0]), TINY)
     solution: Floats = ((rows @ slope) / (np.maximum(values, 1e-15 * top) + damping * top)) @ rows
@@ -265,10 +266,10 @@ class FundamentalEstimator(TwoViewEstimator):
 
 
 def seven_point(rows: Floats) -> Floats:
-    """Find the matrices of rank 2 that satisfy seven equations."""
+    """Return the matrices of rank 2 that satisfy seven equations."""
     null = right_singular(rows)[1][:, 7:].reshape(-1, 2, 3, 3)
     a, b = null[:, 0], null[:, 1]
-    # det(z a + b) is a cubic in z: its outer coefficients are determinants, the others follow from z = 1, -1.
+    # det(z a + b) is a cubic in z: its outer coefficients are determinants, the rest follows from z = 1, -1.
     c3, c0 = _determinants(a), _determinants(b)
     plus, minus = _determinants(a + b), _determinants(b - a)
     c2, c1 = 0.5 * (plus + minus) - c0, 0.5 * (plus - minus) - c3
@@ -292,7 +293,7 @@ def _determinants(m: Floats) -> Floats:
 
 
 def eight_point(rows: Floats) -> Floats:
-    """Find matrices of rank 2 that nearly satisfy more than seven equations."""
+    """Return matrices of rank 2 that nearly satisfy more than seven equations."""
     solution = least_singular(rows).reshape(-1, 3, 3)
     last = least_singular(solution)[:, :, None]
     models: Floats = solution - (solution @ last) @ last.transpose(0, 2, 1)

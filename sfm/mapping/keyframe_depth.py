@@ -1,4 +1,13 @@
-"""Dense depth of some located frames: plane sweeps over several others, checked and fused with each other."""
+"""Dense depth of some located frames: plane sweeps over several other frames, checked and fused.
+
+Depth maps of other frames are drawn into a frame as candidates besides its own depth, and votes and expected
+errors decide. A frame thus gets the depth of points that soon leave it from frames that see them longer, and
+noise is averaged.
+
+References
+----------
+[Merrell2007] P. Merrell et al., "Real-time visibility-based fusion of depth maps", ICCV 2007.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -25,35 +34,35 @@ Luma = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 ANGLES_DEG = (5.0, 0.7, 2.0)
-"""Median angles between the rays of two views: wide ones make depth precise, narrow ones see what is near."""
+"""Target median angles between the rays of two views: wide ones are precise, narrow ones see near points."""
 MIN_OVERLAP = 0.4
-"""Share of a frame's points that another one must see to be compared with it."""
+"""Least share of a frame's points that a neighbour sees."""
 MAX_NEIGHBOURS = 5
-"""Frames that one is compared with."""
+"""Largest number of frames that a frame is compared with."""
 SWEEP = SweepSettings(step_px=0.5, max_hypotheses=224, near_margin=0.25)
 MIN_INVERSE_DEPTH = 1e-3
-"""Relative to the median of a frame's points: what is farther is sky, or not known."""
+"""Least inverse depth, relative to the median of a frame's points; below it is sky, or unknown."""
 ERROR_PX = 0.5
-"""Expected error of the place of a point in the frame that shows its depth best."""
+"""Expected position error of a point in the frame that shows its depth best."""
 FUSED_A_SIDE = 4
-"""Frames before one, and after it, whose depth maps are fused with its own."""
+"""Number of frames before and after a frame with depth maps that are fused with its own."""
 TOLERANCE = 2.0
-"""Candidates agree that differ by no more than this times the larger of their expected errors."""
+"""Largest difference of agreeing candidates, in units of the larger of their expected errors."""
 MIN_VOTES = 2
-"""Candidates that must agree where the frame itself is not sure."""
+"""Number of candidates that must agree if the frame itself is not confident."""
 
 
 class View(NamedTuple):
-    """A frame whose depth is wanted, at the size at which it is found."""
+    """A frame, at the size at which its depth is estimated."""
 
     luma: Luma
     K: Floats
     pose: Floats
-    points: Floats  # known points that it sees
+    points: Floats  # triangulated points that it sees
 
 
 class SweptDepth(NamedTuple):
-    """What a sweep has found of a frame."""
+    """Result of a plane sweep."""
 
     inverse_depth: Floats  # of every pixel
     confidence: Floats
@@ -61,13 +70,12 @@ class SweptDepth(NamedTuple):
 
     @property
     def confident(self) -> Mask:
-        """Where noise would not have done the same."""
-        confident: Mask = self.confidence >= MIN_CONFIDENCE
-        return confident
+        """Mask of pixels with a depth that noise would hardly produce."""
+        return np.asarray(self.confidence >= MIN_CONFIDENCE)
 
 
 class Candidate(NamedTuple):
-    """Inverse depth of the pixels of a frame, nan where there is none, and its expected error."""
+    """Inverse depth of the pixels of a frame, nan if unknown, and its expected error."""
 
     inverse_depth: Floats
     error: Floats
@@ -79,7 +87,7 @@ def warp_between(source: View, target: View) -> Floats:
 
 
 def neighbours(views: Mapping[int, View], frame: int) -> tuple[int, ...]:
-    """Choose the frames that one is best compared with: on both sides, and at several distances."""
+    """Choose the best frames to compare a frame with: on both sides, and at several distances."""
     seen = {k: _overlap(views[frame], views[k]) for k in views if k != frame}
     seen = {k: each for k, each in seen.items() if each[0] >= MIN_OVERLAP and each[1] > 0}
     chosen: list[int] = []
@@ -91,94 +99,90 @@ def neighbours(views: Mapping[int, View], frame: int) -> tuple[int, ...]:
     return tuple(chosen)
 
 
-def _nearness(angle_deg: float, wanted_deg: float) -> float:
-    return min(angle_deg / wanted_deg, wanted_deg / angle_deg)
+def _nearness(angle_deg: float, target_deg: float) -> float:
+    return min(angle_deg / target_deg, target_deg / angle_deg)
 
 
-def _overlap(own: View, other: View) -> tuple[float, float]:
-    """Return the share of a view's points that another one sees, and the median angle between their rays."""
-    inside = own.points @ other.pose[:, :3].T + other.pose[:, 3]
+def _overlap(view: View, other: View) -> tuple[float, float]:
+    """Return the share of a view's points that another view sees, and the median angle between their rays."""
+    inside = view.points @ other.pose[:, :3].T + other.pose[:, 3]
     image = inside @ other.K.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        place = image[:, :2] / image[:, 2:]
+        image = image[:, :2] / image[:, 2:]
     height, width = other.luma.shape
-    seen = (inside[:, 2] > 0) & ((place >= 0) & (place <= [width - 1, height - 1])).all(axis=1)
+    seen = (inside[:, 2] > 0) & ((image >= 0) & (image <= [width - 1, height - 1])).all(axis=1)
     if not seen.any():
         return 0.0, 0.0
-    rays = [own.points[seen] + view.pose[:, :3].T @ view.pose[:, 3] for view in (own, other)]
+    rays = [view.points[seen] + each.pose[:, :3].T @ each.pose[:, 3] for each in (view, other)]
     rays = [ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays]
     cosine = np.clip((rays[0] * rays[1]).sum(axis=1), -1.0, 1.0)
     return float(np.mean(seen)), float(np.median(np.degrees(np.arccos(cosine))))
 
 
 def inverse_depth_span(view: View) -> tuple[float, float]:
-    """Return the range of the inverse depths of the points that a view sees."""
+    """Return the range of the inverse depths of a view's points."""
     depth = view.points @ view.pose[2, :3] + view.pose[2, 3]
     lowest, highest = np.quantile(1.0 / depth[depth > 0], (0.005, 0.995))
     return float(lowest), float(highest)
 
 
 def sweep_depth(views: Mapping[int, View], frame: int, nearest: float) -> SweptDepth | None:
-    """Find the inverse depth of a frame, with confidence and error; None where no other frame can tell.
+    """Estimate the inverse depth of a frame, with confidence and error; None without suitable neighbours.
 
-    `nearest` is the largest inverse depth that any frame knows: what is near is not seen for long.
+    `nearest` is the largest inverse depth in any frame: near points leave a frame soon.
     """
-    own = views[frame]
-    others = [(views[k].luma, warp_between(own, views[k])) for k in neighbours(views, frame)]
-    if not others:
+    view = views[frame]
+    compared = [(views[k].luma, warp_between(view, views[k])) for k in neighbours(views, frame)]
+    if not compared:
         return None
-    lowest, highest = inverse_depth_span(own)
+    lowest, highest = inverse_depth_span(view)
     span = lowest, max(highest, nearest)
-    hypotheses = [depth_hypotheses(span, warp, own.luma.shape, SWEEP) for _, warp in others]
+    hypotheses = [depth_hypotheses(span, warp, view.luma.shape, SWEEP) for _, warp in compared]
     finest = max(hypotheses, key=lambda each: each.num_hypotheses)
     finest = finest._replace(lowest=max(finest.lowest, 0.0))
-    parallax = max(parallax_px((lowest, highest), warp, own.luma.shape) for _, warp in others)
+    parallax = max(parallax_px((lowest, highest), warp, view.luma.shape) for _, warp in compared)
     error = ERROR_PX * (highest - lowest) / max(parallax, ERROR_PX)
-    return SweptDepth(*sweep_views(own.luma, others, finest, SWEEP), error)
+    return SweptDepth(*sweep_views(view.luma, compared, finest, SWEEP), error)
 
 
 def complete_depths(
     views: Mapping[int, View], swept: Mapping[int, SweptDepth]
 ) -> dict[int, NDArray[np.float32]]:
-    """Check and fuse depths, continue what is consistent; return distances (nan: not known, or far away)."""
-    known = {k: views[k] for k in swept}
-    beside = {k: others for k in swept if (others := neighbours(known, k))}
-    fused = {k: _fused(known, swept, k, others) for k, others in beside.items()}
-    found = {}
+    """Check, fuse and continue depths; return distances (nan: unknown, or far away)."""
+    usable = {k: views[k] for k in swept}
+    compared = {k: chosen for k in swept if (chosen := neighbours(usable, k))}
+    fused = {k: _fuse(usable, swept, k, chosen) for k, chosen in compared.items()}
+    completed = {}
     for frame, depth in fused.items():
-        other = beside[frame][0]
+        other = compared[frame][0]
         if other not in fused:
             continue
         warp = warp_between(views[frame], views[other])
-        completed = completed_depth(views[frame].luma, depth, fused[other], warp)
-        found[frame] = _distances(views[frame], completed.inverse_depth)
-    return found
+        result = completed_depth(views[frame].luma, depth, fused[other], warp)
+        completed[frame] = _distances(views[frame], result.inverse_depth)
+    return completed
 
 
-def _fused(
-    views: Mapping[int, View], swept: Mapping[int, SweptDepth], frame: int, others: Sequence[int]
+def _fuse(
+    views: Mapping[int, View], swept: Mapping[int, SweptDepth], frame: int, compared: Sequence[int]
 ) -> DepthMap:
-    """Check the depth of a frame against that of others, and fuse it with that of frames around it."""
-    own, view = swept[frame], views[frame]
+    """Check the depth of a frame against that of other frames, and fuse it with that of frames around it."""
+    depth, view = swept[frame], views[frame]
     maps = [
         checked_depth(
-            (own.inverse_depth, own.confidence), swept[k].inverse_depth, warp_between(view, views[k])
+            (depth.inverse_depth, depth.confidence), swept[k].inverse_depth, warp_between(view, views[k])
         )
-        for k in others
+        for k in compared
     ]
     consistent = np.logical_or.reduce([each.reliable for each in maps])
-    around = [drawn_candidate(swept[k], warp_between(views[k], view)) for k in _around(views, frame)]
-    depth, votes = fused_depth(own, around, consistent)
+    seeing = sorted(k for k in views if k != frame and _overlap(views[k], view)[0] >= MIN_OVERLAP)
+    before, after = [k for k in seeing if k < frame], [k for k in seeing if k > frame]
+    around = [*before[-FUSED_A_SIDE:], *after[:FUSED_A_SIDE]]
+    candidates = [drawn_candidate(swept[k], warp_between(views[k], view)) for k in around]
+    fused, votes = fused_depth(depth, candidates, consistent)
     reliable = consistent | (votes >= MIN_VOTES)
     visibility = np.where(reliable, np.int8(Visibility.CONSISTENT), maps[0].visibility)
-    return without_speckles(DepthMap(depth, visibility))
-
-
-def _around(views: Mapping[int, View], frame: int) -> list[int]:
-    """Choose the frames on both sides whose points a frame sees."""
-    seeing = sorted(k for k in views if k != frame and _overlap(views[k], views[frame])[0] >= MIN_OVERLAP)
-    before, after = [k for k in seeing if k < frame], [k for k in seeing if k > frame]
-    return [*before[-FUSED_A_SIDE:], *after[:FUSED_A_SIDE]]
+    return without_speckles(DepthMap(fused, visibility))
 
 
 def _distances(view: View, inverse: Floats) -> NDArray[np.float32]:
@@ -188,7 +192,7 @@ def _distances(view: View, inverse: Floats) -> NDArray[np.float32]:
 
 
 def drawn_candidate(other: SweptDepth, warp: Floats) -> Candidate:
-    """Draw what another frame is confident of into a frame, by the warp from that one to this one."""
+    """Draw the confident depth of another frame into a frame, by the warp from the former to the latter."""
     doubtful = ~other.confident
     cells = doubtful[:-1, :-1] | doubtful[:-1, 1:] | doubtful[1:, :-1] | doubtful[1:, 1:]
     nearest = np.full(doubtful.shape, EMPTY)
@@ -202,38 +206,38 @@ def drawn_candidate(other: SweptDepth, warp: Floats) -> Candidate:
 
 
 def fused_depth(
-    own: SweptDepth, others: Sequence[Candidate], consistent: Mask
+    depth: SweptDepth, candidates: Sequence[Candidate], consistent: Mask
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Fuse the depth of a frame with candidates; return inverse depth, and how many agree on it.
+    """Fuse the depth of a frame with candidates; return inverse depth and the number of agreeing votes.
 
-    Where the depth is consistent already it stays, but for the mean with what agrees with it; elsewhere what
-    most candidates agree on takes its place, if there are enough of them.
+    Consistent depth is only averaged with the candidates that agree; other depth is replaced by the value
+    that most candidates agree on, if they are enough.
     """
-    error = np.full(consistent.shape, own.error)
-    mine = Candidate(np.where(consistent | own.confident, own.inverse_depth, np.nan), error)
-    candidates = [mine, *others]
-    best, votes, doubt = _mean_of_agreeing(mine, candidates)
-    for each in others:
-        mean, number, variance = _mean_of_agreeing(each, candidates)
+    error = np.full(consistent.shape, depth.error)
+    first = Candidate(np.where(consistent | depth.confident, depth.inverse_depth, np.nan), error)
+    every = [first, *candidates]
+    best, votes, doubt = _mean_of_agreeing(first, every)
+    for each in candidates:
+        mean, number, variance = _mean_of_agreeing(each, every)
         better = ~consistent & ((number > votes) | ((number == votes) & (variance < doubt)))
         best, votes = np.where(better, mean, best), np.where(better, number, votes)
         doubt = np.where(better, variance, doubt)
     usable = consistent | (votes >= MIN_VOTES)
-    return np.where(usable, best, own.inverse_depth), votes
+    return np.where(usable, best, depth.inverse_depth), votes
 
 
 def _mean_of_agreeing(
-    about: Candidate, candidates: Sequence[Candidate]
+    centre: Candidate, candidates: Sequence[Candidate]
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
-    """Average what agrees with a candidate by expected error; return its number and variance, too."""
-    total, mean = np.zeros(about.error.shape), np.zeros(about.error.shape)
-    number = np.zeros(about.error.shape, np.int64)
+    """Average the candidates that agree with one of them; return mean, number and variance."""
+    total, mean = np.zeros(centre.error.shape), np.zeros(centre.error.shape)
+    number = np.zeros(centre.error.shape, np.int64)
     for each in candidates:
-        reach = TOLERANCE * np.maximum(about.error, each.error)
-        agrees = np.abs(each.inverse_depth - about.inverse_depth) <= reach  # nan: it does not
+        reach = TOLERANCE * np.maximum(centre.error, each.error)
+        agrees = np.abs(each.inverse_depth - centre.inverse_depth) <= reach  # False for nan
         weight = np.where(agrees, 1.0 / np.square(each.error), 0.0)
         total += weight
         mean += weight * np.where(agrees, each.inverse_depth, 0.0)
         number += agrees
-    known = np.where(number > 0, total, 1.0)
-    return mean / known, number, 1.0 / known
+    divisor = np.where(number > 0, total, 1.0)
+    return mean / divisor, number, 1.0 / divisor

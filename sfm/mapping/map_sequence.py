@@ -4,14 +4,14 @@ from collections.abc import Callable, Iterable, Iterator
 
 from dvc.config import MAPPERS
 from dvc.video import Frame, open_video
-from sfm.mapping.colmap_mapper import colmap_pieces
+from sfm.mapping.colmap_mapper import map_pieces_by_colmap
 from sfm.mapping.dense import dense_pieces
-from sfm.mapping.incremental_mapper import reconstruct_pieces
+from sfm.mapping.incremental_mapper import map_pieces
 from sfm.mapping.point_tracker import track_sequence
 from sfm.mapping.scene_map import SceneMap
 
 FrameSource = Callable[[], Iterable[Frame]]
-"""Gives all frames from the first to the last, whenever it is called: they are read again, not kept."""
+"""Function that reads all frames from the first to the last; it is called once for every pass."""
 
 
 def map_sequence(
@@ -20,7 +20,7 @@ def map_sequence(
     mapper: str = "native",
     report: Callable[[str], None] | None = None,
 ) -> SceneMap:
-    """Find the cameras of a sequence, the depth of its key frames and one cloud of points.
+    """Map a sequence: its cameras, the depth of its key frames and one cloud of points.
 
     Parameters
     ----------
@@ -34,23 +34,22 @@ def map_sequence(
     Returns
     -------
     SceneMap
-        Without pieces where the frames show no scene that can be reconstructed; never an exception for what
-        they show.
+        Without pieces if the frames show no scene that can be reconstructed; their content never raises.
 
     Raises
     ------
     ValueError
-        If there is no such mapper, or the frames differ in size.
+        If the mapper is unknown, or the frames differ in size.
     """
     if mapper not in MAPPERS:
         raise ValueError(f"`mapper` must be one of {', '.join(MAPPERS)}, got {mapper!r}")
-    tell = report or (lambda _: None)
-    tell("tracking points")
-    seen = track_sequence(frames())
-    native = mapper == "native"
-    structures = reconstruct_pieces(seen, tell) if native else colmap_pieces(frames, seen, tell)
-    pieces = dense_pieces(frames(), seen, structures, tell)
-    return SceneMap(seen.width_px, seen.height_px, len(seen.seen), pieces)
+    log = report or (lambda _: None)
+    log("tracking points")
+    tracks = track_sequence(frames())
+    is_native = mapper == "native"
+    structures = map_pieces(tracks, log) if is_native else map_pieces_by_colmap(frames, tracks, log)
+    pieces = dense_pieces(frames(), tracks, structures, log)
+    return SceneMap(tracks.width_px, tracks.height_px, len(tracks.seen), pieces)
 
 
 def map_video(path: str, *, mapper: str = "native", report: Callable[[str], None] | None = None) -> SceneMap:

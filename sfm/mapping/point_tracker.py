@@ -1,7 +1,7 @@
-"""Points followed through a sequence by pyramidal KLT, from key frames that are chosen by motion.
+"""Points tracked through a sequence by pyramidal KLT, from key frames chosen by motion.
 
 Between two key frames every frame is compared with the first of them, so that errors do not add up from frame
-to frame; at a key frame lost points are replaced by new ones.
+to frame; at a key frame new points replace lost ones.
 """
 
 from collections.abc import Iterable
@@ -18,53 +18,53 @@ Luma = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 MAX_POINTS = 900
-"""Points that are followed at a time: more of them no longer change the cameras."""
+"""Largest number of points tracked at a time: more points no longer change the cameras."""
 MIN_POINTS = 40
-"""With fewer points a key frame is made at once, and points are detected anew."""
+"""Least number of points; with fewer the next frame is a key frame, and points are detected again."""
 KEY_MOTION = 0.025
 """Median motion from one key frame to the next, as a share of the longer side of the frame."""
 KEY_SURVIVORS = 0.7
-"""A key frame is made as well where fewer of the last one's points are left."""
+"""Least share of the points of the last key frame; with fewer the next frame is a key frame."""
 MAX_BACK_PX = 0.5
-"""Distance of a point that is followed there and back from where it was; a larger one is a wrong point."""
+"""Largest distance of a correct point, tracked there and back, from its start."""
 MAX_LEVELS = 22.0
-"""Mean difference of a point's window, in luma levels, beyond which something else is seen there."""
+"""Largest mean difference of a correct point's window, in luma levels."""
 QUALITY = 0.004
 """Least corner strength, relative to that of the strongest corner."""
 WINDOW = 0.02
-"""Half the side of the windows that are compared, as a share of the longer side of the frame."""
+"""Half the side of the compared windows, as a share of the longer side of the frame."""
 FINE_WINDOW = 0.011
-"""The same of the windows that place points at last: large ones are biased where the scale changes."""
+"""The same for the windows of the final positions: large windows are biased when the scale changes."""
 MAX_EPIPOLAR_PX = 1.5
-"""Distance from the epipolar line beyond which a point did not move with the scene."""
+"""Largest distance from the epipolar line of a point that moves with the scene."""
 MIN_SIDE_PX = 11
-"""Shorter sides have no room for the windows that place corners."""
+"""Shortest side with room for the windows of corners."""
 LEVELS = 4
-"""Levels of the pyramid, of factor 2, from one frame to the next."""
+"""Number of levels of the pyramid, of factor 2, from one frame to the next."""
 
 
-class SeenPoints(NamedTuple):
-    """What one frame sees."""
+class VisiblePoints(NamedTuple):
+    """Points in one frame."""
 
-    ids: Indices  # numbers of the points, each once
+    ids: Indices  # point indices, each once
     positions: Floats  # (x, y) in pixels
 
 
 @dataclass(frozen=True, eq=False)
 class SequenceTracks:
-    """Points of a whole sequence."""
+    """Tracks of a whole sequence."""
 
     width_px: int  # size of the frames
     height_px: int
-    seen: tuple[SeenPoints, ...]  # of every frame
-    key_frames: tuple[int, ...]  # frames that points were detected in, in order, and the last frame
-    num_points: int  # how many points there are
+    seen: tuple[VisiblePoints, ...]  # points in every frame
+    key_frames: tuple[int, ...]  # frames in which points were detected, in order, and the last frame
+    num_points: int
 
 
 def track_sequence(frames: Iterable[Frame]) -> SequenceTracks:
-    """Follow points through all frames."""
+    """Track points through all frames."""
     tracker: _Tracker | None = None
-    seen: list[SeenPoints] = []
+    seen: list[VisiblePoints] = []
     keys: list[int] = []
     for index, frame in enumerate(frames):
         if tracker is None:
@@ -87,7 +87,7 @@ def track_sequence(frames: Iterable[Frame]) -> SequenceTracks:
 
 
 class _Tracker:
-    """Points of the last key frame, and where they are in the present one."""
+    """Points of the last key frame and their positions in the current frame."""
 
     def __init__(self, luma: Luma) -> None:
         self.shape = luma.shape
@@ -97,20 +97,20 @@ class _Tracker:
         self.make_key_frame(luma)
 
     @property
-    def seen(self) -> SeenPoints:
-        """What the present frame sees."""
-        return SeenPoints(self._ids, self.positions.astype(np.float64))
+    def seen(self) -> VisiblePoints:
+        """Points in the current frame."""
+        return VisiblePoints(self._ids, self.positions.astype(np.float64))
 
     @property
     def needs_key_frame(self) -> bool:
-        """Whether the points have moved too far, or too many of them are lost."""
+        """Whether the points have moved too far, or too many are lost."""
         if len(self._ids) < max(MIN_POINTS, KEY_SURVIVORS * self._num_at_key):
             return True
         motion = np.hypot(*(self.positions - self._key_positions).T)
         return bool(np.median(motion) > KEY_MOTION * max(self.shape))
 
     def make_key_frame(self, luma: Luma) -> None:
-        """Detect points between those that are known; compare with this frame from now on."""
+        """Detect additional points, and compare later frames with this one."""
         new = _new_corners(luma, self.positions)
         self._ids = np.concatenate([self._ids, self.num_points + np.arange(len(new))])
         self.num_points += len(new)
@@ -120,23 +120,23 @@ class _Tracker:
         self._num_at_key = len(self._ids)
 
     def follow(self, luma: Luma) -> None:
-        """Find the points in the next frame, and drop those that are lost."""
+        """Track the points into the next frame, and drop lost points."""
         if len(self._ids):
             guess, _ = _flow(self._last, luma, self.positions, self.positions, levels=LEVELS)
-            found, good = _flow(self._key, luma, self._key_positions, guess)
-            found, good_fine = _flow(self._key, luma, self._key_positions, found, FINE_WINDOW)
-            back, good_back = _flow(luma, self._key, found, self._key_positions, FINE_WINDOW)
+            moved, good = _flow(self._key, luma, self._key_positions, guess)
+            moved, good_fine = _flow(self._key, luma, self._key_positions, moved, FINE_WINDOW)
+            back, good_back = _flow(luma, self._key, moved, self._key_positions, FINE_WINDOW)
             good &= good_fine & good_back & (np.hypot(*(back - self._key_positions).T) <= MAX_BACK_PX)
             size = np.array([self.shape[1], self.shape[0]])
-            good &= _rigid(self._key_positions, found, good)
-            good &= ((found >= 0) & (found <= size - 1)).all(axis=1)
+            good &= _rigid(self._key_positions, moved, good)
+            good &= ((moved >= 0) & (moved <= size - 1)).all(axis=1)
             self._ids, self._key_positions = self._ids[good], self._key_positions[good]
-            self.positions = found[good]
+            self.positions = moved[good]
         self._last = luma
 
 
 def window_radius_px(shape: tuple[int, ...], window: float = WINDOW) -> int:
-    """Return half the side of the windows that are compared."""
+    """Return half the side of the compared windows."""
     return max(3, round(window * max(shape)))
 
 
@@ -148,11 +148,11 @@ def _flow(
     window: float = WINDOW,
     levels: int = 1,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Follow points from one frame to another, from a guess."""
+    """Track points from one frame to another, from a guess."""
     import cv2
 
     side = 2 * window_radius_px(source.shape, window) + 1
-    found, status, error = cv2.calcOpticalFlowPyrLK(
+    moved, status, error = cv2.calcOpticalFlowPyrLK(
         source,
         target,
         points.reshape(-1, 1, 2),
@@ -163,14 +163,14 @@ def _flow(
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     good = (status.ravel() == 1) & (error.ravel() <= MAX_LEVELS)
-    found = np.asarray(found, np.float32).reshape(-1, 2)
-    return found, good & np.isfinite(found).all(axis=1)
+    moved = np.asarray(moved, np.float32).reshape(-1, 2)
+    return moved, good & np.isfinite(moved).all(axis=1)
 
 
 def _rigid(
     first: NDArray[np.float32], second: NDArray[np.float32], good: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Tell which points agree with the epipolar geometry that most of them have."""
+    """Return a mask of points that agree with the epipolar geometry of the majority."""
     import cv2
 
     if np.count_nonzero(good) < MIN_POINTS:
@@ -185,16 +185,16 @@ def _rigid(
     return agreeing
 
 
-def _new_corners(luma: Luma, known: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Detect corners away from known points."""
+def _new_corners(luma: Luma, tracked: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Detect corners away from tracked points."""
     import cv2
 
-    count = MAX_POINTS - len(known)
+    count = MAX_POINTS - len(tracked)
     if count <= 0 or min(luma.shape) < MIN_SIDE_PX:
         return np.empty((0, 2), np.float32)
     distance = max(5, round(max(luma.shape) / 75))
     free = np.full(luma.shape, 255, np.uint8)
-    for x, y in np.rint(known).astype(int):
+    for x, y in np.rint(tracked).astype(int):
         cv2.circle(free, (int(x), int(y)), distance, 0, -1)
     border = window_radius_px(luma.shape)
     free[:border] = free[-border:] = 0
@@ -205,5 +205,5 @@ def _new_corners(luma: Luma, known: NDArray[np.float32]) -> NDArray[np.float32]:
     window = cv2.cornerSubPix(
         luma, corners.astype(np.float32), (3, 3), (-1, -1), (cv2.TERM_CRITERIA_COUNT, 10, 0.01)
     )
-    moved = np.abs(window - corners).max(axis=-1, keepdims=True) > 2
-    return np.asarray(np.where(moved, corners, window), np.float32).reshape(-1, 2)
+    drifted = np.abs(window - corners).max(axis=-1, keepdims=True) > 2
+    return np.asarray(np.where(drifted, corners, window), np.float32).reshape(-1, 2)

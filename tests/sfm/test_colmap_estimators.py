@@ -34,7 +34,7 @@ def test_calibrated_pair() -> None:
     assert not pair.reason
     assert np.median(symmetric_distances(pair.fundamental, exact.first, exact.second)) < 0.1
     assert abs(np.linalg.norm(pair.camera) - np.sqrt(3)) < 1e-12
-    assert pair.kept.mean() > 0.98
+    assert pair.inliers.mean() > 0.98
 
 
 def test_the_seed_decides() -> None:

@@ -6,17 +6,20 @@ import zlib
 import cv2
 import numpy as np
 import pytest
-from sfm.output.flight import contents
 
+from sfm.mapping.scene_map import MapPiece
+from sfm.output import flight_page
 from sfm.output.flight_page import (
     Shares,
+    Thinned,
     cloud_values,
     nearness,
+    overview,
     piece_values,
     scaled_intrinsics,
     shown_size,
 )
-from tests.sfm.plane_map import frames_of, intrinsics_of, piece_of
+from tests.sfm.plane_map import WALL, frames_of, intrinsics_of, piece_of, pose_at
 
 SIZE = (47, 33)
 
@@ -83,7 +86,7 @@ def test_pieces_are_told_with_all_their_cameras() -> None:
 
 def test_long_sequences_have_fewer_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Both kinds stay within their sizes, evenly spaced; all cameras remain."""
-    monkeypatch.setattr(contents, "MAX_SOURCES", 4)
+    monkeypatch.setattr(flight_page, "MAX_SOURCES", 4)
     piece = piece_of(range(20), *SIZE)
     values = piece_values(piece, frames_of(*SIZE), SIZE, Shares(10**7, 4000, 100))
     assert len(values["frames"]) == 20
@@ -91,16 +94,71 @@ def test_long_sequences_have_fewer_pictures(monkeypatch: pytest.MonkeyPatch) -> 
     sizes = [len(picture["picture"]) for picture in values["pictures"]]
     assert 1 < len(sizes) < 20
     assert sum(sizes) <= 4000
-    assert Shares.of(2).num_points == contents.MAX_POINTS // 2
+    assert Shares.of(2).num_points == flight_page.MAX_POINTS // 2
 
 
 def test_large_depth_maps_are_made_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures, depth and cameras have one size."""
-    monkeypatch.setattr(contents, "MAX_SIDE_PX", 24)
-    monkeypatch.setattr(contents.shown_size, "__defaults__", (24,))
+    monkeypatch.setattr(flight_page, "MAX_SIDE_PX", 24)
+    monkeypatch.setattr(flight_page.shown_size, "__defaults__", (24,))
     values = piece_values(piece_of(range(2), *SIZE), frames_of(*SIZE), SIZE, Shares.of(1))
     (part,) = values["sources"][0]["pieces"]
     assert (part["width"], part["height"]) == (24, 17)
     picture = np.frombuffer(base64.b64decode(part["picture"]), np.uint8)
     assert cv2.imdecode(picture, cv2.IMREAD_COLOR).shape == (17, 24, 3)
     assert values["intrinsic"][0] == pytest.approx(intrinsics_of(*SIZE)[0, 0] * 24 / 47)
+
+
+def test_directions_are_those_of_the_cameras() -> None:
+    """Up is against the rows; within the radius are nearly all points and all cameras."""
+    piece = piece_of(range(6), 47, 33)
+    found = overview(piece)
+    assert np.dot(found["up"], [0.0, -1.0, 0.0]) > 0.95
+    assert np.dot(found["ahead"], [0.0, 0.0, 1.0]) > 0.95
+    assert np.linalg.norm(found["up"]) == pytest.approx(1.0)
+    away = np.linalg.norm(piece.points - found["middle"], axis=1)
+    assert (away <= found["radius"]).mean() >= 0.75
+    assert all(
+        np.linalg.norm(-pose[:, :3].T @ pose[:, 3] - found["middle"]) <= found["radius"]
+        for pose in piece.poses.values()
+    )
+    assert 0.5 * WALL < found["depth"] < 1.1 * WALL
+
+
+def test_a_camera_alone_has_an_overview() -> None:
+    """Without points it looks ahead, and odd points do no harm."""
+    alone = MapPiece(intrinsics_of(8, 8), {3: pose_at(3)}, np.empty((0, 3)), np.empty((0, 3), np.uint8), {})
+    found = overview(alone)
+    assert found["radius"] > 0.0
+    assert np.isfinite(found["middle"]).all()
+    odd = MapPiece(
+        intrinsics_of(8, 8), {3: pose_at(3)}, np.full((2, 3), np.nan), np.zeros((2, 3), np.uint8), {}
+    )
+    assert overview(odd) == found
+
+
+def test_all_items_are_kept_while_there_is_room() -> None:
+    """Nothing is left out below both limits."""
+    kept = Thinned[int](100, 10, lambda item: 1)
+    for number in range(10):
+        kept.offer(lambda number=number: number)  # type: ignore[misc]
+    assert kept.items == list(range(10))
+
+
+def test_what_is_left_is_evenly_spaced_and_within_the_limits() -> None:
+    """Items that will not be kept are not made; the first one stays in any case."""
+    made = []
+
+    def make(number: int) -> int:
+        made.append(number)
+        return number
+
+    kept = Thinned[int](70, 100, lambda item: 10)
+    for number in range(40):
+        kept.offer(lambda number=number: make(number))  # type: ignore[misc]
+    assert kept.items == list(range(0, 40, 8))
+    assert len(made) < 20
+    few = Thinned[int](1, 3, lambda item: 10)
+    for number in range(9):
+        few.offer(lambda number=number: number)  # type: ignore[misc]
+    assert few.items == [0]
