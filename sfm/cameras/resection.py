@@ -246,7 +246,7 @@ def image_distances(problem: ResectionProblem, camera: Floats) -> Floats:
 
 
 def robust_weights(problem: ResectionProblem, distances: Floats, redescending: bool) -> tuple[Floats, float]:
-    """Return weights of observed points by robust distances, of virtual points by uncertainty, and the noise."""
+    """Return robust weights of observed points, weights of virtual points by uncertainty, and the noise."""
     real = distances[: problem.num_real]
     free = max(1.0, 2.0 * problem.num_real - NUM_PARAMETERS) / (2.0 * problem.num_real)
     noise = max(problem.min_noise, float(np.median(real)) / (MEDIAN_OF_RAYLEIGH * math.sqrt(free)))

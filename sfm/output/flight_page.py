@@ -174,14 +174,6 @@ def _picture_size(picture: dict[str, Any]) -> int:
     return len(picture["picture"])
 
 
-def _source_size(source: dict[str, Any]) -> int:
-    return sum(len(part["codes"]) + len(part["picture"]) for part in source["pieces"])
-
-
-def _picture_size(picture: dict[str, Any]) -> int:
-    return len(picture["picture"])
-
-
 def _rounded(values: list[float]) -> list[float]:
     return [float(f"{value:.9g}") for value in values]
 
