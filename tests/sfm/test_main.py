@@ -41,10 +41,12 @@ def test_a_model_is_written(
     assert {path.name for path in (tmp_path / "m").iterdir()} == {
         "cameras.txt",
         "correspondences.png",
+        "frames.txt",
         "images.txt",
         "model.json",
         "points.ply",
         "points3D.txt",
+        "rigs.txt",
     }
     values = json.loads((tmp_path / "m" / "model.json").read_text())
     assert values["success"]
