@@ -109,8 +109,7 @@ def estimate_geometry(
 ) -> GroupGeometry:
     """Find the cameras of a group of pictures."""
     from decoder.tracking import match_points
-    from sfm.cameras.camera_path import regular_cameras
-    from sfm.cameras.camera_path import tracked_points
+    from sfm.cameras.camera_path import regular_cameras, tracked_points
 
     tracks = points
     if isinstance(tracks, FeaturePoints):

@@ -11,7 +11,7 @@ import numpy as np
 from dvc.errors import ConfigError
 from dvc.files import atomic_folder
 from dvc.video import Frame, open_video
-from dvc.video.lookup import FrameLookup
+from dvc.video.readers import FrameLookup
 from sfm.mapping.scene_map import MapPiece, SceneMap
 
 MAX_SPARSE_POINTS = 100_000
