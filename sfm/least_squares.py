@@ -17,16 +17,18 @@ State = TypeVar("State")
 
 
 class LeastSquares(Protocol[State]):
-    """A sum of squares to be minimised over states of any type."""
+    """A sum of squares to be minimised over states of any type.
+
+    Notes
+    -----
+    Weights of the squares may change in `linearize`.
+    """
 
     def cost(self, state: State) -> float:
         """Return the sum, which is not negative; nan if it is undefined."""
 
     def linearize(self, state: State, iteration: int) -> tuple[float, Callable[[float], State]]:
-        """Return the cost at a state, and a function from a damping to the state after a damped step.
-
-        Weights may change here; `iteration` counts the steps from 0.
-        """
+        """Return the cost at a state in a step, counted from 0, and a function from a damping to the next state."""
 
     def converged(self, before: State, after: State, decrease: float, cost: float) -> bool:
         """Return whether the step from one state to another, which decreased the cost, is the last."""

@@ -15,7 +15,7 @@ from sfm.scene_model import Model
 Floats = NDArray[np.float64]
 
 NUM_SWEEPS = 12
-"""Largest number of passes in which every camera is estimated again with constant neighbours."""
+"""Largest number of passes; each estimates every camera again with constant neighbours."""
 CONVERGED_PX = 0.01
 """Motion of the scene's points in the image, root mean square, below which the passes end."""
 JERK_PX = 1.0

@@ -40,7 +40,7 @@ MARGIN = 1.0
 class Rebased(NamedTuple):
     """A model in another basis."""
 
-    model: Model  # of the two views; its correspondences are projections of the scene's points
+    model: Model  # two-view model; its correspondences are projections of the scene's points
     from_basis: Floats  # a camera of the old basis times this matrix is the same camera in the new basis
 
     def camera(self, camera: Floats) -> Floats | None:

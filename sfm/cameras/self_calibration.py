@@ -216,7 +216,7 @@ def _apply(
     kept, depths = same_side.copy(), np.ones(len(same_side))
     kept[np.flatnonzero(same_side)[~solution.kept]] = False
     depths[kept] = np.clip(1.0 / inverse[solution.kept], 1.0, ratio)
-    # P is only defined up to scale: the unit of depth scales t alone, the norm scales all of P.
+    # P is only defined up to scale: the unit of depth scales only t, the norm scales all of P.
     found = np.column_stack([camera[:, :3] - np.outer(t, solution.a), solution.q * t])
     found *= math.sqrt(3.0 / float((found * found).sum()))
     return SelfCalibration(found, depths, kept, ratio, "")

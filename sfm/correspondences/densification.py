@@ -54,7 +54,7 @@ class PropagationSettings:
     canny_low: float = 6.0  # thresholds of the edge detector on Sobel gradients, 4 to a luma level per pixel
     canny_high: float = 18.0
     reach_px: int = 4  # edge points this near a correspondence are tried
-    num_tries: int = 2  # number of neighbours from which an edge point may be tried
+    num_tries: int = 2  # number of attempts at an edge point, from different neighbours
     min_sine: float = 0.3  # least sine of the angle between edge and epipolar line
     min_epipole_distance_px: float = 12.0  # edge points nearer to the epipole are left out
 
@@ -80,7 +80,7 @@ def densify(
     if len(free0) == 0 or len(free1) == 0:
         return correspondences
     i, j = _expected_pairs(free0, free1, correspondences, settings)
-    # The test below allows a point this distance from its line, and refinement moves it at most so far.
+    # Distance from its line that the test below allows a point, and the longest move of the refinement.
     reach = math.sqrt(2.0) * settings.epipolar_px + settings.refinement.max_shift_px
     within = distances_in_second(search.fundamental, free0[i], free1[j]) <= reach
     i, j = i[within], j[within]

@@ -32,10 +32,10 @@ class SearchSettings:
     radius_px: int = 3  # half size of the neighbourhoods compared
     search_px: float = 2.0  # half range of the full search on the epipolar line
     step_px: float = 0.5
-    tolerance_px: float = 0.02  # of the golden-section search
+    tolerance_px: float = 0.02  # precision of the golden-section search
     min_error: float = 8.0  # mean squared error due to noise and sampling, squared luma levels
     error_share: float = 0.06  # largest additional error, as a share of the neighbourhood's variance
-    # distance from an edge of the two neighbourhoods that show on which side its surface lies
+    # distance of the two neighbourhoods that show an edge's surface from the edge
     side_distance_px: float = 5.0
     side_radius_px: int = 2  # half size of these neighbourhoods
     side_search_px: float = 6.0  # half range of the search for a motion of their own
@@ -75,7 +75,7 @@ class KeyPair(NamedTuple):
 class Line(NamedTuple):
     """An epipolar line in the second key frame, and the map of neighbourhoods between the frames."""
 
-    foot: Floats  # of the perpendicular from the expected position
+    foot: Floats  # foot of the perpendicular from the expected position
     direction: Floats
     affine: Floats
 

@@ -35,7 +35,7 @@ def mse(error: Floats, limit: Floats | float) -> Mask:
 
 
 def unicity(i: Indices, j: Indices, error: Floats, limit: Floats | float) -> Mask:
-    """Keep the best pairs in which no point occurs twice, by the Hungarian algorithm."""
+    """Keep the best pairs without repeated points, by the Hungarian algorithm."""
     from scipy.optimize import linear_sum_assignment
 
     rows, row = np.unique(i, return_inverse=True)

@@ -18,7 +18,7 @@ SPLINE_POLE = math.sqrt(3.0) - 2.0
 POLE_HORIZON = 40
 """Number of powers of the pole that can change a double."""
 MARGIN = 2
-"""Number of coefficients around the image on which samples within it depend."""
+"""Number of coefficients around the image that influence samples within it."""
 _SIXTH = 1.0 / 6.0
 
 

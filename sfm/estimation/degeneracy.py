@@ -79,7 +79,7 @@ def classify_motion(
 
 
 def _spread(points: Floats) -> float:
-    """Return the standard deviation of points (N, 2) across the direction in which they spread most."""
+    """Return the standard deviation of points (N, 2) across their direction of largest spread."""
     offset = points - points.mean(axis=0)
     return float(right_singular(offset)[0][1]) / math.sqrt(len(points))
 
@@ -99,7 +99,7 @@ def _compare(
     to_lines = calibration.residuals_px[calibration.inliers]
     noise_px = max(settings.min_noise_px, noise_scale(to_lines, 7))
     difference = gric(result.residuals_px**2, noise_px, 2, 8) - gric(to_lines**2, noise_px, 3, 7)
-    # Noise of both points adds up to sqrt(2) sigma between a point and where the homography puts it.
+    # Noise of both points adds up to sqrt(2) sigma between a point and its image by the homography.
     parallax = math.sqrt(2.0) * result.residuals_px
     least = max(settings.min_parallax_px, 3.0 * math.sqrt(2.0) * noise_px)
     share = float((parallax > least).mean())

@@ -12,7 +12,7 @@ Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 SMALL_DATA = 64
-"""Number of data up to which random keys are sorted to draw samples: repeated data would be too frequent."""
+"""Largest number of data for sampling by sorted random keys, which avoids frequent repetitions."""
 
 
 class Estimator(Protocol):
@@ -43,8 +43,8 @@ class Estimator(Protocol):
 class RobustSettings:
     """Length of the random search, and definition of an outlier."""
 
-    threshold_px: float = 1.0  # residual from which a datum is an outlier
-    confidence: float = 0.9999  # probability of a sample without outliers at which the search stops
+    threshold_px: float = 1.0  # least residual of an outlier
+    confidence: float = 0.9999  # probability of a sample without outliers that ends the search
     min_num_trials: int = 200  # bounds on the number of samples
     max_num_trials: int = 4000
     batch: int = 200  # number of samples estimated at once

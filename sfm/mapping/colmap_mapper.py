@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 MAX_FRAMES = 120
 """Largest number of frames that COLMAP maps."""
 MAX_EXHAUSTIVE = 30
-"""Largest number of frames of which all pairs are matched; of more frames only near ones are."""
+"""Largest number of frames with exhaustive matching; more frames are matched with near ones only."""
 OVERLAP = 12
 """Number of following frames that each frame is matched with."""
 INITIAL_ANGLES_DEG = (16.0, 4.0, 1.5)

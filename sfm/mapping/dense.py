@@ -112,7 +112,7 @@ def _piece(
 
 
 def reduction(width_px: int, height_px: int) -> int:
-    """Return the factor by which frames are reduced before their depth is estimated."""
+    """Return the reduction factor of frames before the estimation of their depth."""
     return max(1, int(np.ceil(np.sqrt(width_px * height_px / MAX_PIXELS))))
 
 

@@ -43,7 +43,7 @@ MIN_KEYS = 3
 FOCAL_LENGTHS = (0.7, 1.0, 1.4, 2.0)
 """Initial focal lengths, in units of the longer side of the frame."""
 USUAL_FOCAL_LENGTH = 1.2
-"""Focal length with which the initial pair is chosen."""
+"""Focal length for the choice of the initial pair."""
 FOCAL_RANGE = (0.35, 5.0)
 """Focal lengths of real lenses, in the same units."""
 MIN_COMMON = 60
@@ -54,7 +54,7 @@ LEAST_ANGLE_DEG = 1.5
 """Least median angle of a pair; below it the camera turned or stood still."""
 MAX_EPIPOLAR_PX = 1.5
 MAX_FOCAL_ERROR_PX = 4.0
-"""Reprojection error at which points stop to influence the choice of a focal length."""
+"""Largest reprojection error that influences the choice of a focal length."""
 
 
 def map_pieces(tracks: SequenceTracks, report: Callable[[str], None]) -> list[Structure]:

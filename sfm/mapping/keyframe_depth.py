@@ -53,7 +53,7 @@ MIN_VOTES = 2
 
 
 class View(NamedTuple):
-    """A frame, at the size at which its depth is estimated."""
+    """A frame, in the size of its depth map."""
 
     luma: Luma
     K: Floats

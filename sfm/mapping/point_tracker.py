@@ -57,7 +57,7 @@ class SequenceTracks:
     width_px: int  # size of the frames
     height_px: int
     seen: tuple[VisiblePoints, ...]  # points in every frame
-    key_frames: tuple[int, ...]  # frames in which points were detected, in order, and the last frame
+    key_frames: tuple[int, ...]  # frames with newly detected points, in order, and the last frame
     num_points: int
 
 

@@ -27,7 +27,7 @@ NUM_STEPS = 4
 """Number of Gauss-Newton steps after the linear solution."""
 MIN_DEPTH = 1e-9
 LOSS_PX = 0.3
-"""Error from which the robust loss is linear: about the error of a good track."""
+"""Error above which the robust loss is linear: about the error of a good track."""
 MAX_STEPS = 50
 MIN_INLIERS = 20
 """Least number of points that agree with a pose."""
