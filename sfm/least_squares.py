@@ -28,7 +28,7 @@ class LeastSquares(Protocol[State]):
         """Return the sum, which is not negative; nan if it is undefined."""
 
     def linearize(self, state: State, iteration: int) -> tuple[float, Callable[[float], State]]:
-        """Return the cost at a state in a step, counted from 0, and a function from a damping to the next state."""
+        """Return the cost at a state, and a function from a damping to the next state; steps count from 0."""
 
     def converged(self, before: State, after: State, decrease: float, cost: float) -> bool:
         """Return whether the step from one state to another, which decreased the cost, is the last."""
