@@ -28,7 +28,7 @@ from dvc.geometry.colmap import quiet
 from dvc.metrics import psnr_db
 from dvc.video import Frame, create_video, open_video
 from sfm.mapping.colmap_mapper import model_poses, run_colmap
-from sfm.mapping.evaluation import TrajectoryError, render_view, trajectory_error
+from sfm.mapping.map_evaluation import TrajectoryError, render_view, trajectory_error
 from sfm.mapping.map_sequence import map_sequence
 from sfm.mapping.scene_map import MapPiece, SceneMap
 

@@ -17,18 +17,28 @@ State = TypeVar("State")
 
 
 class LeastSquares(Protocol[State]):
-    """A sum of squares to be minimised over states of any type.
-
-    Notes
-    -----
-    Weights of the squares may change in `linearize`.
-    """
+    """A sum of squares to be minimised over states of any type."""
 
     def cost(self, state: State) -> float:
         """Return the sum, which is not negative; nan if it is undefined."""
 
     def linearize(self, state: State, iteration: int) -> tuple[float, Callable[[float], State]]:
-        """Return the cost at a state, and a function from a damping to the next state; steps count from 0."""
+        """Linearise the squares around a state; weights may change here.
+
+        Parameters
+        ----------
+        state : State
+            Start of a step.
+        iteration : int
+            Number of earlier steps.
+
+        Returns
+        -------
+        cost : float
+            Sum at the state.
+        stepped : callable
+            Function from a damping to the state after the step.
+        """
 
     def converged(self, before: State, after: State, decrease: float, cost: float) -> bool:
         """Return whether the step from one state to another, which decreased the cost, is the last."""

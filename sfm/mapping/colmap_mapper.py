@@ -12,7 +12,7 @@ from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 from dvc.geometry.colmap import quiet
 from dvc.video import Frame
 from sfm.mapping.incremental_mapper import MIN_KEYS, register_frames
-from sfm.mapping.point_tracker import SequenceTracks
+from sfm.mapping.sequence_tracks import SequenceTracks
 from sfm.mapping.structure import SEED, Structure, observations, triangulate
 
 Floats = NDArray[np.float64]

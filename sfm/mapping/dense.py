@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from dvc.video import Frame
 from dvc.video.pixels import rgb_from_frame
 from sfm.mapping.keyframe_depth import View, complete_depths, inverse_depth_span, sweep_depth
-from sfm.mapping.point_tracker import SequenceTracks
 from sfm.mapping.scene_map import MapPiece
+from sfm.mapping.sequence_tracks import SequenceTracks
 from sfm.mapping.structure import Structure
 
 Floats = NDArray[np.float64]

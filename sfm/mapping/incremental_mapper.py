@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 from sfm.colmap_estimators import pinhole_camera, relative_pose
-from sfm.mapping.point_tracker import SequenceTracks
+from sfm.mapping.sequence_tracks import SequenceTracks
 from sfm.mapping.structure import (
     MAX_ERROR_PX,
     SEED,

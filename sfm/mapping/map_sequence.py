@@ -7,8 +7,8 @@ from dvc.video import Frame, open_video
 from sfm.mapping.colmap_mapper import map_pieces_by_colmap
 from sfm.mapping.dense import dense_pieces
 from sfm.mapping.incremental_mapper import map_pieces
-from sfm.mapping.point_tracker import track_sequence
 from sfm.mapping.scene_map import SceneMap
+from sfm.mapping.sequence_tracks import track_sequence
 
 FrameSource = Callable[[], Iterable[Frame]]
 """Function that reads all frames from the first to the last; it is called once for every pass."""

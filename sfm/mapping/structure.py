@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 from sfm.colmap_estimators import pinhole_camera
-from sfm.mapping.point_tracker import VisiblePoints
+from sfm.mapping.sequence_tracks import VisiblePoints
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.mapping.point_tracker import SequenceTracks, VisiblePoints
+from sfm.mapping.sequence_tracks import SequenceTracks, VisiblePoints
 
 Floats = NDArray[np.float64]
 

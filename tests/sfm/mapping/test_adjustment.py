@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sfm.mapping.evaluation import trajectory_error
+from sfm.mapping.map_evaluation import trajectory_error
 from sfm.mapping.structure import (
     Observations,
     Structure,

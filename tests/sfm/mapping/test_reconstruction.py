@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sfm.mapping.evaluation import trajectory_error
 from sfm.mapping.incremental_mapper import map_pieces
-from sfm.mapping.point_tracker import SequenceTracks, VisiblePoints
+from sfm.mapping.map_evaluation import trajectory_error
+from sfm.mapping.sequence_tracks import SequenceTracks, VisiblePoints
 from tests.sfm.mapping.moving_camera import FOCAL, HEIGHT, WIDTH, pose_of, scene, tracks_of
 
 

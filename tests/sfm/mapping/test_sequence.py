@@ -8,7 +8,7 @@ import pytest
 
 from dvc.geometry.cameras import PixelFrame
 from dvc.video import Frame, create_video
-from sfm.mapping.evaluation import render_view, trajectory_error
+from sfm.mapping.map_evaluation import render_view, trajectory_error
 from sfm.mapping.map_sequence import map_sequence, map_video
 from sfm.mapping.scene_map import SceneMap
 from tests.scenes_3d import camera_at, render
