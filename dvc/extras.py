@@ -1,4 +1,4 @@
-"""What commands need beyond what a camera does: extras of the package, and the line that they are missing."""
+"""Extras of the package: the packages that each command requires besides those of a camera."""
 
 from importlib.util import find_spec
 
@@ -12,13 +12,13 @@ EXTRAS = {
 """Modules by extra, as `pyproject.toml` has their packages."""
 
 
+def missing_packages(extra: str) -> list[str]:
+    """List the modules of an extra that are not installed."""
+    return [name for name in EXTRAS[extra] if find_spec(name) is None]
+
+
 def check_extra(extra: str) -> None:
-    """Refuse to go on where modules of an extra are missing."""
-    missing = [name for name in EXTRAS[extra] if find_spec(name) is None]
+    """Refuse to run a command if packages of its extra are missing."""
+    missing = missing_packages(extra)
     if missing:
         raise DvcError(f"needs {', '.join(missing)}: pip install 'dvc3d[{extra}]'")
-
-
-def of_an_extra(module: str | None) -> bool:
-    """Tell whether a module comes with an extra alone."""
-    return module is not None and any(module.split(".")[0] in modules for modules in EXTRAS.values())
