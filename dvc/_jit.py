@@ -53,9 +53,7 @@ def _compiled(function: Function, **options: Any) -> Function:
     locators = _CONFIG.CACHE_LOCATOR_CLASSES
     _CONFIG.CACHE_LOCATOR_CLASSES = f"{__name__}.KernelCache"
     try:
-        decorate = numba.njit(
-            cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
-        )
+        decorate = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)
         return cast(Function, decorate(function))
     finally:
         _CONFIG.CACHE_LOCATOR_CLASSES = locators

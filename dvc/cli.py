@@ -19,7 +19,6 @@ from typing import Any, NoReturn, Protocol
 
 from dvc.environment import COMPILATION_NOTICE
 from dvc.errors import ConfigError, DvcError, PartialOutputError
-from dvc.extras import check_extra
 
 EXIT_BAD_INPUT = 2
 EXIT_PARTIAL = 3
@@ -153,9 +152,13 @@ def command(
     """Make the `main` of a command; `extra` names the packages that it needs besides those of a camera."""
 
     def _work(arguments: argparse.Namespace) -> int:
-        if extra is not None:
-            check_extra(extra)
-        return work(arguments)
+        try:
+            return work(arguments)
+        except ModuleNotFoundError as err:
+            package = (err.name or "").partition(".")[0]
+            if extra is None or package in ("", "dvc", "encoder", "decoder", "sequences", "sfm"):
+                raise
+            raise DvcError(f"needs {package}: pip install 'dvc3d[{extra}]'") from err
 
     def _main(argv: Sequence[str] | None = None) -> int:
         if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":

@@ -11,59 +11,54 @@ import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
 from pathlib import Path
 
 from dvc import cli
 from dvc.environment import COMPILATION_NOTICE, child_environment, python_module
 from dvc.errors import DvcError
-from dvc.extras import missing_packages
+from dvc.versions import CODEC, library_versions, packages_digest
 
 PROG = "dvc-compile"
+INSTALL_EXTRA = "pip install 'dvc3d["
+"""Part of the message of a command that is not installed."""
 EXAMPLES = """\
   dvc-compile
   dvc-compile --jobs 4
 """
-EXTRAS = {
-    "decoder": "decode",
-    "dvc.dibr": "stereo",
-    "dvc.stereo": "stereo",
-    "encoder": "camera",
-    "sequences": "report",
-    "sfm": "decode",
-}
-"""Extra of the package that each program requires; a chain ends where it is not installed."""
 CHAINS = {
     "rendered scene": """
-        sequences render street --size 176x144 --frames 9 --out street.mkv
+        sequences render street --size 128x96 --frames 9 --out street.mkv
         encoder street.mkv street.dvc --qp 30
         decoder street.dvc decoded.y4m --reference street.mkv --punctured small.dvc
         encoder street.mkv limited.dvc --no-feedback
         decoder limited.dvc limited.y4m
         encoder street.mkv views.dvc --codec 3d-td --gop 3 --wz-q 6 --frames 4
         decoder views.dvc views.y4m
+        decoder views.dvc fused.y4m --side-information fused
         encoder street.mkv classical.dvc --coder turbo --gop 3 --min-gop 3 --wz-q 4 --frames 4
-        decoder classical.dvc mesh.y4m --method mesh
-        decoder classical.dvc blocks.y4m --method blocks
+        decoder classical.dvc mesh.y4m --side-information mesh
+        decoder classical.dvc blocks.y4m --side-information blocks
         sfm street.mkv --out map
         sfm street.mkv street.mkv --frames 0 8 --out model
         sequences render toy --size 64x48 --out toy
     """,
     "pictures with depth": """
-        dvc.stereo reconstruct left.png right.png --disparities 0:6 --out surfaces
-        dvc.stereo reconstruct left.png right.png --disparities 0:6:0.5 --lattice 0,0 1.03,0.37 --cost squared --sub-pixel --out finer
-        dvc.stereo reconstruct left.png right.png --disparities 0:6 --inference semi-global --occlusion implicit --out paths
-        dvc.stereo reconstruct left.png right.png --disparities 0:6 --occlusion none --out open
+        dvc.stereo reconstruct {views} --disparities 0:6 --out surfaces
+        dvc.stereo reconstruct {views} --disparities 0:6:0.5 {lattice} --cost squared --sub-pixel --out finer
+        dvc.stereo reconstruct {views} --disparities 0:6 {paths} --out paths
+        dvc.stereo reconstruct {views} --disparities 0:6 --occlusion none --out open
         dvc.stereo layers surfaces --out layers
         dvc.stereo sprites layers --out sprites
-        dvc.dibr encode left.png right.png l.dibr --disparities 0:6 --bpp 1
-        dvc.dibr encode left.png right.png s.dibr --disparities 0:6 --bpp 1 --disparity s
-        dvc.dibr encode left.png right.png quadtree.dibr --disparities 0:6 --bpp 1 --disparity quadtree
-        dvc.dibr encode left.png right.png blocks.dibr --disparities 0:6 --bpp 1 --disparity blocks
-        dvc.dibr encode left.png right.png fine.dibr --disparities 0:6:0.5 --bpp 1 --quality-layers 2
-        dvc.dibr encode-depth surfaces/disparity-left.pfm depth.dibr --bpp 1 --edges auto
-        dvc.dibr encode-depth surfaces/disparity-left.pfm canny.dibr --bpp 1 --edges canny
-        dvc.dibr encode-depth surfaces/disparity-left.pfm standard.dibr --bpp 1 --transform standard --wavelet 5/3
-        dvc.dibr encode-image left.png image.dibr --depth surfaces/disparity-left.pfm --bpp 1
+        dvc.dibr encode {views} l.dibr --disparities 0:6 --bpp 1
+        dvc.dibr encode {views} s.dibr --disparities 0:6 --bpp 1 --disparity s
+        dvc.dibr encode {views} quadtree.dibr --disparities 0:6 --bpp 1 --disparity quadtree
+        dvc.dibr encode {views} blocks.dibr --disparities 0:6 --bpp 1 --disparity blocks
+        dvc.dibr encode {views} fine.dibr --disparities 0:6:0.5 --bpp 1 --quality-layers 2
+        dvc.dibr encode-depth {depth} depth.dibr --bpp 1 --edges auto
+        dvc.dibr encode-depth {depth} canny.dibr --bpp 1 --edges canny
+        dvc.dibr encode-depth {depth} standard.dibr --bpp 1 --transform standard --wavelet 5/3
+        dvc.dibr encode-image left.png image.dibr --depth {depth} --bpp 1
         dvc.dibr encode-layers layers pieces.dibr --bpp 1 --keep all
         dvc.dibr encode-layers sprites sprites.dibr --bpp 1
         dvc.dibr render l.dibr --view 0.5,0 --out l.png
@@ -80,6 +75,13 @@ CHAINS = {
         encoder texture.y4m bounded.dvc --no-feedback --bitrate 40k
     """,
 }
+WORDS = {
+    "depth": "surfaces/disparity-left.pfm",
+    "lattice": "--lattice 0,0 1.03,0.37",
+    "paths": "--inference semi-global --occlusion implicit",
+    "views": "left.png right.png",
+}
+"""Parts of commands."""
 QUIET = {"decoder", "dvc.dibr", "dvc.stereo", "encoder", "sfm"}
 """Programs with an option --quiet."""
 WITHOUT_QUIET = {"decode", "render"}
@@ -87,13 +89,18 @@ WITHOUT_QUIET = {"decode", "render"}
 
 
 def commands(chain: str) -> Iterator[list[str]]:
-    """Return the commands of a chain, up to the first of which packages are missing."""
-    for line in CHAINS[chain].strip().splitlines():
+    """Return the commands of a chain."""
+    for line in CHAINS[chain].format(**WORDS).strip().splitlines():
         words = line.split()
-        if EXTRAS[words[0]] != "camera" and missing_packages(EXTRAS[words[0]]):
-            return
         quiet = words[0] in QUIET and words[1] not in WITHOUT_QUIET
         yield [*words, "--quiet"] if quiet else words
+
+
+def _digest() -> str:
+    """Return a digest of all that compiled code depends on, and of the commands."""
+    environment = [f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_")]
+    parts = [packages_digest([*CODEC, "sequences"]), library_versions(), sys.version, sorted(environment)]
+    return sha256(repr(parts).encode()).hexdigest()[:16]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -107,7 +114,10 @@ def _parser() -> argparse.ArgumentParser:
 def _compile(arguments: argparse.Namespace) -> int:
     from dvc._jit import cache_folder
 
-    started_s = time.monotonic()
+    started_s, done_file = time.monotonic(), cache_folder() / f"compiled-{_digest()}"
+    if done_file.exists():
+        sys.stdout.write(f"kernels have been compiled in {cache_folder()}\n")
+        return 0
     total = sum(len(list(commands(chain))) for chain in CHAINS)
     with (
         tempfile.TemporaryDirectory() as name,
@@ -117,14 +127,18 @@ def _compile(arguments: argparse.Namespace) -> int:
         folder = Path(name)
         _write_inputs(folder)
 
-        def run_chain(chain: str) -> None:
+        def run_chain(chain: str) -> bool:
             for words in commands(chain):
-                _run(words, folder)
+                if not _run(words, folder):
+                    return False
                 done(1, " ".join(words[:2]))
+            return True
 
-        for result in [pool.submit(run_chain, chain) for chain in CHAINS]:
-            result.result()
-    print(f"kernels are in {cache_folder()}, after {time.monotonic() - started_s:.0f} s")
+        futures = [pool.submit(run_chain, chain) for chain in CHAINS]
+        if all(future.result() for future in futures):
+            done_file.touch()
+    seconds = time.monotonic() - started_s
+    sys.stdout.write(f"kernels are compiled in {cache_folder()}, after {seconds:.0f} s\n")
     return 0
 
 
@@ -150,14 +164,18 @@ def _write_inputs(folder: Path) -> None:
             clip.write(Frame(frame, (chroma, chroma)))
 
 
-def _run(words: list[str], folder: Path) -> None:
+def _run(words: list[str], folder: Path) -> bool:
+    """Run a command; return whether its extra is installed."""
     environment = child_environment() | {COMPILATION_NOTICE: ""}
     command = python_module(words[0], *words[1:])
     done = subprocess.run(
         command, env=environment, cwd=folder, capture_output=True, check=False, text=True, errors="replace"
     )
+    if INSTALL_EXTRA in done.stderr:
+        return False
     if done.returncode:
         raise DvcError(f"{' '.join(words)}: {done.stderr.strip() or f'status {done.returncode}'}")
+    return True
 
 
 main = cli.command(PROG, _parser, _compile)
