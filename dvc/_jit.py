@@ -46,15 +46,15 @@ def kernel(function: Function) -> Function:
 
 def inlined_kernel(function: Function) -> Function:
     """Compile a function as `kernel` does, as a part of the kernels that call it."""
-    return _compiled(function, forceinline=True)
+    return _compiled(function, inline=True)
 
 
-def _compiled(function: Function, **options: Any) -> Function:
+def _compiled(function: Function, inline: bool = False) -> Function:
     locators = _CONFIG.CACHE_LOCATOR_CLASSES
     _CONFIG.CACHE_LOCATOR_CLASSES = f"{__name__}.KernelCache"
     try:
-        decorate = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)
-        return cast(Function, decorate(function))
+        decorator = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=inline)
+        return cast(Function, decorator(function))
     finally:
         _CONFIG.CACHE_LOCATOR_CLASSES = locators
 
@@ -183,7 +183,7 @@ def loaded_bytes() -> int:
     return _COMPILING.num_bytes
 
 
-class _LockListener(event.Listener):  # type: ignore[misc]
+class _LockListener(event.Listener):
     """Times the compiler's lock, which numba holds while it loads, or compiles and saves, a kernel."""
 
     def on_start(self, event: Any) -> None:
@@ -203,7 +203,7 @@ class _LockListener(event.Listener):  # type: ignore[misc]
             _COMPILING.num_bytes += max(resident_bytes() - _COMPILING.held_bytes, 0)
 
 
-class _CompileListener(event.Listener):  # type: ignore[misc]
+class _CompileListener(event.Listener):
     """Prints the notice of `dvc.environment` when the first kernel is compiled."""
 
     def on_start(self, event: Any) -> None:

@@ -37,10 +37,7 @@ def free_port() -> str:
 
 
 def run_shell(script: str, folder: Path) -> None:
-    """Run commands one after the other, on a smaller video.
-
-    What they call is listed, to be compiled when the package is installed (`tests.recorder`).
-    """
+    """Run commands one after the other, on a smaller video."""
     for large, small in SMALLER.items():
         script = script.replace(large, small)
     environment = os.environ | {
