@@ -8,8 +8,10 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 COMPILED := $(VENV)/.compiled
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-# Tests of one to three seconds a room at most, of every package.
-QUICK := tests/config tests/entropy
+# Rooms with quick tests, and of other rooms files with quick tests, so that each package has some.
+QUICK := $(addprefix tests/,config entropy geometry images layers slepian_wolf stream tracks web wynerziv \
+	decoder/side_information/test_kernels.py encoder/test_spacing.py sequences/test_kernels.py \
+	sfm/test_decompositions.py test_no_feedback.py test_versions.py)
 
 # Tests start hundreds of processes, each of which would compile every module that it imports.
 unexport PYTHONDONTWRITEBYTECODE
