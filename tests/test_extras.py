@@ -23,7 +23,6 @@ sys.exit(main({{words!r}}))
 """
 COMMANDS = {
     "sfm.__main__": (["clip.y4m", "--out", "map"], "decode"),
-    "sequences.__main__": (["render", "street", "--frames", "1", "--out", "street.y4m"], "report"),
     "dvc.stereo.__main__": (
         ["reconstruct", "a.png", "b.png", "--disparities", "0:2", "--out", "c"],
         "stereo",
