@@ -3,7 +3,7 @@
 ``python -m benchmarks.searches.confidence [--pairs teddy Baby1] [--halve]`` reconstructs pairs below
 ``../shared/stereo`` and prints for each the area under the sparsification curve (errors beyond 1 px, all
 pixels with known truth, in per cent): without any order, with the weights of
-`dvc.stereo.surfaces.surface_completion`, with weights found on the other pairs, and of the best order. Finally it
+`surface_completion`, with weights found on the other pairs, and of the best order. Finally it
 prints the weights found on all; those in use come from `TUNING_PAIRS`. ``--pairs test`` selects the test
 pairs.
 """
