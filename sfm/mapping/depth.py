@@ -6,13 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.geometry.depth_maps import (
-    DepthMap,
-    Visibility,
-    checked_depth,
-    completed_depth,
-    without_speckles,
-)
+from dvc.geometry.continuation import Visibility
+from dvc.geometry.depth_maps import DepthMap, checked_depth, completed_depth, without_speckles
 from dvc.geometry.plane_sweep import SweepSettings, depth_hypotheses, parallax_px, sweep_views
 from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp
 from sfm.mapping.fusion import MIN_VOTES, SweptDepth, drawn_candidate, fused_depth

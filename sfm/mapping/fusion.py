@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.geometry.depth_maps import MIN_CONFIDENCE, discontinuities
-from dvc.geometry.rendering import EMPTY, draw
-from dvc.geometry.warping import inverse_warp, warp_grid
+from dvc.geometry.rendering import draw
+from dvc.geometry.warping import EMPTY, inverse_warp, warp_grid
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
