@@ -1,4 +1,4 @@
-"""Entry points of the commands: where another package owns the import name ``dvc``, they say so."""
+"""Entry point of all commands: if another package owns the import name ``dvc``, it says so."""
 
 import importlib
 import sys
@@ -6,10 +6,21 @@ from importlib.util import find_spec
 from pathlib import Path
 
 BAD_INPUT = 2
+MODULES = {
+    "dvc-compile": "dvc.compile_kernels",
+    "dvc-decode": "decoder.__main__",
+    "dvc-dibr": "dvc.dibr.__main__",
+    "dvc-encode": "encoder.__main__",
+    "dvc-rd": "dvc.rd.__main__",
+    "dvc-sequences": "sequences.__main__",
+    "dvc-sfm": "sfm.__main__",
+    "dvc-stereo": "dvc.stereo.__main__",
+}
+"""Modules of the commands."""
 
 
 def foreign_folder() -> str | None:
-    """Return the folder of another package that is imported as ``dvc``, or None where it is ours alone."""
+    """Return the folder of another package that is imported as ``dvc``, or None if it is ours only."""
     spec = find_spec("dvc")
     folders = [] if spec is None else [Path(folder) for folder in spec.submodule_search_locations or ()]
     # Both packages in one folder overwrite each other; `cli` is a module here and a package there.
@@ -18,8 +29,9 @@ def foreign_folder() -> str | None:
     return str(folders[0]) if folders else "no folder"
 
 
-def _start(command: str, module: str) -> int:
-    """Run the `main` of a module."""
+def main() -> int:
+    """Run the command that the script is named after."""
+    command = Path(sys.argv[0]).stem
     folder = foreign_folder()
     if folder is not None:
         sys.stderr.write(
@@ -27,45 +39,5 @@ def _start(command: str, module: str) -> int:
             "this import name, too); install dvc3d into an environment of its own\n"
         )
         return BAD_INPUT
-    status: int = importlib.import_module(module).main()
+    status: int = importlib.import_module(MODULES[command]).main()
     return status
-
-
-def encode() -> int:
-    """Run ``dvc-encode``."""
-    return _start("dvc-encode", "encoder.__main__")
-
-
-def decode() -> int:
-    """Run ``dvc-decode``."""
-    return _start("dvc-decode", "decoder.__main__")
-
-
-def compile_kernels() -> int:
-    """Run ``dvc-compile``."""
-    return _start("dvc-compile", "dvc.compile_kernels")
-
-
-def dibr() -> int:
-    """Run ``dvc-dibr``."""
-    return _start("dvc-dibr", "dvc.dibr.__main__")
-
-
-def rd() -> int:
-    """Run ``dvc-rd``."""
-    return _start("dvc-rd", "dvc.rd.__main__")
-
-
-def sequences() -> int:
-    """Run ``dvc-sequences``."""
-    return _start("dvc-sequences", "sequences.__main__")
-
-
-def sfm() -> int:
-    """Run ``dvc-sfm``."""
-    return _start("dvc-sfm", "sfm.__main__")
-
-
-def stereo() -> int:
-    """Run ``dvc-stereo``."""
-    return _start("dvc-stereo", "dvc.stereo.__main__")

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from benchmarks.results.harness import SCENES, run_module
 from dvc.config import MAPPERS
-from dvc.geometry.colmap import quiet
+from dvc.geometry.camera_estimation import quiet
 from dvc.metrics import psnr_db
 from dvc.video import Frame, create_video, open_video
 from sfm.mapping.colmap_mapper import model_poses, run_colmap

@@ -28,15 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.baselines.opencv_stereo import SemiGlobalSettings, semi_global_baseline
 from benchmarks.mapping import CLOSE, DEPTH_UNIT_M
 from benchmarks.results.harness import run_module
 from benchmarks.searches.surfaces import GRID
 from dvc.errors import DvcError
-from dvc.pfm import read_pfm
-from dvc.picture_files import read_levels
-from dvc.stereo.opencv_baseline import SemiGlobalSettings, semi_global_baseline
+from dvc.picture_files import read_levels, read_pfm
 from dvc.stereo.rectification.rectified_folder import RectifiedViews, read_rectified
-from dvc.stereo.rectification.resampling import metric_depth, to_original_view
+from dvc.stereo.rectification.rectified_space import metric_depth, to_original_view
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

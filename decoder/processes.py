@@ -10,6 +10,7 @@ libraries to one baseline, independent of those that the parent has loaded.
 """
 
 import atexit
+import os
 import signal
 import subprocess
 import time
@@ -23,7 +24,7 @@ from threading import RLock
 from typing import Any, Protocol
 
 from decoder.group_tasks import Answered, Bits, DecodedGroup, GroupTask, Losses
-from dvc.environment import ONE_HEAP, baseline_environment, python_module
+from dvc.environment import COMPILATION_NOTICE, ONE_HEAP, baseline_environment, python_module
 from dvc.errors import BitstreamError, DvcError
 from dvc.feedback import ParityAnswer
 from dvc.slepian_wolf import ParityRequest, Place, Round
@@ -47,10 +48,12 @@ class DecodingProcess:
         command = python_module("decoder.worker", connection.fileno())
         # Whoever starts the process ends it; an interrupt from the terminal is not for it.
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        environment = baseline_environment() | ONE_HEAP
+        os.environ[COMPILATION_NOTICE] = ""  # one process prints it
         try:
             return subprocess.Popen(
                 command,
-                env=baseline_environment() | ONE_HEAP,
+                env=environment,
                 pass_fds=[connection.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,

@@ -1,4 +1,4 @@
-"""Camera arrays as files: views, positions on the lattice, and disparities, as commands are given them."""
+"""Camera arrays from files and options: views, positions on the lattice, and disparities."""
 
 import argparse
 import csv
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
 
 MAX_LABELS = 4096
-"""More disparities are a mistake of units."""
+"""Largest number of disparities; more are a mistake of units."""
 MAX_NUMBER = 1e6
-"""As are larger positions and disparities."""
+"""Largest magnitude of positions and disparities."""
 MIN_STEP = 1e-6
-"""Disparities nearer to each other are the same in single precision."""
+"""Smallest step between disparities; smaller ones vanish in single precision."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
@@ -71,9 +71,9 @@ def read_positions(path: str | Path) -> dict[str, "LatticePosition"]:
                     raise ConfigError(f"{path}: {name} is named twice")
                 positions[name] = LatticePosition(float(row["m"]), float(row["n"]))
                 if not all(map(_is_moderate, positions[name])):
-                    raise ConfigError(f"{path}: {name} has no position within {MAX_NUMBER:g}")
+                    raise ConfigError(f"{path}: {name} has a position beyond {MAX_NUMBER:g}")
     except KeyError as err:
-        raise ConfigError(f"{path}: expected the columns file, m and n; there is no {err}") from err
+        raise ConfigError(f"{path}: expected the columns file, m and n; {err} is missing") from err
     except (ValueError, TypeError, csv.Error) as err:
         raise ConfigError(f"{path}: not a table of file, m, n") from err
     if not positions:
@@ -92,7 +92,7 @@ def read_pictures(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
 
 
 def _check_names(paths: Sequence[str | Path]) -> None:
-    """Refuse files whose names cannot be those of different views."""
+    """Refuse names that are not Unicode or not distinct."""
     for path in paths:
         if not is_unicode(Path(path).name):
             raise ConfigError(f"{path}: the name is not of Unicode characters")
@@ -101,12 +101,12 @@ def _check_names(paths: Sequence[str | Path]) -> None:
 
 
 def is_unicode(text: str) -> bool:
-    """Tell whether UTF-8 can hold a text; names of files may be bytes that are no characters."""
+    """Return whether UTF-8 can encode a text; names of files may be arbitrary bytes."""
     return not any("\ud800" <= character <= "\udfff" for character in text)
 
 
 def read_pictures_of_one_size(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
-    """Read the pictures of at least two cameras whose sizes must not differ."""
+    """Read the pictures of at least two cameras, which must have one size."""
     pictures = read_pictures(paths)
     for path, picture in zip(paths, pictures, strict=True):
         if picture.shape != pictures[0].shape:
@@ -116,9 +116,11 @@ def read_pictures_of_one_size(paths: Sequence[str | Path]) -> list["NDArray[np.u
 
 
 def _check_distinct(kind: str, values: Sequence[object], texts: Sequence[str]) -> None:
-    twice = next((text for value, text in zip(values, texts, strict=True) if values.count(value) > 1), None)
-    if twice is not None:
-        raise ConfigError(f"two views have the {kind} {twice}")
+    repeated = next(
+        (text for value, text in zip(values, texts, strict=True) if values.count(value) > 1), None
+    )
+    if repeated is not None:
+        raise ConfigError(f"two views have the {kind} {repeated}")
 
 
 def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition"] | None) -> "CameraArray":
@@ -143,24 +145,24 @@ def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition
 
 
 def add_lattice_options(parser: argparse.ArgumentParser, default: str) -> None:
-    """Add the options that say where cameras stand."""
+    """Add the options for positions of cameras."""
     group = parser.add_mutually_exclusive_group()
     lattice = f"position of each view, in the order of the views; default: {default}"
     group.add_argument("--lattice", nargs="+", type=parse_position, metavar="M,N", help=lattice)
     group.add_argument(
-        "--views", metavar="CSV", help="table with the columns file, m, n, in place of a lattice"
+        "--views", metavar="CSV", help="table with the columns file, m, n, instead of --lattice"
     )
 
 
 def add_array_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say where the cameras of rectified views stand, and what disparities there are."""
+    """Add the options for positions and disparities of rectified views."""
     add_lattice_options(parser, "two views, left and right")
     disparities = "range in pixels per unit of m; negative values are farther than the plane of focus"
     parser.add_argument("--disparities", type=parse_disparities, metavar="MIN:MAX[:STEP]", help=disparities)
 
 
 def add_camera_option(parser: argparse.ArgumentParser, required: bool = False, refined: bool = True) -> None:
-    """Add the options that say where the cameras of unrectified views are found."""
+    """Add the options for the cameras of unrectified views."""
     text = (
         "calibration of views that are not rectified: JSON, Middlebury's calib.txt, the folder of a COLMAP "
         "model, or auto to estimate it"
@@ -168,17 +170,17 @@ def add_camera_option(parser: argparse.ArgumentParser, required: bool = False, r
     parser.add_argument("--cameras", metavar="FILE|auto", required=required, help=text)
     if not refined:
         return
-    keep = "take the calibration of a pair as it is, even where matches contradict it"
+    keep = "use the calibration of a pair unchanged, even if matches contradict it"
     parser.add_argument("--keep-cameras", action="store_true", help=keep)
 
 
 def table_files(arguments: argparse.Namespace) -> list[str | Path]:
-    """Return files and folders of the options that say where cameras stand, for `dvc.cli.check_outputs`."""
+    """Return the input files and folders of the options for cameras, for `dvc.cli.check_outputs`."""
     return [name for name in (arguments.views, arguments.cameras) if name not in (None, "auto")]
 
 
 def positions_of(arguments: argparse.Namespace, paths: Sequence[str]) -> list["LatticePosition"] | None:
-    """Return the positions that the options of `add_array_options` give to views."""
+    """Return the positions of views from the options of `add_array_options`."""
     if arguments.views is None:
         return None if arguments.lattice is None else list(arguments.lattice)
     table = read_positions(arguments.views)

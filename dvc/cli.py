@@ -6,6 +6,7 @@ import io
 import json
 import logging
 import math
+import os
 import re
 import signal
 import sys
@@ -16,13 +17,14 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn, Protocol
 
+from dvc.environment import COMPILATION_NOTICE
 from dvc.errors import ConfigError, DvcError, PartialOutputError
-from dvc.extras import check_extra
 
 EXIT_BAD_INPUT = 2
 EXIT_PARTIAL = 3
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
+COMPILING = "{}: compiling kernels, once, which takes about 25 s (dvc-compile does so for all programs)"
 
 
 class ArgumentParser(argparse.ArgumentParser):
@@ -150,18 +152,37 @@ def command(
     """Make the `main` of a command; `extra` names the packages that it needs besides those of a camera."""
 
     def _work(arguments: argparse.Namespace) -> int:
-        if extra is not None:
-            check_extra(extra)
-        return work(arguments)
+        try:
+            return work(arguments)
+        except ModuleNotFoundError as err:
+            package = (err.name or "").partition(".")[0]
+            if extra is None or package in ("", "dvc", "encoder", "decoder", "sequences", "sfm"):
+                raise
+            raise DvcError(f"needs {package}: pip install 'dvc3d[{extra}]'") from err
 
     def _main(argv: Sequence[str] | None = None) -> int:
         if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
             sys.stdout.reconfigure(errors="backslashreplace")  # names of files may be no text
         built = parser()
         arguments = built.parse_args(argv) if has_subcommands else built.parse_intermixed_args(argv)
-        return run(prog, lambda: _work(arguments))
+        with _announcing_compilation(prog, getattr(arguments, "quiet", False)):
+            return run(prog, lambda: _work(arguments))
 
     return _main
+
+
+@contextlib.contextmanager
+def _announcing_compilation(prog: str, quiet: bool) -> Iterator[None]:
+    """Print a line if kernels have to be compiled, unless the command or the one that started it is quiet."""
+    before = os.environ.get(COMPILATION_NOTICE)
+    os.environ[COMPILATION_NOTICE] = "" if quiet or before == "" else COMPILING.format(prog)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[COMPILATION_NOTICE]
+        else:
+            os.environ[COMPILATION_NOTICE] = before
 
 
 class Advance(Protocol):

@@ -1,80 +1,181 @@
-"""Command ``dvc-compile``: compile what programs call, and leave the code beside its sources.
+"""Command ``dvc-compile``: run each program on a few small frames, so that its kernels are in the cache.
 
-A wheel is built with it, so that an installed program compiles nothing; where numba or the processor is one
-that this code is not for, the command, or else each program, compiles once more.
-
-`DVC_REGENERATE=1`, for `tests/test_compile_kernels.py`, adds to `kernels.txt` what programs call.
+Each line of `CHAINS` is a command; its files are in a temporary folder, and the next line may read them.
 """
 
 import argparse
-import importlib
 import os
+import subprocess
 import sys
-from multiprocessing import get_context
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
 
 from dvc import cli
-from dvc.environment import baseline_environment
-from dvc.extras import of_an_extra
+from dvc.environment import COMPILATION_NOTICE, child_environment, python_module
+from dvc.errors import DvcError
+from dvc.versions import CODEC, library_versions, packages_digest
 
 PROG = "dvc-compile"
-KERNELS = Path(__file__).with_name("kernels.txt")
+INSTALL_EXTRA = "pip install 'dvc3d["
+"""Part of the message of a command that is not installed."""
 EXAMPLES = """\
   dvc-compile
   dvc-compile --jobs 4
 """
+CHAINS = {
+    "rendered scene": """
+        sequences render street --size 128x96 --frames 9 --out street.mkv
+        encoder street.mkv street.dvc --qp 30
+        decoder street.dvc decoded.y4m --reference street.mkv --punctured small.dvc
+        encoder street.mkv limited.dvc --no-feedback
+        decoder limited.dvc limited.y4m
+        encoder street.mkv views.dvc --codec 3d-td --gop 3 --wz-q 6 --frames 4
+        decoder views.dvc views.y4m
+        decoder views.dvc fused.y4m --side-information fused
+        encoder street.mkv classical.dvc --coder turbo --gop 3 --min-gop 3 --wz-q 4 --frames 4
+        decoder classical.dvc mesh.y4m --side-information mesh
+        decoder classical.dvc blocks.y4m --side-information blocks
+        sfm street.mkv --out map
+        sfm street.mkv street.mkv --frames 0 8 --out model
+        sequences render toy --size 64x48 --out toy
+    """,
+    "pictures with depth": """
+        dvc.stereo reconstruct {views} --disparities 0:6 --out surfaces
+        dvc.stereo reconstruct {views} --disparities 0:6:0.5 {lattice} --cost squared --sub-pixel --out finer
+        dvc.stereo reconstruct {views} --disparities 0:6 {paths} --out paths
+        dvc.stereo reconstruct {views} --disparities 0:6 --occlusion none --out open
+        dvc.stereo layers surfaces --out layers
+        dvc.stereo sprites layers --out sprites
+        dvc.dibr encode {views} l.dibr --disparities 0:6 --bpp 1
+        dvc.dibr encode {views} s.dibr --disparities 0:6 --bpp 1 --disparity s
+        dvc.dibr encode {views} quadtree.dibr --disparities 0:6 --bpp 1 --disparity quadtree
+        dvc.dibr encode {views} blocks.dibr --disparities 0:6 --bpp 1 --disparity blocks
+        dvc.dibr encode {views} fine.dibr --disparities 0:6:0.5 --bpp 1 --quality-layers 2
+        dvc.dibr encode-depth {depth} depth.dibr --bpp 1 --edges auto
+        dvc.dibr encode-depth {depth} canny.dibr --bpp 1 --edges canny
+        dvc.dibr encode-depth {depth} standard.dibr --bpp 1 --transform standard --wavelet 5/3
+        dvc.dibr encode-image left.png image.dibr --depth {depth} --bpp 1
+        dvc.dibr encode-layers layers pieces.dibr --bpp 1 --keep all
+        dvc.dibr encode-layers sprites sprites.dibr --bpp 1
+        dvc.dibr render l.dibr --view 0.5,0 --out l.png
+        dvc.dibr render image.dibr --view 0.5,0 --out image.png
+        dvc.dibr render pieces.dibr --view 0.5,0 --out pieces.png
+        dvc.dibr decode depth.dibr --out depth
+    """,
+    "moving texture": """
+        encoder texture.y4m texture.dvc --codec 2d --wz-q 5 --gop 4
+        decoder texture.dvc texture-decoded.y4m
+        encoder texture.y4m best.dvc --codec 2d --wz-q 4 --key-qp lossless --coder turbo
+        decoder best.dvc best.y4m
+        encoder texture.y4m tracked.dvc
+        encoder texture.y4m bounded.dvc --no-feedback --bitrate 40k
+    """,
+}
+WORDS = {
+    "depth": "surfaces/disparity-left.pfm",
+    "lattice": "--lattice 0,0 1.03,0.37",
+    "paths": "--inference semi-global --occlusion implicit",
+    "views": "left.png right.png",
+}
+"""Parts of commands."""
+QUIET = {"decoder", "dvc.dibr", "dvc.stereo", "encoder", "sfm"}
+"""Programs with an option --quiet."""
+WITHOUT_QUIET = {"decode", "render"}
+"""Subcommands of `dvc-dibr` that have none."""
 
 
-class Kernel(NamedTuple):
-    """A line of the list: what is called from Python, and the types of its arguments."""
-
-    module: str  # where it is
-    name: str
-    signature: str  # see `dvc._jit.compile_for`
-
-    def compile(self) -> None:
-        """Compile it, unless it is on disk, or for commands that are not installed."""
-        from dvc._jit import compile_for
-
-        try:
-            module = importlib.import_module(self.module)
-        except ModuleNotFoundError as err:
-            if not of_an_extra(err.name):
-                raise
-            return
-        compile_for(getattr(module, self.name), self.signature)
+def commands(chain: str) -> Iterator[list[str]]:
+    """Return the commands of a chain."""
+    for line in CHAINS[chain].format(**WORDS).strip().splitlines():
+        words = line.split()
+        quiet = words[0] in QUIET and words[1] not in WITHOUT_QUIET
+        yield [*words, "--quiet"] if quiet else words
 
 
-def listed() -> list[Kernel]:
-    """Read the list."""
-    return [Kernel(*line.split(" ", 2)) for line in KERNELS.read_text(encoding="utf-8").splitlines()]
+def _digest() -> str:
+    """Return a digest of all that compiled code depends on, and of the commands."""
+    environment = [f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_")]
+    parts = [packages_digest([*CODEC, "sequences"]), library_versions(), sys.version, sorted(environment)]
+    return sha256(repr(parts).encode()).hexdigest()[:16]
 
 
 def _parser() -> argparse.ArgumentParser:
-    text = (
-        "Compile what the programs call, where it was not compiled yet, for all users of this installation."
-    )
+    text = "Compile the kernels of all programs that are installed, by running each on a few small frames."
     parser = cli.ArgumentParser(PROG, text, EXAMPLES)
-    jobs = "processes that compile at the same time"
+    jobs = "programs that run at the same time"
     cli.add_integer(parser, "--jobs", (1, 256), jobs, default=len(os.sched_getaffinity(0)))
     return parser
 
 
 def _compile(arguments: argparse.Namespace) -> int:
-    from dvc._jit import PORTABLE, RUNS_PORTABLE
+    from dvc._jit import cache_folder
 
-    os.environ |= baseline_environment()
-    if RUNS_PORTABLE:
-        os.environ |= dict(zip(("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"), PORTABLE, strict=True))
-    kernels = listed()
+    started_s, done_file = time.monotonic(), cache_folder() / f"compiled-{_digest()}"
+    if done_file.exists():
+        sys.stdout.write(f"kernels have been compiled in {cache_folder()}\n")
+        return 0
+    total = sum(len(list(commands(chain))) for chain in CHAINS)
     with (
-        get_context("spawn").Pool(arguments.jobs) as pool,
-        cli.progress_bar("compiling", len(kernels)) as done,
+        tempfile.TemporaryDirectory() as name,
+        cli.progress_bar("compiling", total) as done,
+        ThreadPoolExecutor(arguments.jobs) as pool,
     ):
-        for _ in pool.imap_unordered(Kernel.compile, kernels):
-            done(1)
+        folder = Path(name)
+        _write_inputs(folder)
+
+        def run_chain(chain: str) -> bool:
+            for words in commands(chain):
+                if not _run(words, folder):
+                    return False
+                done(1, " ".join(words[:2]))
+            return True
+
+        futures = [pool.submit(run_chain, chain) for chain in CHAINS]
+        if all(future.result() for future in futures):
+            done_file.touch()
+    seconds = time.monotonic() - started_s
+    sys.stdout.write(f"kernels are compiled in {cache_folder()}, after {seconds:.0f} s\n")
     return 0
+
+
+def _write_inputs(folder: Path) -> None:
+    """Write two views, and a clip, of a texture that moves."""
+    import cv2
+    import numpy as np
+
+    from dvc.picture_files import write_png
+    from dvc.video import Frame, create_video
+
+    noise = np.random.default_rng(0).normal(size=(120, 160)).astype(np.float32)
+    texture = cv2.GaussianBlur(noise, (0, 0), 1.2) * 100 + cv2.GaussianBlur(noise, (0, 0), 6.0) * 300 + 128
+    luma = np.clip(texture, 16, 235).astype(np.uint8)
+    left, right = luma[:48, :64].copy(), np.roll(luma, -1, axis=1)[:48, :64].copy()
+    right[12:36, 20:44] = np.roll(luma, -5, axis=1)[12:36, 20:44]
+    write_png(folder / "left.png", left)
+    write_png(folder / "right.png", right)
+    with create_video(folder / "texture.y4m", (96, 80), 25) as clip:
+        for index in range(9):
+            frame = np.ascontiguousarray(luma[index : 80 + index, 2 * index : 96 + 2 * index])
+            chroma = np.full((40, 48), 110 + index, np.uint8)
+            clip.write(Frame(frame, (chroma, chroma)))
+
+
+def _run(words: list[str], folder: Path) -> bool:
+    """Run a command; return whether its extra is installed."""
+    environment = child_environment() | {COMPILATION_NOTICE: ""}
+    command = python_module(words[0], *words[1:])
+    done = subprocess.run(
+        command, env=environment, cwd=folder, capture_output=True, check=False, text=True, errors="replace"
+    )
+    if INSTALL_EXTRA in done.stderr:
+        return False
+    if done.returncode:
+        raise DvcError(f"{' '.join(words)}: {done.stderr.strip() or f'status {done.returncode}'}")
+    return True
 
 
 main = cli.command(PROG, _parser, _compile)

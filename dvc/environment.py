@@ -12,6 +12,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+COMPILATION_NOTICE = "DVC_COMPILATION_NOTICE"
+"""Variable with the line to print when the first kernel is compiled; if it is empty, none is printed."""
+
 _LOCK = threading.RLock()
 
 SINGLE_THREADED = dict.fromkeys(

@@ -1,4 +1,4 @@
-"""Index files of folders: JSON that names pictures and maps, written in one form and read strictly."""
+"""Index files of folders: JSON that names pictures and maps, read strictly."""
 
 import json
 import math
@@ -14,24 +14,24 @@ from dvc.files import read_whole
 from dvc.geometry.camera_array import DisparityLabels
 
 MAX_SIDE = 1 << 15
-"""Larger pictures are refused."""
+"""Longest side of pictures in index files."""
 
 
 class Entry:
-    """An object of an index file; whatever is missing in it or of another kind is one line of complaint."""
+    """An object of an index file; missing values and wrong types are errors of one line."""
 
-    def __init__(self, path: Path, values: object, where: str = "") -> None:
-        self.path, self.where = path, where
+    def __init__(self, path: Path, values: object, name: str = "") -> None:
+        self.path, self.name = path, name
         if not isinstance(values, dict):
             self.refuse("expected an object")
         self._values = values
 
     def refuse(self, reason: str) -> NoReturn:
-        """Raise an error."""
-        raise DvcError(f"{self.path}: {self.where + ': ' if self.where else ''}{reason}")
+        """Raise an error that names the file and the object."""
+        raise DvcError(f"{self.path}: {self.name + ': ' if self.name else ''}{reason}")
 
-    def others(self, *keys: str) -> dict[str, Any]:
-        """Return all values but some."""
+    def without(self, *keys: str) -> dict[str, Any]:
+        """Return all values except some."""
         return {key: value for key, value in self._values.items() if key not in keys}
 
     def __contains__(self, key: str) -> bool:
@@ -44,10 +44,10 @@ class Entry:
         return self._values[key]
 
     def integer(self, key: str, low: int, high: int) -> int:
-        """Return a whole number."""
+        """Return a whole number in a range."""
         value = self.value(key)
         if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-            self.refuse(f"{key!r} is no whole number from {low} to {high}")
+            self.refuse(f"{key!r} must be a whole number from {low} to {high}")
         return value
 
     def number(self, key: str, above: float = -math.inf) -> float:
@@ -58,18 +58,18 @@ class Entry:
         self, value: object, key: str, above: float = -math.inf, largest: float = MAX_NUMBER
     ) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.refuse(f"{key!r} is no number")
+            self.refuse(f"{key!r} must be a number")
         if not abs(value) <= largest or not value > above:
             self.refuse(f"{key!r} is out of range")
         return float(value)
 
     def text(self, key: str) -> str:
-        """Return a text."""
+        """Return text."""
         value = self.value(key)
         if not isinstance(value, str):
-            self.refuse(f"{key!r} is no text")
+            self.refuse(f"{key!r} must be text")
         if not is_unicode(value):
-            self.refuse(f"{key!r} is not of Unicode characters")
+            self.refuse(f"{key!r} must be Unicode text")
         return value
 
     def entry(self, key: str) -> "Entry":
@@ -80,31 +80,31 @@ class Entry:
         """Return a list of objects."""
         values = self.value(key)
         if not isinstance(values, list) or not 1 <= len(values) <= most:
-            self.refuse(f"{key!r} is no list of 1 to {most}")
+            self.refuse(f"{key!r} must be a list of 1 to {most}")
         return [Entry(self.path, value, f"{key} {index}") for index, value in enumerate(values)]
 
     def vector(self, key: str, size: int, largest: float = MAX_NUMBER) -> NDArray[np.float64]:
-        """Return some finite numbers."""
+        """Return a list of finite numbers."""
         values = self.value(key)
         if not isinstance(values, list) or len(values) != size:
-            self.refuse(f"{key!r} is no list of {size} numbers")
+            self.refuse(f"{key!r} must be a list of {size} numbers")
         return np.array([self._number(value, key, largest=largest) for value in values], np.float64)
 
     def matrix(self, key: str, size: int) -> NDArray[np.float64]:
         """Return a square matrix that can be inverted."""
         rows = self.value(key)
         if not isinstance(rows, list) or any(not isinstance(row, list) or len(row) != size for row in rows):
-            self.refuse(f"{key!r} is no {size}x{size} matrix")
+            self.refuse(f"{key!r} must be a {size}x{size} matrix")
         matrix = np.array([[self._number(value, key) for value in row] for row in rows], np.float64)
         if matrix.shape != (size, size) or not np.linalg.cond(matrix) < 1e15:
-            self.refuse(f"{key!r} is no {size}x{size} matrix that can be inverted")
+            self.refuse(f"{key!r} must be an invertible {size}x{size} matrix")
         return matrix
 
     def file(self, key: str) -> Path:
         """Return a file of the folder."""
         name = self.text(key)
         if Path(name).name != name or not name.isprintable() or not name:
-            self.refuse(f"{name!r} is no name of a file in the folder")
+            self.refuse(f"{name!r} does not name a file in the folder")
         return self.path.parent / name
 
 
@@ -119,13 +119,13 @@ def read_index(path: Path, format_name: str, version: int, writer: str) -> Entry
     try:
         values = json.loads(read_whole(path).decode(), parse_float=_finite, parse_constant=_finite)
     except (FileNotFoundError, NotADirectoryError) as err:
-        raise DvcError(f"{path.parent}: not a folder that `{writer}` has written") from err
+        raise DvcError(f"{path.parent}: not a folder of `{writer}`") from err
     except (ValueError, RecursionError) as err:
         raise DvcError(f"{path}: not a JSON file") from err
     if not isinstance(values, dict) or values.get("format") != format_name:
-        raise DvcError(f"{path}: not what `{writer}` writes")
+        raise DvcError(f"{path}: not an index of `{writer}`")
     if values.get("version") != version:
-        raise DvcError(f"{path}: version {values.get('version')!r} is not known, only {version}")
+        raise DvcError(f"{path}: version {values.get('version')!r} is not supported, only {version}")
     return Entry(path, values)
 
 
@@ -137,8 +137,8 @@ def _finite(text: str) -> float:
 
 
 def read_labels(entry: Entry) -> DisparityLabels:
-    """Read the disparities of an index file, under the names of their fields."""
+    """Read the tried disparities of an index file."""
     step, num_labels = entry.number("step", 0.0), entry.integer("num_labels", 1, MAX_LABELS)
-    if step < MIN_STEP * (1.0 - 1e-6):  # as single precision has it
+    if step < MIN_STEP * (1.0 - 1e-6):  # rounded to single precision
         entry.refuse("'step' is out of range")
     return DisparityLabels(entry.number("lowest"), step, num_labels)

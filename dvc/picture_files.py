@@ -1,5 +1,9 @@
-"""Picture files: views in colour, levels as they are stored, planes of a folder."""
+"""Picture files: views in colour, levels as they are stored, planes of a folder, and portable float maps.
 
+OpenCV refuses pictures of more than `MAX_PIXELS` before it decodes them: `dvc` sets its limit on import.
+"""
+
+import math
 from pathlib import Path
 from typing import Any
 
@@ -7,13 +11,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.errors import DvcError
+from dvc import MAX_PIXELS
+from dvc.errors import DvcError, VideoError
 from dvc.files import read_whole
-from dvc.picture_sizes import stated_size
-from dvc.video.frames import check_size
+
+MAX_SIDE_PX = 16384
+"""Longest side of a picture."""
 
 MAP_FILE = "a picture of 8 or 16 bits, or a PFM file"
-"""What maps are read from."""
+"""Accepted files of maps, for messages."""
+_MAX_HEADER_BYTES = 256  # of float maps
 
 
 def read_picture(path: str | Path) -> NDArray[np.uint8]:
@@ -44,7 +51,7 @@ def read_levels(path: str | Path, expected: str = MAP_FILE) -> NDArray[np.float6
 
 
 def largest_level(path: str | Path) -> int:
-    """Return the largest level that a picture could have."""
+    """Return the largest level that the samples of a picture can have."""
     stored = _stored(path)
     if stored is None:
         raise DvcError(f"{path}: expected a picture of 8 or 16 bits")
@@ -73,18 +80,46 @@ def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
 
 
 def _stored(path: str | Path) -> NDArray[Any] | None:
-    """Decode a picture as it is, blue first; None if it has not 8 or 16 bits, or is none.
-
-    One that is larger than frames of videos may be is refused, by its header where that tells.
-    """
+    """Decode a picture as it is stored, blue first; return None unless it has 8 or 16 bits."""
     content = read_whole(path)
-    if (size := stated_size(content)) is not None:
-        check_size(*size, str(path))
     try:
         stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
-    except cv2.error:
-        return None
+    except cv2.error as err:
+        if "MAX_IMAGE" not in str(err):
+            return None
+        raise VideoError(f"{path}: pictures of more than {MAX_PIXELS} pixels are not supported") from err
     if stored is None or stored.dtype not in (np.uint8, np.uint16):
         return None
-    check_size(stored.shape[1], stored.shape[0], str(path))
+    if max(stored.shape[:2]) > MAX_SIDE_PX or stored.shape[0] * stored.shape[1] > MAX_PIXELS:
+        raise VideoError(
+            f"{path}: {stored.shape[1]}x{stored.shape[0]} pictures are not supported "
+            f"(sides 1 to {MAX_SIDE_PX}, at most {MAX_PIXELS} pixels)"
+        )
     return stored
+
+
+def write_pfm(path: str | Path, plane: NDArray[np.float32]) -> None:
+    """Write a plane as a little-endian portable float map; inverse of `read_pfm`."""
+    height, width = plane.shape
+    header = f"Pf\n{width} {height}\n-1.0\n".encode()
+    Path(path).write_bytes(header + plane[::-1].astype("<f4").tobytes())
+
+
+def read_pfm(path: str | Path) -> NDArray[np.float32]:
+    """Read a grey portable float map of either byte order; rows are stored from the bottom up."""
+    content = read_whole(path)
+    head = content[:_MAX_HEADER_BYTES].split(b"\n", 3)
+    try:
+        width, height = (int(word) for word in head[1].split())
+        scale = float(head[2])
+    except (IndexError, ValueError) as err:
+        raise VideoError(f"{path}: not a PFM file") from err
+    start = sum(len(line) + 1 for line in head[:3])
+    if head[0] != b"Pf" or min(width, height) < 1 or not math.isfinite(scale):
+        raise VideoError(f"{path}: not a grey PFM file")
+    if len(content) - start != 4 * width * height:
+        raise VideoError(f"{path}: {width}x{height} values announced, {(len(content) - start) / 4:g} present")
+    plane = np.frombuffer(content, dtype="<f4" if scale < 0 else ">f4", offset=start)
+    plane = plane.reshape(height, width)[::-1].astype(np.float32)
+    plane[np.isnan(plane)] = np.nan  # signalling ones would warn at every use
+    return plane

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dvc.errors import ConfigError
 from dvc.files import Closing, atomic_folder, atomic_output, same_file
-from dvc.pfm import write_pfm
+from dvc.picture_files import write_pfm
 from dvc.video import Frame, VideoInfo, create_video
 from dvc.video.frames import check_size
 from sequences.rendered_scenes import scene

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.files import atomic_folder
-from dvc.pfm import write_pfm
+from dvc.picture_files import write_pfm
 from sequences.rendered_scenes import scene
 from sequences.renderer import render_picture
 from sequences.scene_cameras import Camera

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+os.environ["DVC_COMPILATION_NOTICE"] = ""  # what commands write does not depend on the cache of kernels
+
 LIBRARIES = ("GLIBC_", "NPY_", "NUMBA_", "OMP_", "OPENBLAS_", "OPENCV_", "PYTHON")
 """How variables begin by which libraries choose their code."""
 

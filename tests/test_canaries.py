@@ -1,7 +1,7 @@
 """What the encoder makes of small clips, and what is decoded of it, stays the same to the byte.
 
 Frozen streams hold for the decoder; these hold for decisions of the encoder, with the x264 of one version of
-PyAV (`docs/constraints.txt`). `make canaries` stores what is found anew, where a change is meant.
+PyAV (`docs/constraints.txt`). `DVC_REGENERATE=1` stores what is found anew, where a change is meant.
 """
 
 import hashlib

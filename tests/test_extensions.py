@@ -20,9 +20,9 @@ from dvc.dibr.views.encoder import ViewEncoder
 from dvc.dibr.views.views import views_of_pictures
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
-from dvc.geometry.volumes.inference import SemiGlobal
+from dvc.geometry.label_inference import SemiGlobal
 from dvc.slepian_wolf import plane_coder
-from dvc.stereo.surfaces.settings import StereoSettings
+from dvc.stereo.surfaces.stereo_settings import StereoSettings
 from tests.clips import moving_texture, write_clip
 
 MODULE = """

@@ -1,6 +1,5 @@
-"""Compiled kernels: an edit of any kernel that one calls outdates its code on disk."""
+"""Compiled kernels: when code on disk is used, and who can have written it."""
 
-import importlib
 import os
 import pickle
 import shutil
@@ -10,150 +9,143 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from numba.core import caching
 
+ROOT = Path(__file__).resolve().parents[1]
 KERNEL = "from dvc._jit import inlined_kernel, kernel\n{}\n\n@{}\ndef {}(x):\n    return {}\n"
+CALL = "from caller import caller; print(caller(0), len(caller.stats.cache_hits))"
 
 
-def result_of(folder: Path, number: int) -> str:
-    (folder / "callee.py").write_text(KERNEL.format("", "kernel", "callee", f"x + {number}"))
-    command = [
-        sys.executable,
-        "-c",
-        "from caller import caller; print(caller(0), len(caller.stats.cache_hits))",
-    ]
-    path = os.pathsep.join([str(folder), str(Path(__file__).resolve().parents[1])])
+def run(program: str, folder: Path, **variables: str) -> list[str]:
+    """Run Python with the modules of a folder, and its kernels there too unless told otherwise."""
     environment = {
         **os.environ,
-        "PYTHONPATH": path,
-        "PYTHONDONTWRITEBYTECODE": "1",  # byte code knows an edit of the same length by whole seconds only
-        "NUMBA_CACHE_DIR": str(folder),
+        "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)]),
+        "PYTHONDONTWRITEBYTECODE": "1",  # byte code is compared by whole seconds and lengths
+        "NUMBA_CACHE_DIR": str(folder / "kernels"),
         "NUMBA_DISABLE_JIT": "0",
+        **variables,
     }
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    return run.stdout
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    return done.stdout.split()
+
+
+def write_kernel(folder: Path, name: str, value: str, imports: str = "", decorator: str = "kernel") -> None:
+    """Write a module with one kernel of its name."""
+    (folder / f"{name}.py").write_text(KERNEL.format(imports, decorator, name, value))
 
 
 @pytest.mark.parametrize("middle", ["kernel", "inlined_kernel"])
 def test_an_edit_of_a_callee_is_noticed(tmp_path: Path, middle: str) -> None:
-    """A kernel whose callee in another file was edited is compiled anew, else loaded from disk."""
-    for name, decorator, called in (("middle", middle, "callee"), ("caller", "kernel", "middle")):
-        code = KERNEL.format(f"from {called} import {called}", decorator, name, f"{called}(x)")
-        (tmp_path / f"{name}.py").write_text(code)
-    assert [result_of(tmp_path, number).split() for number in (1, 1, 2)] == [
-        ["1", "0"],
-        ["1", "1"],
-        ["2", "0"],
-    ]
+    """A kernel is compiled again if a callee in another file was edited, else loaded from disk."""
+    write_kernel(tmp_path, "middle", "callee(x)", "from callee import callee", middle)
+    write_kernel(tmp_path, "caller", "middle(x)", "from middle import middle")
+    results = []
+    for number in (1, 1, 2, 1):
+        write_kernel(tmp_path, "callee", f"x + {number}")
+        results.append(run(CALL, tmp_path))
+    assert results == [["1", "0"], ["1", "1"], ["2", "0"], ["1", "1"]]
 
 
 def test_a_copy_is_not_compiled_again(tmp_path: Path) -> None:
-    """Elsewhere and at another time the code on disk serves; not with another constant of another module."""
-    (tmp_path / "made").mkdir()
-    code = KERNEL.format("from numbers_of import STEP", "kernel", "caller", "x + STEP")
-    (tmp_path / "made" / "caller.py").write_text(code)
-    command = [
-        sys.executable,
-        "-c",
-        "from caller import caller; print(caller(0), len(caller.stats.cache_hits))",
-    ]
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0", "PYTHONDONTWRITEBYTECODE": "1"}
-    environment.pop("NUMBA_CACHE_DIR", None)
-    told = []
-    for before, folder, step in (("made", "first", 2), ("first", "second", 2), ("first", "third", 3)):
-        shutil.copytree(tmp_path / before, tmp_path / folder, copy_function=shutil.copy)
-        (tmp_path / folder / "numbers_of.py").write_text(f"STEP = {step}\n")
-        path = os.pathsep.join([str(tmp_path / folder), str(Path(__file__).resolve().parents[1])])
-        run = subprocess.run(
-            command, env=environment | {"PYTHONPATH": path}, capture_output=True, text=True, check=True
+    """Trees share code; not with another constant of another module, nor if bounds are checked."""
+    write_kernel(tmp_path, "caller", "x + STEP", "from numbers_of import STEP")
+    results = []
+    for name, step, bounds in (("first", 2, ""), ("second", 2, ""), ("third", 3, ""), ("fourth", 2, "1")):
+        (tmp_path / name).mkdir()
+        shutil.copy(tmp_path / "caller.py", tmp_path / name)
+        (tmp_path / name / "numbers_of.py").write_text(f"STEP = {step}\n")
+        variables = {"NUMBA_CACHE_DIR": str(tmp_path / "kernels"), "NUMBA_BOUNDSCHECK": bounds}
+        results.append(
+            run(CALL, tmp_path / name, **{key: value for key, value in variables.items() if value})
         )
-        told.append(run.stdout.split())
-    assert told == [["2", "0"], ["2", "1"], ["3", "0"]]
+    assert results == [["2", "0"], ["2", "1"], ["3", "0"], ["2", "0"]]
 
 
-def test_kernels_run_where_no_folder_can_be_written_to(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A read-only package and a home that is none: code beside the source serves, else it is compiled."""
+def test_the_cache_is_the_users(tmp_path: Path) -> None:
+    """By default it is in the user's cache folder."""
+    write_kernel(tmp_path, "caller", "x + 1")
+    assert run(CALL, tmp_path, NUMBA_CACHE_DIR="", XDG_CACHE_HOME=str(tmp_path / "caches")) == ["1", "0"]
+    assert list((tmp_path / "caches" / "dvc3d" / "kernels" / "caller").glob("*.nbi"))
+    assert not list(tmp_path.glob("__pycache__/*.nb*"))
 
-    def refuse(_self: object) -> None:
-        raise PermissionError
 
-    (tmp_path / "read_only.py").write_text(KERNEL.format("", "kernel", "read_only", "x + 1"))
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(caching._CacheLocator, "ensure_cache_path", refuse)
-    function: Any = importlib.import_module("read_only").read_only
-    assert function(1) == 2
+@pytest.mark.parametrize("home", ["file", "relative"])
+def test_kernels_run_if_no_folder_can_be_written_to(tmp_path: Path, home: str) -> None:
+    """They are compiled into a temporary folder, which child processes use and which goes in the end."""
+    write_kernel(tmp_path, "caller", "x + 1")
+    (tmp_path / "file").write_text("")
+    (tmp_path / "temporary").mkdir()
+    program = f"{CALL}; import subprocess, sys; subprocess.run([sys.executable, '-c', {CALL!r}])"
+    home = str(tmp_path / "file") if home == "file" else home
+    variables = {"NUMBA_CACHE_DIR": "", "XDG_CACHE_HOME": home, "TMPDIR": str(tmp_path / "temporary")}
+    results = run(f"import sys; print(end='', flush=True)\n{program}", tmp_path, **variables)
+    assert sorted(results) == ["0", "1", "1", "1"]
+    assert list((tmp_path / "temporary").iterdir()) == []
     assert list(tmp_path.rglob("*.nb*")) == []
-    monkeypatch.undo()
-    function._cache.save_overload(function.signatures[0], function.overloads[function.signatures[0]])
-    assert function._cache.load_overload(function.signatures[0], function.targetctx) is not None
-    assert [path.parent.name for path in tmp_path.rglob("*.nbi")] == ["__pycache__"]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root can write anywhere")
+def test_a_read_only_cache_is_used(tmp_path: Path) -> None:
+    """Code that is there is loaded; other code is compiled, and kept as long as the process."""
+    write_kernel(tmp_path, "caller", "x + 1")
+    run(CALL, tmp_path)
+    (tmp_path / "kernels").chmod(0o500)
+    assert run(CALL, tmp_path) == ["1", "1"]
+    (tmp_path / "kernels").chmod(0o700)
 
 
 @pytest.mark.parametrize("change", ["nothing", "mode", "owner"])
-def test_code_that_others_may_have_written_is_not_loaded(tmp_path: Path, change: str) -> None:
+def test_code_that_strangers_may_have_written_is_not_loaded(tmp_path: Path, change: str) -> None:
     """A cache that all may write to, or that another user owns, is neither read nor written."""
     if change == "owner" and os.geteuid() != 0:
         pytest.skip("only root can give a folder away")
-    (tmp_path / "caller.py").write_text(KERNEL.format("", "kernel", "caller", "x + 1"))
-    assert [result_of(tmp_path, 1) for _ in range(2)] == ["1 0\n", "1 1\n"]
-    (index,) = tmp_path.rglob("*.nbi")
+    write_kernel(tmp_path, "caller", "x + 1")
+    assert [run(CALL, tmp_path) for _ in range(2)] == [["1", "0"], ["1", "1"]]
     if change == "mode":
-        index.parent.chmod(0o777)
+        (tmp_path / "kernels").chmod(0o777)
     if change == "owner":
-        os.chown(index.parent, 12345, 12345)
-    told = tmp_path / "told"
-    index.write_bytes(pickle.dumps(_Stranger(told)))
-    assert result_of(tmp_path, 1) == "1 0\n"
-    assert told.exists() == (change == "nothing")
+        os.chown(tmp_path / "kernels", 12345, 12345)
+    touched = tmp_path / "touched"
+    (index,) = tmp_path.rglob("*.nbi")
+    index.write_bytes(pickle.dumps(_Stranger(touched)))
+    assert run(CALL, tmp_path) == ["1", "0"]
+    assert touched.exists() == (change == "nothing")
 
 
 class _Stranger:
     """Runs code when it is read."""
 
-    def __init__(self, told: Path) -> None:
-        self._told = told
+    def __init__(self, path: Path) -> None:
+        self._path = path
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Path.touch, (self._told,)
+        return Path.touch, (self._path,)
 
 
-def test_what_is_loaded_needs_nothing_of_the_compiler(tmp_path: Path) -> None:
-    """Code on disk allocates, sorts and raises without; then another kernel is compiled all the same."""
-    (tmp_path / "own.py").write_text(
-        "import numpy as np\n"
-        "from dvc._jit import kernel\n\n"
-        "@kernel\ndef own(x):\n"
-        "    if x.size == 0:\n        raise ValueError('nothing')\n"
-        "    return np.sort(x * np.ones(x.size)).sum()\n\n"
-        "@kernel\ndef after(x):\n    return own(x[:2]) + 1\n"
-    )
+def test_processes_that_compile_at_once_keep_all_code(tmp_path: Path) -> None:
+    """Code of one kernel for several types, compiled by several processes, ends in files of its own."""
+    write_kernel(tmp_path, "caller", "x + 1")
+    types = ("1", "1.5", "1j", "True")
     program = (
-        "import sys; import numpy as np; from own import after, own\n"
-        "print(own(np.arange(4.0)), len(own.stats.cache_hits), 'numba.misc.cffiimpl' in sys.modules)\n"
-        "try:\n    own(np.empty(0))\nexcept ValueError as err:\n    print(err)\n"
-        "if sys.argv[1] == '1': print(after(np.arange(4.0)), len(after.stats.cache_hits))\n"
+        "import subprocess, sys\n"
+        "call = 'from caller import caller; print(caller({}))'\n"
+        f"started = [subprocess.Popen([sys.executable, '-c', call.format(x)]) for x in {types}]\n"
+        "[process.wait() for process in started]\n"
     )
-    path = os.pathsep.join([str(tmp_path), str(Path(__file__).resolve().parents[1])])
-    own = {"PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "0"}
-    told = [
-        subprocess.run(
-            [sys.executable, "-c", program, str(number)],
-            env=os.environ | own,
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for number in range(2)
-    ]
-    assert told == ["6.0 0 True\nnothing\n", "6.0 1 False\nnothing\n2.0 0\n"]
+    run(program, tmp_path)
+    assert len(list(tmp_path.rglob("*.nbi"))) == 1
+    hits = (
+        f"from caller import caller; print(*map(caller, ({', '.join(types)})), len(caller.stats.cache_hits))"
+    )
+    assert run(hits, tmp_path) == ["2", "2.5", "(1+1j)", "2", "4"]
 
 
-def test_loading_and_compiling_are_told_apart_from_running(tmp_path: Path) -> None:
+def test_loading_and_compiling_are_timed_apart_from_running(tmp_path: Path) -> None:
     """The clock of loading runs when a kernel is first called, in the thread that calls it."""
-    (tmp_path / "one.py").write_text(KERNEL.format("", "kernel", "one", "x + 1"))
-    (tmp_path / "two.py").write_text(KERNEL.format("from one import one", "kernel", "two", "one(x)"))
+    write_kernel(tmp_path, "one", "x + 1")
+    write_kernel(tmp_path, "two", "one(x)", "from one import one")
     program = (
         "import threading, time; from dvc._jit import loading_time_s; from two import two; found = []\n"
         "before = time.thread_time(), loading_time_s(); two(0)\n"
@@ -162,17 +154,8 @@ def test_loading_and_compiling_are_told_apart_from_running(tmp_path: Path) -> No
         "thread.start(); thread.join()\n"
         "print(before[1], after[1], after[0] - before[0], loading_time_s(), found[0])"
     )
-    path = os.pathsep.join([str(tmp_path), str(Path(__file__).resolve().parents[1])])
-    environment = {
-        **os.environ,
-        "PYTHONPATH": path,
-        "NUMBA_CACHE_DIR": str(tmp_path),
-        "NUMBA_DISABLE_JIT": "0",
-    }
-    command = [sys.executable, "-c", program]
     for share in (0.9, 0.5):  # compiled, then loaded
-        run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        before, loading, spent, again, other = map(float, run.stdout.split())
-        assert before == other == 0.0
-        assert share * spent < loading < spent
+        before, loading, spent, again, other = map(float, run(program, tmp_path))
+        assert other == 0.0
+        assert share * spent < loading - before < spent
         assert again == loading

@@ -1,5 +1,8 @@
 """Picture files: levels are kept, other kinds are taken where that is harmless, and refused elsewhere."""
 
+import resource
+import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +13,6 @@ import pytest
 
 from dvc.errors import DvcError
 from dvc.picture_files import largest_level, read_levels, read_picture, read_plane, write_png
-from dvc.video import frames
 
 
 @pytest.fixture
@@ -62,17 +64,29 @@ def test_other_files_are_refused(tmp_path: Path, read: Callable[[Path], Any], co
         read(tmp_path / "x.png")
 
 
-def test_pictures_without_bounds_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By what the file states, before it is decoded; by what it holds where it states nothing."""
-    content = cv2.imencode(".png", np.zeros((2, 2), np.uint8))[1].tobytes()
-    path = tmp_path / "x.png"
-    path.write_bytes(content[:16] + (16384).to_bytes(4, "big") + (4097).to_bytes(4, "big") + content[24:])
+@pytest.mark.parametrize("suffix", [".png", ".tiff", ".webp", ".jpg", ".bmp", ".pgm"])
+def test_stated_sizes_are_bounded_before_decoding(tmp_path: Path, suffix: str) -> None:
+    """Files that state too many pixels are refused with one line, without their memory."""
+    path = tmp_path / f"x{suffix}"
+    if suffix == ".png":
+        content = cv2.imencode(suffix, np.zeros((2, 2), np.uint8))[1].tobytes()
+        header = b"IHDR" + struct.pack(">II", 16384, 4097) + content[24:29]
+        path.write_bytes(content[:12] + header + struct.pack(">I", zlib.crc32(header)) + content[33:])
+    elif suffix == ".pgm":
+        path.write_bytes(b"P5 16384 4097 255\n")
+    else:
+        path.write_bytes(cv2.imencode(suffix, np.zeros((8193, 8193), np.uint8))[1].tobytes())
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for read in (read_picture, read_levels, largest_level, lambda path: read_plane(path, 1, (2, 2))):
-        with pytest.raises(DvcError, match=r"x\.png: 16384x4097 pictures are not supported"):
+        with pytest.raises(DvcError, match=rf"x{suffix}: pictures of more than 67108864 pixels are not"):
             read(path)
-    monkeypatch.setattr(frames, "MAX_PIXELS", 20)
-    (tmp_path / "x.pgm").write_bytes(b"P5 7 3 255\n" + bytes(21))
-    with pytest.raises(DvcError, match=r"x\.pgm: 7x3 pictures are not supported"):
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 64 << 10
+
+
+def test_long_sides_are_refused(tmp_path: Path) -> None:
+    """Sides are bounded as those of frames, also in files with few pixels."""
+    (tmp_path / "x.pgm").write_bytes(b"P5 16385 1 255\n" + bytes(16385))
+    with pytest.raises(DvcError, match=r"x\.pgm: 16385x1 pictures are not supported"):
         read_levels(tmp_path / "x.pgm")
 
 

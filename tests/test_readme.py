@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.recorder import recording
+from dvc._jit import cache_folder
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -37,25 +37,25 @@ def free_port() -> str:
 
 
 def run_shell(script: str, folder: Path) -> None:
-    """Run commands one after the other, on a smaller video.
-
-    What they call is listed, to be compiled when the package is installed (`tests.recorder`).
-    """
+    """Run commands one after the other, on a smaller video."""
     for large, small in SMALLER.items():
         script = script.replace(large, small)
-    with recording(folder) as environment:
-        environment["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-        environment["XDG_CACHE_HOME"] = str(folder / "cache")
-        done = subprocess.run(
-            ["bash", "-euc", script],
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=250,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
+    environment = os.environ | {
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+        "NUMBA_CACHE_DIR": str(cache_folder()),
+        "XDG_CACHE_HOME": str(folder / "cache"),
+    }
+    done = subprocess.run(
+        ["bash", "-euc", script],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=250,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_shell_commands_of_the_readme_run(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.baselines.baseline import Baseline, BaselineResult, best, quality_of
+from benchmarks.baselines.opencv_stereo import semi_global_baseline
 from benchmarks.baselines.picture_coders import (
     AVIF,
     PICTURE_CODERS,
@@ -29,9 +30,8 @@ from dvc.errors import ConfigError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.images.colour import Picture
 from dvc.metrics import PEAK
-from dvc.stereo.opencv_baseline import semi_global_baseline
-from dvc.stereo.surfaces.reconstruction import reconstruct
-from dvc.stereo.surfaces.settings import StereoSettings
+from dvc.stereo.surfaces.reconstruct import reconstruct
+from dvc.stereo.surfaces.stereo_settings import StereoSettings
 
 Floats = NDArray[np.float64]
 

@@ -22,16 +22,16 @@ def wrong_write(array: NDArray[np.int64], index: int) -> None:
 
 
 def show_bounds() -> None:
-    """Show that a wrong index fails, one below 0 as well; else nothing that follows shows anything."""
-    array = np.zeros(_LENGTH + 8, np.int64)[:_LENGTH]  # so that nothing breaks where they do not
+    """Show that a wrong index fails; otherwise no later result proves anything."""
+    array = np.zeros(_LENGTH + 8, np.int64)[4 : 4 + _LENGTH]  # harmless if bounds are not checked
     for function in (wrong_read, wrong_write):
-        for index in (_LENGTH, -1):
+        for index in (_LENGTH, -_LENGTH - 1):
             try:
                 function(array, index)
             except IndexError:
                 continue
             raise DvcError(f"{function.__name__} takes index {index} of {_LENGTH}: bounds are not checked")
-    print(f"indices {_LENGTH} and -1 of an array of {_LENGTH} are refused in compiled code")
+    print(f"indices {_LENGTH} and {-_LENGTH - 1} of an array of {_LENGTH} are refused in compiled code")
 
 
 if __name__ == "__main__":

@@ -12,13 +12,18 @@ from dvc.dibr.depth_image.depth_maps import read_depth_map
 from dvc.dibr.layered.decoder import decode
 from dvc.dibr.layered.pieces import read_pieces, write_pieces
 from dvc.dibr.layered.stream import decode_stream
-from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.surfaces import Reconstruction, Surface
+from dvc.geometry.camera_array import (
+    ArrayView,
+    CameraArray,
+    DisparityLabels,
+    LatticePosition,
+    Reconstruction,
+    Surface,
+)
 from dvc.images.edges.files import read_edges, write_edges
 from dvc.images.wavelets.edge_maps import EdgeMaps
-from dvc.pfm import write_pfm
-from dvc.picture_files import read_picture, write_png
-from dvc.stereo.surfaces.folder import INDEX, read_reconstruction, write_reconstruction
+from dvc.picture_files import read_picture, write_pfm, write_png
+from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction, write_reconstruction
 
 _SHAPE = 18, 26
 

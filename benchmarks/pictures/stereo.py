@@ -12,15 +12,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.baselines.opencv_stereo import semi_global_baseline
 from benchmarks.pictures.calibrations import write_cameras
 from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
 from benchmarks.results.harness import run_module
 from benchmarks.results.stereo import data_folder
 from benchmarks.thesis.scenes import PAIRS
-from dvc.geometry.surfaces import Reconstruction
+from dvc.geometry.camera_array import Reconstruction
 from dvc.stereo.evaluation import disparity_error, read_mask
-from dvc.stereo.opencv_baseline import semi_global_baseline
-from dvc.stereo.surfaces.folder import read_reconstruction
+from dvc.stereo.surfaces.surface_folder import read_reconstruction
 from dvc.web.drawing import colour_disparity, colour_error, in_rows, with_title
 
 PROG = "python -m benchmarks.pictures.stereo"

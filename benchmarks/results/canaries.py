@@ -71,7 +71,7 @@ def _texture_depth(folder: Path) -> str:
 def _depth_map(folder: Path) -> str:
     import numpy as np
 
-    from dvc.pfm import write_pfm
+    from dvc.picture_files import write_pfm
 
     rows, columns = np.mgrid[0:80, 0:96]
     inside = (rows - 40) ** 2 + (columns - 50) ** 2 < 900

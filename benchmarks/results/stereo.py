@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.baselines.opencv_stereo import semi_global_baseline
 from benchmarks.results.harness import Measured, Missing, Setting, run_module
 from benchmarks.thesis.scenes import PAIRS, RealSet
-from dvc.pfm import read_pfm
-from dvc.stereo.opencv_baseline import semi_global_baseline
+from dvc.picture_files import read_pfm
 
 DATA = Path("..") / "shared" / "stereo"
 OTHERS = ("Aloe", "Baby1", "Bowling2", "Cloth3", "Flowerpots", "Lampshade1", "Midd1", "Rocks1", "Wood2")

@@ -3,7 +3,7 @@
 ``python -m benchmarks.searches.confidence [--pairs teddy Baby1] [--halve]`` reconstructs pairs below
 ``../shared/stereo`` and prints for each the area under the sparsification curve (errors beyond 1 px, all
 pixels with known truth, in per cent): without any order, with the weights of
-`dvc.stereo.surfaces.confidence`, with weights found on the other pairs, and of the best order. Finally it
+`surface_completion`, with weights found on the other pairs, and of the best order. Finally it
 prints the weights found on all; those in use come from `TUNING_PAIRS`. ``--pairs test`` selects the test
 pairs.
 """
@@ -18,8 +18,8 @@ from scipy.optimize import minimize
 from benchmarks.searches.surfaces import Pair, add_pair_options, chosen_pairs
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.stereo.evaluation import sparsification
-from dvc.stereo.surfaces.confidence import WEIGHTS, Evidence, evidence
-from dvc.stereo.surfaces.reconstruction import reconstruct
+from dvc.stereo.surfaces.reconstruct import reconstruct
+from dvc.stereo.surfaces.surface_completion import WEIGHTS, Evidence, evidence
 
 Floats = NDArray[np.float64]
 Sample = tuple[Floats, NDArray[np.bool_]]

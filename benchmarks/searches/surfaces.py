@@ -5,7 +5,7 @@ reconstructs pairs below ``../shared/stereo`` with default or changed settings: 
 and constants of modules by their full names. A row has the share that is off by more than 1 and 0.5 px, of
 all pixels and of those that both views see, ours and that of StereoSGBM with the one of `GRID` that is best
 on all these pairs; the last rows the ratio of the means and the geometric mean of ratios. The settings were
-chosen on `TUNING_PAIRS` of `dvc.stereo.surfaces.settings`; ``--pairs test`` selects the test pairs.
+chosen on `TUNING_PAIRS` of `dvc.stereo.surfaces.stereo_settings`; ``--pairs test`` selects the test pairs.
 """
 
 import argparse
@@ -22,12 +22,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.baselines.opencv_stereo import SemiGlobalSettings, semi_global_baseline
 from benchmarks.thesis.scenes import PAIRS, RealSet
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.stereo.evaluation import read_mask, read_truth
-from dvc.stereo.opencv_baseline import SemiGlobalSettings, semi_global_baseline
-from dvc.stereo.surfaces.reconstruction import reconstruct
-from dvc.stereo.surfaces.settings import TEST_PAIRS, TUNING_PAIRS, StereoSettings
+from dvc.stereo.surfaces.reconstruct import reconstruct
+from dvc.stereo.surfaces.stereo_settings import TEST_PAIRS, TUNING_PAIRS, StereoSettings
 
 DATA = Path("..") / "shared" / "stereo"
 SCALES = {"barn1": 8.0, "bull": 8.0, "sawtooth": 8.0}

@@ -9,19 +9,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.baselines.opencv_stereo import BASELINE as BASELINE_SETTINGS
+from benchmarks.baselines.opencv_stereo import semi_global_baseline
 from benchmarks.thesis.harness import Method, Step, StepResult, Task, Value, load_chapter
 from benchmarks.thesis.scenes import PAIRS, TSUKUBA, RealSet, check_names, rectified_toy
-from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.surfaces import Reconstruction
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition, Reconstruction
 from dvc.layers.layered_depth_image import layered_depth_image
 from dvc.layers.sprites import SpriteSettings, extract_sprites
 from dvc.stereo.evaluation import MASKS, disparity_error, read_mask
-from dvc.stereo.opencv_baseline import BASELINE as BASELINE_SETTINGS
-from dvc.stereo.opencv_baseline import semi_global_baseline
-from dvc.stereo.output.layer_pictures import draw_layers, draw_sprites, draw_surfaces, draw_values_per_pixel
+from dvc.stereo.layer_pictures import draw_layers, draw_sprites, draw_surfaces, draw_values_per_pixel
 from dvc.stereo.rectification.rectified_folder import preview
-from dvc.stereo.surfaces.reconstruction import reconstruct
-from dvc.stereo.surfaces.settings import StereoSettings
+from dvc.stereo.surfaces.reconstruct import reconstruct
+from dvc.stereo.surfaces.stereo_settings import StereoSettings
 from dvc.web.drawing import Picture, colour_disparity, colour_error, in_rows, with_title
 
 Floats = NDArray[np.floating]

@@ -16,8 +16,7 @@ from dvc.errors import DvcError
 from dvc.files import atomic_output
 from dvc.picture_files import write_png
 from dvc.rd.provenance import input_digest, values_digest
-from dvc.source_digest import Sources
-from dvc.versions import library_versions
+from dvc.versions import CODEC, library_versions, packages_digest
 from dvc.web.drawing import Picture
 from dvc.web.gallery import Gallery, Group, Shown, Table, markdown, write_gallery
 
@@ -145,11 +144,12 @@ def measure(
 ) -> list[str]:
     """Make all steps that are not cached, write document and page, and return the failures."""
     (task.folder / STEPS_FOLDER).mkdir(parents=True, exist_ok=True)
-    sources, inputs = Sources(), [input_digest(Path(name)) for name in task.chosen if Path(name).exists()]
+    inputs = [input_digest(Path(name)) for name in task.chosen if Path(name).exists()]
+    code = packages_digest([*CODEC, "sequences", "benchmarks.thesis"])
     steps, failures = [], list[str]()
     for step, method in planned(chapter, task, methods):
         path = task.folder / STEPS_FOLDER / f"{step.name}-{method}.json"
-        identity = _identity(step, task, sources, inputs)
+        identity = _identity(step, task, code, inputs)
         cached = _read(path, identity)
         if cached is None:
             result = step.make(task, method)
@@ -161,12 +161,12 @@ def measure(
     return failures
 
 
-def _identity(step: Step, task: Task, sources: Sources, inputs: Sequence[str]) -> str:
+def _identity(step: Step, task: Task, code: str, inputs: Sequence[str]) -> str:
     """Digest everything that a result depends on: request, input files, code and libraries."""
     make = getattr(step.make, "func", step.make)
-    code = sources.digest([(make.__module__, make.__qualname__)])
+    name = f"{make.__module__}.{make.__qualname__}"
     request = [str(task.data), task.chosen, task.full, task.frames, task.disparities, *inputs]
-    return values_digest([SCHEMA, request, code, library_versions()])
+    return values_digest([SCHEMA, name, request, code, library_versions()])
 
 
 def _read(path: Path, identity: str) -> CachedStep | None:

@@ -24,7 +24,7 @@ from dvc.dibr.views.stream import decode_stream, encode_layer
 from dvc.dibr.views.views import Views
 from dvc.errors import RdCurveError
 from dvc.geometry.camera_array import DisparityLabels
-from dvc.geometry.hole_filling import poisson_filled
+from dvc.geometry.view_synthesis import poisson_filled
 from dvc.geometry.viewpoints import Viewpoint, warp_between
 from dvc.images import codec as picture_codec
 from dvc.images.codec import multipliers_around

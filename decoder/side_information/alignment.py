@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from dvc.geometry.cameras import homogeneous
-from dvc.geometry.sampling import sample
+from dvc.geometry.warping import sample
 from dvc.video import Frame
 from sfm.decompositions import right_singular
 

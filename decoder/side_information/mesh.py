@@ -20,11 +20,11 @@ from scipy.sparse.linalg import spsolve
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.synthesis import render_between
 from dvc.geometry.cameras import homogeneous
-from dvc.geometry.depth_maps import DepthMap, DepthView, Known, Visibility
-from dvc.geometry.rendering import EMPTY, fill_holes, render_grid
-from dvc.geometry.sampling import sample
+from dvc.geometry.continuation import Visibility
+from dvc.geometry.depth_maps import DepthMap, DepthView, Known
+from dvc.geometry.rendering import fill_holes, render_grid
 from dvc.geometry.triangulation import inverse_depths
-from dvc.geometry.warping import inverse_warp, warp_grid, warp_matrix
+from dvc.geometry.warping import EMPTY, inverse_warp, sample, warp_grid, warp_matrix
 from sfm.scene_model import Model
 
 Floats = NDArray[np.float64]

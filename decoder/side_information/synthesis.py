@@ -18,8 +18,7 @@ from decoder.side_information.track_interpolation import NEAR, Field, corrected_
 from dvc.geometry.cameras import PixelFrame
 from dvc.geometry.depth_maps import DepthMap, DepthView
 from dvc.geometry.rendering import OCCLUDED_WEIGHT, render_depth, visibility_weights
-from dvc.geometry.sampling import sample
-from dvc.geometry.warping import inverse_warp, warp_grid, warp_matrix
+from dvc.geometry.warping import inverse_warp, sample, warp_grid, warp_matrix
 from dvc.video import Frame
 
 Floats = NDArray[np.float64]

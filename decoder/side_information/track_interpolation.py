@@ -25,7 +25,7 @@ from decoder.side_information.block_motion import (
 )
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from decoder.side_information.weighting import neighbourhood
-from dvc.geometry.sampling import sample
+from dvc.geometry.warping import sample
 from dvc.wynerziv.transform import to_uint8
 
 Floats = NDArray[np.float64]

@@ -1,1 +1,1 @@
-"""Geometry of several views of a static scene: equations without policy, for whoever has cameras."""
+"""Geometry of several views of a static scene: equations without policy."""

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0)
 LARGEST = 1e12
-"""Of what matrices and points may hold; anything beyond is no measurement."""
+"""Largest magnitude of elements of matrices and points; larger ones are no measurement."""
 _MIN_FOCAL_PX, _MAX_FOCAL_PX = 1e-2, 1e8
 _UNDISTORTION_STEPS = 200
 _UNDISTORTION_ERROR = 1e-10
@@ -32,13 +32,13 @@ class Camera:
     R: Floats  # rotation from the world to the camera
     t: Floats  # a point X of the world lies at ``R X + t`` in the camera
     size: tuple[int, int]  # width and height in pixels
-    # k1, k2, p1, p2 of Brown's model, as in OpenCV: with k1 alone, a point at x in normalised coordinates is
+    # k1, k2, p1, p2 of Brown's model, as in OpenCV: with only k1, a point at x in normalised coordinates is
     # seen at ``x (1 + k1 |x|^2)``
     distortion: tuple[float, float, float, float] = NO_DISTORTION
 
     @property
     def centre(self) -> Floats:
-        """Where the camera stands (2.2)."""
+        """Centre of the camera (2.2)."""
         return -self.R.T @ self.t
 
     @property
@@ -55,23 +55,23 @@ class Camera:
         """Apply the lens distortion; inverse of `undistorted`."""
         if self.distortion == NO_DISTORTION:
             return points
-        return self._to_pixels(self._bent(self._to_normalized(points)))
+        return self._to_pixels(self._distort(self._to_normalized(points)))
 
     def undistorted(self, points: Floats) -> Floats:
-        """Take the lens distortion away."""
+        """Remove the lens distortion."""
         if self.distortion == NO_DISTORTION:
             return points
         seen = self._to_normalized(points)
         straight = seen
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(_UNDISTORTION_STEPS):
-                change = seen - self._bent(straight)
+                change = seen - self._distort(straight)
                 straight = straight + change
                 if np.abs(change).max(initial=0.0) < _UNDISTORTION_ERROR:
                     return self._to_pixels(straight)
         raise ConfigError(f"camera of {self.name}: its lens distortion is too strong to be undone")
 
-    def _bent(self, x: Floats) -> Floats:
+    def _distort(self, x: Floats) -> Floats:
         k1, k2, p1, p2 = self.distortion
         a, b = x[:, 0], x[:, 1]
         r2 = a * a + b * b
@@ -89,17 +89,16 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedViews:
-    """Cameras of all views, and points of the scene that they see."""
+    """Cameras of all views, and points of their scene."""
 
     cameras: tuple[Camera, ...]  # in the order of the views
-    # points of the world, from which the range of disparities follows; none where nothing is known
-    points: Floats
+    points: Floats  # points of the world, which give the range of disparities; may be empty
 
 
 def camera_from_matrices(
     name: str, K: Floats, R: Floats, t: Floats, size: tuple[int, int], *, bottom_up: bool = False
 ) -> Camera:
-    """Make a camera of matrices that somebody else has written."""
+    """Make a camera from matrices of a file, and check them."""
     values = np.concatenate([K.ravel(), R.ravel(), t])
     _check(name, np.isfinite(values).all(), "a matrix is not finite")
     _check(name, np.abs(values).max() <= LARGEST, f"a matrix has numbers beyond {LARGEST:g}")

@@ -1,21 +1,28 @@
-"""Planar camera arrays in their rectified space: views on a lattice, and disparities to choose from.
+"""Planar camera arrays in their rectified space: views on a lattice, disparities to try, and surfaces.
 
 Convention (2.5): a point at (x, y) with disparity d in the frame of camera (0, 0) is seen by camera (m, n) at
 ``(x - m d, y - n d)``. Disparities are in pixels per unit of m and n; larger ones are nearer.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+MAX_LABELS = 4096
+"""Largest number of disparities; more are a mistake of units."""
+MAX_NUMBER = 1e6
+"""Largest magnitude of positions and disparities in files and options."""
+MIN_STEP = 1e-6
+"""Smallest step between disparities; smaller ones vanish in single precision."""
+
 
 class LatticePosition(NamedTuple):
-    """Where a camera stands in the plane of an array."""
+    """Position of a camera in the plane of an array."""
 
     m: float  # to the right and downwards; whole numbers on a regular lattice
     n: float
@@ -26,11 +33,11 @@ class DisparityLabels(NamedTuple):
 
     lowest: float  # first disparity, in pixels per unit of m and n, and distance to the next
     step: float
-    num_labels: int  # number of labels, at least 1
+    num_labels: int  # at least 1
 
     @property
     def highest(self) -> float:
-        """The last disparity, that of the nearest label."""
+        """The last disparity, that of the nearest surface."""
         return self.lowest + self.step * (self.num_labels - 1)
 
     def disparity(self, label: Floats) -> Floats:
@@ -39,8 +46,8 @@ class DisparityLabels(NamedTuple):
 
     def label(self, disparity: NDArray[np.floating]) -> NDArray[np.int64]:
         """Return the nearest label of each disparity."""
-        place = np.floor((disparity.astype(np.float64) - self.lowest) / self.step + 0.5)
-        label: NDArray[np.int64] = np.clip(place, 0, self.num_labels - 1).astype(np.int64)
+        nearest = np.floor((disparity.astype(np.float64) - self.lowest) / self.step + 0.5)
+        label: NDArray[np.int64] = np.clip(nearest, 0, self.num_labels - 1).astype(np.int64)
         return label
 
 
@@ -51,8 +58,7 @@ class ArrayView:
     name: str  # stem of its file, unique in the array
     image: NDArray[np.uint8]  # red, green and blue; grey pictures have three equal channels
     position: LatticePosition  # of its camera
-    # where the camera has seen something, after a rectification; None: everywhere
-    valid: NDArray[np.bool_] | None = None
+    valid: NDArray[np.bool_] | None = None  # pixels with content after a rectification; None: all
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -61,13 +67,13 @@ class ArrayView:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """Where the camera has seen something: `valid`, or everywhere."""
+        """Mask of pixels with content: `valid`, or all."""
         return np.ones(self.shape, np.bool_) if self.valid is None else self.valid
 
 
 @dataclass(frozen=True, eq=False)
 class CameraArray:
-    """Rectified views of one size, no two at one place."""
+    """Rectified views of one size at distinct positions."""
 
     views: tuple[ArrayView, ...]  # at least one
 
@@ -87,6 +93,47 @@ class CameraArray:
 
     @property
     def reference(self) -> int:
-        """Index of the view nearest to (0, 0), the first of several."""
+        """Index of the view nearest to (0, 0), or of the first of several."""
         distance = [view.position.m**2 + view.position.n**2 for view in self.views]
         return distance.index(min(distance))
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Surface seen by one camera.
+
+    Attributes
+    ----------
+    disparity : ndarray of shape (H, W), float32
+        Disparity of every pixel, in pixels per unit of m.
+    occluded : ndarray of shape (H, W), bool
+        Mask of pixels that no other camera sees; their disparity is that of the background around them.
+    confidence : ndarray of shape (H, W), float32
+        Probability that the disparity is right within a pixel of parallax between neighbours.
+    """
+
+    disparity: NDArray[np.float32]
+    occluded: NDArray[np.bool_]
+    confidence: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """Surfaces of all cameras of an array.
+
+    Attributes
+    ----------
+    array : CameraArray
+        The views.
+    labels : DisparityLabels
+        Tried disparities.
+    surfaces : tuple of Surface
+        One for each view.
+    figures : dict
+        Report of the reconstruction: iterations, changes, seconds; JSON-safe.
+    """
+
+    array: CameraArray
+    labels: DisparityLabels
+    surfaces: tuple[Surface, ...]
+    figures: dict[str, Any] = field(default_factory=dict)

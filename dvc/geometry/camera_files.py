@@ -1,9 +1,9 @@
-"""Cameras as files: JSON, Middlebury's `calib.txt`, COLMAP models; or none, estimated from the pictures.
+"""Cameras from files: JSON, Middlebury's `calib.txt`, COLMAP models; or estimated from the pictures.
 
 JSON is a list of cameras, or an object with the keys ``cameras`` and ``points``. A camera has ``file``
-(matched without folder) and either ``K``, ``R``, ``t`` or ``P``; on demand ``distortion`` (k1, k2, p1, p2
-or fewer), and ``"rows": "bottom-up"`` where its matrices count rows from the lowest one. ``points`` are
-points of the scene, (x, y, z) in the world.
+(matched without folder) and either ``K``, ``R``, ``t`` or ``P``; optionally ``distortion`` (k1, k2, p1, p2
+or fewer), and ``"rows": "bottom-up"`` if its matrices count rows from the lowest one. ``points`` are points
+of the scene, (x, y, z) in the world.
 """
 
 import json
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
 from dvc.files import read_whole
-from dvc.geometry import colmap
 from dvc.geometry.calibrated_cameras import (
     LARGEST,
     CalibratedViews,
@@ -25,13 +24,13 @@ from dvc.geometry.calibrated_cameras import (
     camera_from_matrices,
     decomposed,
 )
-from dvc.geometry.feature_matching import Features
+from dvc.geometry.camera_estimation import Features, estimate_cameras, read_model
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 AUTO = "auto"
-"""In place of a file: estimate the cameras."""
+"""Value instead of a file that asks for estimated cameras."""
 _NOTHING = np.zeros((0, 3))
 
 
@@ -41,14 +40,14 @@ def load_cameras(
     pictures: Sequence[Picture],
     features: Sequence[Features] = (),
 ) -> CalibratedViews:
-    """Read the cameras of pictures, or estimate them, by features that are known already where they are."""
+    """Read the cameras of pictures, or estimate them, from features if these are given."""
     names = [Path(path).name for path in paths]
     sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
     if str(source) == AUTO:
-        return colmap.estimate_cameras(names, pictures, features)
+        return estimate_cameras(names, pictures, features)
     source = Path(source)
     if source.is_dir():
-        return colmap.read_model(source, names, sizes)
+        return read_model(source, names, sizes)
     text = _text(source)
     if text.lstrip()[:1] in ("[", "{"):
         return _from_json(source, text, names, sizes)
@@ -114,7 +113,7 @@ def _matrix(values: Any, shape: tuple[int, ...]) -> Floats:
 def _from_middlebury(
     path: Path, text: str, names: Sequence[str], sizes: Sequence[tuple[int, int]]
 ) -> CalibratedViews:
-    """Read two rectified cameras; the second stands to the right of the first by the baseline."""
+    """Read two rectified cameras; the second is to the right of the first by the baseline."""
     if len(names) != 2:
         raise ConfigError(f"{path}: calibrates two views, left and right; {len(names)} are given")
     values: dict[str, str] = dict(re.findall(r"^\s*(\w+)\s*=\s*(.*?)\s*$", text, flags=re.MULTILINE))

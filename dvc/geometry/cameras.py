@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 COLMAP_FIRST_PIXEL_PX = 0.5
-"""Where COLMAP has the centre of the first pixel, both ways; here it is at 0."""
+"""Position of the centre of the first pixel in COLMAP, both ways; here it is 0."""
 RANGE_QUANTILES = (0.005, 0.995)
-"""Of the known inverse depths, what the range of a view spans: a few wrong points do not stretch it."""
+"""Quantiles of known inverse depths that bound the range of a view: a few wrong points do not stretch it."""
 
 
 def homogeneous(points: Floats) -> Floats:
@@ -33,7 +33,7 @@ def project(camera: Floats, points: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class PixelFrame:
-    """Coordinates in which a whole image has about unit size: what the algebra of the cameras works in."""
+    """Coordinates in which a whole image has about unit size, for the algebra of cameras."""
 
     width_px: int  # size of the image
     height_px: int
@@ -88,7 +88,7 @@ def inverse_depth_range(known: Floats) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class ViewPair:
-    """Two views of a static scene: what a search for their depth must know."""
+    """Cameras and depth ranges of two views of a static scene."""
 
     pixel_frame: PixelFrame  # size of both pictures
     cameras: tuple[Floats, Floats]  # in normalised coordinates

@@ -1,11 +1,11 @@
-"""Depth maps of two views: dense inverse depth, its discontinuities, and what the other view sees of it.
+"""Depth maps of two views: dense inverse depth, its discontinuities, and its visibility in the other view.
 
-The plane sweep gives both views a depth. What the two agree on is consistent; what lies outside the other
-view or disagrees is continued from consistent neighbours by their planes, across as few edges as possible,
-and not to a place that the other view looks through: a point that it does not see must be occluded there.
+The plane sweep gives both views a depth. Points on which both agree are consistent. Points outside the other
+view or without agreement continue the planes of consistent neighbours, across as few edges as possible, and
+not to a position that the other view looks through: a point that it does not see must be occluded there.
 """
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
-import enum
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,11 +13,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.geometry import _kernels
+from dvc._jit import kernel
 from dvc.geometry.cameras import ViewPair
-from dvc.geometry.continuation import SeenDepth, Slopes, continue_surfaces
+from dvc.geometry.continuation import (
+    CONSISTENT,
+    OCCLUDED,
+    OUTSIDE,
+    OtherView,
+    SeenDepth,
+    Slopes,
+    Visibility,
+    continue_surfaces,
+    is_transparent,
+)
 from dvc.geometry.plane_sweep import GRADIENT_SWEEP, SweepSettings, depth_hypotheses, sweep
-from dvc.geometry.warping import inverse_warp, warp_matrix
+from dvc.geometry.warping import inverse_warp, warp_matrix, warp_point
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
@@ -25,37 +35,46 @@ Mask = NDArray[np.bool_]
 
 AGREEMENT_PX = 1.5
 """Largest distance, there and back, between points on which two maps agree: a pixel, and both errors."""
+
+
 MIN_CONFIDENCE = 20.0
-"""Of a consistent depth, in units of the sweep's costs: about what noise makes over eight directions."""
+"""Smallest confidence of a consistent depth, in costs of the sweep: the noise of eight directions."""
+
+
 MIN_REGION_PX = 40
-"""Consistent regions with fewer pixels are speckles: accidental matches."""
+"""Smallest consistent region; smaller ones are speckles, accidental matches."""
+
+
 TRACK_RADIUS_PX = 8.0
-"""How far around a known point its depth is taken where the views do not agree on one: half a macroblock."""
+"""Radius around a known point in which its depth replaces inconsistent depth: half a macroblock."""
+
+
 MAX_STRETCH = 1.0
-"""How far a known point may stretch the range of depth, as a share of it: it may be wrong."""
+"""Largest extension of the range of depth by a known point, as a share of it: it may be wrong."""
+
+
 SLOPE_RADIUS_PX = 8
 """Radius in which the slope of a surface is measured: wide against the steps of the hypotheses."""
+
+
 SLOPE_SPACING_PX = 2
-"""Distance of the points that it is measured with."""
+"""Spacing of the points that measure it."""
+
+
 MAX_CONTINUATION_PX = 40.0
-"""How far slopes are continued; farther away their error would be larger than that of constant depth."""
+"""Reach of slopes; farther away their error would be larger than that of constant depth."""
+
+
 MEDIAN_RADIUS_PX = 5
-"""Radius of the median that aligns depth with edges of the image: what the sweep's box and jumps blur."""
+"""Radius of the median that aligns depth with edges of the image, which the sweep blurs."""
+
+
 MEDIAN_LEVELS = 8.0
-"""Difference in luma that quarters a neighbour's weight in this median."""
+"""Difference in luma that quarters the weight of a neighbour in this median."""
+
+
 DISCONTINUITY_PX = 1.5
-"""Neighbours whose motions differ by more belong to different surfaces."""
-
-
-class Visibility(enum.IntEnum):
-    """What another view sees of a point."""
-
-    CONSISTENT = _kernels.CONSISTENT
-    """It sees the point: both depth maps agree."""
-    OUTSIDE = _kernels.OUTSIDE
-    """The point lies outside its frame."""
-    OCCLUDED = _kernels.OCCLUDED
-    """It shows something else there, or one of both depths is wrong."""
+"""Largest difference of motion between neighbours on one surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +82,11 @@ class DepthMap:
     """Depth of a view."""
 
     inverse_depth: Floats  # inverse depth of every pixel
-    visibility: NDArray[np.int8]  # a `Visibility` of every pixel, in the view that the map was checked with
+    visibility: NDArray[np.int8]  # a `Visibility` of every pixel in the other view
 
     @property
     def reliable(self) -> Mask:
-        """Where two views agree on the depth, shape (H, W)."""
+        """Mask (H, W) of pixels with a depth on which two views agree."""
         reliable: Mask = self.visibility == Visibility.CONSISTENT
         return reliable
 
@@ -76,27 +95,27 @@ class DepthMap:
 class DepthView:
     """A picture with its camera and its depth."""
 
-    luma: Luma  # the picture
+    luma: Luma
     camera: Floats  # in normalised coordinates
-    depth: DepthMap  # of the picture, checked with the other view
-    discontinuities: Mask  # cells between four pixels that do not belong to one surface
+    depth: DepthMap  # depth of the picture, checked with the other view
+    discontinuities: Mask  # cells between four pixels of different surfaces
     to_other: Floats  # warp to the other view
 
 
 class KnownDepth(NamedTuple):
-    """What is known of the depth of a view from others than the two that are compared."""
+    """Depth of a view from other views than the two that are compared."""
 
-    depth: DepthMap | None  # as earlier pairs of views have shown it
+    depth: DepthMap | None  # result of earlier pairs of views
     points: Floats  # known points (x, y) in pixels, inside the frame
     inverse_depth: Floats  # inverse depth of each
-    is_settled: bool = False  # whether the depth is taken as it is, and not found anew
+    is_settled: bool = False  # whether the depth is taken as it is
 
 
 Known = tuple[KnownDepth | None, KnownDepth | None]
 
 
 class _Side(NamedTuple):
-    """One view while its depth map is being made, and the warps to the other and back."""
+    """One view, and the warps to the other and back."""
 
     luma: Luma
     there: Floats
@@ -130,20 +149,20 @@ def estimate_depths(
     return first_view, second_view
 
 
-def checked_depth(own: tuple[Floats, Floats], other: Floats, there: Floats) -> DepthMap:
-    """Check inverse depths, given with their confidence, against those of another view."""
+def checked_depth(depth: tuple[Floats, Floats], other: Floats, there: Floats) -> DepthMap:
+    """Check inverse depths and their confidence against the inverse depths of another view."""
     side = _Side(np.empty((0, 0), np.uint8), there, inverse_warp(there))
-    return DepthMap(own[0], _checked(side, own, other))
+    return DepthMap(depth[0], _checked(side, depth, other))
 
 
 def completed_depth(luma: Luma, own: DepthMap, other: DepthMap, there: Floats) -> DepthMap:
-    """Continue what is consistent over the rest, and align its discontinuities with edges of the picture."""
+    """Continue consistent depth over the rest, and align its discontinuities with edges of the picture."""
     side = _Side(luma, there, inverse_warp(there))
     return _aligned(side, _continued(side, own, other), other)
 
 
 def without_speckles(depth: DepthMap) -> DepthMap:
-    """Doubt small regions that are consistent, but not with what is around them."""
+    """Mark small consistent regions as occluded if they disagree with their surroundings."""
     visibility, inverse = depth.visibility.copy(), depth.inverse_depth
     span = float(np.ptp(inverse)) + 1e-300
     levels = ((inverse - inverse.min()) / span * 30000.0).astype(np.int16)
@@ -153,19 +172,38 @@ def without_speckles(depth: DepthMap) -> DepthMap:
     return DepthMap(inverse, visibility)
 
 
-def discontinuities(inverse_depth: Floats, warp: Floats) -> Mask:
-    """Find the cells of a grid of pixels whose corners do not move together."""
-    height, width = inverse_depth.shape
-    found = np.empty((height - 1, width - 1), np.bool_)
-    _kernels.discontinuities(inverse_depth, warp, DISCONTINUITY_PX, found)
-    return found
-
-
 def _settled(known: KnownDepth | None) -> tuple[Floats, Floats] | None:
-    """Inverse depth that is not to be found anew, and that nothing doubts."""
+    """Return settled inverse depth with infinite confidence, if any."""
     if known is None or known.depth is None or not known.is_settled:
         return None
     return known.depth.inverse_depth, np.full(known.depth.inverse_depth.shape, np.inf)
+
+
+def _with_points(depth: Floats, visibility: NDArray[np.int8], known: KnownDepth | None) -> DepthMap:
+    """Replace inconsistent depth around known points by theirs, as consistent depth."""
+    if known is None or not len(known.points):
+        return DepthMap(depth, visibility)
+    from scipy.ndimage import distance_transform_edt
+
+    column, row = np.floor(known.points + 0.5).astype(np.int64).T
+    at_points = np.full(depth.shape, np.nan)
+    at_points[row, column] = known.inverse_depth
+    distance, nearest = distance_transform_edt(np.isnan(at_points), return_indices=True)
+    replaced = (visibility != Visibility.CONSISTENT) & (distance <= TRACK_RADIUS_PX)
+    return DepthMap(
+        np.where(replaced, at_points[nearest[0], nearest[1]], depth),
+        np.where(replaced, np.int8(Visibility.CONSISTENT), visibility),
+    )
+
+
+def _continued(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
+    """Continue the consistent planes over the rest of a view."""
+    limit = 0.03 * float(np.ptp(own.inverse_depth))
+    slopes = Slopes(SLOPE_RADIUS_PX, limit, MAX_CONTINUATION_PX, SLOPE_SPACING_PX)
+    seen, other_seen = (SeenDepth(depth.inverse_depth, depth.visibility) for depth in (own, other))
+    luma, warps = side.luma.astype(np.float64), (side.there, side.back)
+    filled = continue_surfaces(seen, luma, other_seen, warps, slopes, AGREEMENT_PX)
+    return DepthMap(filled, own.visibility)
 
 
 def _swept(
@@ -175,7 +213,7 @@ def _swept(
     known: KnownDepth | None,
     settings: SweepSettings,
 ) -> tuple[Floats, Floats]:
-    """Inverse depth and its confidence."""
+    """Return inverse depth and its confidence by a plane sweep."""
     to_search = _with_nearest(inverse_depth_range, known, settings)
     hypotheses = depth_hypotheses(to_search, side.there, side.luma.shape, settings)
     expected = known.depth if known else None
@@ -186,7 +224,7 @@ def _swept(
 def _with_nearest(
     inverse_depth_range: tuple[float, float], known: KnownDepth | None, settings: SweepSettings
 ) -> tuple[float, float]:
-    """Stretch a range of inverse depth to the nearest known point, if hypotheses would not reach it."""
+    """Extend a range of inverse depth to the nearest known point, if hypotheses would not reach it."""
     if known is None or not len(known.points):
         return inverse_depth_range
     lowest, highest = inverse_depth_range
@@ -196,56 +234,125 @@ def _with_nearest(
     return lowest, min(nearest, highest + MAX_STRETCH * span)
 
 
-def _checked(side: _Side, own: tuple[Floats, Floats], other: Floats) -> NDArray[np.int8]:
-    """Tell what the other view sees: consistent in both, confident, and not a speckle."""
-    depth, confidence = own
+def _checked(side: _Side, estimate: tuple[Floats, Floats], other: Floats) -> NDArray[np.int8]:
+    """Return the visibility in the other view; consistent depth is confident and no speckle."""
+    depth, confidence = estimate
     visibility = np.empty(depth.shape, np.int8)
-    _kernels.check_consistency(depth, other, side.there, side.back, AGREEMENT_PX, visibility)
+    _check_consistency(depth, other, side.there, side.back, AGREEMENT_PX, visibility)
     visibility[(visibility == Visibility.CONSISTENT) & (confidence < MIN_CONFIDENCE)] = Visibility.OCCLUDED
     return without_speckles(DepthMap(depth, visibility)).visibility
 
 
-def _with_points(depth: Floats, visibility: NDArray[np.int8], known: KnownDepth | None) -> DepthMap:
-    """Take the depth of known points around them, where the views agree on none; call it consistent."""
-    if known is None or not len(known.points):
-        return DepthMap(depth, visibility)
-    from scipy.ndimage import distance_transform_edt
+@kernel
+def _check_consistency(depth, other, there, back, tolerance, visibility):
+    """Compare a depth map with another view: consistent, outside it, or occluded (or wrong)."""
+    height, width = depth.shape
+    for y in range(height):
+        for x in range(width):
+            u, v, _ = warp_point(there, x, y, depth[y, x])
+            if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
+                visibility[y, x] = OUTSIDE
+                continue
+            visibility[y, x] = OCCLUDED
+            column, row = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
+            for i in range(max(row - 1, 0), min(row + 2, height)):
+                for j in range(max(column - 1, 0), min(column + 2, width)):
+                    if abs(i - v) + abs(j - u) > 1.5:
+                        continue
+                    a, b, _ = warp_point(back, u, v, other[i, j])
+                    if abs(a - x) + abs(b - y) <= tolerance:
+                        visibility[y, x] = CONSISTENT
+                        break
 
-    column, row = np.floor(known.points + 0.5).astype(np.int64).T
-    at_points = np.full(depth.shape, np.nan)
-    at_points[row, column] = known.inverse_depth
-    distance, nearest = distance_transform_edt(np.isnan(at_points), return_indices=True)
-    taken = (visibility != Visibility.CONSISTENT) & (distance <= TRACK_RADIUS_PX)
-    return DepthMap(
-        np.where(taken, at_points[nearest[0], nearest[1]], depth),
-        np.where(taken, np.int8(Visibility.CONSISTENT), visibility),
-    )
+
+def discontinuities(inverse_depth: Floats, warp: Floats) -> Mask:
+    """Find the cells of a grid of pixels with corners that do not move together."""
+    height, width = inverse_depth.shape
+    cells = np.empty((height - 1, width - 1), np.bool_)
+    _discontinuities(inverse_depth, warp, DISCONTINUITY_PX, cells)
+    return cells
 
 
-def _continued(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
-    """Continue the consistent planes over the rest."""
-    limit = 0.03 * float(np.ptp(own.inverse_depth))
-    slopes = Slopes(SLOPE_RADIUS_PX, limit, MAX_CONTINUATION_PX, SLOPE_SPACING_PX)
-    seen = (SeenDepth(depth.inverse_depth, depth.visibility) for depth in (own, other))
-    luma, warps = side.luma.astype(np.float64), (side.there, side.back)
-    filled = continue_surfaces(next(seen), luma, next(seen), warps, slopes, AGREEMENT_PX)
-    return DepthMap(filled, own.visibility)
+@kernel
+def _discontinuities(depth, warp, tolerance_px, cells):
+    """Mark the cells of a grid of pixels with corners that do not move alike."""
+    height, width = depth.shape
+    motion = np.empty((2, width, 2))
+    for y in range(height):
+        below, above = motion[y & 1], motion[1 - (y & 1)]
+        for x in range(width):
+            u, v, _ = warp_point(warp, x, y, depth[y, x])
+            below[x, 0], below[x, 1] = u - x, v - y
+        if y == 0:
+            continue
+        for x in range(width - 1):
+            spread = 0.0
+            for axis in range(2):
+                a, b, c, d = above[x, axis], above[x + 1, axis], below[x, axis], below[x + 1, axis]
+                spread = max(spread, max(a, b, c, d) - min(a, b, c, d))
+            cells[y - 1, x] = spread > tolerance_px
 
 
 def _aligned(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
-    """Align what was continued, and the discontinuities, with the edges of the image."""
+    """Align continued depth and discontinuities with the edges of the image."""
     depth, reliable = own.inverse_depth, own.reliable
     span = float(np.ptp(depth)) + 1e-300
     around = np.ones((5, 5), np.uint8)
     jump = cv2.dilate(depth, around) - cv2.erode(depth, around) > 0.04 * span
     aligned = np.empty_like(depth)
-    _kernels.guided_median(
-        depth,
-        np.where(reliable, 1.0, 0.3),
-        side.luma,
-        jump | ~reliable,
-        _kernels.Median(MEDIAN_RADIUS_PX, MEDIAN_LEVELS, depth.min(), span / 255.0),
-        _kernels.OtherView(side.there, side.back, other.inverse_depth, other.visibility, AGREEMENT_PX),
-        aligned,
-    )
+    trust, chosen = np.where(reliable, 1.0, 0.3), jump | ~reliable
+    view = OtherView(side.there, side.back, other.inverse_depth, other.visibility, AGREEMENT_PX)
+    _guided_median(depth, trust, side.luma, chosen, depth.min(), span / 255.0, view, aligned)
     return DepthMap(aligned, own.visibility)
+
+
+@kernel
+def _guided_median(depth, trust, image, chosen, low, step, other, median):
+    """Replace the chosen depths by the median of every second neighbour, weighted by likeness of level."""
+    height, width = depth.shape
+    radius, by_level = MEDIAN_RADIUS_PX, np.empty(256)
+    by_offset = np.empty((2 * radius + 1, 2 * radius + 1))
+    _tabulate_weights(by_level, by_offset)
+    bins, sums, number = np.zeros(256), np.zeros(256), np.empty((height, width), np.uint8)
+    for y in range(height):
+        for x in range(width):
+            number[y, x] = min(max(int((depth[y, x] - low) / step), 0), 255)
+    for y in range(height):
+        for x in range(width):
+            median[y, x] = depth[y, x]
+            if not chosen[y, x]:
+                continue
+            first = last = np.int64(number[y, x])
+            total, level = 0.0, np.int64(image[y, x])
+            left, right = max(x - radius, 0), min(x + radius + 1, width)
+            for i in range(max(y - radius, 0), min(y + radius + 1, height)):
+                for j in range(left + ((left + x + i + y) & 1), right, 2):
+                    weight = trust[i, j] * by_level[abs(image[i, j] - level)]
+                    weight *= by_offset[i - y + radius, j - x + radius]
+                    k = np.int64(number[i, j])
+                    first, last = min(first, k), max(last, k)
+                    bins[k] += weight
+                    sums[k] += weight * depth[i, j]
+                    total += weight
+            reached, k = bins[first], first
+            while reached < 0.5 * total and k < last:
+                k += 1
+                reached += bins[k]
+            if bins[k] > 0.0:
+                value = sums[k] / bins[k]
+                if not is_transparent(other, x, y, value):
+                    median[y, x] = value
+            bins[first : last + 1] = 0.0
+            sums[first : last + 1] = 0.0
+
+
+@kernel
+def _tabulate_weights(by_level, by_offset):
+    """Tabulate weights of differences of level, and of offsets in the window."""
+    radius = MEDIAN_RADIUS_PX
+    for difference in range(by_level.size):
+        r = difference / MEDIAN_LEVELS
+        by_level[difference] = 1.0 / ((1.0 + r * r) * (1.0 + r * r))
+    for i in range(-radius, radius + 1):
+        for j in range(-radius, radius + 1):
+            by_offset[i + radius, j + radius] = 1.0 / (1.0 + 2.0 * (i * i + j * j) / (radius * radius))

@@ -1,14 +1,10 @@
-"""Plane sweep: the inverse depth of every pixel of a view, or of every block of a virtual one.
+"""Plane sweep: the inverse depth of every pixel of a view.
 
 For every pixel and every depth hypothesis (a plane of constant inverse depth) the levels of two pictures, and
-their gradients or census bits, are compared where the warp puts the point; semi-global inference favours
-depths without jumps, and a parabola refines the best hypothesis. A virtual view has no picture: both pictures
-are warped into it.
-
-References
-----------
-[Maitre2008] Sec. 5.3.2: blocks of the virtual view are matched along their epipolar lines.
+their gradients or census bits, are compared at the positions given by the warp; semi-global inference favours
+depths without jumps, and a parabola refines the best hypothesis.
 """
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.geometry import _kernels
-from dvc.geometry.census import census_bits
-from dvc.geometry.inference import semi_global
+from dvc._jit import kernel
+from dvc.geometry.label_inference import semi_global
+from dvc.geometry.matching_costs import census_bits, count_bits
 from dvc.geometry.warping import warp_points
 
 Floats = NDArray[np.float64]
@@ -27,43 +23,59 @@ Costs = NDArray[np.int16]
 Luma = NDArray[np.uint8]
 
 MAX_CELLS = 48_000_000
-"""Pixels times hypotheses of a cost volume: what memory it may take."""
-LEVEL_LIMIT, GRADIENT_LIMIT = 30.0, 60.0
-"""Truncation of differences of levels, and of gradients, in luma levels: more is a wrong or hidden point."""
+"""Largest number of pixels times hypotheses of a cost volume; it bounds the memory."""
+
+
+LEVEL_LIMIT, GRADIENT_LIMIT = 30, 60
+"""Truncation of differences of levels and gradients, in luma levels: larger ones are wrong or hidden."""
+
+
 GRADIENT_WEIGHT = 3.0
-"""Of a gradient against a level; gradients survive changes of exposure, and quantisation damps them."""
+"""Weight of a gradient relative to a level; gradients survive changes of exposure, not quantisation."""
+
+
 OUTSIDE_COST = 30
 """Cost of a point outside the other picture: that of a wrong one, so that borders do not attract it."""
-CENSUS_LEVEL_LIMIT, CENSUS_BIT_COST, CENSUS_OUTSIDE_COST = 20.0, 4, 45
-"""Beside census bits: truncation of a difference of levels, cost of a bit, and of a point outside."""
+
+
+CENSUS_LEVEL_LIMIT, CENSUS_BIT_COST, CENSUS_OUTSIDE_COST = np.float32(20.0), 4, 45
+"""Truncation of a difference of levels next to census bits, cost of a bit, and cost of a point outside."""
+
+
 PRIOR_WEIGHT, PRIOR_LIMIT = 8.0, 24.0
-"""Cost of the distance from an expected depth, per hypothesis, and its truncation: below a wrong match."""
-GOLDEN_STEPS = 6
-"""Steps of the golden-section search; each leaves 0.618 of the interval."""
-MIN_PARALLAX_PX = 0.05
-"""A block that a search over two hypotheses moves by less keeps its depth."""
+"""Cost of the distance from an expected depth, per hypothesis, and its truncation below a wrong match."""
+
+
+STEPS = np.int32(32)
+"""Fractions of a pixel to which positions are rounded."""
+
+
+LANE, LANE_MASK = np.uint64(21), (1 << 21) - 1
+"""Bits of each of three numbers in a word; they hold 2047 times the square of the fractions."""
 
 
 @dataclass(frozen=True)
 class SweepSettings:
-    """How finely the planes are swept, and how smooth the result is."""
+    """Spacing of the planes and smoothness of the result."""
 
-    # parallax between neighbouring hypotheses where it is largest, apart from the last twentieth
+    # parallax between neighbouring hypotheses, at the 95th percentile of the picture
     step_px: float = 0.6
-    max_hypotheses: int = 160  # most hypotheses
+    max_hypotheses: int = 160
     # cost of a change of depth by one hypothesis, and of a larger one across equal levels
     small_jump: int = 8
     large_jump: int = 100
-    near_margin: float = 0.2  # how far hypotheses go beyond the nearest known point, as a share of the range
-    census: bool = False  # whether census bits are compared in place of gradients
+    near_margin: float = 0.2  # extension of the range beyond the nearest known point, as a share of it
+    census: bool = False  # whether census bits are compared instead of gradients
 
 
 GRADIENT_SWEEP = SweepSettings()
-"""The usual one."""
+"""Default settings."""
+
+
 CENSUS_SWEEP = SweepSettings(
     step_px=1.0, max_hypotheses=96, small_jump=14, large_jump=500, near_margin=0.5, census=True
 )
-"""A coarser one with stiffer surfaces, which errs elsewhere."""
+"""Coarser settings with stiffer surfaces, which make other errors."""
 
 
 class DepthHypotheses(NamedTuple):
@@ -85,14 +97,14 @@ def depth_hypotheses(
     lowest, highest = inverse_depth_range
     span = max(highest - lowest, 1e-6 * max(abs(lowest), abs(highest), 1e-3))
     lowest, highest = lowest - 0.1 * span, highest + settings.near_margin * span
-    wanted = parallax_px((lowest, highest), warp, shape) / settings.step_px
+    steps = parallax_px((lowest, highest), warp, shape) / settings.step_px
     most = min(settings.max_hypotheses, MAX_CELLS // (shape[0] * shape[1]))
-    count = int(np.clip(np.ceil(wanted) + 1, 4, max(most, 4)))
+    count = int(np.clip(np.ceil(steps) + 1, 4, max(most, 4)))
     return DepthHypotheses(float(lowest), float((highest - lowest) / (count - 1)), count)
 
 
 def parallax_px(inverse_depths: tuple[float, float], warp: Floats, shape: tuple[int, int]) -> float:
-    """Measure how far a change of depth moves points."""
+    """Return the displacement of points under a change of depth."""
     height, width = shape
     x, y = np.meshgrid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9))
     points = np.column_stack([x.ravel(), y.ravel()])
@@ -115,27 +127,40 @@ def sweep(
     """Find the inverse depth of every pixel of a view."""
     cost = _box((_census_costs if settings.census else _gradient_costs)(base, other, warp, hypotheses))
     if prior is not None:
-        _kernels.add_prior(*prior, hypotheses.lowest, hypotheses.step, PRIOR_WEIGHT, PRIOR_LIMIT, cost)
+        _add_prior(*prior, hypotheses.lowest, hypotheses.step, cost)
     chosen, confidence = semi_global(cost, base, settings.small_jump, settings.large_jump)
     return hypotheses.inverse_depth(chosen), confidence
 
 
+@kernel
+def _add_prior(expected, defined, low, step, cost):
+    """Add the truncated distance of each hypothesis from an expected inverse depth, if defined."""
+    height, width, count = cost.shape
+    for y in range(height):
+        for x in range(width):
+            if not defined[y, x]:
+                continue
+            position = (expected[y, x] - low) / step
+            for k in range(count):
+                cost[y, x, k] += np.int16(min(PRIOR_WEIGHT * abs(k - position), PRIOR_LIMIT))
+
+
 def sweep_views(
     base: Luma,
-    others: Sequence[tuple[Luma, Floats]],
+    other_views: Sequence[tuple[Luma, Floats]],
     hypotheses: DepthHypotheses,
     settings: SweepSettings,
 ) -> tuple[Floats, Floats]:
     """Find the inverse depth of every pixel from several other views, each with the warp to it.
 
-    Of every pixel and hypothesis the two views count that agree best: the others may not see the point.
+    For every pixel and hypothesis the two best views count: the point may be hidden in the rest.
     """
-    if not others:
-        raise ValueError("`others` must hold at least one view")
+    if not other_views:
+        raise ValueError("`other_views` must hold at least one view")
     costs = _census_costs if settings.census else _gradient_costs
-    best = costs(base, *others[0], hypotheses)
+    best = costs(base, *other_views[0], hypotheses)
     second: Costs | None = None
-    for other in others[1:]:
+    for other in other_views[1:]:
         cost = costs(base, *other, hypotheses)
         larger = np.maximum(best, cost)
         second = larger if second is None else np.minimum(second, larger, out=second)
@@ -150,22 +175,73 @@ def sweep_views(
 def _gradient_costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypotheses) -> Costs:
     lowest, step, count = hypotheses
     cost = np.empty((*base.shape, count), np.int16)
-    features = packed_features(base), packed_features(other)
-    _kernels.matching_cost(*features, warp, lowest, step, _limits().astype(np.int64), OUTSIDE_COST, cost)
+    _matching_cost(packed_features(base), packed_features(other), warp, lowest, step, cost)
     return cost
 
 
-def _census_costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypotheses) -> Costs:
-    lowest, step, count = hypotheses
-    cost = np.empty((*base.shape, count), np.int16)
-    own, others = ((luma.astype(np.float32), census_bits(luma.astype(np.float32))) for luma in (base, other))
-    limits = _kernels.CensusLimits(np.float32(CENSUS_LEVEL_LIMIT), CENSUS_BIT_COST, CENSUS_OUTSIDE_COST)
-    _kernels.census_cost(own, others, warp, _kernels.Hypotheses(lowest, step), limits, cost)
-    return cost
+@kernel
+def _matching_cost(base, other, warp, low, step, cost):
+    """Compute the truncated difference of features packed in words, three interpolated at once."""
+    height, width = base.shape
+    us, vs = np.empty(cost.shape[2]), np.empty(cost.shape[2])
+    offsets, fractions = np.empty(us.size, np.int32), np.empty((2, us.size), np.int32)
+    samples, line, mask = other.ravel(), np.uint64(width), np.uint64(LANE_MASK)
+    scale = np.int64(2 * STEPS * STEPS)
+    level_limit, gradient_limit = LEVEL_LIMIT * scale, GRADIENT_LIMIT * scale
+    for y in range(height):
+        for x in range(width):
+            _warp_hypotheses(warp, x, y, low, step, us, vs)
+            _round_positions(us, vs, width, height, offsets, fractions)
+            word = base[y, x] * np.uint64(STEPS * STEPS)
+            level, horizontal = np.int64(word & mask), np.int64((word >> LANE) & mask)
+            vertical = np.int64(word >> (LANE + LANE))
+            for k in range(us.size):
+                if offsets[k] < 0:
+                    cost[y, x, k] = OUTSIDE_COST
+                    continue
+                at, right, down = (
+                    np.uint64(offsets[k]),
+                    np.uint64(fractions[0, k]),
+                    np.uint64(fractions[1, k]),
+                )
+                left, up = np.uint64(STEPS) - right, np.uint64(STEPS) - down
+                upper = left * samples[at] + right * samples[at + np.uint64(1)]
+                lower = left * samples[at + line] + right * samples[at + line + np.uint64(1)]
+                there = up * upper + down * lower
+                total = min(abs(np.int64(there & mask) - level), level_limit)
+                total += min(abs(np.int64((there >> LANE) & mask) - horizontal), gradient_limit)
+                total += min(abs(np.int64(there >> (LANE + LANE)) - vertical), gradient_limit)
+                cost[y, x, k] = total // scale
+
+
+@kernel
+def _round_positions(us, vs, width, height, offsets, fractions):
+    """Round positions: offsets of the pixel at the upper left (-1 outside), and fractions in steps."""
+    for k in range(us.size):
+        inside = (us[k] >= 0.0) & (us[k] <= width - 1.0) & (vs[k] >= 0.0) & (vs[k] <= height - 1.0)
+        u, v = us[k] if inside else 0.0, vs[k] if inside else 0.0
+        u, v = np.int32(u * STEPS + 0.5), np.int32(v * STEPS + 0.5)
+        column, row = min(u // STEPS, np.int32(width - 2)), min(v // STEPS, np.int32(height - 2))
+        offsets[k] = row * np.int32(width) + column if inside else np.int32(-1)
+        fractions[0, k], fractions[1, k] = u - STEPS * column, v - STEPS * row
+
+
+@kernel
+def _warp_hypotheses(warp, x, y, low, step, us, vs):
+    """Warp a point for each hypothesis; the position is far away if it is behind the other view."""
+    a = warp[0, 0] * x + warp[0, 1] * y + warp[0, 2]
+    b = warp[1, 0] * x + warp[1, 1] * y + warp[1, 2]
+    c = warp[2, 0] * x + warp[2, 1] * y + warp[2, 2]
+    for k in range(us.size):
+        rho = low + k * step
+        w = c + rho * warp[2, 3]
+        behind = w < 1e-6
+        us[k] = -1e9 if behind else (a + rho * warp[0, 3]) / w
+        vs[k] = -1e9 if behind else (b + rho * warp[1, 3]) / w
 
 
 def luma_features(luma: Luma) -> NDArray[np.float32]:
-    """Return what is compared of a picture."""
+    """Return the features that are compared: level and weighted gradients (3, H, W)."""
     padded = np.pad(luma.astype(np.float32), 1, mode="edge")
     horizontal = padded[1:-1, 2:] - padded[1:-1, :-2]
     vertical = padded[2:, 1:-1] - padded[:-2, 1:-1]
@@ -174,58 +250,81 @@ def luma_features(luma: Luma) -> NDArray[np.float32]:
 
 
 def packed_features(luma: Luma) -> NDArray[np.uint64]:
-    """Return the same in half luma levels, above the least there can be, in one word (H, W)."""
+    """Return the features in half luma levels above their minimum, packed in one word (H, W)."""
     level, horizontal, vertical = (
         np.round(2.0 * feature).astype(np.int64) for feature in luma_features(luma)
     )
     least = round(-255 * GRADIENT_WEIGHT)
     parts = level, horizontal - least, vertical - least
-    words = [part.astype(np.uint64) << np.uint64(k * _kernels.LANE) for k, part in enumerate(parts)]
+    words = [part.astype(np.uint64) << np.uint64(k) * LANE for k, part in enumerate(parts)]
     packed: NDArray[np.uint64] = words[0] | words[1] | words[2]
     return packed
 
 
-def _limits() -> NDArray[np.float32]:
-    return np.array([LEVEL_LIMIT, GRADIENT_LIMIT, GRADIENT_LIMIT], np.float32)
-
-
-def _box(cost: Costs) -> Costs:
-    """Mean over 3x3 pixels."""
-    mean = np.empty_like(cost)
-    _kernels.box_mean(cost, mean)
-    return mean
-
-
-class VirtualView(NamedTuple):
-    """A view without a picture, and two pictures that show its scene."""
-
-    features: tuple[NDArray[np.float32], NDArray[np.float32]]  # `luma_features` of the pictures
-    warps: tuple[Floats, Floats]  # from the view to each of them
-    block_px: int  # side of the view's blocks
-
-
-def block_costs(view: VirtualView, hypotheses: DepthHypotheses, spacing_px: float) -> Costs:
-    """Compare two pictures along the epipolar lines through each block of a virtual view."""
-    height, width = view.features[0].shape[1:]
-    cost = np.empty(
-        (-(-height // view.block_px), -(-width // view.block_px), hypotheses.num_hypotheses), np.int16
-    )
-    _kernels.block_cost(
-        _kernels.PicturePair(*view.features, *view.warps),
-        _kernels.Hypotheses(hypotheses.lowest, hypotheses.step),
-        view.block_px,
-        spacing_px,
-        _limits(),
-        OUTSIDE_COST,
-        cost,
-    )
+def _census_costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypotheses) -> Costs:
+    lowest, step, count = hypotheses
+    cost = np.empty((*base.shape, count), np.int16)
+    levels, other_levels = base.astype(np.float32), other.astype(np.float32)
+    bits, other_bits = census_bits(levels), census_bits(other_levels)
+    _census_cost(levels, bits, other_levels, other_bits, warp, lowest, step, cost)
     return cost
 
 
-def refine_blocks(view: VirtualView, depth: Floats, reach: float, window_radius_px: int) -> Floats:
-    """Refine the depths of the blocks of a virtual view by golden sections."""
-    refined = depth.copy()
-    (first, *_), (second, *_) = view.features
-    pair, search = _kernels.PicturePair(first, second, *view.warps), (MIN_PARALLAX_PX, GOLDEN_STEPS, refined)
-    _kernels.golden_search(pair, view.block_px, window_radius_px, reach, *search)
-    return refined
+@kernel
+def _census_cost(levels, bits, other_levels, other_bits, warp, low, step, cost):
+    """Add the truncated difference of levels and the cost of differing census bits."""
+    samples, words = other_levels.ravel(), other_bits.ravel()
+    height, width = levels.shape
+    line = np.uint64(width)
+    us, vs = np.empty(cost.shape[2]), np.empty(cost.shape[2])
+    offsets, nearest = np.empty(us.size, np.int32), np.empty(us.size, np.int32)
+    for y in range(height):
+        for x in range(width):
+            _warp_hypotheses(warp, x, y, low, step, us, vs)
+            _split_positions(us, vs, width, height, offsets, nearest)
+            for k in range(us.size):
+                if offsets[k] < 0:
+                    cost[y, x, k] = CENSUS_OUTSIDE_COST
+                    continue
+                at, right, down = np.uint64(offsets[k]), us[k], vs[k]
+                upper = samples[at] + right * (samples[at + np.uint64(1)] - samples[at])
+                at += line
+                lower = samples[at] + right * (samples[at + np.uint64(1)] - samples[at])
+                difference = min(abs(upper + down * (lower - upper) - levels[y, x]), CENSUS_LEVEL_LIMIT)
+                different = count_bits(bits[y, x] ^ words[np.uint64(nearest[k])])
+                cost[y, x, k] = np.int16(difference) + np.int16(CENSUS_BIT_COST * np.int64(different))
+
+
+@kernel
+def _split_positions(us, vs, width, height, offsets, nearest):
+    """Split positions: offsets of the upper left pixel (-1 outside) and of the nearest; keep fractions."""
+    for k in range(us.size):
+        inside = (us[k] >= 0.0) & (us[k] <= width - 1.0) & (vs[k] >= 0.0) & (vs[k] <= height - 1.0)
+        u, v = us[k] if inside else 0.0, vs[k] if inside else 0.0
+        column, row = min(np.int32(u), np.int32(width - 2)), min(np.int32(v), np.int32(height - 2))
+        offsets[k] = row * np.int32(width) + column if inside else np.int32(-1)
+        nearest[k] = np.int32(v + 0.5) * np.int32(width) + np.int32(u + 0.5)
+        us[k], vs[k] = u - column, v - row
+
+
+def _box(cost: Costs) -> Costs:
+    """Return means over 3x3 pixels."""
+    mean = np.empty_like(cost)
+    _box_mean(cost, mean)
+    return mean
+
+
+@kernel
+def _box_mean(cost, mean):
+    """Average each hypothesis over 3x3 pixels, with a repeated border."""
+    height, width, count = cost.shape
+    rows = np.empty((width, count), np.int16)
+    for y in range(height):
+        above, here, below = cost[max(y - 1, 0)], cost[y], cost[min(y + 1, height - 1)]
+        for x in range(width):
+            for k in range(count):
+                rows[x, k] = above[x, k] + here[x, k] + below[x, k]
+        for x in range(width):
+            left, right = max(x - 1, 0), min(x + 1, width - 1)
+            for k in range(count):
+                mean[y, x, k] = np.uint16(rows[left, k] + rows[x, k] + rows[right, k]) // np.uint16(9)

@@ -44,28 +44,28 @@ def inverse_depths(first: Floats, camera: Floats, second: Floats) -> tuple[Float
 class TrackDepths(NamedTuple):
     """Depths of tracked points in one view."""
 
-    # inverse depth in that view; nan where the point is not known there or nowhere else
+    # inverse depth in that view; NaN for points that are not in it, or in no other view
     inverse_depth: Floats
-    # root mean square distance between where the other views see the point and where it should be
+    # root mean square distance between positions in the other views and projections
     rms_px: Floats
-    # standard deviation of the point's place in that of the views it lies in where it depends most on the
-    # depth, for positions that are off by one pixel
+    # standard deviation of the projection into the most sensitive of the views that see the point, if
+    # positions have an error of one pixel
     sigma_px: Floats
 
 
 def track_depths(
     positions: Floats, cameras: Sequence[Floats | None], view: int, frame: PixelFrame
 ) -> TrackDepths:
-    """Find the inverse depths in one view that bring points nearest to where the other views see them."""
+    """Find the inverse depths in one view that project points nearest to their positions in other views."""
     source = cameras[view]
     if source is None:
         raise ValueError(f"view {view} has no camera")
     points = positions[:, view]
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
-    rays = np.column_stack([np.where(known[:, None], points, 0.0), np.ones(len(points))])
-    others = [(k, camera) for k, camera in enumerate(cameras) if camera is not None and k != view]
-    warps = [warp_matrix(source, camera, frame) for _, camera in others]
-    seen = [positions[:, k] for k, _ in others]
+    defined: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
+    rays = np.column_stack([np.where(defined[:, None], points, 0.0), np.ones(len(points))])
+    targets = [(k, camera) for k, camera in enumerate(cameras) if camera is not None and k != view]
+    warps = [warp_matrix(source, camera, frame) for _, camera in targets]
+    seen = [positions[:, k] for k, _ in targets]
     size = np.array([frame.width_px, frame.height_px])
     inverse = np.zeros(len(points))
     for step in range(NUM_STEPS + 1):
@@ -74,12 +74,12 @@ def track_depths(
         for warp, there in zip(warps, seen, strict=True):
             image = rays @ warp[:, :3].T + inverse[:, None] * warp[:, 3]
             depth = np.maximum(image[:, 2:], MIN_DEPTH)
-            place = image[:, :2] / depth
-            change = (warp[:2, 3] - place * warp[2, 3]) / depth
-            used: NDArray[np.bool_] = known & np.asarray(np.isfinite(there).all(axis=1))
-            offset = np.where(used[:, None], there - place, 0.0)
+            position = image[:, :2] / depth
+            change = (warp[:2, 3] - position * warp[2, 3]) / depth
+            used: NDArray[np.bool_] = defined & np.asarray(np.isfinite(there).all(axis=1))
+            offset = np.where(used[:, None], there - position, 0.0)
             squares = (change * change).sum(axis=1)
-            inside = (image[:, 2] > MIN_DEPTH) & ((place >= 0) & (place < size)).all(axis=1)
+            inside = (image[:, 2] > MIN_DEPTH) & ((position >= 0) & (position < size)).all(axis=1)
             farthest = np.where(used | inside, np.maximum(farthest, squares), farthest)
             sums += np.stack(
                 [used * squares, (change * offset).sum(axis=1), (offset * offset).sum(axis=1), 1.0 * used]

@@ -1,12 +1,19 @@
-"""View synthesis: the picture of another view from pictures with depth, and what none of them shows.
+"""View synthesis: the picture of another view from pictures with depth, and the filling of its holes.
 
 Surfaces are drawn forward with depth order, so that near ones cover far ones; every pixel that they reach
-then fetches its levels from between the pixels of the source. What is left continues the background.
+then fetches its levels from between the pixels of the source.
+
+A hole opens between a near surface that has moved and a far one that it no longer covers, along the epipolar
+line. Its pixels belong to the far one: their levels are a membrane (the Poisson equation) over the hole that
+is fixed to the background and free at the near surface. Holes at the border of the frame are fixed to all
+that surrounds them.
 
 References
 ----------
 [Maitre2008] Sec. 3.2: several pictures with depth in one stream; (3.4): forward compensation.
+[Perez2003] P. Pérez, M. Gangnet, A. Blake, "Poisson image editing", ACM Trans. Graph. 22(3), 2003.
 """
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -14,78 +21,85 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.geometry.hole_filling import fill_from_background
-from dvc.geometry.rendering import EMPTY, draw
-from dvc.geometry.sampling import sample
-from dvc.geometry.warping import inverse_warp, warp_grid
+from dvc._jit import kernel
+from dvc.geometry.rendering import draw, fill_holes
+from dvc.geometry.warping import EMPTY, inverse_warp, sample, warp_grid
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 DISCONTINUITY_PX = 1.5
-"""Neighbours whose motions differ by more may belong to different surfaces."""
+"""Largest difference of motion between neighbours that certainly belong to one surface."""
+
+
 SAME_SURFACE_PX = 1.0
-"""Largest parallax between what two sources show of one surface."""
+"""Largest parallax between two sources of one surface."""
+
+
 FALLBACK_WEIGHT = 1e-6
-"""Weight, relative to 1, of sources that are shown where no other one sees anything."""
+"""Weight, relative to 1, of sources that only fill gaps of the other ones."""
+STIFFNESS = 1e-6
+"""Pull of the nearest level, relative to 1 of each neighbour: unbounded holes have a solution, too."""
+TOLERANCE = 1e-4
+"""Root mean square of the residual of the equations, in levels."""
 
 
 class PictureWithDepth(NamedTuple):
-    """A picture with the depth of its pixels, and where the wanted view lies."""
+    """A picture with the depth of its pixels, and its warp to the target view."""
 
-    image: NDArray[np.uint8]  # the picture
-    inverse_depth: Floats  # of its pixels; disparity in rectified arrays. `EMPTY` where there is nothing
-    warp: Floats  # to the wanted view, in pixels; see `dvc.geometry.warping`
-    # inverse depth between neighbours of one surface is at most this, whatever the motion: the precision with
-    # which it is known
+    image: NDArray[np.uint8]
+    inverse_depth: Floats  # disparity in rectified arrays; `EMPTY` for pixels without a surface
+    warp: Floats  # to the target view, in pixels; see `dvc.geometry.warping`
+    # precision of the inverse depth: smaller steps are no discontinuity, however large the motion
     step: float = 0.0
-    # share in what several pictures show; with 0, shown only where no other one sees anything
+    # weight among several sources; 0 for sources that only fill gaps of the other ones
     weight: float = 1.0
 
 
 class SynthesisedView(NamedTuple):
-    """A picture that no camera has taken."""
+    """A synthesised picture."""
 
     image: Floats  # levels from 0 to 255, without holes
-    inverse_depth: Floats  # in the wanted view, without holes
-    drawn: Mask  # what a source shows; the rest is filled
+    inverse_depth: Floats  # in the target view, without holes
+    drawn: Mask  # pixels from a source; the rest is filled
 
 
 Surface = Callable[[Sequence[PictureWithDepth], Sequence[Floats]], Floats]
-"""Chooses the inverse depth of a view from what each source shows in it."""
+"""Function that chooses the inverse depth of a view from that of each source."""
 
 
 def nearest_surface(sources: Sequence[PictureWithDepth], drawn: Sequence[Floats]) -> Floats:
-    """Choose the nearest of what sources show."""
+    """Choose the nearest depth of all sources."""
     nearest: Floats = np.maximum.reduce(drawn)
     return nearest
 
 
 def agreed_surface(sources: Sequence[PictureWithDepth], drawn: Sequence[Floats]) -> Floats:
-    """Choose what sources of most weight show: a wrong depth of one does not cover what others see."""
+    """Choose the depth with the largest weight of agreeing sources: a wrong one covers nothing."""
     backs = [inverse_warp(source.warp) for source in sources]
     chosen, most = np.full(drawn[0].shape, EMPTY), np.zeros(drawn[0].shape)
-    for own in drawn:
-        votes = np.zeros(own.shape)
+    for depth in drawn:
+        votes = np.zeros(depth.shape)
         for source, back, other in zip(sources, backs, drawn, strict=True):
-            both = (own > EMPTY) & (other > EMPTY)
-            same = _parallax_px(back, np.where(both, own, 0.0), np.where(both, other, 0.0)) <= SAME_SURFACE_PX
+            both = (depth > EMPTY) & (other > EMPTY)
+            pair = np.where(both, depth, 0.0), np.where(both, other, 0.0)
+            same = _parallax_px(back, *pair) <= SAME_SURFACE_PX
             votes += np.where(both & same, max(source.weight, FALLBACK_WEIGHT), 0.0)
-        better = (votes > most) | ((votes == most) & (own > chosen))
-        chosen, most = np.where(better, own, chosen), np.where(better, votes, most)
+        better = (votes > most) | ((votes == most) & (depth > chosen))
+        chosen, most = np.where(better, depth, chosen), np.where(better, votes, most)
     return chosen
 
 
-def _parallax_px(warp: Floats, own: Floats, other: Floats) -> Floats:
-    """Measure how far apart points of two depths lie in another view."""
-    apart = warp_grid(warp, own)[..., :2] - warp_grid(warp, other)[..., :2]
+def _parallax_px(warp: Floats, first: Floats, second: Floats) -> Floats:
+    """Return the distance in another view between points of two depths."""
+    apart = warp_grid(warp, first)[..., :2] - warp_grid(warp, second)[..., :2]
     return np.asarray(np.hypot(apart[..., 0], apart[..., 1]))
 
 
 def synthesise(
     sources: Sequence[PictureWithDepth], shape: tuple[int, int], surface: Surface = nearest_surface
 ) -> SynthesisedView:
-    """Render a view."""
+    """Render the target view of some sources."""
     drawn = [drawn_depth(source, shape) for source in sources]
     nearest = surface(sources, drawn)
     total = np.zeros(shape)
@@ -112,7 +126,7 @@ def synthesise(
 
 
 def drawn_depth(source: PictureWithDepth, shape: tuple[int, int]) -> Floats:
-    """Return what a source shows in the wanted view."""
+    """Return the inverse depth of a source in the target view."""
     depth = source.inverse_depth
     missing = [(0, max(2 - size, 0)) for size in depth.shape]  # a cell has four corners
     depth = np.pad(depth, missing, mode="edge") if any(pad for _, pad in missing) else depth
@@ -123,15 +137,150 @@ def drawn_depth(source: PictureWithDepth, shape: tuple[int, int]) -> Floats:
 
 
 def _discontinuities(depth: Floats, warp: Floats, step: float) -> Mask:
-    """Cells whose corners belong to different surfaces."""
+    """Return the cells with corners on different surfaces."""
     x_and_y = warp_grid(warp, depth)[..., :2]
     flat = warp_grid(warp, np.full(depth.shape, depth.min(where=depth > EMPTY, initial=np.inf)))[..., :2]
-    found: Mask = (_spread(x_and_y - flat).max(axis=-1) > DISCONTINUITY_PX) & (_spread(depth) > 1.5 * step)
-    return found | (_spread(depth) >= -0.5 * EMPTY)
+    torn: Mask = (_spread(x_and_y - flat).max(axis=-1) > DISCONTINUITY_PX) & (_spread(depth) > 1.5 * step)
+    return torn | (_spread(depth) >= -0.5 * EMPTY)
 
 
 def _spread(plane: Floats) -> Floats:
-    """Largest difference between the four corners of each cell."""
+    """Return the largest difference between the four corners of each cell."""
     sides = plane[:, :-1], plane[:, 1:]
     most, least = np.maximum(*sides), np.minimum(*sides)
     return np.asarray(np.maximum(most[:-1], most[1:]) - np.minimum(least[:-1], least[1:]))
+
+
+def fill_from_background(image: Floats, inverse_depth: Floats, epipole: Floats) -> tuple[Floats, Floats]:
+    """Fill the holes of a rendered picture from the background around them."""
+    holes = inverse_depth <= EMPTY
+    if not holes.any():
+        return image, inverse_depth
+    if holes.all():
+        return np.zeros_like(image), np.zeros_like(inverse_depth)
+    far, near = np.empty_like(inverse_depth), np.empty_like(inverse_depth)
+    _along_epipolar_lines(inverse_depth, np.ascontiguousarray(epipole), far, near)
+    filled = image.copy()
+    filled[holes] = _membrane(image, holes, inverse_depth, 0.5 * (far + near))
+    return filled, fill_holes(far)
+
+
+def poisson_filled(image: Floats, holes: Mask) -> Floats:
+    """Fill holes from all surfaces around them, near or far."""
+    if not holes.any() or holes.all():
+        return image
+    flat = np.where(holes, EMPTY, 0.0)
+    filled = image.copy()
+    filled[holes] = _membrane(image, holes, flat, np.full(holes.shape, np.inf))
+    return filled
+
+
+@kernel
+def _along_epipolar_lines(depth, epipole, far, near):
+    """Find the farthest and nearest depth at both ends of the epipolar line through a hole."""
+    height, width = depth.shape
+    for y in range(height):
+        for x in range(width):
+            if depth[y, x] > EMPTY:
+                far[y, x] = near[y, x] = depth[y, x]
+                continue
+            dx, dy = epipole[0] - x * epipole[2], epipole[1] - y * epipole[2]
+            length = max(abs(dx), abs(dy))
+            ends = 0
+            for side in (-1.0, 1.0):
+                k = 0
+                while length > 0.0:
+                    k += 1
+                    i = int(np.floor(y + side * k * dy / length + 0.5))
+                    j = int(np.floor(x + side * k * dx / length + 0.5))
+                    if not (0 <= i < height and 0 <= j < width):
+                        break
+                    if depth[i, j] > EMPTY:
+                        far[y, x] = min(far[y, x], depth[i, j]) if ends else depth[i, j]
+                        near[y, x] = max(near[y, x], depth[i, j]) if ends else depth[i, j]
+                        ends += 1
+                        break
+            if ends == 0:
+                far[y, x] = near[y, x] = EMPTY
+            if ends < 2:
+                near[y, x] = np.inf
+
+
+def _membrane(image: Floats, holes: Mask, depth: Floats, limit: Floats) -> Floats:
+    """Return levels (K, C) of the K pixels of holes; surfaces nearer than the limit do not bound them."""
+    from scipy.ndimage import distance_transform_edt
+
+    rows, columns = distance_transform_edt(holes, return_distances=False, return_indices=True)
+    number = np.full(holes.shape, -1, np.int32)
+    count = int(holes.sum())
+    number[holes] = np.arange(count, dtype=np.int32)
+    neighbours, diagonal = np.empty((count, 4), np.int32), np.empty(count)
+    levels = np.ascontiguousarray(image[rows[holes], columns[holes]].T)
+    right = STIFFNESS * levels
+    _membrane_equations(number, depth, limit, image, neighbours, diagonal, right)
+    for channel, target in zip(levels, right, strict=True):
+        _solve_membrane(neighbours, diagonal, target, channel)
+    return levels.T
+
+
+@kernel
+def _membrane_equations(number, depth, limit, image, neighbours, diagonal, right):
+    """Set up the Laplace equation in holes; surfaces nearer than the limit do not bound them."""
+    height, width = number.shape
+    for y in range(height):
+        for x in range(width):
+            row = number[y, x]
+            if row < 0:
+                continue
+            diagonal[row] = STIFFNESS
+            for side in range(4):
+                i = y + (-1 if side == 0 else 1 if side == 1 else 0)
+                j = x + (-1 if side == 2 else 1 if side == 3 else 0)
+                neighbours[row, side] = -1
+                if not (0 <= i < height and 0 <= j < width):
+                    continue
+                if number[i, j] >= 0:
+                    neighbours[row, side] = number[i, j]
+                    diagonal[row] += 1.0
+                elif depth[i, j] <= limit[y, x]:
+                    diagonal[row] += 1.0
+                    for c in range(image.shape[2]):
+                        right[c, row] += image[i, j, c]
+
+
+@kernel
+def _solve_membrane(neighbours, diagonal, right, levels):
+    """Solve the equations of one channel by conjugate gradients, from approximate levels."""
+    product = np.empty_like(levels)
+    _membrane_product(neighbours, diagonal, levels, product)
+    residual = right - product
+    direction = residual.copy()
+    squared = float((residual * residual).sum())
+    limit = TOLERANCE * TOLERANCE * levels.shape[0]
+    for _ in range(10 * levels.shape[0]):
+        if squared <= limit:
+            break
+        step = squared / _membrane_product(neighbours, diagonal, direction, product)
+        before, squared = squared, 0.0
+        for row in range(levels.shape[0]):
+            levels[row] += step * direction[row]
+            residual[row] -= step * product[row]
+            squared += residual[row] * residual[row]
+        share = squared / before
+        for row in range(levels.shape[0]):
+            direction[row] = residual[row] + share * direction[row]
+
+
+@kernel
+def _membrane_product(neighbours, diagonal, levels, product):
+    """Multiply levels by the matrix of the equations; return the product of the result and the levels."""
+    form = 0.0
+    for row in range(levels.shape[0]):
+        total = diagonal[row] * levels[row]
+        for side in range(4):
+            column = neighbours[row, side]
+            if column >= 0:
+                total -= levels[column]
+        product[row] = total
+        form += levels[row] * total
+    return form

@@ -1,7 +1,7 @@
-"""Viewpoints: where views are taken from, on the lattice of a rectified array or by calibrated cameras.
+"""Viewpoints: positions on the lattice of a rectified array, or calibrated cameras.
 
-Between two viewpoints of one kind there is a warp (`dvc.geometry.warping`), for which the inverse depth of a
-pixel is its disparity in an array, and 1/z of the source where cameras are calibrated.
+Two viewpoints of one kind have a warp (`dvc.geometry.warping`), for which the inverse depth of a
+pixel is its disparity in an array, and 1/z of the source between calibrated cameras.
 """
 
 import math
@@ -25,7 +25,7 @@ class CalibratedViewpoint:
 
     @property
     def centre(self) -> Floats:
-        """Where it stands, shape (3,)."""
+        """Position in the world, shape (3,)."""
         return -self.pose[:, :3].T @ self.pose[:, 3]
 
 
@@ -56,7 +56,7 @@ def calibrated_warp(source: CalibratedViewpoint, target: CalibratedViewpoint) ->
 
 
 def distance(first: Viewpoint, second: Viewpoint) -> float:
-    """Return how far two viewpoints are from each other."""
+    """Return the distance of two viewpoints."""
     if isinstance(first, LatticePosition) and isinstance(second, LatticePosition):
         return math.hypot(first.m - second.m, first.n - second.n)
     assert isinstance(first, CalibratedViewpoint)

@@ -1,4 +1,4 @@
-"""The frame of layers and sprites: a canvas around the reference view, and depth from disparity in it."""
+"""Canvas of layers and sprites: the frame of the reference view and a margin, with depth from disparity."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,11 +11,11 @@ from dvc.geometry.camera_array import DisparityLabels
 Floats = NDArray[np.float64]
 
 DEPTH_RANGE = 20.0
-"""Where nothing is calibrated, the farthest depth is at most this many times the nearest."""
+"""Largest ratio of the farthest and the nearest depth without calibration."""
 
 
 class Frame(NamedTuple):
-    """Where the reference view lies in a canvas."""
+    """Position and size of the reference view in a canvas."""
 
     left: int  # column and row of its first pixel
     top: int
@@ -31,7 +31,7 @@ class Frame(NamedTuple):
 class DepthScale(NamedTuple):
     """Depth from disparity: ``scale / (disparity + shift)``."""
 
-    scale: float  # of the formula; the shift is in pixels per unit of m
+    scale: float  # the shift is in pixels per unit of m
     shift: float
 
     def depth(self, disparity: NDArray[np.floating]) -> Floats:
@@ -43,21 +43,21 @@ class DepthScale(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """A canvas in the rectified space, that holds the reference view and what other cameras see around it."""
+    """Canvas in the rectified space for the reference view and the scene around it."""
 
     shape: tuple[int, int]  # height and width
     frame: Frame  # the reference view
-    labels: DisparityLabels  # disparities that were tried
-    resolution: float  # surfaces whose disparities differ by less are not told apart
+    labels: DisparityLabels  # tried disparities
+    resolution: float  # smallest difference of disparity between distinct surfaces
     reference: str  # name of the reference view
     num_cameras: int  # number of views that were merged
     # homography of space, inverse of (2.12), for ``(x, y, d, 1)`` with x and y in the reference view; None
-    # where nothing is calibrated
+    # without calibration
     world_from_rectified: Floats | None = None
 
     @property
     def depth_scale(self) -> DepthScale:
-        """Depth in the unit of the world; where nothing is calibrated, 1/d."""
+        """Depth in the unit of the world, or 1/d without calibration."""
         if self.world_from_rectified is not None:
             plane = np.linalg.inv(self.world_from_rectified)[3]
             row = self.world_from_rectified[3]
@@ -70,7 +70,7 @@ class Canvas:
         return DepthScale(1.0, 0.0)
 
     def points(self, disparity: NDArray[np.floating]) -> Floats:
-        """Return points in space, of disparities whose depth is finite."""
+        """Return points in space of disparities with finite depth."""
         y, x = np.indices(self.shape, np.float64)
         x, y = x - self.frame.left, y - self.frame.top
         if self.world_from_rectified is not None:

@@ -1,17 +1,17 @@
 """Layered depth image (2.21): the surfaces of all cameras in the frame of one, several values a pixel.
 
 Surfaces are sheared into the frame of the reference camera as points, not as volumes, so disparities and
-positions of cameras need not be whole numbers. Readings of (2.21), where it leaves a choice:
+positions of cameras need not be whole numbers. Choices that (2.21) leaves open:
 
-* A pixel votes unless a neighbouring camera refutes it, by seeing through it (2.15). What is seen in no other
-  view votes as well: it is all there is to know of what the reference does not see.
-* In the reference frame, of each camera only the nearest point that is left is visible and votes.
-* The label with most votes is a value, the larger one of equals; its disparity is the mean of those who vote
-  for it. Points whose disparity differs by no more than `resolution` are removed with it, so that cameras
-  that disagree by a label make no layers; but where a camera itself sees both surfaces, a label and a pixel
-  or more apart, there are two.
-* Inside the frame the reference sees the first value, so nothing lies before it, and what the reference
-  itself has found is not left for a deeper layer. Further values of a pixel are sorted from near to far.
+* A pixel votes unless a neighbouring camera refutes it, by seeing through it (2.15). Pixels that no other
+  view sees vote as well: they are the only evidence of surfaces hidden from the reference.
+* In the reference frame, only the nearest remaining point of each camera is visible and votes.
+* The label with most votes is a value, the larger one of equals; its disparity is the mean of its voters.
+  Points within `resolution` of it are removed with it, so that cameras that disagree by a
+  label make no layers; but if a camera itself sees both surfaces, a label and a pixel or more apart, there
+  are two.
+* Inside the frame the reference sees the first value, so nothing lies before it, and the surface of the
+  reference itself is not left for a deeper layer. Further values of a pixel are sorted from near to far.
 * Regions of a few pixels behind two other surfaces are left out.
 * A value has the median colour of its voters; the first one inside the frame that of the reference view.
 """
@@ -25,8 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import DvcError
-from dvc.geometry.camera_array import CameraArray, DisparityLabels
-from dvc.geometry.surfaces import Reconstruction
+from dvc.geometry.camera_array import CameraArray, DisparityLabels, Reconstruction
 from dvc.layers import _kernels
 from dvc.layers.canvas import Canvas, Frame
 
@@ -34,17 +33,17 @@ Floats = NDArray[np.float64]
 Masks = list[NDArray[np.bool_]]
 
 MAX_LAYERS = 8
-"""More values at one pixel are errors of the surfaces."""
+"""Largest number of values at a pixel; more are errors of the surfaces."""
 MIN_HIDDEN_REGION_PX = 20
-"""Smaller regions behind two other surfaces are accidents at their borders."""
+"""Smallest region behind two other surfaces; smaller ones are artefacts at their borders."""
 MAX_CANVAS_FRAMES = 16
-"""The canvas is at most this many times as large as a view."""
+"""Largest ratio of the areas of the canvas and a view."""
 MAX_POINTS_PER_PIXEL = MAX_CANVAS_FRAMES
-"""That all views have on the canvas, on average: surfaces that do not fold cover it once."""
+"""Largest average number of points per pixel of all views: surfaces without folds have one."""
 MAX_MAGNITUDE = 1e6
-"""Of disparities and positions."""
+"""Largest magnitude of disparities and positions."""
 _ROWS = 64
-"""Rows of the canvas that are voted on at once."""
+"""Rows of the canvas in one vote."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +53,14 @@ class LayeredDepthImage:
     Attributes
     ----------
     canvas : Canvas
-        Where they are.
+        Their canvas.
     colour : ndarray of shape (L, H, W, 3), uint8
         Red, green and blue.
     disparity : ndarray of shape (L, H, W), float32
-        In pixels per unit of m, strictly decreasing from layer to layer; 0 where there is no value.
+        In pixels per unit of m, strictly decreasing from layer to layer; 0 without a value.
     votes : ndarray of shape (L, H, W), uint8
-        Number of cameras that agree on each value, 255 if more; 0 where there is none. Where a layer has a
-        value, so have those before it.
+        Number of cameras that agree on each value, at most 255; 0 for none. A pixel with a value in a layer
+        has one in all layers before it.
     """
 
     canvas: Canvas
@@ -71,7 +70,7 @@ class LayeredDepthImage:
 
     @property
     def occupied(self) -> NDArray[np.bool_]:
-        """Where there are values, of shape (L, H, W)."""
+        """Mask of values, of shape (L, H, W)."""
         return self.votes > 0
 
     @property
@@ -85,8 +84,8 @@ class LayeredDepthImage:
         Returns
         -------
         dict
-            Number of layers; values inside the reference frame and beyond it; by how many per cent those
-            inside are more than one depth map has; values of each layer inside the frame.
+            Number of layers; values inside the reference frame and beyond it; increase over
+            one depth map inside the frame in per cent; values of each layer inside the frame.
         """
         frame = self.canvas.frame
         inside = self.occupied[:, *frame.slices]
@@ -101,14 +100,14 @@ class LayeredDepthImage:
 
 
 def resolution(array: CameraArray, labels: DisparityLabels) -> float:
-    """Return the difference of disparity above which surfaces are told apart."""
+    """Return the smallest difference of disparity between distinct surfaces."""
     positions = np.array([view.position for view in array])
     span = float(np.ptp(positions, axis=0).max())
     return max(labels.step, 1.0 / span) if span > 0.0 else labels.step
 
 
 def unrefuted(reconstruction: Reconstruction) -> Masks:
-    """Tell which pixels of the surfaces are not refuted by neighbouring cameras, after (2.15)."""
+    """Return masks of the pixels that no neighbouring camera refutes, after (2.15)."""
     array, surfaces = reconstruction.array, reconstruction.surfaces
     tolerance = 1.001 * resolution(array, reconstruction.labels)
     masks = []
@@ -127,7 +126,7 @@ def unrefuted(reconstruction: Reconstruction) -> Masks:
 
 
 def _neighbours(array: CameraArray, index: int) -> list[list[int]]:
-    """Return the nearest cameras to the left and right, and those above and below, where there are any."""
+    """Return the nearest cameras to the left and right, and above and below, if any."""
     nearest: dict[tuple[int, bool], tuple[float, int]] = {}
     for other in range(len(array)):
         if other != index:
@@ -154,10 +153,10 @@ def layered_depth_image(
     reconstruction : Reconstruction
         Surfaces of at least one view.
     voters : sequence of ndarray of shape (H, W), bool, optional
-        Which pixels of each camera vote; by default those that no neighbouring camera refutes. All do of the
-        reference.
+        Which pixels of each camera vote; by default those that no neighbouring camera refutes. All pixels
+        of the reference vote.
     advance : callable, optional
-        Told the number of steps that have just been finished; there are as many as views.
+        Called with the number of finished steps; the total is the number of views.
 
     Returns
     -------
@@ -167,8 +166,8 @@ def layered_depth_image(
     Raises
     ------
     DvcError
-        If numbers make no sense, the canvas would be larger than `MAX_CANVAS_FRAMES` views, or there are
-        more than `MAX_POINTS_PER_PIXEL`.
+        If magnitudes are out of range, the canvas would be larger than `MAX_CANVAS_FRAMES` views, or views
+        have more than `MAX_POINTS_PER_PIXEL`.
     """
     array = reconstruction.array
     _check_magnitudes(reconstruction)
@@ -184,26 +183,26 @@ def layered_depth_image(
 
 
 def _check_magnitudes(reconstruction: Reconstruction) -> None:
-    """Refuse numbers with which nothing can be counted."""
+    """Refuse magnitudes out of range."""
     step = reconstruction.labels.step
     positions = np.array([view.position for view in reconstruction.array])
     largest = max(float(np.abs(surface.disparity).max()) for surface in reconstruction.surfaces)
     if not (1e-6 <= step <= MAX_MAGNITUDE and max(largest, float(np.abs(positions).max())) <= MAX_MAGNITUDE):
         raise DvcError(
-            f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, make no sense"
+            f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, are out of range"
         )
 
 
 def _canvas(reconstruction: Reconstruction, masks: Masks, positions: Floats) -> Canvas:
-    """Return the smallest canvas that holds the reference view and all that votes."""
+    """Return the smallest canvas that holds the reference view and all voters."""
     array, labels = reconstruction.array, reconstruction.labels
     height, width = array.shape
     low, high = np.zeros(2), np.array([width - 1.0, height - 1.0])
     for surface, mask, position in zip(reconstruction.surfaces, masks, positions, strict=True):
         if mask.any():
             y, x = np.nonzero(mask)
-            places = np.stack([x, y]) + position[:, None] * surface.disparity[mask].astype(np.float64)
-            low, high = np.minimum(low, places.min(axis=1)), np.maximum(high, places.max(axis=1))
+            targets = np.stack([x, y]) + position[:, None] * surface.disparity[mask].astype(np.float64)
+            low, high = np.minimum(low, targets.min(axis=1)), np.maximum(high, targets.max(axis=1))
     size = np.floor(high + 0.5) - np.floor(low + 0.5) + 1.0
     if not size.prod() <= MAX_CANVAS_FRAMES * width * height:
         raise DvcError(
@@ -223,7 +222,7 @@ def _canvas(reconstruction: Reconstruction, masks: Masks, positions: Floats) -> 
 
 
 def _world_from_reference(reconstruction: Reconstruction) -> Floats | None:
-    """Return the inverse of (2.12) in the frame of the reference camera, where there was a rectification."""
+    """Return the inverse of (2.12) in the frame of the reference camera, after a rectification."""
     rectification = reconstruction.figures.get("rectification")
     if rectification is None:
         return None
@@ -246,7 +245,7 @@ def _splat(
     canvas: Canvas,
     advance: Callable[[int], None],
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int16]]:
-    """Return where the points of each cell start, their disparities from near to far, and their cameras."""
+    """Return start indices of the points of each cell, their disparities from near to far, and cameras."""
     jump = 1.001 * canvas.resolution
     num_cells = canvas.shape[0] * canvas.shape[1]
 
@@ -254,8 +253,8 @@ def _splat(
         for camera, (surface, mask) in enumerate(zip(reconstruction.surfaces, masks, strict=True)):
             corner = -canvas.frame.left, -canvas.frame.top
             m, n = positions[camera]
-            placing = _kernels.Placing(m, n, corner, canvas.shape, jump, camera)
-            _kernels.splat(surface.disparity, mask, placing, _kernels.Cells(next_free, points, cameras))
+            target = m, n, corner, canvas.shape, jump, camera
+            _kernels.splat(surface.disparity, mask, *target, next_free, points, cameras)
             if points.size:
                 advance(1)
 
@@ -278,11 +277,11 @@ def _vote(
     reconstruction: Reconstruction,
     positions: Floats,
     canvas: Canvas,
-    cells: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int16]],
+    points_of_cells: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int16]],
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
-    """Return colour, disparity and votes of as many layers as there are."""
+    """Return colour, disparity and votes of all layers."""
     array, labels = reconstruction.array, reconstruction.labels
-    starts, points, cameras = cells
+    starts, points, cameras = points_of_cells
     reach = round(canvas.resolution / labels.step)
     images = np.stack([view.image for view in array])
     height, width = canvas.shape
@@ -292,14 +291,9 @@ def _vote(
         layers = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros((*shape, 3), np.uint8)
         frame = canvas.frame
         inside = frame.left, frame.top - top, frame.left + frame.width, frame.top + frame.height - top
-        corner = -frame.left, top - frame.top
-        _kernels.vote(
-            _kernels.Cells(starts[top * width : (top + shape[1]) * width + 1], points, cameras),
-            _kernels.Levels(labels.lowest, labels.step, reach),
-            _kernels.Pictures(positions, images),
-            _kernels.Strip(corner, shape[1:], inside, array.reference),
-            layers,
-        )
+        cells = starts[top * width : (top + shape[1]) * width + 1], points, cameras
+        levels = labels.lowest, labels.step, reach
+        _kernels.vote(*cells, *levels, positions, images, inside, array.reference, layers)
         num_layers = max(1, int(layers[1].any(axis=(1, 2)).sum()))
         strips.append([values[:num_layers] for values in layers])
     num_layers = max(len(strip[0]) for strip in strips)
@@ -314,15 +308,15 @@ def _vote(
 def _without_strays(
     colour: NDArray[np.uint8], disparity: NDArray[np.float32], votes: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
-    """Drop small regions behind two other surfaces, and layers that are then empty."""
+    """Drop small regions behind two other surfaces, and empty layers."""
     for layer in range(len(votes) - 1, 1, -1):
         _, region, sizes, _ = cv2.connectedComponentsWithStats((votes[layer] > 0).astype(np.uint8))
         stray = (votes[layer] > 0) & (sizes[region, cv2.CC_STAT_AREA] < MIN_HIDDEN_REGION_PX)
         for values in (colour, disparity, votes):
             values[layer:-1, stray] = values[layer + 1 :, stray]
             values[-1, stray] = 0
-    kept = max(1, int(votes.any(axis=(1, 2)).sum()))
-    return colour[:kept], disparity[:kept], votes[:kept]
+    depth = max(1, int(votes.any(axis=(1, 2)).sum()))
+    return colour[:depth], disparity[:depth], votes[:depth]
 
 
 def _deepened(layers: NDArray[Any], num_layers: int) -> NDArray[Any]:

@@ -1,22 +1,22 @@
 """Sprites with depth (2.22): a layered depth image cut into regions without discontinuities.
 
-Readings of what the thesis leaves open:
+Choices that the thesis leaves open:
 
-* Sprites are sought in depth, which is ``scale / (disparity + shift)`` in a rectified space (2.12). A
-  difference of depth counts by how finely depth is resolved there, and for any such depth this ratio is
+* Sprites are defined in depth, which is ``scale / (disparity + shift)`` in a rectified space (2.12). A
+  difference of depth counts relative to its resolution there, and for any such depth this ratio is
   ``|z - z'| / sqrt(r r') = |d - d'| / r_d``, with resolutions r, r' of the depths and r_d of the disparity:
-  differences of disparity are compared, and neither scale nor shift matter. Or depths themselves are, in
-  units of their resolution at the median.
-* Up to half of `resolution` is smooth, above one and a half is a discontinuity, between is a small
-  difference.
-* A sprite begins as the largest region of a watershed, in the first layer, of the distance to what is not
-  smooth.
+  differences of disparity are compared, and neither scale nor shift matter. The alternative compares
+  depths in units of their resolution at the median.
+* Differences up to half of `resolution` are smooth, above one and a half discontinuities, in between small.
+* A sprite begins as the largest region of a watershed, in the first layer, of the distance to
+  pixels that are not smooth.
 * The likelihoods are the beliefs of message passing. A pixel sends each neighbour the transition of its
-  belief without what that neighbour has told it; messages combine as independent ones do, by the product of
-  their odds. They run outwards from the sprite and back until they do not change, over all that can be
-  reached from it without a discontinuity. It is deterministic.
-* What is left when no region of `min_values` is, scattered pixels, makes one last sprite a layer: remnants.
+  belief without the message of that neighbour; messages combine like independent ones, by the product of
+  their odds. They run outwards from the sprite and back until they converge, over all pixels that can be
+  reached from it without a discontinuity. The result is deterministic.
+* Scattered pixels that remain without a region of `min_values` form one last sprite for each layer.
 """
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,35 +29,34 @@ from skimage.feature import peak_local_max
 from skimage.measure import label as label_components
 from skimage.segmentation import watershed
 
-from dvc.layers import _kernels
+from dvc._jit import kernel
 from dvc.layers.canvas import Canvas
 from dvc.layers.layered_depth_image import LayeredDepthImage
 
 Mask = NDArray[np.bool_]
 
 SMOOTH, JUMP = 0.5, 1.5
-"""Differences up to the one are smooth, above the other are discontinuities; in units of resolution."""
+"""Largest smooth difference and smallest discontinuity, in units of resolution."""
 _NOTHING = -(2**40)
 MAX_SWEEPS = 100
 TOLERANCE = 1e-4
-"""Messages that change by less have converged."""
+"""Largest change of converged messages."""
 
 
 class SpriteSettings(NamedTuple):
-    """How a layered depth image is cut.
+    """Settings for cutting a layered depth image.
 
     Attributes
     ----------
     rho_smooth, rho_small : float
-        Transition likelihoods of (2.22) where the surface is smooth, and at small differences:
+        Transition likelihoods of (2.22) on smooth surfaces, and at small differences:
         0 <= rho_smooth < rho_small <= 1/2.
     peak_distance_px : int
-        Least distance between two centres of regions of the watershed.
+        Smallest distance between two centres of regions of the watershed.
     min_values : int
-        A sprite begins with at least this many values.
+        Smallest initial region of a sprite, in values.
     space : str
-        What is compared: ``disparity``, or ``depth``, whose resolution is that of the median disparity
-        everywhere.
+        Compared quantity: ``disparity``, or ``depth`` with the resolution at the median disparity.
     """
 
     rho_smooth: float = 0.2
@@ -79,7 +78,7 @@ class Sprite:
     left, top : int
         Column and row of its first pixel in the canvas.
     mask : ndarray of shape (h, w), bool
-        Where it is opaque.
+        Opaque pixels.
     colour : ndarray of shape (h, w, 3), uint8
         Red, green and blue; 0 outside the mask.
     disparity : ndarray of shape (h, w), float32
@@ -111,7 +110,7 @@ class SpriteSet:
     Attributes
     ----------
     canvas : Canvas
-        Where they are.
+        Their canvas.
     sprites : tuple of Sprite
         In the order of their extraction; each value of the image is in exactly one.
     """
@@ -121,7 +120,7 @@ class SpriteSet:
 
 
 class _Layers:
-    """What is left of a layered depth image, with disparities, or depths, in units of resolution."""
+    """Rest of a layered depth image, with disparities or depths in units of resolution."""
 
     def __init__(self, image: LayeredDepthImage, space: str) -> None:
         values = _depths(image) if space == "depth" else image.disparity.astype(np.float64)
@@ -130,7 +129,7 @@ class _Layers:
         self.source = np.broadcast_to(np.arange(len(self.alpha))[:, None, None], self.alpha.shape).copy()
 
     def take(self, layer: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Take the value in a layer (-1: none) of each pixel away, and move those behind it forward."""
+        """Remove the value in a layer (-1: none) of each pixel, and move the values behind it forward."""
         taken = np.full(layer.shape, -1)
         for index in range(len(self.alpha)):
             rows, columns = np.nonzero(layer == index)
@@ -142,7 +141,7 @@ class _Layers:
 
 
 def _depths(image: LayeredDepthImage) -> NDArray[np.float64]:
-    """Return depths (2.12) behind a minus, scaled so that at the median they change as disparities do."""
+    """Return negative depths (2.12), scaled to change like disparities at the median."""
     scale, shift = image.canvas.depth_scale
     median = float(np.median(image.disparity[image.occupied])) if image.occupied.any() else 1.0
     disparity = np.where(image.occupied, image.disparity, np.float32(median)).astype(np.float64)
@@ -160,11 +159,11 @@ def extract_sprites(
     Parameters
     ----------
     image : LayeredDepthImage
-        What to cut.
+        Image to cut.
     settings : SpriteSettings, optional
-        How.
+        Settings.
     advance : callable, optional
-        Told the number of values that have just been put into a sprite.
+        Called with the number of values of each new sprite.
 
     Returns
     -------
@@ -207,7 +206,7 @@ def _largest_region(depth: NDArray[np.float64], alpha: Mask, settings: SpriteSet
 
 
 def _largest(regions: NDArray[np.integer]) -> Mask:
-    """Return where the number from 1 on is that appears most often."""
+    """Return the mask of the most frequent number from 1 on."""
     sizes = np.bincount(regions.ravel(), minlength=2)[1:]
     return np.asarray(regions == 1 + sizes.argmax())
 
@@ -239,18 +238,108 @@ def fused_mask(
     fused_alpha = alpha | layer_alpha
     fused_depth = np.where(alpha, depth, layer_depth)
     order, entered = np.empty(alpha.size, np.int64), np.zeros(alpha.shape, np.bool_)
-    count = _kernels.reach(fused_depth, fused_alpha, alpha, JUMP, order, entered)
+    count = _reach(fused_depth, fused_alpha, alpha, JUMP, order, entered)
     if count == np.count_nonzero(alpha):
         return alpha
-    _kernels.reach(fused_depth, entered, alpha, np.inf, order, np.zeros_like(entered))
+    _reach(fused_depth, entered, alpha, np.inf, order, np.zeros_like(entered))
     messages = np.full((*alpha.shape, 4), 0.5)
     rho = settings.rho_smooth, settings.rho_small
-    order = order[:count]
-    transitions = _kernels.Transitions(SMOOTH, JUMP, rho)
-    likelihood = _kernels.likelihood(
-        fused_depth, alpha, entered, order, transitions, MAX_SWEEPS, TOLERANCE, messages
-    )
+    likelihood = _likelihood(fused_depth, alpha, entered, order[:count], *rho, messages)
     return np.asarray(likelihood > 0.5)
+
+
+@kernel
+def _reach(depth, alpha, mask, jump, order, entered):
+    """List the pixels that can be reached from those of a mask without a discontinuity, the mask's first."""
+    height, width = depth.shape
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            if mask[y, x]:
+                order[count] = y * width + x
+                entered[y, x] = True
+                count += 1
+    done = 0
+    while done < count:
+        y, x = order[done] // width, order[done] % width
+        done += 1
+        for side in range(4):
+            v, u = _neighbour(y, x, side)
+            if not (0 <= v < height and 0 <= u < width) or entered[v, u] or not alpha[v, u]:
+                continue
+            if abs(depth[v, u] - depth[y, x]) <= jump:
+                entered[v, u] = True
+                order[count] = v * width + u
+                count += 1
+    return count
+
+
+@kernel
+def _neighbour(y, x, side):
+    """Return the neighbour to the right, below, to the left or above; (s + 2) % 4 is opposite to side s."""
+    if side == 0:
+        return y, x + 1
+    if side == 1:
+        return y + 1, x
+    if side == 2:
+        return y, x - 1
+    return y - 1, x
+
+
+@kernel
+def _likelihood(depth, mask, entered, order, rho_smooth, rho_small, messages):
+    """Pass messages of (2.22) forth and back along `order`, and return the likelihoods."""
+    height, width = depth.shape
+    first = 0
+    while first < order.size and mask[order[first] // width, order[first] % width]:
+        _send(order[first], depth, mask, entered, rho_smooth, rho_small, messages)
+        first += 1
+    for sweep in range(MAX_SWEEPS):
+        change = 0.0
+        for k in range(first, order.size):
+            pixel = order[k] if sweep % 2 == 0 else order[order.size - 1 - (k - first)]
+            change = max(change, _send(pixel, depth, mask, entered, rho_smooth, rho_small, messages))
+        if change < TOLERANCE:
+            break
+    result = np.zeros((height, width))
+    for pixel in order:
+        y, x = pixel // width, pixel % width
+        result[y, x] = 1.0 if mask[y, x] else _belief(messages[y, x], -1)
+    return result
+
+
+@kernel
+def _send(pixel, depth, mask, entered, rho_smooth, rho_small, messages):
+    """Send the messages of a pixel, and return their largest change."""
+    height, width = depth.shape
+    y, x = pixel // width, pixel % width
+    change = 0.0
+    for side in range(4):
+        v, u = _neighbour(y, x, side)
+        if not (0 <= v < height and 0 <= u < width) or not entered[v, u] or mask[v, u]:
+            continue
+        p = 1.0 if mask[y, x] else _belief(messages[y, x], side)
+        difference = abs(depth[v, u] - depth[y, x])
+        if difference <= SMOOTH:
+            sent = (1.0 - 2.0 * rho_smooth) * p + rho_smooth
+        elif difference <= JUMP:
+            sent = (1.0 - 2.0 * rho_small) * p + rho_small
+        else:
+            sent = min(1.0 - p, 0.5)
+        opposite = (side + 2) % 4
+        change = max(change, abs(sent - messages[v, u, opposite]))
+        messages[v, u, opposite] = sent
+    return change
+
+
+@kernel
+def _belief(messages, excluded):
+    """Return the likelihood from independent messages, except that of one side."""
+    yes, no = 1.0, 1.0
+    for side in range(4):
+        if side != excluded:
+            yes, no = yes * messages[side], no * (1.0 - messages[side])
+    return yes / (yes + no) if yes + no > 0.0 else 0.5
 
 
 def _cut(image: LayeredDepthImage, layer: NDArray[np.int64]) -> Sprite:
@@ -271,9 +360,9 @@ def composite(sprites: SpriteSet) -> tuple[NDArray[np.uint8], NDArray[np.float32
     colour = np.zeros((*sprites.canvas.shape, 3), np.uint8)
     disparity, mask = np.zeros(sprites.canvas.shape, np.float32), np.zeros(sprites.canvas.shape, np.bool_)
     for sprite in sprites.sprites:
-        place = sprite.slices
-        nearer = sprite.mask & (~mask[place] | (sprite.disparity > disparity[place]))
-        colour[place][nearer] = sprite.colour[nearer]
-        disparity[place][nearer] = sprite.disparity[nearer]
-        mask[place][nearer] = True
+        window = sprite.slices
+        nearer = sprite.mask & (~mask[window] | (sprite.disparity > disparity[window]))
+        colour[window][nearer] = sprite.colour[nearer]
+        disparity[window][nearer] = sprite.disparity[nearer]
+        mask[window][nearer] = True
     return colour, disparity, mask

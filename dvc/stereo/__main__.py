@@ -3,7 +3,9 @@
 import sys
 
 from dvc import subcommands
-from dvc.stereo.commands import evaluate, layers, reconstruct, rectify, sprites
+from dvc.stereo.evaluate_command import EVALUATE
+from dvc.stereo.layer_commands import LAYERS, SPRITES
+from dvc.stereo.reconstruct_commands import RECONSTRUCT, RECTIFY
 
 EXAMPLES = """\
   dvc-stereo rectify *.jpg --cameras auto --out rectified
@@ -17,7 +19,13 @@ main = subcommands.command(
     "dvc-stereo",
     "Stereo from planar camera arrays.",
     EXAMPLES,
-    subcommands.by_name((rectify, reconstruct, layers, sprites, evaluate)),
+    {
+        "rectify": RECTIFY,
+        "reconstruct": RECONSTRUCT,
+        "layers": LAYERS,
+        "sprites": SPRITES,
+        "evaluate": EVALUATE,
+    },
     "stereo",
 )
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
-from dvc.pfm import read_pfm
-from dvc.picture_files import read_levels, read_picture
+from dvc.picture_files import read_levels, read_pfm, read_picture
 
 Floats = NDArray[np.floating]
 MASKS = ("nonocc", "all", "disc")
@@ -19,13 +18,13 @@ MASKS = ("nonocc", "all", "disc")
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How far disparities are from the truth."""
+    """Errors of disparities against the truth."""
 
-    num_pixels: int  # pixels that count: the truth is known, and the mask has them
-    num_without_value: int  # those of them without a finite disparity: bad for every threshold
-    # pixels that are farther off than a threshold, in per cent, by threshold in pixels
+    num_pixels: int  # pixels with known truth inside the mask
+    num_without_value: int  # pixels without a finite disparity: bad for every threshold
+    # share of pixels with errors above a threshold, by threshold in pixels
     bad_percent: dict[float, float]
-    mean_absolute_error_px: float | None  # over the pixels with a finite disparity; None where there is none
+    mean_absolute_error_px: float | None  # over pixels with a finite disparity; None without any
     # area under the sparsification curve, and that of the best order, in per cent, by threshold in pixels
     sparsification: dict[float, tuple[float, float]] = field(default_factory=dict)
 
@@ -55,14 +54,14 @@ def evaluate(
     error, counted = disparity_error(disparity, truth, mask)
     errors = error[counted]
     if not errors.size:
-        counting = "everywhere" if mask is None else "wherever the mask is 255"
+        counting = "everywhere" if mask is None else "at all pixels of the mask"
         raise ConfigError(f"no pixel counts: the truth is unknown {counting}")
-    known = np.isfinite(errors)
+    finite = np.isfinite(errors)
     return Evaluation(
         int(errors.size),
-        int(np.count_nonzero(~known)),
+        int(np.count_nonzero(~finite)),
         {threshold: 100.0 * float(np.mean(errors > threshold)) for threshold in thresholds},
-        float(errors[known].mean()) if known.any() else None,
+        float(errors[finite].mean()) if finite.any() else None,
         {}
         if confidence is None
         else {threshold: sparsification(errors > threshold, confidence[counted]) for threshold in thresholds},
@@ -72,30 +71,30 @@ def evaluate(
 def sparsification(bad: NDArray[np.bool_], confidence: NDArray[np.number]) -> tuple[float, float]:
     """Return the area under the sparsification curve and that of the best order, in per cent.
 
-    The mean, over all numbers of pixels that the surest are, of the bad ones among them.
+    The area is the mean share of bad pixels among the N surest ones, over all N.
     """
     _, rank = np.unique(-confidence.astype(np.float64), return_inverse=True)
-    # pixels that are equally sure come in any order: each is as bad as their mean
+    # equally sure pixels have no order: each counts as their mean
     count = np.bincount(rank)
     wrong = np.bincount(rank[bad], minlength=count.size)
     orders: tuple[Floats, Floats] = np.repeat(wrong / count, count), np.sort(bad).astype(np.float64)
-    kept = np.arange(1, bad.size + 1)
-    area, ideal = (100.0 * float(np.mean(np.cumsum(order) / kept)) for order in orders)
+    counts = np.arange(1, bad.size + 1)
+    area, ideal = (100.0 * float(np.mean(np.cumsum(order) / counts)) for order in orders)
     return area, ideal
 
 
 def disparity_error(
     disparity: Floats, truth: Floats, mask: NDArray[np.bool_] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the error of every pixel, and which pixels count."""
+    """Return the error of every pixel, and the mask of pixels that count."""
     for name, plane in (("truth", truth), ("mask", mask)):
         if plane is not None and plane.shape != disparity.shape:
             sizes = [f"{shape[1]}x{shape[0]}" for shape in (plane.shape, disparity.shape)]
             raise ConfigError(f"the {name} is {sizes[0]}, but the disparity map is {sizes[1]}")
     counted = np.isfinite(truth) if mask is None else np.isfinite(truth) & mask
-    known = np.isfinite(disparity)
-    error = np.where(known, 0.0, np.inf)
-    both = known & counted
+    finite = np.isfinite(disparity)
+    error = np.where(finite, 0.0, np.inf)
+    both = finite & counted
     error[both] = np.abs(disparity[both].astype(np.float64) - truth[both])
     error[~counted] = 0.0
     return error, counted
@@ -112,14 +111,14 @@ def read_truth(
     if not is_pfm and scale is None:
         raise ConfigError(f"{path}: a picture needs --truth-scale: disparity = value / scale")
     values = read_pfm(path).astype(np.float64) if is_pfm else read_levels(path)
-    is_known = np.isfinite(values)
+    is_defined = np.isfinite(values)
     if unknown is not None:
-        is_known &= values != unknown
-    disparity: NDArray[np.float64] = np.where(is_known, values / (scale or 1.0) + offset, np.nan)
+        is_defined &= values != unknown
+    disparity: NDArray[np.float64] = np.where(is_defined, values / (scale or 1.0) + offset, np.nan)
     return disparity
 
 
 def read_mask(path: str | Path) -> NDArray[np.bool_]:
-    """Read a mask: value 255 counts, and no other."""
+    """Read a mask: pixels of value 255 count."""
     mask: NDArray[np.bool_] = read_picture(path)[:, :, 0] == 255
     return mask

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.geometry.camera_estimation import quiet
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
-from dvc.geometry.colmap import quiet
 from dvc.video import Frame
 from sfm.mapping.incremental_mapper import MIN_KEYS, register_frames
 from sfm.mapping.sequence_tracks import SequenceTracks

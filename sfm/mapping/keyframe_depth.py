@@ -15,19 +15,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.geometry.continuation import Visibility
 from dvc.geometry.depth_maps import (
     MIN_CONFIDENCE,
     DepthMap,
-    Visibility,
     checked_depth,
     completed_depth,
     discontinuities,
     without_speckles,
 )
 from dvc.geometry.plane_sweep import SweepSettings, depth_hypotheses, parallax_px, sweep_views
-from dvc.geometry.rendering import EMPTY, draw
+from dvc.geometry.rendering import draw
 from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp
-from dvc.geometry.warping import inverse_warp, warp_grid
+from dvc.geometry.warping import EMPTY, inverse_warp, warp_grid
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]

@@ -241,7 +241,7 @@ def test_a_process_that_says_nothing_is_killed() -> None:
 
 
 def test_wrong_indices_are_noticed_only_where_bounds_are_checked(tmp_path: Path) -> None:
-    """Kernels with an index that is too large, or negative, fail under bounds checks; else that is said."""
+    """Kernels with an index out of bounds fail under bounds checks; otherwise a message says so."""
     command = [sys.executable, "-m", "benchmarks.hostile.bounds"]
     checked = os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(command, env=checked, capture_output=True, text=True, check=False)
@@ -249,6 +249,3 @@ def test_wrong_indices_are_noticed_only_where_bounds_are_checked(tmp_path: Path)
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "bounds are not checked" in done.stderr
-    checked["NUMBA_CACHE_DIR"] = ""
-    done = subprocess.run(command, env=checked, capture_output=True, text=True, check=False)
-    assert "NUMBA_CACHE_DIR" in done.stderr

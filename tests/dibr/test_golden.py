@@ -164,7 +164,7 @@ def test_golden_stream_decodes_to_the_frozen_pictures(name: str) -> None:
 
 @pytest.mark.parametrize("name", ALL)
 def test_encoders_decide_as_before(name: str) -> None:
-    """They make the streams that `make canaries` stored, to the byte."""
+    """They make the streams that `DVC_REGENERATE=1` stored, to the byte."""
     data, stored = ALL[name](), json.loads(CANARIES.read_text())
     found = {"bytes": len(data), "stream_sha256": hashlib.sha256(data).hexdigest()}
     if os.environ.get("DVC_REGENERATE") == "1":

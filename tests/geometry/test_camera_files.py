@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -110,8 +111,8 @@ def test_middlebury_calibration(end: str, tmp_path: Path) -> None:
         assert xl - xr == pytest.approx(d)
 
 
-def test_colmap_model(tmp_path: Path) -> None:
-    """A model in text form: pixel centres move by half a pixel, distortion and points are read."""
+def write_model(tmp_path: Path) -> None:
+    """Write a COLMAP model of two views in text form."""
     (tmp_path / "cameras.txt").write_text("1 SIMPLE_RADIAL 160 120 150 80.5 60.5 0.02\n")
     images = "".join(f"{k + 1} 1 0 0 0 {-k} 0 0 1 view{k}.png\n10 20 1\n" for k in range(2))
     (tmp_path / "images.txt").write_text(images)
@@ -120,6 +121,11 @@ def test_colmap_model(tmp_path: Path) -> None:
     (tmp_path / "frames.txt").write_text(
         "".join(f"{k} 1 1 0 0 0 {1 - k} 0 0 1 CAMERA 1 {k}\n" for k in (1, 2))
     )
+
+
+def test_colmap_model(tmp_path: Path) -> None:
+    """A model in text form: pixel centres move by half a pixel, distortion and points are read."""
+    write_model(tmp_path)
     views = load_cameras(tmp_path, NAMES, PICTURES)
     np.testing.assert_allclose(views.cameras[0].K, [[150, 0, 80], [0, 150, 60], [0, 0, 1]])
     np.testing.assert_allclose(views.cameras[1].centre, [1, 0, 0], atol=1e-12)
@@ -169,6 +175,25 @@ def test_folder_without_a_model_is_refused(tmp_path: Path) -> None:
     (tmp_path / "cameras.bin").write_bytes(b"\x01\x02")
     with pytest.raises(DvcError, match="not a COLMAP model"):
         load_cameras(tmp_path, NAMES, PICTURES)
+
+
+@pytest.mark.parametrize(
+    ("name", "offset"),
+    [("cameras", 0), ("images", 0), ("images", 82), ("points3D", 0), ("points3D", 51), ("frames", 0)],
+)
+def test_counts_beyond_binary_files_are_refused(tmp_path: Path, name: str, offset: int) -> None:
+    """COLMAP would fill the memory with records or tracks that the file does not have."""
+    text, binary = tmp_path / "text", tmp_path / "binary"
+    for folder in (text, binary):
+        folder.mkdir()
+    write_model(text)
+    pycolmap.Reconstruction(text).write_binary(binary)
+    assert len(load_cameras(binary, NAMES, PICTURES).cameras) == 2
+    content = bytearray((binary / f"{name}.bin").read_bytes())
+    content[offset : offset + 8] = (1 << 33).to_bytes(8, "little")
+    (binary / f"{name}.bin").write_bytes(content)
+    with pytest.raises(DvcError, match="not a COLMAP model"):
+        load_cameras(binary, NAMES, PICTURES)
 
 
 def test_cameras_of_blank_pictures_cannot_be_estimated() -> None:

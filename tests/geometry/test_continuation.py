@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.geometry.continuation import SeenDepth, Slopes, continue_surfaces
-from dvc.geometry.depth_maps import Visibility
+from dvc.geometry.continuation import SeenDepth, Slopes, Visibility, continue_surfaces
 
 SHAPE = (30, 40)
 STAY = np.eye(3, 4)

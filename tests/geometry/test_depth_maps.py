@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from dvc.geometry.cameras import inverse_depth_range
-from dvc.geometry.depth_maps import KnownDepth, Visibility, estimate_depths
+from dvc.geometry.continuation import Visibility
+from dvc.geometry.depth_maps import KnownDepth, estimate_depths
 from dvc.geometry.plane_sweep import SweepSettings, depth_hypotheses
-from dvc.geometry.rendering import EMPTY, OCCLUDED_WEIGHT, fill_holes, render_depth, visibility_weights
-from dvc.geometry.warping import warp_grid, warp_matrix
+from dvc.geometry.rendering import OCCLUDED_WEIGHT, fill_holes, render_depth, visibility_weights
+from dvc.geometry.warping import EMPTY, warp_grid, warp_matrix
 from tests.scenes_3d import render, two_planes
 
 MODEL = two_planes()

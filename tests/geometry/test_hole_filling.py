@@ -3,9 +3,8 @@
 import numpy as np
 
 from dvc._jit import python_twin
-from dvc.geometry import _kernels
-from dvc.geometry.hole_filling import fill_from_background
-from dvc.geometry.rendering import EMPTY
+from dvc.geometry.view_synthesis import _along_epipolar_lines, fill_from_background
+from dvc.geometry.warping import EMPTY
 
 ALONG_ROWS = np.array([-1.0, 0.0, 0.0])
 
@@ -73,15 +72,15 @@ def test_beside_the_frame_all_surfaces_bound_a_hole():
 
 
 def test_epipolar_lines_tell_background_from_object():
-    twin = python_twin(_kernels.along_epipolar_lines)
+    twin = python_twin(_along_epipolar_lines)
     generator = np.random.default_rng(5)
     depth = np.where(generator.random((13, 17)) < 0.4, generator.normal(size=(13, 17)), EMPTY)
     for epipole in ([1.0, 0.0, 0.0], [0.0, -2.0, 0.0], [6.0, 5.0, 1.0], [0.0, 0.0, 0.0]):
         found, expected = np.empty((2, 13, 17)), np.empty((2, 13, 17))
-        _kernels.along_epipolar_lines(depth, np.array(epipole), *found)
+        _along_epipolar_lines(depth, np.array(epipole), *found)
         twin(depth, np.array(epipole), *expected)
         np.testing.assert_array_equal(found, expected)
-    _kernels.along_epipolar_lines(depth, ALONG_ROWS, *found)
+    _along_epipolar_lines(depth, ALONG_ROWS, *found)
     y, x = np.argwhere((depth == EMPTY) & (np.abs(np.arange(17) - 8) < 3))[10]
     left, right = depth[y, :x][depth[y, :x] > EMPTY], depth[y, x:][depth[y, x:] > EMPTY]
     assert left.size

@@ -1,13 +1,21 @@
-"""The compiled loops of several views, compiled and as Python, against their plain twins."""
+"""Kernels of several views, compiled and as Python, against their plain twins."""
 
 import numpy as np
 import pytest
-from scipy.ndimage import distance_transform_edt
 
-from dvc.geometry import _kernels as kernels
+from dvc.geometry import (
+    block_sweep,
+    continuation,
+    depth_maps,
+    label_inference,
+    plane_sweep,
+    rendering,
+    view_synthesis,
+    warping,
+)
 from dvc.geometry.cameras import PixelFrame
 from dvc.geometry.plane_sweep import luma_features, packed_features
-from dvc.geometry.warping import inverse_warp, warp_matrix
+from dvc.geometry.warping import EMPTY, inverse_warp, warp_matrix
 from tests.reference import multiview as reference
 from tests.scenes_3d import camera_at
 from tests.twins import Choose
@@ -30,12 +38,12 @@ def test_warp_grid(choose: Choose, rng: np.random.Generator) -> None:
     """Every vertex goes where its point goes; those behind the camera are marked."""
     depth = rng.uniform(-40, 10, (4, 5))
     got = np.empty((4, 5, 3))
-    choose(kernels.warp_grid)(BACK, depth, -3.0, 2.5, got)
+    choose(warping._warp_grid)(BACK, depth, -3.0, 2.5, got)
     behind = 0
     for i, j in np.ndindex(depth.shape):
         x, y, w = reference.moved(BACK, -3.0 + 2.5 * j, -3.0 + 2.5 * i, depth[i, j])
         behind += w < 1e-6
-        there = depth[i, j] / w if w >= 1e-6 else kernels.EMPTY
+        there = depth[i, j] / w if w >= 1e-6 else EMPTY
         np.testing.assert_allclose(got[i, j], [x, y, there], rtol=1e-12)
     assert 0 < behind < depth.size
 
@@ -44,21 +52,21 @@ def test_rasterise(choose: Choose, rng: np.random.Generator) -> None:
     """Triangles that turn over, lie outside or behind are left out; the nearest one wins elsewhere."""
     rows, columns = np.indices((5, 5))
     positions = np.stack([columns * 2.6, rows * 2.1, 0.2 * rows], -1) + rng.normal(0, 0.9, (5, 5, 3))
-    positions[4, 4, 2] = kernels.EMPTY
+    positions[4, 4, 2] = EMPTY
     skipped = rng.random((4, 4)) < 0.2
-    nearest = np.full(SHAPE, kernels.EMPTY)
-    choose(kernels.rasterise)(positions, skipped, nearest)
+    nearest = np.full(SHAPE, EMPTY)
+    choose(rendering._rasterise)(positions, skipped, nearest)
     np.testing.assert_allclose(nearest, reference.rasterise(positions, skipped, SHAPE), rtol=1e-9)
-    assert (nearest == kernels.EMPTY).any()
+    assert (nearest == EMPTY).any()
 
 
 def test_rasterise_discontinuities(choose: Choose) -> None:
     """The pieces of a discontinuous cell reach half way from each corner, at the corner's own depth."""
     stay = np.eye(3, 4)
     depth = np.array([[1.0, 2.0], [3.0, 4.0]])
-    fine = np.full((5, 5), kernels.EMPTY)
+    fine = np.full((5, 5), EMPTY)
     enlarged = np.diag([4.0, 4.0, 1.0]) @ stay
-    choose(kernels.rasterise_discontinuities)(enlarged, depth, np.ones((1, 1), bool), 0.5, fine)
+    choose(rendering._rasterise_discontinuities)(enlarged, depth, np.ones((1, 1), bool), fine)
     expected = np.array([[1, 1, 2, 2, 2]] * 2 + [[3, 3, 4, 4, 4]] * 3, dtype=float)
     np.testing.assert_allclose(fine, expected)
 
@@ -67,13 +75,13 @@ def test_discontinuities(choose: Choose, rng: np.random.Generator) -> None:
     """Cells are marked whose corners move apart by more than is tolerated."""
     depth = np.where(rng.random(SHAPE) < 0.3, 0.9, 0.2)
     moved = np.empty((*SHAPE, 3))
-    kernels.warp_grid(THERE, depth, 0.0, 1.0, moved)
+    warping._warp_grid(THERE, depth, 0.0, 1.0, moved)
     motion = moved[..., :2] - np.indices(SHAPE)[::-1].transpose(1, 2, 0)
     corners = np.stack([motion[:-1, :-1], motion[:-1, 1:], motion[1:, :-1], motion[1:, 1:]])
     spread = np.ptp(corners, axis=0).max(axis=-1)
     found = np.empty(spread.shape, np.bool_)
     tolerance = float(np.median(spread)) + 1e-6
-    choose(kernels.discontinuities)(depth, THERE, tolerance, found)
+    choose(depth_maps._discontinuities)(depth, THERE, tolerance, found)
     np.testing.assert_array_equal(found, spread > tolerance)
     assert 0 < found.sum() < found.size
 
@@ -85,32 +93,34 @@ def test_sample_image(choose: Choose) -> None:
     image = cubic[:, None] + cubic[None, :]
     positions = np.array([[[4.3, 6.8], [5.0, 3.0], [-4.0, 2.0], [99.0, 99.0]]])
     samples = np.empty((1, 4))
-    padded = np.pad(image, kernels.PADDING, mode="edge").astype(np.float32)
-    choose(kernels.sample_image)(padded, positions, samples)
+    padded = np.pad(image, warping.PADDING, mode="edge").astype(np.float32)
+    choose(warping._sample)(padded, positions, samples)
     at = 0.05 * positions[0, 0] ** 3 - 0.4 * positions[0, 0] ** 2 + positions[0, 0]
     np.testing.assert_allclose(samples[0], [at.sum(), image[3, 5], image[2, 0], image[11, 11]], atol=1e-4)
 
 
 def test_matching_cost(choose: Choose, rng: np.random.Generator) -> None:
     """Differences are truncated each for itself, and points outside cost what is set."""
-    base, other = rng.integers(90, 111, (2, *SHAPE), dtype=np.uint8)
+    base, other = rng.integers(80, 121, (2, *SHAPE), dtype=np.uint8)
     rhos = np.array([0.0, 0.3, 0.6, 0.9])
-    limits = np.array([20, 30, 30], np.float32)
+    levels, gradients = plane_sweep.LEVEL_LIMIT, plane_sweep.GRADIENT_LIMIT
+    limits = np.array([levels, gradients, gradients], np.float32)
     cost = np.empty((*SHAPE, 4), np.int16)
     packed = packed_features(base), packed_features(other)
-    choose(kernels.matching_cost)(*packed, THERE, 0.0, 0.3, limits.astype(np.int64), 77, cost)
-    expected = reference.matching_cost(luma_features(base), luma_features(other), THERE, rhos, limits, 77)
-    assert np.abs(cost - expected).max() <= 4  # positions are off by up to a sixty-fourth of a pixel
+    choose(plane_sweep._matching_cost)(*packed, THERE, 0.0, 0.3, cost)
+    features = luma_features(base), luma_features(other)
+    expected = reference.matching_cost(*features, THERE, rhos, limits, plane_sweep.OUTSIDE_COST)
+    assert np.abs(cost - expected).max() <= 8  # positions are off by up to a sixty-fourth of a pixel
     assert np.abs(cost - expected).mean() < 1.0
-    assert expected.max() > 60
-    assert (cost == 77).any()
+    assert expected.max() > 80
+    assert (cost == plane_sweep.OUTSIDE_COST).any()
 
 
 def test_box_mean(choose: Choose, rng: np.random.Generator) -> None:
     """Costs are averaged over 3x3 pixels and rounded down, the picture being continued by its edge."""
     cost = rng.integers(0, 200, (5, 7, 3)).astype(np.int16)
     mean = np.empty_like(cost)
-    choose(kernels.box_mean)(cost, mean)
+    choose(plane_sweep._box_mean)(cost, mean)
     around = np.lib.stride_tricks.sliding_window_view(
         np.pad(cost, ((1, 1), (1, 1), (0, 0)), mode="edge"), (3, 3), axis=(0, 1)
     )
@@ -122,13 +132,13 @@ def test_census_cost(choose: Choose, rng: np.random.Generator) -> None:
     levels = rng.uniform(0, 60, (2, *SHAPE)).astype(np.float32)
     bits = rng.integers(0, 1 << 24, (2, *SHAPE)).astype(np.uint32)
     cost = np.empty((*SHAPE, 4), np.int16)
-    pictures = tuple(zip(levels, bits, strict=True))
+    base, other = zip(levels, bits, strict=True)
     with np.errstate(over="ignore"):  # the count of bits wraps around on purpose
-        limits = kernels.CensusLimits(np.float32(20.0), 3, 77)
-        choose(kernels.census_cost)(*pictures, THERE, kernels.Hypotheses(0.0, 0.3), limits, cost)
-    expected = reference.census_cost(*pictures, THERE, np.array([0.0, 0.3, 0.6, 0.9]), 20.0, 3, 77)
+        choose(plane_sweep._census_cost)(*base, *other, THERE, 0.0, 0.3, cost)
+    limits = 20.0, plane_sweep.CENSUS_BIT_COST, plane_sweep.CENSUS_OUTSIDE_COST
+    expected = reference.census_cost(base, other, THERE, np.array([0.0, 0.3, 0.6, 0.9]), *limits)
     assert np.abs(cost - expected).max() <= 1  # single precision may round down
-    assert (cost == 77).any()
+    assert (cost == plane_sweep.CENSUS_OUTSIDE_COST).any()
 
 
 def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> None:
@@ -138,11 +148,11 @@ def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> Non
     total = np.zeros(cost.shape, np.int16)
     for dy, dx in reference.DIRECTIONS:
         lines = np.full((2, SHAPE[1], 9), 20000, np.int16)
-        choose(kernels.aggregate_path)(cost, image, (dy, dx), (8, 60), (lines[0], lines[1]), total)
+        choose(label_inference._aggregate_path)(cost, image, dy, dx, 8, 60, lines[0], lines[1], total)
     expected = reference.aggregate(cost, image, 8, 60)
     np.testing.assert_array_equal(total, expected)
     hypothesis, confidence = np.empty(SHAPE), np.empty(SHAPE)
-    choose(kernels.best_hypothesis)(total, hypothesis, confidence)
+    choose(label_inference._best_hypothesis)(total, hypothesis, confidence)
     np.testing.assert_allclose(hypothesis, reference.best_hypothesis(expected)[0])
     np.testing.assert_allclose(confidence, reference.best_hypothesis(expected)[1])
 
@@ -151,7 +161,7 @@ def test_check_consistency(choose: Choose, rng: np.random.Generator) -> None:
     """All three states are met and told apart."""
     depth, other = rng.uniform(0.2, 0.9, (2, *SHAPE))
     visibility = np.empty(SHAPE, np.int8)
-    choose(kernels.check_consistency)(depth, other, THERE, BACK, 0.4, visibility)
+    choose(depth_maps._check_consistency)(depth, other, THERE, BACK, 0.4, visibility)
     np.testing.assert_array_equal(visibility, reference.consistency(depth, other, THERE, BACK, 0.4))
     assert set(np.unique(visibility)) == {0, 1, 2}
 
@@ -161,7 +171,7 @@ def test_weighted_quantile(choose: Choose, rng: np.random.Generator) -> None:
     for quantile in (0.0, 0.3, 0.5, 1.0):
         values, weights = rng.uniform(size=(2, 6))
         expected = reference.weighted_quantile(values, weights, quantile)
-        got = choose(kernels.weighted_quantile)(values.copy(), weights.copy(), 6, quantile)
+        got = choose(continuation._weighted_quantile)(values.copy(), weights.copy(), 6, quantile)
         assert got == expected
 
 
@@ -173,14 +183,11 @@ def test_planes_are_continued_across_gaps(choose: Choose) -> None:
     visibility[5:8, 6:14] = 1
     slopes, filled = np.empty((*plane.shape, 2)), np.empty_like(plane)
     damaged = np.where(visibility == 0, plane, 9.0)
-    choose(kernels.local_slopes)(damaged, visibility == 0, visibility == 0, 3, 1, 0.1, slopes)
+    choose(continuation._local_slopes)(damaged, visibility == 0, visibility == 0, 3, 1, 0.1, slopes)
     np.testing.assert_allclose(slopes[2, 3], [0.01, -0.004], rtol=1e-6)
-    nowhere, quantile = np.ones(plane.shape, np.int8), 0.5
-    how, other = (
-        kernels.Continuation(10.0, 30.0, quantile),
-        kernels.OtherView(THERE, BACK, plane, nowhere, 1.0),
-    )
-    choose(kernels.fill_depth)(damaged, visibility, np.zeros(plane.shape), slopes, how, other, filled)
+    other = continuation.OtherView(THERE, BACK, plane, np.ones(plane.shape, np.int8), 1.0)
+    luma = np.zeros(plane.shape)
+    choose(continuation.fill_depth)(damaged, visibility, luma, slopes, 30.0, 0.5, other, filled)
     np.testing.assert_allclose(filled, plane, rtol=1e-4)
 
 
@@ -196,32 +203,32 @@ def test_depths_that_the_other_view_looks_through_are_refused(choose: Choose) ->
     back = stay.copy()
     back[0, 3] = -2.0
     seen = np.full((1, 9), far)
-    how = kernels.Continuation(10.0, 30.0, 0.9)
-    arguments = (depth, visibility, np.zeros((1, 9)), np.zeros((1, 9, 2)), how)
+    arguments = depth, visibility, np.zeros((1, 9)), np.zeros((1, 9, 2)), 30.0, 0.9
     for other_state, expected in ((0, far), (1, near)):
         filled = np.empty_like(depth)
         others = np.full((1, 9), other_state, np.int8)
-        choose(kernels.fill_depth)(*arguments, kernels.OtherView(stay, back, seen, others, 0.5), filled)
+        other = continuation.OtherView(stay, back, seen, others, 0.5)
+        choose(continuation.fill_depth)(*arguments, other, filled)
         assert filled[0, 5] == expected
 
 
 def test_guided_median(choose: Choose) -> None:
     """A ragged jump of depth moves to the edge of the image; what is not chosen stays."""
-    image = np.zeros((9, 12), np.uint8)
-    image[:, 6:] = 100
+    image = np.zeros((15, 22), np.uint8)
+    image[:, 11:] = 100
     depth = np.where(image > 0, 0.8, 0.2)
     ragged = depth.copy()
-    ragged[3:5, 6] = 0.2
-    ragged[6, 5] = 0.8
+    ragged[6:8, 11] = 0.2
+    ragged[9, 10] = 0.8
     chosen = np.ones(image.shape, bool)
-    chosen[6, 5] = False
+    chosen[9, 10] = False
     nowhere = np.ones(image.shape, np.int8)
     median = np.empty_like(depth)
-    window = kernels.Median(3, 8.0, 0.2, 0.6 / 255)
-    other = kernels.OtherView(THERE, BACK, depth, nowhere, 1.0)
-    choose(kernels.guided_median)(ragged, np.ones(image.shape), image, chosen, window, other, median)
+    other = continuation.OtherView(THERE, BACK, depth, nowhere, 1.0)
+    trust, bins = np.ones(image.shape), (0.2, 0.6 / 255)
+    choose(depth_maps._guided_median)(ragged, trust, image, chosen, *bins, other, median)
     expected = depth.copy()
-    expected[6, 5] = 0.8
+    expected[9, 10] = 0.8
     np.testing.assert_allclose(median, expected, atol=1e-12)
 
 
@@ -233,14 +240,14 @@ def test_visibility_weights(choose: Choose, rng: np.random.Generator) -> None:
         [rng.uniform(-2, 10, SHAPE), rng.uniform(-2, 8, SHAPE), rng.uniform(0, 0.9, SHAPE)], -1
     )
     weights = np.empty(SHAPE)
-    choose(kernels.visibility_weights)(positions, depth, visibility, BACK, 1, 0.3, weights)
+    choose(rendering._visibility_weights)(positions, depth, visibility, BACK, weights)
     values = {
-        "outside": kernels.OUTSIDE_WEIGHT,
-        "occluded": kernels.OCCLUDED_WEIGHT,
-        "edge": kernels.EDGE_WEIGHT,
+        "outside": rendering.OUTSIDE_WEIGHT,
+        "occluded": rendering.OCCLUDED_WEIGHT,
+        "edge": rendering.EDGE_WEIGHT,
         "seen": 1.0,
     }
-    expected = reference.visibility(positions, depth, visibility, BACK, 1, 0.3)
+    expected = reference.visibility(positions, depth, visibility, BACK, 1, 1.0)
     np.testing.assert_array_equal(weights, np.vectorize(values.get)(expected))
     assert set(expected.ravel()) == set(values)
 
@@ -248,17 +255,16 @@ def test_visibility_weights(choose: Choose, rng: np.random.Generator) -> None:
 def test_block_cost_and_error(choose: Choose, rng: np.random.Generator) -> None:
     """Windows are compared along both epipolar lines, and only where both keys have them."""
     first, second = rng.uniform(0, 80, (2, 3, 14, 18)).astype(np.float32)
-    limits = np.array([20, 30, 30], np.float32)
+    limits = plane_sweep.LEVEL_LIMIT, plane_sweep.GRADIENT_LIMIT, plane_sweep.GRADIENT_LIMIT
     cost = np.empty((3, 4, 3), np.int16)
-    pair = kernels.PicturePair(first, second, *TO_KEYS)
-    choose(kernels.block_cost)(pair, kernels.Hypotheses(0.0, 0.3), 4, 1.5, limits, 50, cost)
+    choose(block_sweep._block_cost)(first, second, *TO_KEYS, 0.0, 0.3, 4, 1.5, cost)
     offsets = 1.5 * (np.arange(4) - 1.5)
     for i, j, k in np.ndindex(cost.shape):
         total = 0.0
         for dy, dx in ((dy, dx) for dy in offsets for dx in offsets):
             places = [reference.moved(t, 4 * j + 1.5 + dx, 4 * i + 1.5 + dy, 0.3 * k)[:2] for t in TO_KEYS]
             if not all(0 <= x <= 17 and 0 <= y <= 13 for x, y in places):
-                total += 50
+                total += plane_sweep.OUTSIDE_COST
                 continue
             for m in range(3):
                 levels = [
@@ -267,7 +273,7 @@ def test_block_cost_and_error(choose: Choose, rng: np.random.Generator) -> None:
                 total += min(abs(levels[0] - levels[1]), limits[m])
         assert abs(cost[i, j, k] - int(total / 16)) <= 1
     for x in (8.0, 1.0):
-        got = choose(kernels.block_error)(kernels.PicturePair(first[0], second[0], *TO_KEYS), x, 7.0, 0.4, 2)
+        got = choose(block_sweep._block_error)(first[0], second[0], *TO_KEYS, x, 7.0, 0.4, 2)
         expected = reference.window_error(first[0], second[0], TO_KEYS, x, 7.0, 0.4, 2)
         assert got == pytest.approx(expected, rel=1e-5)
 
@@ -280,13 +286,13 @@ def test_golden_search(choose: Choose) -> None:
     to_second[0, 3] = 6.0
     second = (100 + 40 * np.sin((columns - 6.0 * 0.35) / 3.0)).astype(np.float32)
     depth = np.full((1, 1), 0.3)
-    search = choose(kernels.golden_search)
-    search(kernels.PicturePair(first, second, to_first, to_second), 12, 3, 0.2, 0.05, 12, depth)
+    search = choose(block_sweep._golden_search)
+    search(first, second, to_first, to_second, 12, 3, 0.2, depth)
     assert depth[0, 0] == pytest.approx(0.35, abs=0.02)
     still = np.full((1, 1), 0.3)
-    search(kernels.PicturePair(first, second, to_first, to_first), 12, 3, 0.2, 0.05, 12, still)
+    search(first, second, to_first, to_first, 12, 3, 0.2, still)
     assert still[0, 0] == 0.3
-    assert choose(kernels.parallax)(to_first, to_second, 3.0, 3.0, 0.1, 0.3) == pytest.approx(1.2)
+    assert choose(block_sweep._parallax)(to_first, to_second, 3.0, 3.0, 0.1, 0.3) == pytest.approx(1.2)
 
 
 def test_membranes(choose: Choose, rng: np.random.Generator) -> None:
@@ -296,32 +302,20 @@ def test_membranes(choose: Choose, rng: np.random.Generator) -> None:
     number = np.full(SHAPE, -1, np.int32)
     number[holes] = np.arange(count)
     depth, limit = rng.uniform(0.0, 1.0, (2, *SHAPE))
-    image, stiffness = rng.uniform(0.0, 255.0, (*SHAPE, 2)), 0.01
+    image, stiffness = rng.uniform(0.0, 255.0, (*SHAPE, 2)), view_synthesis.STIFFNESS
     neighbours, diagonal = np.empty((count, 4), np.int32), np.empty(count)
     guess = rng.uniform(0.0, 255.0, (2, count))
     right = stiffness * guess
-    choose(kernels.membrane_equations)(number, depth, limit, image, stiffness, neighbours, diagonal, right)
+    choose(view_synthesis._membrane_equations)(number, depth, limit, image, neighbours, diagonal, right)
     matrix, bounds = reference.membrane(number, depth, limit, image, stiffness)
     np.testing.assert_allclose(right, stiffness * guess + bounds)
     np.testing.assert_allclose(diagonal, np.diag(matrix))
     assert (np.abs(matrix).sum(axis=1) > 3.0).any()
     for levels, target in zip(guess, right, strict=True):
         product = np.empty(count)
-        form = choose(kernels.membrane_product)(neighbours, diagonal, levels, product)
+        form = choose(view_synthesis._membrane_product)(neighbours, diagonal, levels, product)
         np.testing.assert_allclose(product, matrix @ levels, atol=1e-9)
         assert form == pytest.approx(levels @ matrix @ levels)
-        expected = np.linalg.solve(matrix, target)
-        choose(kernels.solve_membrane)(neighbours, diagonal, target, 1e-9, levels)
-        np.testing.assert_allclose(levels, expected, atol=1e-5)
-
-
-@pytest.mark.parametrize("share", [0.2, 0.7, 0.97])
-def test_nearest_drawn(choose: Choose, rng: np.random.Generator, share: float) -> None:
-    """Of each pixel the nearest that is no hole, of equal ones the same as scipy takes."""
-    for shape in ((13, 22), (1, 9), (8, 1)):
-        holes = rng.random(shape) < share
-        holes[rng.integers(shape[0]), rng.integers(shape[1])] = False
-        rows, columns = np.empty((2, *shape), np.int64)
-        choose(kernels.nearest_drawn)(holes, rows, columns)
-        expected = distance_transform_edt(holes, return_distances=False, return_indices=True)
-        np.testing.assert_array_equal([rows, columns], expected)
+        choose(view_synthesis._solve_membrane)(neighbours, diagonal, target, levels)
+        residual = matrix @ levels - target
+        assert np.sqrt(np.mean(residual**2)) <= view_synthesis.TOLERANCE

@@ -8,10 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dvc.errors import DvcError
-from dvc.geometry import two_views as two_view_cameras
+from dvc.geometry import camera_estimation
 from dvc.geometry.calibrated_cameras import Camera
-from dvc.geometry.feature_matching import Features
-from dvc.geometry.two_views import cameras_of_matches, two_views
+from dvc.geometry.camera_estimation import Features, cameras_of_matches, estimate_cameras
 
 NAMES, SIZE = ("a.jpg", "b.jpg"), (640, 480)
 
@@ -61,7 +60,7 @@ def test_points_lie_before_the_cameras_from_whatever_side_they_are_looked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Epipolar lines are the same for the opposite direction, where a start may be; depths are not."""
-    rng, true, consensus = np.random.default_rng(4), pair_of_cameras(1.0), two_view_cameras._consensus
+    rng, true, consensus = np.random.default_rng(4), pair_of_cameras(1.0), camera_estimation._consensus
 
     def opposite(*given: Any) -> Any:
         start = consensus(*given)
@@ -69,7 +68,7 @@ def test_points_lie_before_the_cameras_from_whatever_side_they_are_looked_for(
 
     points = rng.uniform((-2.0, -1.5, 5.0), (2.0, 1.5, 9.0), (200, 3))
     matches = [seen(camera, points) for camera in true]
-    monkeypatch.setattr(two_view_cameras, "_consensus", opposite)
+    monkeypatch.setattr(camera_estimation, "_consensus", opposite)
     found = cameras_of_matches(NAMES, SIZE, *matches)
     assert found.cameras[1].t @ true[1].t > 0.0
     assert len(found.points) > 150
@@ -83,7 +82,7 @@ def test_matches_without_a_common_geometry_are_refused() -> None:
         cameras_of_matches(NAMES, SIZE, points, points + 1.0)
     noise = [rng.integers(0, 256, (60, 80, 3), dtype=np.uint8) for _ in NAMES]
     with pytest.raises(DvcError, match="cannot be estimated"):
-        two_views(NAMES, noise)
+        estimate_cameras(NAMES, noise)
 
 
 def test_faint_points_are_found() -> None:

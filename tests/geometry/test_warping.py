@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.geometry import _kernels
 from dvc.geometry.cameras import PixelFrame, project
 from dvc.geometry.triangulation import inverse_depths
-from dvc.geometry.warping import inverse_warp, warp_grid, warp_matrix, warp_points
+from dvc.geometry.warping import EMPTY, inverse_warp, warp_grid, warp_matrix, warp_points
 from tests.scenes_3d import camera_at
 
 FRAME = PixelFrame(96, 80)
@@ -64,7 +63,7 @@ def test_what_cannot_be_warped_is_marked() -> None:
     np.testing.assert_array_equal(warped[1:], points[1:])
     at_epipole, _ = inverse_depths(points[:1], warp, points[:1])
     assert at_epipole[0] == 0.0
-    assert warp_grid(warp, np.full((1, 1), 2.0))[0, 0, 2] == _kernels.EMPTY
+    assert warp_grid(warp, np.full((1, 1), 2.0))[0, 0, 2] == EMPTY
 
 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=4, max_size=4), st.booleans())

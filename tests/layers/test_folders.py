@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dvc.errors import DvcError
-from dvc.layers import layers_folder, sprites_folder
+from dvc.layers import layer_folders
 from dvc.layers.canvas import Canvas
 from dvc.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
 from dvc.layers.sprites import extract_sprites
@@ -24,8 +24,8 @@ from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_l
 
 Reader = Callable[[Path], object]
 READERS: dict[str, Reader] = {
-    layers_folder.INDEX: layers_folder.read_layers,
-    sprites_folder.INDEX: sprites_folder.read_sprites,
+    layer_folders.LAYERS_INDEX: layer_folders.read_layers,
+    layer_folders.SPRITES_INDEX: layer_folders.read_sprites,
 }
 
 
@@ -46,8 +46,8 @@ def image() -> LayeredDepthImage:
 @pytest.fixture(params=list(READERS))
 def index(request: pytest.FixtureRequest, image: LayeredDepthImage, tmp_path: Path) -> Path:
     """Return the index file of a folder of either kind."""
-    layers_folder.write_layers(tmp_path, image)
-    sprites_folder.write_sprites(tmp_path, extract_sprites(image))
+    layer_folders.write_layers(tmp_path, image)
+    layer_folders.write_sprites(tmp_path, extract_sprites(image))
     return tmp_path / str(request.param)
 
 
@@ -59,15 +59,15 @@ def _read(index: Path) -> object:
 def test_round_trip(tmp_path: Path, seed: int) -> None:
     """Layers and sprites are read back as they were written."""
     image = random_layers(seed, 6)
-    layers_folder.write_layers(tmp_path, image)
-    found = layers_folder.read_layers(tmp_path)
+    layer_folders.write_layers(tmp_path, image)
+    found = layer_folders.read_layers(tmp_path)
     _check_canvas(found.canvas, image.canvas)
     for name in ("colour", "disparity", "votes"):
         np.testing.assert_array_equal(getattr(found, name), getattr(image, name))
         assert getattr(found, name).dtype == getattr(image, name).dtype
     sprites = extract_sprites(image)
-    sprites_folder.write_sprites(tmp_path, sprites)
-    again = sprites_folder.read_sprites(tmp_path)
+    layer_folders.write_sprites(tmp_path, sprites)
+    again = layer_folders.read_sprites(tmp_path)
     _check_canvas(again.canvas, image.canvas)
     for one, other in zip(again.sprites, sprites.sprites, strict=True):
         assert (one.left, one.top) == (other.left, other.top)
@@ -81,14 +81,14 @@ def test_homography_is_kept(tmp_path: Path, image: LayeredDepthImage) -> None:
     canvas = image.canvas
     plain = canvas.shape, canvas.frame, canvas.labels, canvas.resolution, canvas.reference, canvas.num_cameras
     known = LayeredDepthImage(Canvas(*plain, matrix), image.colour, image.disparity, image.votes)
-    layers_folder.write_layers(tmp_path, known)
-    _check_canvas(layers_folder.read_layers(tmp_path).canvas, known.canvas)
+    layer_folders.write_layers(tmp_path, known)
+    _check_canvas(layer_folders.read_layers(tmp_path).canvas, known.canvas)
 
 
 def test_files_can_be_opened_by_others(tmp_path: Path, image: LayeredDepthImage) -> None:
     """OpenCV reads the maps; pixels without a value are transparent, and infinitely disparate."""
-    layers_folder.write_layers(tmp_path, image)
-    sprites_folder.write_sprites(tmp_path, extract_sprites(image))
+    layer_folders.write_layers(tmp_path, image)
+    layer_folders.write_sprites(tmp_path, extract_sprites(image))
     disparity = cv2.imread(str(tmp_path / "disparity-1.pfm"), cv2.IMREAD_UNCHANGED)
     colour = cv2.imread(str(tmp_path / "colour-1.png"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(np.isfinite(disparity), image.occupied[1])
@@ -103,22 +103,22 @@ def test_files_can_be_opened_by_others(tmp_path: Path, image: LayeredDepthImage)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda index: index.update(version=2), "version 2 is not known"),
-        (lambda index: index.update(format="other"), "not what `dvc-stereo"),
+        (lambda index: index.update(version=2), "version 2 is not supported"),
+        (lambda index: index.update(format="other"), "not an index of `dvc-stereo"),
         (lambda index: index.pop("frame"), "no 'frame'"),
-        (lambda index: index.update(width=1 << 20), "'width' is no whole number"),
-        (lambda index: index.update(height=True), "'height' is no whole number"),
-        (lambda index: index.update(reference="\ud800"), "'reference' is not of Unicode characters"),
-        (lambda index: index["frame"].update(width=1000), "'width' is no whole number"),
+        (lambda index: index.update(width=1 << 20), "'width' must be a whole number"),
+        (lambda index: index.update(height=True), "'height' must be a whole number"),
+        (lambda index: index.update(reference="\ud800"), "'reference' must be Unicode text"),
+        (lambda index: index["frame"].update(width=1000), "'width' must be a whole number"),
         (lambda index: index["disparities"].update(step=0.0), "'step' is out of range"),
-        (lambda index: index["disparities"].update(lowest="0"), "'lowest' is no number"),
+        (lambda index: index["disparities"].update(lowest="0"), "'lowest' must be a number"),
         (lambda index: index.update(resolution=1e99), "'resolution' is out of range"),
-        (lambda index: index.update(world_from_rectified=[[1]]), "no 4x4 matrix"),
+        (lambda index: index.update(world_from_rectified=[[1]]), "must be a 4x4 matrix"),
         (lambda index: index.update(world_from_rectified=np.eye(4).tolist()), "gives no depth"),
-        (lambda index: index.update(world_from_rectified=np.zeros((4, 4)).tolist()), "can be inverted"),
-        (lambda index: _entries(index).clear(), "is no list of 1 to"),
+        (lambda index: index.update(world_from_rectified=np.zeros((4, 4)).tolist()), "must be an invertible"),
+        (lambda index: _entries(index).clear(), "must be a list of 1 to"),
         (lambda index: _entries(index).append(3), "expected an object"),
-        (lambda index: _entries(index)[0].update(disparity="../x.pfm"), "no name of a file in the folder"),
+        (lambda index: _entries(index)[0].update(disparity="../x.pfm"), "does not name a file in the folder"),
         (lambda index: _entries(index)[0].update(disparity=_entries(index)[0]["colour"]), "PFM"),
         (lambda index: _entries(index)[0].update(colour=_entries(index)[0]["disparity"]), "RGBA picture"),
         (lambda index: _entries(index)[0].update(disparity=_entries(index)[1]["disparity"]), "disparity"),
@@ -148,13 +148,13 @@ def test_no_index(index: Path, text: str) -> None:
 
 def test_layers_in_wrong_order(tmp_path: Path, image: LayeredDepthImage) -> None:
     """Layers that do not lie behind each other are refused."""
-    layers_folder.write_layers(tmp_path, image)
-    index = tmp_path / layers_folder.INDEX
+    layer_folders.write_layers(tmp_path, image)
+    index = tmp_path / layer_folders.LAYERS_INDEX
     values = json.loads(index.read_text())
     values["layers"].reverse()
     index.write_text(json.dumps(values))
     with pytest.raises(DvcError, match="behind each other"):
-        layers_folder.read_layers(tmp_path)
+        layer_folders.read_layers(tmp_path)
 
 
 def test_half_opaque_pixels(index: Path) -> None:

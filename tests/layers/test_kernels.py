@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dvc.layers import _kernels as kernels
+from dvc.layers import sprites
 from tests.reference import stereo_layers as reference
 from tests.twins import Choose
 
@@ -37,13 +38,13 @@ def test_splat(choose: Choose, rng: np.random.Generator, m: float, n: float) -> 
     corner, shape = (-3, -2), (14, 18)
     expected = reference.splatted(disparity.astype(np.float64), votes, m, n, corner, shape, 1.0)
     counts = np.zeros(shape[0] * shape[1], np.int64)
-    entry = disparity, votes, kernels.Placing(m, n, corner, shape, 1.0, 4)
+    entry = disparity, votes, m, n, corner, shape, 1.0, 4
     nothing = np.empty(0, np.float32), np.empty(0, np.int16)
-    choose(kernels.splat)(*entry, kernels.Cells(counts, *nothing))
+    choose(kernels.splat)(*entry, counts, *nothing)
     assert counts.tolist() == [len(values) for values in expected.values()]
     starts = np.concatenate([[0], np.cumsum(counts)])
     points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
-    choose(kernels.splat)(*entry, kernels.Cells(starts[:-1].copy(), points, cameras))
+    choose(kernels.splat)(*entry, starts[:-1].copy(), points, cameras)
     choose(kernels.sort_points)(starts, points, cameras)
     for number, values in enumerate(expected.values()):
         found = points[starts[number] : starts[number + 1]]
@@ -66,11 +67,11 @@ def test_peel(choose: Choose, rng: np.random.Generator) -> None:
         choose(kernels.sort_points)(np.array([0, count]), points, cameras)
         levels = np.array([reference.label_of(float(d), 0.0, 0.5) for d in points])
         alive, chosen = np.ones(count, np.bool_), np.zeros(count, np.bool_)
-        state = kernels.CellState(np.zeros(5, np.bool_), alive, chosen)
+        state = np.zeros(5, np.bool_), alive, chosen
         found = []
         while alive.any():
-            how = kernels.Levels(0.0, 0.5, 1)
-            found.append(choose(kernels.peel)(points, cameras, levels, how, BASELINES, owner, state))
+            cell = points, cameras, levels
+            found.append(choose(kernels.peel)(*cell, 0.5, 1, BASELINES, owner, *state))
             assert chosen.sum() == found[-1][1]
             owner = -1
         assert len(found) == len(expected)
@@ -87,13 +88,12 @@ def test_likelihood(choose: Choose, rng: np.random.Generator, rho: tuple[float, 
     mask[1:3, 1:3] = True
     order, entered = np.empty(depth.size, np.int64), np.zeros(depth.shape, np.bool_)
     everywhere = np.ones(depth.shape, np.bool_)
-    count = choose(kernels.reach)(depth, everywhere, mask, 1.5, order, entered)
+    count = choose(sprites._reach)(depth, everywhere, mask, 1.5, order, entered)
     assert entered.sum() == count == len(set(order[:count]))
     messages = np.full((*depth.shape, 4), 0.5)
-    transitions = kernels.Transitions(0.5, 1.5, rho)
-    got = choose(kernels.likelihood)(depth, mask, entered, order[:count], transitions, 300, 1e-10, messages)
+    got = choose(sprites._likelihood)(depth, mask, entered, order[:count], *rho, messages)
     expected = reference.likelihoods(depth, mask, 0.5, 1.5, rho, 150)
-    np.testing.assert_allclose(got[entered], expected[entered], atol=1e-6)
+    np.testing.assert_allclose(got[entered], expected[entered], atol=20 * sprites.TOLERANCE)
     assert (expected[~entered] <= 0.5 + 1e-12).all()
 
 
@@ -103,8 +103,7 @@ def test_transitions(choose: Choose) -> None:
     mask = np.array([[True, False, False, False, False]])
     order, entered = np.arange(5), np.ones((1, 5), np.bool_)
     messages = np.full((1, 5, 4), 0.5)
-    transitions = kernels.Transitions(0.5, 1.5, (0.1, 0.3))
-    got = choose(kernels.likelihood)(depth, mask, entered, order, transitions, 50, 1e-12, messages)
+    got = choose(sprites._likelihood)(depth, mask, entered, order, 0.1, 0.3, messages)
     second = 0.9
     third = (1 - 0.6) * second + 0.3
     fourth = min(1 - third, 0.5)

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import binary_fill_holes
 
 from dvc.errors import DvcError
-from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels
-from dvc.geometry.surfaces import Reconstruction, Surface
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, Reconstruction, Surface
 from dvc.layers.layered_depth_image import (
     LayeredDepthImage,
     _neighbours,
@@ -217,11 +216,11 @@ def test_resolution() -> None:
 
 
 @pytest.mark.parametrize(("step", "scale"), [(1e-300, 1.0), (1e300, 1.0), (1.0, 1e30)])
-def test_numbers_that_make_no_sense(step: float, scale: float) -> None:
+def test_magnitudes_out_of_range(step: float, scale: float) -> None:
     """Steps and disparities beyond all measure are refused."""
     reconstruction = reconstruction_of((BACKGROUND,), PAIR, DisparityLabels(0.0, step, 12))
     wrong = [surface.disparity * scale for surface in reconstruction.surfaces]
-    with pytest.raises(DvcError, match="make no sense"):
+    with pytest.raises(DvcError, match="out of range"):
         layered_depth_image(_changed(reconstruction, wrong))
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from dvc.errors import ConfigError, DvcError, VideoError
-from dvc.pfm import read_pfm, write_pfm
+from dvc.picture_files import read_pfm, write_pfm
 from dvc.video import VideoReader, open_video
 from sequences.rendered_scenes import scene
 from sequences.rendered_sequence import RenderedSequence, render

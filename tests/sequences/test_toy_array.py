@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from dvc.array_files import read_positions
-from dvc.pfm import read_pfm
-from dvc.picture_files import read_picture
+from dvc.picture_files import read_pfm, read_picture
 from sequences.__main__ import main
 from sequences.scene_cameras import back_project, project
 from sequences.scene_layouts import POSITIONS, STEP_DOWN_M, STEP_RIGHT_M

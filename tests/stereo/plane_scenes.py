@@ -6,8 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.surfaces import Reconstruction, Surface
+from dvc.geometry.camera_array import (
+    ArrayView,
+    CameraArray,
+    DisparityLabels,
+    LatticePosition,
+    Reconstruction,
+    Surface,
+)
 
 Floats = NDArray[np.float64]
 

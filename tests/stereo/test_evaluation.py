@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.errors import ConfigError, DvcError
-from dvc.pfm import write_pfm
+from dvc.picture_files import write_pfm
 from dvc.stereo.__main__ import main
 from dvc.stereo.evaluation import disparity_error, evaluate, read_mask, read_truth, sparsification
 from tests.stereo.data import real_set

@@ -124,8 +124,7 @@ def _depth_image(arguments: argparse.Namespace, stream: "DepthImageStream") -> d
     from dvc.files import atomic_folder
     from dvc.images.edges.files import write_edges
     from dvc.index_files import write_index
-    from dvc.pfm import write_pfm
-    from dvc.picture_files import write_png
+    from dvc.picture_files import write_pfm, write_png
 
     if arguments.quality_layers is not None:
         raise ConfigError("--quality-layers: the stream has none, but can be cut anywhere")
@@ -189,8 +188,7 @@ def suffix_of(number: int) -> str:
 def _write_disparity(folder: Path, suffix: str, disparity: Any) -> None:
     import numpy as np
 
-    from dvc.pfm import write_pfm
-    from dvc.picture_files import write_png
+    from dvc.picture_files import write_pfm, write_png
     from dvc.web.drawing import colour_disparity
 
     write_pfm(folder / f"disparity{suffix}.pfm", disparity.astype(np.float32))

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from dvc.dibr.depth_image.depth_scale import DepthScale, Plane
 from dvc.errors import ConfigError, DvcError
-from dvc.pfm import read_pfm
-from dvc.picture_files import largest_level, read_levels
+from dvc.picture_files import largest_level, read_levels, read_pfm
 
 INPAINT_RADIUS = 3.0
 """Of the neighbourhood from which holes are filled, in pixels."""

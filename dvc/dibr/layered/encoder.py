@@ -25,7 +25,8 @@ from dvc.dibr.layered.pieces import Pieces
 from dvc.dibr.layered.rate import Choices, allot
 from dvc.dibr.layered.stream import Rectangle, encode_header, encode_stream
 from dvc.errors import ConfigError
-from dvc.geometry.rendering import EMPTY, fill_holes
+from dvc.geometry.rendering import fill_holes
+from dvc.geometry.warping import EMPTY
 from dvc.images.codec import multipliers_around
 from dvc.images.colour import luma
 from dvc.images.edges.chain_code import EdgeCode

@@ -21,9 +21,8 @@ from dvc.errors import BitstreamError, ConfigError, DvcError
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.index_files import Entry
 from dvc.layers.canvas import Canvas, Frame
-from dvc.layers.canvas_files import read_canvas
+from dvc.layers.layer_folders import MAX_SPRITES, read_canvas
 from dvc.layers.layered_depth_image import MAX_LAYERS
-from dvc.layers.sprites_folder import MAX_SPRITES
 
 MAX_NAME_BYTES = 255
 _FIXED = struct.Struct("<B6HffHfHB")

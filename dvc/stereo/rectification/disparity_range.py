@@ -1,4 +1,4 @@
-"""The range of disparities of rectified views, from points that they share."""
+"""Range of disparities of rectified views, from their matches."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,30 +11,30 @@ from numpy.typing import NDArray
 from dvc.array_files import MAX_LABELS
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.feature_matching import Features
+from dvc.geometry.camera_estimation import Features
 from dvc.stereo.surfaces.occupancy import neighbours
 
 Floats = NDArray[np.float64]
 
 ROW_TOLERANCE_PX = 2.0
-"""Matches farther than this from where (2.5) allows them are wrong."""
+"""Largest distance of correct matches from positions that (2.5) allows."""
 QUANTILES, INNER_QUANTILES = (0.01, 0.99), (0.05, 0.95)
-"""The former, but not farther from the latter than these are from each other: a few matches are wrong."""
+"""Quantiles of the range, and inner ones that limit it: their distance bounds that to the former."""
 FAR_MARGIN, NEAR_MARGIN, MARGIN_PX = 0.15, 0.35, 1.0
-"""Added to the range of known disparities: in parts of it, and in pixels. The nearest points are few."""
+"""Margins of the range of known disparities, as shares of it and in pixels; near points are rare."""
 MIN_MATCHES = 20
 MIN_LABELS = 16
-MOST_OUTSIDE = 0.9
-"""Share of matches outside a range of disparities that shows it to be wrong."""
+MAX_OUTSIDE = 0.9
+"""Share of matches outside a range of disparities that proves it wrong."""
 _MAX_PARTNERS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class RowMatches:
-    """Points that the reference view and others share."""
+    """Matches of the reference view with other views."""
 
-    disparities: Floats  # of matches that agree with (2.5), in pixels per unit of m
-    residuals_px: Floats  # how far across the direction of parallax they lie from where (2.5) has them
+    disparities: Floats  # disparities of matches that agree with (2.5), in pixels per unit of m
+    residuals_px: Floats  # distances from (2.5) across the direction of parallax
 
     @property
     def rms_px(self) -> float | None:
@@ -47,44 +47,46 @@ def range_of_matches(matches: RowMatches) -> tuple[float, float] | None:
     return range_of(matches.disparities) if len(matches.disparities) >= MIN_MATCHES else None
 
 
-def found_labels(array: CameraArray) -> DisparityLabels | None:
-    """Return the disparities to try for views that are rectified already, from points that they share."""
+def labels_of_matches(array: CameraArray) -> DisparityLabels | None:
+    """Return the disparities to try for rectified views, from their matches."""
     positions, features = [view.position for view in array], [Features(view.image) for view in array]
-    found = range_of_matches(row_matches(positions, features))
-    return None if found is None else suggested_labels(*found)
+    limits = range_of_matches(row_matches(positions, features))
+    return None if limits is None else suggested_labels(*limits)
 
 
 def check_disparities(array: CameraArray, labels: DisparityLabels, jobs: int = 1) -> None:
-    """Compare disparities to try with those of points that the reference view and its neighbours share."""
+    """Compare disparities to try with matches of the reference view and its neighbours."""
     reference = array.reference
     near = neighbours(array, reference).all
     with ThreadPoolExecutor(jobs) as pool:
-        own, *others = pool.map(Features, [array[index].image for index in (reference, *near)])
-    for index, other in zip(near, others, strict=True):
+        features, *neighbour_features = pool.map(
+            Features, [array[index].image for index in (reference, *near)]
+        )
+    for index, other in zip(near, neighbour_features, strict=True):
         pair = array[reference], array[index]
-        origin, place = (view.position for view in pair)
-        baseline = LatticePosition(place.m - origin.m, place.n - origin.n)
-        found = row_matches([LatticePosition(0.0, 0.0), baseline], [own, other]).disparities
+        origin, target = (view.position for view in pair)
+        baseline = LatticePosition(target.m - origin.m, target.n - origin.n)
+        disparities = row_matches([LatticePosition(0.0, 0.0), baseline], [features, other]).disparities
         slack = MARGIN_PX / float(np.hypot(*baseline))
-        outside = (found < labels.lowest - slack) | (found > labels.highest + slack)
-        if len(found) < MIN_MATCHES or outside.mean() < MOST_OUTSIDE:
+        outside = (disparities < labels.lowest - slack) | (disparities > labels.highest + slack)
+        if len(disparities) < MIN_MATCHES or outside.mean() < MAX_OUTSIDE:
             continue
-        low, high = range_of(found)
+        low, high = range_of(disparities)
         raise ConfigError(
-            f"points that {pair[0].name} and {pair[1].name} share have disparities from {low:.3g} to "
-            f"{high:.3g} px, not {labels.lowest:g} to {labels.highest:g}: the range, or the order or the "
-            "positions of the views are wrong"
+            f"matches of {pair[0].name} and {pair[1].name} have disparities from {low:.3g} to "
+            f"{high:.3g} px, not {labels.lowest:g} to {labels.highest:g}: the range, the order "
+            "or the positions of the views are wrong"
         )
 
 
 def range_of(disparities: Floats) -> tuple[float, float]:
-    """Return the range of known disparities."""
+    """Return the range of known disparities without outliers."""
     lowest, low, high, highest = np.quantile(disparities, sorted(QUANTILES + INNER_QUANTILES))
     return float(max(lowest, 2.0 * low - high)), float(min(highest, 2.0 * high - low))
 
 
 def suggested_labels(lowest: float, highest: float) -> DisparityLabels:
-    """Return disparities to try where those of some points are known."""
+    """Return disparities to try around a range of known ones."""
     low = lowest - FAR_MARGIN * (highest - lowest) - MARGIN_PX
     high = highest + NEAR_MARGIN * (highest - lowest) + MARGIN_PX
     step = min(1.0, 2.0 ** math.floor(math.log2((high - low) / MIN_LABELS)))
@@ -96,21 +98,21 @@ def suggested_labels(lowest: float, highest: float) -> DisparityLabels:
 def row_matches(
     positions: Sequence[LatticePosition],
     features: Sequence[Features],
-    placed: Callable[[int, Floats], Floats] = lambda _, points: points,
+    rectified: Callable[[int, Floats], Floats] = lambda _, points: points,
 ) -> RowMatches:
-    """Match the reference view with those nearest to it."""
-    places = np.array(positions)
-    distance = np.linalg.norm(places, axis=1)
+    """Match the reference view with the views nearest to it."""
+    centres = np.array(positions)
+    distance = np.linalg.norm(centres, axis=1)
     reference = int(distance.argmin())
-    nearest = np.argsort(np.linalg.norm(places - places[reference], axis=1), kind="stable")
+    nearest = np.argsort(np.linalg.norm(centres - centres[reference], axis=1), kind="stable")
     disparities, residuals = [np.zeros(0)], [np.zeros(0)]
     for index in nearest[1 : 1 + _MAX_PARTNERS]:
         here, there = features[reference].match(features[index])
-        moved = placed(reference, here) - placed(int(index), there)
-        baseline = places[index] - places[reference]
+        moved = rectified(reference, here) - rectified(int(index), there)
+        baseline = centres[index] - centres[reference]
         unit = baseline / np.linalg.norm(baseline)
         across = moved @ np.array([-unit[1], unit[0]])
-        kept = np.abs(across) <= ROW_TOLERANCE_PX
-        disparities.append((moved @ unit / np.linalg.norm(baseline))[kept])
-        residuals.append(across[kept])
+        close = np.abs(across) <= ROW_TOLERANCE_PX
+        disparities.append((moved @ unit / np.linalg.norm(baseline))[close])
+        residuals.append(across[close])
     return RowMatches(np.concatenate(disparities), np.concatenate(residuals))

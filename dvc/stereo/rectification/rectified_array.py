@@ -1,4 +1,4 @@
-"""From plain or calibrated pictures to the views of a planar array, and the disparities that they have."""
+"""Views of a planar array from plain or calibrated pictures, with the range of their disparities."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from dvc.array_files import read_pictures
 from dvc.errors import ConfigError, DvcError
-from dvc.geometry.calibrated_cameras import CalibratedViews
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.camera_estimation import Features
 from dvc.geometry.camera_files import AUTO, load_cameras
-from dvc.geometry.feature_matching import Features
 from dvc.stereo.rectification.disparity_range import (
     MIN_MATCHES,
     RowMatches,
@@ -21,35 +20,33 @@ from dvc.stereo.rectification.disparity_range import (
     row_matches,
     suggested_labels,
 )
-from dvc.stereo.rectification.rectified_space import Rectification
-from dvc.stereo.rectification.rectify import rectify, usual_disparity
-from dvc.stereo.rectification.refinement import refined_pair
-from dvc.stereo.rectification.resampling import MAX_SIDE, resample
+from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, resample
+from dvc.stereo.rectification.rectify import rectify, refined_pair, usual_disparity
 
 Floats = NDArray[np.float64]
 
 MAX_OFF_PLANE_PX = 10.0
-"""How far (2.5) may fail at the corners of pictures whose cameras are not quite in a plane."""
+"""Largest error of (2.5) at the corners of pictures of cameras that are slightly off a plane."""
 
 
 @dataclass(frozen=True, eq=False)
 class RectifiedArray:
-    """Views of a planar array made of other pictures.
+    """Rectified views of a planar array.
 
     Attributes
     ----------
     array : CameraArray
         The rectified views.
     rectification : Rectification
-        How they were made.
+        Their transformation.
     disparities : (float, float) or None
-        Lowest and highest that were found in the scene; None where nothing is known.
+        Lowest and highest disparity of known points of the scene; None if unknown.
     off_plane_px : ndarray of shape (N,), float64
-        How far at most (2.5) fails in each view because its camera is not in the plane of all.
+        Largest error of (2.5) in each view because its camera is off the plane of all.
     matches : RowMatches or None
-        Matches between the views, if they were looked for.
+        Matches between the views, if needed or asked for.
     refined : bool
-        Whether the calibration of a pair was changed to agree with them.
+        Whether the calibration of a pair was refined by them.
     """
 
     array: CameraArray
@@ -61,7 +58,7 @@ class RectifiedArray:
 
     @property
     def labels(self) -> DisparityLabels | None:
-        """Disparities to try: those found and a margin, in steps of a pixel, or less where they are few."""
+        """Disparities to try: the known range and a margin, in steps of a pixel, or less if narrow."""
         return None if self.disparities is None else suggested_labels(*self.disparities)
 
 
@@ -83,55 +80,65 @@ def rectified_array(
     cameras : str or Path
         As for `dvc.geometry.camera_files.load_cameras`.
     positions : sequence of LatticePosition, optional
-        Places of the cameras, one for each; found from their centres if None.
+        Positions of the cameras, one for each; by default from their centres.
     with_matches : bool, optional
-        Look for matches between the views even where points of the scene are known.
+        Match the views even if points of the scene are known.
     keep_cameras : bool, optional
-        Take the calibration of a pair as it is, even where the rows of matches contradict it.
+        Use the calibration of a pair unchanged, even if the rows of matches contradict it.
     advance : callable, optional
-        Told the number of views that have just been finished.
+        Called with the number of finished views.
 
     Returns
     -------
     RectifiedArray
-        The views in this order; they are named as their files.
+        The views in this order, named as their files.
 
     Raises
     ------
     DvcError
-        If a file cannot be read, cameras are missing, or they do not stand in a plane.
+        If a file cannot be read, cameras are missing, or they are not in a plane.
     """
     if positions is not None and len(positions) != len(paths):
         raise ConfigError(f"{len(paths)} views and {len(positions)} positions: one for each is needed")
     pictures = read_pictures(paths)
-    features = [Features(picture) for picture in pictures] if with_matches or len(pictures) == 2 else []
+    is_pair = len(pictures) == 2
+    features = [Features(picture) for picture in pictures] if with_matches or is_pair else []
     views = load_cameras(cameras, paths, pictures, features)
-    if not len(views.points):
-        features = features or [Features(picture) for picture in pictures]
-    given = views.cameras
-    if len(pictures) == 2 and not keep_cameras and str(cameras) != AUTO:
-        refined = refined_pair(given, *features[0].match(features[1]))
-        views = CalibratedViews(refined, views.points)
-    rectification = rectify(views.cameras, positions, views.points)
-    if max(rectification.size) > MAX_SIDE:
-        size = "x".join(map(str, rectification.size))
-        raise ConfigError(
-            f"rectified views would have {size} pixels, sides of at most {MAX_SIDE} are accepted"
-        )
-    stems = [Path(path).stem for path in paths]
-    made = []
-    for index, (name, picture) in enumerate(zip(stems, pictures, strict=True)):
-        image, valid = resample(rectification, index, picture)
-        everywhere = bool(valid.all())
-        made.append(ArrayView(name, image, rectification.positions[index], None if everywhere else valid))
-        advance(1)
-    found, matches = _range_of_points(rectification, views.points), None
+    if not features and not len(views.points):
+        features = [Features(picture) for picture in pictures]
+    calibrated = views.cameras
+    if is_pair and not keep_cameras and str(cameras) != AUTO:
+        calibrated = refined_pair(views.cameras, *features[0].match(features[1]))
+    rectification = rectify(calibrated, positions, views.points)
+    array = _resampled(rectification, paths, pictures, advance)
+    disparities, matches = _range_of_points(rectification, views.points), None
     if features:
         matches = row_matches(rectification.positions, features, rectification.rectified_points)
-        found = found or range_of_matches(matches)
-    off_plane_px = _checked_plane(rectification, found)
-    array, refined_cameras = CameraArray(tuple(made)), views.cameras != given
-    return RectifiedArray(array, rectification, found, off_plane_px, matches, refined_cameras)
+        disparities = disparities or range_of_matches(matches)
+    off_plane_px = _checked_plane(rectification, disparities)
+    refined = calibrated != views.cameras
+    return RectifiedArray(array, rectification, disparities, off_plane_px, matches, refined)
+
+
+def _resampled(
+    rectification: Rectification,
+    paths: Sequence[str | Path],
+    pictures: Sequence[NDArray[np.uint8]],
+    advance: Callable[[int], None],
+) -> CameraArray:
+    """Return the rectified views of pictures, named as their files."""
+    if max(rectification.size) > MAX_RESAMPLED_SIDE:
+        size = "x".join(map(str, rectification.size))
+        raise ConfigError(
+            f"rectified views would have {size} pixels, sides of at most {MAX_RESAMPLED_SIDE} are accepted"
+        )
+    views = []
+    for index, (path, picture) in enumerate(zip(paths, pictures, strict=True)):
+        image, valid = resample(rectification, index, picture)
+        mask = None if valid.all() else valid
+        views.append(ArrayView(Path(path).stem, image, rectification.positions[index], mask))
+        advance(1)
+    return CameraArray(tuple(views))
 
 
 def _range_of_points(rectification: Rectification, points: Floats) -> tuple[float, float] | None:
@@ -144,17 +151,17 @@ def _range_of_points(rectification: Rectification, points: Floats) -> tuple[floa
     return range_of(disparities)
 
 
-def _checked_plane(rectification: Rectification, found: tuple[float, float] | None) -> Floats:
-    """Return how far each camera is off the plane, in pixels of parallax; refuse what is too far."""
-    if found is None:
+def _checked_plane(rectification: Rectification, disparities: tuple[float, float] | None) -> Floats:
+    """Return the distance of each camera from the plane in pixels of parallax; refuse large ones."""
+    if disparities is None:
         width = max(camera.size[0] for camera in rectification.cameras)
         shift = rectification.disparity_shift
-        found = -shift, usual_disparity(rectification.positions, width) - shift
-    off_plane_px = rectification.off_plane_px(*found)
+        disparities = -shift, usual_disparity(rectification.positions, width) - shift
+    off_plane_px = rectification.off_plane_px(*disparities)
     worst = int(off_plane_px.argmax())
     if off_plane_px[worst] > MAX_OFF_PLANE_PX:
         raise DvcError(
-            f"the cameras do not stand in a plane: {rectification.cameras[worst].name} is off by up to "
+            f"the cameras are not in a plane: {rectification.cameras[worst].name} is off by up to "
             f"{off_plane_px[worst]:.1f} px of parallax, at most {MAX_OFF_PLANE_PX:g} px are accepted"
         )
     return off_plane_px

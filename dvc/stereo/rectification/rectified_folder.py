@@ -1,4 +1,4 @@
-"""Rectified views as a folder, and what a reconstruction of them says of the original pictures."""
+"""Folder of rectified views, and depth of their original pictures after a reconstruction."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,15 +11,18 @@ from numpy.typing import NDArray
 
 from dvc.errors import DvcError
 from dvc.geometry.calibrated_cameras import LARGEST, Camera, camera_from_matrices
-from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.surfaces import Reconstruction
+from dvc.geometry.camera_array import (
+    ArrayView,
+    CameraArray,
+    DisparityLabels,
+    LatticePosition,
+    Reconstruction,
+)
 from dvc.index_files import MAX_SIDE, Entry, read_index, read_labels, write_index
-from dvc.pfm import write_pfm
-from dvc.picture_files import read_picture, read_plane, write_png
-from dvc.stereo.rectification.lattice import Lattice
+from dvc.picture_files import read_picture, read_plane, write_pfm, write_png
+from dvc.stereo.rectification.camera_lattice import Lattice
 from dvc.stereo.rectification.rectified_array import RectifiedArray
-from dvc.stereo.rectification.rectified_space import Rectification
-from dvc.stereo.rectification.resampling import metric_depth, to_original_view
+from dvc.stereo.rectification.rectified_space import Rectification, metric_depth, to_original_view
 
 INDEX = "rectification.json"
 FORMAT, VERSION = "dvc3d rectification", 1
@@ -32,7 +35,7 @@ _COLOURS = ((0, 255, 255), (255, 255, 0))
 
 @dataclass(frozen=True, eq=False)
 class RectifiedViews:
-    """Rectified views, the disparities to try, and how they were made: in memory, and as `INDEX` has it."""
+    """Rectified views, the disparities to try, and their transformation, also as values of the index."""
 
     array: CameraArray
     labels: DisparityLabels | None
@@ -41,7 +44,7 @@ class RectifiedViews:
 
 
 def as_views(rectified: RectifiedArray) -> RectifiedViews:
-    """Return what `read_rectified` would read of a folder of these views."""
+    """Return the result of `read_rectified` for a folder of these views."""
     index = rectification_index(rectified)
     return RectifiedViews(rectified.array, rectified.labels, rectified.rectification, index)
 
@@ -59,13 +62,13 @@ def write_rectified(folder: Path, rectified: RectifiedArray) -> None:
 
 
 def read_rectified(folder: Path) -> RectifiedViews:
-    """Read a folder that `write_rectified` has written."""
+    """Read a folder of `write_rectified`."""
     index = read_index(folder / INDEX, FORMAT, VERSION, "dvc-stereo rectify")
     entries = index.entries("views", MAX_VIEWS)
     size = index.integer("width", 1, MAX_SIDE), index.integer("height", 1, MAX_SIDE)
     positions = tuple(LatticePosition(entry.number("m"), entry.number("n")) for entry in entries)
     if len(positions) < 2 or len(set(positions)) < len(positions):
-        index.refuse("fewer than two views, or two have one position")
+        index.refuse("fewer than two views, or two views at one position")
     entry, (x0, y0) = index.entry("lattice"), index.vector("offset_px", 2)
     lattice = Lattice(*(entry.vector(key, 3, LARGEST) for key in ("origin", "v1", "v2")))
     if not lattice.spans_a_plane:
@@ -83,22 +86,24 @@ def read_rectified(folder: Path) -> RectifiedViews:
     stems = [Path(entry.file("file").name).stem for entry in entries]
     views = [_read_view(folder, *named, size) for named in zip(stems, positions, strict=True)]
     labels = None if index.value("disparities") is None else read_labels(index.entry("disparities"))
-    return RectifiedViews(CameraArray(tuple(views)), labels, rectification, index.others("format", "version"))
+    return RectifiedViews(
+        CameraArray(tuple(views)), labels, rectification, index.without("format", "version")
+    )
 
 
 def _read_camera(entry: Entry) -> Camera:
     size = entry.integer("width", 1, MAX_SIDE), entry.integer("height", 1, MAX_SIDE)
     K, R, t = entry.matrix("K", 3), entry.matrix("R", 3), entry.vector("t", 3, LARGEST)
-    made = camera_from_matrices(entry.text("file"), K, R, t, size)
+    camera = camera_from_matrices(entry.text("file"), K, R, t, size)
     k1, k2, p1, p2 = (float(value) for value in entry.vector("distortion", 4))
-    return replace(made, distortion=(k1, k2, p1, p2))
+    return replace(camera, distortion=(k1, k2, p1, p2))
 
 
 def _read_view(folder: Path, name: str, position: LatticePosition, size: tuple[int, int]) -> ArrayView:
     path, shape = folder / f"view-{name}.png", size[::-1]
     valid = read_plane(folder / f"valid-{name}.png", 1, shape) > 127
     if not valid.any():
-        raise DvcError(f"{path}: nothing in it is valid")
+        raise DvcError(f"{path}: has no valid pixel")
     image = read_picture(path)
     if image.shape[:2] != shape:
         raise DvcError(f"{path}: {image.shape[1]}x{image.shape[0]}, expected {size[0]}x{size[1]}")
@@ -106,7 +111,7 @@ def _read_view(folder: Path, name: str, position: LatticePosition, size: tuple[i
 
 
 def rectification_index(rectified: RectifiedArray) -> dict[str, Any]:
-    """Return the homographies, the range of disparities, and how well views agree."""
+    """Return the values of the index: homographies, disparities, and the agreement of views."""
     labels, matches = rectified.labels, rectified.matches
     return {
         "disparities": None if labels is None else labels._asdict(),
@@ -119,7 +124,7 @@ def rectification_index(rectified: RectifiedArray) -> dict[str, Any]:
 
 
 def preview(array: CameraArray) -> NDArray[np.uint8]:
-    """Draw views beside each other, with lines along which their rows and columns must agree."""
+    """Draw views next to each other, with lines along which their rows and columns must agree."""
     order = sorted(range(len(array)), key=lambda index: array[index].position[::-1])
     shown = [order[k * len(order) // min(len(order), _MAX_SHOWN)] for k in range(min(len(order), _MAX_SHOWN))]
     across = 2 if len(shown) == 2 else math.ceil(math.sqrt(len(shown)))
@@ -143,13 +148,13 @@ def _lined(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def write_original_views(folder: Path, reconstruction: Reconstruction, rectification: Rectification) -> None:
-    """Write the depth of every original picture, and what else rectification has moved."""
-    moved = not rectification.is_identity
+    """Write the depth of every original picture, and its disparity and occlusions if it was resampled."""
+    resampled = not rectification.is_identity
     pairs = zip(reconstruction.array, reconstruction.surfaces, strict=True)
     for index, (view, surface) in enumerate(pairs):
         disparity = to_original_view(rectification, index, surface.disparity)
         write_pfm(folder / f"depth-{view.name}.pfm", metric_depth(rectification, index, disparity))
-        if moved:
+        if resampled:
             occluded = to_original_view(rectification, index, surface.occluded.astype(np.float32))
             write_pfm(folder / f"original-disparity-{view.name}.pfm", disparity)
             write_png(folder / f"original-occluded-{view.name}.png", (occluded > 0.5).astype(np.uint8) * 255)

@@ -1,34 +1,39 @@
-"""The rectified space of a planar array: homographies of pictures and of space.
+"""Rectified space of a planar array: homographies of pictures and of space, and resampling of pictures.
 
 Equations (2.4) to (2.12), with ``V = (v1 v2 s n)``: the third vector is normal to the plane of the cameras,
-as long as the square root of a cell's area, so that pixels keep their size whatever the unit of the world is.
+as long as the square root of a cell's area, so that pixels keep their size in any unit of the world.
 
-There are two frames, which differ by a translation. In that of the equations, pixels are centred on the foot
+Two frames differ by a translation. In that of the equations, pixels are centred on the foot
 of the normal, and disparity 0 is at infinity. In that of the pictures, one offset is added to (x, y) and one
-number is taken from all disparities, by shifting picture (m, n) by m and n times as many pixels; nothing else
-may be changed without spoiling (2.5).
+number is subtracted from all disparities, by shifting picture (m, n) by m and n times as many pixels; other
+changes would violate (2.5).
 
-Pictures of cameras that stand a little off the plane are scaled about the foot of the normal, so that (2.5)
+Pictures of cameras a little off the plane are scaled about the foot of the normal, so that (2.5)
 holds at the middle disparity of the scene; in the plane, this changes nothing.
 """
 
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
 from dvc.geometry.calibrated_cameras import NO_DISTORTION, Camera
 from dvc.geometry.camera_array import LatticePosition
-from dvc.stereo.rectification.lattice import Lattice
+from dvc.stereo.rectification.camera_lattice import Lattice
 
 Floats = NDArray[np.float64]
 
 SWAP = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0], [0, 0, 1.0, 0]])
-"""H2 (2.9): depth and homogeneous coordinate change places."""
+"""H2 (2.9): swap of depth and homogeneous coordinate."""
+
+
 MAX_OBLIQUITY = 4.0
-"""How much farther than its middle a corner of a rectified picture may be stretched."""
+"""Largest ratio of the stretch at a corner and at the middle of a rectified picture."""
+
+
 _BORDER_POINTS = 17
 
 
@@ -54,15 +59,17 @@ def image_homography(camera: Camera, lattice: Lattice, focal_length_px: float) -
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """How pictures of calibrated cameras become views of a planar array."""
+    """Transformation of pictures of calibrated cameras into views of a planar array."""
 
-    cameras: tuple[Camera, ...]  # the cameras
-    lattice: Lattice  # on which they stand
-    positions: tuple[LatticePosition, ...]  # where on it
-    focal_length_px: float  # of the rectified cameras
-    middle_disparity: float  # what cameras off the plane are scaled for, in the frame of the equations
+    cameras: tuple[Camera, ...]
+    lattice: Lattice
+    positions: tuple[LatticePosition, ...]  # positions on the lattice
+    focal_length_px: float  # focal length of the rectified cameras
+    middle_disparity: (
+        float  # disparity at which cameras off the plane are exact, in the frame of the equations
+    )
     offset: tuple[float, float] = (0.0, 0.0)  # added to (x, y) of the frame of the equations, in pixels
-    disparity_shift: float = 0.0  # taken from its disparities
+    disparity_shift: float = 0.0  # subtracted from its disparities
     size: tuple[int, int] = (0, 0)  # width and height of the rectified pictures
 
     def rectified_from_view(self, index: int) -> Floats:
@@ -100,11 +107,11 @@ class Rectification:
             return np.asarray(self.focal_length_px / distance - self.disparity_shift)
 
     def rectified_points(self, index: int, points: Floats) -> Floats:
-        """Return where points of a picture lie in its rectified one."""
+        """Return the positions in the rectified picture of points of a picture."""
         return _applied(self.rectified_from_view(index), self.cameras[index].undistorted(points))
 
     def view_points(self, index: int, points: Floats) -> Floats:
-        """Return where points of a rectified picture lie in its original; inverse of `rectified_points`."""
+        """Return the positions in the original of points of a rectified picture."""
         homography = np.linalg.inv(self.rectified_from_view(index))
         homography = homography * np.sign(np.linalg.det(homography))
         return self.cameras[index].distorted(_applied(homography, points))
@@ -128,7 +135,7 @@ class Rectification:
 
     @property
     def is_identity(self) -> bool:
-        """Whether the pictures were rectified already, and stay as they are."""
+        """Whether the pictures are rectified already, and stay as they are."""
         for index, camera in enumerate(self.cameras):
             homography = self.rectified_from_view(index)
             near = np.abs(homography / homography[2, 2] - np.eye(3)).max() < 1e-6
@@ -137,7 +144,7 @@ class Rectification:
         return True
 
     def off_plane_px(self, lowest: float, highest: float) -> Floats:
-        """Return how far at most (2.5) fails because cameras do not stand in one plane."""
+        """Return the largest error of (2.5) for each camera because cameras are not in one plane."""
         ends = np.array([lowest, highest]) + self.disparity_shift - self.middle_disparity
         worst = np.abs(ends).max() / self.focal_length_px
         centres = np.stack([camera.centre for camera in self.cameras])
@@ -151,7 +158,7 @@ class Rectification:
         return np.asarray(heights * np.array(radii) * worst)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the homographies and what they are made of, as plain values for JSON."""
+        """Return the homographies and their parameters as plain values for JSON."""
         views = [
             {
                 "file": camera.name,
@@ -182,6 +189,72 @@ class Rectification:
             "rectified_from_world": self.rectified_from_world.tolist(),
             "views": views,
         }
+
+
+MAX_RESAMPLED_SIDE = 2**15 - 2
+"""Longest side of resampled pictures: OpenCV counts pixels in 16 bits."""
+
+
+_DEPTH_EDGE_PX = 1.0
+
+
+def resample(
+    rectification: Rectification, index: int, picture: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Rectify a picture by Lanczos interpolation; return it and the mask of its valid pixels."""
+    grid = _grid(rectification.size)
+    source = rectification.view_points(index, grid).reshape(*rectification.size[::-1], 2)
+    height, width = picture.shape[:2]
+    slack = 1e-3
+    valid: NDArray[np.bool_] = np.logical_and.reduce(
+        [source >= -slack, source <= np.array([width - 1, height - 1]) + slack]
+    ).all(axis=2)
+    source = np.clip(np.nan_to_num(source, nan=-8.0), -8.0, [width + 8.0, height + 8.0])
+    x, y = (np.ascontiguousarray(source[:, :, k], dtype=np.float32) for k in range(2))
+    sampled = cv2.remap(picture, x, y, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT_101)
+    return np.asarray(np.where(valid[:, :, None], sampled, 0), dtype=np.uint8), valid
+
+
+def _grid(size: tuple[int, int]) -> Floats:
+    y, x = np.mgrid[: size[1], : size[0]]
+    return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+
+
+def to_original_view(
+    rectification: Rectification, index: int, plane: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Resample disparities of a rectified picture at the pixels of the original one."""
+    width, height = rectification.cameras[index].size
+    target = rectification.rectified_points(index, _grid((width, height)))
+    rows, columns = plane.shape
+    x, y = (np.clip(target[:, k], 0.0, side - 1.0) for k, side in ((0, columns), (1, rows)))
+    x0, y0 = (
+        np.clip(np.floor(a).astype(np.int64), 0, max(side - 2, 0)) for a, side in ((x, columns), (y, rows))
+    )
+    x1, y1 = np.minimum(x0 + 1, columns - 1), np.minimum(y0 + 1, rows - 1)
+    corners = np.stack([plane[y0, x0], plane[y0, x1], plane[y1, x0], plane[y1, x1]])
+    u, v = x - x0, y - y0
+    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+    smooth = np.ptp(corners, axis=0) <= _DEPTH_EDGE_PX
+    nearest = np.take_along_axis(corners, weights.argmax(axis=0)[None], axis=0)[0]
+    values = np.where(smooth, (weights * corners).sum(axis=0), nearest)
+    return np.asarray(values.reshape(height, width), dtype=np.float32)
+
+
+def metric_depth(
+    rectification: Rectification, index: int, disparity: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Return the depth along the optical axis of every pixel of an original picture, by (2.12)."""
+    camera, position = rectification.cameras[index], rectification.positions[index]
+    target = rectification.rectified_points(index, _grid(camera.size))
+    d = disparity.astype(np.float64).ravel()
+    rectified = np.column_stack([target + d[:, None] * np.array(position), d, np.ones(len(d))])
+    world = rectified @ rectification.world_from_rectified.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = (world[:, :3] / world[:, 3:]) @ camera.R[2] + camera.t[2]
+    beyond = d + rectification.disparity_shift <= 0.0
+    depth = np.where(beyond | ~(depth > 0.0), np.inf, depth)
+    return np.asarray(depth.reshape(camera.size[::-1]), dtype=np.float32)
 
 
 def _applied(homography: Floats, points: Floats) -> Floats:

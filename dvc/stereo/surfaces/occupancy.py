@@ -1,8 +1,9 @@
-"""Occupancy and visibility: which surfaces several cameras agree on, and what these hide (2.14 to 2.17).
+"""Occupancy and visibility: surfaces on which cameras agree, and points that they hide (2.14 to 2.17).
 
-A camera's occupancy volume has at most one voxel a column, so it is kept as a map of labels and a mask of
-those that are supported. Volumes are sheared (2.14) by looking a point up where the other camera sees it.
+A camera's occupancy volume has at most one voxel a column, so it is stored as a map of labels and a mask of
+the supported ones. Volumes are sheared (2.14) by looking a point up at its position in the other camera.
 """
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,30 +12,30 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc._jit import kernel
 from dvc.array_files import MAX_LABELS
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.volumes.matching_costs import offsets
-from dvc.stereo.surfaces import _kernels
-from dvc.stereo.surfaces.settings import tolerance
+from dvc.geometry.matching_costs import offsets
+from dvc.stereo.surfaces.stereo_settings import tolerance
 
 Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 MIN_REGION_PX = 40
-"""Supported regions with fewer pixels are speckles: accidental matches."""
+"""Smallest supported region; smaller ones are speckles, accidental matches."""
 
 
 class Occupancy(NamedTuple):
     """Surface of a camera as labels."""
 
     label: Labels  # of every pixel
-    supported: Mask  # where its voxel is occupied: other cameras agree (2.15)
+    supported: Mask  # mask of occupied voxels, on which other cameras agree (2.15)
 
 
 class Neighbours(NamedTuple):
-    """Cameras next to one, in the same row and in the same column of the array."""
+    """Cameras next to a camera in its row and in its column of the array."""
 
-    horizontal: tuple[int, ...]  # indices of the nearest on each side, if there are any
+    horizontal: tuple[int, ...]  # indices of the nearest cameras on each side, if any
     vertical: tuple[int, ...]
 
     @property
@@ -53,7 +54,7 @@ def neighbours(array: CameraArray, index: int) -> Neighbours:
             continue
         is_horizontal = abs(dm) >= abs(dn)
         side = is_horizontal, (dm if is_horizontal else dn) > 0
-        # off the row or column counts double: parallax should be along it
+        # distance from the row or column counts double: parallax should be along it
         distance = abs(dm) + 2.0 * abs(dn) if is_horizontal else abs(dn) + 2.0 * abs(dm)
         nearest[side] = min(nearest.get(side, (distance, other)), (distance, other))
     chosen = [
@@ -64,24 +65,23 @@ def neighbours(array: CameraArray, index: int) -> Neighbours:
 
 
 def fineness(array: CameraArray, labels: DisparityLabels) -> float:
-    """Return how many labels there are to a pixel of parallax between neighbours."""
-    places = np.array([view.position for view in array])
-    apart = np.abs(places[:, None] - places[None]).max(axis=2)
+    """Return the number of labels per pixel of parallax between neighbours."""
+    positions = np.array([view.position for view in array])
+    apart = np.abs(positions[:, None] - positions[None]).max(axis=2)
     nearest = np.where(apart > 0.0, apart, np.inf).min(axis=1)
     return max(1.0, 1.0 / max(labels.step * float(np.median(nearest)), 1.0 / MAX_LABELS))
 
 
 def shifts(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> Labels:
-    """Return by how many whole pixels each label moves a point from one view to another (2.5)."""
+    """Return the displacement of a point between two views for each label, in whole pixels (2.5)."""
     return np.floor(offsets(labels, view, other) + 0.5).astype(np.int64)
 
 
 class Agreement(NamedTuple):
-    """What another camera says of a camera's surface."""
+    """Agreement of another camera with a camera's surface."""
 
-    agreeing: Mask  # where its label at the same point is the own one, within `tolerance`
-    # where it sees anything at that point: this lies inside its view, and that is not empty there
-    looking: Mask
+    agreeing: Mask  # pixels with the same label at the same point, within `tolerance`
+    looking: Mask  # pixels with points inside the other view, which has content there
 
 
 def agreement(
@@ -91,53 +91,66 @@ def agreement(
     pair: tuple[int, int],
     slack: int | None = None,
 ) -> Agreement:
-    """Tell where two cameras see one surface, up to some labels; by default up to `tolerance`."""
-    own, other = pair
-    found = Agreement(np.empty(array.shape, np.bool_), np.empty(array.shape, np.bool_))
-    moved = shifts(labels, array[own].position, array[other].position)
+    """Find pixels of a camera on one surface with another; labels differ by `slack`, else `tolerance`."""
+    index, other = pair
+    agreed = Agreement(np.empty(array.shape, np.bool_), np.empty(array.shape, np.bool_))
+    moved = shifts(labels, array[index].position, array[other].position)
     near = tolerance(fineness(array, labels)) if slack is None else slack
-    _kernels.agree(maps[own], maps[other], array[other].seen, moved, near, *found)
-    return found
+    _agree(maps[index], maps[other], array[other].seen, moved, near, *agreed)
+    return agreed
+
+
+@kernel
+def _agree(labels, other, other_seen, shifts, tolerance, agreeing, looking):
+    """Compare labels with those of another camera at the same points (2.15)."""
+    height, width = labels.shape
+    for y in range(height):
+        for x in range(width):
+            k = labels[y, x]
+            u, v = x + shifts[k, 0], y + shifts[k, 1]
+            looking[y, x] = 0 <= u < width and 0 <= v < height and other_seen[v, u]
+            agreeing[y, x] = looking[y, x] and abs(other[v, u] - k) <= tolerance
 
 
 def supported(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Mask:
-    """Keep the voxels of a camera that a horizontal and a vertical neighbour have, too (2.15)."""
-    kept, found = array[index].seen, np.zeros(array.shape, np.bool_)
+    """Return the voxels of a camera that a horizontal and a vertical neighbour share (2.15)."""
+    mask, confirmed = array[index].seen, np.zeros(array.shape, np.bool_)
     for agreeing, looking in _by_direction(array, labels, maps, index):
-        kept, found = kept & (agreeing | ~looking), found | agreeing
-    kept = kept & found
-    speckles = np.where(kept, maps[index], -2).astype(np.int16)
+        mask, confirmed = mask & (agreeing | ~looking), confirmed | agreeing
+    mask = mask & confirmed
+    speckles = np.where(mask, maps[index], -2).astype(np.int16)
     cv2.filterSpeckles(speckles, -2, MIN_REGION_PX, tolerance(fineness(array, labels)))
     large: Mask = speckles != -2
-    return kept & large
+    return mask & large
 
 
 def exactly_supported(
     array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int
 ) -> Mask:
-    """Do the same to the letter: labels are equal, and voxels outside a view are not occupied."""
+    """Return the same by the letter of (2.15): labels are equal, and voxels outside a view are empty."""
     agreeing = [pair.agreeing for pair in _by_direction(array, labels, maps, index, 0)]
-    kept: Mask = np.logical_and.reduce([array[index].seen, *agreeing])
-    return kept
+    mask: Mask = np.logical_and.reduce([array[index].seen, *agreeing])
+    return mask
 
 
 def _by_direction(
     array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int, slack: int | None = None
 ) -> list[Agreement]:
-    """Return what the horizontal neighbours of a camera say, and the vertical ones, where there are any."""
-    found = []
+    """Return the agreement of the horizontal and of the vertical neighbours of a camera, if any."""
+    directions = []
     for direction in filter(None, neighbours(array, index)):
-        others = [agreement(array, labels, maps, (index, k), slack) for k in direction]
-        found.append(Agreement(*(np.logical_or.reduce(masks) for masks in zip(*others, strict=True))))
-    return found
+        neighbouring = [agreement(array, labels, maps, (index, k), slack) for k in direction]
+        merged = (np.logical_or.reduce(masks) for masks in zip(*neighbouring, strict=True))
+        directions.append(Agreement(*merged))
+    return directions
 
 
 def seen_elsewhere(
     array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int, slack: int | None = None
 ) -> Mask:
-    """Tell which points of a camera's surface any other camera sees; up to `tolerance`, or so many labels."""
-    found = np.zeros(array.shape, np.bool_)
+    """Return the mask of points of a surface that any other camera sees, up to `slack` or `tolerance`."""
+    visible = np.zeros(array.shape, np.bool_)
     for other in range(len(array)):
         if other != index:
-            found |= agreement(array, labels, maps, (index, other), slack).agreeing
-    return found
+            visible |= agreement(array, labels, maps, (index, other), slack).agreeing
+    return visible

@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.searches.surfaces import Pair, changed
 from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition
-from dvc.stereo.surfaces import reconstruction
-from dvc.stereo.surfaces.settings import TEST_PAIRS, TUNING_PAIRS
+from dvc.stereo.surfaces import surface_completion
+from dvc.stereo.surfaces.stereo_settings import TEST_PAIRS, TUNING_PAIRS
 
 
 def test_bad_pixels_are_shares_of_what_counts() -> None:
@@ -30,12 +30,14 @@ def test_bad_pixels_are_shares_of_what_counts() -> None:
 
 def test_settings_are_changed_for_a_while() -> None:
     """Fields of the settings by their names, constants by their full names, nothing else."""
-    before = reconstruction.PLANE_LEVELS
+    before = surface_completion.PLANE_LEVELS
     with ExitStack() as stack:
-        settings = changed(["sub_pixel=True", "dvc.stereo.surfaces.reconstruction.PLANE_LEVELS=0.7"], stack)
+        settings = changed(
+            ["sub_pixel=True", "dvc.stereo.surfaces.surface_completion.PLANE_LEVELS=0.7"], stack
+        )
         assert settings.sub_pixel
-        assert reconstruction.PLANE_LEVELS == 0.7
-    assert before == reconstruction.PLANE_LEVELS
+        assert surface_completion.PLANE_LEVELS == 0.7
+    assert before == surface_completion.PLANE_LEVELS
 
 
 def test_pairs_are_apart() -> None:

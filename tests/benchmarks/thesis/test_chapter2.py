@@ -10,12 +10,12 @@ import pytest
 
 from benchmarks.thesis.chapter2 import CHAPTER, FAR, LABELS, NEAR, SPRITES, THESIS, two_planes
 from benchmarks.thesis.harness import Method, Task, planned
-from dvc.geometry.surfaces import Reconstruction
+from dvc.geometry.camera_array import Reconstruction
 from dvc.layers.layered_depth_image import layered_depth_image
 from dvc.layers.sprites import SpriteSettings, extract_sprites
 from dvc.stereo.evaluation import evaluate
-from dvc.stereo.surfaces.reconstruction import reconstruct
-from dvc.stereo.surfaces.settings import StereoSettings
+from dvc.stereo.surfaces.reconstruct import reconstruct
+from dvc.stereo.surfaces.stereo_settings import StereoSettings
 from tests.stereo.data import REAL_SETS, real_set
 
 ARRAY, TRUTH = two_planes()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.thesis.__main__ import main
-from dvc.pfm import write_pfm
+from dvc.picture_files import write_pfm
 from tests.dibr.depth_maps import texture, two_discs
 
 

@@ -12,7 +12,7 @@ from decoder.side_information.protocol import Interpolation
 from decoder.side_information.synthesis import corrected
 from decoder.side_information.track_interpolation import NEAR, PRIOR, add_correction, track_residuals
 from dvc._jit import python_twin
-from dvc.geometry.sampling import sample
+from dvc.geometry.warping import sample
 from tests.clips import moving_texture
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from decoder.side_information.alignment import AlignedBlockMotion, homography_positions, whole_frame_motion
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from decoder.side_information.track_interpolation import interpolate_by_tracks, warp_by_tracks
-from dvc.geometry.sampling import sample
+from dvc.geometry.warping import sample
 from dvc.metrics import psnr_db
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8

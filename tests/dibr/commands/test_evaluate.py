@@ -11,8 +11,7 @@ import pytest
 from dvc.dibr.commands.stream_curves import lines_of
 from dvc.dibr.depth_image.stream import decode_stream
 from dvc.dibr.layered.pieces import write_pieces
-from dvc.pfm import write_pfm
-from dvc.picture_files import write_png
+from dvc.picture_files import write_pfm, write_png
 from tests.dibr.depth_maps import texture, two_discs
 from tests.dibr.layered.scenes import plane_layers, plane_sprites
 from tests.dibr.plane_views import planes

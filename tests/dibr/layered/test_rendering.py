@@ -10,8 +10,7 @@ from dvc.dibr.layered.rendering import render, render_pieces
 from dvc.dibr.layered.simplification import alone
 from dvc.dibr.layered.stack import stack_of
 from dvc.dibr.rendering import PictureAndDisparity, picture_of, render_pairs
-from dvc.geometry.camera_array import LatticePosition
-from dvc.geometry.surfaces import Reconstruction
+from dvc.geometry.camera_array import LatticePosition, Reconstruction
 from tests.dibr.layered.scenes import plane_layers, plane_sprites
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 

@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from dvc.layers.layer_folders import read_layers, read_sprites, write_layers
 from dvc.layers.layered_depth_image import layered_depth_image
-from dvc.layers.layers_folder import read_layers, write_layers
-from dvc.layers.sprites_folder import read_sprites
 from dvc.stereo.__main__ import main
-from dvc.stereo.output.layer_pictures import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
-from dvc.stereo.surfaces.folder import write_reconstruction
+from dvc.stereo.layer_pictures import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
+from dvc.stereo.surfaces.surface_folder import write_reconstruction
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
 COUNTS = {"num_layers", "num_values_inside", "num_values_beyond", "increase_percent", "num_values_by_layer"}
@@ -107,11 +106,11 @@ def test_missing_extra(
     [
         (
             ("layers", "nothing", "--out", "out"),
-            "nothing: not a folder that `dvc-stereo reconstruct` has written",
+            "nothing: not a folder of `dvc-stereo reconstruct`",
         ),
         (
             ("sprites", "nothing", "--out", "out"),
-            "nothing: not a folder that `dvc-stereo layers` has written",
+            "nothing: not a folder of `dvc-stereo layers`",
         ),
         (("layers", "surfaces", "--out", "surfaces"), "not an empty folder"),
         (("layers", "surfaces"), "--out"),

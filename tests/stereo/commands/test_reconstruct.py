@@ -10,12 +10,11 @@ from playwright.sync_api import Browser
 
 from dvc.errors import ConfigError, DvcError
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.pfm import read_pfm
+from dvc.picture_files import read_pfm
 from dvc.stereo.__main__ import main
-from dvc.stereo.surfaces import reconstruction
-from dvc.stereo.surfaces.folder import read_reconstruction
-from dvc.stereo.surfaces.reconstruction import most_steps, reconstruct
-from dvc.stereo.surfaces.settings import StereoSettings
+from dvc.stereo.surfaces.reconstruct import most_steps, reconstruct
+from dvc.stereo.surfaces.stereo_settings import StereoSettings
+from dvc.stereo.surfaces.surface_folder import read_reconstruction
 from tests.stereo.data import pair_of_planes
 
 
@@ -122,7 +121,7 @@ def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFi
         (["left.png", "--disparities", "0:8"], "at least two views"),
         (["left.png", "none.png", "--disparities", "0:8"], "none.png: No such file"),
         (["left.png", "small.png", "--disparities", "0:8"], "all must have one size"),
-        (["left.png", "black.png", "--disparities", "0:8"], "one colour everywhere"),
+        (["left.png", "black.png", "--disparities", "0:8"], "a single colour"),
         (["left.png", "text.png", "--disparities", "0:8"], "not a picture"),
         (["left.png", "\udcff.png", "--disparities", "0:8"], "not of Unicode characters"),
         (["left.png", "right.png"], "--disparities"),
@@ -131,7 +130,7 @@ def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFi
         (["left.png", "right.png", "--disparities", "0:0:1e-300"], "expected a step of"),
         (["left.png", "right.png", "--lattice", "0,0", "1e300,0", "--disparities", "0:8"], "expected M,N"),
         (["left.png", "right.png", "--lattice", "0,0", "-0,0", "--disparities", "0:8"], "the position 0,0"),
-        (["left.png", "right.png", "--disparities", "0:8", "--mask", "truth.png"], "need --truth"),
+        (["left.png", "right.png", "--disparities", "0:8", "--mask", "truth.png"], "require --truth"),
         (["left.png", "right.png", "--disparities", "0:8", "--ply", "a.obj"], "ends in .ply"),
         (["left.png", "right.png", "--disparities", "0:8", "--json", "left.png"], "is also an input"),
         (["left.png", "right.png", "--views", "text.png", "--json", "text.png"], "is also an input"),
@@ -212,7 +211,7 @@ def test_progress_has_an_end(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, step: float, large_cells: int
 ) -> None:
     """As many steps are told as were announced, with views of half the size as well."""
-    monkeypatch.setattr(reconstruction, "LARGE_CELLS", large_cells)
+    monkeypatch.setattr("dvc.stereo.surfaces.reconstruct.LARGE_CELLS", large_cells)
     scene = rng.integers(0, 256, (60, 110, 3), dtype=np.uint8)
     views = [ArrayView(f"{m}", scene[:, 4 * m : 4 * m + 100], LatticePosition(m, 0.0)) for m in (0, 1)]
     array, labels = CameraArray(tuple(views)), DisparityLabels(0.0, step, 16)
@@ -225,7 +224,7 @@ def test_progress_has_an_end(
 @pytest.mark.parametrize(
     ("part", "values", "message"),
     [
-        ("disparities", {"num_labels": 3.5}, "'num_labels' is no whole number"),
+        ("disparities", {"num_labels": 3.5}, "'num_labels' must be a whole number"),
         ("disparities", {"step": 1e-300}, "'step' is out of range"),
         ("disparities", {"lowest": 1e300}, "'lowest' is out of range"),
         ("view", {"m": 1e300}, "'m' is out of range"),

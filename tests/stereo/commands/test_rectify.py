@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from dvc.pfm import read_pfm
-from dvc.picture_files import read_picture, write_png
+from dvc.picture_files import read_pfm, read_picture, write_png
 from dvc.stereo.__main__ import main
-from dvc.stereo.surfaces.folder import read_reconstruction
+from dvc.stereo.surfaces.surface_folder import read_reconstruction
 from sequences.toy_array import write_array
 
 NAMES = ("toy-0-0", "toy-1-0")
@@ -116,7 +115,7 @@ def test_folder_of_rectified_views_is_as_good_as_the_cameras(
         ({"lattice": {}}, "no 'origin'"),
         ({"views": whole["views"][:1]}, "fewer than two views"),
         ({"width": 7}, "not an eight-bit grey picture of 7x"),
-        ({"offset_px": [1.0]}, "'offset_px' is no list of 2 numbers"),
+        ({"offset_px": [1.0]}, "'offset_px' must be a list of 2 numbers"),
         ({"lattice": {**whole["lattice"], "v1": [0.0, 0.0, 0.0]}}, "span no plane"),
         ({"lattice": {**whole["lattice"], "v1": whole["lattice"]["v2"]}}, "span no plane"),
         ({"row_rms_px": float("nan")}, "not a JSON file"),
@@ -128,11 +127,11 @@ def test_folder_of_rectified_views_is_as_good_as_the_cameras(
     index.write_text(json.dumps(whole))
     valid = read_picture(out[0] / "valid-toy-0-0.png")[:, :, 0]
     write_png(out[0] / "valid-toy-0-0.png", np.zeros_like(valid))
-    check_refused([out[0]], "nothing in it is valid", tmp_path / "none", capsys)
+    check_refused([out[0]], "has no valid pixel", tmp_path / "none", capsys)
     index.unlink()
-    check_refused([out[0]], "not a folder that `dvc-stereo rectify` has written", tmp_path / "none", capsys)
-    check_refused([out[0], pair[0]], "stands alone", tmp_path / "none", capsys)
-    check_refused([out[0], *cameras], "no --cameras", tmp_path / "none", capsys)
+    check_refused([out[0]], "not a folder of `dvc-stereo rectify`", tmp_path / "none", capsys)
+    check_refused([out[0], pair[0]], "excludes other views", tmp_path / "none", capsys)
+    check_refused([out[0], *cameras], "excludes --cameras", tmp_path / "none", capsys)
 
 
 def check_refused(

@@ -5,7 +5,7 @@ from typing import cast
 import numpy as np
 
 from dvc.geometry.camera_array import LatticePosition
-from dvc.geometry.feature_matching import Features
+from dvc.geometry.camera_estimation import Features
 from dvc.stereo.rectification.disparity_range import (
     RowMatches,
     range_of,

@@ -13,17 +13,13 @@ from benchmarks.pictures.calibrations import write_cameras
 from dvc.errors import ConfigError, DvcError
 from dvc.geometry.calibrated_cameras import Camera
 from dvc.geometry.camera_array import LatticePosition
+from dvc.geometry.camera_estimation import Features
 from dvc.geometry.camera_files import load_cameras
-from dvc.geometry.feature_matching import Features
-from dvc.pfm import read_pfm
-from dvc.picture_files import read_picture
-from dvc.stereo.rectification import resampling
+from dvc.picture_files import read_pfm, read_picture
 from dvc.stereo.rectification.disparity_range import suggested_labels
 from dvc.stereo.rectification.rectified_array import rectified_array
-from dvc.stereo.rectification.rectified_space import Rectification
-from dvc.stereo.rectification.rectify import rectify
-from dvc.stereo.rectification.refinement import refined_pair
-from dvc.stereo.rectification.resampling import metric_depth
+from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, metric_depth
+from dvc.stereo.rectification.rectify import rectify, refined_pair
 from sequences.toy_array import write_array
 from tests.stereo.data import real_set
 from tests.stereo.rigs import random_rig
@@ -187,7 +183,7 @@ def test_cameras_off_the_plane_are_told_in_pixels(toy: Path, tmp_path: Path) -> 
     cameras[3]["t"] = (np.array(cameras[3]["t"]) - [0, 0, 0.3]).tolist()
     moved = tmp_path / "moved.json"
     moved.write_text(json.dumps(cameras))
-    with pytest.raises(DvcError, match=r"do not stand in a plane: toy-\d-\d\.png is off by up to [\d.]+ px"):
+    with pytest.raises(DvcError, match=r"are not in a plane: toy-\d-\d\.png is off by up to [\d.]+ px"):
         rectified_array(views_of(toy), moved)
 
 
@@ -224,7 +220,7 @@ def test_pictures_of_several_sizes_are_rectified_to_one(toy: Path, tmp_path: Pat
 
 def test_views_that_cannot_be_resampled_are_refused(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """OpenCV counts pixels of a side in 16 bits; rectified views may be larger than pictures."""
-    assert resampling.MAX_SIDE == 2**15 - 2
-    monkeypatch.setattr("dvc.stereo.rectification.rectified_array.MAX_SIDE", 100)
+    assert MAX_RESAMPLED_SIDE == 2**15 - 2
+    monkeypatch.setattr("dvc.stereo.rectification.rectified_array.MAX_RESAMPLED_SIDE", 100)
     with pytest.raises(ConfigError, match="pixels, sides of at most 100"):
         rectified_array(views_of(toy), toy / "cameras.json")

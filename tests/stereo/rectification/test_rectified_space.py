@@ -16,10 +16,12 @@ from dvc.stereo.rectification.rectified_space import (
     Rectification,
     first_homography,
     image_homography,
+    metric_depth,
+    resample,
     shared_intrinsics,
+    to_original_view,
 )
 from dvc.stereo.rectification.rectify import MAX_GROWTH, rectify
-from dvc.stereo.rectification.resampling import metric_depth, resample, to_original_view
 from tests.stereo.rigs import picture_of_plane, random_rig
 
 PLACES = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, 1.0)]

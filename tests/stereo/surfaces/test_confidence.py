@@ -6,8 +6,8 @@ import pytest
 from benchmarks.thesis import chapter2 as figure
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.stereo.evaluation import sparsification
-from dvc.stereo.surfaces.confidence import Evidence, confidence, evidence
-from dvc.stereo.surfaces.reconstruction import reconstruct
+from dvc.stereo.surfaces.reconstruct import reconstruct
+from dvc.stereo.surfaces.surface_completion import Evidence, confidence, evidence
 
 LABELS = DisparityLabels(0.0, 1.0, 8)
 

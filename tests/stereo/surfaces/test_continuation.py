@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
-from dvc.stereo.surfaces.continuation import continued
 from dvc.stereo.surfaces.occupancy import Occupancy
+from dvc.stereo.surfaces.surface_completion import continued
 
 SHAPE = (40, 60)
 LABELS = DisparityLabels(1.0, 0.5, 24)

@@ -3,10 +3,10 @@
 import numpy as np
 
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.stereo.surfaces.exposure import LEAST_POINTS, gains, with_gains
 from dvc.stereo.surfaces.occupancy import Occupancy
-from dvc.stereo.surfaces.reconstruction import reconstruct
-from dvc.stereo.surfaces.settings import StereoSettings
+from dvc.stereo.surfaces.photometric import MIN_POINTS, gains, with_gains
+from dvc.stereo.surfaces.reconstruct import reconstruct
+from dvc.stereo.surfaces.stereo_settings import StereoSettings
 from tests.stereo.data import pair_of_planes
 
 LABELS = DisparityLabels(0.0, 1.0, 12)
@@ -43,7 +43,7 @@ def test_few_points_tell_nothing() -> None:
     """Where hardly anything is supported, levels stay as they are."""
     array = shifted_pair(3)
     supported = np.zeros(array.shape, np.bool_)
-    supported.ravel()[: LEAST_POINTS - 1] = True
+    supported.ravel()[: MIN_POINTS - 1] = True
     found = gains(array, LABELS, Occupancy(np.full(array.shape, 3), supported))
     np.testing.assert_array_equal(found, 1.0)
 

@@ -8,9 +8,9 @@ import pytest
 
 from dvc._jit import python_twin
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
-from dvc.stereo.surfaces import _kernels as kernels
-from dvc.stereo.surfaces.fusion import fused
+from dvc.stereo.surfaces import surface_completion
 from dvc.stereo.surfaces.occupancy import shifts
+from dvc.stereo.surfaces.surface_completion import fused
 from tests.reference import stereo_volumes as volumes
 from tests.stereo.plane_scenes import BACKGROUND, LABELS, SCENE, reconstruction_of, square_lattice
 
@@ -34,7 +34,7 @@ def test_kernel_is_its_twin(choose: Callable[[Any], Any], rng: np.random.Generat
     seen = rng.random(maps.shape) < 0.9
     moved = np.stack([shifts(FEW, LatticePosition(0.0, 0.0), LatticePosition(*place)) for place in CROSS])
     found = np.empty(maps.shape[1:])
-    choose(kernels.fuse)(0, maps, seen, moved, tolerance, found)
+    choose(surface_completion._fuse)(0, maps, seen, moved, tolerance, found)
     np.testing.assert_array_equal(found, volumes.fused(0, maps, seen, moved, tolerance))
     refuted = found < maps[0] - tolerance
     assert refuted.any()

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.stereo.surfaces import _kernels as kernels
-from dvc.stereo.surfaces import occupancy
+from dvc.stereo.surfaces import occupancy, photometric
 from dvc.stereo.surfaces.occupancy import (
     Occupancy,
     agreement,
@@ -56,7 +55,7 @@ def test_agreement(choose: Choose, rng: np.random.Generator, m: int, n: int, tol
     own, other = Occupancy(random_occupancy(rng).label, np.ones(SHAPE, bool)), random_occupancy(rng)
     found, looking = np.empty(SHAPE, bool), np.empty(SHAPE, bool)
     moved = shifts(FEW, CENTRE, LatticePosition(m, n))
-    choose(kernels.agree)(own.label, *other, moved, tolerance, found, looking)
+    choose(occupancy._agree)(own.label, *other, moved, tolerance, found, looking)
     mine = volumes.occupancy(*own, FEW.num_labels)
     np.testing.assert_array_equal(found, (mine & seen_by(other, m, n, tolerance)).any(axis=2))
     seen = np.repeat(other.supported[:, :, None], FEW.num_labels, axis=2)
@@ -74,8 +73,7 @@ def test_hidden_voxels_lose_their_weight(
     origin = rng.integers(-2, 3, SHAPE)
     weight = np.ones((6, SHAPE[1], FEW.num_labels), np.float32)
     moved = shifts(FEW, CENTRE, LatticePosition(m, n))
-    surfaces = kernels.Surface(*own), kernels.Surface(*other)
-    choose(kernels.clear_invisible)(*surfaces, moved, origin, slack, 2, weight)
+    choose(photometric._clear_invisible)(*own, *other, moved, origin, slack, 2, weight)
     mine, theirs = (
         volumes.visibility(volumes.occupancy(*one, FEW.num_labels), slack) for one in (own, other)
     )
@@ -92,7 +90,7 @@ def test_distance_from_the_surface_is_added(choose: Choose, rng: np.random.Gener
     cost = rng.random((*SHAPE, 3)).astype(np.float32)
     distance = volumes.geometric_cost(volumes.occupancy(*own, FEW.num_labels), limit)
     expected = cost + 0.25 * volumes.banded(distance, origin, 3, np.nan)
-    choose(kernels.add_distance)(*own, origin, np.float32(0.25), limit, cost)
+    choose(photometric._add_distance)(*own, origin, np.float32(0.25), limit, cost)
     np.testing.assert_allclose(cost, expected, rtol=1e-6)
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dvc.geometry.aggregation import Window, cross_arms
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.volumes.aggregation import Window, cross_arms
-from dvc.geometry.volumes.matching_costs import COSTS, SQUARED_LIMIT, Band
+from dvc.geometry.matching_costs import COSTS, SQUARED_LIMIT, Band
 from dvc.stereo.surfaces.occupancy import Occupancy, neighbours
 from dvc.stereo.surfaces.photometric import (
     UNDEFINED_SHARE,
@@ -14,7 +14,7 @@ from dvc.stereo.surfaces.photometric import (
     Regions,
     photometric_cost,
 )
-from dvc.stereo.surfaces.settings import UNDEFINED_COST
+from dvc.stereo.surfaces.stereo_settings import UNDEFINED_COST
 from tests.reference import stereo_volumes as volumes
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of
 

@@ -1,0 +1,267 @@
+"""Aggregation of costs over regions of one colour along a base surface, and combination of several views.
+
+A window of one disparity is wrong on slanted surfaces. Here labels of neighbours are counted from a *base
+surface*, an estimate of the disparities, so that a window follows it; arms end at its jumps. Costs without
+weight take the values of their neighbours.
+
+References
+----------
+[Zhang2009] K. Zhang, J. Lu, G. Lafruit, "Cross-based local stereo matching using orthogonal integral images",
+IEEE Trans. Circuits Syst. Video Technol. 19(7), 2009.
+[Scharstein2017] D. Scharstein, T. Taniai, S. Sinha, "Semi-global stereo matching with surface orientation
+priors", 3DV, 2017: labels counted from a surface.
+"""
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc._jit import kernel
+from dvc.geometry.matching_costs import WeightedCosts
+
+Labels = NDArray[np.int64]
+Arms = NDArray[np.int16]
+
+DARK_LEVEL = 40
+"""Level below which a step counts more: noise and contrast fall with the square root of the level."""
+
+
+BEFORE_Y, AFTER_Y, BEFORE_X, AFTER_X = 0, 1, 2, 3
+"""Indices of the arms of a pixel: its numbers of pixels up, down, to the left and to the right."""
+
+
+class Window(NamedTuple):
+    """Reach of the windows."""
+
+    reach_px: int  # longest arm, and the longest across colours that differ by more than `far_limit`
+    near_reach_px: int
+    iterations: int  # number of sums along the arms of rows and columns
+    limit: int = 20  # colour differences that end an arm, in levels; smaller ones do below `DARK_LEVEL`
+    far_limit: int = 6
+
+
+def cross_arms(image: NDArray[np.uint8], window: Window) -> Arms:
+    """Find the arms of each pixel [Zhang2009]."""
+    arms = np.empty((*image.shape[:2], 4), np.int16)
+    limits = window.reach_px, window.near_reach_px, window.limit, window.far_limit
+    _grow_arms(evened_levels()[image], *limits, arms)
+    return arms
+
+
+@kernel
+def _grow_arms(image, reach, near_reach, limit, far_limit, arms):
+    """Grow the arms of each pixel up to a change of colour; beyond `near_reach` a smaller one ends them."""
+    height, width = image.shape[:2]
+    for side in range(4):
+        dy = (-1, 1, 0, 0)[side]
+        dx = (0, 0, -1, 1)[side]
+        for m in range(height):
+            y = m if dy <= 0 else height - 1 - m
+            for n in range(width):
+                x = n if dx <= 0 else width - 1 - n
+                # the neighbour already has its arm, and this pixel is one longer
+                i, j = y + dy, x + dx
+                even = 0
+                if 0 <= i < height and 0 <= j < width and _colour_distance(image, y, x, i, j) < limit:
+                    even = arms[i, j, side] + 1
+                arms[y, x, side] = even
+    for y in range(height):
+        for x in range(width):
+            for side in range(4):
+                dy = (-1, 1, 0, 0)[side]
+                dx = (0, 0, -1, 1)[side]
+                length, most = 0, min(arms[y, x, side], reach - 1)
+                while length < most:
+                    distance = _colour_distance(image, y, x, y + dy * (length + 1), x + dx * (length + 1))
+                    if distance >= limit or (length >= near_reach and distance >= far_limit):
+                        break
+                    length += 1
+                arms[y, x, side] = length
+
+
+@kernel
+def _colour_distance(image, y, x, i, j):
+    """Largest difference of two pixels over the channels."""
+    largest = np.int64(0)
+    for channel in range(3):
+        difference = abs(np.int64(image[y, x, channel]) - np.int64(image[i, j, channel]))
+        largest = max(largest, difference)
+    return largest
+
+
+def evened_levels() -> NDArray[np.int16]:
+    """Return a table of levels that makes the noise of their differences even."""
+    steps = np.sqrt(np.maximum(DARK_LEVEL / np.arange(1.0, 256.0), 1.0))
+    return np.floor(np.concatenate([[0.0], np.cumsum(steps)]) + 0.5).astype(np.int16)
+
+
+def aggregate(
+    costs: WeightedCosts, arms: Arms, base: Labels, origin: Labels, max_jump: int, iterations: int
+) -> None:
+    """Replace costs by the weighted mean over the cross-shaped regions of pixels."""
+    cut = np.empty_like(arms)
+    _cut_arms(arms, base, max_jump, cut)
+    first = base - origin
+    cost, weight = costs
+    work = np.empty_like(cost)
+    for iteration in range(iterations):
+        _apply_weights(cost, weight)
+        support = np.ones((*base.shape, 1), np.float32)
+        single = np.empty_like(support)
+        flat = np.zeros_like(base)
+        for volume, surface, other in ((cost, first, work), (weight, first, work), (support, flat, single)):
+            if iteration % 2 == 0:
+                _sum_rows(volume, surface, cut, other)
+                _sum_columns(other, surface, cut, volume)
+            else:
+                _sum_columns(volume, surface, cut, other)
+                _sum_rows(other, surface, cut, volume)
+        _normalise(cost, weight, support[:, :, 0])
+
+
+@kernel
+def _cut_arms(arms, base, jump, cut):
+    """Cut arms at the jumps of the base surface."""
+    height, width = base.shape
+    for side in range(4):
+        dy = (-1, 1, 0, 0)[side]
+        dx = (0, 0, -1, 1)[side]
+        for m in range(height):
+            y = m if dy <= 0 else height - 1 - m
+            for n in range(width):
+                x = n if dx <= 0 else width - 1 - n
+                i, j = y + dy, x + dx
+                even = 0
+                if 0 <= i < height and 0 <= j < width and abs(base[i, j] - base[y, x]) <= jump:
+                    even = cut[i, j, side] + 1
+                cut[y, x, side] = even
+    for y in range(height):
+        for x in range(width):
+            for side in range(4):
+                cut[y, x, side] = min(cut[y, x, side], arms[y, x, side])
+
+
+@kernel
+def _sum_rows(volume, base, arms, total):
+    """Sum along each row."""
+    sums = np.empty((volume.shape[1] + 1, volume.shape[2] + base.max() - base.min()), np.float32)
+    for y in range(volume.shape[0]):
+        _sum_line(volume[y], base[y], arms[y, :, BEFORE_X], arms[y, :, AFTER_X], sums, total[y])
+
+
+@kernel
+def _sum_columns(volume, base, arms, total):
+    """Sum along each column."""
+    height, width, count = volume.shape
+    sums = np.empty((height + 1, count + base.max() - base.min()), np.float32)
+    column, summed = np.empty((height, count), np.float32), np.empty((height, count), np.float32)
+    for x in range(width):
+        for y in range(height):
+            for k in range(count):
+                column[y, k] = volume[y, x, k]
+        _sum_line(column, base[:, x], arms[:, x, BEFORE_Y], arms[:, x, AFTER_Y], sums, summed)
+        for y in range(height):
+            for k in range(count):
+                total[y, x, k] = summed[y, k]
+
+
+@kernel
+def _sum_line(values, base, before, after, sums, total):
+    """Sum (n, labels) over the segment of each pixel; labels are counted from a base surface."""
+    length, count = values.shape
+    lowest, highest = base[0], base[0]
+    for n in range(length):
+        lowest, highest = min(lowest, base[n]), max(highest, base[n])
+    width = count + highest - lowest
+    for j in range(width):
+        sums[0, j] = 0.0
+    for n in range(length):
+        start = highest - base[n]
+        for j in range(width):
+            sums[n + 1, j] = sums[n, j]
+        added = sums[n + 1, start : start + count]
+        for k in range(count):
+            added[k] += values[n, k]
+    for n in range(length):
+        start = highest - base[n]
+        end = sums[n + after[n] + 1, start : start + count]
+        first = sums[n - before[n], start : start + count]
+        for k in range(count):
+            total[n, k] = end[k] - first[k]
+
+
+@kernel
+def _apply_weights(cost, weight):
+    """Multiply costs by their weights."""
+    for y in range(cost.shape[0]):
+        for x in range(cost.shape[1]):
+            for k in range(cost.shape[2]):
+                cost[y, x, k] *= weight[y, x, k]
+
+
+@kernel
+def _normalise(cost, weight, support):
+    """Divide sums by the sum of weights, and that by the number of pixels."""
+    for y in range(cost.shape[0]):
+        for x in range(cost.shape[1]):
+            for k in range(cost.shape[2]):
+                total = weight[y, x, k]
+                cost[y, x, k] = cost[y, x, k] / total if total > 0.0 else np.float32(0.0)
+                weight[y, x, k] = min(total / support[y, x], np.float32(1.0))
+
+
+def smaller_costs(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
+    """Take the smaller cost of two views on opposite sides: one of them sees the point (2.18)."""
+    _keep_smaller(*first, *second)
+    return first
+
+
+@kernel
+def _keep_smaller(cost, weight, other_cost, other_weight):
+    """Replace costs by the smaller of two if both are defined, else by the better defined one."""
+    for y in range(cost.shape[0]):
+        for x in range(cost.shape[1]):
+            for k in range(cost.shape[2]):
+                mine, theirs = weight[y, x, k], other_weight[y, x, k]
+                # half of a window is enough: windows at borders and occlusions
+                needed = np.float32(0.5) * max(mine, theirs)
+                if mine < needed or (theirs >= needed and other_cost[y, x, k] < cost[y, x, k]):
+                    cost[y, x, k] = other_cost[y, x, k]
+                    weight[y, x, k] = theirs
+
+
+def mean_costs(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
+    """Take the weighted mean of two costs (2.20)."""
+    _keep_mean(*first, *second)
+    return first
+
+
+@kernel
+def _keep_mean(cost, weight, other_cost, other_weight):
+    """Replace costs by the weighted mean of two, and weights by the larger one."""
+    for y in range(cost.shape[0]):
+        for x in range(cost.shape[1]):
+            for k in range(cost.shape[2]):
+                mine, theirs = weight[y, x, k], other_weight[y, x, k]
+                if theirs > 0.0:
+                    total = mine * cost[y, x, k] + theirs * other_cost[y, x, k]
+                    cost[y, x, k] = total / (mine + theirs)
+                    weight[y, x, k] = max(mine, theirs)
+
+
+def defined_costs(costs: WeightedCosts, constant: float, share: float) -> NDArray[np.float32]:
+    """Fill undefined costs with a constant."""
+    _fill_undefined(*costs, np.float32(constant), np.float32(share))
+    return costs.cost
+
+
+@kernel
+def _fill_undefined(cost, weight, constant, share):
+    """Mix a constant into costs, as if a share of the support had it."""
+    for y in range(cost.shape[0]):
+        for x in range(cost.shape[1]):
+            for k in range(cost.shape[2]):
+                w = weight[y, x, k]
+                cost[y, x, k] = (cost[y, x, k] * w + share * constant) / (w + share)

@@ -1,1 +1,0 @@
-"""Cost volumes of rectified views: what labels cost at each pixel, summed over surfaces, and inferred."""

@@ -1,1 +1,0 @@
-"""Subcommands of `dvc-stereo`: modules as `dvc.subcommands` takes them."""

@@ -1,0 +1,174 @@
+"""Subcommands `dvc-stereo layers` and `dvc-stereo sprites`."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dvc import cli
+from dvc.errors import ConfigError
+from dvc.stereo.stereo_options import add_export_options, check_outputs
+from dvc.subcommands import Subcommand
+
+if TYPE_CHECKING:
+    from dvc.layers.layered_depth_image import LayeredDepthImage
+    from dvc.layers.sprites import SpriteSet
+
+_LAYERS_EXAMPLES = """\
+  dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
+  dvc-stereo layers surfaces --out layers
+  dvc-stereo layers surfaces --out layers --json counts.json --glb layers.glb
+"""
+_LAYERS_DESCRIPTION = """\
+Merge the surfaces of all views in the frame of the view nearest to (0, 0): several values of disparity and
+colour a pixel, from near to far. docs/layers.md describes the files.
+"""
+_SPRITES_EXAMPLES = """\
+  dvc-stereo layers surfaces --out layers
+  dvc-stereo sprites layers --out sprites
+  dvc-stereo sprites surfaces --out sprites --json - --glb sprites.glb
+"""
+_SPRITES_DESCRIPTION = """\
+Cut the layered depth image of a scene into surfaces without discontinuities. docs/layers.md describes the
+files.
+"""
+
+
+def _add_layers_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `dvc-stereo layers`."""
+    parser.add_argument("path", metavar="DIR", help="folder of `dvc-stereo reconstruct`")
+    _add_output_options(parser)
+
+
+def _add_output_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for outputs."""
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
+    parser.add_argument("--json", metavar="FILE", help="write the counts; - is standard output")
+    add_export_options(parser)
+    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+
+
+def _run_layers(arguments: argparse.Namespace) -> int:
+    """Write the layered depth image of a reconstruction."""
+    from dvc.files import atomic_folder
+    from dvc.layers.layer_folders import write_layers
+    from dvc.layers.layered_depth_image import layered_depth_image
+    from dvc.picture_files import write_png
+    from dvc.stereo.layer_pictures import PAGE, draw_layers, draw_values_per_pixel, layers_gallery
+    from dvc.stereo.meshes import layers_shape, write_shape
+    from dvc.stereo.surfaces.surface_folder import read_reconstruction
+    from dvc.web.gallery import write_gallery
+
+    meshes = check_outputs(arguments, [arguments.path])
+    reconstruction = read_reconstruction(arguments.path)
+    with cli.progress_bar("layers", len(reconstruction.array), arguments.quiet) as advance:
+        image = layered_depth_image(reconstruction, advance=advance)
+    with atomic_folder(arguments.out) as folder:
+        write_layers(folder, image)
+        write_png(folder / "preview-layers.png", draw_layers(image))
+        write_png(folder / "preview-values.png", draw_values_per_pixel(image))
+        write_gallery(folder / PAGE, layers_gallery(image))
+    for path in meshes:
+        write_shape(path, layers_shape(image))
+    if arguments.json is not None:
+        cli.write_json(arguments.json, image.counts())
+    if arguments.json != "-" and not arguments.quiet:
+        sys.stdout.write(_counts_text(image) + "\n")
+    return 0
+
+
+def _counts_text(image: "LayeredDepthImage") -> str:
+    """Format the counts in one line."""
+    counts, canvas = image.counts(), image.canvas
+    return (
+        f"{counts['num_layers']} layers of {canvas.num_cameras} views: "
+        f"{counts['num_values_inside']} values in the frame of {canvas.reference} "
+        f"({counts['increase_percent']:+.1f} %), "
+        f"{counts['num_values_beyond']} beyond it"
+    )
+
+
+def _add_sprites_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `dvc-stereo sprites`."""
+    written = "folder of `dvc-stereo layers` or `dvc-stereo reconstruct`"
+    parser.add_argument("path", metavar="DIR", help=written)
+    _add_output_options(parser)
+
+
+def _run_sprites(arguments: argparse.Namespace) -> int:
+    """Write the sprites of a layered depth image or of a reconstruction."""
+    from dvc.files import atomic_folder
+    from dvc.layers.layer_folders import write_sprites
+    from dvc.layers.sprites import extract_sprites
+    from dvc.picture_files import write_png
+    from dvc.stereo.layer_pictures import PAGE, draw_sprites, sprites_gallery
+    from dvc.stereo.meshes import sprites_shape, write_shape
+    from dvc.web.gallery import write_gallery
+
+    meshes = check_outputs(arguments, [arguments.path])
+    image = _read_layers(Path(arguments.path), arguments.quiet)
+    if not image.occupied.any():
+        raise ConfigError(f"{arguments.path}: the layers have no values")
+    with cli.progress_bar("sprites", int(image.occupied.sum()), arguments.quiet) as advance:
+        sprites = extract_sprites(image, advance=advance)
+    with atomic_folder(arguments.out) as folder:
+        write_sprites(folder, sprites)
+        write_png(folder / "preview-sprites.png", draw_sprites(sprites))
+        write_gallery(folder / PAGE, sprites_gallery(sprites))
+    for path in meshes:
+        write_shape(path, sprites_shape(sprites))
+    counts = _sprite_counts(image, sprites)
+    if arguments.json is not None:
+        cli.write_json(arguments.json, counts)
+    if arguments.json != "-" and not arguments.quiet:
+        sys.stdout.write(f"{counts['num_sprites']} sprites of {counts['num_values']} values\n")
+    return 0
+
+
+def _read_layers(path: Path, quiet: bool) -> "LayeredDepthImage":
+    from dvc.layers.layer_folders import read_layers
+    from dvc.layers.layered_depth_image import layered_depth_image
+    from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction
+
+    if not (path / INDEX).is_file():
+        return read_layers(path)
+    reconstruction = read_reconstruction(path)
+    with cli.progress_bar("layers", len(reconstruction.array), quiet) as advance:
+        return layered_depth_image(reconstruction, advance=advance)
+
+
+def _sprite_counts(image: "LayeredDepthImage", sprites: "SpriteSet") -> dict[str, Any]:
+    import numpy as np
+
+    from dvc.layers.sprites import composite
+
+    frame = image.canvas.frame.slices
+    colour, _, mask = composite(sprites)
+    first = image.colour[0] * image.occupied[0][..., None]
+    sizes = sorted((sprite.num_values for sprite in sprites.sprites), reverse=True)
+    return {
+        "num_sprites": len(sizes),
+        "num_values": sum(sizes),
+        "num_values_of_layers": int(image.occupied.sum()),
+        "gives_reference_back": bool(
+            np.array_equal(colour[frame], first[frame])
+            and np.array_equal(mask[frame], image.occupied[0][frame])
+        ),
+        "num_values_by_sprite": sizes,
+    }
+
+
+LAYERS = Subcommand(
+    "layered depth image from surfaces",
+    _LAYERS_DESCRIPTION,
+    _add_layers_options,
+    _run_layers,
+    _LAYERS_EXAMPLES,
+)
+SPRITES = Subcommand(
+    "sprites with depth from layers",
+    _SPRITES_DESCRIPTION,
+    _add_sprites_options,
+    _run_sprites,
+    _SPRITES_EXAMPLES,
+)

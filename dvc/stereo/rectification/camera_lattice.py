@@ -1,0 +1,230 @@
+"""Lattice of the camera centres: its fit, and the positions of cameras on it.
+
+Convention (2.3): the centre of camera (m, n) is ``origin + m v1 + n v2``; v1 leads to the right and v2
+downwards in the pictures, and ``v1 x v2`` points to the scene.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import ConfigError
+from dvc.geometry.camera_array import LatticePosition
+
+Floats = NDArray[np.float64]
+
+LINE_RATIO = 0.05
+"""Largest ratio of width and length of centres on a line."""
+MAX_TILT_DEG = 45.0
+"""Largest angle between the normal of a plane of cameras and their mean axis; beyond, it faces the scene."""
+_NEAR_LATTICE = 0.2
+_MAX_ASPECT, _MAX_SKEW = 2.0, 0.25
+_NUM_CANDIDATES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Orientation:
+    """Mean orientation of the cameras: unit vectors in the world."""
+
+    right: Floats  # along rows and columns of the pictures, and the optical axis
+    down: Floats
+    forward: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Lattice of the cameras of an array (2.3)."""
+
+    origin: Floats  # centre of the camera (0, 0), in units of the world
+    v1: Floats  # steps to the cameras (1, 0) and (0, 1)
+    v2: Floats
+
+    @property
+    def spans_a_plane(self) -> bool:
+        """Whether both steps have a length, and they are not parallel."""
+        lengths = float(np.linalg.norm(self.v1) * np.linalg.norm(self.v2))
+        return bool(np.linalg.norm(np.cross(self.v1, self.v2)) > 1e-6 * lengths)
+
+    @property
+    def basis(self) -> Floats:
+        """``V = (v1 v2 v3)``; v3 is normal to the plane, as long as the square root of a cell's area."""
+        normal = np.cross(self.v1, self.v2)
+        area = float(np.linalg.norm(normal))
+        return np.column_stack([self.v1, self.v2, normal / math.sqrt(area)])
+
+    def coordinates(self, points: Floats) -> Floats:
+        """Return ``V^-1 (X - origin)``: m, n and the distance from the plane in units of v3."""
+        return np.asarray(np.linalg.solve(self.basis, (points - self.origin).T).T)
+
+
+def fit_lattice(centres: Floats, positions: Floats, orientation: Orientation) -> Lattice:
+    """Fit a lattice to centres with known positions, by least squares (2.6)."""
+    mean, middle = positions.mean(axis=0), centres.mean(axis=0)
+    shift, offset = positions - mean, centres - middle
+    _, extent, directions = np.linalg.svd(shift, full_matrices=True)
+    rank = int(np.count_nonzero(extent > 1e-9 * max(1.0, float(extent[0]))))
+    if rank == 2:
+        steps: Floats = np.linalg.lstsq(shift, offset, rcond=None)[0]
+        v1, v2 = steps
+    else:
+        (a, b) = directions[0] if rank else (1.0, 0.0)
+        along = offset.T @ (shift @ directions[0]) / extent[0] ** 2 if rank else orientation.right
+        across = _across(along, orientation.forward)
+        v1, v2 = a * along - b * across, b * along + a * across
+    lattice = Lattice(middle - mean[0] * v1 - mean[1] * v2, v1, v2)
+    if not lattice.spans_a_plane:
+        raise ConfigError("the cameras are on a line or at one point, but their positions (m, n) are not")
+    return lattice
+
+
+def _across(along: Floats, forward: Floats) -> Floats:
+    """Return the vector perpendicular to a row of cameras in their plane, ``n x v1`` of (2.6)."""
+    length = float(np.linalg.norm(along))
+    if not length > 0.0:
+        raise ConfigError("the cameras are at one point: nothing has parallax")
+    unit = along / length
+    normal = forward - (forward @ unit) * unit
+    if np.linalg.norm(normal) < 0.05:
+        raise ConfigError("the cameras are one behind the other: such views cannot be rectified")
+    across: Floats = np.cross(normal / np.linalg.norm(normal), along)
+    return across
+
+
+def upright(lattice: Lattice, positions: Floats, orientation: Orientation) -> tuple[Lattice, Floats]:
+    """Turn a lattice so that ``v1 x v2`` points to the scene and v1 to the right."""
+    faces = float(np.cross(lattice.v1, lattice.v2) @ orientation.forward) >= 0.0
+    n_sign = 1 if faces else -1
+    turn = 1 if lattice.v1 @ orientation.right >= 0.0 else -1
+    signs = turn, turn * n_sign
+    turned = Lattice(lattice.origin, signs[0] * lattice.v1, signs[1] * lattice.v2)
+    return turned, positions * np.array(signs, dtype=np.float64) + 0.0
+
+
+def assign_positions(centres: Floats, orientation: Orientation) -> tuple[Lattice, Floats]:
+    """Find the positions of cameras from their centres."""
+    offset = centres - centres.mean(axis=0)
+    _, spread, axes = np.linalg.svd(offset, full_matrices=True)
+    normal = axes[2] * (1.0 if axes[2] @ orientation.forward >= 0.0 else -1.0)
+    tilted = normal @ orientation.forward < np.cos(np.radians(MAX_TILT_DEG))
+    if len(centres) < 3 or spread[1] < LINE_RATIO * spread[0]:
+        positions = _positions_on_line(offset, axes[0], orientation)
+    else:
+        normal = orientation.forward if tilted else normal
+        right = orientation.right - (orientation.right @ normal) * normal
+        right /= np.linalg.norm(right)
+        points = offset @ np.column_stack([right, np.cross(normal, right)])
+        whole = None if tilted else _whole_positions(points)
+        if whole is None:
+            return _square_lattice(centres, _neighbour_units(points), right, normal)
+        positions = whole
+    lattice = fit_lattice(centres, positions, orientation)
+    return upright(lattice, positions, orientation)
+
+
+def snapped(lattice: Lattice, centres: Floats, positions: Floats, tolerance: float) -> Floats:
+    """Return the positions of cameras if their centres are there, else their real-valued positions."""
+    actual = lattice.coordinates(centres)[:, :2]
+    return positions if np.abs(actual - positions).max() <= tolerance else actual
+
+
+def as_positions(coordinates: Floats) -> tuple[LatticePosition, ...]:
+    """Return coordinates as positions."""
+    return tuple(LatticePosition(float(m), float(n)) for m, n in coordinates)
+
+
+def _positions_on_line(offset: Floats, direction: Floats, orientation: Orientation) -> Floats:
+    """Return (t, 0) or (0, t) of centres on a line that leads rather to the right or downwards."""
+    across, down = float(direction @ orientation.right), float(direction @ orientation.down)
+    in_row = abs(across) >= abs(down)
+    distance = offset @ direction * (1.0 if (across if in_row else down) >= 0.0 else -1.0)
+    gaps = np.diff(np.sort(distance))
+    if not gaps.any():
+        raise ConfigError("the cameras are at one point: nothing has parallax")
+    steps = [float(np.min(gaps[gaps > 1e-6 * np.ptp(distance)])) / part for part in (1, 2, 3)]
+    whole = next((n for step in steps if (n := _whole_numbers(distance / step)) is not None), None)
+    t = distance / float(np.median(gaps[gaps > 0.0])) if whole is None else whole
+    t = t - t[_middle(distance[:, None] - np.median(distance))]
+    return np.column_stack([t, 0.0 * t] if in_row else [0.0 * t, t])
+
+
+def _middle(points: Floats) -> int:
+    """Return the index of the point nearest to the origin, the first of several up to rounding."""
+    distance = np.linalg.norm(points, axis=1)
+    return int(np.argmax(distance <= distance.min() + 1e-6 * distance.max()))
+
+
+def _whole_numbers(values: Floats) -> Floats | None:
+    """Return whole numbers near the values, up to scale and offset; None if impossible."""
+    whole: Floats = np.rint(values - values.min())
+    scale, offset = np.polyfit(whole, values, 1)
+    near = np.abs(values - offset - scale * whole).max() <= _NEAR_LATTICE * abs(scale)
+    return whole if near and np.ptp(whole) <= 8 * len(whole) else None
+
+
+def _whole_positions(points: Floats) -> Floats | None:
+    """Return whole coordinates if points of a plane form a nearly rectangular lattice."""
+    points = points - points[_middle(points)]
+    differences = (points[:, None] - points[None]).reshape(-1, 2)
+    order = np.argsort(np.linalg.norm(differences, axis=1), kind="stable")
+    differences = differences[order]
+    flat = np.abs(differences[:, 0]) >= np.abs(differences[:, 1])
+    rightward, downward = (
+        differences[flat & (differences[:, 0] > 0)],
+        differences[~flat & (differences[:, 1] > 0)],
+    )
+    pairs = product(_distinct(rightward), _distinct(downward))
+    for v1, v2 in sorted(pairs, key=lambda pair: float(np.linalg.norm(pair[0]) + np.linalg.norm(pair[1]))):
+        positions = _lattice_positions(points, v1, v2)
+        if positions is not None:
+            return positions
+    return None
+
+
+def _neighbour_units(points: Floats) -> Floats:
+    """Return points of a plane about the middle one, in median distances of nearest neighbours."""
+    points = points - points[_middle(points)]
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2) + np.diag(np.full(len(points), np.inf))
+    nearest = np.median(apart.min(axis=1))
+    if not nearest > 0.0:
+        raise ConfigError("cameras are one behind the other: such views cannot be rectified")
+    return np.asarray(points / nearest)
+
+
+def _distinct(vectors: Floats) -> list[Floats]:
+    """Return the first clearly distinct ones of vectors sorted by length."""
+    distinct: list[Floats] = []
+    for vector in vectors:
+        if len(distinct) == _NUM_CANDIDATES:
+            break
+        if all(np.linalg.norm(vector - other) > _NEAR_LATTICE * np.linalg.norm(vector) for other in distinct):
+            distinct.append(vector)
+    return distinct
+
+
+def _lattice_positions(points: Floats, v1: Floats, v2: Floats) -> Floats | None:
+    lengths = np.linalg.norm(v1), np.linalg.norm(v2)
+    if abs(v1 @ v2) > _MAX_SKEW * lengths[0] * lengths[1] or max(lengths) > _MAX_ASPECT * min(lengths):
+        return None
+    steps = np.stack([v1, v2])
+    whole: Floats = np.rint(points @ np.linalg.inv(steps))
+    design = np.column_stack([whole, np.ones(len(whole))])
+    if np.linalg.matrix_rank(design) < 3 or np.prod(np.ptp(whole, axis=0) + 1) > 8 * len(points):
+        return None
+    fitted = np.linalg.lstsq(design, points, rcond=None)[0]
+    residual = (points - design @ fitted) @ np.linalg.inv(fitted[:2])
+    return whole if np.abs(residual).max() <= _NEAR_LATTICE else None
+
+
+def _square_lattice(
+    centres: Floats, positions: Floats, right: Floats, normal: Floats
+) -> tuple[Lattice, Floats]:
+    """Return the lattice of square cells for centres at real-valued positions."""
+    offset = centres - centres.mean(axis=0)
+    along = right if np.ptp(positions[:, 0]) >= np.ptp(positions[:, 1]) else np.cross(normal, right)
+    unit = float(np.ptp(offset @ along) / np.ptp(positions, axis=0).max())
+    middle = int(np.argmin(np.abs(positions).sum(axis=1)))
+    origin = centres[middle] - (offset[middle] @ normal) * normal
+    return Lattice(origin, unit * right, unit * np.cross(normal, right)), positions

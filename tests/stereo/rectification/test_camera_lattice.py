@@ -1,0 +1,166 @@
+"""Lattices: exact recovery, cameras on a line, orientation, and places of cameras that are given none."""
+
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dvc.errors import ConfigError
+from dvc.stereo.rectification.camera_lattice import (
+    Lattice,
+    Orientation,
+    assign_positions,
+    fit_lattice,
+    snapped,
+    upright,
+)
+from dvc.stereo.rectification.rectify import mean_orientation
+from tests.stereo.rigs import random_rig
+
+GRID = [(float(m), float(n)) for n in range(3) for m in range(4)]
+FACING = Orientation(np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0]))
+seeds = st.integers(0, 10**6)
+
+
+def centres_of(rig: list) -> np.ndarray:
+    return np.stack([camera.centre for camera in rig])
+
+
+@settings(max_examples=40)
+@given(seeds)
+def test_grid_is_recovered_exactly(seed: int) -> None:
+    """The centres of a 2-D array without noise are at their places, whatever subset of the grid is there."""
+    kept = np.random.default_rng(seed).permutation(len(GRID))[:6]
+    places = np.array([GRID[k] for k in kept])
+    if np.linalg.matrix_rank(places - places[0]) < 2:
+        return
+    rig = random_rig(seed, places.tolist())
+    lattice = fit_lattice(centres_of(rig), places, mean_orientation(rig))
+    found = lattice.coordinates(centres_of(rig))
+    np.testing.assert_allclose(found, np.column_stack([places, np.zeros(len(places))]), atol=1e-11)
+
+
+@settings(max_examples=40)
+@given(seeds, st.sampled_from([(1.0, 0.0), (0.0, 1.0), (2.0, 1.0), (-1.0, 3.0)]))
+def test_line_gets_a_perpendicular_vector_of_its_cells(seed: int, step: tuple[float, float]) -> None:
+    """Of cameras on a line, v1 and v2 are perpendicular, as long, and face the scene; places stay exact."""
+    places = np.outer(np.arange(4.0), step)
+    rig = random_rig(seed, places.tolist(), turn=0.05)
+    orientation = mean_orientation(rig)
+    lattice = fit_lattice(centres_of(rig), places, orientation)
+    lengths = np.linalg.norm(lattice.v1), np.linalg.norm(lattice.v2)
+    assert abs(lattice.v1 @ lattice.v2) < 1e-12 * lengths[0] * lengths[1]
+    assert lengths[0] == pytest.approx(lengths[1], rel=1e-12)
+    assert np.cross(lattice.v1, lattice.v2) @ orientation.forward > 0
+    np.testing.assert_allclose(lattice.coordinates(centres_of(rig))[:, :2], places, atol=1e-11)
+
+
+def test_single_camera_has_steps_along_its_picture() -> None:
+    """One camera alone spans nothing: v1 is along its rows, of one unit."""
+    lattice = fit_lattice(np.ones((1, 3)), np.zeros((1, 2)), FACING)
+    np.testing.assert_allclose([lattice.origin, lattice.v1, lattice.v2], [[1, 1, 1], [1, 0, 0], [0, 1, 0]])
+
+
+def test_basis_does_not_depend_on_the_unit_of_the_world() -> None:
+    """The third vector is the normal, as long as the square root of a cell's area."""
+    small, large = (
+        Lattice(np.zeros(3), unit * np.array([2.0, 0, 0]), unit * np.array([1.0, 3.0, 0])).basis
+        for unit in (1, 10)
+    )
+    np.testing.assert_allclose(large, 10 * small)
+    assert np.linalg.norm(small[:, 2]) == pytest.approx(np.sqrt(6.0))
+
+
+@pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (1, -1), (-1, -1)])
+def test_mirrored_places_are_turned_to_the_scene(signs: tuple[int, int]) -> None:
+    """Whatever signs the given m and n have, v1 leads right, v2 down, and centres stay where they are."""
+    rig = random_rig(3, GRID)
+    orientation = mean_orientation(rig)
+    told = np.array(GRID) * signs
+    lattice, places = upright(fit_lattice(centres_of(rig), told, orientation), told, orientation)
+    np.testing.assert_allclose(places, GRID, atol=1e-12)
+    np.testing.assert_allclose(lattice.coordinates(centres_of(rig))[:, :2], GRID, atol=1e-11)
+    assert np.cross(lattice.v1, lattice.v2) @ orientation.forward > 0
+
+
+@settings(max_examples=25)
+@given(seeds)
+def test_whole_numbers_are_found(seed: int) -> None:
+    """Centres on a lattice get whole numbers that differ from the true ones by an offset."""
+    rig = random_rig(seed, GRID)
+    lattice, places = assign_positions(centres_of(rig), mean_orientation(rig))
+    np.testing.assert_allclose(places - places[0], np.array(GRID), atol=1e-12)
+    assert (places == 0).all(axis=1).sum() == 1
+    np.testing.assert_allclose(lattice.coordinates(centres_of(rig))[:, :2], places, atol=1e-10)
+
+
+@pytest.mark.parametrize(("ratio", "is_line"), [(0.04, True), (0.08, False)])
+def test_what_is_narrow_is_a_line(ratio: float, is_line: bool) -> None:
+    """By the ratio of its principal lengths."""
+    across, down = np.arange(6.0) - 2.5, np.array([1.0, -1, 0, 0, -1, 1])
+    down *= ratio * np.linalg.norm(across) / np.linalg.norm(down)
+    _, places = assign_positions(np.column_stack([across, down, np.full(6, 2.0)]), FACING)
+    assert bool(np.ptp(places[:, 1]) == 0.0) == is_line
+
+
+@pytest.mark.parametrize("step", [(1.0, 0.0), (0.0, 1.0)])
+def test_row_or_column_with_a_gap(step: tuple[float, float]) -> None:
+    """Cameras 0, 1, 3 of a line are at -1, 0, 2 of a row or of a column."""
+    rig = random_rig(5, np.outer([0.0, 1.0, 3.0], step).tolist(), turn=0.02)
+    _, places = assign_positions(centres_of(rig), mean_orientation(rig))
+    np.testing.assert_allclose(places, np.outer([-1.0, 0.0, 2.0], step), atol=1e-12)
+
+
+def test_pair_is_left_and_right_by_its_centres() -> None:
+    """The first view is (0, 0); the other is to its left or right, as it stands."""
+    rig = random_rig(2, [(0.0, 0.0), (1.0, 0.0)], turn=0.02)
+    for order, expected in ((rig, 1.0), (rig[::-1], -1.0)):
+        _, places = assign_positions(centres_of(order), mean_orientation(order))
+        np.testing.assert_array_equal(places, [[0, 0], [expected, 0]])
+
+
+def test_irregular_centres_get_real_places() -> None:
+    """Centres without a lattice have real-valued places in perpendicular units of a neighbour's distance."""
+    rng = np.random.default_rng(7)
+    points = np.array(GRID) * 1.3 + rng.uniform(-0.4, 0.4, (12, 2))
+    centres = np.column_stack([points, np.full(12, 2.0)])
+    lattice, places = assign_positions(centres, FACING)
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2) + np.diag(np.full(12, np.inf))
+    unit = np.median(apart.min(axis=1))
+    np.testing.assert_allclose(np.stack([lattice.v1, lattice.v2]), unit * np.eye(3)[:2], atol=1e-12)
+    np.testing.assert_allclose(lattice.coordinates(centres)[:, :2], places, atol=1e-10)
+    assert (np.abs(places - np.rint(places)).max(axis=1) > 0.01).sum() > 8
+
+
+def test_centres_off_their_places_become_real_valued() -> None:
+    """Within the tolerance the given places stay; beyond it the projections of the centres do."""
+    lattice = Lattice(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
+    centres = np.array([[0.0, 0, 0], [1.01, 0.0, 0.3]])
+    told = np.array([[0.0, 0.0], [1.0, 0.0]])
+    np.testing.assert_array_equal(snapped(lattice, centres, told, 0.02), told)
+    np.testing.assert_array_equal(snapped(lattice, centres, told, 0.005), centres[:, :2])
+
+
+@pytest.mark.parametrize(
+    ("centres", "places", "message"),
+    [
+        ([[0, 0, 0], [0, 0, 0]], [[0, 0], [1, 0]], "one point"),
+        ([[0, 0, 0], [0, 0, 1]], [[0, 0], [1, 0]], "one behind the other"),
+        ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 0], [1, 0], [0, 1]], "on a line"),
+    ],
+)
+def test_degenerate_centres(centres: list, places: list, message: str) -> None:
+    """What spans no lattice says so."""
+    with pytest.raises(ConfigError, match=message):
+        fit_lattice(np.array(centres, float), np.array(places, float), FACING)
+
+
+@pytest.mark.parametrize(("aside", "is_refused"), [(0.04, True), (0.06, False)])
+def test_cameras_almost_one_behind_the_other(aside: float, is_refused: bool) -> None:
+    """Their line must be some three degrees off where they look."""
+    centres, places = np.array([[0, 0, 0], [aside, 0, 1.0]]), np.array([[0.0, 0], [1, 0]])
+    told = pytest.raises(ConfigError, match="one behind the other") if is_refused else nullcontext()
+    with told:
+        assert fit_lattice(centres, places, FACING).v1 @ FACING.right > 0.0
