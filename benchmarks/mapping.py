@@ -28,10 +28,9 @@ from dvc.geometry.camera_estimation import quiet
 from dvc.metrics import psnr_db
 from dvc.video import Frame, create_video, open_video
 from sfm.mapping.colmap_mapper import model_poses, run_colmap
-from sfm.mapping.rendering import render_view
+from sfm.mapping.map_evaluation import TrajectoryError, render_view, trajectory_error
+from sfm.mapping.map_sequence import map_sequence
 from sfm.mapping.scene_map import MapPiece, SceneMap
-from sfm.mapping.sequence import map_sequence
-from sfm.mapping.trajectory import TrajectoryError, trajectory_error
 
 Floats = NDArray[np.float64]
 DEPTH_UNIT_M = 1e-3

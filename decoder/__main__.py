@@ -69,7 +69,7 @@ def _map_partial(arguments: argparse.Namespace) -> None:
 
 def _map_scene(arguments: argparse.Namespace, video: str) -> None:
     """Map the decoded frames."""
-    from sfm.output.map_folder import map_to_folder
+    from sfm.output.scene_folder import map_to_folder
 
     def _report(message: str) -> None:
         if not arguments.quiet:

@@ -1,4 +1,4 @@
-"""Command `dvc-sfm`: the map of a video, or the scene of two pictures, as files and to look at."""
+"""Command `dvc-sfm`: the map of a video, or the scene of two pictures, as files and pictures."""
 
 import argparse
 import sys
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from sfm.model import Reconstruction
+    from sfm.scene_model import Reconstruction
 
 PROG = "dvc-sfm"
 EXAMPLES = """\
   dvc-sfm video.mkv --out map                            cameras, depth and points of a whole video
-  dvc-sfm video.mkv --out map --mapper colmap            the same by COLMAP
+  dvc-sfm video.mkv --out map --mapper colmap            the same with COLMAP
   dvc-sfm a.png b.png --out model                        two pictures of one scene
   dvc-sfm video.mkv video.mkv --frames 0 10 --out model  frames 0 and 10 of a video
   dvc-sfm video.mkv video.mkv --frames 0 10 --sfm colmap --out other
 
-Of a video DIR then holds index.html, a page to fly through the scene, points.ply, trajectory.txt,
-intrinsics.json, COLMAP's text files in sparse/, depth maps in depth/, and scene.json; of two pictures
+For a video DIR then holds index.html, a page to fly through the scene, points.ply, trajectory.txt,
+intrinsics.json, COLMAP's text files in sparse/, depth maps in depth/, and scene.json; for two pictures
 model.json, points.ply, the text files of COLMAP, and correspondences.png.
 """
 
@@ -39,8 +39,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     parser.add_argument("--quiet", action="store_true", help="print no summary and no progress")
     video = parser.add_argument_group("of a video")
-    own = "whose mapper: the project's own or COLMAP's; default: native"
-    video.add_argument("--mapper", choices=MAPPERS, help=own)
+    video.add_argument("--mapper", choices=MAPPERS, help="the project's mapper or COLMAP's; default: native")
     pair = parser.add_argument_group("of two pictures")
     pair.add_argument(
         "--frames",
@@ -49,8 +48,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar=("I", "J"),
         help="frame of A and frame of B; default: the first of each",
     )
-    own = "whose estimators: the project's own, COLMAP's, or the thesis's to the letter; default: native"
-    pair.add_argument("--sfm", choices=SFM_BACKENDS, help=own)
+    pair.add_argument(
+        "--sfm",
+        choices=SFM_BACKENDS,
+        help="estimators: the project's, COLMAP's, or exactly those of the thesis; default: native",
+    )
     cli.add_integer(pair, "--seed", (0, 2**31 - 1), "seed of the random samples; default: 0", metavar="S")
     return parser
 
@@ -59,15 +61,15 @@ def _run(arguments: argparse.Namespace) -> int:
     of_pair = {"--frames": arguments.frames, "--sfm": arguments.sfm, "--seed": arguments.seed}
     given = [option for option, value in of_pair.items() if value is not None]
     if arguments.second is None and given:
-        raise ConfigError(f"{given[0]} is for two pictures: give a second input, or leave it out")
+        raise ConfigError(f"{given[0]} requires a second input")
     if arguments.second is not None and arguments.mapper is not None:
-        raise ConfigError("--mapper is for one video: leave the second input out, or choose by --sfm")
+        raise ConfigError("--mapper requires a single input, a video; for two pictures use --sfm")
     return _map(arguments) if arguments.second is None else _reconstruct(arguments)
 
 
 def _map(arguments: argparse.Namespace) -> int:
     from dvc.files import check_folder
-    from sfm.output.map_folder import map_to_folder
+    from sfm.output.scene_folder import map_to_folder
 
     check_folder(arguments.out)
     report: Callable[[str], None] | None = None if arguments.quiet else _report
@@ -78,7 +80,7 @@ def _map(arguments: argparse.Namespace) -> int:
 
 
 def _report(message: str) -> None:
-    """Say on stderr how far the map is."""
+    """Log progress on stderr."""
     sys.stderr.write(f"{PROG}: {cli.one_line(message)}\n")
 
 
@@ -112,8 +114,14 @@ def _luma(path: str, index: int) -> "NDArray[np.uint8]":
 
 def _write(folder: Path, reconstruction: "Reconstruction", first: Any, second: Any) -> None:
     from dvc.picture_files import write_png
-    from sfm.output.drawing import draw_correspondences, side_by_side
-    from sfm.output.export import point_colours, write_colmap, write_json, write_points
+    from sfm.output.model_files import (
+        draw_correspondences,
+        point_colours,
+        side_by_side,
+        write_colmap,
+        write_json,
+        write_points,
+    )
 
     write_json(folder / "model.json", reconstruction)
     model = reconstruction.model

@@ -17,66 +17,40 @@ State = TypeVar("State")
 
 
 class LeastSquares(Protocol[State]):
-    """A sum of squares that is to be minimised over states of any kind."""
+    """A sum of squares to be minimised over states of any type."""
 
     def cost(self, state: State) -> float:
-        """Return the sum.
-
-        Parameters
-        ----------
-        state : State
-            Where.
-
-        Returns
-        -------
-        float
-            Not negative, or nan where there is none.
-        """
+        """Return the sum, which is not negative; nan if it is undefined."""
 
     def linearize(self, state: State, iteration: int) -> tuple[float, Callable[[float], State]]:
-        """Set up the normal equations around a state; weights may change here.
+        """Linearise the squares around a state; weights may change here.
 
         Parameters
         ----------
         state : State
-            Where.
+            Start of a step.
         iteration : int
-            Number of the step, from 0.
+            Number of earlier steps.
 
         Returns
         -------
         cost : float
-            The sum here.
+            Sum at the state.
         stepped : callable
-            From a damping to the state that the step leads to.
+            Function from a damping to the state after the step.
         """
 
     def converged(self, before: State, after: State, decrease: float, cost: float) -> bool:
-        """Tell whether the step that was taken is the last.
-
-        Parameters
-        ----------
-        before, after : State
-            Its ends.
-        decrease : float
-            How much less the sum has become.
-        cost : float
-            The sum now.
-
-        Returns
-        -------
-        bool
-            True to end.
-        """
+        """Return whether the step from one state to another, which decreased the cost, is the last."""
 
 
 @dataclass(frozen=True)
 class Damping:
-    """How the damping of Levenberg-Marquardt steps begins and changes."""
+    """Damping of Levenberg-Marquardt steps: it falls tenfold after a step, and rises tenfold for a retry."""
 
-    start: float  # of the first step
-    min_factor: float  # it falls tenfold after a step that was taken, to this at most
-    num_tries: int  # it rises tenfold while a step makes the sum larger, this often at most
+    start: float
+    min_factor: float
+    num_tries: int
 
 
 def levenberg_marquardt(
@@ -102,7 +76,7 @@ def levenberg_marquardt(
 
 
 def normal_matrix(*equations: Floats) -> Floats:
-    """Sum up the normal equations of linear ones."""
+    """Return the matrix of the normal equations of linear equations."""
     products = [np.einsum("ni,nj->ij", rows, rows) for rows in equations]
     return np.asarray(sum(products[1:], products[0]))
 

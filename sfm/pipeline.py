@@ -11,21 +11,19 @@ from numpy.typing import NDArray
 from dvc.config import SFM_BACKENDS
 from dvc.geometry.cameras import PixelFrame
 from dvc.geometry.triangulation import triangulate_depth
-from sfm import colmap
+from sfm import colmap_estimators
 from sfm.cameras.bundle_adjustment import bundle_adjustment
 from sfm.cameras.self_calibration import self_calibration
 from sfm.correspondences import outliers
-from sfm.correspondences.densification import densify
+from sfm.correspondences.corner_matching import detect_corners, match_corners
+from sfm.correspondences.densification import densify, propagate
 from sfm.correspondences.epipolar_search import EpipolarSearch
-from sfm.correspondences.features import detect_corners
-from sfm.correspondences.matching import match_corners
-from sfm.correspondences.propagation import propagate
 from sfm.estimation.degeneracy import classify_motion
-from sfm.estimation.fundamental import FundamentalEstimator
 from sfm.estimation.sample_consensus import lo_ransac, mapsac
+from sfm.estimation.two_view_estimators import FundamentalEstimator
 from sfm.estimation.weak_calibration import WeakCalibration, least_sampson_distance
-from sfm.model import CameraPair, Correspondences, Model, Reconstruction
-from sfm.settings import OutlierSettings, SfmSettings, TrustSettings
+from sfm.reconstruction_settings import OutlierSettings, SfmSettings, TrustSettings
+from sfm.scene_model import CameraPair, Correspondences, Model, Reconstruction
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -49,23 +47,23 @@ def reconstruct(
     first, second : ndarray of shape (H, W), uint8
         Luma of the key frames.
     backend : str
-        Whose estimators find the cameras: ``native``, ``colmap`` or ``thesis``.
+        Estimators of the cameras: ``native``, ``colmap`` or ``thesis``.
     seed : int
-        Of everything random.
+        Seed of the random samples.
     settings : SfmSettings, optional
         Parameters; the defaults if None.
     tracked : Correspondences, optional
-        Points that were followed from one frame to the other, beside those that are found in the two alone.
+        Points tracked from one frame to the other, in addition to matched corners.
 
     Returns
     -------
     Reconstruction
-        The model, or why there is none that can be trusted; never an exception for what the frames show.
+        The model, or the reason why none can be trusted; the content of the frames never raises.
 
     Raises
     ------
     ValueError
-        If the frames differ in size, or there is no such backend.
+        If the frames differ in size, or the backend is unknown.
     """
     if first.shape != second.shape or first.ndim != 2:
         raise ValueError(
@@ -88,18 +86,18 @@ def _reconstruct(
     rng: np.random.Generator,
     settings: SfmSettings,
 ) -> Reconstruction:
-    """Go through the steps of figure 5.2."""
+    """Take the steps of figure 5.2."""
     frame = PixelFrame(first.shape[1], first.shape[0])
-    how, tests = settings.correspondences, settings.outliers
+    options, tests = settings.correspondences, settings.outliers
     stages: dict[str, Correspondences] = {}
 
-    corners = detect_corners(first, how.features), detect_corners(second, how.features)
-    matches = match_corners(first, second, *corners, how.matching)  # tests of MSE and unicity
+    corners = detect_corners(first, options.features), detect_corners(second, options.features)
+    matches = match_corners(first, second, *corners, options.matching)  # tests of MSE and unicity
     matches = Correspondences.concatenate([tracked, matches])
     stages["matching"] = matches
 
     if backend == "colmap":
-        calibration = colmap.weak_calibration(matches, settings, _draw_seed(rng))
+        calibration = colmap_estimators.weak_calibration(matches, settings, _draw_seed(rng))
     else:
         calibration = weak_calibration(matches, rng, settings)
     motion = classify_motion(matches, calibration, rng, settings.degeneracy)
@@ -110,35 +108,36 @@ def _reconstruct(
     stages["weak calibration"] = matches
 
     if backend == "colmap":
-        pair = colmap.camera_pair(matches, frame, settings, _draw_seed(rng))
+        pair = colmap_estimators.camera_pair(matches, frame, settings, _draw_seed(rng))
     else:
         pair = _camera_pair(matches, calibration, frame, rng, settings)
     if pair.reason:
         return Reconstruction(None, pair.reason, motion.kind, stages)
-    matches = _well_triangulated(matches[pair.kept], pair, frame, tests)
+    matches = _well_triangulated(matches[pair.inliers], pair, frame, tests)
     stages["bundle adjustment"] = matches
 
-    search = EpipolarSearch(first, second, pair.fundamental, how.search)
-    matches = densify(search, *corners, search.settle_on_surfaces(matches), how.densification)
+    search = EpipolarSearch(first, second, pair.fundamental, options.search)
+    matches = densify(search, *corners, search.settle_on_surfaces(matches), options.densification)
     matches = _moving_alike(matches, tests)
-    matches = propagate(search, matches, how.propagation)
+    matches = propagate(search, matches, options.propagation)
     matches = _well_triangulated(matches, pair, frame, tests)
     stages["propagation"] = matches
 
     depths, _ = _triangulated(matches, pair.camera, frame)
     model = Model(frame, pair.fundamental, pair.camera, matches, depths)
-    return Reconstruction(model, _doubt(model, calibration, settings.trust), motion.kind, stages)
+    reason = _rejection_reason(model, calibration, settings.trust)
+    return Reconstruction(model, reason, motion.kind, stages)
 
 
 def weak_calibration(
     matches: Correspondences, rng: np.random.Generator, settings: SfmSettings
 ) -> WeakCalibration:
-    """Find the fundamental matrix in spite of wrong correspondences."""
-    how, known = settings.weak_calibration, matches[matches.finite]
-    estimator = FundamentalEstimator(known.first, known.second)
-    found = mapsac(estimator, how.search, rng)
-    found = lo_ransac(estimator, found, how.search, rng)
-    return least_sampson_distance(matches, estimator, found, how)
+    """Estimate the fundamental matrix robustly."""
+    options, finite = settings.weak_calibration, matches[matches.finite]
+    estimator = FundamentalEstimator(finite.first, finite.second)
+    result = mapsac(estimator, options.search, rng)
+    result = lo_ransac(estimator, result, options.search, rng)
+    return least_sampson_distance(matches, estimator, result, options)
 
 
 def _camera_pair(
@@ -148,26 +147,26 @@ def _camera_pair(
     rng: np.random.Generator,
     settings: SfmSettings,
 ) -> CameraPair:
-    """Self-calibrate, adjust, remove the outliers that this shows (reprojection), and adjust again."""
-    how, num = settings.cameras, len(matches)
-    start = self_calibration(calibration.fundamental, matches, frame, how.self_calibration)
+    """Self-calibrate, adjust, remove outliers by reprojection, and adjust again."""
+    options, num = settings.cameras, len(matches)
+    start = self_calibration(calibration.fundamental, matches, frame, options.self_calibration)
     if start.reason:
         return CameraPair.missing(num, f"self-calibration: {start.reason}")
-    kept, depths = start.kept.copy(), start.depths.copy()
+    inliers, depths = start.kept.copy(), start.depths.copy()
     camera, fundamental = start.camera, calibration.fundamental
-    for _ in range(how.num_adjustments):
-        chosen = np.flatnonzero(kept)
+    for _ in range(options.num_adjustments):
+        chosen = np.flatnonzero(inliers)
         points = matches[chosen]
-        adjusted = bundle_adjustment(points, camera, depths[chosen], frame, rng, how.bundle_adjustment)
+        adjusted = bundle_adjustment(points, camera, depths[chosen], frame, rng, options.bundle_adjustment)
         if adjusted.reason:
             return CameraPair.missing(num, f"bundle adjustment: {adjusted.reason}")
         camera, fundamental, depths[chosen] = adjusted.camera, adjusted.fundamental, adjusted.depths
         near = outliers.reprojection(points.second, adjusted.second, settings.outliers.max_reprojection_px)
         good = near & adjusted.in_front
-        kept[chosen[~good]] = False
-        if good.all() or np.count_nonzero(kept) < settings.trust.num_points_needed(frame):
+        inliers[chosen[~good]] = False
+        if good.all() or np.count_nonzero(inliers) < settings.trust.num_points_needed(frame):
             break
-    return CameraPair(camera, fundamental, kept)
+    return CameraPair(camera, fundamental, inliers)
 
 
 def _draw_seed(rng: np.random.Generator) -> int:
@@ -195,8 +194,8 @@ def _well_triangulated(
     return matches[outliers.depth(matches.first, depths, tests.depth_share, tests.depth_spreads)]
 
 
-def _doubt(model: Model, calibration: WeakCalibration, trust: TrustSettings) -> str:
-    """Say why a model cannot be trusted; nothing if it can."""
+def _rejection_reason(model: Model, calibration: WeakCalibration, trust: TrustSettings) -> str:
+    """Return the reason why a model cannot be trusted; empty if it can."""
     count, needed = len(model.correspondences), trust.num_points_needed(model.pixel_frame)
     if count < needed:
         return f"only {count} correspondences, {needed} are needed"
@@ -210,7 +209,7 @@ def _doubt(model: Model, calibration: WeakCalibration, trust: TrustSettings) -> 
 
 
 def coverage(points: Floats, frame: PixelFrame) -> float:
-    """Measure how much of a frame points cover."""
+    """Return the share of a frame's cells that hold a point."""
     size = np.array([frame.width_px, frame.height_px])
     cells = np.clip((points + 0.5) * COVERAGE_CELLS // size, 0, COVERAGE_CELLS - 1).astype(np.int64)
     return len(np.unique(cells[:, 0] * COVERAGE_CELLS + cells[:, 1])) / COVERAGE_CELLS**2

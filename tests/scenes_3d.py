@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.geometry.cameras import PixelFrame, project
-from sfm.model import Correspondences, Model
+from sfm.scene_model import Correspondences, Model
 
 Floats = NDArray[np.float64]
 

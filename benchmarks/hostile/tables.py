@@ -8,12 +8,10 @@ import numpy as np
 
 from benchmarks.hostile.files import Files, written
 from dvc.array_files import read_positions
-from dvc.errors import DvcError
 from dvc.feedback.protection import MIN_TOKEN_BYTES, read_token
 from dvc.rd.points_csv import import_points
 from dvc.rd.rd_results import read_results
 from dvc.rd.specification import build_sweep, expand, read_spec
-from sfm.output.point_cloud import read_ply, write_ply
 
 _SPEC = """[defaults]
 sequences = ["box", "desk"]
@@ -37,16 +35,14 @@ _LATTICE = "file,m,n\na.png,0,0\nb.png,1,0.5\n"
 
 @cache
 def good_tables() -> tuple[Files, ...]:
-    """Return positions, imported points, a specification, a result, a cloud of points, and a token."""
+    """Return positions, imported points, a specification, a result, and a token."""
     made = written(lambda folder: _import(folder, _POINTS))
     name, result = next(iter(made.items()))
-    positions = np.random.default_rng(6).normal(size=(9, 3))
     return (
         {"lattice.csv": _LATTICE.encode()},
         {"points.csv": _POINTS.encode()},
         {"sweep.toml": _SPEC.encode()},
         {name: result},
-        written(lambda folder: write_ply(folder / "cloud.ply", positions, np.zeros((9, 3), np.uint8), "")),
         {"token": b"a token of some length\n"},
     )
 
@@ -72,17 +68,9 @@ def _read_result(path: Path) -> bool:
     return all(np.isfinite(result.rate_kbps) for result in read_results(path.parent))
 
 
-def _read_cloud(path: Path) -> bool:
-    try:
-        return read_ply(path)[0].shape[1:] == (3,)
-    except ValueError as err:
-        raise DvcError(str(err)) from err
-
-
 _READERS: dict[str, Callable[[Path], bool]] = {
     "lattice.csv": lambda path: bool(np.isfinite(list(read_positions(path).values())).all()),
     "points.csv": lambda path: len(import_points(path, path.parent)) > 0,
     "sweep.toml": lambda path: len(expand([build_sweep(sweep) for sweep in read_spec(path)])) > 0,
-    "cloud.ply": _read_cloud,
     "token": lambda path: len(read_token(path)) >= MIN_TOKEN_BYTES,
 }

@@ -18,7 +18,7 @@ from dvc.geometry.depth_maps import estimate_depths
 from dvc.video import Frame, open_video
 from dvc.video.pixels import picture_from_frame
 from dvc.web.drawing import colour_disparity, in_rows, with_title
-from sfm.cameras.depth_order import rigid_order
+from sfm.cameras.rebasing import rigid_order
 from sfm.pipeline import reconstruct
 
 PICTURE = Path("docs/pictures/first.jpg")

@@ -21,12 +21,11 @@ from dvc.geometry.depth_maps import estimate_depths
 from dvc.metrics import psnr_db
 from dvc.video import Frame, open_video
 from dvc.wynerziv.transform import to_uint8
-from sfm.cameras.camera_path import intermediate_cameras
-from sfm.cameras.tracked_points import linear_points
-from sfm.correspondences.features import detect_corners
-from sfm.model import Correspondences, Model, Reconstruction
-from sfm.output.drawing import draw_correspondences, side_by_side
+from sfm.cameras.camera_path import intermediate_cameras, linear_points
+from sfm.correspondences.corner_matching import detect_corners
+from sfm.output.model_files import draw_correspondences, side_by_side
 from sfm.pipeline import reconstruct
+from sfm.scene_model import Correspondences, Model, Reconstruction
 
 PROG = "python -m benchmarks.pictures.scene"
 EXAMPLES = """\

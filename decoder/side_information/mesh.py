@@ -25,7 +25,7 @@ from dvc.geometry.depth_maps import DepthMap, DepthView, Known
 from dvc.geometry.rendering import fill_holes, render_grid
 from dvc.geometry.triangulation import inverse_depths
 from dvc.geometry.warping import EMPTY, inverse_warp, sample, warp_grid, warp_matrix
-from sfm.model import Model
+from sfm.scene_model import Model
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from dvc.video import Frame
 if TYPE_CHECKING:  # frames go from process to process without what makes them
     from dvc.geometry.depth_maps import DepthMap, DepthView, Known
     from dvc.tracks import FeaturePoints, PointTracks
-    from sfm.model import Model
+    from sfm.scene_model import Model
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]

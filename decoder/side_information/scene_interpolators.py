@@ -21,7 +21,7 @@ from dvc.geometry.plane_sweep import (
 )
 from dvc.geometry.rendering import render_depth
 from dvc.geometry.warping import warp_matrix
-from sfm.model import Model
+from sfm.scene_model import Model
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]

@@ -36,7 +36,7 @@ from dvc.geometry.depth_maps import DepthMap, KnownDepth
 from dvc.geometry.triangulation import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased, rebase
-from sfm.model import Correspondences, Model, Reconstruction
+from sfm.scene_model import Correspondences, Model, Reconstruction
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
@@ -109,8 +109,7 @@ def estimate_geometry(
 ) -> GroupGeometry:
     """Find the cameras of a group of pictures."""
     from decoder.tracking import match_points
-    from sfm.cameras.camera_path import regular_cameras
-    from sfm.cameras.tracked_points import tracked_points
+    from sfm.cameras.camera_path import regular_cameras, tracked_points
 
     tracks = points
     if isinstance(tracks, FeaturePoints):
@@ -142,7 +141,7 @@ def estimate_geometry(
 
 def in_rigid_order(geometry: GroupGeometry) -> GroupGeometry:
     """Order the depths of a group of pictures as a rigid motion sees them."""
-    from sfm.cameras.depth_order import rigid_order
+    from sfm.cameras.rebasing import rigid_order
 
     assert geometry.model is not None
     ordered = rigid_order(geometry.model)

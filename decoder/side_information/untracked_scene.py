@@ -32,7 +32,7 @@ from dvc.config import CodecConfig
 from dvc.geometry.cameras import oriented
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased
-from sfm.model import Model
+from sfm.scene_model import Model
 
 Floats = NDArray[np.float64]
 
@@ -69,8 +69,7 @@ class SceneInterpolation:
         return [self._predict_one(*references_around(references, instant), instant) for instant in instants]
 
     def _predict_one(self, before: ReferenceFrame, after: ReferenceFrame, instant: int) -> Prediction:
-        from sfm.cameras.camera_path import intermediate_cameras
-        from sfm.cameras.tracked_points import linear_points
+        from sfm.cameras.camera_path import intermediate_cameras, linear_points
 
         block_motion = self._block_motion.predict([before, after], None, [instant])[0]
         scene = self._scene_between(before, after)
@@ -90,7 +89,7 @@ class SceneInterpolation:
         return completed(prediction, rendered, (before.frame, after.frame), self.name)
 
     def _scene_between(self, before: ReferenceFrame, after: ReferenceFrame) -> _Scene:
-        from sfm.cameras.depth_order import rigid_order
+        from sfm.cameras.rebasing import rigid_order
         from sfm.pipeline import reconstruct
 
         known = self._scene

@@ -15,7 +15,7 @@ from decoder.tracking.paired_corners import choose_paired_corners
 from decoder.tracking.registration import ReceivedPoints, RegistrationSettings, register
 from decoder.tracking.snakes import SnakeSettings, fit_snakes
 from dvc.tracks.points import FeaturePoints, PointTracks
-from sfm.model import Correspondences, Reconstruction
+from sfm.scene_model import Correspondences, Reconstruction
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]

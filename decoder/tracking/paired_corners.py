@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.corners import SENT_WINDOW_PX, corner_response, spaced
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]

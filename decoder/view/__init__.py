@@ -1,1 +1,1 @@
-"""A page on loopback that shows a decoding run while it goes on."""
+"""A page on loopback that shows a decoding run."""

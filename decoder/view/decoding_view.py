@@ -1,4 +1,4 @@
-"""What a page shows of a decoding run: figures of its latest frames, and pictures of fewer."""
+"""Contents of the page: figures of the latest frames of a decoding run, and pictures of fewer frames."""
 
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
@@ -15,41 +15,41 @@ from dvc.video.pixels import rgb_from_frame
 from dvc.web.drawing import colour_disparity
 
 NUM_ROWS = 1000
-"""Latest frames whose figures are kept."""
+"""Number of latest frames with figures."""
 MAX_PICTURE_PX = 2**24
-"""Pixels of the latest frames that are kept as pictures, one frame at least."""
+"""Largest number of pixels in pictures of the latest frames; one frame is always kept."""
 DIFFERENCE_GAIN = 4
-"""Differences from the prediction are drawn so many times as large."""
+"""Amplification of differences from the prediction."""
 KINDS = ("decoded", "predicted", "difference", "depth")
-TOLD = ("index", "type", "bits", "psnr_y_db", "side_information", "side_information_reason", "decode_s")
-"""Of the report, what the page shows of a frame."""
+REPORTED = ("index", "type", "bits", "psnr_y_db", "side_information", "side_information_reason", "decode_s")
+"""Fields of a frame's report on the page."""
 DEPTH_SHARE = 0.02
-"""Share of the nearest and of the farthest pixels that get the colour of the ends."""
+"""Share of the nearest and of the farthest pixels with the colours of the ends."""
 QUALITY = 88
 Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
 class Facts:
-    """What is known of a sequence before anything is decoded."""
+    """Facts about a sequence before it is decoded."""
 
-    name: str  # of the stream, or the address of its encoder
+    name: str  # file of the stream, or address of its encoder
     facts: str
     frame_rate: float
-    total: int | None  # frames, where that is known
+    total: int | None  # number of frames, if known
 
 
 def facts_of(config: CodecConfig, name: str, num_frames: int | None) -> Facts:
-    """Return what the configuration tells."""
+    """Return the facts of a configuration."""
     video, key = config.video, config.key
-    told = [f"{video.width}x{video.height} at {float(video.frame_rate):g} Hz", f"codec {config.codec}"]
-    told += [f"side information {config.side_information.method}", "luma" if video.luma_only else "colour"]
-    told += ["lossless key frames" if key.lossless else f"key frames of QP {key.qp}"]
-    return Facts(name, ", ".join(told), float(video.frame_rate), num_frames)
+    facts = [f"{video.width}x{video.height} at {float(video.frame_rate):g} Hz", f"codec {config.codec}"]
+    facts += [f"side information {config.side_information.method}", "luma" if video.luma_only else "colour"]
+    facts += ["lossless key frames" if key.lossless else f"key frames of QP {key.qp}"]
+    return Facts(name, ", ".join(facts), float(video.frame_rate), num_frames)
 
 
 class DecodingView:
-    """Keeps what a page shows; one thread adds, others ask."""
+    """Figures and pictures for a page; one thread adds, other threads read."""
 
     def __init__(self, facts: Facts, requests_in_flight: Callable[[], int] | None = None) -> None:
         self._facts, self._requests = asdict(facts), requests_in_flight
@@ -60,13 +60,13 @@ class DecodingView:
         self._lock = Lock()
 
     def add(self, picture: DecodedPicture, group: int) -> None:
-        """Enter a decoded picture of a group of pictures."""
-        told = {name: picture.report[name] for name in TOLD if name in picture.report}
+        """Add a decoded picture of a group of pictures."""
+        row = {name: picture.report[name] for name in REPORTED if name in picture.report}
         centre = None if picture.camera is None else _centre(picture.camera)
         pixels = picture.frame.width * picture.frame.height
         with self._lock:
             self._rows.append(
-                {**told, "group": group, "centre": centre, "has_depth": picture.inverse_depth is not None}
+                {**row, "group": group, "centre": centre, "has_depth": picture.inverse_depth is not None}
             )
             self._pictures[picture.report["index"]] = picture
             while len(self._pictures) > max(MAX_PICTURE_PX // pixels, 1):
@@ -75,11 +75,11 @@ class DecodingView:
             self._bits.update(picture.report["bits"])
 
     def finish(self) -> None:
-        """Note that nothing more will come."""
+        """Mark the run as finished."""
         self._finished = True
 
     def state(self, after: int) -> dict[str, Any]:
-        """Return the figures, with those of frames behind one."""
+        """Return the figures of the run, and rows of the frames after one."""
         with self._lock:
             return {
                 **self._facts,
@@ -92,7 +92,7 @@ class DecodingView:
             }
 
     def jpeg(self, index: int, kind: str) -> bytes | None:
-        """Return a picture of a frame, if there is one."""
+        """Return a picture of a frame; None if it is not available."""
         import cv2
 
         with self._lock:
@@ -129,7 +129,7 @@ def _coloured(inverse_depth: NDArray[np.float16]) -> Picture:
 
 
 def _centre(camera: NDArray[np.float64]) -> list[float] | None:
-    """Return where a camera is, if that is not infinitely far."""
+    """Return the position of a camera; None if it is at infinity."""
     try:
         centre = -np.linalg.solve(camera[:, :3], camera[:, 3])
     except np.linalg.LinAlgError:

@@ -1,4 +1,4 @@
-"""The server of the page: this machine alone may ask, for the page, figures and pictures."""
+"""The server of the page: it answers requests of this machine for the page, figures and pictures."""
 
 import json
 import re
@@ -12,21 +12,20 @@ from urllib.parse import urlsplit
 from decoder.view.decoding_view import DIFFERENCE_GAIN, KINDS, DecodingView, Facts
 from dvc.errors import ConfigError
 from dvc.files import Closing
-from dvc.web.document import SHARED, asset, content_policy, template
+from dvc.web.document import SHARED, asset, render_page
 
 HOST = "127.0.0.1"
 MAX_CONNECTIONS = 16
-"""That are answered at a time; others are closed."""
-SILENCE_S = 10.0
-"""Longest wait for a request."""
+"""Largest number of simultaneous connections; further ones are closed."""
+REQUEST_TIMEOUT_S = 10.0
 TEMPLATES = resources.files("decoder.view") / "templates"
 PICTURE = re.compile(rf"/pictures/([0-9]{{1,9}})/({'|'.join(KINDS)})\.jpg")
 STATE = re.compile(r"after=(-1|[0-9]{1,9})")
-Answer = tuple[str, bytes]
+Response = tuple[str, bytes]
 
 
 class ViewServer(Closing):
-    """Serves a page of what a view holds, as soon as it has one."""
+    """Server of a page that shows a view."""
 
     def __init__(self, port: int = 0) -> None:
         self._view: DecodingView | None = None
@@ -48,38 +47,38 @@ class ViewServer(Closing):
         return f"{HOST}:{self._server.server_port}"
 
     def show(self, facts: Facts, requests_in_flight: Callable[[], int] | None = None) -> DecodingView:
-        """Return what takes the pictures that are served from now on."""
+        """Serve a new view, and return it to receive pictures."""
         self._view = DecodingView(facts, requests_in_flight)
         return self._view
 
     def wait(self) -> None:
-        """Go on serving until an interrupt."""
+        """Continue serving until an interrupt."""
         if self._view is not None:
             self._view.finish()
         Event().wait()
 
     def close(self) -> None:
-        """End it."""
+        """Stop serving."""
         self._server.shutdown()
         self._server.server_close()
 
-    def answer(self, path: str) -> Answer | None:
-        """Return the kind and the bytes of what is asked for, if there is such a thing."""
-        place = urlsplit(path)
-        if place.path == "/":
+    def respond(self, path: str) -> Response | None:
+        """Return the type and the content of a resource; None if it does not exist."""
+        url = urlsplit(path)
+        if url.path == "/":
             return "text/html; charset=utf-8", _page().encode()
         if self._view is None:
             return None
-        if place.path == "/state" and (wanted := STATE.fullmatch(place.query)):
-            return "application/json", json.dumps(self._view.state(int(wanted[1]))).encode()
-        if wanted := PICTURE.fullmatch(place.path):
-            jpeg = self._view.jpeg(int(wanted[1]), wanted[2])
+        if url.path == "/state" and (match := STATE.fullmatch(url.query)):
+            return "application/json", json.dumps(self._view.state(int(match[1]))).encode()
+        if match := PICTURE.fullmatch(url.path):
+            jpeg = self._view.jpeg(int(match[1]), match[2])
             return None if jpeg is None else ("image/jpeg", jpeg)
         return None
 
 
 class _Server(ThreadingHTTPServer):
-    """A bounded number of threads."""
+    """HTTP server with a bounded number of threads."""
 
     daemon_threads = True
 
@@ -100,23 +99,23 @@ class _Server(ThreadingHTTPServer):
             self._free.release()
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """Say nothing of those who go away."""
+        """Ignore clients that disconnect."""
 
 
 def _handler(server: ViewServer) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
-        timeout = SILENCE_S
+        timeout = REQUEST_TIMEOUT_S
 
         def do_GET(self) -> None:
-            # A page of another origin whose name leads here would have that name.
+            # A page of another origin with a name that resolves to this machine would send that name.
             if self.headers.get("Host") != server.name:
                 self.send_error(HTTPStatus.FORBIDDEN)
                 return
-            found = server.answer(self.path)
-            if found is None:
+            response = server.respond(self.path)
+            if response is None:
                 self.send_error(HTTPStatus.NOT_FOUND)
                 return
-            kind, content = found
+            kind, content = response
             self.send_response(HTTPStatus.OK)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(content)))
@@ -126,13 +125,13 @@ def _handler(server: ViewServer) -> type[BaseHTTPRequestHandler]:
             self.wfile.write(content)
 
         def log_message(self, format: str, *arguments: object) -> None:
-            """Say nothing: the terminal is for the command."""
+            """Log nothing: the terminal belongs to the command."""
 
     return Handler
 
 
 def _page() -> str:
-    scripts = {"early": asset(SHARED, "early.js"), "script": asset(TEMPLATES, "view.js")}
-    policy = content_policy(scripts.values(), served=True)
-    css = asset(SHARED, "base.css") + asset(TEMPLATES, "view.css")
-    return template(TEMPLATES, "view.html.j2").render(css=css, policy=policy, gain=DIFFERENCE_GAIN, **scripts)
+    styles, scripts = [asset(SHARED, "base.css"), asset(TEMPLATES, "view.css")], [asset(TEMPLATES, "view.js")]
+    return render_page(
+        TEMPLATES, "view.html.j2", styles=styles, scripts=scripts, served=True, gain=DIFFERENCE_GAIN
+    )

@@ -1,1 +1,1 @@
-"""HTML pages that need nothing else: what they share, and galleries of pictures to be compared."""
+"""Self-contained HTML pages: document, galleries, plots, and the stage of pages about scenes."""

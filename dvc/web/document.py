@@ -1,18 +1,18 @@
-"""What a page that lies in one file is made of: assets, a content policy, pictures and data in its text."""
+"""Pages that are one file each: templates, a content policy, pictures and data in the text."""
 
 import base64
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jinja2 import Template
 
 SHARED = resources.files("dvc.web") / "templates"
-"""Style sheet, scripts and templates that pages share."""
+"""Folder of style sheets, scripts and templates that all pages share."""
 
 
 def asset(folder: Traversable, name: str) -> str:
@@ -21,7 +21,7 @@ def asset(folder: Traversable, name: str) -> str:
 
 
 def template(folder: Traversable, name: str) -> "Template":
-    """Return a template that can import those of `SHARED`."""
+    """Return a template, which can extend and import the templates in `SHARED`."""
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     environment = Environment(
@@ -34,8 +34,27 @@ def template(folder: Traversable, name: str) -> "Template":
     return environment.from_string(asset(folder, name))
 
 
+def render_page(
+    folder: Traversable,
+    name: str,
+    *,
+    styles: Sequence[str],
+    scripts: Sequence[str],
+    served: bool = False,
+    **values: Any,
+) -> str:
+    """Return the text of a page, with its assets and policy; the template extends ``document.html.j2``."""
+    return template(folder, name).render(
+        css="".join(styles),
+        early=(early := asset(SHARED, "early.js")),
+        scripts=scripts,
+        policy=content_policy([early, *scripts], served),
+        **values,
+    )
+
+
 def content_policy(scripts: Iterable[str], served: bool = False) -> str:
-    """Return the policy of a page that runs these scripts alone, and loads nothing but from its server."""
+    """Return a policy that allows these scripts only, and requests to the page's own server if it has one."""
     digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in scripts)
     sources = " ".join(f"'sha256-{digest}'" for digest in digests)
     loads = " 'self'" if served else ""
@@ -46,7 +65,7 @@ def content_policy(scripts: Iterable[str], served: bool = False) -> str:
 
 
 def script_json(values: object) -> str:
-    """Write values as JSON that can stand inside a script element."""
+    """Return values as JSON that is safe inside a script element."""
     text = json.dumps(values, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 

@@ -1,4 +1,4 @@
-"""Pictures for people, in blue, green and red: disparities in colours, errors, titles, panels in rows."""
+"""Figures in blue, green and red: coloured disparities, errors, titles, panels in rows."""
 
 from collections.abc import Sequence
 
@@ -19,15 +19,15 @@ _SCALE, _MARGIN_PX = 0.45, 5
 def colour_disparity(disparity: Floats, lowest: float, highest: float) -> Picture:
     """Colour disparities from far (dark) to near (bright), readable without colour vision."""
     known = np.isfinite(disparity)
-    place = (np.where(known, disparity, lowest) - lowest) / max(highest - lowest, 1e-12)
-    levels = np.rint(np.clip(place, 0.0, 1.0) * 255).astype(np.uint8)
+    position = (np.where(known, disparity, lowest) - lowest) / max(highest - lowest, 1e-12)
+    levels = np.rint(np.clip(position, 0.0, 1.0) * 255).astype(np.uint8)
     picture = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS), np.uint8)
     picture[~known] = UNKNOWN
     return picture
 
 
 def colour_error(error: Floats, counted: NDArray[np.bool_], bad_px: float = 1.0) -> Picture:
-    """Draw the errors of disparities: white is right, orange half as far off as counts as bad, red bad."""
+    """Draw the errors of disparities: white is good, red bad, orange above half the limit of bad."""
     picture = np.full((*error.shape, 3), UNKNOWN, np.uint8)
     picture[counted] = GOOD
     picture[counted & (error > 0.5 * bad_px)] = NEAR_BAD
@@ -54,7 +54,7 @@ def disparity_legend(width: int, lowest: float, highest: float) -> Picture:
 
 
 def with_title(picture: NDArray[np.uint8], title: str) -> Picture:
-    """Put a line of text above a picture."""
+    """Add a line of text above a picture."""
     colour = np.repeat(picture[:, :, None], 3, axis=2) if picture.ndim == 2 else picture
     banner = np.full((_BANNER_PX, colour.shape[1], 3), 255, np.uint8)
     _write(banner, title, _MARGIN_PX)
@@ -62,7 +62,7 @@ def with_title(picture: NDArray[np.uint8], title: str) -> Picture:
 
 
 def in_rows(pictures: Sequence[Picture], columns: int) -> Picture:
-    """Put pictures beside and below each other, with white gaps."""
+    """Arrange pictures in rows, with white gaps."""
     height = max(picture.shape[0] for picture in pictures)
     width = max(picture.shape[1] for picture in pictures)
     num_rows = -(-len(pictures) // columns)

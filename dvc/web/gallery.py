@@ -1,4 +1,4 @@
-"""A page of pictures in groups, beside each other and two of them over each other, with figures in tables."""
+"""A page of pictures in groups, side by side or two over each other, with tables of figures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.files import atomic_output
-from dvc.web.document import SHARED, asset, content_policy, data_uri, template
+from dvc.web.document import SHARED, asset, data_uri, render_page
 
 MAX_SIDE_PX = 1600
-"""Larger pictures are shown smaller."""
+"""Longest side of a picture; larger pictures are reduced."""
 QUALITY = 88
 
 
@@ -19,43 +19,43 @@ QUALITY = 88
 class Shown:
     """A picture of the page."""
 
-    name: str  # what it is, unique in its group
+    name: str  # unique in its group
     picture: NDArray[np.uint8]  # grey levels, or blue, green and red, and opacity
-    text: str = ""  # what else its caption says
+    text: str = ""  # rest of its caption
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Pictures of one thing, which may be laid over each other."""
+    """Pictures of one subject, which may be laid over each other."""
 
-    name: str  # of the thing
+    name: str
     pictures: tuple[Shown, ...]  # at least one, of one size or shape
 
 
 @dataclass(frozen=True)
 class Table:
-    """Figures."""
+    """A table of figures."""
 
-    title: str  # heading
-    caption: str  # what it shows, without a full stop
+    title: str
+    caption: str  # without a full stop
     head: tuple[str, ...]  # titles of the columns
     rows: tuple[tuple[str, ...], ...]  # cells
-    num_names: int = 1  # columns on the left that are names and no numbers
+    num_names: int = 1  # number of columns on the left that hold names
 
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
-    """What a page shows."""
+    """Contents of a page."""
 
-    title: str  # heading, and what it is about
+    title: str
     preface: str
     groups: Sequence[Group]  # at least one
-    tables: Sequence[Table] = field(default=())  # figures
-    notes: Sequence[str] = field(default=())  # what a reader must know
+    tables: Sequence[Table] = field(default=())
+    notes: Sequence[str] = field(default=())  # caveats
 
 
 def markdown(table: Table) -> str:
-    """Write a table for documents."""
+    """Return a table in Markdown."""
     rule = ["---"] * table.num_names + ["---:"] * (len(table.head) - table.num_names)
     lines = [table.head, rule, *table.rows]
     body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
@@ -63,8 +63,7 @@ def markdown(table: Table) -> str:
 
 
 def write_gallery(path: Path, gallery: Gallery) -> None:
-    """Write the page as one file, which needs no other file and no network."""
-    scripts = {"early": asset(SHARED, "early.js"), "script": asset(SHARED, "gallery.js")}
+    """Write the page as one self-contained file."""
     groups = [
         {
             "name": group.name,
@@ -74,15 +73,16 @@ def write_gallery(path: Path, gallery: Gallery) -> None:
         }
         for number, group in enumerate(gallery.groups)
     ]
-    text = template(SHARED, "gallery.html.j2").render(
+    text = render_page(
+        SHARED,
+        "gallery.html.j2",
+        styles=[asset(SHARED, "base.css")],
+        scripts=[asset(SHARED, "gallery.js")],
         title=gallery.title,
         preface=gallery.preface,
         notes=gallery.notes,
         tables=gallery.tables,
         groups=groups,
-        css=asset(SHARED, "base.css"),
-        policy=content_policy(scripts.values()),
-        **scripts,
     )
     with atomic_output(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="replace")

@@ -1,4 +1,4 @@
-"""Line plots that the colour-blind can read, as bytes that are the same for the same numbers."""
+"""Line plots that are readable without colour vision, with the same bytes for the same numbers."""
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,8 +11,8 @@ from dvc.environment import without_settings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# The palette of Okabe and Ito, which the colour-blind can tell apart; markers and dashes differ as well.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B87F00", "#3D93CC")
+"""Palette of Okabe and Ito, distinguishable without colour vision; markers and dashes differ as well."""
 MARKERS = ("o", "s", "^", "D", "v", "P")
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 MATPLOTLIB_DASHES = {
@@ -33,7 +33,7 @@ class Line(NamedTuple):
     """One line of a plot."""
 
     label: str  # for the legend
-    xs: Sequence[float]  # its points
+    xs: Sequence[float]
     ys: Sequence[float]
 
 
@@ -41,7 +41,7 @@ class Line(NamedTuple):
 def new_figure(
     size_inches: tuple[float, float] = SIZE_INCHES, settings: Mapping[str, Any] = _SETTINGS
 ) -> "Iterator[Figure]":
-    """Give a figure whose bytes are the same for the same results, whatever matplotlib is set to."""
+    """Open a figure with the same bytes for the same results, independent of matplotlib settings."""
     with without_settings("matplotlibrc"):
         from matplotlib import style
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -58,18 +58,18 @@ def contents(figure: "Figure", suffix: str) -> bytes:
     written = BytesIO()
     metadata = {"Date": None} if suffix == ".svg" else {}
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph")  # names in letters that the font has not
+        warnings.filterwarnings("ignore", "Glyph")  # letters that the font lacks
         figure.savefig(written, format=suffix[1:], dpi=DPI, metadata=metadata)
     return written.getvalue()
 
 
 def plain(text: str) -> str:
-    """Keep a name from being read as a formula, or as a line that has no place in the legend."""
+    """Escape a name that matplotlib would read as a formula or leave out of the legend."""
     return text.replace("$", r"\$").removeprefix("_")
 
 
 def line_plot(lines: Sequence[Line], title: str, x_label: str, y_label: str) -> dict[str, bytes]:
-    """Draw lines."""
+    """Return a plot of lines as PNG and SVG."""
     with new_figure() as figure:
         axes = figure.add_subplot()
         for number, line in enumerate(lines):

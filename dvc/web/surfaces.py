@@ -1,4 +1,4 @@
-"""Pictures with depth in a page: in few bytes, with the programs and shaders that draw them."""
+"""Pictures with depth in a page: compact data, and the scripts and shaders that draw them."""
 
 import base64
 import zlib
@@ -12,43 +12,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.files import atomic_output
-from dvc.web.document import SHARED, asset, content_policy, script_json, template
+from dvc.web.document import SHARED, asset, render_page, script_json
 from dvc.web.drawing import colour_disparity
 
 Floats = NDArray[np.float64]
 
 SCRIPTS = ("matrices.js", "decoding.js", "renderer.js", "stage.js")
-"""In this order; each needs those before it."""
+"""Shared scripts; each needs those before it."""
 SHADERS = ("surface.vert", "surface.frag", "view.vert", "view.frag")
 MAX_CODE = 2**16 - 1
-"""Disparities are whole numbers from 1 to this; 0 is where there is nothing."""
+"""Largest code of a disparity; the least is 1, and 0 means no surface."""
 LOSSLESS = 101
-"""Quality of WebP that keeps every level."""
+"""Quality of lossless WebP."""
 
 
 class StageFiles(NamedTuple):
-    """What a page about a scene is made of beside what all of them share."""
+    """Assets of a page about a scene besides the shared ones."""
 
-    folder: Traversable  # where its files are
-    template: str  # extends `stage.html.j2`
+    folder: Traversable
+    template: str  # extends ``stage.html.j2``
     scripts: tuple[str, ...]  # each needs those before it
     shaders: tuple[str, ...] = ()
     styles: tuple[str, ...] = ()
 
 
 def write_stage(path: str | Path, files: StageFiles, values: Mapping[str, Any], **shown: Any) -> None:
-    """Write a page about a scene; its programs are given `values`, its template what is `shown`."""
+    """Write a page about a scene, with `values` for its scripts and `shown` for its template."""
     folder = files.folder
     scripts = [asset(SHARED, name) for name in SCRIPTS] + [asset(folder, name) for name in files.scripts]
     shaders = {name: asset(SHARED, name) for name in SHADERS}
     shaders |= {name: asset(folder, name) for name in files.shaders}
     styles = [asset(SHARED, "stage.css"), *(asset(folder, name) for name in files.styles)]
-    text = template(folder, files.template).render(
+    text = render_page(
+        folder,
+        files.template,
+        styles=styles,
+        scripts=scripts,
         scene_json=script_json(values),
         shaders_json=script_json(shaders),
-        css="".join(styles),
-        policy=content_policy(scripts),
-        scripts=scripts,
         **shown,
     )
     with atomic_output(path) as temporary:
@@ -58,7 +59,7 @@ def write_stage(path: str | Path, files: StageFiles, values: Mapping[str, Any], 
 def disparity_codes(
     disparity: NDArray[np.floating], mask: NDArray[np.bool_], max_code: int = MAX_CODE
 ) -> tuple[NDArray[np.uint16], float, float]:
-    """Return disparities as whole numbers, with the least one and the unit of the numbers from 1."""
+    """Return disparities as codes from 1, with the least disparity and the unit."""
     values = disparity[mask].astype(np.float64)
     lowest, highest = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
     unit = (highest - lowest) / (max_code - 1) if highest > lowest else 1.0
@@ -68,7 +69,7 @@ def disparity_codes(
 
 
 def pack_codes(codes: NDArray[np.uint16]) -> bytes:
-    """Return codes as few bytes: differences along rows, high and low bytes apart, deflated."""
+    """Compress codes: differences along rows, high and low bytes apart, deflated."""
     differences = np.diff(codes, axis=1, prepend=np.uint16(0))
     planes = np.stack([differences >> 8, differences & 255]).astype(np.uint8)
     return zlib.compress(planes.tobytes(), 9)
@@ -77,7 +78,7 @@ def pack_codes(codes: NDArray[np.uint16]) -> bytes:
 def surface_values(
     disparity: NDArray[np.floating], mask: NDArray[np.bool_], picture: bytes | None, max_code: int = MAX_CODE
 ) -> dict[str, Any]:
-    """Return a surface as the programs of a page read it; without a picture it has that of the page."""
+    """Return a surface for the scripts of a page; without a picture it shows the page's still."""
     codes, lowest, unit = disparity_codes(disparity, mask, max_code)
     height, width = codes.shape
     return {
@@ -87,13 +88,13 @@ def surface_values(
         "height": height,
         "lowest": lowest,
         "unit": unit,
-        "codes": text_of(pack_codes(codes)),
-        "picture": None if picture is None else text_of(picture),
+        "codes": base64_text(pack_codes(codes)),
+        "picture": None if picture is None else base64_text(picture),
     }
 
 
 def camera_values(intrinsic: Floats, pose: Floats) -> dict[str, Any]:
-    """Return a calibrated camera, [R | t] from the world to it, as the programs of a page read it."""
+    """Return a calibrated camera, [R | t] from the world to it, for the scripts of a page."""
     return {
         "intrinsic": intrinsic.ravel().tolist(),
         "rotation": pose[:, :3].ravel().tolist(),
@@ -102,17 +103,17 @@ def camera_values(intrinsic: Floats, pose: Floats) -> dict[str, Any]:
 
 
 def palette_text() -> str:
-    """Return red, green and blue from far to near, 256 of them."""
+    """Return 256 colours from far to near, as base64."""
     colours = colour_disparity(np.linspace(0.0, 1.0, 256)[None], 0.0, 1.0)[0, :, ::-1]
-    return text_of(np.ascontiguousarray(colours).tobytes())
+    return base64_text(np.ascontiguousarray(colours).tobytes())
 
 
 def webp(picture: NDArray[np.uint8], quality: int = LOSSLESS) -> bytes:
-    """Return red, green and blue as a file."""
+    """Encode a picture of red, green and blue."""
     _, coded = cv2.imencode(".webp", picture[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, quality])
     return coded.tobytes()
 
 
-def text_of(content: bytes) -> str:
-    """Return bytes as text."""
+def base64_text(content: bytes) -> str:
+    """Return bytes as base64."""
     return base64.b64encode(content).decode("ascii")

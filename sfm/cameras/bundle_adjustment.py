@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from dvc.geometry.cameras import PixelFrame, homogeneous, project
 from dvc.geometry.triangulation import inverse_depths
-from sfm.cameras.alternation import camera_step, denominators, depth_step, nonzero
 from sfm.cameras.projective_basis import (
+    CAMERA_NORM,
     FixedPointSettings,
     camera_basis,
     camera_from_coordinates,
@@ -24,9 +24,10 @@ from sfm.cameras.projective_basis import (
     normalized_camera,
     projection_equations,
 )
+from sfm.decompositions import least_singular
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
-from sfm.least_squares import Damping, levenberg_marquardt, solve_damped
-from sfm.model import Correspondences
+from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix, solve_damped
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -34,22 +35,21 @@ Mask = NDArray[np.bool_]
 
 TINY = 1e-300
 DAMPING = Damping(start=1e-4, min_factor=1e-12, num_tries=12)
+MIN_DEPTH = 1e-12
 
 
 @dataclass(frozen=True)
 class BundleAdjustmentSettings:
     """Parameters of the bundle adjustment."""
 
-    # most alternations of the thesis before the joint steps; they end when they do not help
-    num_alternations: int = 3
-    max_iterations: int = 100  # bound on the number of joint steps
-    tolerance: float = 1e-10  # relative decrease of the error below which the adjustment has converged
-    min_num_points: int = 9  # points that are needed
-    # which two points fix the projective basis
+    num_alternations: int = 3  # largest number of the thesis's alternations before the joint steps
+    max_iterations: int = 100  # largest number of joint steps
+    tolerance: float = 1e-10  # relative decrease of the error at convergence
+    min_num_points: int = 9
     fixed_points: FixedPointSettings = field(default_factory=FixedPointSettings)
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
+        """Check the ranges."""
         if self.num_alternations < 0 or self.max_iterations < 0:
             raise ValueError("numbers of iterations must not be negative")
         if self.min_num_points < 9:
@@ -64,16 +64,16 @@ class BundleAdjustment:
     depths: Floats  # depth of each point in the first camera
     fundamental: Floats  # ``[t]x R`` in pixels, unit norm
     second: Floats  # the points projected into the second key frame, in pixels
-    in_front: Mask  # points that are before both cameras
-    fixed: Indices  # the points that fix the projective basis
+    in_front: Mask  # points in front of both cameras
+    fixed: Indices  # two points that fix the projective basis
     rms_px: float  # root mean square of the reprojection errors of all points in the second key frame
-    start_rms_px: float  # the same before
-    num_iterations: int  # joint steps
-    reason: str  # why nothing was refined; empty if all is well
+    start_rms_px: float  # the same at the start
+    num_iterations: int  # number of joint steps
+    reason: str  # reason of a failure; empty on success
 
     @property
     def success(self) -> bool:
-        """Whether the result is an adjusted one."""
+        """Whether the camera was adjusted."""
         return not self.reason
 
 
@@ -110,7 +110,7 @@ def bundle_adjustment(
 
 
 class _State(NamedTuple):
-    """What changes: the camera (3, 4), in the basis, and inverse depths (N,)."""
+    """Variables: the camera (3, 4), in the basis, and inverse depths (N,)."""
 
     camera: Floats
     inverse: Floats
@@ -124,14 +124,14 @@ def _failure(start: _State, pairs: Correspondences, depths: Floats, reason: str)
 
 
 def _triangulated(first: Floats, second: Floats, start: _State) -> _State:
-    """Move all points to the depths that suit the second key frame best, where these are positive."""
+    """Move points to the depths that fit the second key frame best, if these are positive."""
     inverse, quotient = inverse_depths(first, start.camera, second)
     return _State(start.camera, np.where((inverse > 0) & (quotient > 0), inverse, start.inverse))
 
 
 @dataclass(frozen=True, eq=False)
 class _Adjustment:
-    """What stays: points of both frames, those that are free, and the basis of the camera."""
+    """Constants: points of both frames, a mask of free points, and the basis of the camera."""
 
     first: Floats
     observed: Floats
@@ -197,7 +197,7 @@ def _fix_basis(problem: _Adjustment, start: _State, fixed: Indices) -> tuple[_Ad
 
 
 def _alternate(problem: _Adjustment, state: _State, count: int) -> _State:
-    """Alternate camera and depth steps (Appendix B) as long as the error becomes less."""
+    """Alternate camera and depth steps (Appendix B) while the error falls."""
     first, observed = problem.first, problem.observed
     depths, kappa, cost = 1.0 / state.inverse, np.ones(len(first)), problem.cost(state)
     best = state
@@ -206,11 +206,11 @@ def _alternate(problem: _Adjustment, state: _State, count: int) -> _State:
         new = depth_step(first, observed, camera, kappa)
         depths = np.where(problem.free & np.isfinite(new) & (new != 0), new, depths)
         kappa = denominators(first, depths, camera)
-        found = _State(camera, 1.0 / depths)
-        new_cost = problem.cost(found)
+        candidate = _State(camera, 1.0 / depths)
+        new_cost = problem.cost(candidate)
         if new_cost >= cost:
             break
-        best, cost = found, new_cost
+        best, cost = candidate, new_cost
     return best
 
 
@@ -229,3 +229,33 @@ def _result(
     return BundleAdjustment(
         state.camera, depths, fundamental, second, in_front, fixed, rms, start_rms, num_iterations, ""
     )
+
+
+def nonzero(values: Floats, min_magnitude: float = MIN_DEPTH) -> Floats:
+    """Replace values too close to zero for a division."""
+    return np.where(np.abs(values) > min_magnitude, values, min_magnitude)
+
+
+def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, basis: Floats) -> Floats:
+    """Return the camera of least reweighted error for constant depths."""
+    points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(first))])
+    equations = projection_equations(kappa[:, None] * points, observed)
+    normal = normal_matrix(*(rows @ basis for rows in equations))
+    camera: Floats = CAMERA_NORM * (basis @ least_singular(normal)).reshape(3, 4)
+    return -camera if np.count_nonzero(points @ camera[2] < 0) > 0.5 * len(points) else camera
+
+
+def depth_step(first: Floats, observed: Floats, camera: Floats, kappa: Floats) -> Floats:
+    """Return the depths of least reweighted error for a constant camera."""
+    turned, moved = homogeneous(first) @ camera[:, :3].T, camera[:, 3]
+    a = kappa[:, None] * (observed * turned[:, 2:] - turned[:, :2])
+    b = kappa[:, None] * (observed * moved[2:] - moved[:2])
+    aa, ab = (a * a).sum(axis=1), (a * b).sum(axis=1)
+    depths: Floats = np.where(aa > 0, -ab / np.where(aa > 0, aa, 1.0), np.nan)
+    return depths
+
+
+def denominators(first: Floats, depths: Floats, camera: Floats) -> Floats:
+    """Return the weights kappa: the inverse depths of the points in a camera."""
+    kappa: Floats = 1.0 / nonzero(depths * (homogeneous(first) @ camera[2, :3]) + camera[2, 3])
+    return kappa

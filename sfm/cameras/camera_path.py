@@ -1,31 +1,68 @@
-"""Cameras of the frames between two key frames: each by itself, or all by the regularity of their path."""
+"""Cameras of the frames between two key frames: each independently, or all along a smooth path."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.geometry.cameras import project
-from sfm.cameras.camera_prior import ExpectedPoints
+from dvc.geometry.cameras import homogeneous, project
+from dvc.geometry.triangulation import inverse_depths
 from sfm.cameras.projective_basis import normalized_camera
-from sfm.cameras.resection import Resection, ResectionSettings, resection
-from sfm.cameras.tracked_points import TrackedPoints
-from sfm.model import Model
+from sfm.cameras.resection import ExpectedPoints, Resection, ResectionSettings, resection
+from sfm.scene_model import Model
 
 Floats = NDArray[np.float64]
 
 NUM_SWEEPS = 12
-"""Bound on how often every camera is found again with its neighbours held."""
+"""Largest number of passes; each estimates every camera again with constant neighbours."""
 CONVERGED_PX = 0.01
-"""Sweeps end when no camera moves the points of the scene by more than this, root mean square."""
+"""Motion of the scene's points in the image, root mean square, below which the passes end."""
 JERK_PX = 1.0
-"""Second differences above this count linearly, not squared: a jerk is a jerk."""
+"""Second difference above which the cost is linear instead of quadratic: jerks are real."""
 _NEAREST = 1e-3
-"""Least depth, relative to the median of a camera's points, at which a point tells about the path."""
+"""Least depth of a point that constrains the path, relative to the median of a camera's points."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPoints:
+    """Points of the scene and their image positions at one temporal position."""
+
+    temporal_position: float  # 0 at the first and 1 at the second key frame
+    points: Floats  # homogeneous points, as `Model.points` has them
+    positions: Floats  # image points in pixels; nan: not seen
+
+
+def linear_tracks(first: Floats, second: Floats, temporal_position: float) -> Floats:
+    """Interpolate points linearly from one key frame to the other."""
+    return (1.0 - temporal_position) * first + temporal_position * second
+
+
+def linear_points(model: Model, temporal_position: float) -> TrackedPoints:
+    """Interpolate all points of a model, as the tracks of a codec that sends none."""
+    pairs = model.correspondences
+    positions = linear_tracks(pairs.first, pairs.second, temporal_position)
+    return TrackedPoints(temporal_position, model.points, positions)
+
+
+def tracked_points(
+    model: Model, first: Floats, second: Floats, positions: Floats, temporal_position: float
+) -> TrackedPoints:
+    """Triangulate points that were tracked from key frame to key frame."""
+    frame = model.pixel_frame
+    known = np.asarray(np.isfinite(np.hstack([first, second])).all(axis=1))
+    x0 = frame.to_normalized(np.where(known[:, None], first, 0.0))
+    x1 = frame.to_normalized(np.where(known[:, None], second, 0.0))
+    inverse, quotient = inverse_depths(x0, model.second_camera, x1)
+    known &= (inverse > 0) & (quotient > 0)
+    depth = 1.0 / np.where(known, inverse, 1.0)
+    points = np.column_stack([depth[:, None] * homogeneous(x0), np.ones(len(x0))])
+    points[~known] = np.nan
+    return TrackedPoints(temporal_position, points, np.where(known[:, None], positions, np.nan))
 
 
 def interpolated_camera(model: Model, temporal_position: float) -> Floats:
-    """Guess the camera of a temporal position: between those of the key frames."""
+    """Interpolate the camera of a temporal position between those of the key frames."""
     first, second = (1.0 - temporal_position) * model.first_camera, temporal_position * model.second_camera
     return normalized_camera(first + second)
 
@@ -33,7 +70,7 @@ def interpolated_camera(model: Model, temporal_position: float) -> Floats:
 def intermediate_cameras(
     model: Model, instants: Sequence[TrackedPoints], settings: ResectionSettings | None = None
 ) -> list[Resection]:
-    """Find the cameras of any instants, from real tracks or from guessed ones alike."""
+    """Estimate the cameras of any instants, from tracked or interpolated points."""
     return [
         resection(
             instant.points,
@@ -52,7 +89,7 @@ def regular_cameras(
     regularity: float,
     settings: ResectionSettings | None = None,
 ) -> list[Resection]:
-    """Find the cameras of evenly spaced instants, and let their path be smooth."""
+    """Estimate the cameras of evenly spaced instants along a smooth path."""
     if not regularity >= 0:
         raise ValueError(f"`regularity` must not be negative, got {regularity}")
     found = intermediate_cameras(model, instants, settings)
@@ -85,7 +122,7 @@ def regular_cameras(
 
 
 class _Path:
-    """Where the cameras of all frames, key frames included, see the points of the scene."""
+    """Image positions of the scene's points in all frames, key frames included."""
 
     def __init__(self, model: Model, points: Floats, found: Sequence[Resection]) -> None:
         self._frame = model.pixel_frame
@@ -102,7 +139,7 @@ class _Path:
 
     @property
     def num_points(self) -> int:
-        """Points in front of all cameras."""
+        """Number of points in front of all cameras."""
         return len(self._points)
 
     def _project(self, camera: Floats) -> Floats:
@@ -110,13 +147,13 @@ class _Path:
         return positions
 
     def update(self, t: int, camera: Floats) -> float:
-        """Replace a camera; return how far it moves the points, root mean square in pixels."""
+        """Replace a camera; return the motion of the points, root mean square in pixels."""
         before, after = self._seen[t], self._project(camera)
         self._seen[t] = after
         return 0.0 if before is None else _rms(after - before)
 
     def expected(self, t: int, regularity: float) -> ExpectedPoints | None:
-        """Say where the neighbours of a frame let the points be expected; None without neighbours."""
+        """Return the points' positions expected from the neighbours of a frame; None without neighbours."""
         here = self._seen[t]
         if here is None:
             return None

@@ -1,4 +1,4 @@
-"""The projective basis: a minimal parametrisation of a camera that keeps two points where they are."""
+"""The projective basis: a minimal parametrisation of cameras with constant projections of two points."""
 
 from dataclasses import dataclass
 
@@ -12,34 +12,33 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-CAMERA_NORM = 3.0**0.5  # Frobenius norm of all projection matrices
+CAMERA_NORM = 3.0**0.5
+"""Frobenius norm of all projection matrices."""
 
 
 @dataclass(frozen=True)
 class FixedPointSettings:
-    """Which two points may fix the projective basis."""
+    """Requirements for the two points that fix the projective basis."""
 
-    error_quantile: float = 0.25  # their reprojection errors are in this lowest part
-    # their distance to the epipoles is at least this part of the extent of the points
-    epipole_distance: float = 0.15
-    # the distance between them is at least this part of the extent of the points
-    mutual_distance: float = 0.4
-    num_trials: int = 100  # random pairs to try before the demands on distance are halved
+    error_quantile: float = 0.25  # quantile of the reprojection errors
+    epipole_distance: float = 0.15  # least distance to the epipoles, in extents of the points
+    mutual_distance: float = 0.4  # least distance from each other, in extents of the points
+    num_trials: int = 100  # number of random pairs before the required distances are halved
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
+        """Check the ranges."""
         if not 0 < self.error_quantile <= 1:
             raise ValueError(f"`error_quantile` must be in (0, 1], got {self.error_quantile}")
 
 
 def normalized_camera(camera: Floats) -> Floats:
-    """Scale a camera to the norm of all of them."""
+    """Scale a camera to `CAMERA_NORM`."""
     scaled: Floats = CAMERA_NORM * camera / np.sqrt(max(float((camera * camera).sum()), 1e-300))
     return scaled
 
 
 def projection_equations(points: Floats, image: Floats) -> tuple[Floats, Floats]:
-    """Write "this camera sees these points there" as linear equations in its twelve entries."""
+    """Return projections of points as linear equations in the twelve entries of the camera."""
     zero = np.zeros_like(points)
     horizontal = np.hstack([points, zero, -image[:, :1] * points])
     vertical = np.hstack([zero, points, -image[:, 1:] * points])
@@ -47,7 +46,7 @@ def projection_equations(points: Floats, image: Floats) -> tuple[Floats, Floats]
 
 
 def camera_basis(points: Floats, image: Floats) -> Floats:
-    """Find the cameras that see two points at given places."""
+    """Return a basis (12, 8) of the cameras with given projections of two points."""
     if points.shape != (2, 4) or image.shape != (2, 2):
         raise ValueError(f"two points are needed, got shapes {points.shape} and {image.shape}")
     singular, vt = right_singular(np.stack(projection_equations(points, image), axis=1).reshape(-1, 12))
@@ -65,7 +64,7 @@ def camera_from_coordinates(basis: Floats, r: Floats) -> Floats:
 
 
 def coordinates_of_camera(basis: Floats, camera: Floats) -> Floats:
-    """Project a camera on a basis; inverse of `camera_from_coordinates` for cameras that obey it."""
+    """Project a camera on a basis; inverse of `camera_from_coordinates` for cameras within it."""
     r = basis.T @ camera.ravel()
     unit: Floats = r / np.sqrt((r * r).sum())
     return unit
@@ -117,7 +116,7 @@ def _draw_pair(
 
 
 def _farthest_pair(candidates: Indices, first: Floats) -> Indices:
-    """Return the two ends of the points along the axis in which they spread most."""
+    """Return the two extreme points along the axis of largest extent."""
     points = first[candidates]
     axis = int(np.argmax(np.ptp(points, axis=0)))
     ends = [int(np.argmin(points[:, axis])), int(np.argmax(points[:, axis]))]

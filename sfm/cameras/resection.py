@@ -1,56 +1,117 @@
-"""Resection: the camera of an intermediate frame from points of the scene and where they are seen."""
+"""Resection: the camera of an intermediate frame from points of the scene and their image positions.
+
+Linear equations give a start; robust Levenberg-Marquardt steps minimise the distances in the image. A prior
+camera contributes virtual points.
+"""
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.geometry.cameras import PixelFrame
-from sfm.cameras.camera_prior import ExpectedPoints, PriorSettings, ResectionProblem, resection_problem
-from sfm.cameras.projective_basis import normalized_camera
-from sfm.cameras.robust_resection import image_distances, linear_camera, minimize_distances, robust_weights
+from dvc.geometry.cameras import PixelFrame, homogeneous
+from sfm.cameras.bundle_adjustment import nonzero
+from sfm.cameras.projective_basis import CAMERA_NORM, normalized_camera, projection_equations
+from sfm.decompositions import least_singular
+from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix, solve_damped
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 TINY = 1e-300
+NUM_PARAMETERS = 11
+MEDIAN_OF_RAYLEIGH = 1.1774  # median distance in the plane, in standard deviations of a coordinate
+TUKEY_TUNING = 5.5  # largest distance with a weight, in standard deviations of a coordinate
+MIN_DEPTH = 1e-9  # least depth of a point in the camera
+DAMPING = Damping(start=1e-6, min_factor=1e-12, num_tries=8)
+TOLERANCE = 1e-12  # change of a camera of unit norm below which a minimum is reached
+
+
+@dataclass(frozen=True)
+class PriorSettings:
+    """Confidence in a prior camera."""
+
+    min_noise_px: float = 0.1  # lower bound on the standard deviation of a coordinate of a point
+    # bounds on the image error of the prior camera after it was moved to fit the points
+    min_sigma_px: float = 1.0
+    max_sigma_px: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if not 0 < self.min_sigma_px <= self.max_sigma_px:
+            raise ValueError(f"`min_sigma_px` must be in (0, max], got {self.min_sigma_px}")
 
 
 @dataclass(frozen=True)
 class ResectionSettings:
     """Parameters of the resection."""
 
-    min_num_points: int = 6  # points that are needed; six determine a camera
-    # reweighted linear solutions before the distance in the image is minimised
-    num_linear_iterations: int = 5
-    max_iterations: int = 30  # bound on the number of steps that minimise it
-    min_threshold_px: float = 1.0  # a point is an outlier from the larger of both
+    min_num_points: int = 6  # six points determine a camera
+    num_linear_iterations: int = 5  # number of reweighted linear solutions
+    max_iterations: int = 30  # largest number of steps that minimise distances in the image
+    min_threshold_px: float = 1.0  # an outlier exceeds both thresholds
     threshold_in_sigmas: float = 4.0
-    max_rms_px: float = 3.0  # above this the camera cannot be trusted
-    min_inlier_share: float = 0.5  # below this share of the points it cannot either
-    prior: PriorSettings = field(default_factory=PriorSettings)  # how far the prior camera is trusted
+    max_rms_px: float = 3.0  # largest error of a trusted camera
+    min_inlier_share: float = 0.5  # least share of points that agree with a trusted camera
+    prior: PriorSettings = field(default_factory=PriorSettings)
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
+        """Check the ranges."""
         if self.min_num_points < 6:
             raise ValueError(f"`min_num_points` must be at least 6, got {self.min_num_points}")
 
 
 @dataclass(frozen=True, eq=False)
+class ExpectedPoints:
+    """Image positions of points that follow from other instants."""
+
+    points: Floats  # homogeneous points, as `Model.points` has them
+    positions: Floats  # image points in pixels
+    weight: float  # of their mean squared distance, relative to that of the observed points
+
+
+@dataclass(frozen=True, eq=False)
 class Resection:
-    """What came of an attempt to find a camera."""
+    """Result of a resection."""
 
     camera: Floats  # projection matrix in normalised coordinates, Frobenius norm sqrt(3)
-    inliers: Mask  # points that it sees where they are
+    inliers: Mask  # points that agree with the camera
     residuals_px: Floats  # reprojection errors; inf for points that are not finite
     rms_px: float  # root mean square error of the inliers
-    reason: str  # why the camera cannot be trusted; empty if it can
+    reason: str  # reason why the camera cannot be trusted; empty if it can
 
     @property
     def success(self) -> bool:
         """Whether the camera can be trusted."""
         return not self.reason
+
+
+@dataclass(frozen=True, eq=False)
+class ResectionProblem:
+    """Points as (x, y, 1, inverse depth), well scaled, and their image positions."""
+
+    x: Floats  # scaled points
+    seen: Floats  # image positions in normalised units
+    weights: Floats  # weights of the squared distances
+    num_real: int  # number of observed points, which are first
+    num_virtual: int  # number of points of the prior camera, which follow
+    to_scaled: Floats  # matrix from unscaled to scaled points
+    start: Floats  # the prior camera, moved to fit, for scaled points
+    sigma: float  # standard deviation of a virtual point, in normalised units
+    min_noise: float  # lower bound on that of a real one
+
+    def with_expected(self, expected: ExpectedPoints, frame: PixelFrame) -> "ResectionProblem":
+        """Append expected points with their weight."""
+        x = expected.points / expected.points[:, 2:3]
+        each = expected.weight * self.num_real / len(x)
+        return replace(
+            self,
+            x=np.vstack([self.x, x @ self.to_scaled.T]),
+            seen=np.vstack([self.seen, frame.to_normalized(expected.positions)]),
+            weights=np.concatenate([self.weights, np.full(len(x), each)]),
+        )
 
 
 def resection(
@@ -61,16 +122,16 @@ def resection(
     settings: ResectionSettings | None = None,
     expected: ExpectedPoints | None = None,
 ) -> Resection:
-    """Find the camera that sees points of the scene where they are seen, in spite of outliers."""
+    """Estimate the camera from points of the scene and their image positions, despite outliers."""
     settings = settings or ResectionSettings()
     num = len(points)
     if points.shape != (num, 4) or positions.shape != (num, 2):
         raise ValueError(
             f"expected (N, 4) points and (N, 2) positions, got {points.shape}, {positions.shape}"
         )
-    known = np.isfinite(points).all(axis=1) & np.isfinite(positions).all(axis=1)
-    known &= np.abs(np.where(known, points[:, 2], 0.0)) > TINY
-    used = np.flatnonzero(known)
+    finite = np.isfinite(points).all(axis=1) & np.isfinite(positions).all(axis=1)
+    finite &= np.abs(np.where(finite, points[:, 2], 0.0)) > TINY
+    used = np.flatnonzero(finite)
     residuals = np.full(num, np.inf)
     guess = np.eye(3, 4) if prior is None else normalized_camera(prior)
     if len(used) < settings.min_num_points:
@@ -108,3 +169,151 @@ def _judge(
     elif ahead < 0.9 * problem.num_real:
         reason = f"{problem.num_real - ahead} of {problem.num_real} points are behind the camera"
     return Resection(camera, inliers, residuals_px, rms, reason)
+
+
+def resection_problem(
+    x: Floats, seen: Floats, prior: Floats, frame: PixelFrame, settings: PriorSettings
+) -> ResectionProblem:
+    """Scale the points, and add virtual points all over the image of a prior camera."""
+    min_noise = settings.min_noise_px / frame.scale_px
+    middle, spread = x.mean(axis=0), x.std(axis=0)
+    size = np.maximum(spread, np.array([0.05, 0.05, 1.0, 1e-6 + 0.02 * abs(middle[3])]))
+    to_scaled = np.diag(1.0 / size)
+    to_scaled[[0, 1, 3], 2] = -middle[[0, 1, 3]] / size[[0, 1, 3]]
+    to_scaled[2, 2] = 1.0
+    moved, error = _moved_to_fit(prior, x, seen, min_noise)
+    sigma_px = float(np.clip(3.0 * error * frame.scale_px, settings.min_sigma_px, settings.max_sigma_px))
+    virtual = _virtual_points(x[:, 3], frame)
+    p = virtual @ moved.T
+    ahead = p[:, 2] > 1e-3 * CAMERA_NORM
+    num_virtual = int(np.count_nonzero(ahead))
+    # Many virtual points represent few parameters.
+    each = NUM_PARAMETERS / (2.0 * max(1, num_virtual))
+    return ResectionProblem(
+        x=np.vstack([x, virtual[ahead]]) @ to_scaled.T,
+        seen=np.vstack([seen, p[ahead, :2] / p[ahead, 2:]]),
+        weights=np.concatenate([np.ones(len(x)), np.full(num_virtual, each)]),
+        num_real=len(x),
+        num_virtual=num_virtual,
+        to_scaled=to_scaled,
+        start=moved @ np.linalg.inv(to_scaled),
+        sigma=sigma_px / frame.scale_px,
+        min_noise=min_noise,
+    )
+
+
+def _virtual_points(inverse: Floats, frame: PixelFrame) -> Floats:
+    """Return points (V, 4) all over the image, in front of and behind the points of the scene."""
+    low, high = float(np.quantile(inverse, 0.05)), float(np.quantile(inverse, 0.95))
+    margin = 0.25 * max(abs(low), abs(high)) + 0.25 * (high - low)
+    right, bottom = 0.5 * frame.width_px / frame.scale_px, 0.5 * frame.height_px / frame.scale_px
+    steps = np.array([-1.0, 0.0, 1.0])
+    grid = np.meshgrid(right * steps, bottom * steps, [low - margin, high + margin])
+    x, y, depth = (axis.ravel() for axis in grid)
+    return np.column_stack([x, y, np.ones_like(x), depth])
+
+
+def _moved_to_fit(camera: Floats, x: Floats, seen: Floats, least: float) -> tuple[Floats, float]:
+    """Move a camera's image by a robust affine map on to the points; also return the error that remains."""
+    p = x @ camera.T
+    ahead = p[:, 2] > 1e-6
+    if np.count_nonzero(ahead) < 4:
+        return camera, math.inf
+    guess = homogeneous(p[ahead, :2] / p[ahead, 2:])
+    target = seen[ahead]
+    affine = np.eye(3)
+    affine[:2, 2] = np.median(target - guess[:, :2], axis=0)
+    error = 0.0
+    for _ in range(10):
+        offset = target - guess @ affine[:2].T
+        distance = np.hypot(offset[:, 0], offset[:, 1])
+        error = max(least, float(np.median(distance)) / MEDIAN_OF_RAYLEIGH)
+        robust = 1.0 / np.maximum(distance, error)
+        normal = np.einsum("n,ni,nj->ij", robust, guess, guess)
+        slope = np.einsum("n,ni,nk->ik", robust, guess, offset)
+        # Points on a line do not determine the whole map: the damping keeps the rest at the identity.
+        affine[0] += solve_damped(normal, slope[:, 0], 1e-6)
+        affine[1] += solve_damped(normal, slope[:, 1], 1e-6)
+    return affine @ camera, error
+
+
+def image_distances(problem: ResectionProblem, camera: Floats) -> Floats:
+    """Return the distances of projected points from their image positions."""
+    p = problem.x @ camera.T
+    offset = p[:, :2] / nonzero(p[:, 2], MIN_DEPTH)[:, None] - problem.seen
+    distances: Floats = np.hypot(offset[:, 0], offset[:, 1])
+    return distances
+
+
+def robust_weights(problem: ResectionProblem, distances: Floats, redescending: bool) -> tuple[Floats, float]:
+    """Return robust weights of observed points, weights of virtual points by uncertainty, and the noise."""
+    real = distances[: problem.num_real]
+    free = max(1.0, 2.0 * problem.num_real - NUM_PARAMETERS) / (2.0 * problem.num_real)
+    noise = max(problem.min_noise, float(np.median(real)) / (MEDIAN_OF_RAYLEIGH * math.sqrt(free)))
+    if redescending:
+        robust = np.maximum(0.0, 1.0 - (real / (TUKEY_TUNING * noise)) ** 2) ** 2
+    else:
+        robust = noise / np.maximum(real, noise)
+    weights = problem.weights.copy()
+    weights[: problem.num_real] *= robust
+    weights[problem.num_real : problem.num_real + problem.num_virtual] *= (noise / problem.sigma) ** 2
+    return weights, noise
+
+
+def linear_camera(problem: ResectionProblem, num_iterations: int) -> Floats:
+    """Solve the linear equations of (B.2), reweighted by the denominators and robustly."""
+    camera = problem.start
+    for _ in range(num_iterations):
+        weights, _ = robust_weights(problem, image_distances(problem, camera), redescending=False)
+        kappa = 1.0 / np.maximum(np.abs(problem.x @ camera[2]), 1e-3 * np.abs(camera[2]).max())
+        scaled = (np.sqrt(weights) * kappa)[:, None] * problem.x
+        normal = normal_matrix(*projection_equations(scaled, problem.seen))
+        found: Floats = least_singular(normal).reshape(3, 4)
+        behind = np.count_nonzero(problem.x @ found[2] < 0)
+        camera = -found if 2 * behind > len(problem.x) else found
+    return camera
+
+
+def minimize_distances(problem: ResectionProblem, start: Floats, max_iterations: int) -> Floats:
+    """Minimise robust distances in the image, from the better of a start and the prior camera."""
+    errors = [np.median(image_distances(problem, c)[: problem.num_real]) for c in (start, problem.start)]
+    camera = start if errors[0] <= errors[1] else problem.start
+    camera = camera / np.sqrt((camera * camera).sum())
+    minimum = _RobustDistances(problem, max_iterations // 2)
+    best: Floats = levenberg_marquardt(minimum, camera, DAMPING, max_iterations)[0]
+    return best
+
+
+class _RobustDistances:
+    """Weighted squared distances; the weights change in the first steps only, so that the steps converge."""
+
+    def __init__(self, problem: ResectionProblem, num_reweighted: int) -> None:
+        self._problem, self._num_reweighted = problem, num_reweighted
+        self._weights = problem.weights
+
+    def cost(self, camera: Floats) -> float:
+        return float((self._weights * image_distances(self._problem, camera) ** 2).sum())
+
+    def linearize(self, camera: Floats, iteration: int) -> tuple[float, Callable[[float], Floats]]:
+        distances = image_distances(self._problem, camera)
+        if iteration < self._num_reweighted:
+            self._weights, _ = robust_weights(self._problem, distances, redescending=True)
+        p = self._problem.x @ camera.T
+        depth = nonzero(p[:, 2], MIN_DEPTH)
+        uv = p[:, :2] / depth[:, None]
+        root = np.sqrt(self._weights)[:, None]
+        errors = root * (uv - self._problem.seen)
+        horizontal, vertical = projection_equations(root * self._problem.x / depth[:, None], uv)
+        normal = normal_matrix(horizontal, vertical)
+        slope = np.einsum("ni,n->i", horizontal, errors[:, 0]) + np.einsum("ni,n->i", vertical, errors[:, 1])
+
+        def stepped(damping: float) -> Floats:
+            candidate = camera - solve_damped(normal, slope, damping).reshape(3, 4)
+            unit: Floats = candidate / np.sqrt((candidate * candidate).sum())
+            return unit
+
+        return float((self._weights * distances * distances).sum()), stepped
+
+    def converged(self, before: Floats, after: Floats, decrease: float, cost: float) -> bool:
+        del decrease, cost
+        return float(np.abs(after - before).max()) < TOLERANCE

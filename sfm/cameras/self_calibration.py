@@ -10,34 +10,40 @@ from dvc.geometry.cameras import PixelFrame, homogeneous
 from dvc.geometry.triangulation import inverse_depths
 from sfm.decompositions import right_singular
 from sfm.estimation.epipolar import epipoles, fundamental_to_normalized, skew
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-NUM_ENTRIES = 9  # of R, each with the absolute value of its difference from I as a variable
-MIN_UNIT = 1e-9  # of the inverse unit of depth, which must be positive
-TOLERANCE = 1e-7  # of the linear program
-MIN_RANK = 1e-12  # of the largest singular value
-OUTWEIGH = 3.0  # a change of a by 1 changes R by at most sqrt(3), and an inverse depth by about 1
+NUM_ENTRIES = 9
+"""Number of entries of R; the absolute difference of each from I is a variable."""
+MIN_UNIT = 1e-9
+"""Least inverse unit of depth, which must be positive."""
+TOLERANCE = 1e-7
+"""Tolerance of the linear program."""
+MIN_RANK = 1e-12
+"""Least singular value of a matrix of full rank, relative to the largest."""
+OUTWEIGH = 3.0
+"""Weight of the slack: a change of a by 1 changes R by up to sqrt(3), and an inverse depth by about 1."""
 
 
 @dataclass(frozen=True)
 class SelfCalibrationSettings:
     """Parameters of the self-calibration."""
 
-    # M, the ratio of the largest to the smallest depth, starts here, or at its lower bound if that is more;
-    # None: at the ratio of all depths before
+    # initial M, the ratio of the largest to the smallest depth, or its lower bound if that is more; None: the
+    # ratio of all depths before
     first_depth_ratio: float | None = 16.0
-    depth_ratio_factor: float = 2.0  # growth of M while there is no solution
+    depth_ratio_factor: float = 2.0  # growth of M until a solution exists
     max_depth_ratio: float = 4096.0  # largest M to try
-    dropped_share: float = 0.05  # share of the points that may be dropped rather than let M grow
-    max_dropped_share: float = 0.25  # share of the points that may be dropped at all
-    min_num_points: int = 8  # points that must remain
-    free_unit: bool = True  # of depth; else that of the fundamental matrix, scaled to an R of unit size
+    dropped_share: float = 0.05  # largest share of points that are dropped instead of a growth of M
+    max_dropped_share: float = 0.25  # largest share of dropped points
+    min_num_points: int = 8  # least number of remaining points
+    # whether the unit of depth is free; else it is that of the fundamental matrix, for an R of unit size
+    free_unit: bool = True
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
+        """Check the ranges."""
         if not self.depth_ratio_factor > 1:
             raise ValueError(f"`depth_ratio_factor` must be above 1, got {self.depth_ratio_factor}")
         if self.first_depth_ratio is not None and not 1 <= self.first_depth_ratio <= self.max_depth_ratio:
@@ -46,25 +52,25 @@ class SelfCalibrationSettings:
 
 @dataclass(frozen=True, eq=False)
 class SelfCalibration:
-    """What came of an attempt to find cameras and depths."""
+    """Result of the self-calibration."""
 
     # the second camera in normalised coordinates, Frobenius norm sqrt(3); the first is ``[I | 0]``
     camera: Floats
-    # depth of each point in the first camera, in [1, `depth_ratio`]; 1 where the point was dropped
+    # depth of each point in the first camera, in [1, `depth_ratio`]; 1 for dropped points
     depths: Floats
     kept: Mask  # points that were not dropped
     depth_ratio: float  # M, the bound on the depths
-    reason: str  # why there is no solution; empty if there is one
+    reason: str  # reason of a failure; empty on success
 
     @property
     def success(self) -> bool:
-        """Whether there are cameras."""
+        """Whether the cameras are valid."""
         return not self.reason
 
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Points before or behind both cameras: homogeneous, with inverse depths and quotients of depths."""
+    """Points in front of or behind both cameras: homogeneous, with inverse depths and quotients of depths."""
 
     first: Floats
     inverse: Floats
@@ -73,7 +79,7 @@ class _Points:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """What a linear program found: the sign of t, a, q, the cost, and the points within their bounds."""
+    """Solution of a linear program: the sign of t, a, q, the cost, and a mask of points within bounds."""
 
     sign: float
     a: Floats
@@ -83,7 +89,7 @@ class _Solution:
 
 
 def projective_camera(fundamental: Floats) -> Floats:
-    """Make a second camera that agrees with a fundamental matrix, the first being ``[I | 0]``."""
+    """Return a second camera that agrees with a fundamental matrix; the first is ``[I | 0]``."""
     first, second = epipoles(fundamental)
     return np.column_stack([skew(second) @ fundamental - np.outer(second, first), second])
 
@@ -94,9 +100,7 @@ def self_calibration(
     frame: PixelFrame,
     settings: SelfCalibrationSettings | None = None,
 ) -> SelfCalibration:
-    """Find cameras as close as possible to ``[I | 0]`` and ``[I | t]``, with all depths positive and
-    bounded.
-    """
+    """Find cameras closest to ``[I | 0]`` and ``[I | t]`` with positive and bounded depths."""
     settings = settings or SelfCalibrationSettings()
     num = len(correspondences)
     if not np.isfinite(fundamental).all() or not _has_rank_two(fundamental):
@@ -129,7 +133,7 @@ def _failure(num: int, reason: str) -> SelfCalibration:
 def _projective_depths(
     fundamental: Floats, correspondences: Correspondences, frame: PixelFrame
 ) -> tuple[Floats, Floats, Floats]:
-    """Return a camera with R of unit size, inverse depths, and quotients of depths, most of them positive."""
+    """Return a camera with R of unit size, inverse depths, and quotients of depths, mostly positive."""
     normalized = fundamental_to_normalized(fundamental, frame)
     singular, _ = right_singular(normalized)
     camera = projective_camera(normalized / math.sqrt(singular[0] * singular[1]))
@@ -145,7 +149,7 @@ def _projective_depths(
 def _solve(
     camera: Floats, points: _Points, least: int, settings: SelfCalibrationSettings
 ) -> tuple[_Solution, float] | None:
-    """Let M grow until few enough points stand in the way of a solution."""
+    """Increase M until a solution drops few enough points."""
     # The ratio of a point's two depths does not depend on the plane at infinity: it bounds M from below.
     bounds = np.maximum(points.quotient, 1.0 / points.quotient)
     first = settings.first_depth_ratio or _ratio_of_depths(points)
@@ -206,13 +210,13 @@ def _linear_program(
 def _apply(
     camera: Floats, points: _Points, same_side: Mask, solution: _Solution, ratio: float
 ) -> SelfCalibration:
-    """Change the projective frame, in units of depth that make the least depth about 1."""
+    """Change the projective frame, with a unit of depth that makes the least depth about 1."""
     t = solution.sign * camera[:, 3]
     inverse = (points.first @ solution.a + solution.sign * points.inverse) / solution.q
     kept, depths = same_side.copy(), np.ones(len(same_side))
     kept[np.flatnonzero(same_side)[~solution.kept]] = False
     depths[kept] = np.clip(1.0 / inverse[solution.kept], 1.0, ratio)
-    # P is only defined up to scale: the unit of depth scales t alone, the norm scales all of P.
+    # P is only defined up to scale: the unit of depth scales only t, the norm scales all of P.
     found = np.column_stack([camera[:, :3] - np.outer(t, solution.a), solution.q * t])
     found *= math.sqrt(3.0 / float((found * found).sum()))
     return SelfCalibration(found, depths, kept, ratio, "")

@@ -1,4 +1,4 @@
-"""Matches for corners that were not similar enough at first, where geometry and neighbours expect them."""
+"""More correspondences under known epipolar geometry: remaining corners, and edges of the first key frame."""
 
 import math
 from dataclasses import dataclass, field
@@ -6,36 +6,62 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc._jit import kernel
 from sfm.correspondences import outliers
-from sfm.correspondences.epipolar_search import EpipolarSearch, far_from
-from sfm.correspondences.refinement import RefinementSettings, inside, refine
+from sfm.correspondences.epipolar_search import (
+    EpipolarSearch,
+    KeyPair,
+    LineSearch,
+    Points,
+    far_from,
+    follow,
+    gradient_directions,
+)
+from sfm.correspondences.subpixel import RefinementSettings, inside, refine, window
 from sfm.estimation.epipolar import distances_in_second
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class DensificationSettings:
-    """When two corners match that were not similar enough at first."""
+    """Limits for matches of corners that were not similar enough at first."""
 
-    num_neighbours: int = 8  # correspondences whose weighted median predicts a motion
-    reach_px: float = 3.0  # how far from the predicted position a corner may always be
-    # how much farther where the neighbours disagree, in weighted medians of their differences
+    num_neighbours: int = 8  # correspondences that predict a motion by their weighted median
+    reach_px: float = 3.0  # distance from the predicted position that is always allowed
+    # additional distance, in weighted medians of the neighbours' differences
     reach_spreads: float = 1.5
     max_reach_px: float = 10.0  # bound on both
     epipolar_px: float = 0.7  # largest symmetric epipolar distance after refinement
-    min_error: float = 5.0  # mean squared error that noise and sampling alone can cause, squared luma levels
-    error_share: float = 0.1  # largest error beyond, as a share of the variance of the neighbourhood
-    # sub-pixel refinement
+    min_error: float = 5.0  # mean squared error due to noise and sampling, squared luma levels
+    error_share: float = 0.1  # largest additional error, as a share of the neighbourhood's variance
     refinement: RefinementSettings = field(default_factory=lambda: RefinementSettings(affine=True))
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         if self.num_neighbours < 2 or not 0 < self.reach_px <= self.max_reach_px:
             raise ValueError(f"`num_neighbours`, `reach_px` or `max_reach_px` is out of range: {self}")
+
+
+@dataclass(frozen=True)
+class PropagationSettings:
+    """Parameters of the propagation along edges."""
+
+    canny_low: float = 6.0  # thresholds of the edge detector on Sobel gradients, 4 to a luma level per pixel
+    canny_high: float = 18.0
+    reach_px: int = 4  # edge points this near a correspondence are tried
+    num_tries: int = 2  # number of attempts at an edge point, from different neighbours
+    min_sine: float = 0.3  # least sine of the angle between edge and epipolar line
+    min_epipole_distance_px: float = 12.0  # edge points nearer to the epipole are left out
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if min(self.reach_px, self.num_tries) < 1:
+            raise ValueError(f"`reach_px` and `num_tries` must be at least 1, got {self}")
 
 
 def densify(
@@ -45,7 +71,7 @@ def densify(
     correspondences: Correspondences,
     settings: DensificationSettings | None = None,
 ) -> Correspondences:
-    """Match the corners that are left, where their neighbours' motion and epipolar geometry expect them."""
+    """Match the remaining corners at the positions that neighbours' motion and epipolar geometry predict."""
     settings = settings or DensificationSettings()
     if len(correspondences) < settings.num_neighbours or not search.usable:
         return correspondences
@@ -54,7 +80,7 @@ def densify(
     if len(free0) == 0 or len(free1) == 0:
         return correspondences
     i, j = _expected_pairs(free0, free1, correspondences, settings)
-    # The test below lets a point be this far from its line, and refinement moves it at most so far.
+    # Distance from its line that the test below allows a point, and the longest move of the refinement.
     reach = math.sqrt(2.0) * settings.epipolar_px + settings.refinement.max_shift_px
     within = distances_in_second(search.fundamental, free0[i], free1[j]) <= reach
     i, j = i[within], j[within]
@@ -66,22 +92,22 @@ def densify(
     candidates = Correspondences(first, second, error)
     success &= outliers.mse(error, limit)
     success &= outliers.epipolar(candidates, search.fundamental, settings.epipolar_px)
-    kept = np.flatnonzero(success)
-    kept = kept[outliers.unicity(i[kept], j[kept], error[kept], limit[kept])]
-    new = search.settle_on_surfaces(candidates[kept])
+    chosen = np.flatnonzero(success)
+    chosen = chosen[outliers.unicity(i[chosen], j[chosen], error[chosen], limit[chosen])]
+    new = search.settle_on_surfaces(candidates[chosen])
     return Correspondences.concatenate([correspondences, new])
 
 
 def _expected_pairs(
-    free0: Floats, free1: Floats, known: Correspondences, settings: DensificationSettings
+    free0: Floats, free1: Floats, matched: Correspondences, settings: DensificationSettings
 ) -> tuple[Indices, Indices]:
-    """Pair corners with those around the position that the weighted median of known motions predicts."""
+    """Pair corners with corners around the position that the weighted median of motions predicts."""
     from scipy.spatial import cKDTree
 
-    distance, nearest = cKDTree(known.first).query(free0, k=settings.num_neighbours)
+    distance, nearest = cKDTree(matched.first).query(free0, k=settings.num_neighbours)
     point = np.repeat(np.arange(len(free0)), settings.num_neighbours)
     weight = 1.0 / np.maximum(distance.ravel(), 1e-9)
-    motions = known.motion[nearest.ravel()]
+    motions = matched.motion[nearest.ravel()]
 
     def median(values: Floats) -> Floats:
         return outliers.weighted_median(values, point, weight, len(free0))
@@ -91,13 +117,13 @@ def _expected_pairs(
     spread = median(np.sqrt((difference**2).sum(axis=1)))
     reach = np.minimum(settings.reach_px + settings.reach_spreads * spread, settings.max_reach_px)
     lists = cKDTree(free1).query_ball_point(free0 + predicted, reach, return_sorted=True)
-    i = np.repeat(np.arange(len(free0)), [len(found) for found in lists])
-    j = np.array([k for found in lists for k in found], dtype=np.int64)
+    i = np.repeat(np.arange(len(free0)), [len(each) for each in lists])
+    j = np.array([k for each in lists for k in each], dtype=np.int64)
     return i, j
 
 
 def neighbourhood_variances(luma: Image, points: Floats, radius_px: int) -> Floats:
-    """Variances of neighbourhoods around whole pixels; zero where they leave the frame."""
+    """Return the variances of neighbourhoods around whole pixels; zero if they leave the frame."""
     variances = np.zeros(len(points))
     room = inside(points, luma, radius_px)
     offset = np.arange(-radius_px, radius_px + 1)
@@ -105,3 +131,100 @@ def neighbourhood_variances(luma: Image, points: Floats, radius_px: int) -> Floa
     square = luma[y[:, None, None] + offset[:, None], x[:, None, None] + offset].astype(np.float64)
     variances[room] = square.var(axis=(1, 2))
     return variances
+
+
+def propagate(
+    search: EpipolarSearch, correspondences: Correspondences, settings: PropagationSettings | None = None
+) -> Correspondences:
+    """Spread correspondences along the edges of the first key frame, under the epipolar constraint."""
+    settings = settings or PropagationSettings()
+    seeds = correspondences[search.inside_both(correspondences)]
+    if len(seeds) == 0 or not search.usable:
+        return correspondences
+    tries = np.where(_crossing_edges(search, settings), settings.num_tries, 0)
+    num_seeds, room = len(seeds), len(seeds) + tries.size
+    first, second, error = np.empty((room, 2), dtype=np.int64), np.empty((room, 2)), np.empty(room)
+    first[:num_seeds] = np.rint(seeds.first)
+    second[:num_seeds] = first[:num_seeds] + seeds.motion
+    tries[first[:num_seeds, 1], first[:num_seeds, 0]] = 0
+    weights, points = window(search.settings.radius_px), Points(first, second, error)
+    end = spread(search.pair, tries, settings.reach_px, weights, search.line_search(), num_seeds, points)
+    added = slice(num_seeds, end)
+    new = search.settle_sides(first[added].copy(), second[added].copy(), error[added])
+    new = new[far_from(new.first, seeds.first, 0.5)]
+    return Correspondences.concatenate([correspondences, new])
+
+
+def find_edges(luma: Image, settings: PropagationSettings) -> Mask:
+    """Return a mask of edges by Canny's detector."""
+    import cv2
+
+    smooth = cv2.GaussianBlur(luma, (3, 3), 0)
+    return np.asarray(cv2.Canny(smooth, settings.canny_low, settings.canny_high, L2gradient=True) > 0)
+
+
+def _crossing_edges(search: EpipolarSearch, settings: PropagationSettings) -> Mask:
+    """Return a mask of edge points far from the epipole, on edges that epipolar lines cross."""
+    edges, normals = find_edges(search.luma0, settings), gradient_directions(search.luma0)
+    epipole = search.epipole
+    rows, columns = np.indices(edges.shape)
+    x, y = epipole[0] - columns * epipole[2], epipole[1] - rows * epipole[2]
+    length = np.sqrt(x * x + y * y)
+    far = length >= settings.min_epipole_distance_px * abs(epipole[2])
+    across = np.abs(normals[..., 0] * x + normals[..., 1] * y) >= settings.min_sine * length
+    return np.asarray(edges & far & across)
+
+
+@kernel
+def spread(
+    pair: KeyPair,
+    open_tries: Indices,
+    reach_px: int,
+    weights: Floats,
+    search: LineSearch,
+    num_seeds: int,
+    points: Points,
+) -> int:
+    """Follow open pixels around matched points until none is added; return the number of matched points."""
+    first, second, errors = points
+    owner = np.full(open_tries.shape, -1, dtype=np.int64)
+    distance_px2 = np.zeros(open_tries.shape, dtype=np.int64)
+    columns, rows = np.empty(open_tries.size, dtype=np.int64), np.empty(open_tries.size, dtype=np.int64)
+    near, position = np.empty(2), np.empty(2)
+    radius = weights.shape[0] // 2
+    height, width = open_tries.shape
+    begin, end = 0, num_seeds
+    while begin < end:
+        # List the open pixels within reach of the latest points, each owned by the nearest of them.
+        count = 0
+        for p in range(begin, end):
+            top, bottom = (
+                max(first[p, 1] - reach_px, radius),
+                min(first[p, 1] + reach_px + 1, height - radius),
+            )
+            left, right = max(first[p, 0] - reach_px, radius), min(first[p, 0] + reach_px + 1, width - radius)
+            for y in range(top, bottom):
+                for x in range(left, right):
+                    square = (x - first[p, 0]) ** 2 + (y - first[p, 1]) ** 2
+                    if open_tries[y, x] <= 0 or square > reach_px * reach_px:
+                        continue
+                    if owner[y, x] < 0:
+                        columns[count], rows[count] = x, y
+                        count += 1
+                    elif square >= distance_px2[y, x]:
+                        continue
+                    owner[y, x], distance_px2[y, x] = p, square
+        begin = end
+        for k in range(count):
+            x, y = columns[k], rows[k]
+            p = owner[y, x]
+            owner[y, x] = -1
+            open_tries[y, x] -= 1
+            near[0], near[1] = x + second[p, 0] - first[p, 0], y + second[p, 1] - first[p, 1]
+            error = follow(pair, x, y, near, weights, search, position)
+            if error < np.inf:
+                open_tries[y, x] = 0
+                first[end, 0], first[end, 1] = x, y
+                second[end, 0], second[end, 1], errors[end] = position[0], position[1], error
+                end += 1
+    return end

@@ -1,7 +1,7 @@
-"""The eight tests that remove wrong correspondences; each tells which ones to keep.
+"""The eight tests that remove wrong correspondences; each returns a mask of those to keep.
 
-They run where the reconstruction knows enough for them: `mse`, `unicity` and `motion` need the images only,
-`epipolar` and `epipole` a fundamental matrix, `reprojection`, `chirality` and `depth` cameras and depths.
+`mse`, `unicity` and `motion` need the images only, `epipolar` and `epipole` a fundamental matrix,
+`reprojection`, `chirality` and `depth` cameras and depths.
 """
 
 from dataclasses import dataclass
@@ -10,32 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfm.estimation.epipolar import distances_to_epipole, epipoles, symmetric_distances
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-
-MOSTLY = 0.9  # share of the neighbours around a group, by weight, that counts as all
+MOSTLY = 0.9
+"""Share of the neighbours around a group, by weight, that counts as all of them."""
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Pairs of neighbouring points; every pair occurs in both directions, ordered by point."""
+    """Pairs of neighbouring points, as indices; every pair occurs in both directions, ordered by point."""
 
-    point: Indices  # indices
+    point: Indices
     neighbour: Indices
     weight: Floats  # inverse distances
 
 
 def mse(error: Floats, limit: Floats | float) -> Mask:
-    """Keep correspondences whose neighbourhoods are similar."""
+    """Keep correspondences with similar neighbourhoods."""
     return np.asarray(error <= limit)
 
 
 def unicity(i: Indices, j: Indices, error: Floats, limit: Floats | float) -> Mask:
-    """Keep pairs so that no point occurs twice, by the Hungarian algorithm."""
+    """Keep the best pairs without repeated points, by the Hungarian algorithm."""
     from scipy.optimize import linear_sum_assignment
 
     rows, row = np.unique(i, return_inverse=True)
@@ -50,7 +50,7 @@ def unicity(i: Indices, j: Indices, error: Floats, limit: Floats | float) -> Mas
 
 
 def epipolar(correspondences: Correspondences, fundamental: Floats, limit_px: float) -> Mask:
-    """Keep correspondences that are near each other's epipolar lines."""
+    """Keep correspondences near each other's epipolar lines."""
     distance = symmetric_distances(fundamental, correspondences.first, correspondences.second)
     return np.asarray(distance <= limit_px)
 
@@ -61,21 +61,21 @@ def motion(correspondences: Correspondences, limit_px: float, num_spreads: float
 
 
 def reprojection(second: Floats, projected: Floats, limit_px: float) -> Mask:
-    """Keep correspondences whose 3D points project near the second points."""
+    """Keep correspondences with 3D points that project near the second points."""
     finite = np.asarray(np.isfinite(projected).all(axis=1))
     offset = np.where(finite[:, None], projected, second) - second
     return finite & (np.hypot(offset[:, 0], offset[:, 1]) <= limit_px)
 
 
 def chirality(depth_first: Floats, depth_second: Floats) -> Mask:
-    """Keep correspondences whose product of projective depths has the sign of most."""
+    """Keep correspondences with the majority's sign of the product of projective depths."""
     sign = np.sign(depth_first) * np.sign(depth_second)
     sign = np.where(np.isfinite(depth_first) & np.isfinite(depth_second), sign, 0.0)
     return np.asarray(sign == (1.0 if sign.sum() >= 0 else -1.0))
 
 
 def epipole(correspondences: Correspondences, fundamental: Floats, distance_px: float) -> Mask:
-    """Keep correspondences that are far from both epipoles, around which triangulation is singular."""
+    """Keep correspondences far from both epipoles, where triangulation is singular."""
     in_first, in_second = epipoles(fundamental)
     far_in_first = distances_to_epipole(in_first, correspondences.first) >= distance_px
     far_in_second = distances_to_epipole(in_second, correspondences.second) >= distance_px
@@ -90,7 +90,7 @@ def depth(
     island_share: float = 0.02,
     island_gap: float = 0.2,
 ) -> Mask:
-    """Keep points whose depth is like that of their neighbours."""
+    """Keep points with depths like those of their neighbours."""
     keep = np.asarray(np.isfinite(depths) & (depths != 0))
     if not keep.any():
         return keep
@@ -105,7 +105,7 @@ def depth(
 
 
 def _farther_islands(around: Neighbours, inverse_depths: Floats, gap: float, max_size: int) -> Mask:
-    """Tell which points belong to small groups that lie behind nearly all the points around them."""
+    """Return a mask of points in small groups behind nearly all the points around them."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -126,7 +126,7 @@ def _farther_islands(around: Neighbours, inverse_depths: Floats, gap: float, max
 def _like_neighbours(
     points: Floats, values: Floats, limit: float, num_spreads: float
 ) -> tuple[Mask, Neighbours]:
-    """Keep the values (N, D) that are like those around, others left out; return the neighbours, too."""
+    """Drop values (N, D) unlike those around until none is left; return the mask and the neighbours."""
     keep = np.ones(len(points), dtype=bool)
     while True:
         neighbours = delaunay_neighbours(points[keep])
@@ -137,7 +137,7 @@ def _like_neighbours(
 
 
 def _aberrant(values: Floats, neighbours: Neighbours, limit: float, num_spreads: float) -> Mask:
-    """Tell which values (N, D) differ too much from the median of their neighbours."""
+    """Return a mask of values (N, D) that differ too much from the median of their neighbours."""
     point, neighbour, weight = neighbours.point, neighbours.neighbour, neighbours.weight
 
     def median_around(of_neighbours: Floats) -> Floats:
@@ -151,7 +151,7 @@ def _aberrant(values: Floats, neighbours: Neighbours, limit: float, num_spreads:
 
 
 def delaunay_neighbours(points: Floats) -> Neighbours:
-    """Find the neighbours of points on Delaunay triangles."""
+    """Return the neighbours of points in a Delaunay triangulation."""
     from scipy.spatial import Delaunay, QhullError
 
     try:
@@ -168,7 +168,7 @@ def delaunay_neighbours(points: Floats) -> Neighbours:
 
 
 def weighted_median(values: Floats, point: Indices, weight: Floats, num_points: int) -> Floats:
-    """Compute weighted medians of values that are listed with the point they count for."""
+    """Return weighted medians of values, each listed with the index of its point."""
     medians = np.full(num_points, np.nan)
     order = np.lexsort((values, point))
     point, values, weight = point[order], values[order], weight[order]

@@ -1,1 +1,1 @@
-"""Robust estimation of the epipolar geometry, and whether there is any [Maitre2008, Sec. 5.2.3]."""
+"""Robust estimation of the epipolar geometry, and tests for its existence [Maitre2008, Sec. 5.2.3]."""

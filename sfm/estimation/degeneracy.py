@@ -1,4 +1,4 @@
-"""Degenerate motion: when two frames tell nothing, or too little, about depth."""
+"""Degenerate motion: two frames that show no depth, or too little."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfm.decompositions import right_singular
-from sfm.estimation.homography import HomographyEstimator
 from sfm.estimation.sample_consensus import RobustSettings, lo_ransac, mapsac, noise_scale
+from sfm.estimation.two_view_estimators import HomographyEstimator
 from sfm.estimation.weak_calibration import WeakCalibration
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 
 Floats = NDArray[np.float64]
 MotionKind = Literal["general", "rotation", "none", "unknown"]
@@ -19,17 +19,17 @@ MotionKind = Literal["general", "rotation", "none", "unknown"]
 
 @dataclass(frozen=True)
 class DegeneracySettings:
-    """What counts as motion, and as parallax."""
+    """Definition of motion and parallax."""
 
-    min_motion_px: float = 0.5  # if nine tenths of the points move less than this, the camera stood still
+    min_motion_px: float = 0.5  # if nine tenths of the points move less, the camera stood still
     min_parallax_px: float = 0.5  # parallax below this gives no usable depth, however small the noise
     min_noise_px: float = 0.15  # lower bound on the noise: the matches of real frames are never better
     min_num_points: int = 14  # fewer correspondences leave the motion unknown
     min_spread_px: float = 3.0  # points within this of a straight line leave the motion unknown
-    # share of the correspondences that must be off the homography for the scene to be general
+    # least share of the correspondences off the homography in a general scene
     min_parallax_share: float = 0.1
-    # share above which it is, even if the criterion prefers the homography: that caps what it charges for
-    # points that disagree, and so overlooks a second plane
+    # share above which the scene is general even if the criterion prefers the homography: the criterion caps
+    # the cost of points that disagree, and so overlooks a second plane
     sure_parallax_share: float = 0.2
     search: RobustSettings = field(
         default_factory=lambda: RobustSettings(threshold_px=1.0, min_num_trials=100, max_num_trials=1000)
@@ -38,12 +38,12 @@ class DegeneracySettings:
 
 @dataclass(frozen=True, eq=False)
 class MotionClass:
-    """What the camera did between two frames, as far as the points tell."""
+    """Motion of the camera between two frames, according to the points."""
 
-    # ``general``: depth can be had; ``rotation``: or a distant or planar scene, a homography explains all;
-    # ``none``: no motion; ``unknown``: too little to go by
+    # ``general``: the frames show depth; ``rotation`` (or a distant or planar scene): a homography explains
+    # all; ``none``: no motion; ``unknown``: too few points
     kind: MotionKind
-    reason: str  # one line that says why
+    reason: str  # explanation in one line
 
 
 def gric(squared_px2: Floats, sigma_px: float, dimension: int, num_parameters: int) -> float:
@@ -60,7 +60,7 @@ def classify_motion(
     rng: np.random.Generator,
     settings: DegeneracySettings | None = None,
 ) -> MotionClass:
-    """Tell what the camera did, and with it whether depth can be had from two frames."""
+    """Classify the motion of the camera, and thus whether two frames show depth."""
     settings = settings or DegeneracySettings()
     finite = np.isfinite(correspondences.motion).all(axis=1)
     num = int(np.count_nonzero(finite))
@@ -79,7 +79,7 @@ def classify_motion(
 
 
 def _spread(points: Floats) -> float:
-    """Return the standard deviation of points (N, 2) across the direction in which they spread most."""
+    """Return the standard deviation of points (N, 2) across their direction of largest spread."""
     offset = points - points.mean(axis=0)
     return float(right_singular(offset)[0][1]) / math.sqrt(len(points))
 
@@ -90,17 +90,17 @@ def _compare(
     rng: np.random.Generator,
     settings: DegeneracySettings,
 ) -> MotionClass:
-    """Weigh the best homography against the fundamental matrix, over the inliers of the latter."""
+    """Compare the best homography with the fundamental matrix, over the inliers of the latter."""
     estimator = HomographyEstimator(agreeing.first, agreeing.second)
-    found = mapsac(estimator, settings.search, rng)
-    found = lo_ransac(estimator, found, settings.search, rng)
-    if found.model is None:
+    result = mapsac(estimator, settings.search, rng)
+    result = lo_ransac(estimator, result, settings.search, rng)
+    if result.model is None:
         return MotionClass("unknown", "no homography could be fitted for comparison")
     to_lines = calibration.residuals_px[calibration.inliers]
     noise_px = max(settings.min_noise_px, noise_scale(to_lines, 7))
-    difference = gric(found.residuals_px**2, noise_px, 2, 8) - gric(to_lines**2, noise_px, 3, 7)
-    # Noise of both points adds up to sqrt(2) sigma between a point and where the homography puts it.
-    parallax = math.sqrt(2.0) * found.residuals_px
+    difference = gric(result.residuals_px**2, noise_px, 2, 8) - gric(to_lines**2, noise_px, 3, 7)
+    # Noise of both points adds up to sqrt(2) sigma between a point and its image by the homography.
+    parallax = math.sqrt(2.0) * result.residuals_px
     least = max(settings.min_parallax_px, 3.0 * math.sqrt(2.0) * noise_px)
     share = float((parallax > least).mean())
     unsure = difference <= 0 and share < settings.sure_parallax_share

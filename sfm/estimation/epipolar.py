@@ -8,7 +8,8 @@ from sfm.decompositions import least_singular
 
 Floats = NDArray[np.float64]
 
-TINY = 1e-300  # keeps a point on an epipole, which has no line, from dividing by zero
+TINY = 1e-300
+"""Divisor for points on an epipole, which have no line."""
 
 
 def skew(vector: Floats) -> Floats:
@@ -24,19 +25,19 @@ def unit_norm(fundamental: Floats) -> Floats:
 
 
 def epipolar_lines(fundamental: Floats, points: Floats) -> Floats:
-    """Find the lines of the second image on which points of the first lie; with ``F.T`` the other way."""
+    """Return the lines in the second image of points of the first; with ``F.T`` the other way round."""
     lines = homogeneous(points) @ fundamental.T
     norm = np.hypot(lines[:, 0], lines[:, 1])
     return lines / np.where(norm > 0, norm, np.inf)[:, None]
 
 
 def epipoles(fundamental: Floats) -> tuple[Floats, Floats]:
-    """Find both epipoles: the image of each camera centre in the other image."""
+    """Return both epipoles: the image of each camera centre in the other image."""
     return least_singular(fundamental), least_singular(fundamental.T)
 
 
 def distances_to_epipole(epipole: Floats, points: Floats) -> Floats:
-    """Measure how far points are from an epipole."""
+    """Return the distances of points from an epipole."""
     if abs(epipole[2]) <= 1e-12:
         return np.full(len(points), np.inf)
     offset = points - epipole[:2] / epipole[2]
@@ -53,14 +54,14 @@ def _bilinear(fundamental: Floats, first: Floats, second: Floats) -> tuple[Float
 
 
 def sampson_distances(fundamental: Floats, first: Floats, second: Floats) -> Floats:
-    """Measure, to first order, how far pairs of points must move to satisfy the epipolar constraint."""
+    """Return first-order signed distances of pairs of points from the epipolar constraint."""
     product, in_second, in_first = _bilinear(fundamental, first, second)
     distance: Floats = product / np.sqrt(np.maximum(in_second + in_first, TINY))
     return distance
 
 
 def symmetric_distances(fundamental: Floats, first: Floats, second: Floats) -> Floats:
-    """Measure the distances of pairs of points to each other's epipolar lines."""
+    """Return the distances of pairs of points to each other's epipolar lines."""
     product, in_second, in_first = _bilinear(fundamental, first, second)
     squared = 0.5 * product * product
     distance: Floats = np.sqrt(squared / np.maximum(in_second, TINY) + squared / np.maximum(in_first, TINY))
@@ -68,14 +69,14 @@ def symmetric_distances(fundamental: Floats, first: Floats, second: Floats) -> F
 
 
 def distances_in_second(fundamental: Floats, first: Floats, second: Floats) -> Floats:
-    """Measure the distances of second points to the epipolar lines of first points."""
+    """Return the distances of second points to the epipolar lines of first points."""
     product, in_second, _ = _bilinear(fundamental, first, second)
     distance: Floats = np.abs(product) / np.sqrt(np.maximum(in_second, TINY))
     return distance
 
 
 def fundamental_from_camera(camera: Floats) -> Floats:
-    """Find the fundamental matrix of the cameras ``[I | 0]`` and ``[R | t]``."""
+    """Return the fundamental matrix of the cameras ``[I | 0]`` and ``[R | t]``."""
     return unit_norm(skew(camera[:, 3]) @ camera[:, :3])
 
 

@@ -11,84 +11,49 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-SMALL_DATA = 64  # below this, samples are drawn by sorting random keys: repeated points would be too frequent
+SMALL_DATA = 64
+"""Largest number of data for sampling by sorted random keys, which avoids frequent repetitions."""
 
 
 class Estimator(Protocol):
-    """A kind of model, together with the data that it is to explain.
+    """A kind of model, together with the data that it explains.
 
     Attributes
     ----------
     min_num_samples : int
-        Data that determine a model.
+        Number of data that determine a model.
     num_data : int
-        All data.
+        Number of all data.
     """
 
     min_num_samples: int
     num_data: int
 
     def estimate(self, samples: Indices) -> Floats:
-        """Estimate models from many samples at once.
-
-        Parameters
-        ----------
-        samples : ndarray of shape (S, m), int64
-            Data of each sample, m >= `min_num_samples`.
-
-        Returns
-        -------
-        ndarray of shape (K, ...), float64
-            Models of all samples; none or several per sample are fine.
-        """
+        """Return models (K, ...) from samples (S, m) of data, m >= `min_num_samples`; any number each."""
 
     def residuals(self, models: Floats) -> Floats:
-        """Measure how far all data are from models.
-
-        Parameters
-        ----------
-        models : ndarray of shape (K, ...), float64
-            Models.
-
-        Returns
-        -------
-        ndarray of shape (K, N), float64
-            Distances in pixels, not negative.
-        """
+        """Return the distances (K, N) of all data from models, in pixels and not negative."""
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
-        """Improve one model over its inliers.
-
-        Parameters
-        ----------
-        model : ndarray, float64
-            Where to start.
-        inliers : ndarray of shape (N,), bool
-            Which data count.
-
-        Returns
-        -------
-        ndarray, float64
-            The refined model.
-        """
+        """Return an improved model over its inliers, a mask (N,)."""
 
 
 @dataclass(frozen=True)
 class RobustSettings:
-    """How long to search, and what an outlier is."""
+    """Length of the random search, and definition of an outlier."""
 
-    threshold_px: float = 1.0  # residual from which a datum is an outlier
-    # probability of having drawn one sample without outliers before the search stops
-    confidence: float = 0.9999
+    threshold_px: float = 1.0  # least residual of an outlier
+    confidence: float = 0.9999  # probability of a sample without outliers that ends the search
     min_num_trials: int = 200  # bounds on the number of samples
     max_num_trials: int = 4000
-    batch: int = 200  # samples that are estimated at once
-    num_local_trials: int = 20  # samples of inliers in a local optimisation
+    batch: int = 200  # number of samples estimated at once
+    num_local_trials: int = 20  # number of samples of inliers in a local optimisation
     local_sample_factor: int = 2  # size of those samples, in minimal samples
-    num_local_refinements: int = 4  # refinements with a shrinking threshold that follow
+    num_local_refinements: int = 4  # number of refinements with a shrinking threshold that follow
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
+        """Check the ranges."""
         if not self.threshold_px > 0:
             raise ValueError(f"`threshold_px` must be positive, got {self.threshold_px}")
         if not 0 < self.confidence < 1:
@@ -100,13 +65,13 @@ class RobustSettings:
 
 @dataclass(frozen=True, eq=False)
 class RobustResult:
-    """The best model that was found."""
+    """The best model of a search."""
 
-    model: Floats | None  # the model; None if no sample gave any
+    model: Floats | None  # None if no sample gave a model
     score_px2: float  # sum of the squared residuals, each at most the squared threshold
     inliers: Mask  # data within the threshold
     residuals_px: Floats  # distances of all data
-    num_trials: int  # samples drawn
+    num_trials: int
 
 
 def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator) -> Indices:
@@ -121,7 +86,7 @@ def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator)
 
 
 def trials_needed(inlier_fraction: float, sample_size: int, confidence: float) -> float:
-    """Return how many samples make it likely that one is free of outliers."""
+    """Return the number of samples after which one is probably free of outliers."""
     good = inlier_fraction**sample_size
     if good <= 1e-12:
         return math.inf
@@ -168,7 +133,7 @@ def lo_ransac(
 
 
 def best_of(estimator: Estimator, models: Floats, threshold_px: float) -> RobustResult:
-    """Choose among models the one with the least truncated squared error."""
+    """Return the model with the least truncated squared error."""
     best = no_model(estimator.num_data)
     limit = threshold_px * threshold_px
     step = max(1, 200_000 // max(1, estimator.num_data))  # bounds memory
@@ -183,17 +148,17 @@ def best_of(estimator: Estimator, models: Floats, threshold_px: float) -> Robust
 
 
 def better(a: RobustResult, b: RobustResult) -> RobustResult:
-    """Return the one with the lower score; `a` if they are equal."""
+    """Return the result with the lower score; `a` if they are equal."""
     return b if b.score_px2 < a.score_px2 else a
 
 
 def no_model(num_data: int) -> RobustResult:
-    """Return the result of a search that found nothing."""
+    """Return the result of a search without any model."""
     return RobustResult(None, math.inf, np.zeros(num_data, dtype=bool), np.full(num_data, np.inf), 0)
 
 
 def noise_scale(residuals: Floats, num_parameters: int = 0) -> float:
-    """Estimate the standard deviation of residuals of which fewer than half are wrong."""
+    """Estimate the standard deviation of residuals, fewer than half of them wrong."""
     free = residuals.size - num_parameters
     if free <= 0:
         return 0.0

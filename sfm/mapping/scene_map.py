@@ -1,4 +1,4 @@
-"""What is known of a scene after a whole sequence: pieces, each in one coordinate frame and one scale."""
+"""Map of a scene from a whole sequence: pieces, each in one coordinate frame and one scale."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ class MapPiece:
     Attributes
     ----------
     intrinsics : ndarray of shape (3, 3), float64
-        Calibration matrix in pixels, where the centre of the upper left pixel is (0, 0).
+        Calibration matrix in pixels; the centre of the upper left pixel is (0, 0).
     poses : mapping from int to ndarray of shape (3, 4), float64
-        Rotation and translation from the coordinates of the piece to the camera's, by number of frame.
+        Rotation and translation from the coordinates of the piece to the camera's, by frame index.
     points : ndarray of shape (N, 3), float64
         The dense cloud, in the piece's unit of length.
     colours : ndarray of shape (N, 3), uint8
         Red, green and blue of each point.
     depths : mapping from int to ndarray of shape (H, W), float32
-        Distance along the optical axis of what some frames show; nan where it is not known.
+        Distance along the optical axis for some frames; nan if unknown.
     """
 
     intrinsics: Floats
@@ -43,7 +43,7 @@ class SceneMap:
     width_px, height_px : int
         Size of the frames.
     num_frames : int
-        Length of the sequence, whether its frames are located or not.
+        Length of the sequence, including frames that are not located.
     pieces : tuple of MapPiece
         Parts of the sequence that share no coordinate frame, in the order of their frames.
     """
@@ -55,12 +55,12 @@ class SceneMap:
 
     @property
     def num_located(self) -> int:
-        """How many frames are located."""
+        """Number of located frames."""
         return sum(len(piece.poses) for piece in self.pieces)
 
     @property
     def summary(self) -> str:
-        """Say in one line how much of the sequence is located."""
+        """Share of the sequence that is located, in one line."""
         if not self.pieces:
             return f"map: no frame of {self.num_frames} located: few points, or no parallax"
         pieces = f"{len(self.pieces)} piece{'s' * (len(self.pieces) != 1)}"

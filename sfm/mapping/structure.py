@@ -1,40 +1,56 @@
-"""Cameras of several frames, points of the scene, and where frames see them; triangulation of the points."""
+"""Cameras of frames, points of the scene and their observations: triangulation, registration, adjustment.
 
-from collections.abc import Sequence
+COLMAP puts the centre of the first pixel at (0.5, 0.5); this module converts.
+"""
+
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.mapping.tracking import SeenPoints
+from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
+from sfm.colmap_estimators import pinhole_camera
+from sfm.mapping.sequence_tracks import VisiblePoints
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+SEED = 0
 MIN_ANGLE_DEG = 1.5
 """Least angle between the rays to a point; below it the depth is noise."""
 MAX_ERROR_PX = 2.0
-"""Reprojection error beyond which a point is not where its track is."""
+"""Largest reprojection error of a point that agrees with its track."""
 NUM_STEPS = 4
-"""Gauss-Newton steps after the linear solution."""
+"""Number of Gauss-Newton steps after the linear solution."""
 MIN_DEPTH = 1e-9
+LOSS_PX = 0.3
+"""Error above which the robust loss is linear: about the error of a good track."""
+MAX_STEPS = 50
+MIN_INLIERS = 20
+"""Least number of points that agree with a pose."""
+MIN_INLIER_SHARE = 0.4
+"""Least share of the points that agree with a pose."""
+MAX_POSE_ERROR_PX = 3.0
+"""Largest error of a point that agrees with a pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Where frames see points, one line for each."""
+    """Positions of points in frames, one row each."""
 
-    frames: Indices  # numbers of frames
-    points: Indices  # numbers of points
+    frames: Indices  # frame indices
+    points: Indices  # point indices
     positions: Floats  # (x, y) in pixels
 
     def __getitem__(self, chosen: Mask | Indices) -> "Observations":
-        """Return some of the lines."""
+        """Return some of the rows."""
         return Observations(self.frames[chosen], self.points[chosen], self.positions[chosen])
 
     def joined(self, other: "Observations") -> "Observations":
-        """Return these lines and others."""
+        """Return these rows followed by other rows."""
         return Observations(
             np.concatenate([self.frames, other.frames]),
             np.concatenate([self.points, other.points]),
@@ -44,46 +60,44 @@ class Observations:
 
 @dataclass(eq=False)
 class Structure:
-    """A part of the scene in the making."""
+    """A part of the scene during mapping."""
 
     K: Floats  # intrinsics of all frames
-    poses: dict[int, Floats] = field(default_factory=dict)  # (3, 4) by number of frame
-    points: Floats = field(default_factory=lambda: np.empty((0, 3)))  # nan where a point is not known
+    poses: dict[int, Floats] = field(default_factory=dict)  # (3, 4) by frame index
+    points: Floats = field(default_factory=lambda: np.empty((0, 3)))  # nan: not triangulated
 
     @property
-    def known(self) -> Mask:
-        """Which points are known."""
-        known: Mask = np.isfinite(self.points[:, 0])
-        return known
+    def triangulated(self) -> Mask:
+        """Mask of the points with a position."""
+        return np.asarray(np.isfinite(self.points[:, 0]))
 
 
-def observations(seen: Sequence[SeenPoints], frames: Sequence[int]) -> Observations:
-    """Put together what some frames see."""
+def observations(seen: Sequence[VisiblePoints], frames: Sequence[int]) -> Observations:
+    """Collect the observations of some frames."""
     parts = [seen[index] for index in frames]
     numbers = np.repeat(np.asarray(frames, np.int64), [len(part.ids) for part in parts])
     ids = np.concatenate([np.empty(0, np.int64), *(part.ids for part in parts)])
     return Observations(numbers, ids, np.concatenate([np.empty((0, 2)), *(part.positions for part in parts)]))
 
 
-def reprojection(structure: Structure, seen: Observations) -> tuple[Floats, Floats]:
-    """Return errors in pixels, inf where unknown, and depths of points in the frames that see them."""
+def reprojection_errors(structure: Structure, seen: Observations) -> Floats:
+    """Return errors in pixels; inf for points without a position or behind the camera."""
     poses = stacked(structure.poses, seen.frames)
     inside = np.einsum("nij,nj->ni", poses[:, :, :3], structure.points[seen.points]) + poses[:, :, 3]
-    depth = inside[:, 2]
     with np.errstate(invalid="ignore", divide="ignore"):
         image = inside @ structure.K.T
         offset = image[:, :2] / image[:, 2:] - seen.positions
         error = np.hypot(offset[:, 0], offset[:, 1])
-    return np.where(np.isfinite(error) & (depth > MIN_DEPTH), error, np.inf), depth
+    return np.where(np.isfinite(error) & (inside[:, 2] > MIN_DEPTH), error, np.inf)
 
 
 def rays_through(K: Floats, positions: Floats) -> Floats:
-    """Return the directions (x, y, 1) in the camera of positions in pixels."""
+    """Return the directions (x, y, 1) of pixel positions in the camera."""
     return np.column_stack([(positions - K[:2, 2]) / K[0, 0], np.ones(len(positions))])
 
 
 def stacked(poses: dict[int, Floats], frames: Indices) -> Floats:
-    """Return the poses (N, 3, 4) of frames that have one."""
+    """Return the poses (N, 3, 4) of registered frames."""
     if not len(frames):
         return np.empty((0, 3, 4))
     numbers, inverse = np.unique(frames, return_inverse=True)
@@ -91,15 +105,15 @@ def stacked(poses: dict[int, Floats], frames: Indices) -> Floats:
 
 
 def triangulate(structure: Structure, seen: Observations) -> tuple[Indices, Floats]:
-    """Find points from all frames that see them: their numbers and positions, where they are well determined.
+    """Return indices and positions of well-determined points, from all their observations.
 
-    What does not agree with a point is dropped once, and the point found anew.
+    Observations that disagree with a point are dropped once, and the point is triangulated again.
     """
-    numbers, points, errors = _triangulated(structure, seen)
+    numbers, points, errors = _triangulate_all(structure, seen)
     agreeing = errors <= np.maximum(MAX_ERROR_PX, _medians(seen.points, errors))
     if not agreeing.all():
         seen = seen[agreeing]
-        numbers, points, errors = _triangulated(structure, seen)
+        numbers, points, errors = _triangulate_all(structure, seen)
     _, which, count = np.unique(seen.points, return_inverse=True, return_counts=True)
     worst = np.zeros(len(numbers))
     np.maximum.at(worst, which, errors)
@@ -109,21 +123,21 @@ def triangulate(structure: Structure, seen: Observations) -> tuple[Indices, Floa
     return numbers[good], points[good]
 
 
-def _triangulated(structure: Structure, seen: Observations) -> tuple[Indices, Floats, Floats]:
-    """Return numbers and positions of points, and the error of every observation."""
+def _triangulate_all(structure: Structure, seen: Observations) -> tuple[Indices, Floats, Floats]:
+    """Return indices and positions of points, and the error of every observation."""
     numbers, which = np.unique(seen.points, return_inverse=True)
     poses = stacked(structure.poses, seen.frames)
     rays = rays_through(structure.K, seen.positions)
-    points = _linear(poses, rays, which, len(numbers))
+    points = _linear_points(poses, rays, which, len(numbers))
     for _ in range(NUM_STEPS):
-        points = _step(poses, rays, which, points)
-    trial = replace(structure, points=points)
-    errors, _ = reprojection(trial, Observations(seen.frames, which.astype(np.int64), seen.positions))
-    return numbers, points, errors
+        points = _gauss_newton_step(poses, rays, which, points)
+    candidate = replace(structure, points=points)
+    renumbered = replace(seen, points=which.astype(np.int64))
+    return numbers, points, reprojection_errors(candidate, renumbered)
 
 
 def _medians(numbers: Indices, values: Floats) -> Floats:
-    """Return for every line the lower median of the lines with the same number."""
+    """Return for every row the lower median of the rows with the same number."""
     order = np.lexsort((values, numbers))
     _, start, which, count = np.unique(
         numbers[order], return_index=True, return_inverse=True, return_counts=True
@@ -134,7 +148,7 @@ def _medians(numbers: Indices, values: Floats) -> Floats:
 
 
 def widest_angles_deg(poses: Floats, rays: Floats, which: Indices, count: int) -> Floats:
-    """Measure the angle between the rays to each point: the largest to that of the first frame."""
+    """Return the largest angle between the ray of a point's first observation and its other rays."""
     world = np.einsum("nij,ni->nj", poses[:, :, :3], rays / np.linalg.norm(rays, axis=1, keepdims=True))
     first = np.full(count, len(which), np.int64)
     np.minimum.at(first, which, np.arange(len(which)))
@@ -144,23 +158,23 @@ def widest_angles_deg(poses: Floats, rays: Floats, which: Indices, count: int) -
     return np.degrees(np.arccos(least))
 
 
-def _linear(poses: Floats, rays: Floats, which: Indices, count: int) -> Floats:
+def _linear_points(poses: Floats, rays: Floats, which: Indices, count: int) -> Floats:
     """Solve the homogeneous equations of all points."""
     rows = rays[:, :2, None] * poses[:, 2:3] - poses[:, :2]
     normal = np.zeros((count, 4, 4))
     np.add.at(normal, which, np.einsum("nki,nkj->nij", rows, rows))
-    found = np.linalg.eigh(normal)[1][:, :, 0]
+    homogeneous = np.linalg.eigh(normal)[1][:, :, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(found[:, :3] / found[:, 3:])
+        return np.asarray(homogeneous[:, :3] / homogeneous[:, 3:])
 
 
-def _step(poses: Floats, rays: Floats, which: Indices, points: Floats) -> Floats:
-    """Make a Gauss-Newton step of all points."""
+def _gauss_newton_step(poses: Floats, rays: Floats, which: Indices, points: Floats) -> Floats:
+    """Move all points by one Gauss-Newton step."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         inside = np.einsum("nij,nj->ni", poses[:, :, :3], points[which]) + poses[:, :, 3]
-        place = inside[:, :2] / inside[:, 2:]
-        jacobian = (poses[:, :2, :3] - place[:, :, None] * poses[:, 2:3, :3]) / inside[:, 2, None, None]
-        residual = rays[:, :2] - place
+        image = inside[:, :2] / inside[:, 2:]
+        jacobian = (poses[:, :2, :3] - image[:, :, None] * poses[:, 2:3, :3]) / inside[:, 2, None, None]
+        residual = rays[:, :2] - image
     normal, right = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
     np.add.at(normal, which, np.einsum("nki,nkj->nij", jacobian, jacobian))
     np.add.at(right, which, np.einsum("nki,nk->ni", jacobian, residual))
@@ -169,3 +183,91 @@ def _step(poses: Floats, rays: Floats, which: Indices, points: Floats) -> Floats
     trace = np.einsum("nii->n", normal)
     normal += (1e-9 * trace + 1e-300)[:, None, None] * np.eye(3)
     return np.asarray(points + np.linalg.solve(normal, right[:, :, None])[:, :, 0])
+
+
+def register_frame(structure: Structure, frame: int, seen: Observations) -> Floats | None:
+    """Estimate the pose of a frame from the points it sees; None if too few agree."""
+    import pycolmap
+
+    seen = seen[structure.triangulated[seen.points]]
+    if len(seen.points) < MIN_INLIERS:
+        return None
+    options = pycolmap.AbsolutePoseEstimationOptions()
+    options.ransac.max_error = MAX_POSE_ERROR_PX
+    options.ransac.random_seed = SEED
+    options.ransac.min_inlier_ratio = MIN_INLIER_SHARE
+    options.ransac.max_num_trials = 1000
+    positions, camera = seen.positions + COLMAP_FIRST_PIXEL_PX, pinhole_camera(structure.K)
+    answer = pycolmap.estimate_and_refine_absolute_pose(
+        positions, structure.points[seen.points], camera, options
+    )
+    if answer is None:
+        return None
+    pose = np.asarray(answer["cam_from_world"].matrix(), np.float64)
+    errors = reprojection_errors(replace(structure, poses={frame: pose}), seen)
+    num_inliers = np.count_nonzero(errors <= MAX_POSE_ERROR_PX)
+    return pose if num_inliers >= max(MIN_INLIERS, MIN_INLIER_SHARE * len(errors)) else None
+
+
+def adjust_bundle(
+    structure: Structure, seen: Observations, free: Collection[int] | None = None, *, focal: bool = True
+) -> Structure:
+    """Minimise the reprojection errors over points, poses of `free` frames (default: all), and focal length.
+
+    The structure is returned unchanged unless some point is seen by two frames.
+    """
+    import pycolmap
+
+    seen = seen[structure.triangulated[seen.points]]
+    seen = seen[np.bincount(seen.points, minlength=1)[seen.points] >= 2]
+    if not len(seen.points):
+        return structure
+    model, numbers = _to_colmap(structure, seen)
+    config = pycolmap.BundleAdjustmentConfig()
+    frames = np.unique(seen.frames).tolist()
+    for frame in frames:
+        config.add_image(frame + 1)
+        if free is not None and frame not in free:
+            config.set_constant_rig_from_world_pose(frame + 1)
+    if free is None:
+        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    options = pycolmap.BundleAdjustmentOptions(
+        refine_focal_length=focal, refine_principal_point=False, refine_extra_params=False
+    )
+    options.print_summary = False
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
+    options.ceres.loss_function_scale = LOSS_PX
+    options.ceres.solver_options.max_num_iterations = MAX_STEPS
+    options.ceres.solver_options.function_tolerance = 1e-6
+    options.ceres.solver_options.num_threads = 1
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    K, poses, points = structure.K.copy(), dict(structure.poses), structure.points.copy()
+    K[0, 0] = K[1, 1] = model.cameras[1].params[0]
+    for frame in frames:
+        poses[frame] = np.asarray(model.images[frame + 1].cam_from_world().matrix(), np.float64)
+    adjusted = model.points3D
+    points[numbers] = [adjusted[index].xyz for index in range(1, len(numbers) + 1)]
+    return Structure(K, poses, points)
+
+
+def _to_colmap(structure: Structure, seen: Observations) -> tuple[Any, Indices]:
+    """Return COLMAP's model of the observations, and the indices of its points, which it counts from 1."""
+    import pycolmap
+
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(pinhole_camera(structure.K))
+    order = np.argsort(seen.frames, kind="stable")
+    row = np.empty(len(order), np.int64)
+    frames, start = np.unique(seen.frames[order], return_index=True)
+    for frame, rows in zip(frames.tolist(), np.split(order, start[1:]), strict=True):
+        row[rows] = np.arange(len(rows))
+        keypoints = seen.positions[rows] + COLMAP_FIRST_PIXEL_PX
+        image = pycolmap.Image(name=str(frame), keypoints=keypoints, camera_id=1, image_id=frame + 1)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(structure.poses[frame]))
+    order = np.argsort(seen.points, kind="stable")
+    numbers, start = np.unique(seen.points[order], return_index=True)
+    images, keypoint = (seen.frames + 1).tolist(), row.tolist()
+    for number, rows in zip(numbers, np.split(order, start[1:]), strict=True):
+        elements = [pycolmap.TrackElement(images[k], keypoint[k]) for k in rows]
+        model.add_point3D(structure.points[number], pycolmap.Track(elements))
+    return model, numbers

@@ -1,1 +1,1 @@
-"""What is made of a model: files for other programs, and pictures."""
+"""Models and maps as files for other programs, figures and pages."""

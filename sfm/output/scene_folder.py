@@ -8,17 +8,31 @@ from typing import Any
 
 import numpy as np
 
-from dvc.video import Frame
+from dvc.errors import ConfigError
+from dvc.files import atomic_folder
+from dvc.video import Frame, open_video
+from dvc.video.readers import FrameLookup
 from sfm.mapping.scene_map import MapPiece, SceneMap
-from sfm.output.colmap_text import ColmapCloud, ColmapImage, write_colmap_text
-from sfm.output.depth_maps import depth_step, write_depth_maps
-from sfm.output.flight.page import write_flight
-from sfm.output.point_cloud import write_ply
-from sfm.output.trajectory import write_trajectory
 
 MAX_SPARSE_POINTS = 100_000
-"""COLMAP's text has no more points than that: programs read it slowly."""
+"""Largest number of points in COLMAP's text files, which programs read slowly."""
 UNIT = "the unit of length is arbitrary, one for each piece"
+
+
+def map_to_folder(
+    path: str, folder: str | Path, mapper: str, report: Callable[[str], None] | None = None
+) -> SceneMap:
+    """Map a video, which must be readable several times, and write the map into a folder."""
+    from sfm.mapping.map_sequence import map_video
+
+    with open_video(path) as reader:
+        info = reader.info
+    if info.live:
+        raise ConfigError(f"{path} can be read only once: a map needs a file or a folder")
+    scene = map_video(path, mapper=mapper, report=report)
+    with atomic_folder(folder) as target, FrameLookup(path) as frame:
+        write_scene(target, scene, frame, info.frame_rate, Path(path).name)
+    return scene
 
 
 def write_scene(
@@ -30,27 +44,29 @@ def write_scene(
 ) -> None:
     """Write the map of a sequence into a folder, with a page that shows it.
 
-    The first piece stands in the folder itself, others in ``piece-1``, ``piece-2`` and so on. docs/scene.md
-    says what the files hold.
+    The first piece is in the folder itself, the other pieces are in ``piece-1``, ``piece-2`` and so on.
+    docs/scene.md describes the files.
 
     Parameters
     ----------
     folder : str or Path
         An empty folder.
     scene : SceneMap
-        What is known of the sequence.
+        The map.
     frame : callable
-        Returns a frame by its number; is asked in rising order, for one at a time.
+        Returns a frame by its index; called in rising order, for one frame at a time.
     fps : Fraction or float, optional
-        Frames per second; without it times are numbers of frames.
+        Frames per second; without it times are frame indices.
     title : str, optional
         Heading of the page.
 
     Raises
     ------
     ValueError
-        If the pixels of a camera are no rectangles.
+        If a camera has skew.
     """
+    from sfm.output.flight_page import write_flight
+
     target = Path(folder)
     pieces = []
     for number, piece in enumerate(scene.pieces):
@@ -74,11 +90,16 @@ def write_scene(
 def _write_piece(
     folder: Path, piece: MapPiece, scene: SceneMap, fps: Fraction | float | None
 ) -> dict[str, Any]:
-    """Write the files of a piece, and return what is said of them."""
+    """Write the files of a piece, and return its entry in the index."""
+    from sfm.output.map_files import colmap_model, depth_step, write_depth_maps, write_ply, write_trajectory
+
     size = scene.width_px, scene.height_px
+    poses = {f"{n:06d}.png": piece.poses[n] for n in sorted(piece.poses)}
+    count = min(len(piece.points), MAX_SPARSE_POINTS)
+    chosen = np.linspace(0, len(piece.points) - 1, count).astype(np.int64)
+    cloud = piece.points[chosen], piece.colours[chosen]
     (folder / "sparse").mkdir()
-    images = [ColmapImage(n + 1, f"{n:06d}.png", piece.poses[n]) for n in sorted(piece.poses)]
-    write_colmap_text(folder / "sparse", size, piece.intrinsics, images, _sparse_cloud(piece))
+    colmap_model(size, piece.intrinsics, poses, cloud).write_text(folder / "sparse")
     write_trajectory(folder / "trajectory.txt", piece.poses, fps)
     intrinsics = {"size": list(size), "matrix": piece.intrinsics.tolist(), "centre_of_first_pixel": [0, 0]}
     _write_json(folder / "intrinsics.json", intrinsics)
@@ -95,13 +116,6 @@ def _write_piece(
         "depth_frames": sorted(piece.depths),
         "files": ["sparse", "trajectory.txt", "intrinsics.json", "points.ply", "depth", "depth.json"],
     }
-
-
-def _sparse_cloud(piece: MapPiece) -> ColmapCloud:
-    """Return the points that COLMAP's files hold, spread evenly over all of them."""
-    count = min(len(piece.points), MAX_SPARSE_POINTS)
-    chosen = np.linspace(0, len(piece.points) - 1, count).astype(np.int64)
-    return ColmapCloud(piece.points[chosen], piece.colours[chosen])
 
 
 def _write_json(path: Path, values: object) -> None:

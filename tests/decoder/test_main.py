@@ -8,7 +8,7 @@ import pytest
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
 from sfm.mapping.scene_map import SceneMap
-from sfm.output import map_folder
+from sfm.output import scene_folder
 from tests.clips import moving_texture, write_clip
 
 
@@ -33,7 +33,7 @@ def test_a_map_is_made_of_what_was_decoded(
         arguments[2]("matching points")
         return SceneMap(32, 24, 3, ())
 
-    monkeypatch.setattr(map_folder, "map_to_folder", _map_to_folder)
+    monkeypatch.setattr(scene_folder, "map_to_folder", _map_to_folder)
     assert decoder.main([str(stream), str(plain), "--quiet"]) == 0
     assert not asked
     assert decoder.main([str(stream), str(mapped), "--scene", str(folder), "--mapper", "colmap"]) == 0

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from dvc.geometry.cameras import PixelFrame, homogeneous, project
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels, unit_norm
-from sfm.model import Correspondences, Model
+from sfm.scene_model import Correspondences, Model
 
 Floats = NDArray[np.float64]
 

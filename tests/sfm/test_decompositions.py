@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sfm import _kernels as kernels
+from sfm import decompositions as kernels
 from sfm.decompositions import least_singular, real_roots, right_singular, svd
 from tests.twins import Choose
 
@@ -74,7 +74,7 @@ def test_known_roots(choose: Choose) -> None:
     """(z - 1)(z - 2)(z + 3), a triple root, and z^3 + z."""
     cubics = np.array([[6.0, -7.0, 0.0, 1.0], [-8.0, 12.0, -6.0, 1.0], [0.0, 1.0, 0.0, 1.0]])
     roots = np.empty((3, 3))
-    choose(kernels.real_roots)(cubics, roots)
+    choose(kernels.find_roots)(cubics, roots)
     np.testing.assert_allclose(roots[0], [-3.0, 1.0, 2.0], rtol=1e-14)
     assert roots[1][np.isfinite(roots[1])] == pytest.approx([2.0], abs=1e-4)
     assert roots[2][np.isfinite(roots[2])] == pytest.approx([0.0], abs=1e-30)
@@ -88,6 +88,6 @@ def test_digits_are_always_the_same(choose: Choose) -> None:
     basis = np.broadcast_to(np.eye(9), (2, 9, 9)).copy()
     choose(kernels.orthogonalise)(columns, basis)
     roots = np.empty((2, 3))
-    choose(kernels.real_roots)(np.array([[6.0, -7.0, 0.25, 1.0], [3.0, 5.0, -9.0, 7.0]]), roots)
+    choose(kernels.find_roots)(np.array([[6.0, -7.0, 0.25, 1.0], [3.0, 5.0, -9.0, 7.0]]), roots)
     found = columns.tobytes() + basis.tobytes() + roots[:, 0].tobytes()
     assert hashlib.sha256(found).hexdigest()[:16] == "01b71be2b922e43d"

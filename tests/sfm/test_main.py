@@ -13,8 +13,8 @@ from dvc.geometry.cameras import PixelFrame
 from dvc.video import create_video
 from sfm.__main__ import main
 from sfm.mapping.scene_map import SceneMap
-from sfm.model import Correspondences
-from sfm.output.drawing import ZOOM, draw_correspondences, side_by_side
+from sfm.output.model_files import ZOOM, draw_correspondences, side_by_side
+from sfm.scene_model import Correspondences
 from tests.scenes_3d import render
 from tests.sfm.plane_map import frames_of, map_of, piece_of
 
@@ -41,10 +41,12 @@ def test_a_model_is_written(
     assert {path.name for path in (tmp_path / "m").iterdir()} == {
         "cameras.txt",
         "correspondences.png",
+        "frames.txt",
         "images.txt",
         "model.json",
         "points.ply",
         "points3D.txt",
+        "rigs.txt",
     }
     values = json.loads((tmp_path / "m" / "model.json").read_text())
     assert values["success"]
@@ -98,9 +100,9 @@ def mapped(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
             report("half of it")
         return map_of(piece_of(range(3), 48, 32), size=(48, 32), num_frames=4)
 
-    module = ModuleType("sfm.mapping.sequence")
+    module = ModuleType("sfm.mapping.map_sequence")
     module.map_video = map_video  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "sfm.mapping.sequence", module)
+    monkeypatch.setitem(sys.modules, "sfm.mapping.map_sequence", module)
     return calls
 
 

@@ -13,9 +13,9 @@ from sfm.estimation.epipolar import (
     symmetric_distances,
     unit_norm,
 )
-from sfm.model import Correspondences, Reconstruction
 from sfm.pipeline import coverage, reconstruct
-from sfm.settings import ALTERNATIONS, SfmSettings, TrustSettings
+from sfm.reconstruction_settings import ALTERNATIONS, SfmSettings, TrustSettings
+from sfm.scene_model import Correspondences, Reconstruction
 from tests.clips import moving_texture
 from tests.scenes_3d import camera_at, render
 from tests.sfm.textures import picture, texture

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from dvc.geometry.cameras import PixelFrame, homogeneous, project
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels, unit_norm
-from sfm.estimation.two_view import SharedScale
-from sfm.model import Correspondences, Model
+from sfm.estimation.two_view_estimators import SharedScale
+from sfm.scene_model import Correspondences, Model
 
 Floats = NDArray[np.float64]
 

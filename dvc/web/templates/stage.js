@@ -5,7 +5,6 @@ const Stage = (() => {
   const root = document.documentElement, element = (id) => document.getElementById(id);
   const canvas = element("view"), message = element("message"), help = element("help");
   let painter = null, wanted = false, moving = 0, times = [];
-  root.classList.add("js");
 
   const say = (text) => {
     message.textContent = text;

@@ -21,7 +21,7 @@ from dvc.geometry.cameras import PixelFrame
 from dvc.geometry.warping import warp_matrix
 from dvc.metrics import psnr_db
 from dvc.wynerziv.transform import to_uint8
-from sfm.model import Correspondences, Model
+from sfm.scene_model import Correspondences, Model
 from tests.scenes_3d import camera_at, render, two_planes
 
 MODEL = two_planes()

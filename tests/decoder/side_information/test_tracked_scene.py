@@ -17,7 +17,7 @@ from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
 from encoder.corners import CornerDetector
-from sfm.model import Model
+from sfm.scene_model import Model
 from tests.scenes_3d import camera_at, render, two_planes
 
 PIXELS = PixelFrame(176, 144)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from decoder.tracking import TrackingSettings, match_points
 from dvc.tracks.points import FeaturePoints
-from sfm.model import Correspondences, Reconstruction
+from sfm.scene_model import Correspondences, Reconstruction
 
 Floats = NDArray[np.float64]
 WIDTH, HEIGHT = 352, 288

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from decoder.tracking.paired_corners import choose_paired_corners, strongest_nearby
 from dvc.corners import corner_response
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 
 MOTION = np.array([4.0, 2.0])
 ASIDE = np.array([1.0, 0.0])

@@ -77,7 +77,7 @@ def test_what_is_served(served: ViewServer) -> None:
 
 def test_few_are_answered_at_a_time(served: ViewServer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those who connect and say nothing take no more than their share, and are closed in the end."""
-    monkeypatch.setattr(server, "SILENCE_S", 0.5)
+    monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 0.5)
     with ViewServer() as page:
         silent = [socket.create_connection(tuple(page.name.split(":")), timeout=30) for _ in range(20)]  # type: ignore[arg-type]
         assert all(one.recv(1) == b"" for one in silent)

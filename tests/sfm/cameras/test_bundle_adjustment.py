@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 from dvc.geometry.cameras import project
-from sfm.cameras import alternation
-from sfm.cameras.bundle_adjustment import BundleAdjustment, BundleAdjustmentSettings, bundle_adjustment
+from sfm.cameras.bundle_adjustment import (
+    BundleAdjustment,
+    BundleAdjustmentSettings,
+    bundle_adjustment,
+    camera_step,
+    denominators,
+    depth_step,
+)
 from sfm.cameras.projective_basis import camera_basis, camera_from_coordinates, coordinates_of_camera
 from sfm.estimation.epipolar import sampson_distances
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 from tests.reference import sfm_cameras as reference
 from tests.sfm.two_views import FRAME, TwoViews, camera_at, odd_correspondences, two_views
 
@@ -60,9 +66,9 @@ def test_camera_step_is_that_of_the_twin() -> None:
     scene = two_views(40)
     first, second = noisy_second(scene)
     points = scene.model.points
-    kappa = alternation.denominators(first, scene.depths, scene.camera)
+    kappa = denominators(first, scene.depths, scene.camera)
     for basis in (np.eye(12), camera_basis(points[:2], FRAME.to_normalized(scene.exact.second)[:2])):
-        found = alternation.camera_step(first, scene.depths, second, kappa, basis)
+        found = camera_step(first, scene.depths, second, kappa, basis)
         plain = reference.camera_step(first, scene.depths, second, kappa, basis)
         assert min(np.abs(found - plain).max(), np.abs(found + plain).max()) < 1e-7
         assert (project(found, points)[1] > 0).all()
@@ -72,8 +78,8 @@ def test_depth_step_is_that_of_the_twin() -> None:
     """The depths of (B.4) are those of the plain formula, and the least of the weighted error."""
     scene = two_views(40)
     first, second = noisy_second(scene)
-    kappa = alternation.denominators(first, scene.depths, scene.camera)
-    found = alternation.depth_step(first, second, scene.camera, kappa)
+    kappa = denominators(first, scene.depths, scene.camera)
+    found = depth_step(first, second, scene.camera, kappa)
     np.testing.assert_allclose(found, reference.depth_step(first, second, scene.camera), rtol=1e-9)
 
 
@@ -97,12 +103,12 @@ def test_steps_do_not_increase_the_weighted_error() -> None:
     camera, depths = scene.camera, scene.depths.copy()
     errors = []
     for _ in range(6):
-        kappa = alternation.denominators(first, depths, camera)
+        kappa = denominators(first, depths, camera)
         before = weighted_error(first, depths, second, camera, kappa)
         assert before == pytest.approx(reference.reprojection_error(first, depths, second, camera), rel=1e-9)
-        camera = alternation.camera_step(first, depths, second, kappa, basis)
+        camera = camera_step(first, depths, second, kappa, basis)
         middle = weighted_error(first, depths, second, camera, kappa)
-        moved = alternation.depth_step(first, second, camera, kappa)
+        moved = depth_step(first, second, camera, kappa)
         depths[2:] = moved[2:]
         after = weighted_error(first, depths, second, camera, kappa)
         assert after <= middle * (1 + 1e-9) <= before * (1 + 1e-9) ** 2

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from dvc.geometry.cameras import project
-from sfm.cameras.camera_path import intermediate_cameras, regular_cameras
+from sfm.cameras.camera_path import TrackedPoints, intermediate_cameras, regular_cameras, tracked_points
 from sfm.cameras.resection import Resection
-from sfm.cameras.tracked_points import TrackedPoints, tracked_points
 from tests.sfm.two_views import FRAME, TwoViews, camera_at, two_views
 
 NUM_STEPS = 6

@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dvc.geometry.cameras import homogeneous, oriented, project
-from sfm.cameras import depth_order
-from sfm.cameras.depth_order import is_reversed, rigid_order
+from sfm.cameras import rebasing
+from sfm.cameras.rebasing import is_reversed, rigid_order
 from sfm.cameras.self_calibration import self_calibration
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
-from sfm.model import Correspondences, Model
+from sfm.scene_model import Correspondences, Model
 from tests.sfm.two_views import FRAME, two_views
 
 ORBITS_DEG = (4.0, 8.0, -12.0)
@@ -73,7 +73,7 @@ def test_a_rigid_motion_needs_four_fifths_of_the_points(
     num_behind: int, believed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where less of them lie before both cameras the model stays as it is."""
-    monkeypatch.setattr(depth_order, "FOCAL_LENGTHS", (1.2,))
+    monkeypatch.setattr(rebasing, "FOCAL_LENGTHS", (1.2,))
     truth = orbit(8.0)
     behind = truth.points[:num_behind] * [-1.0, -1.0, -1.0, 1.0]
     second = truth.correspondences.second.copy()

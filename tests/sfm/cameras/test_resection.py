@@ -6,10 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.geometry.cameras import project
-from sfm.cameras.camera_path import intermediate_cameras, interpolated_camera
-from sfm.cameras.camera_prior import PriorSettings
-from sfm.cameras.resection import Resection, ResectionSettings, resection
-from sfm.cameras.tracked_points import TrackedPoints, linear_points, linear_tracks, tracked_points
+from sfm.cameras.camera_path import (
+    TrackedPoints,
+    intermediate_cameras,
+    interpolated_camera,
+    linear_points,
+    linear_tracks,
+    tracked_points,
+)
+from sfm.cameras.resection import PriorSettings, Resection, ResectionSettings, resection
 from tests.sfm.two_views import FRAME, TwoViews, camera_at, two_views
 
 TIME, SHAKE = 0.4, 0.012

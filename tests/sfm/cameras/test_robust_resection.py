@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 
 from dvc.geometry.cameras import PixelFrame
-from sfm.cameras.camera_prior import PriorSettings, ResectionProblem, resection_problem
-from sfm.cameras.robust_resection import image_distances, robust_weights
+from sfm.cameras.resection import (
+    PriorSettings,
+    ResectionProblem,
+    image_distances,
+    resection_problem,
+    robust_weights,
+)
 
 FRAME = PixelFrame(352, 288)
 IDENTITY = np.hstack([np.eye(3), np.zeros((3, 1))])

@@ -9,9 +9,9 @@ from dvc.geometry.cameras import homogeneous, project
 from dvc.geometry.triangulation import inverse_depths, triangulate_depth
 from sfm.cameras.self_calibration import SelfCalibration, SelfCalibrationSettings, self_calibration
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
-from sfm.model import Correspondences
 from sfm.pipeline import weak_calibration
-from sfm.settings import SfmSettings
+from sfm.reconstruction_settings import SfmSettings
+from sfm.scene_model import Correspondences
 from tests.sfm.two_views import FRAME, odd_correspondences, two_views
 
 

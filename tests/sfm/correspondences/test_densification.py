@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from sfm.correspondences import densification
+from sfm.correspondences.corner_matching import FeatureSettings, detect_corners, match_corners
 from sfm.correspondences.densification import DensificationSettings, densify
 from sfm.correspondences.epipolar_search import EpipolarSearch
-from sfm.correspondences.features import FeatureSettings, detect_corners
-from sfm.correspondences.matching import match_corners
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 from tests.sfm.textures import picture, shifted, sideways, texture
 
 HEIGHT, WIDTH = 120, 160

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from sfm.correspondences import _kernels
-from sfm.correspondences.features import FeatureSettings, detect_corners
+from sfm.correspondences.corner_matching import FeatureSettings, detect_corners, suppression_radii
 from tests.reference import sfm_matching as reference
 from tests.sfm.textures import picture, texture
 
@@ -70,7 +69,7 @@ def test_suppression_radii(compiled: bool) -> None:
     points = rng.integers(0, 30, (40, 2))
     strength = np.sort(rng.integers(1, 12, 40).astype(np.float64))[::-1].copy()
     radii = np.empty(40, dtype=np.int64)
-    kernel = _kernels.suppression_radii if compiled else python_twin(_kernels.suppression_radii)
+    kernel = suppression_radii if compiled else python_twin(suppression_radii)
     kernel(points[:, 0].copy(), points[:, 1].copy(), strength, 0.9, radii)
     assert radii.tolist() == reference.suppression_radii(points, strength, 0.9)
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfm.correspondences import outliers
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 from tests.reference import sfm_matching as reference
 from tests.sfm.textures import Floats, forwards, sideways
 

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from sfm.correspondences import _kernels
+from sfm.correspondences import densification, epipolar_search
+from sfm.correspondences.densification import PropagationSettings, find_edges, propagate
 from sfm.correspondences.epipolar_search import EpipolarSearch, SearchSettings
-from sfm.correspondences.propagation import PropagationSettings, find_edges, propagate
-from sfm.correspondences.refinement import half_pixel_samples, spline, spline_coefficients, window
+from sfm.correspondences.spline_sampling import half_pixel_samples, spline, spline_coefficients
+from sfm.correspondences.subpixel import window
 from sfm.estimation.epipolar import epipoles
-from sfm.model import Correspondences
+from sfm.scene_model import Correspondences
 from tests.reference import sfm_neighbourhoods, sfm_propagation
 from tests.sfm.textures import Floats, Image, forwards, picture, shifted, sideways, texture
 
@@ -154,7 +155,8 @@ SPLINE = spline(MOVED[20:50, 30:66])
 GENERAL = forwards((90.0, -30.0)) + 0.3 * sideways((0.8, 0.6))
 GENERAL = np.array(GENERAL / np.linalg.norm(GENERAL))
 SEARCH = (1.5, 0.5, 1e-4)
-PAIR = _kernels.KeyPair(SMALL, SPLINE, half_pixel_samples(SPLINE), sideways(), epipoles(sideways())[0])
+LINE_SEARCH = epipolar_search.LineSearch(*SEARCH, min_error=4.0, error_share=0.05)
+PAIR = epipolar_search.KeyPair(SMALL, SPLINE, half_pixel_samples(SPLINE), sideways(), epipoles(sideways())[0])
 
 
 def run(kernel: object, compiled: bool) -> object:
@@ -169,15 +171,15 @@ def test_errors_of_neighbourhoods(compiled: bool) -> None:
     target, weights = SMALL[10:15, 12:17], window(2)
     affine = np.array([[1.1, 0.2], [-0.1, 0.9]])
     for x, y in ((14.2, 12.7), (3.0, 2.9), (30.1, 26.0)):
-        error = run(_kernels.neighbourhood_error, compiled)(target, SPLINE, x, y, affine, weights)  # type: ignore[operator]
+        error = run(epipolar_search.neighbourhood_error, compiled)(target, SPLINE, x, y, affine, weights)  # type: ignore[operator]
         values = sfm_neighbourhoods.neighbourhood(COEFFICIENTS, x, y, affine, 2)
         assert error == pytest.approx(sfm_neighbourhoods.free_mean_error(target, values, weights), rel=1e-9)
-        rough = run(_kernels.rough_error, compiled)(target, PAIR.halves, x, y, affine, weights)  # type: ignore[operator]
+        rough = run(epipolar_search.rough_error, compiled)(target, PAIR.halves, x, y, affine, weights)  # type: ignore[operator]
         assert rough == pytest.approx(error, rel=0.02)
     for x, y in ((1.0, 12.0), (34.0, 12.0), (14.0, 1.0), (14.0, 29.0)):
-        error = run(_kernels.neighbourhood_error, compiled)(target, SPLINE, x, y, affine, weights)  # type: ignore[operator]
+        error = run(epipolar_search.neighbourhood_error, compiled)(target, SPLINE, x, y, affine, weights)  # type: ignore[operator]
         assert error == np.inf
-        rough = run(_kernels.rough_error, compiled)(target, PAIR.halves, x, y, affine, weights)  # type: ignore[operator]
+        rough = run(epipolar_search.rough_error, compiled)(target, PAIR.halves, x, y, affine, weights)  # type: ignore[operator]
         assert rough == np.inf
 
 
@@ -188,8 +190,15 @@ def test_epipolar_frames(compiled: bool, fundamental: Floats) -> None:
     """Foot, direction and similarity are those of the twin, up to the direction's sign of both."""
     foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
     near = np.array([20.0, 17.0])
-    arguments = (fundamental, epipoles(fundamental)[0], 15, 11, *near, _kernels.Line(foot, direction, affine))
-    assert run(_kernels.epipolar_frame, compiled)(*arguments)  # type: ignore[operator]
+    arguments = (
+        fundamental,
+        epipoles(fundamental)[0],
+        15,
+        11,
+        *near,
+        epipolar_search.Line(foot, direction, affine),
+    )
+    assert run(epipolar_search.epipolar_frame, compiled)(*arguments)  # type: ignore[operator]
     expected = sfm_propagation.epipolar_frame(fundamental, 15, 11, near)
     np.testing.assert_allclose(foot, expected[0], atol=1e-9)
     np.testing.assert_allclose(np.abs(direction @ expected[1]), 1.0, atol=1e-9)
@@ -200,13 +209,13 @@ def test_epipolar_frames(compiled: bool, fundamental: Floats) -> None:
         3,
         4,
         *near,
-        _kernels.Line(foot, direction, affine),
+        epipolar_search.Line(foot, direction, affine),
     )
-    assert not run(_kernels.epipolar_frame, compiled)(*at_epipole)  # type: ignore[operator]
+    assert not run(epipolar_search.epipolar_frame, compiled)(*at_epipole)  # type: ignore[operator]
     affines = np.full((2, 2, 2), np.nan)
     points = np.array([[3.0, 4.0], [15.0, 11.0]])
     search = (at_epipole[0], at_epipole[1], points, np.array([near, near]), affines)
-    run(_kernels.similarities, compiled)(*search)  # type: ignore[operator]
+    run(epipolar_search.similarities, compiled)(*search)  # type: ignore[operator]
     np.testing.assert_array_equal(affines[0], np.eye(2))
     assert np.isfinite(affines[1]).all()
 
@@ -225,8 +234,8 @@ def test_points_are_followed(compiled: bool) -> None:
         (22, 20, 6.2),
     ):
         near, found = np.array([x + start, y + 0.4]), np.empty(2)
-        error = run(_kernels.follow, compiled)(  # type: ignore[operator]
-            PAIR, x, y, near, weights, np.array(SEARCH), _kernels.ErrorLimit(4.0, 0.05), found
+        error = run(epipolar_search.follow, compiled)(  # type: ignore[operator]
+            PAIR, x, y, near, weights, LINE_SEARCH, found
         )
         expected = sfm_propagation.follow(
             SMALL, COEFFICIENTS, sideways(), x, y, near, weights, SEARCH, 4.0, 0.05
@@ -264,9 +273,9 @@ def test_rounds_of_propagation(
     second, errors = np.zeros((SMALL.size + 2, 2)), np.zeros(SMALL.size + 2)
     for k, (x, y, place) in enumerate(ROUND_SEEDS):
         first[k], second[k] = (x, y), place
-    end = run(_kernels.propagate, compiled)(  # type: ignore[operator]
-        PAIR, tries.copy(), 3, window(2), np.array(SEARCH), _kernels.ErrorLimit(4.0, 0.05), 2,
-        _kernels.Points(first, second, errors),
+    end = run(densification.spread, compiled)(  # type: ignore[operator]
+        PAIR, tries.copy(), 3, window(2), LINE_SEARCH, 2,
+        epipolar_search.Points(first, second, errors),
     )  # fmt: skip
     found = {tuple(p): q for p, q in zip(first[:end].tolist(), second[:end], strict=True)}
     assert end > 12
@@ -282,7 +291,7 @@ def test_scores_of_sides(compiled: bool) -> None:
     second = first + np.array([6.3, 0.1])
     normals = np.array([[1.0, 0.0], [0.6, -0.8], [0.8, 0.6], [0.0, 1.0]])
     scores = np.empty((4, 2))
-    run(_kernels.disagreement, compiled)(  # type: ignore[operator]
+    run(epipolar_search.disagreement, compiled)(  # type: ignore[operator]
         PAIR._replace(fundamental=GENERAL, epipole=epipoles(GENERAL)[0]),
         first,
         second,

@@ -8,10 +8,10 @@ import pytest
 
 from sfm.estimation import degeneracy
 from sfm.estimation.degeneracy import MotionClass, classify_motion, gric
-from sfm.estimation.homography import HomographyEstimator
-from sfm.model import Correspondences
+from sfm.estimation.two_view_estimators import HomographyEstimator
 from sfm.pipeline import weak_calibration
-from sfm.settings import SfmSettings
+from sfm.reconstruction_settings import SfmSettings
+from sfm.scene_model import Correspondences
 from tests.sfm.two_views import odd_correspondences, two_views
 
 

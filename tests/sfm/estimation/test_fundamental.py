@@ -3,7 +3,7 @@
 import numpy as np
 
 from sfm.estimation.epipolar import sampson_distances
-from sfm.estimation.fundamental import FundamentalEstimator
+from sfm.estimation.two_view_estimators import FundamentalEstimator
 from tests.reference import sfm_cameras as reference
 from tests.sfm.two_views import in_shared_scale, two_views
 

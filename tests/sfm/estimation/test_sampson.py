@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from sfm.estimation import sampson
+from sfm.estimation import two_view_estimators
 from sfm.estimation.epipolar import sampson_distances
-from sfm.estimation.fundamental import FundamentalEstimator
-from sfm.estimation.two_view import SharedScale
+from sfm.estimation.two_view_estimators import FundamentalEstimator, SharedScale
 from tests.sfm.two_views import in_shared_scale, two_views
 
 
@@ -19,13 +18,13 @@ def test_gradient_agrees_with_differences() -> None:
     u, s, vt = np.linalg.svd(in_shared_scale(estimator.scale, scene.fundamental))
     f = (u * [s[0], s[1], 0.0]) @ vt
     f /= np.linalg.norm(f)
-    _, gradient = sampson._sampson_gradient(f, a, b, sampson.constraint_rows(a, b))
-    jacobian = gradient @ sampson._tangent_space(f)
+    _, gradient = two_view_estimators._sampson_gradient(f, a, b, two_view_estimators.constraint_rows(a, b))
+    jacobian = gradient @ two_view_estimators._tangent_space(f)
     for k in range(7):
         step = np.zeros(7)
         step[k] = 1e-6
-        ahead = sampson_distances(sampson._turned(f, step), a, b)
-        behind = sampson_distances(sampson._turned(f, -step), a, b)
+        ahead = sampson_distances(two_view_estimators._turned(f, step), a, b)
+        behind = sampson_distances(two_view_estimators._turned(f, -step), a, b)
         np.testing.assert_allclose((ahead - behind) / 2e-6, jacobian[:, k], atol=1e-7)
 
 
@@ -36,9 +35,9 @@ def test_the_minimum_is_that_of_a_general_solver(kind: str) -> None:
     estimator = FundamentalEstimator(scene.measured.first, scene.measured.second)
     a, b = estimator._first, estimator._second
     start = in_shared_scale(estimator.scale, scene.fundamental)
-    found = sampson.minimize_sampson(start, a, b, max_iterations=50)
+    found = two_view_estimators.minimize_sampson(start, a, b, max_iterations=50)
     general = least_squares(
-        lambda step: sampson_distances(sampson._turned(start, step), a, b),
+        lambda step: sampson_distances(two_view_estimators._turned(start, step), a, b),
         np.zeros(7),
         xtol=1e-14,
         ftol=1e-14,

@@ -6,8 +6,8 @@ import pytest
 from sfm import pipeline
 from sfm.estimation.epipolar import symmetric_distances
 from sfm.estimation.weak_calibration import WeakCalibration, WeakCalibrationSettings
-from sfm.model import Correspondences
-from sfm.settings import SfmSettings
+from sfm.reconstruction_settings import SfmSettings
+from sfm.scene_model import Correspondences
 from tests.sfm.two_views import odd_correspondences, two_views
 
 

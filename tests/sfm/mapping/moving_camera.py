@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.mapping.tracking import SeenPoints, SequenceTracks
+from sfm.mapping.sequence_tracks import SequenceTracks, VisiblePoints
 
 Floats = NDArray[np.float64]
 
@@ -27,13 +27,13 @@ def scene(count: int = 500, seed: int = 1) -> Floats:
 
 def seen_by(
     pose: Floats, points: Floats, first_id: int = 0, noise_px: float = 0.0, seed: int = 0
-) -> SeenPoints:
+) -> VisiblePoints:
     """Project points into a frame."""
     image = (points @ pose[:, :3].T + pose[:, 3]) @ K.T
     place = image[:, :2] / image[:, 2:]
     inside = (image[:, 2] > 0) & ((place >= 0) & (place <= [WIDTH - 1, HEIGHT - 1])).all(axis=1)
     noise = np.random.default_rng(seed).normal(0.0, noise_px, (int(inside.sum()), 2))
-    return SeenPoints(first_id + np.flatnonzero(inside), place[inside] + noise)
+    return VisiblePoints(first_id + np.flatnonzero(inside), place[inside] + noise)
 
 
 def tracks_of(poses: list[Floats], points: Floats, noise_px: float = 0.0, spacing: int = 2) -> SequenceTracks:

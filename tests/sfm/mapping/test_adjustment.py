@@ -2,9 +2,15 @@
 
 import numpy as np
 
-from sfm.mapping.adjustment import adjust, locate
-from sfm.mapping.structure import Observations, Structure, observations, reprojection
-from sfm.mapping.trajectory import trajectory_error
+from sfm.mapping.map_evaluation import trajectory_error
+from sfm.mapping.structure import (
+    Observations,
+    Structure,
+    adjust_bundle,
+    observations,
+    register_frame,
+    reprojection_errors,
+)
 from tests.sfm.mapping.moving_camera import FOCAL, K, pose_of, scene, tracks_of
 
 
@@ -23,8 +29,8 @@ def test_adjustment_finds_cameras_and_focal_length() -> None:
     """From a disturbed start, exact tracks lead back to the truth."""
     structure, seen, truth = _disturbed(10)
     for _ in range(2):
-        structure = adjust(structure, seen)
-    errors, _ = reprojection(structure, seen)
+        structure = adjust_bundle(structure, seen)
+    errors = reprojection_errors(structure, seen)
     assert np.quantile(errors, 0.95) < 0.01
     assert abs(structure.K[0, 0] / FOCAL - 1.0) < 1e-3
     assert trajectory_error(structure.poses, truth).relative < 1e-3
@@ -33,7 +39,7 @@ def test_adjustment_finds_cameras_and_focal_length() -> None:
 def test_frames_that_are_not_free_stay() -> None:
     """A local adjustment leaves the rest, and the focal length, alone."""
     structure, seen, _ = _disturbed(6)
-    adjusted = adjust(structure, seen, {4, 5}, focal=False)
+    adjusted = adjust_bundle(structure, seen, {4, 5}, focal=False)
     assert adjusted.K[0, 0] == structure.K[0, 0]
     for frame in range(4):
         np.testing.assert_allclose(adjusted.poses[frame], structure.poses[frame], atol=1e-9)
@@ -43,8 +49,8 @@ def test_frames_that_are_not_free_stay() -> None:
 def test_nothing_is_adjusted_without_observations() -> None:
     """The structure stays where no point is known, or each is seen but once."""
     structure, seen, _ = _disturbed(2)
-    assert adjust(structure, seen[np.arange(0)]) is structure
-    assert adjust(structure, seen[seen.frames == 0]) is structure
+    assert adjust_bundle(structure, seen[np.arange(0)]) is structure
+    assert adjust_bundle(structure, seen[seen.frames == 0]) is structure
 
 
 def test_a_frame_is_located() -> None:
@@ -52,7 +58,7 @@ def test_a_frame_is_located() -> None:
     points = scene()
     seen = observations(tracks_of([pose_of(2.5)], points).seen, [0])
     seen.positions[::5] += 25.0
-    pose = locate(Structure(K, {}, points), 0, seen)
+    pose = register_frame(Structure(K, {}, points), 0, seen)
     assert pose is not None
     np.testing.assert_allclose(pose, pose_of(2.5), atol=1e-4)
 
@@ -64,5 +70,5 @@ def test_a_frame_that_shows_something_else_is_not_located() -> None:
     rng = np.random.default_rng(0)
     random = Observations(seen.frames, seen.points, rng.uniform(0, 240, seen.positions.shape))
     structure = Structure(K, {}, points)
-    assert locate(structure, 0, random) is None
-    assert locate(structure, 0, seen[np.arange(10)]) is None
+    assert register_frame(structure, 0, random) is None
+    assert register_frame(structure, 0, seen[np.arange(10)]) is None

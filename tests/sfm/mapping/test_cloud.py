@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sfm.mapping.cloud import dense_cloud, points_in_world
+from sfm.mapping.dense import dense_cloud, points_in_world
 from tests.sfm.mapping.moving_camera import HEIGHT, WIDTH, K, pose_of
 
 

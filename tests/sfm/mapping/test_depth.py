@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dvc.geometry.cameras import PixelFrame
-from sfm.mapping.cloud import points_in_world
-from sfm.mapping.depth import View, complete_depths, inverse_depth_span, neighbours, sweep_depth
+from sfm.mapping.dense import points_in_world
+from sfm.mapping.keyframe_depth import View, complete_depths, inverse_depth_span, neighbours, sweep_depth
 from tests.scenes_3d import camera_at, render
 
 SIZE = PixelFrame(96, 80)

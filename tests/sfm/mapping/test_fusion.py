@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dvc.geometry.depth_maps import MIN_CONFIDENCE
-from sfm.mapping.fusion import Candidate, SweptDepth, drawn_candidate, fused_depth
+from sfm.mapping.keyframe_depth import Candidate, SweptDepth, drawn_candidate, fused_depth
 
 SHAPE = (6, 8)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sfm.mapping.rendering import render_view
+from sfm.mapping.map_evaluation import render_view
 from sfm.mapping.scene_map import MapPiece
 
 SHAPE = (16, 20)

@@ -8,10 +8,9 @@ import pytest
 
 from dvc.geometry.cameras import PixelFrame
 from dvc.video import Frame, create_video
-from sfm.mapping.rendering import render_view
+from sfm.mapping.map_evaluation import render_view, trajectory_error
+from sfm.mapping.map_sequence import map_sequence, map_video
 from sfm.mapping.scene_map import SceneMap
-from sfm.mapping.sequence import map_sequence, map_video
-from sfm.mapping.trajectory import trajectory_error
 from tests.scenes_3d import camera_at, render
 
 SIZE = PixelFrame(192, 144)

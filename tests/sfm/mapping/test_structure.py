@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sfm.mapping.structure import Structure, observations, reprojection, triangulate
+from sfm.mapping.structure import Structure, observations, reprojection_errors, triangulate
 from tests.sfm.mapping.moving_camera import K, pose_of, scene, tracks_of
 
 
@@ -58,6 +58,6 @@ def test_nothing_seen() -> None:
 def test_errors_of_unknown_points_are_infinite() -> None:
     """They agree with nothing."""
     _, structure, tracks = _known(3)
-    errors, _ = reprojection(structure, observations(tracks.seen, range(3)))
+    errors = reprojection_errors(structure, observations(tracks.seen, range(3)))
     assert np.isinf(errors).all()
     assert errors.size == pytest.approx(sum(len(each.ids) for each in tracks.seen))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dvc.video import Frame
-from sfm.mapping.tracking import track_sequence
+from sfm.mapping.sequence_tracks import track_sequence
 
 SHAPE = (120, 160)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sfm.mapping.trajectory import align, centre, trajectory_error
+from sfm.mapping.map_evaluation import align, centre, trajectory_error
 from tests.sfm.mapping.moving_camera import pose_of
 
 

@@ -1,0 +1,130 @@
+"""COLMAP's estimators: the fundamental matrix, relative poses, and a pair of cameras of unknown focal length.
+
+COLMAP puts the centre of the first pixel at (0.5, 0.5); this module converts.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX, PixelFrame, homogeneous, project
+from dvc.geometry.triangulation import triangulate_depth
+from sfm.cameras.projective_basis import CAMERA_NORM
+from sfm.correspondences import outliers
+from sfm.estimation.epipolar import (
+    fundamental_from_camera,
+    fundamental_to_pixels,
+    sampson_distances,
+    unit_norm,
+)
+from sfm.estimation.weak_calibration import WeakCalibration
+from sfm.reconstruction_settings import SfmSettings
+from sfm.scene_model import CameraPair, Correspondences
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 9))
+"""Focal lengths to try, in units of the longer side of the image."""
+MIN_NUM_POINTS = 8
+
+
+def pinhole_camera(K: Floats) -> Any:
+    """Return COLMAP's camera of square pixels with the principal point in the middle of the image."""
+    import pycolmap
+
+    parameters = [K[0, 0], K[0, 2] + COLMAP_FIRST_PIXEL_PX, K[1, 2] + COLMAP_FIRST_PIXEL_PX]
+    width, height = round(2 * parameters[1]), round(2 * parameters[2])
+    return pycolmap.Camera(model="SIMPLE_PINHOLE", width=width, height=height, params=parameters, camera_id=1)
+
+
+def relative_pose(camera: Any, first: Floats, second: Floats, ransac: Any) -> tuple[Floats, Mask] | None:
+    """Return the pose [R | t] of the second camera and a mask of inliers, for points in COLMAP's pixels."""
+    import pycolmap
+
+    answer = pycolmap.estimate_relative_pose(camera, first, camera, second, ransac)
+    if answer is None:
+        return None
+    rigid, mask = answer["cam2_from_cam1"], answer["inlier_mask"]
+    refined = pycolmap.refine_relative_pose(rigid, camera, first, camera, second, mask)
+    rigid = rigid if refined is None else refined["cam2_from_cam1"]
+    return np.asarray(rigid.matrix(), np.float64), np.asarray(mask, dtype=bool)
+
+
+def weak_calibration(matches: Correspondences, settings: SfmSettings, seed: int) -> WeakCalibration:
+    """Estimate the fundamental matrix by COLMAP's LO-RANSAC."""
+    import pycolmap
+
+    missing = WeakCalibration.missing(
+        len(matches), f"COLMAP finds no epipolar geometry in {len(matches)} correspondences"
+    )
+    if len(matches) < MIN_NUM_POINTS:
+        return missing
+    ransac = _ransac(settings, seed)
+    answer = pycolmap.estimate_fundamental_matrix(matches.first, matches.second, ransac)
+    if answer is None:
+        return missing
+    fundamental = np.asarray(answer["F"], dtype=np.float64)
+    inliers = np.asarray(answer["inlier_mask"], dtype=bool)
+    is_valid = np.isfinite(fundamental).all() and fundamental.any()
+    if not is_valid or np.count_nonzero(inliers) < settings.weak_calibration.min_num_inliers:
+        return missing
+    fundamental = unit_norm(fundamental)
+    residuals = sampson_distances(fundamental, matches.first, matches.second)
+    noise_px = float(np.sqrt((residuals[inliers] ** 2).mean()))
+    return WeakCalibration(fundamental, inliers, residuals, noise_px, 0, "")
+
+
+def camera_pair(matches: Correspondences, frame: PixelFrame, settings: SfmSettings, seed: int) -> CameraPair:
+    """Estimate the relative pose with the focal length under which the points agree best."""
+    max_error_px = settings.colmap_max_error_px
+    best, fundamental, best_cost = None, np.zeros((3, 3)), np.inf
+    for ratio in FOCAL_LENGTHS:
+        camera = _camera(matches, frame, float(ratio), _ransac(settings, seed))
+        if camera is None:
+            continue
+        candidate = unit_norm(fundamental_to_pixels(fundamental_from_camera(camera), frame))
+        squared = sampson_distances(candidate, matches.first, matches.second) ** 2
+        cost = float(np.minimum(squared, max_error_px**2).sum())
+        if cost < best_cost:
+            best, fundamental, best_cost = camera, candidate, cost
+    if best is None:
+        return CameraPair.missing(len(matches), "COLMAP finds no relative pose")
+    camera = best * (CAMERA_NORM / np.linalg.norm(best))
+    agreeing = _agreeing(matches, camera, frame, settings.outliers.max_reprojection_px)
+    return CameraPair(camera, fundamental, agreeing)
+
+
+def _agreeing(matches: Correspondences, camera: Floats, frame: PixelFrame, limit_px: float) -> Mask:
+    """Return a mask of points in front of both cameras that project near their image points."""
+    first, second = frame.to_normalized(matches.first), frame.to_normalized(matches.second)
+    depth_first, depth_second = triangulate_depth(first, camera, second)
+    finite = np.isfinite(depth_first) & np.isfinite(depth_second)
+    in_front = finite & (depth_first > 0) & (depth_second > 0)
+    depths = np.where(in_front, depth_first, 1.0)
+    points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(matches))])
+    projected = frame.to_pixels(project(camera, points)[0])
+    return in_front & outliers.reprojection(matches.second, projected, limit_px)
+
+
+def _ransac(settings: SfmSettings, seed: int) -> Any:
+    import pycolmap
+
+    return pycolmap.RANSACOptions(max_error=settings.colmap_max_error_px, random_seed=seed, num_threads=1)
+
+
+def _camera(matches: Correspondences, frame: PixelFrame, ratio: float, ransac: Any) -> Floats | None:
+    """Estimate the second camera for a focal length in units of the longer side of the image."""
+    if len(matches) < MIN_NUM_POINTS:
+        return None
+    focal = ratio * frame.scale_px
+    K = np.array([[focal, 0, 0.5 * (frame.width_px - 1)], [0, focal, 0.5 * (frame.height_px - 1)], [0, 0, 1]])
+    first, second = matches.first + COLMAP_FIRST_PIXEL_PX, matches.second + COLMAP_FIRST_PIXEL_PX
+    answer = relative_pose(pinhole_camera(K), first, second, ransac)
+    if answer is None:
+        return None
+    second_from_first = answer[0]
+    k = np.array([focal, focal, frame.scale_px]) / frame.scale_px
+    camera = np.column_stack([second_from_first[:, :3] * k[:, None] / k, second_from_first[:, 3] * k])
+    return camera if np.isfinite(camera).all() and camera[:, 3].any() else None

@@ -1,0 +1,278 @@
+"""Sub-pixel positions of second points: least squares between neighbourhoods by Levenberg-Marquardt."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc._jit import inlined_kernel, kernel
+from sfm.correspondences.spline_sampling import MARGIN, fits, sample_affine, sample_square, spline
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Row = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """Parameters of the refinement of second points."""
+
+    radius_px: int = 5  # half size of the neighbourhood
+    max_iterations: int = 12  # steps of Levenberg-Marquardt, rejected steps included
+    min_step_px: float = 2e-3  # the search ends with a step shorter than this
+    max_shift_px: float = 2.0  # points that move farther from their start are lost
+    affine: bool = False  # whether neighbourhoods may also turn, scale and shear
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.radius_px < 1 or self.max_iterations < 1:
+            raise ValueError(f"`radius_px` and `max_iterations` must be at least 1, got {self}")
+        if self.min_step_px <= 0 or self.max_shift_px <= 0:
+            raise ValueError(f"`min_step_px` and `max_shift_px` must be positive, got {self}")
+
+
+class Patch(NamedTuple):
+    """A neighbourhood to look for."""
+
+    target: Floats  # its samples
+    weights: Floats
+    coefficients: Floats  # spline of the frame that is searched
+
+
+class Descent(NamedTuple):
+    """Limits of the search for the least error."""
+
+    max_iterations: int
+    min_step_px: float
+    max_shift_px: float
+
+
+def refine(
+    luma0: Image,
+    luma1: Image,
+    first: Floats,
+    second: Floats,
+    settings: RefinementSettings | None = None,
+    shapes: Floats | None = None,
+) -> tuple[Floats, Floats, Mask]:
+    """Move second points to the neighbourhoods most like those of the first points, which are whole pixels.
+
+    Returns the positions, their mean squared errors (inf: failed), and a mask of successes.
+    """
+    settings = settings or RefinementSettings()
+    check_pair(luma0, luma1)
+    if not np.array_equal(first, np.rint(first)):
+        raise ValueError("`first` must be in whole pixels")
+    refined, error = second.copy(), np.full(len(first), np.inf)
+    room = np.flatnonzero(inside(first, luma0, settings.radius_px))
+    parameters = second[room]
+    if settings.affine:
+        start = np.tile(np.eye(2), (len(first), 1, 1)) if shapes is None else shapes
+        parameters = np.column_stack([parameters, start[room].reshape(-1, 4)])
+    least = np.empty(len(room))
+    refine_points(
+        luma0.astype(np.float64),
+        spline(luma1),
+        first[room].astype(np.int64),
+        parameters,
+        window(settings.radius_px),
+        Descent(settings.max_iterations, settings.min_step_px, settings.max_shift_px),
+        least,
+    )
+    good = least >= 0.0
+    refined[room[good]], error[room[good]] = parameters[good, :2], least[good]
+    return refined, error, np.isfinite(error)
+
+
+def check_pair(luma0: Image, luma1: Image) -> None:
+    """Raise `ValueError` unless both frames are planes of one size."""
+    if luma0.ndim != 2 or luma0.shape != luma1.shape:
+        raise ValueError(f"`luma0` and `luma1` must have one shape (H, W), got {luma0.shape}, {luma1.shape}")
+
+
+def inside(points: Floats, luma: Image, distance_px: float) -> Mask:
+    """Return a mask of the points that keep a distance from the frame's edge."""
+    last = np.array([luma.shape[1] - 1, luma.shape[0] - 1])
+    return np.asarray(((points >= distance_px) & (points <= last - distance_px)).all(axis=1))
+
+
+def window(radius_px: int) -> Floats:
+    """Return the weights of a neighbourhood: Epanechnikov's kernel, which reaches zero beyond its corners."""
+    offset = np.arange(-radius_px, radius_px + 1, dtype=np.float64)
+    weights: Floats = 2.0 * (radius_px + 1) ** 2 - (offset[:, None] ** 2 + offset**2)
+    weights /= weights.sum()
+    return weights
+
+
+@kernel
+def refine_points(
+    image: Floats,
+    coefficients: Floats,
+    first: Indices,
+    parameters: Floats,
+    weights: Floats,
+    descent: Descent,
+    errors: Floats,
+) -> None:
+    """Refine every row of `parameters`; `first` are whole pixels of `image` with room around them."""
+    radius = weights.shape[0] // 2
+    for i in range(first.shape[0]):
+        x, y = first[i, 0], first[i, 1]
+        target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
+        errors[i] = minimize_neighbourhood(Patch(target, weights, coefficients), parameters[i], descent)
+
+
+@kernel
+def minimize_neighbourhood(patch: Patch, parameters: Floats, descent: Descent) -> float:
+    """Minimise one neighbourhood's error over `parameters` in place; return the error, -1 on failure."""
+    target, weights, coefficients = patch
+    max_iterations, min_step_px, max_shift_px = descent
+    height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN
+    size, count = target.shape[0], parameters.size
+    radius = size // 2
+    values, dx, dy = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
+    matrix, vector, step = np.empty((count, count)), np.empty(count), np.empty(count)
+    trial_matrix, trial_vector = np.empty((count, count)), np.empty(count)
+    x, y = parameters[0], parameters[1]
+    if not fits(x, y, radius, width, height):
+        return -1.0
+    sample_neighbourhood(coefficients, parameters, radius, values, dx, dy)
+    error = normal_equations(target, values, dx, dy, weights, count, matrix, vector)
+    damping = 1e-3
+    for _ in range(max_iterations):
+        if not solve_damped(matrix, vector, damping, step):
+            return -1.0
+        trial = parameters + step
+        length = np.sqrt(step[0] * step[0] + step[1] * step[1])
+        trial_error = np.inf
+        if fits(trial[0], trial[1], radius, width, height) and length <= 2.0 * max_shift_px:
+            sample_neighbourhood(coefficients, trial, radius, values, dx, dy)
+            trial_error = normal_equations(target, values, dx, dy, weights, count, trial_matrix, trial_vector)
+        if trial_error <= error:
+            for a in range(count):  # slices would make numba compile the text of an error, for seconds
+                parameters[a], vector[a] = trial[a], trial_vector[a]
+                for b in range(count):
+                    matrix[a, b] = trial_matrix[a, b]
+            error = trial_error
+            damping = max(damping * 0.1, 1e-7)
+        else:
+            damping *= 10.0
+        if length < min_step_px or damping > 1e6:
+            break
+    moved = (parameters[0] - x) ** 2 + (parameters[1] - y) ** 2
+    return error if moved <= max_shift_px * max_shift_px else -1.0
+
+
+@kernel
+def sample_neighbourhood(
+    coefficients: Floats, parameters: Floats, radius: int, values: Floats, dx: Floats, dy: Floats
+) -> None:
+    """Interpolate the second neighbourhood that 2 or 6 parameters describe."""
+    if parameters.size == 2:
+        sample_square(coefficients, parameters[0], parameters[1], radius, values, dx, dy)
+    else:
+        affine = parameters[2:].reshape((2, 2))
+        sample_affine(coefficients, parameters[0], parameters[1], affine, radius, values, dx, dy)
+
+
+@kernel
+def normal_equations(
+    target: Floats,
+    values: Floats,
+    dx: Floats,
+    dy: Floats,
+    weights: Floats,
+    num_parameters: int,
+    matrix: Floats,
+    vector: Floats,
+) -> float:
+    """Set up the normal equations of the neighbourhood's parameters, the mean difference being free."""
+    size = target.shape[0]
+    mean, mean_difference, error = np.zeros(num_parameters), 0.0, 0.0
+    matrix[:] = 0.0
+    vector[:] = 0.0
+    for i in range(size):
+        # Sums over a row of products of the gradient, times the column to the power of 0, 1, 2.
+        xx0 = xx1 = xx2 = xy0 = xy1 = xy2 = yy0 = yy1 = yy2 = 0.0
+        x0 = x1 = y0 = y1 = vx0 = vx1 = vy0 = vy1 = 0.0
+        for j in range(size):
+            across, w, difference = j - size // 2, weights[i, j], values[i, j] - target[i, j]
+            x, y = w * dx[i, j], w * dy[i, j]
+            mean_difference += w * difference
+            error += w * difference * difference
+            xx, xy, yy = x * dx[i, j], x * dy[i, j], y * dy[i, j]
+            x0, x1, y0, y1 = x0 + x, x1 + across * x, y0 + y, y1 + across * y
+            x, y = x * difference, y * difference
+            vx0, vx1, vy0, vy1 = vx0 + x, vx1 + across * x, vy0 + y, vy1 + across * y
+            xx0, xy0, yy0 = xx0 + xx, xy0 + xy, yy0 + yy
+            xx, xy, yy = across * xx, across * xy, across * yy
+            xx1, xy1, yy1 = xx1 + xx, xy1 + xy, yy1 + yy
+            xx2, xy2, yy2 = xx2 + across * xx, xy2 + across * xy, yy2 + across * yy
+        add_row((xx0, xx1, xx2), (xy0, xy1, xy2), (yy0, yy1, yy2), i - size // 2, matrix)
+        for sums, (sx0, sx1, sy0, sy1) in ((mean, (x0, x1, y0, y1)), (vector, (vx0, vx1, vy0, vy1))):
+            sums[0] += sx0
+            sums[1] += sy0
+            if num_parameters == 6:
+                sums[2] += sx1
+                sums[3] += (i - size // 2) * sx0
+                sums[4] += sy1
+                sums[5] += (i - size // 2) * sy0
+    for a in range(num_parameters):
+        vector[a] -= mean[a] * mean_difference
+        for b in range(a + 1):
+            matrix[a, b] -= mean[a] * mean[b]
+            matrix[b, a] = matrix[a, b]
+    return error - mean_difference * mean_difference
+
+
+@inlined_kernel
+def add_row(xx: Row, xy: Row, yy: Row, down: int, matrix: Floats) -> None:
+    """Add the sums of a row to the lower half of the matrix; parameters are those of `sample_affine`."""
+    matrix[0, 0] += xx[0]
+    matrix[1, 0] += xy[0]
+    matrix[1, 1] += yy[0]
+    if matrix.shape[0] == 2:
+        return
+    for first, sums in ((0, xx), (1, xy)):  # of derivatives across
+        matrix[2, first] += sums[1]
+        matrix[3, first] += down * sums[0]
+    for first, sums in ((0, xy), (1, yy)):  # and down
+        matrix[4, first] += sums[1]
+        matrix[5, first] += down * sums[0]
+    for second, first, sums in ((2, 2, xx), (4, 2, xy), (4, 4, yy)):
+        matrix[second, first] += sums[2]
+        matrix[second + 1, first] += down * sums[1]
+        matrix[second + 1, first + 1] += down * down * sums[0]
+    matrix[4, 3] += down * xy[1]
+
+
+@kernel
+def solve_damped(matrix: Floats, vector: Floats, damping: float, step: Floats) -> bool:
+    """Solve ``(A + damping diag(A)) step = -vector`` by Cholesky factors; False if A is not definite."""
+    n = vector.size
+    lower = np.zeros((n, n))
+    for a in range(n):
+        for b in range(a + 1):
+            total = matrix[a, b] * (1.0 + damping) if a == b else matrix[a, b]
+            for k in range(b):
+                total -= lower[a, k] * lower[b, k]
+            if a == b:
+                if not total > 1e-9 * matrix[a, a] or matrix[a, a] <= 1e-9:
+                    return False
+                lower[a, a] = np.sqrt(total)
+            else:
+                lower[a, b] = total / lower[b, b]
+    for a in range(n):
+        total = -vector[a]
+        for k in range(a):
+            total -= lower[a, k] * step[k]
+        step[a] = total / lower[a, a]
+    for a in range(n - 1, -1, -1):
+        total = step[a]
+        for k in range(a + 1, n):
+            total -= lower[k, a] * step[k]
+        step[a] = total / lower[a, a]
+    return True

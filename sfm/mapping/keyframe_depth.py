@@ -1,0 +1,243 @@
+"""Dense depth of some located frames: plane sweeps over several other frames, checked and fused.
+
+Depth maps of other frames are drawn into a frame as candidates besides its own depth, and votes and expected
+errors decide. A frame thus gets the depth of points that soon leave it from frames that see them longer, and
+noise is averaged.
+
+References
+----------
+[Merrell2007] P. Merrell et al., "Real-time visibility-based fusion of depth maps", ICCV 2007.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.geometry.continuation import Visibility
+from dvc.geometry.depth_maps import (
+    MIN_CONFIDENCE,
+    DepthMap,
+    checked_depth,
+    completed_depth,
+    discontinuities,
+    without_speckles,
+)
+from dvc.geometry.plane_sweep import SweepSettings, depth_hypotheses, parallax_px, sweep_views
+from dvc.geometry.rendering import draw
+from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp
+from dvc.geometry.warping import EMPTY, inverse_warp, warp_grid
+
+Floats = NDArray[np.float64]
+Luma = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+ANGLES_DEG = (5.0, 0.7, 2.0)
+"""Target median angles between the rays of two views: wide ones are precise, narrow ones see near points."""
+MIN_OVERLAP = 0.4
+"""Least share of a frame's points that a neighbour sees."""
+MAX_NEIGHBOURS = 5
+"""Largest number of frames that a frame is compared with."""
+SWEEP = SweepSettings(step_px=0.5, max_hypotheses=224, near_margin=0.25)
+MIN_INVERSE_DEPTH = 1e-3
+"""Least inverse depth, relative to the median of a frame's points; below it is sky, or unknown."""
+ERROR_PX = 0.5
+"""Expected position error of a point in the frame that shows its depth best."""
+FUSED_A_SIDE = 4
+"""Number of frames before and after a frame with depth maps that are fused with its own."""
+TOLERANCE = 2.0
+"""Largest difference of agreeing candidates, in units of the larger of their expected errors."""
+MIN_VOTES = 2
+"""Number of candidates that must agree if the frame itself is not confident."""
+
+
+class View(NamedTuple):
+    """A frame, in the size of its depth map."""
+
+    luma: Luma
+    K: Floats
+    pose: Floats
+    points: Floats  # triangulated points that it sees
+
+
+class SweptDepth(NamedTuple):
+    """Result of a plane sweep."""
+
+    inverse_depth: Floats  # of every pixel
+    confidence: Floats
+    error: float  # expected error of the inverse depth
+
+    @property
+    def confident(self) -> Mask:
+        """Mask of pixels with a depth that noise would hardly produce."""
+        return np.asarray(self.confidence >= MIN_CONFIDENCE)
+
+
+class Candidate(NamedTuple):
+    """Inverse depth of the pixels of a frame, nan if unknown, and its expected error."""
+
+    inverse_depth: Floats
+    error: Floats
+
+
+def warp_between(source: View, target: View) -> Floats:
+    """Return the warp from one view to another, in pixels; see `dvc.geometry.warping`."""
+    return calibrated_warp(*(CalibratedViewpoint(view.K, view.pose) for view in (source, target)))
+
+
+def neighbours(views: Mapping[int, View], frame: int) -> tuple[int, ...]:
+    """Choose the best frames to compare a frame with: on both sides, and at several distances."""
+    seen = {k: _overlap(views[frame], views[k]) for k in views if k != frame}
+    seen = {k: each for k, each in seen.items() if each[0] >= MIN_OVERLAP and each[1] > 0}
+    chosen: list[int] = []
+    for angle in ANGLES_DEG:
+        for side in ([k for k in seen if k < frame], [k for k in seen if k > frame]):
+            free = [k for k in side if k not in chosen]
+            if free and len(chosen) < MAX_NEIGHBOURS:
+                chosen.append(max(free, key=lambda k: seen[k][0] * _nearness(seen[k][1], angle)))
+    return tuple(chosen)
+
+
+def _nearness(angle_deg: float, target_deg: float) -> float:
+    return min(angle_deg / target_deg, target_deg / angle_deg)
+
+
+def _overlap(view: View, other: View) -> tuple[float, float]:
+    """Return the share of a view's points that another view sees, and the median angle between their rays."""
+    inside = view.points @ other.pose[:, :3].T + other.pose[:, 3]
+    image = inside @ other.K.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        image = image[:, :2] / image[:, 2:]
+    height, width = other.luma.shape
+    seen = (inside[:, 2] > 0) & ((image >= 0) & (image <= [width - 1, height - 1])).all(axis=1)
+    if not seen.any():
+        return 0.0, 0.0
+    rays = [view.points[seen] + each.pose[:, :3].T @ each.pose[:, 3] for each in (view, other)]
+    rays = [ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays]
+    cosine = np.clip((rays[0] * rays[1]).sum(axis=1), -1.0, 1.0)
+    return float(np.mean(seen)), float(np.median(np.degrees(np.arccos(cosine))))
+
+
+def inverse_depth_span(view: View) -> tuple[float, float]:
+    """Return the range of the inverse depths of a view's points."""
+    depth = view.points @ view.pose[2, :3] + view.pose[2, 3]
+    lowest, highest = np.quantile(1.0 / depth[depth > 0], (0.005, 0.995))
+    return float(lowest), float(highest)
+
+
+def sweep_depth(views: Mapping[int, View], frame: int, nearest: float) -> SweptDepth | None:
+    """Estimate the inverse depth of a frame, with confidence and error; None without suitable neighbours.
+
+    `nearest` is the largest inverse depth in any frame: near points leave a frame soon.
+    """
+    view = views[frame]
+    compared = [(views[k].luma, warp_between(view, views[k])) for k in neighbours(views, frame)]
+    if not compared:
+        return None
+    lowest, highest = inverse_depth_span(view)
+    span = lowest, max(highest, nearest)
+    hypotheses = [depth_hypotheses(span, warp, view.luma.shape, SWEEP) for _, warp in compared]
+    finest = max(hypotheses, key=lambda each: each.num_hypotheses)
+    finest = finest._replace(lowest=max(finest.lowest, 0.0))
+    parallax = max(parallax_px((lowest, highest), warp, view.luma.shape) for _, warp in compared)
+    error = ERROR_PX * (highest - lowest) / max(parallax, ERROR_PX)
+    return SweptDepth(*sweep_views(view.luma, compared, finest, SWEEP), error)
+
+
+def complete_depths(
+    views: Mapping[int, View], swept: Mapping[int, SweptDepth]
+) -> dict[int, NDArray[np.float32]]:
+    """Check, fuse and continue depths; return distances (nan: unknown, or far away)."""
+    usable = {k: views[k] for k in swept}
+    compared = {k: chosen for k in swept if (chosen := neighbours(usable, k))}
+    fused = {k: _fuse(usable, swept, k, chosen) for k, chosen in compared.items()}
+    completed = {}
+    for frame, depth in fused.items():
+        other = compared[frame][0]
+        if other not in fused:
+            continue
+        warp = warp_between(views[frame], views[other])
+        result = completed_depth(views[frame].luma, depth, fused[other], warp)
+        completed[frame] = _distances(views[frame], result.inverse_depth)
+    return completed
+
+
+def _fuse(
+    views: Mapping[int, View], swept: Mapping[int, SweptDepth], frame: int, compared: Sequence[int]
+) -> DepthMap:
+    """Check the depth of a frame against that of other frames, and fuse it with that of frames around it."""
+    depth, view = swept[frame], views[frame]
+    maps = [
+        checked_depth(
+            (depth.inverse_depth, depth.confidence), swept[k].inverse_depth, warp_between(view, views[k])
+        )
+        for k in compared
+    ]
+    consistent = np.logical_or.reduce([each.reliable for each in maps])
+    seeing = sorted(k for k in views if k != frame and _overlap(views[k], view)[0] >= MIN_OVERLAP)
+    before, after = [k for k in seeing if k < frame], [k for k in seeing if k > frame]
+    around = [*before[-FUSED_A_SIDE:], *after[:FUSED_A_SIDE]]
+    candidates = [drawn_candidate(swept[k], warp_between(views[k], view)) for k in around]
+    fused, votes = fused_depth(depth, candidates, consistent)
+    reliable = consistent | (votes >= MIN_VOTES)
+    visibility = np.where(reliable, np.int8(Visibility.CONSISTENT), maps[0].visibility)
+    return without_speckles(DepthMap(fused, visibility))
+
+
+def _distances(view: View, inverse: Floats) -> NDArray[np.float32]:
+    depth = view.points @ view.pose[2, :3] + view.pose[2, 3]
+    least = MIN_INVERSE_DEPTH * float(np.median(1.0 / depth[depth > 0]))
+    return np.where(inverse > least, 1.0 / np.maximum(inverse, least), np.nan).astype(np.float32)
+
+
+def drawn_candidate(other: SweptDepth, warp: Floats) -> Candidate:
+    """Draw the confident depth of another frame into a frame, by the warp from the former to the latter."""
+    doubtful = ~other.confident
+    cells = doubtful[:-1, :-1] | doubtful[:-1, 1:] | doubtful[1:, :-1] | doubtful[1:, 1:]
+    nearest = np.full(doubtful.shape, EMPTY)
+    draw(other.inverse_depth, warp, discontinuities(other.inverse_depth, warp), ~cells, nearest)
+    seen = nearest > EMPTY
+    there = warp_grid(inverse_warp(warp), np.where(seen, nearest, 0.0))[..., 2]
+    # An error of the inverse depth r is one of the depth, times r squared; depth has the same in both frames.
+    near = seen & (there > 0.0)
+    growth = np.square(np.where(near, nearest, 1.0) / np.where(near, there, 1.0))
+    return Candidate(np.where(seen, nearest, np.nan), other.error * growth)
+
+
+def fused_depth(
+    depth: SweptDepth, candidates: Sequence[Candidate], consistent: Mask
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Fuse the depth of a frame with candidates; return inverse depth and the number of agreeing votes.
+
+    Consistent depth is only averaged with the candidates that agree; other depth is replaced by the value
+    that most candidates agree on, if they are enough.
+    """
+    error = np.full(consistent.shape, depth.error)
+    first = Candidate(np.where(consistent | depth.confident, depth.inverse_depth, np.nan), error)
+    every = [first, *candidates]
+    best, votes, doubt = _mean_of_agreeing(first, every)
+    for each in candidates:
+        mean, number, variance = _mean_of_agreeing(each, every)
+        better = ~consistent & ((number > votes) | ((number == votes) & (variance < doubt)))
+        best, votes = np.where(better, mean, best), np.where(better, number, votes)
+        doubt = np.where(better, variance, doubt)
+    usable = consistent | (votes >= MIN_VOTES)
+    return np.where(usable, best, depth.inverse_depth), votes
+
+
+def _mean_of_agreeing(
+    centre: Candidate, candidates: Sequence[Candidate]
+) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Average the candidates that agree with one of them; return mean, number and variance."""
+    total, mean = np.zeros(centre.error.shape), np.zeros(centre.error.shape)
+    number = np.zeros(centre.error.shape, np.int64)
+    for each in candidates:
+        reach = TOLERANCE * np.maximum(centre.error, each.error)
+        agrees = np.abs(each.inverse_depth - centre.inverse_depth) <= reach  # False for nan
+        weight = np.where(agrees, 1.0 / np.square(each.error), 0.0)
+        total += weight
+        mean += weight * np.where(agrees, each.inverse_depth, 0.0)
+        number += agrees
+    divisor = np.where(number > 0, total, 1.0)
+    return mean / divisor, number, 1.0 / divisor

@@ -1,0 +1,112 @@
+"""Evaluation of maps: new views rendered from frames with depth, and errors of trajectories.
+
+References
+----------
+[Umeyama1991] S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns",
+IEEE Trans. Pattern Anal. Mach. Intell. 13(4), 1991.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.geometry.view_synthesis import PictureWithDepth, SynthesisedView, agreed_surface, synthesise
+from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp
+from sfm.mapping.scene_map import MapPiece
+
+Floats = NDArray[np.float64]
+
+NUM_SOURCES = 4
+"""Number of frames that a view is rendered from: they fill each other's holes and average noise."""
+DISTANCE_FLOOR = 0.1
+"""Least distance in the weight of a frame, relative to that of the farthest frame chosen."""
+
+
+class Similarity(NamedTuple):
+    """A similarity transform: ``scale * R x + t``."""
+
+    scale: float
+    R: Floats
+    t: Floats
+
+    def apply(self, points: Floats) -> Floats:
+        """Transform points (N, 3)."""
+        return np.asarray(self.scale * points @ self.R.T + self.t)
+
+
+class TrajectoryError(NamedTuple):
+    """Distance of a trajectory from the truth after the best similarity."""
+
+    rms: float  # root mean square distance between centres, in the unit of the truth
+    length: float  # length of the true trajectory over the located frames
+    num_located: int  # number of compared frames
+    scale: float  # from the unit of the trajectory to that of the truth
+
+    @property
+    def relative(self) -> float:
+        """Error relative to the length of the trajectory."""
+        return self.rms / self.length if self.length > 0 else float("inf")
+
+
+def centre(pose: Floats) -> Floats:
+    """Return the position of a camera in the world."""
+    return np.asarray(-pose[:, :3].T @ pose[:, 3])
+
+
+def align(source: Floats, target: Floats) -> Similarity:
+    """Return the similarity that brings points nearest to target points [Umeyama1991]."""
+    if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3 or len(source) < 3:
+        raise ValueError(f"three pairs of points are needed, got shapes {source.shape} and {target.shape}")
+    means = source.mean(axis=0), target.mean(axis=0)
+    a, b = source - means[0], target - means[1]
+    U, singular, Vt = np.linalg.svd(b.T @ a / len(a))
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
+    R = (U * sign) @ Vt
+    variance = float((a * a).sum() / len(a))
+    scale = float((singular * sign).sum()) / variance if variance > 0 else 1.0
+    return Similarity(scale, R, means[1] - scale * R @ means[0])
+
+
+def trajectory_error(poses: Mapping[int, Floats], truth: Mapping[int, Floats]) -> TrajectoryError:
+    """Compare the camera centres of frames with a pose in both trajectories."""
+    frames = sorted(poses.keys() & truth.keys())
+    estimated, true = (np.array([centre(each[frame]) for frame in frames]) for each in (poses, truth))
+    similarity = align(estimated, true)
+    rms = float(np.sqrt(((similarity.apply(estimated) - true) ** 2).sum(axis=1).mean()))
+    length = float(np.linalg.norm(np.diff(true, axis=0), axis=1).sum())
+    return TrajectoryError(rms, length, len(frames), similarity.scale)
+
+
+def nearest_frames(piece: MapPiece, pose: Floats, count: int = NUM_SOURCES) -> list[int]:
+    """Return the frames with depth and the most similar poses, nearest first."""
+    depths = [float(np.nanmedian(depth)) for depth in piece.depths.values() if np.isfinite(depth).any()]
+    scale = float(np.median(depths)) if depths else 1.0
+
+    def difference(frame: int) -> float:
+        candidate = piece.poses[frame]
+        turned = float(np.trace(candidate[:, :3] @ pose[:, :3].T))
+        angle = float(np.arccos(np.clip(0.5 * (turned - 1.0), -1.0, 1.0)))
+        return float(np.linalg.norm(centre(candidate) - centre(pose))) / scale + angle
+
+    return sorted(piece.depths, key=difference)[:count]
+
+
+def render_view(
+    piece: MapPiece, pictures: Mapping[int, NDArray[np.uint8]], pose: Floats, num_sources: int = NUM_SOURCES
+) -> SynthesisedView:
+    """Render the view of a pose from pictures (H, W, C) of the frames with depth, by frame index."""
+    chosen = nearest_frames(piece, pose, num_sources)
+    if not chosen:
+        raise ValueError("`piece` must have a frame with depth")
+    distances = np.array([np.linalg.norm(centre(piece.poses[k]) - centre(pose)) for k in chosen])
+    floor = DISTANCE_FLOOR * max(float(distances.max()), 1e-12)
+    weights = floor / np.maximum(distances, floor)
+    target, sources = CalibratedViewpoint(piece.intrinsics, pose), []
+    for frame, weight in zip(chosen, weights, strict=True):
+        depth = piece.depths[frame].astype(np.float64)
+        inverse = np.where(np.isfinite(depth), 1.0 / depth, 0.0)  # unknown depth is mostly sky
+        warp = calibrated_warp(CalibratedViewpoint(piece.intrinsics, piece.poses[frame]), target)
+        sources.append(PictureWithDepth(pictures[frame], inverse, warp, weight=float(weight)))
+    return synthesise(sources, piece.depths[chosen[0]].shape, agreed_surface)

@@ -1,0 +1,206 @@
+"""Sub-pixel refinement on textures that move by known fractions of a pixel."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvc._jit import python_twin
+from sfm.correspondences import spline_sampling, subpixel
+from sfm.correspondences.corner_matching import detect_corners
+from sfm.correspondences.spline_sampling import half_pixel_samples, spline, spline_coefficients
+from sfm.correspondences.subpixel import RefinementSettings, refine, window
+from tests.reference import sfm_neighbourhoods as reference
+from tests.sfm.textures import Floats, picture, shifted, texture
+
+HEIGHT, WIDTH = 72, 96
+TEXTURE = texture(1)
+STILL = picture(TEXTURE, HEIGHT, WIDTH)
+CORNERS = detect_corners(STILL)
+INNER = CORNERS[((CORNERS > 14) & (CORNERS < [WIDTH - 15, HEIGHT - 15])).all(axis=1)]
+
+
+@given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2))
+def test_shifts_are_recovered(x: float, y: float) -> None:
+    """Any shift is found within a few hundredths of a pixel, from the nearest whole pixel."""
+    moved = shifted(TEXTURE, HEIGHT, WIDTH, (x, y))
+    start = INNER + np.rint([x, y])
+    second, error, success = refine(STILL, moved, INNER, start)
+    assert success.all()
+    assert np.abs(second - INNER - [x, y]).max() < 0.04
+    assert error.max() < 1.0  # what rounding to whole levels leaves
+
+
+def test_exposure_does_not_matter() -> None:
+    """A frame that is brighter by a constant gives the same points."""
+    moved = shifted(TEXTURE, HEIGHT, WIDTH, (0.4, -0.3))
+    dark = np.clip(moved.astype(np.int64) - 15, 0, 255).astype(np.uint8)
+    usual, other = (refine(STILL, image, INNER, INNER)[0] for image in (moved, dark))
+    np.testing.assert_allclose(usual, other, atol=1e-6)
+
+
+def test_affine_maps_are_followed() -> None:
+    """At a scale of 1.15 affine neighbourhoods stay within 0.04 px and explain the picture; others do not."""
+    centre = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+    forward = np.array([[1.15, 0.05], [-0.04, 1.1]])
+    inverse = np.linalg.inv(forward)
+    source = np.column_stack([inverse, centre - inverse @ centre])
+    moved = picture(TEXTURE, HEIGHT, WIDTH, source)
+    points = INNER[np.abs(INNER - centre).max(axis=1) < 18]
+    expected = (points - centre) @ forward.T + centre
+    plain, error_plain, _ = refine(STILL, moved, points, np.rint(expected))
+    affine, error, success = refine(STILL, moved, points, np.rint(expected), RefinementSettings(affine=True))
+    assert success.mean() > 0.9
+    assert np.abs(affine - expected)[success].max() < 0.04
+    assert np.median(error[success]) < 0.02 * np.median(error_plain[np.isfinite(error_plain)])
+    shapes = np.tile(forward, (len(points), 1, 1))
+    known, _, success = refine(
+        STILL, moved, points, np.rint(expected), RefinementSettings(affine=True), shapes
+    )
+    assert success.all()
+    assert np.abs(known - expected).max() < 0.04
+    assert np.abs(plain - expected).max() < 2.0
+
+
+def test_points_that_cannot_be_refined() -> None:
+    """Flat neighbourhoods, points at the edge and points that run away keep their place and say so."""
+    flat = np.full((40, 40), 90, dtype=np.uint8)
+    first = np.array([[20.0, 20.0], [2.0, 20.0], [20.0, 39.0]])
+    second, error, success = refine(flat, flat, first, first)
+    assert not success.any()
+    assert np.isinf(error).all()
+    np.testing.assert_array_equal(second, first)
+    far = shifted(TEXTURE, HEIGHT, WIDTH, (2.6, 0.0))
+    second, _, success = refine(STILL, far, INNER, INNER, RefinementSettings(max_shift_px=1.0))
+    np.testing.assert_array_equal(second[~success], INNER[~success])
+    assert (np.abs(second - INNER).max(axis=1) <= 1.0).all()
+    assert not success.all()
+
+
+def test_nothing_to_refine() -> None:
+    """Empty lists give empty lists."""
+    none = np.empty((0, 2))
+    second, error, success = refine(STILL, STILL, none, none)
+    assert second.shape == (0, 2)
+    assert error.shape == success.shape == (0,)
+
+
+def test_wrong_arguments_are_refused() -> None:
+    """Frames of different size, fractional first points and empty ranges raise ValueError."""
+    with pytest.raises(ValueError, match="one shape"):
+        refine(STILL, STILL[1:], INNER, INNER)
+    with pytest.raises(ValueError, match="whole pixels"):
+        refine(STILL, STILL, INNER + 0.5, INNER)
+    with pytest.raises(ValueError, match="radius_px"):
+        RefinementSettings(radius_px=0)
+    with pytest.raises(ValueError, match="max_shift_px"):
+        RefinementSettings(max_shift_px=0.0)
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (5, 40), (33, 48), (1, 1)])
+def test_splines_interpolate(shape: tuple[int, int]) -> None:
+    """At whole pixels the spline returns the samples."""
+    image = np.random.default_rng(2).uniform(0, 255, shape)
+    coefficients = spline_coefficients(image)
+    if min(shape) == 1:
+        np.testing.assert_array_equal(coefficients, image)
+        return
+    again = [[reference.interpolated(coefficients, x, y) for x in range(shape[1])] for y in range(shape[0])]
+    np.testing.assert_allclose(again, image, atol=1e-9)
+
+
+def test_samples_half_a_pixel_apart() -> None:
+    """They are the values of the spline, at the edges too."""
+    image = np.random.default_rng(3).uniform(0, 255, (6, 9))
+    samples, coefficients = half_pixel_samples(spline(image)), spline_coefficients(image)
+    assert samples.shape == (12, 18)
+    expected = [[reference.interpolated(coefficients, x / 2, y / 2) for x in range(17)] for y in range(11)]
+    np.testing.assert_allclose(samples[:11, :17], expected, atol=1e-9)
+
+
+def test_weights_of_the_window() -> None:
+    """Weights are symmetric, positive, largest in the middle, and sum to one."""
+    weights = window(3)
+    assert weights.shape == (7, 7)
+    assert weights.sum() == pytest.approx(1.0)
+    assert weights.min() > 0
+    assert weights.argmax() == 24
+    np.testing.assert_array_equal(weights, weights[::-1].T)
+
+
+# ---- kernels ----
+
+COEFFICIENTS, SPLINE = spline_coefficients(STILL), spline(STILL)
+
+
+def run(kernel: object, compiled: bool) -> object:
+    """Return the kernel compiled, or as Python."""
+    return kernel if compiled else python_twin(kernel)  # type: ignore[type-var]
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("place", [(20.3, 30.8), (3.0, 4.0), (2.2, 69.0), (92.9, 2.0)])
+def test_samples_and_gradients(compiled: bool, place: tuple[float, float]) -> None:
+    """Values are those of the spline, gradients those of its differences; both samplers agree."""
+    values, dx, dy = (np.empty((5, 5)) for _ in range(3))
+    run(spline_sampling.sample_square, compiled)(SPLINE, *place, 2, values, dx, dy)  # type: ignore[operator]
+    expected = reference.neighbourhood(COEFFICIENTS, *place, np.eye(2), 2)
+    np.testing.assert_allclose(values.ravel(), expected, atol=1e-9)
+    step = 1e-5
+    for gradient, offset in ((dx, (step, 0.0)), (dy, (0.0, step))):
+        ends = [
+            reference.neighbourhood(
+                COEFFICIENTS, place[0] + s * offset[0], place[1] + s * offset[1], np.eye(2), 2
+            )
+            for s in (1, -1)
+        ]
+        np.testing.assert_allclose(gradient.ravel(), (ends[0] - ends[1]) / (2 * step), atol=1e-4)
+    if min(place) > 3 and place[0] < 90:
+        affine = np.array([[0.9, 0.2], [-0.1, 1.1]])
+        run(spline_sampling.sample_affine, compiled)(SPLINE, *place, affine, 2, values, dx, dy)  # type: ignore[operator]
+        expected = reference.neighbourhood(COEFFICIENTS, *place, affine, 2)
+        np.testing.assert_allclose(values.ravel(), expected, atol=1e-9)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("num_parameters", [2, 6])
+def test_normal_equations(compiled: bool, num_parameters: int) -> None:
+    """Matrix, vector and error are those of least squares with a free constant, and so is the step."""
+    rng = np.random.default_rng(7)
+    target, values, dx, dy = rng.normal(0, 20, (4, 5, 5))
+    weights = window(2)
+    matrix, vector = np.empty((num_parameters, num_parameters)), np.empty(num_parameters)
+    error = run(subpixel.normal_equations, compiled)(  # type: ignore[operator]
+        target, values, dx, dy, weights, num_parameters, matrix, vector
+    )
+    expected = reference.normal_equations(target, values, dx, dy, weights, num_parameters)
+    np.testing.assert_allclose(matrix, expected[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(vector, expected[1], rtol=1e-9, atol=1e-9)
+    assert error == pytest.approx(reference.free_mean_error(target, values, weights))
+    step = np.empty(num_parameters)
+    assert run(subpixel.solve_damped, compiled)(matrix, vector, 0.3, step)  # type: ignore[operator]
+    damped = matrix + 0.3 * np.diag(np.diag(matrix))
+    np.testing.assert_allclose(step, np.linalg.solve(damped, -vector), rtol=1e-9)
+    for singular in (np.zeros((2, 2)), np.ones((2, 2))):
+        assert not run(subpixel.solve_damped, compiled)(singular, np.ones(2), 0.0, np.empty(2))  # type: ignore[operator]
+
+
+@pytest.mark.nojit
+def test_minimum_is_one() -> None:
+    """Around the result of the search, every small step makes the error larger."""
+    moved = spline_coefficients(shifted(TEXTURE, HEIGHT, WIDTH, (0.6, 0.2)))
+    x, y = INNER[0].astype(int)
+    target = STILL[y - 3 : y + 4, x - 3 : x + 4].astype(np.float64)
+    parameters = INNER[0].copy()
+    patch = subpixel.Patch(target, window(3), np.pad(moved, spline_sampling.MARGIN, "reflect"))
+    error = subpixel.minimize_neighbourhood(patch, parameters, subpixel.Descent(20, 1e-4, 2.0))
+
+    def error_at(place: Floats) -> float:
+        values = reference.neighbourhood(moved, place[0], place[1], np.eye(2), 3)
+        return reference.free_mean_error(target, values, window(3))
+
+    assert error == pytest.approx(error_at(parameters), abs=1e-6)
+    for step in ([0.05, 0.0], [-0.05, 0.0], [0.0, 0.05], [0.0, -0.05]):
+        assert error_at(parameters + step) > error
