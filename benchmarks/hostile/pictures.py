@@ -7,16 +7,16 @@ import numpy as np
 
 from benchmarks.hostile.mutations import mutate, nearest
 from dvc.dibr.names import OWN_NAMES
-from dvc.dibr.rendering import picture_of, render
-from dvc.dibr.views.decoder import decode
-from dvc.dibr.views.encoder import ViewEncoder
-from dvc.dibr.views.stream import (
+from dvc.dibr.view_decoder import decode
+from dvc.dibr.view_encoder import ViewEncoder
+from dvc.dibr.view_rendering import picture_of, render
+from dvc.dibr.view_set import Views
+from dvc.dibr.view_stream import (
     PairLayer,
     decode_header,
     decode_stream,
     encode_layer,
 )
-from dvc.dibr.views.views import Views
 from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.geometry.viewpoints import CalibratedViewpoint, Viewpoint, between

@@ -4,15 +4,15 @@ import sys
 
 from dvc import subcommands
 from dvc.dibr.commands import (
-    decode,
-    encode,
+    dibr_decode,
+    dibr_encode,
+    dibr_evaluate,
+    dibr_render,
+    dibr_view,
     encode_depth,
     encode_image,
     encode_layers,
-    evaluate,
     info,
-    render,
-    view,
 )
 
 EXAMPLES = """\
@@ -31,9 +31,17 @@ main = subcommands.command(
     "dvc-dibr",
     "Views and their depth, coded together; any view rendered from them.",
     EXAMPLES,
-    subcommands.by_name(
-        (encode, encode_image, encode_depth, encode_layers, decode, render, view, info, evaluate)
-    ),
+    {
+        "encode": subcommands.Subcommand.of(dibr_encode),
+        "encode-image": subcommands.Subcommand.of(encode_image),
+        "encode-depth": subcommands.Subcommand.of(encode_depth),
+        "encode-layers": subcommands.Subcommand.of(encode_layers),
+        "decode": subcommands.Subcommand.of(dibr_decode),
+        "render": subcommands.Subcommand.of(dibr_render),
+        "view": subcommands.Subcommand.of(dibr_view),
+        "info": subcommands.Subcommand.of(info),
+        "evaluate": subcommands.Subcommand.of(dibr_evaluate),
+    },
     "stereo",
 )
 

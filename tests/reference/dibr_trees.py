@@ -6,9 +6,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.disparity.dynamic_programming import LevelCosts
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, IntegerTransform, WaveletTree, level_shapes
 from dvc.dibr.disparity.rate_model import laplacian_costs
+from dvc.dibr.disparity.tree_optimisation import LevelCosts
 from tests.reference import dibr_disparity as reference
 
 SHAPES = [(1, 4), (1, 3), (4, 1), (2, 2), (3, 2), (2, 3)]

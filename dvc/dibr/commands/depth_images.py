@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.dibr.commands.options import bytes_of, in_decibels, json_files, naming_rate, tell, write_stream
+from dvc.dibr.commands.dibr_options import bytes_of, in_decibels, json_files, naming_rate, tell, write_stream
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from dvc.dibr.depth_image.decoder import DecodedDepthImage
     from dvc.dibr.depth_image.depth_codes import CodedEdges
+    from dvc.dibr.depth_image.depth_image_decoder import DecodedDepthImage
+    from dvc.dibr.depth_image.depth_image_encoder import DepthImage, EncodedDepthImage, PictureOptions
     from dvc.dibr.depth_image.depth_maps import DepthMap
     from dvc.dibr.depth_image.depth_scale import DepthScale
-    from dvc.dibr.depth_image.encoder import DepthImage, EncodedDepthImage, PictureOptions
 
 TRANSFORMS = "shape-adaptive", "standard"
 EDGES = "auto", "canny", "none"
@@ -104,9 +104,9 @@ def encode(
 ) -> "EncodedDepthImage":
     """Encode and write a stream."""
     from dvc.dibr.depth_image.depth_codes import NUM_STEPS, DepthOptions
-    from dvc.dibr.depth_image.encoder import encode_to_size
-    from dvc.dibr.depth_image.stream import check_map
-    from dvc.images.wavelets.lifting import most_levels
+    from dvc.dibr.depth_image.depth_image_encoder import encode_to_size
+    from dvc.dibr.depth_image.depth_image_stream import check_map
+    from dvc.images.lifting import most_levels
 
     shape = image.depth.shape[0], image.depth.shape[1]
     check_map(shape, image.scale)
@@ -127,9 +127,9 @@ def encode(
 def _edges(arguments: argparse.Namespace, depth: Any) -> "CodedEdges | None":
     """Edges as the options want them; None: to be selected."""
     from dvc.dibr.depth_image.depth_codes import code_edges
-    from dvc.images.edges.extraction import canny_edges
+    from dvc.images.edge_extraction import canny_edges
+    from dvc.images.edge_maps import EdgeMaps
     from dvc.images.edges.files import read_edges
-    from dvc.images.wavelets.edge_maps import EdgeMaps
 
     if arguments.transform == TRANSFORMS[1]:
         if arguments.edges != EDGES[0]:

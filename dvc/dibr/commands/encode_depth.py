@@ -3,7 +3,7 @@
 import argparse
 
 from dvc.dibr.commands import depth_images
-from dvc.dibr.commands.options import add_figures
+from dvc.dibr.commands.dibr_options import add_figures
 
 SUMMARY = "a depth map to a stream"
 DESCRIPTION = """\
@@ -27,8 +27,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Encode."""
-    from dvc.dibr.depth_image.decoder import decode
-    from dvc.dibr.depth_image.encoder import DepthImage
+    from dvc.dibr.depth_image.depth_image_decoder import decode
+    from dvc.dibr.depth_image.depth_image_encoder import DepthImage
 
     depth_images.check_files(arguments, [arguments.map])
     found, scale = depth_images.read_map(arguments.map, arguments)

@@ -5,7 +5,7 @@ import sys
 
 from dvc import cli
 from dvc.dibr.commands import depth_images
-from dvc.dibr.commands.options import add_figures, check_size, parse_share
+from dvc.dibr.commands.dibr_options import add_figures, check_size, parse_share
 
 SUMMARY = "a picture with its depth map to a stream"
 DESCRIPTION = """\
@@ -46,8 +46,8 @@ def parse_share_or_auto(text: str) -> float | None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Encode."""
-    from dvc.dibr.depth_image.decoder import decode
-    from dvc.dibr.depth_image.encoder import DepthImage, PictureOptions
+    from dvc.dibr.depth_image.depth_image_decoder import decode
+    from dvc.dibr.depth_image.depth_image_encoder import DepthImage, PictureOptions
     from dvc.images.colour import luma
     from dvc.picture_files import read_picture
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from dvc import cli
 from dvc.dibr.commands.depth_images import SUFFIX, WAVELETS
-from dvc.dibr.commands.options import (
+from dvc.dibr.commands.dibr_options import (
     add_figures,
     bytes_of,
     in_decibels,
@@ -19,8 +19,8 @@ from dvc.dibr.commands.options import (
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from dvc.dibr.layered.encoder import EncodedPieces
-    from dvc.dibr.layered.pieces import Pieces
+    from dvc.dibr.depth_image.piece_encoder import EncodedPieces
+    from dvc.dibr.depth_image.scene_pieces import Pieces
 
 SUMMARY = "layers or sprites to a stream"
 DESCRIPTION = """\
@@ -59,7 +59,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Encode."""
-    from dvc.dibr.layered.pieces import read_pieces
+    from dvc.dibr.depth_image.scene_pieces import read_pieces
 
     if not arguments.out.lower().endswith(SUFFIX):
         raise ConfigError(f"the name of the stream must end in {SUFFIX}, got {arguments.out}")
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _encode(arguments: argparse.Namespace, scene: "Pieces") -> "tuple[EncodedPieces, Pieces]":
     """Encode, and tell what was coded of the scene."""
     from dvc.dibr.depth_image.depth_codes import DepthOptions
-    from dvc.dibr.layered.encoder import LayeredOptions, encode_to_size
+    from dvc.dibr.depth_image.piece_encoder import LayeredOptions, encode_to_size
     from dvc.dibr.layered.selection import MOST_TRIALS, encode_best
 
     frame = scene.canvas.frame
@@ -106,9 +106,9 @@ def figures(encoded: "EncodedPieces", coded: "Pieces", scene: "Pieces") -> dict[
     """Return what is known of a stream that was written."""
     import numpy as np
 
-    from dvc.dibr.layered.decoder import decode
+    from dvc.dibr.depth_image.piece_decoder import decode
+    from dvc.dibr.depth_image.piece_stream import decode_stream
     from dvc.dibr.layered.stack import luma_from, viewpoints_of
-    from dvc.dibr.layered.stream import decode_stream
 
     frame = scene.canvas.frame
     found = decode(decode_stream(encoded.data)).scene

@@ -4,14 +4,14 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.dibr.commands.options import add_figures, add_stream, json_files, naming, read_stream, tell
+from dvc.dibr.commands.dibr_options import add_figures, add_stream, json_files, naming, read_stream, tell
 
 if TYPE_CHECKING:
-    from dvc.dibr.depth_image.stream import DepthImageStream
-    from dvc.dibr.layered.stream import LayeredStream
-    from dvc.dibr.views.stream import Header, Stream
+    from dvc.dibr.depth_image.depth_image_stream import DepthImageStream
+    from dvc.dibr.depth_image.piece_stream import LayeredStream
+    from dvc.dibr.view_stream import Header, Stream
     from dvc.geometry.viewpoints import Viewpoint
-    from dvc.images.wavelets.edge_maps import EdgeMaps
+    from dvc.images.edge_maps import EdgeMaps
 
 SUMMARY = "what a stream says of itself"
 DESCRIPTION = "Print the header of a stream and its layers, whole or damaged."
@@ -45,8 +45,8 @@ def stream_figures(stream: "Stream | DepthImageStream | LayeredStream", num_byte
 
 
 def _figures(stream: "Stream | DepthImageStream | LayeredStream") -> dict[str, Any]:
-    from dvc.dibr.depth_image.stream import DepthImageStream
-    from dvc.dibr.views.stream import Stream
+    from dvc.dibr.depth_image.depth_image_stream import DepthImageStream
+    from dvc.dibr.view_stream import Stream
 
     if isinstance(stream, Stream):
         return _views_figures(stream)
@@ -55,8 +55,8 @@ def _figures(stream: "Stream | DepthImageStream | LayeredStream") -> dict[str, A
 
 def _text(stream: "Stream | DepthImageStream | LayeredStream", figures: dict[str, Any]) -> str:
     """The figures in words."""
-    from dvc.dibr.depth_image.stream import DepthImageStream
-    from dvc.dibr.views.stream import Stream
+    from dvc.dibr.depth_image.depth_image_stream import DepthImageStream
+    from dvc.dibr.view_stream import Stream
 
     if isinstance(stream, Stream):
         return _views_text(figures)
@@ -74,8 +74,8 @@ def _views_figures(stream: "Stream") -> dict[str, Any]:
 
 def depth_image_figures(stream: "DepthImageStream", edges: "EdgeMaps | None" = None) -> dict[str, Any]:
     """Return what a stream of a depth map says, JSON-safe."""
-    from dvc.dibr.depth_image.decoder import decode_edges
-    from dvc.dibr.depth_image.stream import part_bytes
+    from dvc.dibr.depth_image.depth_image_decoder import decode_edges
+    from dvc.dibr.depth_image.depth_image_stream import part_bytes
 
     height, width = stream.shape
     scale = stream.scale
@@ -115,7 +115,7 @@ def _depth_image_text(figures: dict[str, Any]) -> str:
 
 def layered_figures(stream: "LayeredStream") -> dict[str, Any]:
     """Return what a stream of layers or sprites says, JSON-safe."""
-    from dvc.dibr.depth_image.stream import part_bytes
+    from dvc.dibr.depth_image.depth_image_stream import part_bytes
 
     canvas = stream.canvas
     bits = {"header": 8 * stream.num_header_bytes, "edges": 0, "depth": 0, "image": 0}
@@ -191,13 +191,13 @@ def _viewpoint_figures(viewpoint: "Viewpoint") -> dict[str, Any]:
 
 
 def _is_coloured(stream: "Stream") -> bool:
-    from dvc.images.header import PictureHeader
+    from dvc.images.picture_header import PictureHeader
 
     return PictureHeader.from_bytes(stream.layers[0][0].picture).colour
 
 
 def _layer_figures(stream: "Stream") -> list[dict[str, int]]:
-    from dvc.dibr.views.stream import encode_layer
+    from dvc.dibr.view_stream import encode_layer
 
     return [
         {

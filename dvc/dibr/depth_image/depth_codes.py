@@ -6,17 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.depth_image.decoder import decode_plane
+from dvc.dibr.depth_image.depth_image_decoder import decode_plane
+from dvc.dibr.depth_image.depth_image_stream import PlaneCode
 from dvc.dibr.depth_image.depth_scale import DepthScale, Plane
-from dvc.dibr.depth_image.stream import PlaneCode
-from dvc.images import codec as picture_codec
-from dvc.images.codec import PictureCode
-from dvc.images.edges import chain_code, selection
-from dvc.images.edges.chain_code import EdgeCode
-from dvc.images.edges.chains import trace
-from dvc.images.edges.masks import Mask, edges_inside
-from dvc.images.wavelets.edge_maps import EdgeMaps
-from dvc.images.wavelets.lifting import WAVELETS
+from dvc.images import chain_code, picture_codec
+from dvc.images import edge_selection as selection
+from dvc.images.chain_code import EdgeCode
+from dvc.images.edge_chains import trace
+from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_masks import Mask, edges_inside
+from dvc.images.lifting import WAVELETS
+from dvc.images.picture_codec import PictureCode
 
 REFINEMENTS = 2.0**-0.25, 2.0**0.25
 """Of the best step of a ladder: steps between it and its neighbours."""

@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.container import MAX_NUMBER
+from dvc.dibr.dibr_streams import MAX_NUMBER
 from dvc.errors import ConfigError
 
 Plane = NDArray[np.float64]

@@ -6,10 +6,10 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from dvc.dibr.disparity.coding import Classes, classes_or_all
 from dvc.dibr.disparity.distortion import Distortion, Holes, backward_error, still_worth_covering
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import Labels
+from dvc.dibr.disparity.tree_coding import Classes, classes_or_all
 from dvc.entropy import RangeCoder
 
 MAX_FAILURES = 2

@@ -16,7 +16,7 @@ from dvc.dibr.disparity.disparity_codec import DisparityCodec, Known
 from dvc.dibr.disparity.distortion import Distortion
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import level_shapes, spread
-from dvc.dibr.disparity.quadtree import Quadtree, prune, square_sums
+from dvc.dibr.disparity.square_codecs import Quadtree, prune, square_sums
 from dvc.errors import BitstreamError
 
 SPLIT_BITS = 1.0

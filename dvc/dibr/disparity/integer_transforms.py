@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.images.wavelets.lifting import most_levels, scale_shapes
+from dvc.images.lifting import most_levels, scale_shapes
 
 Labels = NDArray[np.int32]
 

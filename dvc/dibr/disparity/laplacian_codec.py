@@ -18,7 +18,7 @@ from dvc.dibr.disparity.distortion import Distortion
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import WaveletTree
 from dvc.dibr.disparity.rate_model import search_laplacian, significant_places
-from dvc.dibr.disparity.wavelet_codec import TreeCodec
+from dvc.dibr.disparity.tree_codec import TreeCodec
 from dvc.entropy import RangeCoder, context_counts
 from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
 

@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.dibr.disparity import _kernels
-from dvc.dibr.disparity.coding import Classes, Statistics, open_nodes, split_nodes
-from dvc.dibr.disparity.dynamic_programming import LevelCosts, optimise_tree
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import (
     L_TRANSFORM,
@@ -25,6 +23,8 @@ from dvc.dibr.disparity.integer_transforms import (
     level_shapes,
     spread,
 )
+from dvc.dibr.disparity.tree_coding import Classes, Statistics, open_nodes, split_nodes
+from dvc.dibr.disparity.tree_optimisation import LevelCosts, optimise_tree
 
 Floats = NDArray[np.float64]
 

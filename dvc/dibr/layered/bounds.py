@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dvc.dibr.layered.pieces import Pieces
+from dvc.dibr.depth_image.scene_pieces import Pieces
 
 BEYOND = 0.25
 """How far beyond the views a viewpoint may go, relative to the longer side of their lattice."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from dvc.images.edges.masks import border
+from dvc.images.edge_masks import border
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dvc.images.codec import PictureCode, multipliers_around
+from dvc.images.picture_codec import PictureCode, multipliers_around
 
 
 @dataclass(frozen=True, eq=False)

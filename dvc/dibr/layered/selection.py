@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dvc.dibr.layered import encoder
-from dvc.dibr.layered.decoder import decode
-from dvc.dibr.layered.encoder import EncodedPieces, LayeredOptions
-from dvc.dibr.layered.pieces import Kind, Pieces
+from dvc.dibr.depth_image import piece_encoder as encoder
+from dvc.dibr.depth_image.piece_decoder import decode
+from dvc.dibr.depth_image.piece_encoder import EncodedPieces, LayeredOptions
+from dvc.dibr.depth_image.piece_stream import decode_stream
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces
 from dvc.dibr.layered.simplification import Price, Simplified, alone, simplify
 from dvc.dibr.layered.stack import (
     Floats,
@@ -28,7 +29,6 @@ from dvc.dibr.layered.stack import (
     viewpoints_of,
     worth_of,
 )
-from dvc.dibr.layered.stream import decode_stream
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import LatticePosition
 from dvc.images.colour import luma

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces
 from dvc.dibr.layered.mask_selection import best_mask
-from dvc.dibr.layered.pieces import Kind, Pieces
 from dvc.dibr.layered.stack import Stack, Worth
-from dvc.geometry.view_synthesis import fill_from_background
-from dvc.geometry.warping import EMPTY
-from dvc.images.edges.selection import CHAIN_BITS, ELEMENT_BITS
+from dvc.geometry.hole_filling import fill_from_background
+from dvc.geometry.rendering import EMPTY
+from dvc.images.edge_selection import CHAIN_BITS, ELEMENT_BITS
 from dvc.layers.canvas import Canvas, Frame
 from dvc.layers.sprites import Sprite
 

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.dibr.depth_image.piece_rendering import draw_pieces, filled, render_pieces
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces
 from dvc.dibr.layered.bounds import bounds_of_pieces
-from dvc.dibr.layered.pieces import Kind, Pieces
-from dvc.dibr.layered.rendering import draw_pieces, filled, render_pieces
-from dvc.dibr.rendering import picture_of
+from dvc.dibr.view_rendering import picture_of
 from dvc.geometry.camera_array import LatticePosition
 from dvc.images.colour import luma
 from dvc.layers.canvas import Canvas

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of
 from dvc.dibr.layered.bounds import bounds_of_pieces
-from dvc.dibr.layered.pieces import Kind, Pieces, layers_of
-from dvc.dibr.viewer.scene import Floats, Mask, Piece, Scene, Source, piece_of
+from dvc.dibr.viewer_scene import Floats, Mask, Piece, Scene, Source, piece_of
 from dvc.geometry.camera_array import LatticePosition
 from dvc.layers.sprites import Sprite
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.array_files import MAX_LABELS
-from dvc.dibr.views.views import Views, views_of_pictures
+from dvc.dibr.view_set import Views, views_of_pictures
 from dvc.errors import ConfigError
 from dvc.geometry.calibrated_cameras import NO_DISTORTION, CalibratedViews, Camera
 from dvc.geometry.camera_array import DisparityLabels

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dvc.dibr.disparity.distortion import Holes, Plane, subtract_hole_errors
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import Labels
-from dvc.dibr.rendering import PictureAndDisparity, picture_of, render_pairs
+from dvc.dibr.view_rendering import PictureAndDisparity, picture_of, render_pairs
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.viewpoints import Viewpoint, warp_between
 from dvc.images.colour import Picture

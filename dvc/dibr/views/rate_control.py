@@ -4,9 +4,9 @@ The code of pictures can be cut at any byte, that of disparities follows from a 
 pictures get what disparities leave, and disparities the multiplier of pictures of that length, repeatedly.
 """
 
-from dvc.dibr.views.encoder import Encoded, ViewEncoder
+from dvc.dibr.view_encoder import Encoded, ViewEncoder
 from dvc.errors import ConfigError
-from dvc.images.codec import LARGEST_MULTIPLIER
+from dvc.images.picture_codec import LARGEST_MULTIPLIER
 
 PICTURE_SHARE = 0.85
 """Share of the pictures in most streams: where the search begins."""

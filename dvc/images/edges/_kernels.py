@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.entropy.mixing import code_adaptive, code_mixed
 from dvc.entropy.range_coder import code_decision
+from dvc.images.column_lifting import lift_columns
+from dvc.images.edge_maps import coarser
 from dvc.images.edges.lattice import degree, has_element, is_inside, next_vertex, set_element
-from dvc.images.wavelets.column_lifting import lift_columns
-from dvc.images.wavelets.edge_maps import coarser
 
 NUM_HISTORIES = 3**6
 MAX_RUN = 11

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from dvc.errors import DvcError
-from dvc.images.wavelets.edge_maps import EdgeMaps
+from dvc.images.edge_maps import EdgeMaps
 from dvc.picture_files import read_levels, write_png
 
 RIGHT_LEVEL, BELOW_LEVEL = 85, 170

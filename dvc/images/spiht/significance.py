@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.images.spiht.coder import DecodedCoefficients
-from dvc.images.spiht.trees import Band, Shape
-from dvc.images.wavelets.lifting import scale_shapes
+from dvc.images.lifting import scale_shapes
+from dvc.images.zerotree_coder import DecodedCoefficients
+from dvc.images.zerotrees import Band, Shape
 
 
 def significance_maps(

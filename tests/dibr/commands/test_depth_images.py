@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from dvc.dibr.depth_image.stream import decode_stream, encode_stream
-from dvc.picture_files import read_pfm, write_pfm
+from dvc.dibr.depth_image.depth_image_stream import decode_stream, encode_stream
+from dvc.pfm import read_pfm, write_pfm
 from tests.dibr.depth_maps import texture, two_discs
 from tests.dibr.running import answer, refusal, run
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from dvc.dibr.commands.stream_curves import lines_of
-from dvc.dibr.depth_image.stream import decode_stream
-from dvc.dibr.layered.pieces import write_pieces
-from dvc.picture_files import write_pfm, write_png
+from dvc.dibr.depth_image.depth_image_stream import decode_stream
+from dvc.dibr.depth_image.scene_pieces import write_pieces
+from dvc.pfm import write_pfm
+from dvc.picture_files import write_png
 from tests.dibr.depth_maps import texture, two_discs
-from tests.dibr.layered.scenes import plane_layers, plane_sprites
+from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.dibr.plane_views import planes
 from tests.dibr.running import answer, refusal, run
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice

@@ -16,8 +16,8 @@ from dvc.dibr.disparity.integer_transforms import (
 )
 from dvc.dibr.disparity.laplacian_codec import LaplacianCodec
 from dvc.dibr.disparity.methods import METHODS
-from dvc.dibr.disparity.quadtree import QuadtreeCodec
-from dvc.dibr.disparity.wavelet_codec import WaveletCodec
+from dvc.dibr.disparity.square_codecs import QuadtreeCodec
+from dvc.dibr.disparity.tree_codec import WaveletCodec
 from dvc.errors import BitstreamError
 from tests.dibr.disparity.codec_contract import NUM_LABELS, DisparityCodecContract, step_edge
 

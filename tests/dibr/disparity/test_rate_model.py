@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from dvc.dibr.disparity.coding import all_significant
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform
 from dvc.dibr.disparity.rate_model import (
     LAMBDA_TOLERANCE,
@@ -15,6 +14,7 @@ from dvc.dibr.disparity.rate_model import (
     search_laplacian,
     significant_magnitudes,
 )
+from dvc.dibr.disparity.tree_coding import all_significant
 
 
 @pytest.mark.parametrize("scale", [0.05, 0.4, 3.0, 50.0])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dvc.dibr.layered.rate import Choices, allot
-from dvc.images import codec
+from dvc.images import picture_codec as codec
 
 RNG = np.random.default_rng(0)
 HARD, EASY = (codec.encode(128 + RNG.normal(size=(32, 32)) * size) for size in (40.0, 8.0))

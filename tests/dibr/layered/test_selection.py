@@ -7,14 +7,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dvc.dibr.depth_image.decoder import decode as decode_image
+from dvc.dibr.depth_image.depth_image_decoder import decode as decode_image
+from dvc.dibr.depth_image.depth_image_encoder import DepthImage
+from dvc.dibr.depth_image.depth_image_encoder import encode_to_size as encode_image
 from dvc.dibr.depth_image.depth_scale import DepthScale
-from dvc.dibr.depth_image.encoder import DepthImage
-from dvc.dibr.depth_image.encoder import encode_to_size as encode_image
-from dvc.dibr.layered.decoder import decode
-from dvc.dibr.layered.encoder import encode_to_size
-from dvc.dibr.layered.pieces import Kind, Pieces, layers_of
-from dvc.dibr.layered.rendering import render_pieces
+from dvc.dibr.depth_image.piece_decoder import decode
+from dvc.dibr.depth_image.piece_encoder import encode_to_size
+from dvc.dibr.depth_image.piece_rendering import render_pieces
+from dvc.dibr.depth_image.piece_stream import decode_stream
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of
 from dvc.dibr.layered.selection import MOST_TRIALS, SelectedPieces, encode_best
 from dvc.dibr.layered.simplification import Price, alone, simplify
 from dvc.dibr.layered.stack import (
@@ -26,11 +27,10 @@ from dvc.dibr.layered.stack import (
     viewpoints_of,
     worth_of,
 )
-from dvc.dibr.layered.stream import decode_stream
-from dvc.dibr.rendering import picture_of, render
+from dvc.dibr.view_rendering import picture_of, render
 from dvc.errors import ConfigError
 from dvc.images.colour import luma
-from tests.dibr.layered.scenes import canvas_of, odd_sprites, plane_layers, plane_sprites, sprite_of
+from tests.dibr.piece_scenes import canvas_of, odd_sprites, plane_layers, plane_sprites, sprite_of
 
 SCENES = {"layers": plane_layers(), "sprites": plane_sprites()}
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from dvc.dibr.layered.pieces import Kind
+from dvc.dibr.depth_image.scene_pieces import Kind
 from dvc.dibr.layered.simplification import alone
 from dvc.dibr.layered.stack import Stack, rounded_to_labels, stack_of, viewpoints_of, worth_of
 from dvc.geometry.camera_array import DisparityLabels
-from tests.dibr.layered.scenes import canvas_of, odd_sprites, plane_layers, plane_sprites
+from tests.dibr.piece_scenes import canvas_of, odd_sprites, plane_layers, plane_sprites
 
 
 def test_layers_and_their_sprites_are_the_same_stack() -> None:

@@ -1,0 +1,177 @@
+"""Streams of views: a header that tells where their cameras stand, and quality layers that can be cut off.
+
+Each layer adds to the pictures and disparities of those before, and has a checksum.
+"""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from dvc.bits import encode_varint
+from dvc.config.fields import check_choice, shown
+from dvc.dibr import dibr_streams as container
+from dvc.dibr.limits import MAX_LAYERS, Extent, check_extent
+from dvc.dibr.names import EXTENSION, NUMBERS
+from dvc.errors import BitstreamError, ConfigError
+from dvc.geometry.camera_array import DisparityLabels, LatticePosition
+from dvc.geometry.viewpoints import CalibratedViewpoint, Viewpoint
+
+MAX_LABELS = 2**15 - 1
+MAX_VIEWS = 255
+_FIXED = struct.Struct("<BHHffHBBB")
+_CALIBRATED, _METHOD_SHIFT = 1, 1
+_POSITION = struct.Struct("<2f")
+_CAMERA = struct.Struct("<11f")
+
+
+@dataclass(frozen=True, eq=False)
+class Header:
+    """What a decoder must know before the first layer."""
+
+    shape: tuple[int, int]  # height and width of the views
+    method: str  # how disparities are coded, one of `NUMBERS`
+    # disparities in pixels per unit of m and n; of calibrated cameras, inverse depths
+    labels: DisparityLabels
+    references: tuple[int, ...]  # numbers of the views whose pictures are coded
+    num_layers: int  # quality layers of the whole stream
+    viewpoints: tuple[Viewpoint, ...]  # of all views, of one kind
+
+    def __post_init__(self) -> None:
+        container.check_shape(self.shape, "views")
+        check_choice("disparity", self.method, NUMBERS)
+        lowest, step, num_labels = self.labels
+        if not 1 <= num_labels <= MAX_LABELS:
+            raise ConfigError(f"{num_labels} disparities: 1 to {MAX_LABELS} are accepted")
+        if not (abs(lowest) <= container.MAX_NUMBER and 0.0 < step <= container.MAX_NUMBER):
+            raise ConfigError(f"disparities from {lowest} in steps of {step}: positive steps are accepted")
+        for name, value, highest in (
+            ("quality layers", self.num_layers, MAX_LAYERS),
+            ("views", len(self.viewpoints), MAX_VIEWS),
+            ("references", len(self.references), len(self.viewpoints)),
+        ):
+            if not 1 <= value <= highest:
+                raise ConfigError(f"{value} {name}: 1 to {highest} are accepted")
+
+
+def encode_header(header: Header) -> bytes:
+    """Return the bytes of a header."""
+    height, width = header.shape
+    is_calibrated = isinstance(header.viewpoints[0], CalibratedViewpoint)
+    number = NUMBERS[header.method]
+    flags = _CALIBRATED * is_calibrated | number << _METHOD_SHIFT
+    sizes = header.num_layers, len(header.references), len(header.viewpoints)
+    fixed = _FIXED.pack(flags, width, height, *header.labels, *sizes)
+    if number == EXTENSION:
+        fixed += encode_varint(len(header.method)) + header.method.encode()
+    views = b"".join(_encode_viewpoint(viewpoint) for viewpoint in header.viewpoints)
+    data = container.begin(container.Body.VIEWS) + fixed + bytes(header.references) + views
+    return data + container.checksum(data)
+
+
+def decode_header(data: bytes) -> tuple[Header, int]:
+    """Read a header; inverse of `encode_header` but for the precision of its numbers."""
+    reader = container.Reader.of_body(data, container.Body.VIEWS)
+    flags, width, height, lowest, step, num_labels, *sizes = reader.fields(_FIXED)
+    num_layers, num_references, num_views = sizes
+    method = _decode_method(reader, flags >> _METHOD_SHIFT)
+    references = tuple(reader.bytes(num_references))
+    layout = _CAMERA if flags & _CALIBRATED else _POSITION
+    cameras = [reader.fields(layout) for _ in range(num_views)]
+    reader.check("the header of the stream is damaged")
+    if NUMBERS.get(method) != flags >> _METHOD_SHIFT:
+        raise BitstreamError(NUMBERS.missing(shown(method)))
+    try:
+        labels = DisparityLabels(lowest, step, num_labels)
+        viewpoints = tuple(map(_decode_viewpoint, cameras))
+        header = Header((height, width), method, labels, references, num_layers, viewpoints)
+    except (ConfigError, ValueError) as error:
+        raise BitstreamError(f"the header of the stream cannot have been written: {error}") from None
+    if max(references) >= num_views:
+        raise BitstreamError("the header of the stream names a reference that is not among its views")
+    return header, reader.position
+
+
+def _decode_method(reader: container.Reader, number: int) -> str:
+    """Read how disparities are coded."""
+    if number == EXTENSION:
+        return reader.bytes(reader.varint()).decode("ascii", "replace")
+    return next((name for name, own in NUMBERS.own.items() if own == number), str(number))
+
+
+def _encode_viewpoint(viewpoint: Viewpoint) -> bytes:
+    if isinstance(viewpoint, LatticePosition):
+        return _POSITION.pack(*viewpoint)
+    intrinsic, pose = viewpoint.intrinsic, viewpoint.pose
+    turn = np.asarray(cv2.Rodrigues(pose[:, :3])[0])
+    return _CAMERA.pack(*intrinsic[0], *intrinsic[1, 1:], *turn[:, 0], *pose[:, 3])
+
+
+def _decode_viewpoint(numbers: tuple[float, ...]) -> Viewpoint:
+    if not all(abs(number) <= container.MAX_NUMBER for number in numbers):
+        raise BitstreamError("the header of the stream has a camera that is nowhere")
+    if len(numbers) == len(LatticePosition._fields):
+        return LatticePosition(*numbers)
+    intrinsic = np.array([numbers[:3], (0.0, *numbers[3:5]), (0.0, 0.0, 1.0)])
+    if abs(np.linalg.det(intrinsic)) < 1e-12:
+        raise BitstreamError("the header of the stream has a camera that is singular")
+    rotation = cv2.Rodrigues(np.array(numbers[5:8]))[0]
+    return CalibratedViewpoint(intrinsic, np.column_stack([rotation, numbers[8:11]]))
+
+
+class PairLayer(NamedTuple):
+    """What a layer adds to a picture and its disparities."""
+
+    picture: bytes  # code of each; empty: nothing
+    disparity: bytes
+
+
+Layer = tuple[PairLayer, ...]
+"""One entry for each reference."""
+
+
+class Stream(NamedTuple):
+    """A stream, as far as it can be read."""
+
+    header: Header  # what it is
+    layers: tuple[Layer, ...]  # the layers that are there and whole, in order
+    damage: str | None = None  # why there are no more of them, if there should be
+
+
+def encode_stream(header: Header, layers: Sequence[Layer]) -> bytes:
+    """Return the bytes of a stream."""
+    return encode_header(header) + b"".join(encode_layer(layer) for layer in layers)
+
+
+def encode_layer(layer: Layer) -> bytes:
+    """Return the bytes of a layer."""
+    data = b"".join(encode_varint(len(part)) + part for pair in layer for part in pair)
+    return data + container.checksum(data)
+
+
+def decode_stream(data: bytes, max_mib: float | None = None) -> Stream:
+    """Read a stream; layers that are cut or damaged are left out, with all after them."""
+    header, position = decode_header(data)
+    layers: list[Layer] = []
+    damage = None
+    while len(layers) < header.num_layers and damage is None:
+        reader = container.Reader(data, position, "it")
+        try:
+            parts = [reader.bytes(reader.varint()) for _ in range(2 * len(header.references))]
+            reader.check(f"it is damaged, between bytes {position} and {reader.position}")
+        except BitstreamError as error:
+            damage = f"layer {len(layers) + 1} of {header.num_layers}: {error}"
+            continue
+        layers.append(tuple(map(PairLayer, parts[::2], parts[1::2])))
+        position = reader.position
+    if not layers:
+        raise BitstreamError(str(damage))
+    if damage is None and position != len(data):
+        damage = f"{len(data) - position} bytes follow the last layer"
+    size = header.shape[0] * header.shape[1]
+    held = size * len(header.references)
+    check_extent(Extent(size, held, held * len(layers)), len(data), max_mib)
+    return Stream(header, tuple(layers), damage)

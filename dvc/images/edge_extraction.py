@@ -1,0 +1,45 @@
+"""Edges found in depth maps: where neighbours differ, or what Canny's detector keeps."""
+
+import cv2
+import numpy as np
+
+from dvc.images.edge_chains import Chains, draw, trace
+from dvc.images.edge_maps import EdgeMaps
+from dvc.images.lifting import Plane
+
+CANNY_THRESHOLDS = 40.0, 100.0
+"""Weaker and stronger one of the detector, of maps stretched to levels from 0 to 255."""
+
+SHORTEST_CHAIN = 8
+"""Edge elements of the shortest chain that is kept beside Canny's detector."""
+
+_JUMP = 0.02
+
+
+def edges_of_jumps(depth: Plane, least: float) -> EdgeMaps:
+    """Return the edges where neighbours differ."""
+    edges = EdgeMaps.none((depth.shape[0], depth.shape[1]))
+    edges.between_rows[:-1] = np.abs(np.diff(depth, axis=0)) > least
+    edges.between_columns[:, :-1] = np.abs(np.diff(depth, axis=1)) > least
+    return edges
+
+
+def canny_edges(depth: Plane) -> EdgeMaps:
+    """Return the edges at pixels that Canny's detector marks, without short chains."""
+    extent = float(np.ptp(depth))
+    if not extent:
+        return EdgeMaps.none((depth.shape[0], depth.shape[1]))
+    levels = np.round((depth - depth.min()) * (255.0 / extent)).astype(np.uint8)
+    marked = cv2.Canny(levels, *CANNY_THRESHOLDS, L2gradient=True) > 0
+    edges = edges_of_jumps(depth, _JUMP * extent)
+    edges.between_rows[:-1] &= marked[:-1] | marked[1:]
+    edges.between_columns[:, :-1] &= marked[:, :-1] | marked[:, 1:]
+    return _without_short_chains(edges)
+
+
+def _without_short_chains(edges: EdgeMaps) -> EdgeMaps:
+    chains = trace(edges)
+    kept = chains.lengths >= SHORTEST_CHAIN
+    parts = [part for part, keep in zip(chains.parts(), kept, strict=True) if keep]
+    directions = np.concatenate(parts) if parts else chains.directions[:0]
+    return draw(Chains(chains.shape, chains.starts[kept], chains.lengths[kept], directions))
