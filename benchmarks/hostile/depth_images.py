@@ -8,10 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.dibr.depth_image.depth_codes import DepthOptions, code_edges
-from dvc.dibr.depth_image.depth_image_decoder import decode
-from dvc.dibr.depth_image.depth_image_encoder import DepthImage, PictureOptions, encode_to_size
-from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, decode_stream, encode_stream
+from dvc.dibr.depth_image.depth_image_encoder import (
+    DepthImage,
+    DepthOptions,
+    PictureOptions,
+    code_edges,
+    encode_to_size,
+)
+from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, decode, decode_stream, encode_stream
 from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.view_rendering import picture_of, render
 from dvc.errors import BitstreamError

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.dibr.names import OWN_NAMES
+from dvc.dibr.dibr_streams import BUILT_IN_CODECS
 from dvc.dibr.view_decoder import decode
 from dvc.dibr.view_encoder import ViewEncoder
 from dvc.dibr.view_rendering import picture_of, render
@@ -30,7 +30,7 @@ _CRC_BYTES = 4
 def good_streams() -> tuple[bytes, ...]:
     """Encode small views in all ways."""
     streams = []
-    for number, method in enumerate(OWN_NAMES):
+    for number, method in enumerate(BUILT_IN_CODECS):
         for calibrated in (False, True):
             coloured = (number + calibrated) % 2 == 1
             views = _views(coloured, calibrated, references=(0, 2) if number % 3 == 0 else (0,))

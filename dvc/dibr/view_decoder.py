@@ -1,43 +1,57 @@
-"""The decoder: pictures and disparities of a stream, as far as it goes."""
+"""The decoder of views: pictures and disparities of the readable part of a stream."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
-from dvc.dibr.disparity.methods import METHODS
+from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM
+from dvc.dibr.disparity.square_codecs import BlockCodec, QuadtreeCodec
+from dvc.dibr.disparity.tree_codec import WaveletCodec
 from dvc.dibr.view_rendering import PictureAndDisparity
 from dvc.dibr.view_stream import Header, Layer, PairLayer, Stream
 from dvc.errors import BitstreamError, ConfigError
+from dvc.extensions import DISPARITY_CODECS, Registry, make
 from dvc.geometry.viewpoints import Viewpoint
 from dvc.images import picture_codec
 from dvc.images.picture_codec import DecodedPicture
 from dvc.images.picture_header import PictureHeader
 
-Floats = NDArray[np.float64]
+METHODS: Registry[DisparityCodec] = Registry(
+    DISPARITY_CODECS,
+    {
+        "l": WaveletCodec(L_TRANSFORM),
+        "s": WaveletCodec(S_TRANSFORM),
+        "quadtree": QuadtreeCodec(),
+        "blocks": BlockCodec(),
+    },
+    partial(make, DISPARITY_CODECS),
+)
+"""Disparity codecs by name; those of other packages are imported on first use."""
 
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
     """A decoded stream."""
 
-    header: Header  # what the stream says of itself
+    header: Header
     pairs: tuple[PictureAndDisparity, ...]  # one for each reference
-    num_layers: int  # quality layers that were decoded
-    resolution: int  # how many times pictures are halved
-    damage: str | None  # why there are fewer layers than there should be
+    num_layers: int  # number of decoded quality layers
+    resolution: int  # number of times that the sides of pictures are halved
+    damage: str | None  # reason why layers are missing
 
     @property
     def viewpoints(self) -> tuple[Viewpoint, ...]:
-        """Of all views of the stream."""
+        """Viewpoints of all views of the stream."""
         return self.header.viewpoints
 
     @property
     def step(self) -> float:
-        """Distance of the disparities that are distinguished."""
+        """Distance of neighbouring disparities."""
         return self.header.labels.step / 2.0**self.resolution
 
 
@@ -49,13 +63,13 @@ def decode(
     Parameters
     ----------
     stream : Stream
-        As it was read.
+        The stream, as it was read.
     num_layers : int, optional
-        Quality layers, at most; by default all there are.
+        Largest number of quality layers to decode; by default all.
     resolution : int, optional
-        How many times pictures and disparities are halved.
+        Number of times that the sides of pictures and disparity maps are halved.
     codec : DisparityCodec, optional
-        Of the disparities, where an encoder was given another one than the header names.
+        Disparity codec, if the encoder was given another one than the header names.
 
     Returns
     -------
@@ -65,9 +79,9 @@ def decode(
     Raises
     ------
     BitstreamError
-        If not even the first layer can have been written; damage to later ones is reported.
+        If the first layer cannot have been written; damage to later layers is reported in the result.
     ConfigError
-        If there are not so many layers or levels.
+        If the stream has fewer layers or resolutions.
     """
     header = stream.header
     if num_layers is not None and not 1 <= num_layers <= header.num_layers:
@@ -78,14 +92,14 @@ def decode(
     if damage is None and (num_layers is None or len(layers) < num_layers):
         damage = stream.damage
     pairs = tuple(
-        _finished(header, reference, state, resolution)
+        _pair_of(header, reference, state, resolution)
         for reference, state in zip(header.references, states, strict=True)
     )
     return Decoded(header, pairs, num_decoded, resolution, damage)
 
 
 def significance_classes(decoded: DecodedPicture) -> list[NDArray[np.uint8]]:
-    """Return where disparities may differ from what is predicted (3.3)."""
+    """Return by level where disparities may differ from their predictions (3.3)."""
     return [significant.astype(np.uint8) for significant in decoded.significance]
 
 
@@ -95,26 +109,26 @@ class _State(NamedTuple):
     reference: PictureHeader
     data: bytes
     decoded: DecodedPicture
-    found: Any
+    labels: Any
 
 
 def _decode_layers(
     header: Header, layers: Sequence[Layer], codec: DisparityCodec
 ) -> tuple[list[_State], int, str | None]:
-    """Decode layer by layer; what cannot have been written ends it, unless that is the first one."""
+    """Decode up to the first layer that cannot have been written; refuse the very first one."""
     states: list[_State] = []
     for index, layer in enumerate(layers):
         before: list[_State | None] = [*states] or [None] * len(layer)
         try:
             pairs = zip(before, layer, strict=True)
-            found = [_next_state(header, codec, state, part) for state, part in pairs]
-            if len({state.reference.colour for state in found}) > 1:
+            after = [_next_state(header, codec, state, part) for state, part in pairs]
+            if len({state.reference.colour for state in after}) > 1:
                 raise BitstreamError("some pictures of the stream are gray and some are not")
         except BitstreamError as error:
             if index == 0:
                 raise
             return states, index, f"layer {index + 1} of {header.num_layers}: {error}"
-        states = found
+        states = after
     return states, len(layers), None
 
 
@@ -130,18 +144,18 @@ def _next_state(header: Header, codec: DisparityCodec, before: _State | None, pa
         data = (b"" if before is None else before.data) + added
         decoded = picture_codec.decode(reference, data, header.shape)
     classes = significance_classes(decoded)
-    previous = before.found if before is not None and codec.layered else None
-    found = codec.decode(part.disparity, header.shape, header.labels.num_labels, classes, previous)
-    return _State(reference, data, decoded, found)
+    previous = before.labels if before is not None and codec.layered else None
+    labels = codec.decode(part.disparity, header.shape, header.labels.num_labels, classes, previous)
+    return _State(reference, data, decoded, labels)
 
 
-def _finished(header: Header, reference: int, state: _State, resolution: int) -> PictureAndDisparity:
-    """Return picture and disparities in the resolution that is wanted."""
+def _pair_of(header: Header, reference: int, state: _State, resolution: int) -> PictureAndDisparity:
+    """Return picture and disparities in a resolution."""
     decoded = state.decoded
     if resolution > state.reference.num_levels:
         raise ConfigError(f"resolution {resolution}: 0 to {state.reference.num_levels} are accepted")
     if resolution:
         decoded = picture_codec.decode(state.reference, state.data, header.shape, resolution)
-    labels = state.found.disparity(resolution).astype(np.float64)
+    labels = state.labels.disparity(resolution).astype(np.float64)
     disparity = header.labels.disparity(labels) / 2.0**resolution
     return PictureAndDisparity(decoded.picture(), disparity, header.viewpoints[reference])

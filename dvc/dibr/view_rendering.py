@@ -1,4 +1,4 @@
-"""Rendering of decoded pictures with disparities: any view, from one of them or from all."""
+"""Rendering of decoded pictures with disparities: any view, from one reference or from all."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from dvc.geometry.view_synthesis import PictureWithDepth, SynthesisedView, synthesise
 from dvc.geometry.viewpoints import Viewpoint, distance, warp_between
 
-Floats = NDArray[np.float64]
-
 NEAR_VIEW = 1e-3
-"""Added to distances, relative to the largest, before weights are their inverses."""
+"""Offset of distances, relative to the largest, before weights are taken as their inverses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +21,13 @@ class PictureAndDisparity:
     """A decoded reference."""
 
     picture: NDArray[np.uint8]  # gray, or red, green and blue; (H, W) or (H, W, 3)
-    # in pixels of the picture per unit of m and n; of calibrated cameras, inverse depth; (H, W)
-    disparity: Floats
-    viewpoint: Viewpoint  # of its camera
+    # pixels of the picture per unit of m and n; inverse depth for calibrated cameras; (H, W)
+    disparity: NDArray[np.float64]
+    viewpoint: Viewpoint  # viewpoint of its camera
 
 
 class DecodedViews(Protocol):
-    """What there is to render of a decoded stream, of any kind."""
+    """A decoded stream of any kind, as rendering needs it."""
 
     @property
     def pairs(self) -> tuple[PictureAndDisparity, ...]:
@@ -37,24 +35,24 @@ class DecodedViews(Protocol):
 
     @property
     def viewpoints(self) -> tuple[Viewpoint, ...]:
-        """Of all views of the stream, of one kind."""
+        """Viewpoints of all views of the stream, of one kind."""
 
     @property
     def step(self) -> float:
-        """Distance of the disparities that are distinguished; 0: all are."""
+        """Distance of neighbouring disparities; 0: they are continuous."""
 
     @property
     def damage(self) -> str | None:
-        """What is missing of the stream."""
+        """Description of the missing parts of the stream."""
 
 
 class Blend(StrEnum):
-    """What is shown where several references see a point."""
+    """Ways to combine references that see the same point."""
 
     NEAREST = "nearest"
-    """The nearest of them that sees anything there."""
+    """The nearest reference that sees the point."""
     DISTANCE = "distance"
-    """All that see it, by the inverse of their distance."""
+    """The mean of all that see it, weighted by inverse distance."""
 
 
 def render(decoded: DecodedViews, viewpoint: Viewpoint, blend: Blend = Blend.DISTANCE) -> SynthesisedView:
@@ -65,9 +63,9 @@ def render(decoded: DecodedViews, viewpoint: Viewpoint, blend: Blend = Blend.DIS
     decoded : DecodedViews
         Pictures and disparities.
     viewpoint : Viewpoint
-        The wanted one, of the kind of the others.
+        The target, of the same kind as those of the stream.
     blend : Blend, optional
-        What is shown where several references see a point.
+        How references that see the same point are combined.
 
     Returns
     -------
@@ -81,11 +79,11 @@ def render_pairs(
     pairs: Sequence[PictureAndDisparity], viewpoint: Viewpoint, step: float, blend: Blend = Blend.DISTANCE
 ) -> SynthesisedView:
     """Render a view from pictures with disparities."""
-    away = [distance(pair.viewpoint, viewpoint) for pair in pairs]
-    near = NEAR_VIEW * max(*away, 1e-9)
-    weights = [near / (reach + near) for reach in away]
+    distances = [distance(pair.viewpoint, viewpoint) for pair in pairs]
+    near = NEAR_VIEW * max(*distances, 1e-9)
+    weights = [near / (reach + near) for reach in distances]
     if blend is Blend.NEAREST:
-        weights = [float(index == int(np.argmin(away))) for index in range(len(away))]
+        weights = [float(index == int(np.argmin(distances))) for index in range(len(distances))]
     sources = [
         PictureWithDepth(
             pair.picture.reshape(*pair.picture.shape[:2], -1),
@@ -96,24 +94,24 @@ def render_pairs(
         )
         for pair, weight in zip(pairs, weights, strict=True)
     ]
-    shape = pairs[0].picture.shape
-    return synthesise(sources, (shape[0], shape[1]))
+    height, width = pairs[0].picture.shape[:2]
+    return synthesise(sources, (height, width))
 
 
 def picture_of(view: SynthesisedView) -> NDArray[np.uint8]:
-    """Return the picture of a view, as files have it."""
+    """Return a view as a picture of 8 bits."""
     levels = np.clip(np.floor(view.image + 0.5), 0.0, 255.0).astype(np.uint8)
     return levels[..., 0] if levels.shape[2] == 1 else levels
 
 
-def continued(picture: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Give two pixels beside a mask the mean colour of their neighbours: interpolation reaches so far."""
+def with_margin(picture: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Fill two pixels around a mask, for interpolation, with the mean colour of their neighbours."""
     if mask.all():
         return picture
-    known, total = mask.astype(np.float32), np.where(mask[..., None], picture, 0).astype(np.float32)
+    weight, total = mask.astype(np.float32), np.where(mask[..., None], picture, 0).astype(np.float32)
     for _ in range(2):
-        count = cv2.blur(known, (3, 3), borderType=cv2.BORDER_CONSTANT)
+        count = cv2.blur(weight, (3, 3), borderType=cv2.BORDER_CONSTANT)
         mean = cv2.blur(total, (3, 3), borderType=cv2.BORDER_CONSTANT) / np.maximum(count, 1e-6)[..., None]
-        new = (known == 0.0) & (count > 1e-6)
-        total[new], known[new] = mean[new], 1.0
+        new = (weight == 0.0) & (count > 1e-6)
+        total[new], weight[new] = mean[new], 1.0
     return np.asarray(np.clip(np.rint(total), 0, 255), np.uint8)

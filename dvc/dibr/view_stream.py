@@ -1,4 +1,4 @@
-"""Streams of views: a header that tells where their cameras stand, and quality layers that can be cut off.
+"""Streams of views: a header with their viewpoints, and quality layers that can be cut off.
 
 Each layer adds to the pictures and disparities of those before, and has a checksum.
 """
@@ -13,9 +13,17 @@ import numpy as np
 
 from dvc.bits import encode_varint
 from dvc.config.fields import check_choice, shown
-from dvc.dibr import dibr_streams as container
-from dvc.dibr.limits import MAX_LAYERS, Extent, check_extent
-from dvc.dibr.names import EXTENSION, NUMBERS
+from dvc.dibr import dibr_streams
+from dvc.dibr.dibr_streams import (
+    CODEC_NUMBERS,
+    EXTENSION,
+    MAX_LAYERS,
+    MAX_NUMBER,
+    Body,
+    Extent,
+    FieldReader,
+    check_extent,
+)
 from dvc.errors import BitstreamError, ConfigError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.geometry.viewpoints import CalibratedViewpoint, Viewpoint
@@ -24,31 +32,29 @@ MAX_LABELS = 2**15 - 1
 MAX_VIEWS = 255
 _FIXED = struct.Struct("<BHHffHBBB")
 _CALIBRATED, _METHOD_SHIFT = 1, 1
-_POSITION = struct.Struct("<2f")
-_CAMERA = struct.Struct("<11f")
+_POSITION, _CAMERA = struct.Struct("<2f"), struct.Struct("<11f")
 
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """What a decoder must know before the first layer."""
+    """The header of a stream of views."""
 
     shape: tuple[int, int]  # height and width of the views
-    method: str  # how disparities are coded, one of `NUMBERS`
-    # disparities in pixels per unit of m and n; of calibrated cameras, inverse depths
+    method: str  # disparity codec, one of `CODEC_NUMBERS`
+    # disparities in pixels per unit of m and n; inverse depths for calibrated cameras
     labels: DisparityLabels
-    references: tuple[int, ...]  # numbers of the views whose pictures are coded
+    references: tuple[int, ...]  # indices of the views with coded pictures
     num_layers: int  # quality layers of the whole stream
-    viewpoints: tuple[Viewpoint, ...]  # of all views, of one kind
+    viewpoints: tuple[Viewpoint, ...]  # viewpoints of all views, of one kind
 
     def __post_init__(self) -> None:
-        container.check_shape(self.shape, "views")
-        check_choice("disparity", self.method, NUMBERS)
+        dibr_streams.check_shape(self.shape, "views")
+        check_choice("disparity", self.method, CODEC_NUMBERS)
         lowest, step, num_labels = self.labels
-        if not 1 <= num_labels <= MAX_LABELS:
-            raise ConfigError(f"{num_labels} disparities: 1 to {MAX_LABELS} are accepted")
-        if not (abs(lowest) <= container.MAX_NUMBER and 0.0 < step <= container.MAX_NUMBER):
+        if not (abs(lowest) <= MAX_NUMBER and 0.0 < step <= MAX_NUMBER):
             raise ConfigError(f"disparities from {lowest} in steps of {step}: positive steps are accepted")
         for name, value, highest in (
+            ("disparities", num_labels, MAX_LABELS),
             ("quality layers", self.num_layers, MAX_LAYERS),
             ("views", len(self.viewpoints), MAX_VIEWS),
             ("references", len(self.references), len(self.viewpoints)),
@@ -57,33 +63,55 @@ class Header:
                 raise ConfigError(f"{value} {name}: 1 to {highest} are accepted")
 
 
+class PairLayer(NamedTuple):
+    """Code that a layer adds to a picture and its disparities; either may be empty."""
+
+    picture: bytes
+    disparity: bytes
+
+
+Layer = tuple[PairLayer, ...]
+"""One entry for each reference."""
+
+
+class Stream(NamedTuple):
+    """The readable part of a stream."""
+
+    header: Header
+    layers: tuple[Layer, ...]  # whole layers, in order
+    damage: str | None = None  # reason why layers are missing
+
+
 def encode_header(header: Header) -> bytes:
     """Return the bytes of a header."""
     height, width = header.shape
     is_calibrated = isinstance(header.viewpoints[0], CalibratedViewpoint)
-    number = NUMBERS[header.method]
+    number = CODEC_NUMBERS[header.method]
     flags = _CALIBRATED * is_calibrated | number << _METHOD_SHIFT
     sizes = header.num_layers, len(header.references), len(header.viewpoints)
     fixed = _FIXED.pack(flags, width, height, *header.labels, *sizes)
     if number == EXTENSION:
         fixed += encode_varint(len(header.method)) + header.method.encode()
     views = b"".join(_encode_viewpoint(viewpoint) for viewpoint in header.viewpoints)
-    data = container.begin(container.Body.VIEWS) + fixed + bytes(header.references) + views
-    return data + container.checksum(data)
+    data = dibr_streams.begin(Body.VIEWS) + fixed + bytes(header.references) + views
+    return data + dibr_streams.checksum(data)
 
 
 def decode_header(data: bytes) -> tuple[Header, int]:
-    """Read a header; inverse of `encode_header` but for the precision of its numbers."""
-    reader = container.Reader.of_body(data, container.Body.VIEWS)
+    """Read a header and return it with its size; inverse of `encode_header` up to single precision."""
+    reader = FieldReader.of_body(data, Body.VIEWS)
     flags, width, height, lowest, step, num_labels, *sizes = reader.fields(_FIXED)
     num_layers, num_references, num_views = sizes
-    method = _decode_method(reader, flags >> _METHOD_SHIFT)
+    number = flags >> _METHOD_SHIFT
+    method = next((name for name, own in CODEC_NUMBERS.own.items() if own == number), str(number))
+    if number == EXTENSION:
+        method = reader.bytes(reader.varint()).decode("ascii", "replace")
     references = tuple(reader.bytes(num_references))
     layout = _CAMERA if flags & _CALIBRATED else _POSITION
     cameras = [reader.fields(layout) for _ in range(num_views)]
     reader.check("the header of the stream is damaged")
-    if NUMBERS.get(method) != flags >> _METHOD_SHIFT:
-        raise BitstreamError(NUMBERS.missing(shown(method)))
+    if CODEC_NUMBERS.get(method) != number:
+        raise BitstreamError(CODEC_NUMBERS.missing(shown(method)))
     try:
         labels = DisparityLabels(lowest, step, num_labels)
         viewpoints = tuple(map(_decode_viewpoint, cameras))
@@ -95,24 +123,17 @@ def decode_header(data: bytes) -> tuple[Header, int]:
     return header, reader.position
 
 
-def _decode_method(reader: container.Reader, number: int) -> str:
-    """Read how disparities are coded."""
-    if number == EXTENSION:
-        return reader.bytes(reader.varint()).decode("ascii", "replace")
-    return next((name for name, own in NUMBERS.own.items() if own == number), str(number))
-
-
 def _encode_viewpoint(viewpoint: Viewpoint) -> bytes:
     if isinstance(viewpoint, LatticePosition):
         return _POSITION.pack(*viewpoint)
     intrinsic, pose = viewpoint.intrinsic, viewpoint.pose
-    turn = np.asarray(cv2.Rodrigues(pose[:, :3])[0])
-    return _CAMERA.pack(*intrinsic[0], *intrinsic[1, 1:], *turn[:, 0], *pose[:, 3])
+    rotation = np.asarray(cv2.Rodrigues(pose[:, :3])[0])
+    return _CAMERA.pack(*intrinsic[0], *intrinsic[1, 1:], *rotation[:, 0], *pose[:, 3])
 
 
 def _decode_viewpoint(numbers: tuple[float, ...]) -> Viewpoint:
-    if not all(abs(number) <= container.MAX_NUMBER for number in numbers):
-        raise BitstreamError("the header of the stream has a camera that is nowhere")
+    if not all(abs(number) <= MAX_NUMBER for number in numbers):
+        raise BitstreamError("the header of the stream has a camera without a finite position")
     if len(numbers) == len(LatticePosition._fields):
         return LatticePosition(*numbers)
     intrinsic = np.array([numbers[:3], (0.0, *numbers[3:5]), (0.0, 0.0, 1.0)])
@@ -120,25 +141,6 @@ def _decode_viewpoint(numbers: tuple[float, ...]) -> Viewpoint:
         raise BitstreamError("the header of the stream has a camera that is singular")
     rotation = cv2.Rodrigues(np.array(numbers[5:8]))[0]
     return CalibratedViewpoint(intrinsic, np.column_stack([rotation, numbers[8:11]]))
-
-
-class PairLayer(NamedTuple):
-    """What a layer adds to a picture and its disparities."""
-
-    picture: bytes  # code of each; empty: nothing
-    disparity: bytes
-
-
-Layer = tuple[PairLayer, ...]
-"""One entry for each reference."""
-
-
-class Stream(NamedTuple):
-    """A stream, as far as it can be read."""
-
-    header: Header  # what it is
-    layers: tuple[Layer, ...]  # the layers that are there and whole, in order
-    damage: str | None = None  # why there are no more of them, if there should be
 
 
 def encode_stream(header: Header, layers: Sequence[Layer]) -> bytes:
@@ -149,29 +151,29 @@ def encode_stream(header: Header, layers: Sequence[Layer]) -> bytes:
 def encode_layer(layer: Layer) -> bytes:
     """Return the bytes of a layer."""
     data = b"".join(encode_varint(len(part)) + part for pair in layer for part in pair)
-    return data + container.checksum(data)
+    return data + dibr_streams.checksum(data)
 
 
 def decode_stream(data: bytes, max_mib: float | None = None) -> Stream:
-    """Read a stream; layers that are cut or damaged are left out, with all after them."""
+    """Read a stream, up to the first layer that is cut or damaged."""
     header, position = decode_header(data)
     layers: list[Layer] = []
     damage = None
-    while len(layers) < header.num_layers and damage is None:
-        reader = container.Reader(data, position, "it")
+    while len(layers) < header.num_layers:
+        reader = FieldReader(data, position, "it")
         try:
             parts = [reader.bytes(reader.varint()) for _ in range(2 * len(header.references))]
             reader.check(f"it is damaged, between bytes {position} and {reader.position}")
         except BitstreamError as error:
             damage = f"layer {len(layers) + 1} of {header.num_layers}: {error}"
-            continue
+            break
         layers.append(tuple(map(PairLayer, parts[::2], parts[1::2])))
         position = reader.position
     if not layers:
         raise BitstreamError(str(damage))
     if damage is None and position != len(data):
         damage = f"{len(data) - position} bytes follow the last layer"
-    size = header.shape[0] * header.shape[1]
-    held = size * len(header.references)
-    check_extent(Extent(size, held, held * len(layers)), len(data), max_mib)
+    num_pixels = header.shape[0] * header.shape[1]
+    held = num_pixels * len(header.references)
+    check_extent(Extent(num_pixels, held, held * len(layers)), len(data), max_mib)
     return Stream(header, tuple(layers), damage)

@@ -18,19 +18,19 @@ Floats = NDArray[np.float64]
 
 FILES = StageFiles(resources.files("dvc.dibr") / "templates", "viewer.html.j2", ("warps.js", "viewer.js"))
 STILL_QUALITY = 85
-"""Of a picture that is only shown where nothing can be drawn."""
+"""Quality of a picture that is only shown if nothing can be drawn."""
 
 
 @dataclass(frozen=True)
 class Caption:
-    """What the page says of a scene."""
+    """Text of the page about a scene."""
 
-    title: str  # its name
-    kind: str  # what it was made of, for the heading
-    num_bytes: int  # size of what it was read from
+    title: str  # name of the scene
+    kind: str  # kind of its file, for the heading
+    num_bytes: int  # size of its files
     num_pixels: int  # of a view as it was coded, for the rate
-    notes: tuple[str, ...] = ()  # what else a visitor must know
-    qualities: tuple[float | None, ...] = ()  # PSNR of each viewpoint in dB; None where it is not known
+    notes: tuple[str, ...] = ()  # further notes
+    qualities: tuple[float | None, ...] = ()  # PSNR of each viewpoint in dB; None: unknown
 
     @property
     def bits_per_pixel(self) -> float:
@@ -57,7 +57,7 @@ def write_page(path: str | Path, scene: Scene, caption: Caption) -> None:
 
 
 def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
-    """Return what the programs of the page are told."""
+    """Return the data of the programs of the page."""
     lowest, _ = scene.range
     positions = positions_of(scene.viewpoints)
     qualities = caption.qualities or (None,) * len(positions)
@@ -85,7 +85,7 @@ def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
 
 
 def _cameras(scene: Scene, positions: Floats) -> dict[str, Any] | None:
-    """Where calibrated cameras stand and look; None on a lattice."""
+    """Return poses of calibrated cameras; None on a lattice."""
     views = [view for view in scene.viewpoints if isinstance(view, CalibratedViewpoint)]
     if not views:
         return None
@@ -119,7 +119,7 @@ def _piece_values(piece: Piece, is_still: bool) -> dict[str, Any]:
 
 
 def _still(scene: Scene) -> str:
-    """Address of what the first viewpoint sees: its only picture, or one for this purpose alone."""
+    """Return the address of the view of the first viewpoint: its only picture, or one for this purpose."""
     first = scene.sources[0]
     if is_whole(first, scene.shape):
         return data_uri("image/webp", webp(first.pieces[0].picture))

@@ -1,11 +1,15 @@
 """Edges found in depth maps: where neighbours differ, or what Canny's detector keeps."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 
+from dvc.errors import DvcError
 from dvc.images.edge_chains import Chains, draw, trace
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.lifting import Plane
+from dvc.picture_files import read_levels, write_png
 
 CANNY_THRESHOLDS = 40.0, 100.0
 """Weaker and stronger one of the detector, of maps stretched to levels from 0 to 255."""
@@ -14,6 +18,9 @@ SHORTEST_CHAIN = 8
 """Edge elements of the shortest chain that is kept beside Canny's detector."""
 
 _JUMP = 0.02
+
+RIGHT_LEVEL, BELOW_LEVEL = 85, 170
+"""Of a sample that is cut off from that to its right, and from that below it; both: their sum."""
 
 
 def edges_of_jumps(depth: Plane, least: float) -> EdgeMaps:
@@ -43,3 +50,23 @@ def _without_short_chains(edges: EdgeMaps) -> EdgeMaps:
     parts = [part for part, keep in zip(chains.parts(), kept, strict=True) if keep]
     directions = np.concatenate(parts) if parts else chains.directions[:0]
     return draw(Chains(chains.shape, chains.starts[kept], chains.lengths[kept], directions))
+
+
+def write_edges(path: Path, edges: EdgeMaps) -> None:
+    """Write edges; the inverse of `read_edges`."""
+    write_png(path, RIGHT_LEVEL * edges.between_columns + BELOW_LEVEL * edges.between_rows)
+
+
+def read_edges(path: str | Path, shape: tuple[int, int]) -> EdgeMaps:
+    """Read edges; those beyond the last row and column have no meaning."""
+    levels = read_levels(path, "a picture of edges, as decode writes it")
+    if levels.shape != shape:
+        sizes = [f"{size[1]}x{size[0]}" for size in (levels.shape, shape)]
+        raise DvcError(f"{path}: edges of {sizes[0]}, but the depth map is {sizes[1]}")
+    known = (0, RIGHT_LEVEL, BELOW_LEVEL, RIGHT_LEVEL + BELOW_LEVEL)
+    if not np.isin(levels, known).all():
+        raise DvcError(f"{path}: edges have the levels {', '.join(map(str, known))}")
+    right = np.isin(levels, (RIGHT_LEVEL, RIGHT_LEVEL + BELOW_LEVEL)).astype(np.uint8)
+    below = (levels >= BELOW_LEVEL).astype(np.uint8)
+    below[-1], right[:, -1] = 0, 0
+    return EdgeMaps(below, right)

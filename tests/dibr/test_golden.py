@@ -17,19 +17,17 @@ from numpy.typing import NDArray
 
 from dvc.dibr.depth_image import depth_image_stream
 from dvc.dibr.depth_image import piece_stream as layered_stream
-from dvc.dibr.depth_image.depth_codes import DepthOptions, code_edges
-from dvc.dibr.depth_image.depth_image_decoder import decode as decode_depth_image
-from dvc.dibr.depth_image.depth_image_encoder import DepthImage
+from dvc.dibr.depth_image.depth_image_encoder import DepthImage, DepthOptions, code_edges
 from dvc.dibr.depth_image.depth_image_encoder import encode_to_size as encode_map
+from dvc.dibr.depth_image.depth_image_stream import decode as decode_depth_image
 from dvc.dibr.depth_image.depth_scale import DepthScale
-from dvc.dibr.depth_image.piece_decoder import decode as decode_pieces
 from dvc.dibr.depth_image.piece_encoder import encode_to_size as encode_pieces
-from dvc.dibr.names import OWN_NAMES
+from dvc.dibr.depth_image.piece_stream import decode as decode_pieces
+from dvc.dibr.dibr_streams import BUILT_IN_CODECS
 from dvc.dibr.view_decoder import decode
 from dvc.dibr.view_encoder import ViewEncoder
-from dvc.dibr.view_set import Views, views_of_pictures
+from dvc.dibr.view_set import Views, labels_of_depths, views_of_cameras, views_of_pictures
 from dvc.dibr.view_stream import decode_stream
-from dvc.dibr.views.calibrated import labels_of_depths, views_of_cameras
 from dvc.environment import baseline_environment
 from dvc.geometry.calibrated_cameras import Camera
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
@@ -194,7 +192,7 @@ def test_every_frozen_stream_is_listed() -> None:
 def test_frozen_streams_are_of_their_kinds() -> None:
     """What a name says is in the header."""
     streams = {name: decode_stream((FOLDER / f"{name}.dibr").read_bytes()) for name in GOLDEN}
-    assert {stream.header.method for stream in streams.values()} == set(OWN_NAMES)
+    assert {stream.header.method for stream in streams.values()} == set(BUILT_IN_CODECS)
     assert streams["l-layers"].header.num_layers == 4
     assert streams["two-references"].header.references == (0, 2)
     assert streams["s-layers-odd"].header.shape == (29, 51)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dvc.dibr.names import OWN_NAMES
+from dvc.dibr.dibr_streams import BUILT_IN_CODECS
 from dvc.dibr.view_decoder import Decoded, decode
 from dvc.dibr.view_encoder import ViewEncoder, layer_multipliers
 from dvc.dibr.view_set import Views
@@ -19,7 +19,7 @@ from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from tests.dibr.scenes import views_of_square
 
-EVERY_METHOD = pytest.mark.parametrize("method", OWN_NAMES)
+EVERY_METHOD = pytest.mark.parametrize("method", BUILT_IN_CODECS)
 LABELS = DisparityLabels(0.0, 1.0, 8)
 NUM_LAYERS, MULTIPLIER = 3, 2e-4
 PLACES = 0, 1, -1

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from dvc.dibr.view_decoder import decode
-from dvc.dibr.view_encoder import Encoded, ViewEncoder
+from dvc.dibr.view_encoder import MAX_STEPS, TOLERANCE, Encoded, ViewEncoder
 from dvc.dibr.view_set import Views
 from dvc.dibr.view_stream import decode_stream
-from dvc.dibr.views.rate_control import MAX_STEPS, TOLERANCE, encode_to_size
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 
@@ -33,19 +32,19 @@ class _Encoder:
 @pytest.mark.parametrize("share", [0.02, 0.15, 0.6])
 def test_streams_are_as_long_as_they_may_be(max_bytes, share):
     encoder = _Encoder(share=share)
-    found = encode_to_size(encoder, max_bytes)
+    found = ViewEncoder.encode_to_size(encoder, max_bytes)
     assert (1.0 - 2.0 * TOLERANCE) * max_bytes <= len(found.data) <= max_bytes
     assert encoder.count <= MAX_STEPS
 
 
 def test_pictures_whose_multipliers_have_gaps_fill_the_rate():
-    found = encode_to_size(_Encoder(grain=7000), 30_000)
+    found = ViewEncoder.encode_to_size(_Encoder(grain=7000), 30_000)
     assert (1.0 - TOLERANCE) * 30_000 <= len(found.data) <= 30_000
 
 
 def test_rates_below_the_shortest_stream_are_refused():
     with pytest.raises(ConfigError, match=r"100 bytes are too few: these views need \d+ at least"):
-        encode_to_size(_Encoder(), 100)
+        ViewEncoder.encode_to_size(_Encoder(), 100)
 
 
 def _views():
@@ -66,7 +65,7 @@ def test_pictures_take_the_bytes_that_they_are_given():
 
 def test_a_stream_of_a_rate_is_decoded():
     encoder = ViewEncoder(_views(), DisparityLabels(0.0, 1.0, 4), num_layers=3)
-    found = encode_to_size(encoder, 1500)
+    found = ViewEncoder.encode_to_size(encoder, 1500)
     assert 1400 <= len(found.data) <= 1500
     assert decode(decode_stream(found.data)).damage is None
     assert "4 bytes follow" in str(decode(decode_stream(found.data + b"more")).damage)

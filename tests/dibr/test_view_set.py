@@ -9,16 +9,10 @@ import numpy as np
 import pytest
 
 from dvc.array_files import MAX_LABELS
-from dvc.dibr.view_set import Views
+from dvc.dibr import view_set
+from dvc.dibr.view_encoder import check_memory
+from dvc.dibr.view_set import Views, depths_of_points, labels_of_depths, views_of_cameras, with_near_origin
 from dvc.dibr.view_stream import Header, decode_header, encode_header
-from dvc.dibr.views import calibrated
-from dvc.dibr.views.calibrated import (
-    depths_of_points,
-    labels_of_depths,
-    views_of_cameras,
-    with_near_origin,
-)
-from dvc.dibr.views.memory import check_memory
 from dvc.errors import ConfigError
 from dvc.geometry.calibrated_cameras import CalibratedViews, Camera
 from dvc.geometry.viewpoints import CalibratedViewpoint, warp_between
@@ -89,7 +83,7 @@ def test_parallax_of_as_many_labels_as_there_may_be(
     parallax_px: float, refused: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Labels a pixel apart reach just so far."""
-    monkeypatch.setattr(calibrated, "_largest_parallax", lambda *_: parallax_px)
+    monkeypatch.setattr(view_set, "_largest_parallax", lambda *_: parallax_px)
     views = views_of(
         camera("a", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), camera("b", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
     )

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.dibr.depth_image.scene_pieces import pieces_of_layers, pieces_of_sprites
+from dvc.dibr.depth_image.scene_pieces import Bounds, pieces_of_layers, pieces_of_sprites
 from dvc.dibr.view_decoder import decode
 from dvc.dibr.view_stream import decode_stream
-from dvc.dibr.viewer.canvases import _planes, scene_of_pieces
 from dvc.dibr.viewer_scene import (
     DEPTH_RANGE,
-    Bounds,
+    _planes,
     is_whole,
     positions_of,
     scene_of_picture,
+    scene_of_pieces,
     scene_of_stream,
     seen_of,
     source_of,

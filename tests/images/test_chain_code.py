@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.dibr.depth_image.depth_codes import code_edges
+from dvc.dibr.depth_image.depth_image_encoder import code_edges
 from dvc.errors import BitstreamError, ConfigError
 from dvc.images import chain_code
 from dvc.images.chain_code import EdgeCode

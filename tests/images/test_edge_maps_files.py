@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dvc.errors import DvcError
+from dvc.images.edge_extraction import read_edges, write_edges
 from dvc.images.edge_maps import EdgeMaps
-from dvc.images.edges.files import read_edges, write_edges
 from dvc.picture_files import write_png
 
 SHAPE = (9, 13)

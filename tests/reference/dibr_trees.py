@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.baselines.thesis_disparities import laplacian_costs
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, IntegerTransform, WaveletTree, level_shapes
-from dvc.dibr.disparity.rate_model import laplacian_costs
 from dvc.dibr.disparity.tree_optimisation import LevelCosts
 from tests.reference import dibr_disparity as reference
 

@@ -1,7 +1,6 @@
 """`dvc-dibr render`: any view of a stream, or a flight through it."""
 
 import argparse
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,26 +10,24 @@ from dvc.dibr.commands.dibr_options import (
     add_figures,
     add_layers,
     add_stream,
-    check_size,
+    blue_first,
     decode_views,
     in_decibels,
     json_files,
     parse_view,
+    print_figures,
     read_stream,
+    read_truth,
     render_view,
-    tell,
+    shape_of,
+    view_quality,
     viewpoint_of,
     warn,
 )
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from dvc.dibr.depth_image.piece_decoder import DecodedPieces
-    from dvc.dibr.view_rendering import DecodedViews
-    from dvc.geometry.view_synthesis import SynthesisedView
+    from dvc.dibr.commands.dibr_options import AnyDecoded
     from dvc.geometry.viewpoints import Viewpoint
 
 SUMMARY = "any view of a stream"
@@ -44,22 +41,22 @@ BLENDS = "distance", "nearest"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes."""
+    """Add the options of the subcommand."""
     add_stream(parser)
-    where = parser.add_mutually_exclusive_group(required=True)
+    viewpoints = parser.add_mutually_exclusive_group(required=True)
     view = "position on the lattice, or the number of a view of the stream"
-    where.add_argument("--view", type=parse_view, metavar="M,N|K", help=view)
-    path = "two or more views: render on the way from one to the next"
-    where.add_argument("--path", dest="route", nargs="+", type=parse_view, metavar="M,N|K", help=path)
+    viewpoints.add_argument("--view", type=parse_view, metavar="M,N|K", help=view)
+    path = "two or more views: render views between each and the next"
+    viewpoints.add_argument("--path", dest="route", nargs="+", type=parse_view, metavar="M,N|K", help=path)
     cli.add_integer(parser, "--frames", (2, 100_000), "frames of the video", default=50)
     rate = "frames per second; default: 25"
     parser.add_argument("--frame-rate", type=cli.parse_frame_rate, default="25", metavar="F", help=rate)
     out = "picture (.png), or video (.mp4, .mkv, .y4m) with --path"
     parser.add_argument("--out", metavar="FILE", required=True, help=out)
     add_layers(parser)
-    blend = "what is shown of several references: all that see a point, or the nearest; default: %(default)s"
+    blend = "references that see a point: their mean by distance, or the nearest; default: %(default)s"
     parser.add_argument("--blend", choices=BLENDS, default=BLENDS[0], help=blend)
-    truth = "picture taken there: tells PSNR and SSIM"
+    truth = "picture taken from the viewpoint; adds PSNR and SSIM"
     parser.add_argument("--truth", metavar="VIEW", help=truth)
     add_figures(parser, "show no progress and print no summary")
 
@@ -72,11 +69,18 @@ def run(arguments: argparse.Namespace) -> int:
     height, width = shape_of(decoded)
     figures: dict[str, Any] = {"width": width, "height": height}
     if arguments.route is None:
-        figures |= _picture(arguments, decoded)
+        figures |= _render_picture(arguments, decoded)
+        parts = [f"{width}x{height}, {100 * figures['filled_share']:.1f} % filled"]
+        names = {"psnr_db": "PSNR", "psnr_visible_db": "visible", "psnr_filled_db": "filled"}
+        parts += in_decibels(figures, names)
+        parts += [f"SSIM {figures['ssim']:.4f}"] if figures.get("ssim") is not None else []
+        text = "; ".join(parts)
     else:
-        figures |= _video(arguments, decoded)
+        _render_video(arguments, decoded)
+        figures["frames"] = arguments.frames
+        text = f"{arguments.frames} frames of {width}x{height}"
     warn(arguments.path, decoded.damage)
-    tell(arguments, figures | {"damage": decoded.damage}, f"{arguments.out}: {_text(figures)}\n")
+    print_figures(arguments, figures | {"damage": decoded.damage}, f"{arguments.out}: {text}\n")
     return 0
 
 
@@ -87,7 +91,7 @@ def _check(arguments: argparse.Namespace) -> None:
         if Path(arguments.out).suffix.lower() != ".png":
             raise ConfigError(f"the name of a picture must end in .png, got {arguments.out}")
     elif arguments.truth is not None:
-        raise ConfigError("--truth is for --view, not for --path")
+        raise ConfigError("--truth requires --view")
     elif len(arguments.route) < 2:
         raise ConfigError("--path needs at least two views")
     else:
@@ -96,9 +100,8 @@ def _check(arguments: argparse.Namespace) -> None:
         check_suffix(arguments.out)
 
 
-def _picture(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPieces") -> dict[str, Any]:
-    """Render one view into a file and return what is known of it."""
-    from dvc.dibr.commands.dibr_decode import blue_first
+def _render_picture(arguments: argparse.Namespace, decoded: "AnyDecoded") -> dict[str, Any]:
+    """Render one view into a file and return its figures."""
     from dvc.dibr.view_rendering import picture_of
     from dvc.files import atomic_output
     from dvc.picture_files import write_png
@@ -108,53 +111,10 @@ def _picture(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPiec
     with atomic_output(arguments.out) as temporary:
         write_png(temporary, blue_first(picture_of(view)))
     figures: dict[str, Any] = {"filled_share": float(1.0 - view.drawn.mean())}
-    return figures if truth is None else figures | quality(view, truth)
+    return figures if truth is None else figures | view_quality(view, truth)
 
 
-def shape_of(decoded: "DecodedViews | DecodedPieces") -> tuple[int, int]:
-    """Return the size of the pictures of a stream."""
-    from dvc.dibr.depth_image.piece_decoder import DecodedPieces
-
-    if isinstance(decoded, DecodedPieces):
-        return decoded.shape
-    height, width = decoded.pairs[0].disparity.shape
-    return height, width
-
-
-def read_truth(path: str, shape: tuple[int, int]) -> "NDArray[np.uint8]":
-    """Read a picture to compare with views."""
-    from dvc.picture_files import read_picture
-
-    truth = read_picture(path)
-    check_size(path, truth.shape, shape, "the stream")
-    return truth
-
-
-def quality(view: "SynthesisedView", truth: "NDArray[np.uint8]") -> dict[str, float | None]:
-    """Return how near a rendered view is to a picture taken there."""
-    from dvc.dibr.view_rendering import picture_of
-    from dvc.images.colour import luma
-    from dvc.metrics import SSIM_WINDOW_PX, ssim
-
-    found, wanted = luma(picture_of(view)), luma(truth)
-    return {
-        "psnr_db": _psnr(found.reshape(1, -1), wanted.reshape(1, -1)),
-        "ssim": ssim(found, wanted) if min(found.shape) >= SSIM_WINDOW_PX else None,
-        "psnr_visible_db": _psnr(found[None, view.drawn], wanted[None, view.drawn]),
-        "psnr_filled_db": _psnr(found[None, ~view.drawn], wanted[None, ~view.drawn]),
-    }
-
-
-def _psnr(found: "NDArray[np.uint8]", wanted: "NDArray[np.uint8]") -> float | None:
-    from dvc.metrics import psnr_db
-
-    if not found.size:
-        return None
-    value = psnr_db(found, wanted)
-    return value if math.isfinite(value) else None
-
-
-def _video(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPieces") -> dict[str, Any]:
+def _render_video(arguments: argparse.Namespace, decoded: "AnyDecoded") -> None:
     """Render views along a path into a video."""
     from dvc.dibr.view_rendering import picture_of
     from dvc.video import create_video
@@ -170,7 +130,6 @@ def _video(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPieces
             picture = picture_of(render_view(decoded, viewpoint, arguments.blend))
             video.write(frame_from_rgb(picture))
             advance(1)
-    return {"frames": arguments.frames}
 
 
 def along(stops: Sequence["Viewpoint"], num_frames: int) -> list["Viewpoint"]:
@@ -183,14 +142,3 @@ def along(stops: Sequence["Viewpoint"], num_frames: int) -> list["Viewpoint"]:
         leg = min(int(way), len(stops) - 2)
         viewpoints.append(between(stops[leg], stops[leg + 1], way - leg))
     return viewpoints
-
-
-def _text(figures: dict[str, Any]) -> str:
-    size = f"{figures['width']}x{figures['height']}"
-    if "frames" in figures:
-        return f"{figures['frames']} frames of {size}"
-    text = f"{size}, {100 * figures['filled_share']:.1f} % filled"
-    names = {"psnr_db": "PSNR", "psnr_visible_db": "visible", "psnr_filled_db": "filled"}
-    known = in_decibels(figures, names)
-    known += [f"SSIM {figures['ssim']:.4f}"] if figures.get("ssim") is not None else []
-    return "; ".join([text, *known])

@@ -7,23 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.bits import encode_varint
-from dvc.dibr.depth_image.depth_codes import (
-    DepthCandidate,
+from dvc.dibr.depth_image.depth_image_encoder import (
+    DEPTH_SHARE,
     DepthCode,
     DepthOptions,
-    PictureCandidate,
     best_at,
     best_picture_at,
     code_edges,
     code_pictures,
     code_with_selections,
 )
-from dvc.dibr.depth_image.depth_image_encoder import DEPTH_SHARE
 from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, PlaneCode, encode_piece
-from dvc.dibr.depth_image.depth_scale import NUM_LEVELS, DepthScale, Plane
+from dvc.dibr.depth_image.depth_scale import NUM_LEVELS, DepthScale
 from dvc.dibr.depth_image.piece_stream import Rectangle, encode_header, encode_stream
 from dvc.dibr.depth_image.scene_pieces import Pieces
-from dvc.dibr.layered.rate import Choices, allot
 from dvc.errors import ConfigError
 from dvc.geometry.rendering import EMPTY, fill_holes
 from dvc.images.chain_code import EdgeCode
@@ -31,37 +28,38 @@ from dvc.images.colour import luma
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.edge_masks import border
 from dvc.images.lifting import most_levels
-from dvc.images.picture_codec import multipliers_around
+from dvc.images.picture_codec import PictureCode, multipliers_around
 from dvc.images.picture_header import PictureHeader
 from dvc.layers.sprites import Sprite
 
 _LEAST_SHARE = 0.05
-"""Of the bytes that edges leave, for depth, where edges take more than the share of both."""
+"""Least share of depth in the bytes that masks leave."""
 _NEARLY_ALL = 0.9
-"""Of the bytes of pictures, to which all their codes reach: the multiplier is that at this length."""
+"""Share of the bytes of pictures at which their multiplier is measured: all their codes reach so far."""
 _PEAK = 255.0
 _DEPTH_WEIGHT = (_PEAK / NUM_LEVELS) ** 2
-"""Of squared errors of depth, so that they are in units of the squared range."""
+"""Weight of squared errors of depth, which makes them errors in units of the squared range."""
 
 
 @dataclass(frozen=True)
 class LayeredOptions:
-    """How pieces are coded."""
+    """Coding of pieces."""
 
-    # how maps are transformed, at most so many times
-    depth: DepthOptions = field(default_factory=DepthOptions)
-    picture_order: int = 0  # of the extrapolation at edges in pictures
-    depth_share: float = DEPTH_SHARE  # part of the bytes that edges and depth have, if masks leave it to them
-    gray: bool = False  # code luma alone
+    depth: DepthOptions = field(default_factory=DepthOptions)  # small pieces have fewer levels
+    picture_order: int = 0  # order of the extrapolation at edges in pictures
+    depth_share: float = DEPTH_SHARE  # share of the bytes for edges and depth, more if masks need it
+    gray: bool = False  # code only luma
 
 
 @dataclass(frozen=True, eq=False)
 class EncodedPieces:
-    """A stream, and where its bytes go."""
+    """A stream and the sizes of its parts."""
 
     data: bytes  # the file
-    edge_elements: int  # edges of all pieces, borders of masks among them
-    part_bytes: dict[str, int]  # of `header` (of the stream and of its pieces), `edges`, `depth` and `image`
+    edge_elements: int  # edges of all pieces, borders of masks included
+    part_bytes: dict[
+        str, int
+    ]  # bytes of `header` (of the stream and of its pieces), `edges`, `depth`, `image`
     # squared error that a bit of the pictures was worth, in squared levels of all pixels together
     multiplier: float
 
@@ -74,6 +72,7 @@ class _Coding:
     picture: NDArray[np.uint8]
     options: DepthOptions
     weight: float
+    scale: DepthScale
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -87,20 +86,20 @@ def encode_to_size(
     advance: Callable[[int], None] = lambda _: None,
     weights: Sequence[float] | None = None,
 ) -> EncodedPieces:
-    """Code layers or sprites, with all that they hold, as well as a number of bytes allows.
+    """Code layers or sprites, with all their values, to a file of at most some length.
 
     Parameters
     ----------
     scene : Pieces
-        What is coded.
+        Layers or sprites.
     max_bytes : int
-        Longest file.
+        Largest length.
     options : LayeredOptions, optional
-        How.
+        Coding of pieces.
     advance : callable, optional
         Called with 1 for each piece.
     weights : sequence of float, optional
-        What errors of each piece count, beside those of the others; by default all the same.
+        Relative weights of the errors of each piece; by default all the same.
 
     Returns
     -------
@@ -110,151 +109,163 @@ def encode_to_size(
     Raises
     ------
     ConfigError
-        If not even header and masks fit.
+        If header and masks do not fit.
     """
     chosen = options or LayeredOptions()
     codings = _codings(scene, chosen, weights or [1.0] * len(scene.pieces))
     room = max_bytes - _overhead(scene, codings, max_bytes)
-    depths = _code_depths(codings, scene, room, chosen.depth_share, advance)
-    left = room - sum(len(depth.edges.data) + len(depth.plane.data) for depth in depths)
-    pictures, multiplier = _code_pictures(
-        codings, [depth.edges.maps for depth in depths], left, chosen.picture_order
-    )
-    scales = [_scale_of(coding.piece, _extent(scene)) for coding in codings]
+    depths = _code_depths(codings, mask_bytes(scene), room, chosen.depth_share, advance)
+    remaining = room - sum(len(depth.edges.data) + len(depth.plane.data) for depth in depths)
+    maps = [depth.edges.maps for depth in depths]
+    pictures, multiplier = _code_pictures(codings, maps, remaining, chosen.picture_order)
     streams = [
         DepthImageStream(
-            coding.shape, scale, depth.edges.data, depth.edges.code, depth.plane, picture, shared, masked=True
+            one.shape,
+            one.scale,
+            depth.edges.data,
+            depth.edges.code,
+            depth.plane,
+            picture,
+            shared,
+            masked=True,
         )
-        for coding, scale, depth, (picture, shared) in zip(codings, scales, depths, pictures, strict=True)
+        for one, depth, (picture, shared) in zip(codings, depths, pictures, strict=True)
     ]
-    found = iter(streams)
+    coded = iter(streams)
     data = encode_stream(
         scene.canvas,
         scene.kind,
         [rectangle_of(piece) for piece in scene.pieces],
-        [next(found) if piece.mask.any() else None for piece in scene.pieces],
+        [next(coded) if piece.mask.any() else None for piece in scene.pieces],
     )
     assert len(data) <= max_bytes, "the overhead was counted"
-    parts = {
-        "edges": sum(len(stream.edges) for stream in streams),
-        "depth": sum(len(stream.depth.data) for stream in streams),
-        "image": sum(len(stream.picture.data) for stream in streams if stream.picture),
-    }
-    elements = sum(depth.edges.maps.count() for depth in depths if depth.edges.maps is not None)
-    parts = {"header": len(data) - sum(parts.values()), **parts}
-    return EncodedPieces(data, elements, parts, multiplier)
+    parts = {name: sum(one.part_bytes[name] for one in streams) for name in ("edges", "depth", "image")}
+    elements = sum(edges.count() for edges in maps if edges is not None)
+    return EncodedPieces(data, elements, {"header": len(data) - sum(parts.values()), **parts}, multiplier)
 
 
 def mask_bytes(scene: Pieces) -> int:
-    """Return what the masks of all pieces take."""
+    """Return the bytes of the masks of all pieces."""
     masks = [piece.mask for piece in scene.pieces if piece.mask.any()]
     return sum(len(code_edges(border(mask), None, mask).data) for mask in masks)
 
 
 def rectangle_of(piece: Sprite) -> Rectangle:
-    """Return where a piece lies."""
+    """Return the rectangle of a piece."""
     height, width = piece.mask.shape
     return Rectangle(piece.left, piece.top, width, height) if piece.mask.any() else Rectangle(0, 0, 0, 0)
 
 
 def _codings(scene: Pieces, options: LayeredOptions, weights: Sequence[float]) -> list[_Coding]:
-    """What is coded of pieces that are not empty: luma alone, where there is no colour."""
+    """Return the pieces that are not empty; only their luma if no piece has any colour."""
     gray = options.gray or all((piece.colour == piece.colour[..., :1]).all() for piece in scene.pieces)
-    return [
-        _Coding(
-            piece,
-            luma(piece.colour) if gray else piece.colour,
-            replace(options.depth, num_levels=min(options.depth.num_levels, most_levels(piece.mask.shape))),
-            weight,
-        )
-        for piece, weight in zip(scene.pieces, weights, strict=True)
-        if piece.mask.any()
-    ]
-
-
-def _extent(scene: Pieces) -> DepthScale:
-    """The scale of all maps together."""
-    known = [piece.disparity[piece.mask].astype(np.float64) for piece in scene.pieces]
-    values = np.concatenate(known) if known else np.zeros(0)
-    return DepthScale.of(values if values.size else np.zeros(1))
-
-
-def _scale_of(piece: Sprite, whole: DepthScale) -> DepthScale:
-    """The scale of a map: as fine as that of all maps, about the middle of its own numbers."""
-    known = piece.disparity[piece.mask].astype(np.float64)
-    middle = 0.5 * (float(known.min()) + float(known.max()))
-    return replace(whole, lowest=float(np.float32(middle - 0.5 * whole.extent)))
+    values = [piece.disparity[piece.mask].astype(np.float64) for piece in scene.pieces]
+    # one scale for all maps, each about the middle of its own numbers
+    whole = DepthScale.of(np.concatenate(values) if scene.num_values else np.zeros(1))
+    codings = []
+    for piece, depth, weight in zip(scene.pieces, values, weights, strict=True):
+        if piece.mask.any():
+            levels = min(options.depth.num_levels, most_levels(piece.mask.shape))
+            middle = 0.5 * (float(depth.min()) + float(depth.max()))
+            scale = replace(whole, lowest=float(np.float32(middle - 0.5 * whole.extent)))
+            picture = luma(piece.colour) if gray else piece.colour
+            codings.append(_Coding(piece, picture, replace(options.depth, num_levels=levels), weight, scale))
+    return codings
 
 
 def _overhead(scene: Pieces, codings: Sequence[_Coding], max_bytes: int) -> int:
-    """Bytes that are neither edges nor code, at most."""
+    """Return the most bytes that are neither edges nor code."""
     rectangles = [rectangle_of(piece) for piece in scene.pieces]
-    header = len(
-        encode_header(scene.canvas, scene.kind, rectangles, [max_bytes if p.width else 0 for p in rectangles])
-    )
+    sizes = [max_bytes if rectangle.width else 0 for rectangle in rectangles]
+    total = len(encode_header(scene.canvas, scene.kind, rectangles, sizes))
     nothing = PlaneCode(PictureHeader(0, 0), 0, b"")
-    total = header
-    for coding in codings[:1]:
-        empty = DepthImageStream(
-            coding.shape, _extent(scene), b"", EdgeCode.ADAPTIVE, nothing, nothing, masked=True
-        )
-        total += len(codings) * (len(encode_piece(empty)) + 3 * (len(encode_varint(max_bytes)) - 1))
+    for one in codings:
+        empty = DepthImageStream(one.shape, one.scale, b"", EdgeCode.ADAPTIVE, nothing, nothing, masked=True)
+        total += len(encode_piece(empty)) + 3 * (len(encode_varint(max_bytes)) - 1)
     return total
 
 
 def _code_depths(
-    codings: Sequence[_Coding], scene: Pieces, room: int, share: float, advance: Callable[[int], None]
+    codings: Sequence[_Coding], masks: int, room: int, share: float, advance: Callable[[int], None]
 ) -> list[DepthCode]:
     """Code all maps at one multiplier."""
-    whole = _extent(scene)
-    masks = mask_bytes(scene)
     if masks > room:
         raise ConfigError(f"header and masks take {masks - room} bytes more")
     most = max(int(share * room), masks + int(_LEAST_SHARE * (room - masks)))
-    found: list[list[DepthCandidate]] = []
-    for coding in codings:
-        mask = coding.piece.mask
-        scale = _scale_of(coding.piece, whole)
-        found.append(code_with_selections(_continued(coding.piece), scale, most, coding.options, mask=mask))
+    candidates = []
+    for one in codings:
+        mask = one.piece.mask
+        depth = fill_holes(np.where(mask, one.piece.disparity.astype(np.float64), EMPTY))
+        candidates.append(code_with_selections(depth, one.scale, most, one.options, mask=mask))
         advance(1)
     choices = [
         Choices(
-            tuple(candidate.code for candidate in candidates),
-            tuple(len(candidate.edges.data) for candidate in candidates),
-            coding.weight * _DEPTH_WEIGHT,
+            tuple(candidate.code for candidate in of_piece),
+            tuple(len(candidate.edges.data) for candidate in of_piece),
+            one.weight * _DEPTH_WEIGHT,
         )
-        for coding, candidates in zip(codings, found, strict=True)
+        for one, of_piece in zip(codings, candidates, strict=True)
     ]
     lengths = allot(choices, most)
     assert lengths is not None, "masks fit"
-    codes = [best_at(candidates, length) for candidates, length in zip(found, lengths, strict=True)]
+    codes = [best_at(of_piece, length) for of_piece, length in zip(candidates, lengths, strict=True)]
     return [code for code in codes if code is not None]
-
-
-def _continued(piece: Sprite) -> Plane:
-    """The map of a piece, continued beside its mask."""
-    return fill_holes(np.where(piece.mask, piece.disparity.astype(np.float64), EMPTY))
 
 
 def _code_pictures(
     codings: Sequence[_Coding], edges: Sequence[EdgeMaps | None], room: int, order: int
 ) -> tuple[list[tuple[PlaneCode, bool]], float]:
-    """Code all pictures at one multiplier; return it, and which share the edges of their maps."""
-    found: list[list[PictureCandidate]] = []
-    for coding, maps in zip(codings, edges, strict=True):
-        outline = border(coding.piece.mask)
+    """Code all pictures at one multiplier; return them, which share the edges of their maps, and it."""
+    candidates = []
+    for one, maps in zip(codings, edges, strict=True):
+        outline = border(one.piece.mask)
         stops: list[tuple[EdgeMaps | None, bool]] = [(outline, False)]
         if maps is not None and maps.count() > outline.count():
             stops.append((maps, True))
-        found.append(code_pictures(coding.picture, stops, room, coding.options, order, coding.piece.mask))
+        candidates.append(code_pictures(one.picture, stops, room, one.options, order, one.piece.mask))
     choices = [
-        Choices(tuple(code for code, _, _ in one), (0,) * len(one), coding.weight)
-        for coding, one in zip(codings, found, strict=True)
+        Choices(tuple(candidate.code for candidate in of_piece), (0,) * len(of_piece), one.weight)
+        for one, of_piece in zip(codings, candidates, strict=True)
     ]
     lengths = allot(choices, room)
-    assert lengths is not None, "nothing at all always fits"
+    assert lengths is not None, "an empty code always fits"
     best = [
-        best_picture_at(coding.picture, one, length, order, coding.piece.mask)
-        for coding, one, length in zip(codings, found, lengths, strict=True)
+        best_picture_at(one.picture, of_piece, length, order, one.piece.mask)
+        for one, of_piece, length in zip(codings, candidates, lengths, strict=True)
     ]
     return best, multipliers_around(choices, _NEARLY_ALL * room)[1] * _PEAK**2
+
+
+@dataclass(frozen=True, eq=False)
+class Choices:
+    """Codes of one piece to choose from."""
+
+    codes: tuple[PictureCode, ...]  # at least one; errors of all pieces in the same unit
+    fixed_bytes: tuple[int, ...]  # further bytes of each code
+    weight: float = 1.0  # weight of their errors
+
+    def bytes_at_multiplier(self, multiplier: float) -> int:
+        """Return the length of the code of least cost."""
+        multiplier /= self.weight
+        costs, lengths = [], []
+        for code, fixed in zip(self.codes, self.fixed_bytes, strict=True):
+            num_pixels = code.shape[0] * code.shape[1]
+            cost = float(np.min(code.mse + multiplier * code.bits_per_pixel))
+            costs.append(cost + multiplier * 8.0 * fixed / num_pixels)
+            lengths.append(fixed + code.bytes_at_multiplier(multiplier))
+        return lengths[int(np.argmin(costs))]
+
+
+def allot(choices: Sequence[Choices], num_bytes: int) -> list[int] | None:
+    """Divide bytes among pieces at one multiplier; None if they are too few."""
+    smaller, larger = multipliers_around(choices, num_bytes)
+    lengths = [choice.bytes_at_multiplier(larger) for choice in choices]
+    remaining = num_bytes - sum(lengths)
+    if remaining < 0:  # few pixels: even the first bits of a code may be worth it
+        lengths = [min(choice.fixed_bytes) for choice in choices]
+        return lengths if sum(lengths) <= num_bytes else None
+    for number, choice in enumerate(choices):
+        more = min(max(choice.bytes_at_multiplier(smaller) - lengths[number], 0), remaining)
+        lengths[number] += more
+        remaining -= more
+    return lengths

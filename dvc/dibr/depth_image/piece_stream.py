@@ -1,7 +1,7 @@
-"""Streams of layers or sprites: a header that tells where each piece lies, and a stream of each piece.
+"""Streams of layers or sprites: a header with the rectangle of each piece, and a stream of each piece.
 
-Streams of pieces are bodies of depth images, masked, without the size that the header tells. They are in the
-order of the pieces, so a stream that is cut gives the first ones.
+Streams of pieces are masked bodies of depth images without a size, which the header has. They have the order
+of the pieces, so a stream that is cut gives the first ones.
 """
 
 import struct
@@ -11,32 +11,35 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc.bits import encode_varint
+from dvc.dibr.depth_image import depth_image_stream
 from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, decode_piece, encode_piece
-from dvc.dibr.depth_image.scene_pieces import Kind
-from dvc.dibr.dibr_streams import MAX_PIXELS, Body, Reader, begin, checksum
-from dvc.dibr.limits import Extent, check_extent
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces
+from dvc.dibr.dibr_streams import MAX_PIXELS, Body, Extent, FieldReader, begin, check_extent, checksum
 from dvc.errors import BitstreamError, ConfigError, DvcError
 from dvc.geometry.camera_array import DisparityLabels
+from dvc.geometry.viewpoints import Viewpoint
 from dvc.index_files import Entry
 from dvc.layers.canvas import Canvas, Frame
-from dvc.layers.layer_folders import MAX_SPRITES, read_canvas
+from dvc.layers.canvas_files import read_canvas
 from dvc.layers.layered_depth_image import MAX_LAYERS
+from dvc.layers.sprites import Sprite
+from dvc.layers.sprites_folder import MAX_SPRITES
 
 MAX_NAME_BYTES = 255
-_FIXED = struct.Struct("<B6HffHfHB")
-_MATRIX = struct.Struct("<16f")
+_FIXED, _MATRIX = struct.Struct("<B6HffHfHB"), struct.Struct("<16f")
 _SPRITES, _CALIBRATED = 1, 2
 _IMPOSSIBLE = "the header of the stream cannot have been written"
 
 
 class Rectangle(NamedTuple):
-    """Where a piece lies in the canvas."""
+    """Rectangle of a piece in the canvas."""
 
-    left: int  # column and row of its first pixel
+    left: int
     top: int
-    width: int  # its size; 0 of an empty layer
+    width: int  # 0 for an empty layer
     height: int
 
 
@@ -44,13 +47,31 @@ class Rectangle(NamedTuple):
 class LayeredStream:
     """A stream."""
 
-    canvas: Canvas  # where the pieces are
-    kind: Kind  # what they are
-    rectangles: tuple[Rectangle, ...]  # of all pieces
-    # those that are there, the last one perhaps cut; None: an empty layer
+    canvas: Canvas
+    kind: Kind
+    rectangles: tuple[Rectangle, ...]  # rectangles of all pieces
+    # available pieces, the last one perhaps cut; None: an empty layer
     pieces: tuple[DepthImageStream | None, ...]
-    num_header_bytes: int = 0  # of the header
-    damage: str | None = None  # what is missing
+    num_header_bytes: int = 0
+    damage: str | None = None  # description of the missing part
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedPieces:
+    """A decoded stream."""
+
+    scene: Pieces
+    damage: str | None  # description of the missing part
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of a view."""
+        return self.scene.canvas.frame.height, self.scene.canvas.frame.width
+
+    @property
+    def viewpoints(self) -> tuple[Viewpoint, ...]:
+        """The viewpoint of the reference view."""
+        return (depth_image_stream.ORIGIN,)
 
 
 def encode_stream(
@@ -87,13 +108,14 @@ def encode_header(canvas: Canvas, kind: Kind, rectangles: Sequence[Rectangle], s
 def decode_stream(data: bytes, max_mib: float | None = None) -> LayeredStream:
     """Read a stream, or the beginning of one."""
     canvas, kind, rectangles, sizes, start = _decode_header(data)
-    size = canvas.shape[0] * canvas.shape[1]
+    num_pixels = canvas.shape[0] * canvas.shape[1]
     held = sum(rectangle.width * rectangle.height for rectangle in rectangles)
-    if kind is Kind.LAYERS:  # which are written as large as the canvas
-        held = size * len(rectangles)
-    check_extent(Extent(size, held, size + held), len(data), max_mib)
+    if kind is Kind.LAYERS:  # folders of layers have pictures of the size of the canvas
+        held = num_pixels * len(rectangles)
+    check_extent(Extent(num_pixels, held, num_pixels + held), len(data), max_mib)
     pieces: list[DepthImageStream | None] = []
     position, damage = start, None
+    cut = f"the stream ends after {len(data)} of {start + sum(sizes)} bytes"
     for number, (rectangle, size) in enumerate(zip(rectangles, sizes, strict=True), 1):
         part = data[position : position + size]
         position += size
@@ -105,12 +127,11 @@ def decode_stream(data: bytes, max_mib: float | None = None) -> LayeredStream:
             if not piece.masked or piece.picture is None:
                 raise BitstreamError("no mask or no picture")
         except BitstreamError as err:
-            cut = f"the stream ends after {len(data)} of {start + sum(sizes)} bytes"
             damage = cut if position > len(data) else f"piece {number} of {len(rectangles)}: {err}"
             break
         pieces.append(piece)
         if piece.damage is not None:
-            damage = f"the stream ends after {len(data)} of {start + sum(sizes)} bytes"
+            damage = cut
             break
     if damage is None and position < len(data):
         damage = f"{len(data) - position} bytes follow"
@@ -120,8 +141,8 @@ def decode_stream(data: bytes, max_mib: float | None = None) -> LayeredStream:
 
 
 def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Rectangle], list[int], int]:
-    """Read canvas, rectangles and sizes, and tell where the pieces begin."""
-    reader = Reader.of_body(data, Body.PIECES)
+    """Return canvas, kind, rectangles and sizes of the pieces, and the size of the header."""
+    reader = FieldReader.of_body(data, Body.PIECES)
     flags, *values, name_bytes = reader.fields(_FIXED)
     name = reader.bytes(name_bytes)
     matrix = None
@@ -140,7 +161,7 @@ def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Rectangle], list[int
 
 
 def _are_inside(rectangles: Sequence[Rectangle], canvas: Canvas) -> bool:
-    """Whether all rectangles are in the canvas, and not more than decoders want to hold."""
+    """Return whether all rectangles are in the canvas, and of bounded area together."""
     height, width = canvas.shape
     inside = all(
         rectangle.left + rectangle.width <= width
@@ -152,8 +173,8 @@ def _are_inside(rectangles: Sequence[Rectangle], canvas: Canvas) -> bool:
     return inside and sum(rectangle.width * rectangle.height for rectangle in rectangles) <= most
 
 
-def _canvas(values: Sequence[float], name: bytes, matrix: np.ndarray | None) -> Canvas:
-    """The canvas of a header, if it can be one."""
+def _canvas(values: Sequence[float], name: bytes, matrix: NDArray[np.float64] | None) -> Canvas:
+    """Return the canvas of a header, checked like that of an index file."""
     width, height, *frame = map(int, values[:6])
     labels = DisparityLabels(values[6], values[7], int(values[8]))
     try:
@@ -171,3 +192,44 @@ def _canvas(values: Sequence[float], name: bytes, matrix: np.ndarray | None) -> 
     if height * width > MAX_PIXELS:
         raise BitstreamError(_IMPOSSIBLE)
     return canvas
+
+
+def decode(stream: LayeredStream) -> DecodedPieces:
+    """Decode a stream.
+
+    Parameters
+    ----------
+    stream : LayeredStream
+        The stream, as it was read.
+
+    Returns
+    -------
+    DecodedPieces
+        Its pieces, up to the first that cannot have been written.
+
+    Raises
+    ------
+    BitstreamError
+        If that is the first one.
+    """
+    pieces: list[Sprite] = []
+    damage = stream.damage
+    for number, (rectangle, piece) in enumerate(zip(stream.rectangles, stream.pieces, strict=False), 1):
+        if piece is None:
+            nothing = np.zeros((0, 0, 3), np.uint8)
+            pieces.append(Sprite(0, 0, nothing[..., 0] > 0, nothing, nothing[..., 0].astype(np.float32)))
+            continue
+        try:
+            decoded = depth_image_stream.decode(piece)
+        except BitstreamError as err:
+            damage = f"piece {number} of {len(stream.rectangles)}: {err}"
+            break
+        mask, picture = decoded.mask, decoded.picture
+        assert mask is not None
+        assert picture is not None
+        colour = np.broadcast_to(picture.reshape(*mask.shape, -1), (*mask.shape, 3)) * mask[..., None]
+        disparity = np.where(mask, decoded.disparity, 0.0).astype(np.float32)
+        pieces.append(Sprite(rectangle.left, rectangle.top, mask, colour, disparity))
+    if not any(piece.mask.any() for piece in pieces) and damage is not None:
+        raise BitstreamError(f"not one piece can be decoded: {damage}")
+    return DecodedPieces(Pieces(stream.canvas, stream.kind, tuple(pieces)), damage)

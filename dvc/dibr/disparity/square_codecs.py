@@ -1,8 +1,9 @@
-"""Quadtree of disparities: squares of one label each, split where that is worth the bits.
+"""Disparity maps of squares with one label each: quadtrees, and blocks of one size as the simplest codec.
 
-The tree begins with one square around the whole map and may go down to single pixels. Leaves have labels that
-are independent of each other, as in the thesis: adaptive contexts learn how frequent each label is, and how
-often squares of each size are split, and the tree is pruned with the costs that follow from a first tree.
+A quadtree begins with one square around the whole map and may go down to single pixels. Labels of leaves are
+independent of each other, as in the thesis: adaptive contexts learn the frequencies of labels, and of splits
+of squares of each size, and the tree is pruned with the costs that follow from a first tree. Blocks have 8 x
+8 pixels and labels of least squared error in codes of fixed length.
 
 References
 ----------
@@ -19,15 +20,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.dibr.disparity import _kernels
-from dvc.dibr.disparity.disparity_codec import Candidates, Known, RangeCodedDisparities, climb
-from dvc.dibr.disparity.distortion import CREDITS, Distortion
-from dvc.dibr.disparity.error_tensor import Tensor
+from dvc.dibr.disparity.disparity_codec import (
+    CREDITS,
+    Candidates,
+    DisparityCodec,
+    Known,
+    RangeCodedDisparities,
+    climb,
+)
+from dvc.dibr.disparity.error_tensor import Distortion, Tensor
 from dvc.dibr.disparity.integer_transforms import Labels, level_shapes, spread
 from dvc.entropy import RangeCoder, context_counts
+from dvc.errors import BitstreamError
 
 Floats = NDArray[np.float64]
 
+SIDE_PX = 8
+"""Side of blocks."""
 NUM_ITERATIONS = 4
+"""Iterations of costs and tree."""
 _SPLIT_PRIOR, _PRIOR_WEIGHT = 0.3, 4.0
 
 
@@ -36,9 +47,9 @@ class Quadtree:
     """A map of labels, constant in squares."""
 
     labels: Labels  # the map
-    # which squares of side 2^j are split, for j = 1, 2, ...; False below one that is not
+    # splits of squares of side 2^j, for j = 1, 2, ...; False below a leaf
     splits: tuple[NDArray[np.bool_], ...]
-    num_labels: int  # how many labels there are
+    num_labels: int  # number of labels
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -52,15 +63,14 @@ class Quadtree:
 
 @dataclass(frozen=True)
 class QuadtreeCodec(RangeCodedDisparities):
-    """Quadtrees of least error and bits (exactly, for the costs of labels and splits); no significance."""
+    """Codec of quadtrees of least error and bits, exactly for their costs; no significance."""
 
-    has_credits: bool = False  # whether labels that would cover holes are tried, as with wavelets
+    has_credits: bool = False  # try labels that would cover holes, as wavelets do
     name = "quadtree"
 
     def _best(
         self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
     ) -> Quadtree:
-        """Prune the tree, by the costs of another one, a few times."""
         tried: Candidates[Quadtree] = Candidates(tensor, multiplier, distortion)
         latest: Quadtree | None = None
 
@@ -87,7 +97,7 @@ class QuadtreeCodec(RangeCodedDisparities):
 
 
 def prune(sums: Sequence[Tensor], label_costs: Floats, split_costs: Floats) -> Quadtree:
-    """Find the tree of least errors and costs."""
+    """Return the tree of least errors and costs."""
     costs: list[Floats] = []
     leaves: list[Labels] = []
     splits: list[NDArray[np.bool_]] = []
@@ -120,7 +130,7 @@ def square_sums(tensor: Tensor) -> list[Tensor]:
 
 
 def _sum_of_squares(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Add values of 2 x 2 children; those beyond the border do not exist."""
+    """Add values of 2 x 2 children; children beyond the border do not exist."""
     rows = values[0::2].copy()
     rows[: values.shape[0] // 2] += values[1::2]
     columns = rows[:, 0::2].copy()
@@ -129,14 +139,14 @@ def _sum_of_squares(values: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def _first_bits(sums: Sequence[Tensor]) -> tuple[Floats, Floats]:
-    """Return bits as `_measured_bits` does, of which nothing is known yet."""
+    """Return initial bits, in the form of `_measured_bits`."""
     num_labels = sums[0].shape[2]
     split_bits = np.tile(-np.log2([1.0 - _SPLIT_PRIOR, _SPLIT_PRIOR]), (len(sums), 1))
     return np.full(num_labels, np.log2(num_labels)), split_bits
 
 
 def _measured_bits(tree: Quadtree) -> tuple[Floats, Floats]:
-    """Return the bits of labels (labels,) and of leaves and splits (levels, 2), as frequent as in a tree."""
+    """Return the bits of labels (labels,) and of leaves and splits (levels, 2) by frequency."""
     split_bits = np.zeros((len(tree.splits) + 1, 2))
     counts = np.zeros(tree.num_labels)
     alive: NDArray[Any] = np.ones(tree.splits[-1].shape if tree.splits else tree.labels.shape, np.bool_)
@@ -152,7 +162,7 @@ def _measured_bits(tree: Quadtree) -> tuple[Floats, Floats]:
 
 
 def _code(coder: RangeCoder, tree: Quadtree) -> Quadtree:
-    """Code a tree, squares of one size after the other, and return that which was written or read."""
+    """Write a tree, or read one into its shape, squares of one size after the other; return it."""
     num_digits = (tree.num_labels - 1).bit_length()
     counts = context_counts(np.full(len(tree.splits) + 1 + (1 << num_digits), 50))
     counts[: len(tree.splits) + 1] = context_counts(30)
@@ -173,3 +183,53 @@ def _code(coder: RangeCoder, tree: Quadtree) -> Quadtree:
             alive = spread(split, shapes[level - 1])
             labels = np.ascontiguousarray(spread(labels, shapes[level - 1]))
     return Quadtree(labels, tuple(splits[::-1]), tree.num_labels)
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMap:
+    """A map of labels, constant in blocks."""
+
+    labels: Labels  # label of each block
+    shape: tuple[int, int]  # rows and columns of the map
+    num_labels: int  # number of labels
+
+    def disparity(self, level: int = 0) -> Labels:
+        """Return the map of labels, every 2^level-th pixel."""
+        full = self.labels.repeat(SIDE_PX, axis=0).repeat(SIDE_PX, axis=1)
+        return full[: self.shape[0] : 1 << level, : self.shape[1] : 1 << level]
+
+
+class BlockCodec(DisparityCodec):
+    """Codec of blocks of least squared error, without lambda and significance."""
+
+    name = "blocks"
+
+    def _best(
+        self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
+    ) -> BlockMap:
+        sums = np.add.reduceat(tensor, np.arange(0, tensor.shape[0], SIDE_PX), axis=0)
+        sums = np.add.reduceat(sums, np.arange(0, tensor.shape[1], SIDE_PX), axis=1)
+        shape = tensor.shape[0], tensor.shape[1]
+        return BlockMap(sums.argmin(axis=2).astype(np.int32), shape, tensor.shape[2])
+
+    def _write(self, representation: BlockMap, known: Known) -> bytes:
+        width = bits_of_label(representation.num_labels)
+        digits = representation.labels.ravel()[:, None] >> np.arange(width)[::-1] & 1
+        return np.packbits(digits.astype(np.uint8)).tobytes()
+
+    def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> BlockMap:
+        width = bits_of_label(num_labels)
+        blocks = -(-shape[0] // SIDE_PX), -(-shape[1] // SIDE_PX)
+        count = blocks[0] * blocks[1] * width
+        if len(payload) != -(-count // 8):
+            raise BitstreamError(f"the labels of blocks are {len(payload)} bytes, not {-(-count // 8)}")
+        digits = np.unpackbits(np.frombuffer(payload, np.uint8))[:count].reshape(*blocks, width)
+        labels = (digits @ (1 << np.arange(width)[::-1])).astype(np.int32)
+        if labels.size and labels.max() >= num_labels:
+            raise BitstreamError(f"a block has label {labels.max()} of {num_labels}")
+        return BlockMap(labels, shape, num_labels)
+
+
+def bits_of_label(num_labels: int) -> int:
+    """Return the bits of a label in codes of fixed length."""
+    return (num_labels - 1).bit_length()

@@ -1,9 +1,9 @@
 """Wavelet trees as bytes: scale by scale from the roots, with adaptive contexts.
 
-For each node whether anything below it differs from what is predicted, then the coefficients of its children
-where the reference is significant. Coefficients are 0 or not; in L those that are not may lead to the label
-of a neighbour that is known already; the rest has a sign and a magnitude. Contexts are the scale, the class
-of significance, and how far the neighbours known so far are from the prediction.
+The code has a flag for each node that has coefficients below it which are not as predicted, then the
+coefficients of its children, if the reference is significant there. A coefficient is 0 or not; in L one that
+is not may lead to the label of a decoded neighbour; the rest has a sign and a magnitude. Contexts are the
+scale, the class of significance, and the distance of the decoded neighbours from the prediction.
 """
 
 from collections.abc import Sequence
@@ -16,75 +16,81 @@ from numpy.typing import NDArray
 from dvc.dibr.disparity import _kernels
 from dvc.dibr.disparity.integer_transforms import S_TRANSFORM, Labels, WaveletTree, level_shapes
 from dvc.entropy import RangeCoder, context_counts
-from dvc.entropy.binarisation import MAX_DECISIONS
-from dvc.entropy.binarisation import NUM_EXPONENTS as _EXPONENTS
+from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
 from dvc.entropy.mixing import Mixture, logistic_tables
 
 Classes = NDArray[np.uint8]
-"""Of nodes: 1 where the reference is significant, else 0."""
+"""Classes of nodes: 1 if the reference is significant, else 0."""
+Bools = NDArray[np.bool_]
+
+_FIRST_COUNT = 4.0
+"""Weight of the initial probability of a context, in decisions."""
+_FIRST_WEIGHT = 0.6
+_FLAGS = 0.15, 0.45, 0.6, 0.45, 0.6
+"""Initial probabilities of flags, by class of the surroundings."""
+_ZEROS = 0.15, 0.4, 0.45, 0.35, 0.4
+"""Initial probabilities of coefficients that are not as predicted."""
+_MERGE, _DISTANCE = 0.6, 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """How often what was coded, by level."""
+    """Counts of coded symbols, by level and kind."""
 
     flags: NDArray[np.int64]  # nodes without and with coefficients below
     # coefficients that were as predicted, or not; labels of neighbours taken, and not taken; the rest, and
     # the sum of their magnitudes less one each
     coefficients: NDArray[np.int64]
 
-
-def no_statistics(num_levels: int) -> Statistics:
-    """Return the statistics of nothing."""
-    return Statistics(
-        np.zeros((num_levels, _kernels.NUM_NODE_KINDS, 2), np.int64),
-        np.zeros((num_levels, _kernels.NUM_COEFFICIENT_KINDS, _kernels.NUM_STATISTICS), np.int64),
-    )
+    @classmethod
+    def none(cls, num_levels: int) -> "Statistics":
+        """Return counts of zero."""
+        return cls(
+            np.zeros((num_levels, _kernels.NUM_NODE_KINDS, 2), np.int64),
+            np.zeros((num_levels, _kernels.NUM_COEFFICIENT_KINDS, _kernels.NUM_STATISTICS), np.int64),
+        )
 
 
 def all_significant(shape: tuple[int, int], num_levels: int | None = None) -> list[Classes]:
-    """Return the classes of significance that forbid nothing."""
+    """Return classes of significance that forbid nothing."""
     return [np.ones(size, np.uint8) for size in level_shapes(shape, num_levels)[1:]]
 
 
-def classes_or_all(
-    shape: tuple[int, int], significance: Sequence[Classes] | None, num_levels: int | None = None
-) -> Sequence[Classes]:
-    """Return classes of significance by level, where none are given those that forbid nothing."""
-    return all_significant(shape, num_levels) if significance is None else significance[:num_levels]
-
-
-def open_nodes(significance: Sequence[Classes]) -> list[NDArray[np.bool_]]:
-    """Tell which nodes may have coefficients, or nodes below them that may."""
-    opened: list[NDArray[np.bool_]] = []
+def open_nodes(significance: Sequence[Classes]) -> list[Bools]:
+    """Return which nodes may have coefficients below them."""
+    opened: list[Bools] = []
     for classes in significance:
         here = classes > 0
         opened.append(here | _any_child(opened[-1], here.shape) if opened else here)
     return opened
 
 
-def _any_child(children: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Tell which nodes have a child that is marked."""
+def _any_child(children: Bools, shape: tuple[int, ...]) -> Bools:
+    """Return which nodes have a child that is marked."""
     below = np.zeros((2 * shape[0], 2 * shape[1]), np.bool_)
     below[: children.shape[0], : children.shape[1]] = children
-    found: NDArray[np.bool_] = below[0::2, 0::2] | below[0::2, 1::2] | below[1::2, 0::2] | below[1::2, 1::2]
-    return found
+    return np.asarray(below[0::2, 0::2] | below[0::2, 1::2] | below[1::2, 0::2] | below[1::2, 1::2])
 
 
-def split_nodes(tree: WaveletTree, predictions: Sequence[Labels]) -> list[NDArray[np.bool_]]:
-    """Tell which nodes have any coefficient below them that is not as predicted."""
+def split_nodes(tree: WaveletTree, predictions: Sequence[Labels]) -> list[Bools]:
+    """Return which nodes have coefficients below them that are not as predicted."""
     shapes = [*(high.shape for high in tree.highs), tree.roots.shape][1:]
-    splits: list[NDArray[np.bool_]] = []
+    splits: list[Bools] = []
     for high, predicted, shape in zip(tree.highs, predictions, shapes, strict=True):
         changed = high != predicted
         splits.append(_any_child(changed | splits[-1] if splits else changed, shape))
     return splits
 
 
+def predictions_of(tree: WaveletTree, previous: WaveletTree | None) -> Sequence[Labels]:
+    """Return the predictions of the coefficients of a tree: those of the layer before, or 0."""
+    return [np.zeros_like(high) for high in tree.highs] if previous is None else previous.highs
+
+
 def encode_tree(
     tree: WaveletTree, significance: Sequence[Classes], previous: WaveletTree | None = None
 ) -> tuple[bytes, Statistics]:
-    """Write a tree, and count what was coded."""
+    """Write a tree, and count its symbols."""
     coder = RangeCoder.writer()
     _, statistics = code_tree(coder, tree, significance, previous)
     return coder.to_bytes(shortest=True), statistics
@@ -96,37 +102,38 @@ def code_tree(
     significance: Sequence[Classes],
     previous: WaveletTree | None = None,
 ) -> tuple[WaveletTree, Statistics]:
-    """Code a tree, and return that which was written or read."""
-    num_levels = len(tree.highs)
-    predictions = previous.highs if previous is not None else [np.zeros_like(high) for high in tree.highs]
+    """Write a tree, or read one into its shape; return it and the counts of its symbols."""
+    predictions = predictions_of(tree, previous)
     levels, splits, opened = tree.levels(), split_nodes(tree, predictions), open_nodes(significance)
-    statistics = no_statistics(num_levels)
+    statistics = Statistics.none(len(tree.highs))
     mixture = _initial_mixture()
-    parents = roots = _code_roots(coder, tree, previous)
+    is_s = tree.transform is S_TRANSFORM
+    code_row: Any = _kernels.code_row_s if is_s else _kernels.code_row_l
+    parents = roots = code_roots(coder, tree, previous)
     alive, highs = np.ones(parents.shape, np.uint8), list(tree.highs)
-    for level in reversed(range(num_levels)):
+    for level in reversed(range(len(tree.highs))):
         labels, live = levels[level].copy(), np.zeros(levels[level].shape, np.uint8)
-        split, classes = splits[level].astype(np.uint8), significance[level]
         high = highs[level].copy()
-        code_row: Any = _kernels.code_row_s if tree.transform is S_TRANSFORM else _kernels.code_row_l
         model = _kernels.Model(mixture, min(level, _kernels.NUM_LEVELS - 1))
-        known = _kernels.Level(parents, alive, classes, opened[level], predictions[level], tree.num_labels)
-        coded = _kernels.Coded(split, high, labels, live)
-        seen = _kernels.Seen(statistics.flags[level], statistics.coefficients[level])
+        known = _kernels.Level(
+            parents, alive, significance[level], opened[level], predictions[level], tree.num_labels
+        )
+        coded = _kernels.Coded(splits[level].astype(np.uint8), high, labels, live)
+        counts = _kernels.Counts(statistics.flags[level], statistics.coefficients[level])
         for m in range(len(parents)):
             state = coder.room_for(parents.shape[1] * _kernels.MAX_SYMBOLS)
-            code_row(state, model, m, known, coded, seen)
-        if tree.transform is not S_TRANSFORM:
+            code_row(state, model, m, known, coded, counts)
+        if not is_s:
             high = labels - tree.transform.synthesise(parents, np.zeros_like(labels))
         highs[level], parents, alive = high, labels, live
     return WaveletTree(tree.transform, tree.num_labels, roots, tuple(highs)), statistics
 
 
-def _code_roots(coder: RangeCoder, tree: WaveletTree, previous: WaveletTree | None) -> Labels:
-    """Code the low-pass coefficients of the coarsest level, or how they differ from those before."""
+def code_roots(coder: RangeCoder, tree: WaveletTree, previous: WaveletTree | None) -> Labels:
+    """Code the low-pass coefficients of the coarsest level, or their differences from the layer before."""
     roots = tree.roots.copy()
     if previous is not None:
-        counts = context_counts(np.full(2 + 2 * _EXPONENTS, 50))
+        counts = context_counts(np.full(2 + 2 * NUM_EXPONENTS, 50))
         state = coder.room_for(roots.size * MAX_DECISIONS)
         _kernels.code_differences(state, counts, roots, previous.roots)
         return np.clip(roots, 0, tree.num_labels - 1)
@@ -135,19 +142,12 @@ def _code_roots(coder: RangeCoder, tree: WaveletTree, previous: WaveletTree | No
     return roots
 
 
-_FIRST_COUNT = 4.0  # as if each context had been met so often
-_FIRST_WEIGHT = 0.6
-_FLAGS = 0.15, 0.45, 0.6, 0.45, 0.6  # by kind
-_ZEROS = 0.15, 0.4, 0.45, 0.35, 0.4
-_MERGE, _DISTANCE = 0.6, 0.5
-
-
 def _initial_mixture() -> Mixture:
-    """Return probabilities from which contexts start."""
+    """Return the initial probabilities of all contexts."""
     share = np.full(_kernels.NUM_CONTEXTS, 0.5)
     flags = share[_kernels.FLAGS : _kernels.ZEROS].reshape(1 + _kernels.NUM_LEVELS, _kernels.NUM_NODE_KINDS)
     flags[:, 1:] = np.tile(np.repeat(_FLAGS, 3), _kernels.NUM_CLASSES)
-    zeros = share[_kernels.ZEROS : _kernels.MERGES].reshape(-1, _kernels.NUM_PLACES, 3)
+    zeros = share[_kernels.ZEROS : _kernels.MERGES].reshape(-1, _kernels.NUM_SURROUNDINGS, 3)
     zeros[:] = np.array(_ZEROS)[:, None]
     share[_kernels.MERGES : _kernels.DISTANCES] = _MERGE
     share[_kernels.DISTANCES : _kernels.SIGNS] = _DISTANCE

@@ -5,10 +5,16 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from dvc.dibr.depth_image.depth_codes import NUM_STEPS, DepthOptions, code_edges, code_with_edges
-from dvc.dibr.depth_image.depth_image_decoder import decode
-from dvc.dibr.depth_image.depth_image_encoder import DepthImage, PictureOptions, encode_to_size
-from dvc.dibr.depth_image.depth_image_stream import decode_stream
+from dvc.dibr.depth_image.depth_image_encoder import (
+    NUM_STEPS,
+    DepthImage,
+    DepthOptions,
+    PictureOptions,
+    code_edges,
+    code_with_edges,
+    encode_to_size,
+)
+from dvc.dibr.depth_image.depth_image_stream import decode, decode_stream
 from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.errors import BitstreamError, ConfigError
 from dvc.images.chain_code import EdgeCode

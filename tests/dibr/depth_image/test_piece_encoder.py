@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dvc.dibr.depth_image.piece_decoder import DecodedPieces, decode
-from dvc.dibr.depth_image.piece_encoder import LayeredOptions, encode_to_size
-from dvc.dibr.depth_image.piece_stream import decode_stream
+from dvc.dibr.depth_image.piece_encoder import Choices, LayeredOptions, allot, encode_to_size
+from dvc.dibr.depth_image.piece_stream import DecodedPieces, decode, decode_stream
 from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of, read_pieces, write_pieces
 from dvc.errors import BitstreamError, ConfigError
+from dvc.images import picture_codec
 from dvc.layers.canvas import Frame
 from dvc.layers.sprites import Sprite
 from tests.dibr.piece_scenes import canvas_of, odd_sprites, plane_layers, plane_sprites, sprite_of
@@ -174,3 +174,41 @@ def test_mutations_are_refused_or_leave_what_precedes_them(share: float, change:
     whole = decoded(small()).scene.pieces
     for one, other in zip(found.scene.pieces, whole, strict=False):
         np.testing.assert_array_equal(one.colour, other.colour)
+
+
+RNG = np.random.default_rng(0)
+HARD, EASY = (picture_codec.encode(128 + RNG.normal(size=(32, 32)) * size) for size in (40.0, 8.0))
+
+
+def test_bytes_are_divided_by_what_they_are_worth() -> None:
+    for total in (100, 500, 1000):
+        found = allot([Choices((HARD,), (0,)), Choices((EASY,), (0,))], total)
+        assert found is not None
+        assert sum(found) == total
+        assert found[0] > found[1]
+
+
+def test_what_codes_need_beside_their_own_counts() -> None:
+    assert allot([Choices((HARD,), (60,)), Choices((EASY,), (50,))], 100) is None
+    found = allot([Choices((HARD,), (60,)), Choices((EASY,), (50,))], 110)
+    assert found == [60, 50]
+
+
+def test_the_cheaper_of_two_codes_is_taken() -> None:
+    both = Choices((HARD, HARD), (200, 3))
+    for multiplier in (1e-7, 1e-4, 1e-2):
+        assert both.bytes_at_multiplier(multiplier) == 3 + HARD.bytes_at_multiplier(multiplier)
+
+
+def test_everything_is_coded_where_there_is_room() -> None:
+    found = allot([Choices((HARD,), (0,)), Choices((EASY,), (0,))], 10**6)
+    assert found is not None
+    assert sum(found) < 10**6
+
+
+def test_where_nothing_but_what_is_needed_fits_there_is_no_code() -> None:
+    """However much the first bits are worth."""
+    dear = Choices((HARD, EASY), (40, 30), 1e6)
+    assert dear.bytes_at_multiplier(10.0) > 40
+    assert allot([dear, dear], 60) == [30, 30]
+    assert allot([dear, dear], 59) is None

@@ -5,10 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dvc.dibr.depth_image.piece_decoder import DecodedPieces
 from dvc.dibr.depth_image.piece_rendering import render, render_pieces
-from dvc.dibr.layered.simplification import alone
-from dvc.dibr.layered.stack import stack_of
+from dvc.dibr.depth_image.piece_selection import reference_of, stack_of
+from dvc.dibr.depth_image.piece_stream import DecodedPieces
 from dvc.dibr.view_rendering import PictureAndDisparity, picture_of, render_pairs
 from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.surfaces import Reconstruction
@@ -39,7 +38,7 @@ def test_the_reference_view_comes_back(name: str) -> None:
 @pytest.mark.parametrize("position", [(0.0, 0.0), (0.5, 0.0), (-1.0, 0.25), (0.3, 1.0)])
 def test_a_piece_that_is_all_of_the_frame_is_drawn_like_a_picture(position: tuple[float, float]) -> None:
     scene = SCENES["layers"]
-    front = alone(stack_of(scene), scene.kind)
+    front = reference_of(stack_of(scene), scene.kind)
     (piece,) = front.pieces
     pair = PictureAndDisparity(piece.colour, piece.disparity.astype(float), LatticePosition(0.0, 0.0))
     view = render_pieces(front, LatticePosition(*position))
@@ -60,6 +59,6 @@ def test_views_beside_show_what_the_reference_does_not(name: str) -> None:
         camera = reconstruction().array[number]
         view = render_pieces(SCENES[name], camera.position)
         assert view.drawn.mean() > 0.99
-        alone = render_pairs([pair], camera.position, 1.0)
-        assert alone.drawn.mean() < view.drawn.mean()
-        assert mse(picture_of(view), camera.image) < 0.3 * mse(picture_of(alone), camera.image)
+        reference_of = render_pairs([pair], camera.position, 1.0)
+        assert reference_of.drawn.mean() < view.drawn.mean()
+        assert mse(picture_of(view), camera.image) < 0.3 * mse(picture_of(reference_of), camera.image)

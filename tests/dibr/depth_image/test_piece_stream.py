@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.array_files import MIN_STEP
-from dvc.dibr.depth_image.piece_decoder import decode
 from dvc.dibr.depth_image.piece_encoder import encode_to_size
 from dvc.dibr.depth_image.piece_stream import (
     LayeredStream,
     Rectangle,
+    decode,
     decode_stream,
     encode_header,
     encode_stream,

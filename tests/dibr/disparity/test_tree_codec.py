@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from dvc._jit import python_twin
 from dvc.dibr.disparity import _kernels
-from dvc.dibr.disparity.distortion import Holes, backward_error, subtract_hole_errors
+from dvc.dibr.disparity.error_tensor import Holes, subtract_hole_errors
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform, WaveletTree
-from dvc.dibr.disparity.rate_model import code_costs, kinds_of
-from dvc.dibr.disparity.tree_codec import WaveletCodec
+from dvc.dibr.disparity.tree_codec import WaveletCodec, code_costs, kinds_of
 from dvc.dibr.disparity.tree_coding import all_significant, encode_tree, no_statistics
 
 SHAPE, NUM_LABELS, MULTIPLIER = (24, 30), 20, 1e-4
@@ -41,7 +40,9 @@ class Rendered:
         reached[rows[inside], (columns - labels)[inside]] = True
         empty = np.where(reached, 0.0, 0.02).astype(np.float32)
         holes = Holes(empty, np.zeros(SHAPE, np.int32))
-        return backward_error(self.tensor, labels) + float(empty.sum()), [holes]
+        return float(np.take_along_axis(self.tensor, labels[:, :, None], 2).sum(dtype=np.float64)) + float(
+            empty.sum()
+        ), [holes]
 
     def claimed(
         self, tensor: NDArray[np.float32], holes: Sequence[Holes], weight: float

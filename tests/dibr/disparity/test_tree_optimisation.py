@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from benchmarks.baselines.thesis_disparities import laplacian_costs
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform, level_shapes
-from dvc.dibr.disparity.rate_model import laplacian_costs
 from dvc.dibr.disparity.tree_optimisation import optimise_tree
 from tests.reference.dibr_trees import Case, ExhaustiveSearch, cost_of, general_cases, laplacian_cases
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dvc.dibr.layered.bounds import ACROSS, BEYOND, bounds_around, bounds_of_one
+from dvc.dibr.depth_image.scene_pieces import ACROSS, BEYOND, bounds_around, bounds_of_one
 
 
 def test_bounds_are_beyond_all_sides() -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from dvc.dibr.view_encoder import ForwardErrors, parallax_px
 from dvc.dibr.view_set import Views
-from dvc.dibr.views.forward_errors import ForwardErrors, parallax_px
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 
 SHAPE, SHIFT = (24, 32), 3

@@ -1,4 +1,4 @@
-"""Scenes of what pays: never worse than the reference view alone, all of it at high rates."""
+"""Selection of values: never worse than the reference view only, all values at high rates; masks, stacks."""
 
 import contextlib
 from dataclasses import replace
@@ -7,28 +7,32 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dvc.dibr.depth_image.depth_image_decoder import decode as decode_image
 from dvc.dibr.depth_image.depth_image_encoder import DepthImage
 from dvc.dibr.depth_image.depth_image_encoder import encode_to_size as encode_image
+from dvc.dibr.depth_image.depth_image_stream import decode as decode_image
 from dvc.dibr.depth_image.depth_scale import DepthScale
-from dvc.dibr.depth_image.piece_decoder import decode
 from dvc.dibr.depth_image.piece_encoder import encode_to_size
-from dvc.dibr.depth_image.piece_rendering import render_pieces
-from dvc.dibr.depth_image.piece_stream import decode_stream
-from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of
-from dvc.dibr.layered.selection import MOST_TRIALS, SelectedPieces, encode_best
-from dvc.dibr.layered.simplification import Price, alone, simplify
-from dvc.dibr.layered.stack import (
+from dvc.dibr.depth_image.piece_rendering import luma_from, render_pieces
+from dvc.dibr.depth_image.piece_selection import (
+    MOST_TRIALS,
+    Price,
+    SelectedPieces,
     Stack,
     Worth,
-    luma_from,
+    best_mask,
+    encode_best,
+    reference_of,
     rounded_to_labels,
+    select,
     stack_of,
     viewpoints_of,
     worth_of,
 )
+from dvc.dibr.depth_image.piece_stream import decode, decode_stream
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of
 from dvc.dibr.view_rendering import picture_of, render
 from dvc.errors import ConfigError
+from dvc.geometry.camera_array import DisparityLabels
 from dvc.images.colour import luma
 from tests.dibr.piece_scenes import canvas_of, odd_sprites, plane_layers, plane_sprites, sprite_of
 
@@ -51,7 +55,7 @@ def views_mse(data: bytes, scene: Pieces) -> float:
 @pytest.mark.parametrize("name", SCENES)
 def test_views_are_never_worse_than_those_of_the_picture_with_its_map(name: str) -> None:
     scene = SCENES[name]
-    reference = alone(stack_of(scene), scene.kind)
+    reference = reference_of(stack_of(scene), scene.kind)
     errors = []
     for max_bytes in (250, 1200):
         found = best(name, max_bytes)
@@ -66,7 +70,7 @@ def test_views_are_never_worse_than_those_of_the_picture_with_its_map(name: str)
 @pytest.mark.parametrize("max_bytes", [1500, 6000])
 def test_the_reference_view_alone_is_worth_the_picture_with_its_map(max_bytes: int) -> None:
     scene = SCENES["layers"]
-    reference = alone(stack_of(scene), scene.kind)
+    reference = reference_of(stack_of(scene), scene.kind)
     (piece,) = reference.pieces
     disparity = piece.disparity.astype(np.float64)
     image = DepthImage(disparity, DepthScale.of(disparity), piece.colour)
@@ -101,7 +105,7 @@ def test_views_are_never_worse_than_with_disparities_rounded_to_labels() -> None
     stack = stack_of(scene)
     found = encode_best(scene, 400)
     for one in (stack, rounded_to_labels(stack)):
-        reference = encode_to_size(alone(one, scene.kind), 400)
+        reference = encode_to_size(reference_of(one, scene.kind), 400)
         assert found.squared_error <= views_mse(reference.data, scene)
 
 
@@ -116,7 +120,7 @@ def least_bytes(scene: Pieces) -> int:
 
 def test_a_few_bytes_give_the_reference_view_alone_where_all_masks_do_not_fit() -> None:
     scene = SCENES["sprites"]
-    reference = alone(stack_of(scene), scene.kind)
+    reference = reference_of(stack_of(scene), scene.kind)
     assert least_bytes(reference) < least_bytes(scene)
     found = best("sprites", least_bytes(reference)).scene
     assert len(found.pieces) == 1
@@ -136,9 +140,9 @@ def _stack() -> Stack:
 
 def test_larger_multipliers_keep_less() -> None:
     scene, stack = SCENES["layers"], _stack()
-    worth = worth_of(stack, alone(stack, scene.kind), viewpoints_of(scene))
+    worth = worth_of(stack, reference_of(stack, scene.kind), viewpoints_of(scene))
     kept = [
-        simplify(stack, Kind.LAYERS, worth, Price(multiplier, 1.0, 0.0)).scene.num_values
+        select(stack, Kind.LAYERS, worth, Price(multiplier, 1.0, 0.0))[0].num_values
         for multiplier in (1e6, 300.0, 30.0, 1e-3)
     ]
     frame = scene.canvas.frame
@@ -155,19 +159,18 @@ def test_a_layer_is_kept_if_it_saves_more_than_its_bits(saved_bits: float, is_ke
     disparity[0] = 4.0
     stack = Stack(canvas_of(shape), colour, disparity, np.ones((2, *shape), np.bool_))
     saved = np.ones((2, *shape)) * price.multiplier * (0.5 + saved_bits / 256)
-    found = simplify(stack, Kind.LAYERS, Worth(saved, np.ones((2, *shape))), price)
-    assert len(found.scene.pieces) == 1 + is_kept
+    scene, _ = select(stack, Kind.LAYERS, Worth(saved, np.ones((2, *shape))), price)
+    assert len(scene.pieces) == 1 + is_kept
 
 
 def test_what_is_kept_lies_behind_what_is_before_it() -> None:
     scene, stack = SCENES["layers"], _stack()
-    worth = worth_of(stack, alone(stack, scene.kind), viewpoints_of(scene))
-    simplified = simplify(stack, Kind.LAYERS, worth, Price(1e-3, 1.0, 0.0))
-    assert len(simplified.scene.pieces) > 1
-    assert len(simplified.weights) == len(simplified.scene.pieces)
-    assert simplified.weights[0] == 1.0
-    image = layers_of(simplified.scene)
-    for piece, mask in zip(simplified.scene.pieces, image.occupied, strict=True):
+    worth = worth_of(stack, reference_of(stack, scene.kind), viewpoints_of(scene))
+    selected, weights = select(stack, Kind.LAYERS, worth, Price(1e-3, 1.0, 0.0))
+    assert len(weights) == len(selected.pieces) > 1
+    assert weights[0] == 1.0
+    image = layers_of(selected)
+    for piece, mask in zip(selected.pieces, image.occupied, strict=True):
         assert piece.num_values == mask.sum(), "nothing needs to be moved or left out"
         index = piece.slices
         known = stack.occupied[0][index] & piece.mask
@@ -189,3 +192,78 @@ def test_trials_are_counted_and_odd_scenes_borne() -> None:
 def test_too_few_bytes_are_refused() -> None:
     with pytest.raises(ConfigError, match="header and masks take"):
         encode_best(SCENES["layers"], 60)
+
+
+def profit_of(mask: np.ndarray, profit: np.ndarray, edge_cost: float) -> float:
+    edges = np.count_nonzero(mask[1:] != mask[:-1]) + np.count_nonzero(mask[:, 1:] != mask[:, :-1])
+    return float(profit[mask].sum() - edge_cost * edges)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_masks_are_nearly_the_best(seed: int) -> None:
+    """Of all 4096 masks of 3 x 4 pixels."""
+    profit = np.random.default_rng(seed).normal(0.2, 2.0, (3, 4))
+    mask = best_mask(profit, 0.7, 0.0)
+    masks = (np.arange(1 << 12)[:, None] >> np.arange(12) & 1).astype(np.bool_).reshape(-1, 3, 4)
+    best = max(profit_of(one, profit, 0.7) for one in masks)
+    assert profit_of(mask, profit, 0.7) > 0.8 * best
+
+
+def test_specks_are_left_out_and_pinholes_closed() -> None:
+    profit = np.full((20, 30), -0.5)
+    profit[4:14, 5:20] = 3.0
+    profit[8, 9] = -0.5
+    profit[17, 25] = 3.0
+    found = best_mask(profit, 1.0, 0.0)
+    assert found[8, 9]
+    assert not found[17, 25]
+    assert found.sum() == 150
+    assert not best_mask(profit, 1.0, 1000.0).any()
+
+
+def test_what_cannot_be_inside_is_not() -> None:
+    profit = np.full((6, 6), 5.0)
+    profit[2] = -np.inf
+    assert not best_mask(profit, 1.0, 0.0)[2].any()
+    assert best_mask(profit, 1.0, 0.0).sum() == 30
+    assert not best_mask(-np.abs(profit), 1.0, 0.0).any()
+
+
+def test_layers_and_their_sprites_are_the_same_stack() -> None:
+    layers, sprites = stack_of(plane_layers()), stack_of(plane_sprites())
+    np.testing.assert_array_equal(layers.occupied, sprites.occupied)
+    np.testing.assert_array_equal(layers.disparity, sprites.disparity)
+    np.testing.assert_array_equal(layers.colour, sprites.colour)
+    for piece, mask in zip(plane_layers().pieces, layers.occupied, strict=True):
+        assert piece.num_values == mask.sum()
+
+
+def test_nearer_values_lie_before() -> None:
+    stack = stack_of(odd_sprites())
+    assert stack.occupied.sum() == odd_sprites().num_values
+    behind = stack.occupied[1:]
+    assert behind.any()
+    assert stack.occupied[:-1][behind].all()
+    assert (stack.disparity[1:] <= stack.disparity[:-1])[behind].all()
+
+
+def test_what_the_reference_hides_saves_errors_where_it_is_seen() -> None:
+    scene = plane_layers()
+    stack = stack_of(scene)
+    worth = worth_of(stack, reference_of(stack, Kind.LAYERS), viewpoints_of(scene))
+    frame = scene.canvas.frame
+    assert worth.seen.sum() <= frame.width * frame.height
+    assert worth.seen.sum() == pytest.approx(frame.width * frame.height, rel=0.05)
+    assert not worth.saved[~stack.occupied].any()
+    inside = worth.saved[0][frame.slices]
+    hidden, shown = worth.saved[1:].sum() + worth.saved[0].sum() - inside.sum(), inside.sum()
+    assert hidden > 5 * shown
+
+
+def test_disparities_are_rounded_to_the_labels_that_were_tried() -> None:
+    canvas = canvas_of((1, 3), labels=DisparityLabels(-1.0, 0.5, 8))
+    disparity = np.array([[[-0.8, 0.3, 0.0]]], np.float32)
+    occupied = np.array([[[True, True, False]]])
+    rounded = rounded_to_labels(Stack(canvas, np.zeros((1, 1, 3, 3), np.uint8), disparity, occupied))
+    np.testing.assert_array_equal(rounded.disparity, np.array([[[-1.0, 0.5, 0.0]]], np.float32))
+    np.testing.assert_array_equal(rounded.occupied, occupied)

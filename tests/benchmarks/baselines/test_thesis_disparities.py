@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform
-from dvc.dibr.disparity.rate_model import (
+from benchmarks.baselines.thesis_disparities import (
     LAMBDA_TOLERANCE,
     MIN_SCALE,
     Laplacian,
@@ -14,6 +13,7 @@ from dvc.dibr.disparity.rate_model import (
     search_laplacian,
     significant_magnitudes,
 )
+from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform
 from dvc.dibr.disparity.tree_coding import all_significant
 
 

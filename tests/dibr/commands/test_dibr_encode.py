@@ -69,7 +69,7 @@ def test_processes_encode_decode_and_render(views: Path) -> None:
         done = subprocess.run([*command, *step.split()], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         assert not done.stderr
-    assert "quality layers: 1 of 1 are whole" in done.stdout
+    assert "quality_layers: 1" in done.stdout
     figures = json.loads((views / "encoded.json").read_text())
     size = (views / "pair.dibr").stat().st_size
     assert figures["stream_bytes"] == size == sum(figures["bits"].values()) / 8
@@ -240,7 +240,7 @@ REFUSED = {
     "missing": ("a.png none.png o.dibr --disparities 0:8 --bpp 1", "none.png"),
     "input": ("a.png b.dibr b.dibr --disparities 0:8 --bpp 1", "also an input"),
     "no stream": ("a.png b.png c.png --disparities 0:8 --bpp 1", "end in .dibr"),
-    "one view": ("a.png o.dibr --disparities 0:8 --bpp 1", "at least two views"),
+    "one view": ("a.png o.dibr --disparities 0:8 --bpp 1", "requires two or more views"),
     "places": ("a.png b.png c.png o.dibr --disparities 0:8 --bpp 1", "--lattice"),
     "disparities": ("a.png b.png o.dibr --bpp 1", "--disparities"),
     "kinds": ("a.png b.png o.dibr --cameras x.json --disparities 0:8 --bpp 1", "--depths"),
