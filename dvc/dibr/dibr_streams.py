@@ -9,7 +9,6 @@ import zlib
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-from dvc.bits import decode_varint
 from dvc.errors import BitstreamError, ConfigError
 from dvc.extensions import DISPARITY_CODECS, Registry
 
@@ -132,6 +131,8 @@ class FieldReader:
 
     def varint(self) -> int:
         """Return the next number of variable length."""
+        from dvc.bits import decode_varint  # imports numpy
+
         try:
             number, self.position = decode_varint(self.data, self.position)
         except BitstreamError:

@@ -18,8 +18,7 @@ from dvc.errors import BitstreamError, ConfigError
 from dvc.extensions import DISPARITY_CODECS, Registry, make
 from dvc.geometry.viewpoints import Viewpoint
 from dvc.images import picture_codec
-from dvc.images.picture_codec import DecodedPicture
-from dvc.images.picture_header import PictureHeader
+from dvc.images.picture_codec import DecodedPicture, PictureHeader
 
 METHODS: Registry[DisparityCodec] = Registry(
     DISPARITY_CODECS,

@@ -1,4 +1,4 @@
-"""Edges found in depth maps: where neighbours differ, or what Canny's detector keeps."""
+"""Edges of depth maps: differences of neighbours, those of Canny's detector, or those of a file."""
 
 from pathlib import Path
 
@@ -6,25 +6,25 @@ import cv2
 import numpy as np
 
 from dvc.errors import DvcError
-from dvc.images.edge_chains import Chains, draw, trace
+from dvc.images.chain_code import Chains, draw, trace
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.lifting import Plane
 from dvc.picture_files import read_levels, write_png
 
 CANNY_THRESHOLDS = 40.0, 100.0
-"""Weaker and stronger one of the detector, of maps stretched to levels from 0 to 255."""
+"""Weaker and stronger threshold of the detector, for maps stretched to levels from 0 to 255."""
 
 SHORTEST_CHAIN = 8
-"""Edge elements of the shortest chain that is kept beside Canny's detector."""
+"""Edge elements of the shortest chain that Canny's detector keeps."""
 
 _JUMP = 0.02
 
 RIGHT_LEVEL, BELOW_LEVEL = 85, 170
-"""Of a sample that is cut off from that to its right, and from that below it; both: their sum."""
+"""Levels of a sample that is cut off from that to its right, and from that below it; both: their sum."""
 
 
 def edges_of_jumps(depth: Plane, least: float) -> EdgeMaps:
-    """Return the edges where neighbours differ."""
+    """Return the edges between neighbours that differ."""
     edges = EdgeMaps.none((depth.shape[0], depth.shape[1]))
     edges.between_rows[:-1] = np.abs(np.diff(depth, axis=0)) > least
     edges.between_columns[:, :-1] = np.abs(np.diff(depth, axis=1)) > least

@@ -1,17 +1,17 @@
 """Lifting: the 9/7 and 5/3 wavelet transforms of planes of any size; they may stop at edges.
 
 Even samples become the low band, odd ones the high band. Each step changes one of the two cosets by the sum
-of the neighbours in the other, so the same steps backward, with opposite signs, are the inverse whatever the
-neighbours beyond a border are taken to be: those of the symmetric extension about the last sample.
+of the neighbours in the other, so the same steps backward, with opposite signs, are the inverse for any
+choice of neighbours beyond a border: here the symmetric extension about the last sample.
 
-What a step would take from beyond an edge is extrapolated from the samples of the same coset on this side
+Samples beyond an edge are extrapolated from the samples of the same coset on this side
 by a polynomial (4.4), so the inverse knows it too. With too few of them the polynomial has a lower degree.
 In the last step details beyond an edge are taken to be zero, as if the polynomial fitted there; not so with
 degree 0, which is the symmetric extension of shape-adaptive transforms. A sample of the low band that is
 alone between edges is scaled as a constant is; one of the high band is predicted from beyond its edges.
 
-With a mask, whose border is among the edges, there is nothing outside it: samples and coefficients there are
-zero after each step, so that what is inside does not depend on them.
+The border of a mask is among the edges. Samples and coefficients outside are zero after each step, so that
+those inside do not depend on them.
 """
 
 import math
@@ -22,14 +22,19 @@ from itertools import islice, repeat
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvc.images.column_lifting import lift_columns
+from dvc._jit import kernel
 from dvc.images.edge_maps import EdgeMaps, Flags
 
 Plane = NDArray[np.float64]
 
 Mask = NDArray[np.bool_]
 
-_SAMPLES_AT_ONCE = 2**17  # that rows are merged of: planes may be large
+EXTRAPOLATION = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [2.0, -1.0, 0.0, 0.0], [3.0, -3.0, 1.0, 0.0], [4.0, -6.0, 4.0, -1.0]]
+)
+"""Weights of (4.4) for polynomials of degrees 0 to 3."""
+
+_SAMPLES_AT_ONCE = 2**17  # samples of rows that are merged at once: planes may be large
 MAX_ORDER = 3
 """Highest degree of the polynomials."""
 
@@ -38,7 +43,7 @@ MAX_ORDER = 3
 class Wavelet:
     """Weights of the lifting steps."""
 
-    name: str  # as given on command lines
+    name: str  # name on command lines
     weights: tuple[float, ...]  # of steps that change the odd and the even samples, in turn; (4.1), (4.2)
     gain: float  # of the low band for constant signals, before scaling
 
@@ -76,7 +81,7 @@ class Details:
 class Pyramid:
     """Coefficients of a plane."""
 
-    low: Plane  # what is left of the plane at the coarsest scale
+    low: Plane  # low band of the coarsest scale
     details: tuple[Details, ...]  # high bands, the finest scale first
 
 
@@ -90,25 +95,25 @@ def scale_shapes(shape: tuple[int, int], num_levels: int) -> list[tuple[int, int
 
 
 def most_levels(shape: tuple[int, int]) -> int:
-    """Return how many times a plane can be split until one sample is left."""
+    """Return the number of splits of a plane down to one sample."""
     return (max(shape) - 1).bit_length()
 
 
 def low_band_gain(shape: tuple[int, int], num_levels: int) -> float:
-    """Return what a plane of ones is at the coarsest scale."""
+    """Return the value of a plane of ones at the coarsest scale."""
     halvings = sum(size > 1 for shape_ in scale_shapes(shape, num_levels)[:-1] for size in shape_)
     return math.sqrt(2.0) ** halvings
 
 
 @dataclass(frozen=True)
 class Transform:
-    """How planes become pyramids of coefficients, and back."""
+    """Transform of planes to pyramids of coefficients, and back."""
 
-    num_levels: int  # how many times planes are split
+    num_levels: int  # number of splits
     wavelet: str = "9/7"  # one of `WAVELETS`
-    edges: EdgeMaps | None = None  # of planes of their shape; by default none
-    order: int = 0  # of the extrapolation at edges
-    mask: Mask | None = None  # where there is anything, by default everywhere; its border is among the edges
+    edges: EdgeMaps | None = None  # edges of planes of their shape
+    order: int = 0  # order of the extrapolation at edges
+    mask: Mask | None = None  # by default everything; its border is among the edges
 
     def __post_init__(self) -> None:
         if self.num_levels < 0:
@@ -136,7 +141,7 @@ class Transform:
         return Pyramid(low, tuple(details))
 
     def synthesise(self, pyramid: Pyramid) -> Plane:
-        """Return the plane of coefficients, or of those of coarse scales that of the finest one there is."""
+        """Return the plane of coefficients, of the finest scale among them."""
         low, skipped = pyramid.low, self.num_levels - len(pyramid.details)
         scales = list(self._scales(skipped))
         for k, details in reversed(list(enumerate(pyramid.details))):
@@ -157,7 +162,7 @@ class Transform:
         return low
 
     def _scales(self, skipped: int) -> Iterator[EdgeMaps | None]:
-        """Edges of scales that are split, the finest first."""
+        """Return the edges of scales that are split, the finest first."""
         if self.edges is None:
             return repeat(None, self.num_levels - skipped)
         return islice(self.edges.pyramid(self.num_levels), skipped, None)
@@ -188,10 +193,104 @@ class Transform:
 
 
 def mask_pyramid(mask: Mask, num_levels: int) -> Pyramid:
-    """Return where coefficients of a masked plane exist."""
+    """Return the mask of coefficients of a masked plane."""
     low: Plane = (mask != 0).astype(np.float64)
     details = []
     for _ in range(num_levels):
         details.append(Details(low[0::2, 1::2], low[1::2, 0::2], low[1::2, 1::2]))
         low = low[0::2, 0::2]
     return Pyramid(low, tuple(details))
+
+
+@kernel
+def lift_columns(
+    samples: Plane, edges: Flags, weights: Plane, gain: float, order: int, inverse: bool
+) -> None:
+    """Apply the lifting steps of a wavelet to columns in place, (4.1) and (4.2), not across edges."""
+    num_steps = len(weights)
+    for k in range(num_steps):
+        step = num_steps - 1 - k if inverse else k
+        weight = -weights[step] if inverse else weights[step]
+        if step % 2 == 0:
+            _predict(samples, edges, weight, order)
+        else:
+            _update(samples, edges, weight, order, order > 0 and step == num_steps - 1)
+            if step == 1:
+                _scale_lone(samples, edges, 1.0 / gain if inverse else gain)
+
+
+@kernel
+def _predict(samples: Plane, edges: Flags, weight: float, order: int) -> None:
+    """Change odd samples. One that is alone between edges is predicted from beyond them."""
+    num_rows, num_columns = samples.shape
+    last = num_rows - 1
+    for i in range(1, num_rows, 2):
+        for t in range(num_columns):
+            cut_before = edges[i - 1, t] != 0
+            cut_after = i < last and edges[i, t] != 0
+            if cut_before and (cut_after or i == last):
+                before = samples[i - 1, t]
+                after = samples[i + 1, t] if i < last else before
+            else:
+                before = _beyond(samples, edges, i, t, -1, order) if cut_before else samples[i - 1, t]
+                if i == last:
+                    after = samples[i - 1, t]
+                else:
+                    after = _beyond(samples, edges, i, t, 1, order) if cut_after else samples[i + 1, t]
+            samples[i, t] += weight * (before + after)
+
+
+@kernel
+def _update(samples: Plane, edges: Flags, weight: float, order: int, final: bool) -> None:
+    """Change even samples; with `final`, details beyond an edge are taken to be zero."""
+    num_rows, num_columns = samples.shape
+    last = num_rows - 1
+    for i in range(0, num_rows, 2):
+        for t in range(num_columns):
+            cut_before = i > 0 and edges[i - 1, t] != 0
+            cut_after = i < last and edges[i, t] != 0
+            if (cut_before or i == 0) and (cut_after or i == last):
+                continue
+            before, after = 0.0, 0.0
+            if i == 0:
+                before = samples[i + 1, t]
+            elif not cut_before:
+                before = samples[i - 1, t]
+            elif not final:
+                before = _beyond(samples, edges, i, t, -1, order)
+            if i == last:
+                after = samples[i - 1, t]
+            elif not cut_after:
+                after = samples[i + 1, t]
+            elif not final:
+                after = _beyond(samples, edges, i, t, 1, order)
+            samples[i, t] += weight * (before + after)
+
+
+@kernel
+def _scale_lone(samples: Plane, edges: Flags, factor: float) -> None:
+    """Scale even samples that are alone between edges as constant signals are."""
+    num_rows, num_columns = samples.shape
+    last = num_rows - 1
+    for i in range(0, num_rows, 2):
+        for t in range(num_columns):
+            if (i == 0 or edges[i - 1, t] != 0) and (i == last or edges[i, t] != 0):
+                samples[i, t] *= factor
+
+
+@kernel
+def _beyond(samples: Plane, edges: Flags, i: int, t: int, way: int, order: int) -> float:
+    """Extrapolate the sample beyond the edge next to sample i from those of its coset on this side (4.4)."""
+    num_rows = samples.shape[0]
+    available = 0
+    k = i
+    while available <= order:
+        k -= way
+        if k < 0 or k >= num_rows or edges[min(k, k + way), t] != 0:
+            break
+        if (i - k) % 2 != 0:
+            available += 1
+    total = 0.0
+    for m in range(available):
+        total += EXTRAPOLATION[available - 1, m] * samples[i - way * (2 * m + 1), t]
+    return float(total)

@@ -2,19 +2,19 @@
 
 Planes (gray, or luma and chroma) are transformed, and all their coefficients coded together: chroma is scaled
 by `CHROMA_WEIGHT`, so its bit planes come among those of luma. Any part of the bytes from the beginning is a
-picture, and what it is depends on these bytes alone: an encoder that wants to know what a decoder has calls
-`decode`.
+picture that depends on these bytes only: an encoder calls `decode` for the picture of a decoder.
 """
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvc.images import zerotree_coder as coder
+from dvc.errors import BitstreamError
+from dvc.images import zerotree_coder
 from dvc.images.colour import rgb_from_ycbcr, ycbcr_from_rgb
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.lifting import (
@@ -27,21 +27,20 @@ from dvc.images.lifting import (
     most_levels,
     scale_shapes,
 )
-from dvc.images.picture_header import MAX_LEVELS, PictureHeader
-from dvc.images.spiht.significance import significance_maps
-from dvc.images.zerotree_coder import DecodedCoefficients
+from dvc.images.zerotree_coder import MAX_PLANES, DecodedCoefficients, significance_maps
 from dvc.images.zerotrees import Band, Forest, Shape, scatter, zerotrees
 
 STEP = 0.25
-"""Of the quantiser once all bit planes are read, in steps of 8-bit intensities."""
+"""Step of the quantiser after all bit planes, in steps of 8-bit intensities."""
 
 CHROMA_WEIGHT = 0.5
-"""Factor on chroma coefficients; squared, what its errors weigh beside those of luma."""
+"""Factor on chroma coefficients; its square is the weight of errors of chroma relative to luma."""
 
 LARGEST_MULTIPLIER, SMALLEST_MULTIPLIER = 10.0, 1e-8
-"""Multipliers at which next to nothing is coded, and all that there is."""
+"""Multipliers at which almost nothing is coded, and everything."""
 
 DEFAULT_LEVELS = 6
+MAX_LEVELS = 15
 _MULTIPLIER_STEPS = 40
 _MOST_GAIN = 16.0
 _MIDDLE = 128.0
@@ -51,12 +50,49 @@ _POINT_STEP, _FIRST_POINT, _NUM_POINTS = 1 / 32, 2, 16
 
 
 @dataclass(frozen=True)
+class PictureHeader:
+    """Parameters of a decoder besides size and data: three bytes."""
+
+    num_levels: int  # how many times planes are split, at most `MAX_LEVELS`
+    num_bit_planes: int  # bit planes of the coefficients, at most `MAX_PLANES`
+    colour: bool = False  # three planes instead of one
+    wavelet: str = "9/7"  # ``9/7`` or ``5/3``
+    adaptive: bool = True  # arithmetic coding; else plain bits
+    # where coefficients lie in their intervals, at first and once refined: k for (k + 2) / 32; below 16
+    points: tuple[int, int] = (10, 12)
+
+    SIZE = 3
+    """Bytes."""
+
+    def to_bytes(self) -> bytes:
+        """Return the header as bytes; the inverse of `from_bytes`."""
+        flags = self.colour | (self.wavelet == "5/3") << 1 | self.adaptive << 2
+        return bytes(
+            [self.num_levels | flags << 4, self.num_bit_planes, self.points[0] << 4 | self.points[1]]
+        )
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        """Read a header."""
+        if len(data) < cls.SIZE:
+            raise BitstreamError("the header of the reference view is cut off")
+        first, num_bit_planes, points = data[: cls.SIZE]
+        flags = first >> 4
+        if flags > 7 or num_bit_planes > MAX_PLANES:
+            raise BitstreamError("the header of the reference view is damaged")
+        wavelet = "5/3" if flags & 2 else "9/7"
+        return cls(
+            first & 15, num_bit_planes, bool(flags & 1), wavelet, bool(flags & 4), (points >> 4, points & 15)
+        )
+
+
+@dataclass(frozen=True)
 class DecodedPicture:
     """A decoded picture."""
 
     # gray, or Y, Cb and Cr; intensities from 0 to 255, neither rounded nor clipped
     planes: NDArray[np.float64]
-    # where coefficients are significant (3.3), from j = 1 on, down to one pixel; of the full resolution
+    # significance of coefficients (3.3), from j = 1 on, down to one pixel; of the full resolution
     significance: list[NDArray[np.bool_]]
 
     def picture(self) -> NDArray[np.uint8]:
@@ -72,29 +108,29 @@ class DecodedPicture:
 
 @dataclass(frozen=True)
 class PictureCode:
-    """An encoded picture, to be cut where the caller wants."""
+    """An encoded picture, to be cut at any length."""
 
     header: PictureHeader  # the header, of usual points
     data: bytes = field(repr=False)  # all data
     shape: Shape  # rows and columns
     # lengths at which the data may be cut, increasing; the header is not counted
     bits_per_pixel: NDArray[np.float64]
-    # mean squared error there, intensities from 0 to 1, as coefficients tell it, which is some percent less
-    # than that of pixels; chroma counts by its weight
+    # mean squared error at these, intensities from 0 to 1, of coefficients, which is some percent less than
+    # that of pixels; chroma counts by its weight
     mse: NDArray[np.float64]
     _forest: Forest = field(repr=False)
     _coefficients: NDArray[np.float64] = field(repr=False)
 
     def bytes_at_multiplier(self, multiplier: float) -> int:
-        """Return where to cut so that the last bits were worth a multiplier."""
+        """Return the length at which the last bits were worth a multiplier."""
         best = int(np.argmin(self.mse + multiplier * self.bits_per_pixel))
         num_pixels = self.shape[0] * self.shape[1]
         return min(round(float(self.bits_per_pixel[best]) * num_pixels / 8), len(self.data))
 
     def cut(self, num_bytes: int) -> tuple[PictureHeader, bytes]:
-        """Return a part, and the header that suits it best."""
+        """Return a part, and its best header."""
         data = self.data[: max(num_bytes, 0)]
-        known = coder.decode(self._forest, data, self.header.num_bit_planes, self.header.adaptive)
+        known = zerotree_coder.decode(self._forest, data, self.header.num_bit_planes, self.header.adaptive)
         fitted = [
             min(max(round(point / _POINT_STEP) - _FIRST_POINT, 0), _NUM_POINTS - 1)
             for point in known.fitted_points(self._coefficients)
@@ -109,14 +145,14 @@ def lowest_plane_at(multiplier: float) -> int:
 
 
 class Cuttable(Protocol):
-    """What can be cut at a multiplier."""
+    """Code that can be cut at a multiplier."""
 
     def bytes_at_multiplier(self, multiplier: float) -> int:
-        """Return where to cut so that the last bits were worth a multiplier."""
+        """Return the length at which the last bits were worth a multiplier."""
 
 
 def multipliers_around(codes: Sequence[Cuttable], num_bytes: float) -> tuple[float, float]:
-    """Return the multipliers between which the codes of pictures leap past a length."""
+    """Return the multipliers between which the codes of pictures pass a length."""
     low, high = math.log(SMALLEST_MULTIPLIER), math.log(LARGEST_MULTIPLIER)
     for _ in range(_MULTIPLIER_STEPS):
         middle = 0.5 * (low + high)
@@ -153,7 +189,7 @@ def encode(
     coefficients = forest.gather(pyramids)
     del pyramids
     coefficients /= STEP
-    code = coder.encode(forest, coefficients, max_bytes, adaptive, lowest_plane)
+    code = zerotree_coder.encode(forest, coefficients, max_bytes, adaptive, lowest_plane)
     header = PictureHeader(num_levels, code.num_planes, len(planes) == 3, wavelet, adaptive)
     num_pixels = shape[0] * shape[1]
     mse = code.squared_error * (STEP / _PEAK) ** 2 / num_pixels
@@ -169,7 +205,7 @@ def decode(
     order: int = 0,
     mask: Mask | None = None,
 ) -> DecodedPicture:
-    """Decode a picture, or as much of it as some bytes hold."""
+    """Decode a picture from the beginning of its code."""
     if not 0 <= num_skipped_levels <= header.num_levels:
         raise ValueError(
             f"`num_skipped_levels` must be from 0 to {header.num_levels}, got {num_skipped_levels}"
@@ -191,7 +227,7 @@ def decode(
 
 
 def _without_coefficients(header: PictureHeader, shape: Shape, num_skipped_levels: int) -> DecodedPicture:
-    """Return what decoding gives where nothing is significant; planes take no memory."""
+    """Return a picture without significant coefficients; planes take no memory."""
     middles = np.array([middle for middle, _ in _SCALES[: 3 if header.colour else 1]])
     size = scale_shapes(shape, num_skipped_levels)[-1]
     planes = np.broadcast_to(middles[:, None, None], (len(middles), *size))
@@ -202,15 +238,15 @@ def _without_coefficients(header: PictureHeader, shape: Shape, num_skipped_level
 def _read(
     header: PictureHeader, data: bytes, shape: Shape, mask: Mask | None
 ) -> tuple[tuple[Band, ...], DecodedCoefficients]:
-    """Coefficients, and where they are, without the trees that reading them takes."""
+    """Return bands and coefficients, without the trees that reading takes."""
     forest = _forest(shape, header.num_levels, header.colour, mask)
-    return forest.bands, coder.decode(forest, data, header.num_bit_planes, header.adaptive)
+    return forest.bands, zerotree_coder.decode(forest, data, header.num_bit_planes, header.adaptive)
 
 
 def _synthesised(
     pyramids: Iterator[Pyramid], transform: Transform, colour: bool, shape: Shape, num_skipped_levels: int
 ) -> NDArray[np.float64]:
-    """Planes, one after the other: pictures may be large."""
+    """Return planes, synthesised one after the other: pictures may be large."""
     gain = low_band_gain(shape, num_skipped_levels)
     size = scale_shapes(shape, num_skipped_levels)[-1]
     planes = np.empty((3 if colour else 1, *size))

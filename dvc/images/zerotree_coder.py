@@ -1,16 +1,17 @@
 """Set partitioning in hierarchical trees, with contexts: coefficients as bytes that can be cut anywhere.
 
 Magnitudes are whole numbers of steps, with a dead zone. Their bit planes are coded from the highest on; in
-each, first the coefficients that stand alone, then the sets, then the next digits of coefficients that were
+each, first the single coefficients, then the sets, then the next digits of coefficients that were
 significant before. From the original algorithm this differs in its contexts, in that decisions that follow
 from others are left out, and in that a set is coded down to its leaves at once.
 
-The probability of a decision is a logistic mixture of those of three adaptive contexts: what is known of the
-neighbours, of parent and children, and of the surroundings at that scale.
+The probability of a decision is a logistic mixture of those of three adaptive contexts: the neighbours,
+parent and children, and the surroundings at that scale.
 
-A reader of a part of the bytes takes all decisions that these settle, whatever might follow, and no others.
+A reader of a part of the bytes takes exactly the decisions that these bytes settle.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -21,8 +22,9 @@ from dvc.entropy import CoderState, RangeCoder
 from dvc.entropy.mixing import new_mixture
 from dvc.entropy.range_coder import POSITION
 from dvc.errors import BitstreamError
-from dvc.images.spiht import _kernels as kernels
-from dvc.images.zerotrees import Band, Forest
+from dvc.images import _kernels as kernels
+from dvc.images.lifting import scale_shapes
+from dvc.images.zerotrees import Band, Forest, Shape
 
 MAX_PLANES = 30
 """Most bit planes of magnitudes."""
@@ -38,22 +40,22 @@ class EmbeddedCode:
     """Coefficients as bytes."""
 
     data: bytes  # any part from the beginning is the code of an approximation
-    num_planes: int  # bit planes; the reader must know
+    num_planes: int  # bit planes, which the reader needs
     bits: NDArray[np.float64]  # lengths, increasing
-    squared_error: NDArray[np.float64]  # of the coefficients, in squared steps, once that many bits are read
+    squared_error: NDArray[np.float64]  # error of coefficients at these lengths, in squared steps
 
 
 @dataclass(frozen=True)
 class DecodedCoefficients:
-    """What bytes tell of coefficients."""
+    """Coefficients, as far as bytes determine them."""
 
-    # lower bounds of magnitudes, in steps, with their signs; 0 where nothing is significant
+    # lower bounds of magnitudes, in steps, with their signs; 0: not significant
     values: NDArray[np.int32]
     # lowest bit plane of each that is known: a magnitude is less than ``2^last_plane`` above its bound
     last_planes: NDArray[np.uint8]
 
     def part(self, band: Band) -> Self:
-        """Return what is known of a band."""
+        """Return the coefficients of a band."""
         return type(self)(band.of(self.values), band.of(self.last_planes))
 
     def reconstruct(self, points: tuple[float, float]) -> NDArray[np.float64]:
@@ -123,7 +125,7 @@ def encode(
 
 
 def decode(forest: Forest, data: bytes, num_planes: int, adaptive: bool = True) -> DecodedCoefficients:
-    """Read what some bytes tell of coefficients."""
+    """Read coefficients from the beginning of their code."""
     if not 0 <= num_planes <= MAX_PLANES:
         raise BitstreamError(f"{num_planes} bit planes; there are at most {MAX_PLANES}")
     coder = RangeCoder.reader(data)
@@ -167,3 +169,17 @@ def _new_run(
         num_bytes,
         adaptive,
     )
+
+
+def significance_maps(
+    bands: Sequence[Band], decoded: DecodedCoefficients, shape: Shape, num_levels: int
+) -> list[NDArray[np.bool_]]:
+    """Return by scale where any orientation of any plane has a significant coefficient."""
+    maps = [np.zeros(size, np.bool_) for size in scale_shapes(shape, num_levels)[1:]]
+    for band in bands:
+        if 0 < band.level <= num_levels and band.kind:
+            rows, columns = band.shape
+            maps[band.level - 1][:rows, :columns] |= band.of(decoded.values) != 0
+    for coarser in maps[max(band.level for band in bands) :]:
+        coarser[:] = True
+    return maps

@@ -1,9 +1,9 @@
 """Zerotrees: coefficients of one or several pyramids as trees from coarse to fine, in one array of nodes.
 
 A coefficient's children are those of the same orientation in the four positions below it, in the next finer
-scale. Where a scale has an odd number of rows or columns, the last ones belong to the last parent, so that
-nothing is padded. Coefficients of the low band, and those above which there is none, are roots. Positions
-that a mask leaves out are never coded, nor are sets of them.
+scale. If a scale has an odd number of rows or columns, the last ones belong to the last parent, so that
+nothing is padded. Coefficients of the low band, and those without a parent, are roots. Positions outside a
+mask are never coded, nor are sets of them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -14,8 +14,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.images import _kernels as kernels
 from dvc.images.lifting import Details, Plane, Pyramid, scale_shapes
-from dvc.images.spiht import _kernels as kernels
 
 Shape = tuple[int, int]
 Value = TypeVar("Value", bound=np.generic)
@@ -24,17 +24,17 @@ _MARGIN = 2
 
 @dataclass(frozen=True)
 class Band:
-    """Where a band is."""
+    """A band of coefficients."""
 
     component: int  # plane that it belongs to
-    level: int  # how many times its plane was split; 1 is the finest scale
+    level: int  # number of splits of its plane; 1 is the finest scale
     kind: int  # 0: low; 1, 2, 3: horizontal, vertical, diagonal details
     shape: Shape  # rows and columns
     first: int  # node of its first coefficient
     stride: int  # nodes from a row to the next
 
     def of(self, values: NDArray[Value]) -> NDArray[Value]:
-        """Return the part of an array by node that is the band's."""
+        """Return the part of an array by node that belongs to the band."""
         rows, columns = self.shape
         block = values[self.first : self.first + rows * self.stride]
         return block.reshape(rows, self.stride, *values.shape[1:])[:, :columns]
@@ -45,18 +45,18 @@ class Forest:
     """Trees of coefficients."""
 
     bands: tuple[Band, ...]  # from coarse to fine, plane by plane
-    table: NDArray[np.int64]  # the same, as the kernels take them
+    table: NDArray[np.int64]  # bands as kernels take them
     marks: NDArray[np.uint8]  # band and flags of nodes, and of margins between bands
-    num_levels: tuple[int, ...]  # of each plane
+    num_levels: tuple[int, ...]  # splits of each plane
 
     @property
     def num_nodes(self) -> int:
-        """How many nodes there are, margins counted."""
+        """Number of nodes, margins included."""
         return len(self.marks)
 
     @property
     def exists(self) -> NDArray[np.bool_]:
-        """Which nodes are coefficients, one of each."""
+        """Mask of nodes that are coefficients."""
         return self.flag(kernels.EXISTS)
 
     def flag(self, flag: int) -> NDArray[np.bool_]:
@@ -120,7 +120,7 @@ def zerotrees(
 
 
 def _table(bands: Sequence[Band]) -> NDArray[np.int64]:
-    """Bands as the kernels take them; those of no coefficients are nobody's parents."""
+    """Return bands as kernels take them; empty bands have no children."""
     numbers = {
         (band.component, band.level, band.kind): k for k, band in enumerate(bands) if 0 not in band.shape
     }

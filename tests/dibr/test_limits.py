@@ -26,11 +26,11 @@ from dvc.dibr.view_stream import (
 from dvc.entropy import RangeCoder
 from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
+from dvc.images import _kernels as kernels
 from dvc.images import chain_code, picture_codec
 from dvc.images import zerotree_coder as coder
 from dvc.images.chain_code import EdgeCode
-from dvc.images.picture_header import PictureHeader
-from dvc.images.spiht import _kernels as kernels
+from dvc.images.picture_codec import PictureHeader
 from dvc.layers.canvas import Canvas, Frame
 
 LABELS = DisparityLabels(0.0, 1.0, 4)

@@ -102,7 +102,7 @@ def test_labels_may_be_counted_and_are_limited() -> None:
 def test_cameras_that_see_no_depth_are_refused() -> None:
     """Lens distortion, cameras at one place, and points that all have one depth, or lie behind."""
     still = camera("a", [0, 0, 0], [0, 0, 0])
-    with pytest.raises(ConfigError, match="one place"):
+    with pytest.raises(ConfigError, match="same position"):
         views_of(still, camera("b", [0, 0.1, 0], [0, 0, 0]))
     with pytest.raises(ConfigError, match="camera of b: lens distortion"):
         views_of(still, camera("b", [0, 0, 0], [-1, 0, 0], distortion=(0.1, 0.0, 0.0, 0.0)))

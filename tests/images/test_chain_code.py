@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from dvc.dibr.depth_image.depth_image_encoder import code_edges
 from dvc.errors import BitstreamError, ConfigError
 from dvc.images import chain_code
-from dvc.images.chain_code import EdgeCode
-from dvc.images.edge_chains import Chains, draw, trace
+from dvc.images.chain_code import Chains, EdgeCode, draw, trace
 from dvc.images.edge_maps import EdgeMaps
 from tests.reference.freeman import code_bits, differences, directions_of
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from dvc.errors import BitstreamError
 from dvc.images import chain_code
-from dvc.images.chain_code import EdgeCode
-from dvc.images.edge_chains import trace
+from dvc.images.chain_code import EdgeCode, trace
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.edge_masks import border, edges_inside, regions
 

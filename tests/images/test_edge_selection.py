@@ -5,10 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from dvc.images import edge_selection as kernels
 from dvc.images import edge_selection as selection
-from dvc.images.edge_chains import trace
+from dvc.images.chain_code import trace
 from dvc.images.edge_extraction import edges_of_jumps
-from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_maps import EdgeMaps, degree, next_vertex
 from dvc.images.edge_selection import (
     BITS_PER_OCTAVE,
     MULTIPLIER,
@@ -16,13 +17,10 @@ from dvc.images.edge_selection import (
     ladder,
     select,
 )
-from dvc.images.edges import _kernels as kernels
-from dvc.images.edges.lattice import degree, next_vertex
 from dvc.images.lifting import WAVELETS, Transform
 from tests.dibr.depth_maps import two_discs
 
 WEIGHTS = WAVELETS["9/7"]
-MODEL = np.array([MULTIPLIER, SIGNIFICANCE_BITS, BITS_PER_OCTAVE])
 
 
 def plain_cost(plane, edges, num_levels, order):
@@ -44,7 +42,7 @@ def test_the_cost_of_a_transform_is_that_of_a_plain_twin(shape):
     below, right = ((rng.random(shape) < 0.1).astype(np.uint8) for _ in range(2))
     below[-1], right[:, -1] = 0, 0
     wavelet = (np.array(WEIGHTS.weights), WEIGHTS.gain, *WEIGHTS.scales)
-    found = kernels.transform_cost(plane, below, right, 3, wavelet, 1, MODEL)
+    found = kernels.transform_cost(plane, below, right, 3, wavelet, 1)
     assert found == pytest.approx(plain_cost(plane, EdgeMaps(below, right), 3, 1), rel=1e-9)
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from dvc.errors import BitstreamError
 from dvc.images import picture_codec as codec
 from dvc.images.colour import rgb_from_ycbcr, ycbcr_from_rgb
-from dvc.images.picture_header import PictureHeader
+from dvc.images.picture_codec import PictureHeader
 from dvc.metrics import psnr_db
 
 

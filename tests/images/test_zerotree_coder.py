@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.errors import BitstreamError
+from dvc.images import _kernels as kernels
 from dvc.images import zerotree_coder as coder
 from dvc.images.lifting import Details, Pyramid, Transform, most_levels, scale_shapes
-from dvc.images.spiht import _kernels as kernels
-from dvc.images.spiht.significance import significance_maps
+from dvc.images.zerotree_coder import significance_maps
 from dvc.images.zerotrees import Forest, zerotrees
 from tests.reference import entropy as entropy_twin
 from tests.reference.spiht import SpihtTwin

@@ -39,12 +39,12 @@ def random_costs(rng: np.random.Generator, shape: tuple[int, int], num_labels: i
         flags[0] = 0.0, np.inf
         costs.append(
             LevelCosts(
-                table,
-                merges,
-                flags,
-                rng.integers(0, KINDS, size).astype(np.uint8),
-                rng.integers(0, KINDS, above).astype(np.uint8),
-                rng.integers(-1, num_labels, (*size, 2)).astype(np.int32),
+                coefficients=table,
+                merges=merges,
+                flags=flags,
+                coefficient_kind=rng.integers(0, KINDS, size).astype(np.uint8),
+                node_kind=rng.integers(0, KINDS, above).astype(np.uint8),
+                candidates=rng.integers(-1, num_labels, (*size, 2)).astype(np.int32),
             )
         )
     return costs

@@ -208,7 +208,7 @@ def stream_figures(stream: "AnyStream", num_bytes: int) -> dict[str, Any]:
 
 def _views_figures(stream: "Stream") -> dict[str, Any]:
     from dvc.dibr.view_stream import encode_layer
-    from dvc.images.picture_header import PictureHeader
+    from dvc.images.picture_codec import PictureHeader
 
     layers = [
         {

@@ -21,14 +21,12 @@ from dvc.dibr.depth_image.depth_image_stream import (
 from dvc.dibr.depth_image.depth_scale import DepthScale, Plane
 from dvc.errors import ConfigError
 from dvc.images import chain_code, edge_selection, picture_codec
-from dvc.images.chain_code import EdgeCode
+from dvc.images.chain_code import EdgeCode, trace
 from dvc.images.colour import luma
-from dvc.images.edge_chains import trace
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.edge_masks import Mask, edges_inside
 from dvc.images.lifting import WAVELETS
-from dvc.images.picture_codec import PictureCode
-from dvc.images.picture_header import PictureHeader
+from dvc.images.picture_codec import PictureCode, PictureHeader
 
 Picture = NDArray[np.uint8]
 

@@ -23,8 +23,7 @@ from dvc.images import chain_code, picture_codec
 from dvc.images.chain_code import EdgeCode
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.edge_masks import Mask, border
-from dvc.images.picture_codec import DecodedPicture
-from dvc.images.picture_header import PictureHeader
+from dvc.images.picture_codec import DecodedPicture, PictureHeader
 
 MAX_BYTES = 2**31
 """Most bytes of edges, of depth and of a picture."""

@@ -28,8 +28,7 @@ from dvc.images.colour import luma
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.edge_masks import border
 from dvc.images.lifting import most_levels
-from dvc.images.picture_codec import PictureCode, multipliers_around
-from dvc.images.picture_header import PictureHeader
+from dvc.images.picture_codec import PictureCode, PictureHeader, multipliers_around
 from dvc.layers.sprites import Sprite
 
 _LEAST_SHARE = 0.05

@@ -235,7 +235,8 @@ def best_child_l(
 ) -> Any:
     """Return the best label of a child for its prediction, and its cost."""
     labels = values.shape[0]
-    best, label = INF, 0
+    best: Any = INF
+    label: Any = 0
     if 0 <= predicted < labels:
         best, label = values[predicted] + cost[ZERO], predicted
     for c in range(NUM_CANDIDATES):

@@ -83,7 +83,7 @@ def test_what_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert ".dibr" in refusal(capsys, "encode", "layers", "o.png", *bpp)
     assert "masks take" in refusal(capsys, "encode", "layers", "o.dibr", "--bpp", "0.1")
     Path("a.dibr").write_bytes(encode_to_size(plane_layers(), 2400).data)
-    assert "not for layers" in refusal(capsys, "decode", "a.dibr", "--out", "d", "--resolution", "1")
+    assert "require views" in refusal(capsys, "decode", "a.dibr", "--out", "d", "--resolution", "1")
     assert "quality-layers" in refusal(capsys, "view", "a.dibr", "--out", "p.html", "--quality-layers", "1")
     assert "view 1" in refusal(capsys, "render", "a.dibr", "--view", "1", "--out", "o.png")
 

@@ -68,7 +68,7 @@ def test_a_table_is_printed_and_damage_told(capsys: pytest.CaptureFixture[str]) 
     assert err.count("\n") == 1
     assert "ends after" in err
     assert run("evaluate", "b.dibr") == 0
-    assert "--truth-image and --truth-depth tell PSNR" in capsys.readouterr().err
+    assert "--truth-image and --truth-depth add PSNR" in capsys.readouterr().err
 
 
 def test_mistakes_are_told_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -166,7 +166,7 @@ def test_refusals(stream: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "layers.json" in refusal(capsys, "layers", *page)
     assert "folder" in refusal(capsys, stream, "--out", "missing/page.html")
     assert ".html" in refusal(capsys, stream, "--out", "page.txt")
-    assert "for streams" in refusal(capsys, "empty", *page, "--truth", "a.png")
+    assert "require a stream" in refusal(capsys, "empty", *page, "--truth", "a.png")
     assert "2 views" in refusal(capsys, stream, *page, "--truth", "a.png", "b.png", "c.png")
     assert "two pictures" in refusal(capsys, stream, *page, "--truth", "a.png", "0,0=b.png")
     assert "view 7" in refusal(capsys, stream, *page, "--truth", "7=a.png")

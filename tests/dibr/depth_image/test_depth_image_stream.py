@@ -19,7 +19,7 @@ from dvc.dibr.depth_image.depth_image_stream import (
 from dvc.dibr.depth_image.depth_scale import DepthScale, decode_extent, encode_extent
 from dvc.errors import BitstreamError, ConfigError
 from dvc.images.chain_code import EdgeCode
-from dvc.images.picture_header import PictureHeader
+from dvc.images.picture_codec import PictureHeader
 
 DEPTH = PlaneCode(PictureHeader(5, 9, points=(3, 4)), 1, bytes(range(100)))
 PICTURE = PlaneCode(PictureHeader(5, 11, colour=True), 2, bytes(range(200, 250)))

@@ -11,7 +11,7 @@ from dvc.dibr.disparity import _kernels
 from dvc.dibr.disparity.error_tensor import Holes, subtract_hole_errors
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform, WaveletTree
 from dvc.dibr.disparity.tree_codec import WaveletCodec, code_costs, kinds_of
-from dvc.dibr.disparity.tree_coding import all_significant, encode_tree, no_statistics
+from dvc.dibr.disparity.tree_coding import Statistics, all_significant, encode_tree
 
 SHAPE, NUM_LABELS, MULTIPLIER = (24, 30), 20, 1e-4
 
@@ -131,8 +131,8 @@ def test_tears_make_differences_dearer() -> None:
         L_TRANSFORM, np.arange(720, dtype=np.int32).reshape(SHAPE) % NUM_LABELS, NUM_LABELS
     )
     kinds = kinds_of(tree, all_significant(SHAPE))
-    plain = code_costs(MULTIPLIER, NUM_LABELS, no_statistics(len(kinds)), kinds)
-    torn = code_costs(MULTIPLIER, NUM_LABELS, no_statistics(len(kinds)), kinds, 0.02)
+    plain = code_costs(MULTIPLIER, NUM_LABELS, Statistics.none(len(kinds)), kinds)
+    torn = code_costs(MULTIPLIER, NUM_LABELS, Statistics.none(len(kinds)), kinds, 0.02)
     for level, (before, after) in enumerate(zip(plain, torn, strict=True)):
         np.testing.assert_array_equal(before.coefficients[:, 4], 0.0)
         np.testing.assert_allclose(after.coefficients[:, 4], 0.02 * 2**level, rtol=1e-6)
