@@ -143,9 +143,18 @@ class ViewEncoder:
     def encode_to_size(self, max_bytes: int) -> Encoded:
         """Encode to a file of at most some length.
 
-        The code of pictures can be cut at any byte; that of disparities follows from a multiplier. Pictures
-        get the bytes that disparities leave, and disparities the multiplier of such pictures, repeatedly.
+        Parameters
+        ----------
+        max_bytes : int
+            The length.
+
+        Returns
+        -------
+        Encoded
+            The stream.
         """
+        # The code of pictures can be cut at any byte; that of disparities follows from a multiplier. Pictures get
+        # the bytes that disparities leave, and disparities the multiplier of such pictures, repeatedly.
         best: Encoded | None = None
         picture_bytes, growth = int(PICTURE_SHARE * max_bytes), 1.0 / PICTURE_SHARE
         tried: list[tuple[int, int]] = []
