@@ -153,8 +153,8 @@ class ViewEncoder:
         Encoded
             The stream.
         """
-        # The code of pictures can be cut at any byte; that of disparities follows from a multiplier. Pictures get
-        # the bytes that disparities leave, and disparities the multiplier of such pictures, repeatedly.
+        # The code of pictures can be cut at any byte; that of disparities follows from a multiplier. Pictures
+        # get the bytes that disparities leave, and disparities the multiplier of such pictures, repeatedly.
         best: Encoded | None = None
         picture_bytes, growth = int(PICTURE_SHARE * max_bytes), 1.0 / PICTURE_SHARE
         tried: list[tuple[int, int]] = []

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.entropy import RangeCoder, context_counts
-from dvc.entropy.contexts import code_adaptive
+from dvc.entropy.mixing import code_adaptive
 from dvc.entropy.range_coder import CoderState
 from dvc.images.edge_maps import EdgeMaps, Flags
 
