@@ -28,7 +28,7 @@ class Caption:
     title: str  # name of the scene
     kind: str  # kind of its file, for the heading
     num_bytes: int  # size of its files
-    num_pixels: int  # of a view as it was coded, for the rate
+    num_pixels: int  # pixels of a coded view, for the rate
     notes: tuple[str, ...] = ()  # further notes
     qualities: tuple[float | None, ...] = ()  # PSNR of each viewpoint in dB; None: unknown
 

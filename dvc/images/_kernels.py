@@ -17,7 +17,7 @@ BAND, FLAGS, LAST_PLANE, PLANES_BELOW, PLANES_DEEPER = range(5)
 NUM_READER_MARKS, NUM_WRITER_MARKS = 3, 5
 EXISTS, HAS_CHILDREN, HAS_GRANDCHILDREN, OPENED = 1, 2, 4, 8
 
-# Columns of `Run.bands`: where a band begins, its size, and the bands of its parents and children, or NONE.
+# Columns of `Run.bands`: first node and size of a band, and the bands of its parents and children, or NONE.
 FIRST, STRIDE, ROWS, COLUMNS, KIND, LEVEL, COMPONENT, ABOVE, BELOW = range(9)
 NONE = -1
 LOW_BAND, HORIZONTAL, VERTICAL, DIAGONAL = range(4)
@@ -27,7 +27,7 @@ LOW_BAND, HORIZONTAL, VERTICAL, DIAGONAL = range(4)
 PENDING, PENDING_END, SIGNIFICANT, SIGNIFICANT_END, SETS, OPENING, STOPPED, PLANE, DECISIONS = range(9)
 NUM_FIELDS = 9
 MOST_CHILDREN = 9
-"""Of a node: bands have up to one row and column more than twice those of the band above."""
+"""Most children of a node: bands have up to one row and column more than twice those of the band above."""
 
 # Contexts of a coefficient, a set, a refinement and a sign, in each of three tables, and weights of these.
 _SIZES = (256, 256, 512, 24), (256, 256, 384, 32), (64, 64, 64, 4), (64, 64, 64, 4)
@@ -35,7 +35,7 @@ NUM_CONTEXTS, NUM_WEIGHTS = sum(sum(sizes[:3]) for sizes in _SIZES), sum(sizes[3
 
 
 def _starts(kind: int) -> tuple[int, int, int, int]:
-    """Where the contexts of a kind of decision begin in each table, and its weights."""
+    """Return the first contexts of a kind of decision in each table, and its weights."""
     first, weights = sum(sum(sizes[:3]) for sizes in _SIZES[:kind]), sum(sizes[3] for sizes in _SIZES[:kind])
     return first, first + _SIZES[kind][0], first + sum(_SIZES[kind][:2]), weights
 
@@ -43,21 +43,21 @@ def _starts(kind: int) -> tuple[int, int, int, int]:
 _COEFFICIENT, _SET, _REFINEMENT, _SIGN = (_starts(kind) for kind in range(4))
 
 FREE_DECISIONS, DECISIONS_PER_BYTE = 2**20, 1024
-"""Most that bytes stand for. Pictures of 2048x2048 take 20 to 160 a byte even if they are only a ramp.
+"""Most decisions of any stream, and of each byte. Ramps of 2048x2048 pixels take 20 to 160 a byte.
 
 A writer stops half of the free ones earlier, so that a reader of any part of its bytes has enough of them.
 """
 FIRST_POINT, LATER_POINT = 1.4, 0.48
-"""Where a magnitude lies from its threshold on, in thresholds, when it is found and once it is refined."""
+"""Excess of a magnitude over its threshold, in thresholds, at first and after refinement."""
 
 
 class Run(NamedTuple):
-    """What a coder works on: arrays only, few of them, as each access to one in a tuple costs time."""
+    """State of a coder: few arrays, as each access to one in a tuple costs time."""
 
     coder: CoderState  # where to write or to read
     # ends of chains, lengths of lists, whether the data are used up, and the bit plane
     fields: NDArray[np.int64]
-    values: NDArray[np.int32]  # coefficients as far as they are known, in steps, with their signs
+    values: NDArray[np.int32]  # decoded part of coefficients, in steps, with their signs
     # of each node: band, flags, lowest plane that is known; of a writer also in how many planes there is
     # anything among descendants, and among those but children
     marks: NDArray[np.uint8]
@@ -68,8 +68,8 @@ class Run(NamedTuple):
     opening: NDArray[np.int32]  # nodes whose children are to be coded
     exact: NDArray[np.float64]  # coefficients before quantisation, in steps, of a writer; empty for a reader
     curve: NDArray[np.float64]  # squared error once each word is written, and last the one now
-    mixture: Mixture  # of three contexts
-    num_bytes: int  # how many there are, or may be
+    mixture: Mixture  # probabilities of three contexts
+    num_bytes: int  # number of bytes to read, or to write at most
     adaptive: bool  # whether decisions have contexts; else each takes a bit
 
 
@@ -238,7 +238,7 @@ def _open(run, node):
 
 @kernel
 def _code_children(run, node):
-    """Code the children of a node one of whose descendants is significant; what follows takes no bits."""
+    """Code the children of a node with a significant descendant; implied decisions take no bits."""
     fields = run.fields
     first, stride, rows, columns = _children(run, node)
     left, found = 0, False
@@ -297,7 +297,7 @@ def _level(value, plane):
 
 @kernel
 def _exact(run, i):
-    """Return a coefficient, of a writer."""
+    """Return a coefficient of a writer."""
     return 0.0 if run.coder.fields[READING] else run.exact[i]
 
 
@@ -423,8 +423,8 @@ def _code_set(run, node, deeper):
     near += abs(np.int64(values[node - s - 1])) + abs(np.int64(values[node - s + 1]))
     near += abs(np.int64(values[node + s - 1])) + abs(np.int64(values[node + s + 1]))
     near = min(_level(near, plane + 1), 11)
-    beside = _opened(marks, node - 1) + _opened(marks, node + 1)
-    beside += _opened(marks, node - s) + _opened(marks, node + s)
+    next_to = _opened(marks, node - 1) + _opened(marks, node + 1)
+    next_to += _opened(marks, node - s) + _opened(marks, node + s)
     corners = _opened(marks, node - s - 1) + _opened(marks, node - s + 1)
     corners += _opened(marks, node + s - 1) + _opened(marks, node + s + 1)
     own = min(_level(abs(np.int64(values[node])), plane), 8) // 2
@@ -436,13 +436,13 @@ def _code_set(run, node, deeper):
                 children += abs(np.int64(values[first + row * stride + column]))
         children = min(_level(children, plane), 7)
     kind = 1 if deeper else 0
-    context = ((kind * 5 + beside) * 5 + corners) * 5 + own
-    second = ((kind * 8 + level) * 5 + own) * 3 + min(beside, 2)
+    context = ((kind * 5 + next_to) * 5 + corners) * 5 + own
+    second = ((kind * 8 + level) * 5 + own) * 3 + min(next_to, 2)
     third = ((kind * 2 + min(band[COMPONENT], 1)) * 12 + near) * 8 + children
     found = False
     if not run.coder.fields[READING]:
         found = marks[node, PLANES_DEEPER if deeper else PLANES_BELOW] > plane
-    weights = kind * 16 + level * 2 + min(beside, 1)
+    weights = kind * 16 + level * 2 + min(next_to, 1)
     return _decide(run, _SET, context, second, third, weights, found) > 0
 
 
@@ -464,7 +464,7 @@ def _decide(run, kind, first, second, third, mixer, decision):
 
 @kernel
 def _code_if_settled(run, probability, decision):
-    """Code a decision, or stop: reading where the data do not tell it, writing where there is no room."""
+    """Code a decision, or stop: a reader at the end of the data, a writer at the end of the room."""
     fields = run.coder.fields
     position = np.int64(fields[POSITION])
     run.fields[DECISIONS] += 1

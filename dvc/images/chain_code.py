@@ -37,7 +37,7 @@ NUM_HISTORIES = 3**6
 MAX_RUN = 11
 NUM_RUNS = (MAX_RUN + 1) * (MAX_RUN + 1) * 3
 
-# Contexts: whether a chain ends, continues straight, and to which side it turns; three tables each.
+# Contexts of three decisions: a chain ends, continues straight, turns left; three tables each.
 END, STRAIGHT, TURN = range(3)
 _SIZES = NUM_HISTORIES + NUM_RUNS + 81
 NUM_CONTEXTS = 3 * _SIZES
@@ -111,7 +111,7 @@ def decode(data: bytes, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
     """Read the edges of chains."""
     edges = _read(RangeCoder.reader(data), shape, code, len(data))
     if not edges.count():
-        raise BitstreamError("the edges are damaged: there are none")
+        raise BitstreamError("the edges are damaged: none are coded")
     return edges
 
 

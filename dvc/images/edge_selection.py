@@ -60,7 +60,7 @@ class Pieces(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """Data by which pieces are weighed."""
+    """Data for weighing pieces."""
 
     plane: Plane  # samples, in steps
     wavelet: LiftingWeights

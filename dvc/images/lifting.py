@@ -8,7 +8,7 @@ Samples beyond an edge are extrapolated from the samples of the same coset on th
 by a polynomial (4.4), so the inverse knows it too. With too few of them the polynomial has a lower degree.
 In the last step details beyond an edge are taken to be zero, as if the polynomial fitted there; not so with
 degree 0, which is the symmetric extension of shape-adaptive transforms. A sample of the low band that is
-alone between edges is scaled as a constant is; one of the high band is predicted from beyond its edges.
+isolated between edges is scaled as a constant is; one of the high band is predicted from beyond its edges.
 
 The border of a mask is among the edges. Samples and coefficients outside are zero after each step, so that
 those inside do not depend on them.
@@ -44,8 +44,8 @@ class Wavelet:
     """Weights of the lifting steps."""
 
     name: str  # name on command lines
-    weights: tuple[float, ...]  # of steps that change the odd and the even samples, in turn; (4.1), (4.2)
-    gain: float  # of the low band for constant signals, before scaling
+    weights: tuple[float, ...]  # weights of steps that change odd and even samples, in turn; (4.1), (4.2)
+    gain: float  # gain of the low band for constant signals, before scaling
 
     @property
     def scales(self) -> tuple[float, float]:
@@ -221,7 +221,7 @@ def lift_columns(
 
 @kernel
 def _predict(samples: Plane, edges: Flags, weight: float, order: int) -> None:
-    """Change odd samples. One that is alone between edges is predicted from beyond them."""
+    """Change odd samples. One that is isolated between edges is predicted from beyond them."""
     num_rows, num_columns = samples.shape
     last = num_rows - 1
     for i in range(1, num_rows, 2):
@@ -269,7 +269,7 @@ def _update(samples: Plane, edges: Flags, weight: float, order: int, final: bool
 
 @kernel
 def _scale_lone(samples: Plane, edges: Flags, factor: float) -> None:
-    """Scale even samples that are alone between edges as constant signals are."""
+    """Scale even samples that are isolated between edges as constant signals are."""
     num_rows, num_columns = samples.shape
     last = num_rows - 1
     for i in range(0, num_rows, 2):

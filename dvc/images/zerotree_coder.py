@@ -31,7 +31,10 @@ MAX_PLANES = 30
 
 _NEVER = 40  # a bit plane above all
 _MAX_BYTES_PER_NODE = 8
-_MORE_THAN_ALL_PER_NODE, _MORE_THAN_ALL = 16, 64  # bytes that no code reaches, for each node and beside them
+_MORE_THAN_ALL_PER_NODE, _MORE_THAN_ALL = (
+    16,
+    64,
+)  # bytes that no code reaches: for each node, and further ones
 _FIRST_WEIGHT = 0.4
 
 

@@ -185,7 +185,7 @@ def decode_views(arguments: argparse.Namespace, stream: "AnyStream", resolution:
         if isinstance(stream, piece_stream.LayeredStream):
             return piece_stream.decode(stream)
         if stream.picture is None:
-            raise ConfigError(f"{path}: a depth map only; there is no picture to render")
+            raise ConfigError(f"{path}: a depth map only, without a picture to render")
         return depth_image_stream.decode(stream, resolution)
 
 

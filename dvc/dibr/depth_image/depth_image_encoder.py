@@ -179,12 +179,12 @@ def encode_to_size(
     """
     shape = image.depth.shape[0], image.depth.shape[1]
     check_map(shape, image.scale)
-    options, beside = depth_options or DepthOptions(), picture_options or PictureOptions()
+    options, of_picture = depth_options or DepthOptions(), picture_options or PictureOptions()
     overhead, edge_bytes = _overhead(image, max_bytes), 0 if edges is None else len(edges.data)
     room = max_bytes - overhead
     if room < edge_bytes:
         raise ConfigError(f"{max_bytes} bytes are too few: header and edges take {overhead + edge_bytes}")
-    largest = 1.0 if image.picture is None else beside.depth_share or float(_SHARES[-1])
+    largest = 1.0 if image.picture is None else of_picture.depth_share or float(_SHARES[-1])
     most = int(largest * room)
     if edges is None:
         candidates = code_with_selections(image.depth, image.scale, most, options, advance)
@@ -192,7 +192,7 @@ def encode_to_size(
         candidates = [code_with_edges(image.depth, image.scale, edges, max(most, edge_bytes), options)]
     most = room
     if image.picture is not None:
-        share = beside.depth_share or _best_share(image, candidates, room, options)
+        share = of_picture.depth_share or _best_share(image, candidates, room, options)
         most = max(round(share * room), edge_bytes)
     best = best_at(candidates, most)
     assert best is not None, "the code without edges, or with those given, fits"
@@ -200,7 +200,7 @@ def encode_to_size(
     if image.picture is not None:
         remaining = room - len(best.edges.data) - len(best.plane.data)
         picture, picture_edges = code_picture(
-            image.picture, best.edges.maps, remaining, options, beside.order
+            image.picture, best.edges.maps, remaining, options, of_picture.order
         )
     stream = DepthImageStream(
         shape, image.scale, best.edges.data, best.edges.code, best.plane, picture, picture_edges

@@ -20,7 +20,7 @@ NUM_LEVELS = 1020.0
 _MIDDLE = 128.0
 _HALF_BITS = 16
 INPAINT_RADIUS = 3.0
-"""Radius in pixels of the neighbourhood from which holes are filled."""
+"""Radius in pixels of the neighbourhood that fills holes."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from dvc.layers.sprites import Sprite
 _LEAST_SHARE = 0.05
 """Least share of depth in the bytes that masks leave."""
 _NEARLY_ALL = 0.9
-"""Share of the bytes of pictures at which their multiplier is measured: all their codes reach so far."""
+"""Share of the bytes of pictures at which their multiplier is measured: all their codes are longer."""
 _PEAK = 255.0
 _DEPTH_WEIGHT = (_PEAK / NUM_LEVELS) ** 2
 """Weight of squared errors of depth, which makes them errors in units of the squared range."""

@@ -22,7 +22,7 @@ from dvc.layers.sprites import Sprite
 Floats = NDArray[np.float64]
 
 _MARGIN = 1
-"""Pixels around a piece, in which the outer halves of its pixels are drawn: other pieces may begin there."""
+"""Pixels around a piece for the outer halves of its pixels: other pieces may begin there."""
 
 
 def render(decoded: DecodedPieces, viewpoint: Viewpoint) -> SynthesisedView:

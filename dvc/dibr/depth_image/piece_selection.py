@@ -166,7 +166,8 @@ def reference_of(stack: Stack, kind: Kind) -> Pieces:
 class Worth(NamedTuple):
     """Worth of the values of a stack in other views, means over these."""
 
-    saved: Floats  # squared error of luma of the reference view with its disparities, where a value is seen
+    # squared error of luma of the reference view with its disparities, at pixels that show a value
+    saved: Floats
     seen: Floats  # number of pixels that show a value
 
 

@@ -14,7 +14,7 @@ from dvc.entropy import RangeCoder
 MAX_FAILURES = 2
 """Most steps in a row without a gain before a search ends."""
 CREDITS = 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5
-"""Shares of the errors in holes with which labels that would cover them are credited, in turn."""
+"""Credits, in turn, of labels that would cover holes: shares of the errors in these."""
 _LEAST_GAIN_BITS = 1e-6
 """Least gain of a better map, in bits per pixel."""
 

@@ -80,7 +80,7 @@ class WaveletCodec(TreeCodec):
 
 
 class _Result(NamedTuple):
-    """A tree, its statistics, and the tear with which it was optimised."""
+    """A tree, its statistics, and its tear."""
 
     tree: WaveletTree
     statistics: Statistics

@@ -205,7 +205,7 @@ def test_refusals(capsys: pytest.CaptureFixture[str]) -> None:
     assert "empty" in refusal(capsys, "encode", "small.png", "out.dibr", "--bpp", "1")
     assert "8x8" in refusal(capsys, "encode", "small.png", "o.dibr", "--depth", "map.pfm", "--bpp", "1")
     assert run(*depth, "0.5", "--quiet") == 0
-    assert "no picture" in refusal(capsys, "render", "out.dibr", "--view", "0,0", "--out", "v.png")
+    assert "without a picture" in refusal(capsys, "render", "out.dibr", "--view", "0,0", "--out", "v.png")
     assert "--quality-layers" in refusal(capsys, "decode", "out.dibr", "--out", "d", "--quality-layers", "1")
     assert "only" in refusal(capsys, "decode", "out.dibr", "--out", "d", "--truth-image", "picture.png")
     assert "empty" in refusal(capsys, "decode", "out.dibr", "--out", "d", "--truth-depth", "small.png")
