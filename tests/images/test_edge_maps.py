@@ -33,7 +33,7 @@ def test_a_pyramid_begins_with_the_edges_themselves():
 
 
 def test_edges_beyond_the_plane_are_refused():
-    with pytest.raises(ValueError, match="beyond"):
+    with pytest.raises(ValueError, match="no neighbours"):
         EdgeMaps(np.ones((2, 2), np.uint8), np.zeros((2, 2), np.uint8))
     with pytest.raises(ValueError, match="shape"):
         EdgeMaps(np.zeros((2, 2), np.uint8), np.zeros((2, 3), np.uint8))

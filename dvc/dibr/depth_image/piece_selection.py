@@ -261,7 +261,7 @@ def best_mask(profit: Floats, edge_cost: float, region_cost: float) -> Mask:
     """Return a mask of large profit, less the cost of its edges and regions."""
     # each pixel takes the better side for its neighbours, in turn for the two colours of a chessboard
     gain = np.clip(profit / edge_cost, -1e6, 1e6)
-    inside = cv2.blur(gain, (5, 5)) > 0.0
+    inside = gain > 0.0
     odd = np.indices(inside.shape).sum(axis=0) % 2 > 0
     for number in range(_PASSES):
         chosen = gain + _neighbours(inside) > 0.0

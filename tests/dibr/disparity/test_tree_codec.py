@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dvc._jit import python_twin
-from dvc.dibr.disparity import _kernels
+from dvc.dibr.disparity import error_tensor
 from dvc.dibr.disparity.error_tensor import Holes, subtract_hole_errors
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform, WaveletTree
 from dvc.dibr.disparity.tree_codec import WaveletCodec, code_costs, kinds_of
@@ -82,7 +82,7 @@ def test_labels_that_would_cover_a_hole_are_credited() -> None:
     back = np.tile(np.eye(3), (4, 1, 1))
     back[:, :, 2] -= np.arange(4.0)[:, None] * warp[:, 3]
     back[:, 2, 2] = 1.0
-    python_twin(_kernels.subtract_at_labels)(hole, first_label, back, np.float32(0.1), credited)
+    python_twin(error_tensor._subtract_at_labels)(hole, first_label, back, np.float32(0.1), credited)
     np.testing.assert_allclose(found, credited, rtol=1e-6)
 
 
