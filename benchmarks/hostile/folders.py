@@ -11,13 +11,18 @@ from benchmarks.hostile.layered_pieces import good_streams
 from dvc.dibr.depth_image.depth_scale import read_depth_map
 from dvc.dibr.depth_image.piece_stream import decode, decode_stream
 from dvc.dibr.depth_image.scene_pieces import read_pieces, write_pieces
-from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.surfaces import Reconstruction, Surface
+from dvc.geometry.camera_array import (
+    ArrayView,
+    CameraArray,
+    DisparityLabels,
+    LatticePosition,
+    Reconstruction,
+    Surface,
+)
 from dvc.images.edge_extraction import read_edges, write_edges
 from dvc.images.edge_maps import EdgeMaps
-from dvc.pfm import write_pfm
-from dvc.picture_files import read_picture, write_png
-from dvc.stereo.surfaces.folder import INDEX, read_reconstruction, write_reconstruction
+from dvc.picture_files import read_picture, write_pfm, write_png
+from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction, write_reconstruction
 
 _SHAPE = 18, 26
 

@@ -10,7 +10,6 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 from dvc.errors import BitstreamError, ConfigError
-from dvc.extensions import DISPARITY_CODECS, Registry
 
 MAGIC = b"DIBR"
 MAX_PIXELS = 2**24
@@ -30,13 +29,9 @@ PIXELS_PER_BYTE = 1024
 """Further pixels for each byte: no picture worth decoding takes fewer bits."""
 _BYTES_PER_HELD, _BYTES_PER_SHOWN = 50, 140  # measured in colour: 84 in four references, 190 in one, rendered
 
-EXTENSION = 4
-"""Number of disparity codecs from other packages; their names follow in the header."""
-CODEC_NUMBERS: Registry[int] = Registry(
-    DISPARITY_CODECS, {"l": 0, "s": 1, "quadtree": 2, "blocks": 3}, lambda _: EXTENSION
-)
+CODEC_NUMBERS = {"l": 0, "s": 1, "quadtree": 2, "blocks": 3}
 """Numbers of disparity codecs in streams, by name."""
-BUILT_IN_CODECS = tuple(CODEC_NUMBERS.own)
+BUILT_IN_CODECS = tuple(CODEC_NUMBERS)
 DEFAULT_CODEC = BUILT_IN_CODECS[0]
 
 

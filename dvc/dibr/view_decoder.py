@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,22 +14,17 @@ from dvc.dibr.disparity.tree_codec import WaveletCodec
 from dvc.dibr.view_rendering import PictureAndDisparity
 from dvc.dibr.view_stream import Header, Layer, PairLayer, Stream
 from dvc.errors import BitstreamError, ConfigError
-from dvc.extensions import DISPARITY_CODECS, Registry, make
 from dvc.geometry.viewpoints import Viewpoint
 from dvc.images import picture_codec
 from dvc.images.picture_codec import DecodedPicture, PictureHeader
 
-METHODS: Registry[DisparityCodec] = Registry(
-    DISPARITY_CODECS,
-    {
-        "l": WaveletCodec(L_TRANSFORM),
-        "s": WaveletCodec(S_TRANSFORM),
-        "quadtree": QuadtreeCodec(),
-        "blocks": BlockCodec(),
-    },
-    partial(make, DISPARITY_CODECS),
-)
-"""Disparity codecs by name; those of other packages are imported on first use."""
+METHODS: dict[str, DisparityCodec] = {
+    "l": WaveletCodec(L_TRANSFORM),
+    "s": WaveletCodec(S_TRANSFORM),
+    "quadtree": QuadtreeCodec(),
+    "blocks": BlockCodec(),
+}
+"""Disparity codecs by name."""
 
 
 @dataclass(frozen=True, eq=False)

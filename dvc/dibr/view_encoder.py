@@ -89,7 +89,7 @@ class ViewEncoder:
     labels : DisparityLabels
         Disparities to choose from, of single precision.
     method : str
-        Name of the disparity codec: `l`, `s`, `quadtree`, `blocks`, or that of an extension.
+        Name of the disparity codec: `l`, `s`, `quadtree`, `blocks`.
     num_layers : int
         Number of quality layers.
     advance : callable
@@ -257,7 +257,7 @@ class ViewEncoder:
         return layers
 
     def _check_labels(self, labels: Labels) -> None:
-        """Refuse invalid maps, which codecs of other packages may return."""
+        """Refuse invalid maps, which a given codec may return."""
         highest = self.header.labels.num_labels - 1
         if labels.shape != self.header.shape or not 0 <= labels.min() <= labels.max() <= highest:
             raise ConfigError(

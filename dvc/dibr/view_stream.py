@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 
 from dvc.bits import encode_varint
-from dvc.config.fields import check_choice, shown
+from dvc.config.fields import check_choice
 from dvc.dibr import dibr_streams
 from dvc.dibr.dibr_streams import (
+    BUILT_IN_CODECS,
     CODEC_NUMBERS,
-    EXTENSION,
     MAX_LAYERS,
     MAX_NUMBER,
     Body,
@@ -86,12 +86,9 @@ def encode_header(header: Header) -> bytes:
     """Return the bytes of a header."""
     height, width = header.shape
     is_calibrated = isinstance(header.viewpoints[0], CalibratedViewpoint)
-    number = CODEC_NUMBERS[header.method]
-    flags = _CALIBRATED * is_calibrated | number << _METHOD_SHIFT
+    flags = _CALIBRATED * is_calibrated | CODEC_NUMBERS[header.method] << _METHOD_SHIFT
     sizes = header.num_layers, len(header.references), len(header.viewpoints)
     fixed = _FIXED.pack(flags, width, height, *header.labels, *sizes)
-    if number == EXTENSION:
-        fixed += encode_varint(len(header.method)) + header.method.encode()
     views = b"".join(_encode_viewpoint(viewpoint) for viewpoint in header.viewpoints)
     data = dibr_streams.begin(Body.VIEWS) + fixed + bytes(header.references) + views
     return data + dibr_streams.checksum(data)
@@ -103,19 +100,16 @@ def decode_header(data: bytes) -> tuple[Header, int]:
     flags, width, height, lowest, step, num_labels, *sizes = reader.fields(_FIXED)
     num_layers, num_references, num_views = sizes
     number = flags >> _METHOD_SHIFT
-    method = next((name for name, own in CODEC_NUMBERS.own.items() if own == number), str(number))
-    if number == EXTENSION:
-        method = reader.bytes(reader.varint()).decode("ascii", "replace")
     references = tuple(reader.bytes(num_references))
     layout = _CAMERA if flags & _CALIBRATED else _POSITION
     cameras = [reader.fields(layout) for _ in range(num_views)]
     reader.check("the header of the stream is damaged")
-    if CODEC_NUMBERS.get(method) != number:
-        raise BitstreamError(CODEC_NUMBERS.missing(shown(method)))
+    if number >= len(BUILT_IN_CODECS):
+        raise BitstreamError(f"disparity codec {number} is unknown")
     try:
         labels = DisparityLabels(lowest, step, num_labels)
         viewpoints = tuple(map(_decode_viewpoint, cameras))
-        header = Header((height, width), method, labels, references, num_layers, viewpoints)
+        header = Header((height, width), BUILT_IN_CODECS[number], labels, references, num_layers, viewpoints)
     except (ConfigError, ValueError) as error:
         raise BitstreamError(f"the header of the stream cannot have been written: {error}") from None
     if max(references) >= num_views:

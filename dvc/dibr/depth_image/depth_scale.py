@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from dvc.dibr.dibr_streams import MAX_NUMBER
 from dvc.errors import ConfigError, DvcError
-from dvc.pfm import read_pfm
-from dvc.picture_files import largest_level, read_levels
+from dvc.picture_files import largest_level, read_levels, read_pfm
 
 Plane = NDArray[np.float64]
 

@@ -22,7 +22,8 @@ from dvc.dibr.depth_image.depth_scale import NUM_LEVELS, DepthScale
 from dvc.dibr.depth_image.piece_stream import Rectangle, encode_header, encode_stream
 from dvc.dibr.depth_image.scene_pieces import Pieces
 from dvc.errors import ConfigError
-from dvc.geometry.rendering import EMPTY, fill_holes
+from dvc.geometry.rendering import fill_holes
+from dvc.geometry.warping import EMPTY
 from dvc.images.chain_code import EdgeCode
 from dvc.images.colour import luma
 from dvc.images.edge_maps import EdgeMaps

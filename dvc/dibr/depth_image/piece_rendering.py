@@ -9,12 +9,9 @@ from dvc.dibr.depth_image.piece_stream import DecodedPieces
 from dvc.dibr.depth_image.scene_pieces import Pieces
 from dvc.dibr.view_rendering import picture_of, with_margin
 from dvc.geometry.camera_array import LatticePosition
-from dvc.geometry.hole_filling import fill_from_background
-from dvc.geometry.rendering import EMPTY
-from dvc.geometry.sampling import sample
-from dvc.geometry.view_synthesis import PictureWithDepth, SynthesisedView, drawn_depth
+from dvc.geometry.view_synthesis import PictureWithDepth, SynthesisedView, drawn_depth, fill_from_background
 from dvc.geometry.viewpoints import Viewpoint, lattice_warp
-from dvc.geometry.warping import inverse_warp, warp_grid
+from dvc.geometry.warping import EMPTY, inverse_warp, sample, warp_grid
 from dvc.images.colour import luma
 from dvc.layers.canvas import Frame
 from dvc.layers.sprites import Sprite

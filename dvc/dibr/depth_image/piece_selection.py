@@ -24,8 +24,8 @@ from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, bounds_of_pieces
 from dvc.dibr.view_rendering import picture_of
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import LatticePosition
-from dvc.geometry.hole_filling import fill_from_background
-from dvc.geometry.rendering import EMPTY
+from dvc.geometry.view_synthesis import fill_from_background
+from dvc.geometry.warping import EMPTY
 from dvc.images.colour import luma
 from dvc.images.edge_selection import CHAIN_BITS, ELEMENT_BITS
 from dvc.layers.canvas import Canvas, Frame

@@ -23,10 +23,9 @@ from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.viewpoints import Viewpoint
 from dvc.index_files import Entry
 from dvc.layers.canvas import Canvas, Frame
-from dvc.layers.canvas_files import read_canvas
+from dvc.layers.layer_folders import MAX_SPRITES, read_canvas
 from dvc.layers.layered_depth_image import MAX_LAYERS
 from dvc.layers.sprites import Sprite
-from dvc.layers.sprites_folder import MAX_SPRITES
 
 MAX_NAME_BYTES = 255
 _FIXED, _MATRIX = struct.Struct("<B6HffHfHB"), struct.Struct("<16f")

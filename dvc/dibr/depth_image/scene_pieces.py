@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from dvc.errors import ConfigError
-from dvc.layers import layers_folder, sprites_folder
+from dvc.layers import layer_folders
 from dvc.layers.canvas import Canvas
 from dvc.layers.layered_depth_image import LayeredDepthImage
 from dvc.layers.sprites import Sprite, SpriteSet
@@ -45,19 +45,20 @@ class Pieces:
 
 def read_pieces(folder: str | Path) -> Pieces:
     """Read a folder of layers or sprites."""
-    if (Path(folder) / layers_folder.INDEX).is_file():
-        return pieces_of_layers(layers_folder.read_layers(folder))
-    if (Path(folder) / sprites_folder.INDEX).is_file():
-        return pieces_of_sprites(sprites_folder.read_sprites(folder))
-    raise ConfigError(f"{folder}: a folder without {layers_folder.INDEX} or {sprites_folder.INDEX}")
+    if (Path(folder) / layer_folders.LAYERS_INDEX).is_file():
+        return pieces_of_layers(layer_folders.read_layers(folder))
+    if (Path(folder) / layer_folders.SPRITES_INDEX).is_file():
+        return pieces_of_sprites(layer_folders.read_sprites(folder))
+    indices = f"{layer_folders.LAYERS_INDEX} or {layer_folders.SPRITES_INDEX}"
+    raise ConfigError(f"{folder}: a folder without {indices}")
 
 
 def write_pieces(folder: Path, scene: Pieces) -> None:
     """Write a folder of layers or sprites; inverse of `read_pieces`."""
     if scene.kind is Kind.LAYERS:
-        layers_folder.write_layers(folder, layers_of(scene))
+        layer_folders.write_layers(folder, layers_of(scene))
     else:
-        sprites_folder.write_sprites(folder, SpriteSet(scene.canvas, scene.pieces))
+        layer_folders.write_sprites(folder, SpriteSet(scene.canvas, scene.pieces))
 
 
 def pieces_of_layers(image: LayeredDepthImage) -> Pieces:

@@ -1,4 +1,4 @@
-"""Other codecs of two views: sizes hold, what is decoded is what was coded, more bytes are better."""
+"""Baselines of two views: sizes are met, frames decode, and right disparities are better."""
 
 import math
 from functools import cache
@@ -6,20 +6,19 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.baselines.comparison import all_peers, within
-from benchmarks.baselines.independent import IndependentCodec
+from benchmarks.baselines.baseline import quality_of
 from benchmarks.baselines.picture_coders import AVIF, JPEG2000
-from benchmarks.baselines.quality import quality_of
 from benchmarks.baselines.two_views import (
     X264,
     X265,
+    PictureAndDepth,
     VideoCoder,
+    baselines_of,
     decode_frames,
     encode_frames,
     without_messages,
 )
 from dvc.dibr.view_set import views_of_array
-from dvc.errors import ConfigError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.metrics import psnr_db
 from tests.dibr.plane_views import LABELS, planes
@@ -52,22 +51,22 @@ def test_video_codes_two_frames(coder: VideoCoder) -> None:
 
 
 def test_messages_do_not_count() -> None:
-    """Units of messages are left out, the others stay."""
+    """Units of messages are removed, the other units stay."""
     unit = bytes.fromhex("00000165aa")
     message = bytes.fromhex("000001060580")
     assert without_messages(b"\0" + unit + message + b"\0" + unit, "h264") == unit + unit
 
 
-def test_every_peer_keeps_to_its_bytes() -> None:
-    """All peers are there; each takes at most what it may, and fails where that is too little."""
-    peers = all_peers(scene(), LABELS)
-    assert len(peers) == 7
-    for name, peer in peers.items():
-        result = within(peer, 4000)
-        assert result is not None, name
-        assert 2000 < result.num_bytes <= 4000, name
+def test_every_baseline_keeps_to_its_bytes() -> None:
+    """Each takes at most the bytes that it may, and returns nothing if they are too few."""
+    baselines = baselines_of(scene(), LABELS)
+    assert len(baselines) == 7
+    for baseline in baselines:
+        result = baseline.best_within(4000)
+        assert result is not None, baseline.name
+        assert 2000 < result.num_bytes <= 4000, baseline.name
         assert 0.0 < result.split < 1.0
-        assert within(peer, 40) is None, name
+        assert baseline.best_within(40) is None, baseline.name
 
 
 def test_right_disparities_are_worth_their_bytes() -> None:
@@ -75,8 +74,11 @@ def test_right_disparities_are_worth_their_bytes() -> None:
     views = views_of_array(scene(), gray=True)
     truth = np.full(views.shape, 2.0)
     truth[24:72, 42:84] = 6.0
-    good = IndependentCodec(views, truth, LABELS, JPEG2000).best_within(6000)
-    bad = IndependentCodec(views, np.zeros(views.shape), LABELS, JPEG2000).best_within(6000)
+    good, bad = (
+        PictureAndDepth("", views, disparity, LABELS, JPEG2000).best_within(6000)
+        for disparity in (truth, np.zeros(views.shape))
+    )
+    assert good is not None
+    assert bad is not None
     assert good.quality.pooled_db > bad.quality.pooled_db + 3.0
-    with pytest.raises(ConfigError, match="too few for two pictures"):
-        IndependentCodec(views, truth, DisparityLabels(0.0, 1.0, 8), AVIF).best_within(100)
+    assert PictureAndDepth("", views, truth, DisparityLabels(0.0, 1.0, 8), AVIF).best_within(100) is None

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dvc.dibr.depth_image.depth_image_stream import decode_stream, encode_stream
-from dvc.pfm import read_pfm, write_pfm
+from dvc.picture_files import read_pfm, write_pfm
 from tests.dibr.depth_maps import texture, two_discs
 from tests.dibr.running import answer, refusal, run
 

@@ -12,7 +12,7 @@ import pytest
 
 from dvc.dibr.commands import dibr_view as view
 from dvc.dibr.view_stream import PairLayer, decode_stream, encode_layer, encode_stream
-from dvc.pfm import read_pfm
+from dvc.picture_files import read_pfm
 from dvc.video import open_video
 from tests.dibr.running import answer, refusal, run
 from tests.dibr.scenes import FAR, FOCAL_PX, NEAR, cameras, true_disparity, write_views

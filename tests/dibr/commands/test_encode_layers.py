@@ -8,8 +8,7 @@ import pytest
 
 from dvc.dibr.depth_image.piece_encoder import encode_to_size
 from dvc.dibr.depth_image.scene_pieces import write_pieces
-from dvc.layers.layers_folder import read_layers
-from dvc.layers.sprites_folder import read_sprites
+from dvc.layers.layer_folders import read_layers, read_sprites
 from dvc.picture_files import write_png
 from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.dibr.running import answer, refusal, run

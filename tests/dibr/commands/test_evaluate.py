@@ -11,8 +11,7 @@ import pytest
 from dvc.dibr.commands.dibr_evaluate import lines_of
 from dvc.dibr.depth_image.depth_image_stream import decode_stream
 from dvc.dibr.depth_image.scene_pieces import write_pieces
-from dvc.pfm import write_pfm
-from dvc.picture_files import write_png
+from dvc.picture_files import write_pfm, write_png
 from tests.dibr.depth_maps import texture, two_discs
 from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.dibr.plane_views import planes

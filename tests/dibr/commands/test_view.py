@@ -11,10 +11,9 @@ import pytest
 
 from dvc.dibr.__main__ import main
 from dvc.dibr.commands import dibr_view as view
+from dvc.layers.layer_folders import write_layers, write_sprites
 from dvc.layers.layered_depth_image import layered_depth_image
-from dvc.layers.layers_folder import write_layers
 from dvc.layers.sprites import extract_sprites
-from dvc.layers.sprites_folder import write_sprites
 from tests.dibr.scenes import write_views
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 

@@ -5,7 +5,6 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.baselines.thesis_disparities import SPLIT_BITS, FixedQuadtreeCodec, LaplacianCodec
-from dvc.contracts.disparity_codecs import NUM_LABELS, DisparityCodecContract, step_edge
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
 from dvc.dibr.disparity.error_tensor import Holes
 from dvc.dibr.disparity.integer_transforms import (
@@ -19,8 +18,9 @@ from dvc.dibr.disparity.square_codecs import QuadtreeCodec
 from dvc.dibr.disparity.tree_codec import WaveletCodec
 from dvc.dibr.view_decoder import METHODS
 from dvc.errors import BitstreamError
+from tests.dibr.disparity.codec_contract import NUM_LABELS, DisparityCodecContract, step_edge
 
-CODECS: dict[str, DisparityCodec] = METHODS.own | {
+CODECS: dict[str, DisparityCodec] = METHODS | {
     "l as written": LaplacianCodec(L_TRANSFORM),
     "s as written": LaplacianCodec(S_TRANSFORM),
     "fixed quadtree": FixedQuadtreeCodec(),
