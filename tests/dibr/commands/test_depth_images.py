@@ -1,4 +1,4 @@
-"""`dvc-dibr encode-depth` and `encode-image`: files in, streams, folders out, and what is refused."""
+"""`dvc-dibr encode` of depth maps and pictures with depth: streams, folders out, refusals."""
 
 import json
 import subprocess

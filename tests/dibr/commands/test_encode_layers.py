@@ -1,4 +1,4 @@
-"""`dvc-dibr encode-layers`: folders in, streams out, which are decoded, rendered, shown; refusals."""
+"""`dvc-dibr encode` of layers and sprites: streams, which are decoded, rendered, shown; refusals."""
 
 import subprocess
 import sys
