@@ -55,12 +55,12 @@ CHAINS = {
         dvc.dibr encode {views} quadtree.dibr --disparities 0:6 --bpp 1 --disparity quadtree
         dvc.dibr encode {views} blocks.dibr --disparities 0:6 --bpp 1 --disparity blocks
         dvc.dibr encode {views} fine.dibr --disparities 0:6:0.5 --bpp 1 --quality-layers 2
-        dvc.dibr encode-depth {depth} depth.dibr --bpp 1 --edges auto
-        dvc.dibr encode-depth {depth} canny.dibr --bpp 1 --edges canny
-        dvc.dibr encode-depth {depth} standard.dibr --bpp 1 --transform standard --wavelet 5/3
-        dvc.dibr encode-image left.png image.dibr --depth {depth} --bpp 1
-        dvc.dibr encode-layers layers pieces.dibr --bpp 1 --keep all
-        dvc.dibr encode-layers sprites sprites.dibr --bpp 1
+        dvc.dibr encode {depth} depth.dibr --bpp 1 --edges auto
+        dvc.dibr encode {depth} canny.dibr --bpp 1 --edges canny
+        dvc.dibr encode {depth} standard.dibr --bpp 1 --transform standard --wavelet 5/3
+        dvc.dibr encode left.png image.dibr --depth {depth} --bpp 1
+        dvc.dibr encode layers pieces.dibr --bpp 1 --keep all
+        dvc.dibr encode sprites sprites.dibr --bpp 1
         dvc.dibr render l.dibr --view 0.5,0 --out l.png
         dvc.dibr render image.dibr --view 0.5,0 --out image.png
         dvc.dibr render pieces.dibr --view 0.5,0 --out pieces.png

@@ -15,9 +15,9 @@ import encoder.__main__
 from decoder.side_information.methods import METHODS
 from dvc import extensions
 from dvc.config import CODERS, VideoConfig, codec_config, decode_config, encode_config
-from dvc.dibr.disparity.blocks import BlockCodec
-from dvc.dibr.views.encoder import ViewEncoder
-from dvc.dibr.views.views import views_of_pictures
+from dvc.dibr.disparity.square_codecs import BlockCodec
+from dvc.dibr.view_encoder import ViewEncoder
+from dvc.dibr.view_set import views_of_pictures
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.geometry.label_inference import SemiGlobal

@@ -24,8 +24,8 @@ from benchmarks.baselines.picture_coders import (
     PictureCoder,
     highest_fitting,
 )
-from dvc.dibr.rendering import PictureAndDisparity, picture_of, render_pairs
-from dvc.dibr.views.views import Views, views_of_array
+from dvc.dibr.view_rendering import PictureAndDisparity, picture_of, render_pairs
+from dvc.dibr.view_set import Views, views_of_array
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.images.colour import Picture

@@ -8,17 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.dibr.depth_image.decoder import decode
-from dvc.dibr.depth_image.depth_codes import DepthOptions, code_edges
+from dvc.dibr.depth_image.depth_image_encoder import (
+    DepthImage,
+    DepthOptions,
+    PictureOptions,
+    code_edges,
+    encode_to_size,
+)
+from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, decode, decode_stream, encode_stream
 from dvc.dibr.depth_image.depth_scale import DepthScale
-from dvc.dibr.depth_image.encoder import DepthImage, PictureOptions, encode_to_size
-from dvc.dibr.depth_image.stream import DepthImageStream, decode_stream, encode_stream
-from dvc.dibr.rendering import picture_of, render
+from dvc.dibr.view_rendering import picture_of, render
 from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import LatticePosition
-from dvc.images.edges.chain_code import EdgeCode
-from dvc.images.edges.extraction import edges_of_jumps
-from dvc.images.wavelets.edge_maps import EdgeMaps
+from dvc.images.chain_code import EdgeCode
+from dvc.images.edge_extraction import edges_of_jumps
+from dvc.images.edge_maps import EdgeMaps
 
 _HEIGHT, _WIDTH = 37, 50
 _CHECK_BYTES = 4

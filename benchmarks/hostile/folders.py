@@ -8,10 +8,9 @@ import numpy as np
 
 from benchmarks.hostile.files import Files, written
 from benchmarks.hostile.layered_pieces import good_streams
-from dvc.dibr.depth_image.depth_maps import read_depth_map
-from dvc.dibr.layered.decoder import decode
-from dvc.dibr.layered.pieces import read_pieces, write_pieces
-from dvc.dibr.layered.stream import decode_stream
+from dvc.dibr.depth_image.depth_scale import read_depth_map
+from dvc.dibr.depth_image.piece_stream import decode, decode_stream
+from dvc.dibr.depth_image.scene_pieces import read_pieces, write_pieces
 from dvc.geometry.camera_array import (
     ArrayView,
     CameraArray,
@@ -20,8 +19,8 @@ from dvc.geometry.camera_array import (
     Reconstruction,
     Surface,
 )
-from dvc.images.edges.files import read_edges, write_edges
-from dvc.images.wavelets.edge_maps import EdgeMaps
+from dvc.images.edge_extraction import read_edges, write_edges
+from dvc.images.edge_maps import EdgeMaps
 from dvc.picture_files import read_picture, write_pfm, write_png
 from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction, write_reconstruction
 

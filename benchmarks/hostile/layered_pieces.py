@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.dibr.layered.decoder import decode
-from dvc.dibr.layered.encoder import encode_to_size
-from dvc.dibr.layered.pieces import Kind, Pieces
-from dvc.dibr.layered.rendering import render
-from dvc.dibr.layered.stream import decode_stream, encode_stream
-from dvc.dibr.rendering import picture_of
+from dvc.dibr.depth_image.piece_encoder import encode_to_size
+from dvc.dibr.depth_image.piece_rendering import render
+from dvc.dibr.depth_image.piece_stream import decode, decode_stream, encode_stream
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces
+from dvc.dibr.view_rendering import picture_of
 from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.layers.canvas import Canvas, Frame

@@ -6,17 +6,17 @@ from functools import cache
 import numpy as np
 
 from benchmarks.hostile.mutations import mutate, nearest
-from dvc.dibr.names import OWN_NAMES
-from dvc.dibr.rendering import picture_of, render
-from dvc.dibr.views.decoder import decode
-from dvc.dibr.views.encoder import ViewEncoder
-from dvc.dibr.views.stream import (
+from dvc.dibr.dibr_streams import BUILT_IN_CODECS
+from dvc.dibr.view_decoder import decode
+from dvc.dibr.view_encoder import ViewEncoder
+from dvc.dibr.view_rendering import picture_of, render
+from dvc.dibr.view_set import Views
+from dvc.dibr.view_stream import (
     PairLayer,
     decode_header,
     decode_stream,
     encode_layer,
 )
-from dvc.dibr.views.views import Views
 from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.geometry.viewpoints import CalibratedViewpoint, Viewpoint, between
@@ -30,7 +30,7 @@ _CRC_BYTES = 4
 def good_streams() -> tuple[bytes, ...]:
     """Encode small views in all ways."""
     streams = []
-    for number, method in enumerate(OWN_NAMES):
+    for number, method in enumerate(BUILT_IN_CODECS):
         for calibrated in (False, True):
             coloured = (number + calibrated) % 2 == 1
             views = _views(coloured, calibrated, references=(0, 2) if number % 3 == 0 else (0,))

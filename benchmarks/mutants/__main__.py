@@ -32,7 +32,6 @@ PACKAGES = (
     "dvc/wynerziv",
     "dvc/images",
     "dvc/dibr",
-    "dvc/dibr/viewer",
     "dvc/stereo",
     "sfm",
 )

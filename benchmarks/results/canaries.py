@@ -77,7 +77,7 @@ def _depth_map(folder: Path) -> str:
     inside = (rows - 40) ** 2 + (columns - 50) ** 2 < 900
     write_pfm(folder / "map.pfm", np.where(inside, 40.0 + 0.1 * columns, 5.0).astype(np.float32))
     for transform in ("shape-adaptive", "standard"):
-        words = ["encode-depth", folder / "map.pfm", folder / f"{transform}.dibr", "--bpp", "0.3"]
+        words = ["encode", folder / "map.pfm", folder / f"{transform}.dibr", "--bpp", "0.3"]
         run_module("dvc.dibr", *words, "--transform", transform, "--quiet")
     return _digest(folder.glob("*.dibr"))
 

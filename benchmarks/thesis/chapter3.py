@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.baselines.baseline import Baseline, BaselineResult
+from benchmarks.baselines.thesis_disparities import LaplacianCodec, laplacian_costs
 from benchmarks.baselines.two_views import baselines_of
 from benchmarks.thesis.harness import Method, Step, StepResult, Task, Value, load_chapter
 from benchmarks.thesis.scenes import FREE_SCENES, REAL_SCENES, Scene, check_names
@@ -29,17 +30,15 @@ from benchmarks.thesis.view_curves import (
     worst_loss,
 )
 from dvc.array_files import load_array, parse_disparities
-from dvc.dibr.disparity.coding import all_significant
-from dvc.dibr.disparity.dynamic_programming import optimise_tree
 from dvc.dibr.disparity.error_tensor import error_tensor
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM
-from dvc.dibr.disparity.laplacian_codec import LaplacianCodec
-from dvc.dibr.disparity.rate_model import laplacian_costs
-from dvc.dibr.disparity.wavelet_codec import WaveletCodec
-from dvc.dibr.views.decoder import decode
-from dvc.dibr.views.encoder import ViewEncoder
-from dvc.dibr.views.stream import decode_stream
-from dvc.dibr.views.views import Views, views_of_array
+from dvc.dibr.disparity.tree_codec import WaveletCodec
+from dvc.dibr.disparity.tree_coding import all_significant
+from dvc.dibr.disparity.tree_optimisation import optimise_tree
+from dvc.dibr.view_decoder import decode
+from dvc.dibr.view_encoder import ViewEncoder
+from dvc.dibr.view_set import Views, views_of_array
+from dvc.dibr.view_stream import decode_stream
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.viewpoints import warp_between

@@ -27,11 +27,11 @@ from benchmarks.thesis.map_curves import (
     standard_point,
 )
 from benchmarks.thesis.scenes import MOTORCYCLE, PAIRS, check_names
-from dvc.dibr.depth_image.depth_codes import DepthOptions
+from dvc.dibr.depth_image.depth_image_encoder import DepthOptions
 from dvc.dibr.depth_image.depth_scale import Plane
 from dvc.errors import ConfigError, DvcError
-from dvc.images.wavelets.edge_maps import EdgeMaps
-from dvc.images.wavelets.lifting import Transform
+from dvc.images.edge_maps import EdgeMaps
+from dvc.images.lifting import Transform
 from dvc.web.drawing import Picture, colour_disparity, in_rows, with_title
 from dvc.web.gallery import Table
 from dvc.web.plotting import COLOURS, SUFFIXES, Line, contents, line_plot, new_figure

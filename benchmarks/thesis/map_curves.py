@@ -7,18 +7,22 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.thesis.scenes import MOTORCYCLE, PAIRS, motorcycle_files
-from dvc.dibr.depth_image.decoder import decode, decode_plane
-from dvc.dibr.depth_image.depth_codes import CodedEdges, DepthOptions, code_edges
-from dvc.dibr.depth_image.depth_maps import default_hole, filled, read_depth_map
-from dvc.dibr.depth_image.depth_scale import DepthScale, Plane
-from dvc.dibr.depth_image.encoder import DepthImage, code_picture, encode_to_size
-from dvc.dibr.depth_image.stream import decode_stream
+from dvc.dibr.depth_image.depth_image_encoder import (
+    CodedEdges,
+    DepthImage,
+    DepthOptions,
+    code_edges,
+    code_picture,
+    encode_to_size,
+)
+from dvc.dibr.depth_image.depth_image_stream import decode, decode_plane, decode_stream
+from dvc.dibr.depth_image.depth_scale import DepthScale, Plane, default_hole, filled, read_depth_map
 from dvc.errors import ConfigError, DvcError
+from dvc.images.chain_code import EdgeCode
 from dvc.images.colour import Picture, luma
-from dvc.images.edges.chain_code import EdgeCode
-from dvc.images.edges.selection import ladder, select
-from dvc.images.wavelets.edge_maps import EdgeMaps
-from dvc.images.wavelets.lifting import most_levels
+from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_selection import ladder, select
+from dvc.images.lifting import most_levels
 from dvc.metrics import psnr_db
 from dvc.picture_files import read_picture
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.array_files import load_array, parse_disparities, read_positions
-from dvc.dibr.views.views import Views, views_of_array
+from dvc.dibr.view_set import Views, views_of_array
 from dvc.environment import python_module
 from dvc.errors import ConfigError, DvcError
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition

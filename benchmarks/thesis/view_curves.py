@@ -9,26 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.baselines.baseline import Quality, quality_of
+from benchmarks.baselines.thesis_disparities import FixedQuadtreeCodec, LaplacianCodec
 from benchmarks.thesis.harness import Method
-from dvc.dibr.disparity.blocks import BlockCodec
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
-from dvc.dibr.disparity.fixed_quadtree import FixedQuadtreeCodec
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM
-from dvc.dibr.disparity.laplacian_codec import LaplacianCodec
-from dvc.dibr.disparity.methods import METHODS
-from dvc.dibr.disparity.quadtree import QuadtreeCodec
-from dvc.dibr.rendering import PictureAndDisparity, picture_of, render
-from dvc.dibr.views.decoder import Decoded, decode
-from dvc.dibr.views.encoder import Encoded, ViewEncoder
-from dvc.dibr.views.stream import decode_stream, encode_layer
-from dvc.dibr.views.views import Views
+from dvc.dibr.disparity.square_codecs import BlockCodec, QuadtreeCodec
+from dvc.dibr.view_decoder import METHODS, Decoded, decode
+from dvc.dibr.view_encoder import Encoded, ViewEncoder
+from dvc.dibr.view_rendering import PictureAndDisparity, picture_of, render
+from dvc.dibr.view_set import Views
+from dvc.dibr.view_stream import decode_stream, encode_layer
 from dvc.errors import RdCurveError
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.view_synthesis import poisson_filled
 from dvc.geometry.viewpoints import Viewpoint, warp_between
-from dvc.images import codec as picture_codec
-from dvc.images.codec import multipliers_around
+from dvc.images import picture_codec
 from dvc.images.colour import Picture
+from dvc.images.picture_codec import multipliers_around
 from dvc.metrics import bd_psnr, bd_rate
 
 Floats = NDArray[np.float64]

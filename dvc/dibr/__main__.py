@@ -2,38 +2,34 @@
 
 import sys
 
-from dvc import subcommands
-from dvc.dibr.commands import (
-    decode,
-    encode,
-    encode_depth,
-    encode_image,
-    encode_layers,
-    evaluate,
-    info,
-    render,
-    view,
-)
+from dvc.dibr.commands import dibr_decode, dibr_encode, dibr_evaluate, dibr_render, dibr_view
+from dvc.subcommands import Subcommand, command
 
 EXAMPLES = """\
   dvc-dibr encode left.png right.png pair.dibr --disparities 0:60 --bpp 0.5
-  dvc-dibr encode-image left.png --depth disparity.pfm scene.dibr --bpp 0.5
-  dvc-dibr encode-layers layers scene.dibr --bpp 0.5
+  dvc-dibr encode left.png scene.dibr --depth disparity.pfm --bpp 0.5
+  dvc-dibr encode layers layers.dibr --bpp 0.5
   dvc-dibr info pair.dibr
   dvc-dibr decode pair.dibr --out decoded
   dvc-dibr render pair.dibr --view 0.5,0 --out between.png
+  dvc-dibr render pair.dibr --path 0,0 1,0 --frames 50 --out flight.mp4
   dvc-dibr view pair.dibr --out pair.html
   dvc-dibr evaluate pair.dibr other.dibr --truth-image left.png
-  dvc-dibr render pair.dibr --path 0,0 1,0 --frames 50 --out flight.mp4
 """
+SUBCOMMANDS = {
+    "encode": Subcommand.of(dibr_encode),
+    "decode": Subcommand.of(dibr_decode),
+    "render": Subcommand.of(dibr_render),
+    "view": Subcommand.of(dibr_view),
+    "info": dibr_evaluate.INFO,
+    "evaluate": Subcommand.of(dibr_evaluate),
+}
 
-main = subcommands.command(
+main = command(
     "dvc-dibr",
     "Views and their depth, coded together; any view rendered from them.",
     EXAMPLES,
-    subcommands.by_name(
-        (encode, encode_image, encode_depth, encode_layers, decode, render, view, info, evaluate)
-    ),
+    SUBCOMMANDS,
     "stereo",
 )
 

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Picture = NDArray[np.uint8]
-"""Of shape (H, W), gray, or (H, W, 3): red, green and blue."""
+"""Picture of shape (H, W), gray, or (H, W, 3): red, green and blue."""
 
 _KR, _KB = 0.299, 0.114
 _KG = 1.0 - _KR - _KB

@@ -28,9 +28,9 @@ from benchmarks.hostile import (
     workers,
 )
 from dvc.bits import decode_varint
-from dvc.dibr.depth_image.stream import decode_stream as decode_depth_image
-from dvc.dibr.layered.stream import decode_stream as decode_pieces
-from dvc.dibr.views.stream import decode_stream
+from dvc.dibr.depth_image.depth_image_stream import decode_stream as decode_depth_image
+from dvc.dibr.depth_image.piece_stream import decode_stream as decode_pieces
+from dvc.dibr.view_stream import decode_stream
 from dvc.errors import BitstreamError
 from dvc.feedback.messages import TYPES
 from dvc.stream import RecordType, StreamReader

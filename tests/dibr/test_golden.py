@@ -15,29 +15,27 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc.dibr.depth_image import stream as depth_image_stream
-from dvc.dibr.depth_image.decoder import decode as decode_depth_image
-from dvc.dibr.depth_image.depth_codes import DepthOptions, code_edges
+from dvc.dibr.depth_image import depth_image_stream
+from dvc.dibr.depth_image import piece_stream as layered_stream
+from dvc.dibr.depth_image.depth_image_encoder import DepthImage, DepthOptions, code_edges
+from dvc.dibr.depth_image.depth_image_encoder import encode_to_size as encode_map
+from dvc.dibr.depth_image.depth_image_stream import decode as decode_depth_image
 from dvc.dibr.depth_image.depth_scale import DepthScale
-from dvc.dibr.depth_image.encoder import DepthImage
-from dvc.dibr.depth_image.encoder import encode_to_size as encode_map
-from dvc.dibr.layered import stream as layered_stream
-from dvc.dibr.layered.decoder import decode as decode_pieces
-from dvc.dibr.layered.encoder import encode_to_size as encode_pieces
-from dvc.dibr.names import OWN_NAMES
-from dvc.dibr.views.calibrated import labels_of_depths, views_of_cameras
-from dvc.dibr.views.decoder import decode
-from dvc.dibr.views.encoder import ViewEncoder
-from dvc.dibr.views.stream import decode_stream
-from dvc.dibr.views.views import Views, views_of_pictures
+from dvc.dibr.depth_image.piece_encoder import encode_to_size as encode_pieces
+from dvc.dibr.depth_image.piece_stream import decode as decode_pieces
+from dvc.dibr.dibr_streams import BUILT_IN_CODECS
+from dvc.dibr.view_decoder import decode
+from dvc.dibr.view_encoder import ViewEncoder
+from dvc.dibr.view_set import Views, labels_of_depths, views_of_cameras, views_of_pictures
+from dvc.dibr.view_stream import decode_stream
 from dvc.environment import baseline_environment
 from dvc.geometry.calibrated_cameras import Camera
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
-from dvc.images.edges.chain_code import EdgeCode
-from dvc.images.edges.extraction import canny_edges
+from dvc.images.chain_code import EdgeCode
+from dvc.images.edge_extraction import canny_edges
 from tests import frozen
 from tests.dibr.depth_maps import texture, two_discs
-from tests.dibr.layered.scenes import odd_sprites, plane_layers
+from tests.dibr.piece_scenes import odd_sprites, plane_layers
 from tests.dibr.scenes import FOCAL_PX, views_of_square
 
 FOLDER = frozen.GOLDEN / "dibr"
@@ -194,7 +192,7 @@ def test_every_frozen_stream_is_listed() -> None:
 def test_frozen_streams_are_of_their_kinds() -> None:
     """What a name says is in the header."""
     streams = {name: decode_stream((FOLDER / f"{name}.dibr").read_bytes()) for name in GOLDEN}
-    assert {stream.header.method for stream in streams.values()} == set(OWN_NAMES)
+    assert {stream.header.method for stream in streams.values()} == set(BUILT_IN_CODECS)
     assert streams["l-layers"].header.num_layers == 4
     assert streams["two-references"].header.references == (0, 2)
     assert streams["s-layers-odd"].header.shape == (29, 51)

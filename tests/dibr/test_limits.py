@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.dibr.depth_image import stream as depth_image
+from dvc.dibr.depth_image import depth_image_stream as depth_image
+from dvc.dibr.depth_image import piece_stream as layered
+from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, PlaneCode
 from dvc.dibr.depth_image.depth_scale import DepthScale
-from dvc.dibr.depth_image.stream import DepthImageStream, PlaneCode
-from dvc.dibr.layered import stream as layered
-from dvc.dibr.layered.pieces import Kind
-from dvc.dibr.layered.stream import Rectangle
-from dvc.dibr.limits import FREE_PIXELS, MAX_MIB, Extent, check_extent
-from dvc.dibr.views.decoder import decode
-from dvc.dibr.views.stream import (
+from dvc.dibr.depth_image.piece_stream import Rectangle
+from dvc.dibr.depth_image.scene_pieces import Kind
+from dvc.dibr.dibr_streams import FREE_PIXELS, MAX_MIB, Extent, check_extent
+from dvc.dibr.view_decoder import decode
+from dvc.dibr.view_stream import (
     Header,
     PairLayer,
     Stream,
@@ -26,12 +26,11 @@ from dvc.dibr.views.stream import (
 from dvc.entropy import RangeCoder
 from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
-from dvc.images import codec as picture_codec
-from dvc.images.edges import chain_code
-from dvc.images.edges.chain_code import EdgeCode
-from dvc.images.header import PictureHeader
-from dvc.images.spiht import _kernels as kernels
-from dvc.images.spiht import coder
+from dvc.images import _kernels as kernels
+from dvc.images import chain_code, picture_codec
+from dvc.images import zerotree_coder as coder
+from dvc.images.chain_code import EdgeCode
+from dvc.images.picture_codec import PictureHeader
 from dvc.layers.canvas import Canvas, Frame
 
 LABELS = DisparityLabels(0.0, 1.0, 4)

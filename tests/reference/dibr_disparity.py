@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.disparity.dynamic_programming import LevelCosts
 from dvc.dibr.disparity.integer_transforms import level_shapes
+from dvc.dibr.disparity.tree_optimisation import LevelCosts
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

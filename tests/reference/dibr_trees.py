@@ -6,9 +6,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.disparity.dynamic_programming import LevelCosts
+from benchmarks.baselines.thesis_disparities import laplacian_costs
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, IntegerTransform, WaveletTree, level_shapes
-from dvc.dibr.disparity.rate_model import laplacian_costs
+from dvc.dibr.disparity.tree_optimisation import LevelCosts
 from tests.reference import dibr_disparity as reference
 
 SHAPES = [(1, 4), (1, 3), (4, 1), (2, 2), (3, 2), (2, 3)]
@@ -39,12 +39,12 @@ def random_costs(rng: np.random.Generator, shape: tuple[int, int], num_labels: i
         flags[0] = 0.0, np.inf
         costs.append(
             LevelCosts(
-                table,
-                merges,
-                flags,
-                rng.integers(0, KINDS, size).astype(np.uint8),
-                rng.integers(0, KINDS, above).astype(np.uint8),
-                rng.integers(-1, num_labels, (*size, 2)).astype(np.int32),
+                coefficients=table,
+                merges=merges,
+                flags=flags,
+                coefficient_kind=rng.integers(0, KINDS, size).astype(np.uint8),
+                node_kind=rng.integers(0, KINDS, above).astype(np.uint8),
+                candidates=rng.integers(-1, num_labels, (*size, 2)).astype(np.int32),
             )
         )
     return costs

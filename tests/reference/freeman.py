@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc.images.edges.chains import Chains
+from dvc.images.chain_code import Chains
 
 
 def differences(directions: np.ndarray) -> np.ndarray:

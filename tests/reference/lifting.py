@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc.images.wavelets.lifting import WAVELETS, Details, Pyramid
+from dvc.images.lifting import WAVELETS, Details, Pyramid
 
 
 def analyse(plane, num_levels, name="9/7"):

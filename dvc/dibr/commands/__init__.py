@@ -1,1 +1,1 @@
-"""Command `dvc-dibr`: subcommands, as `dvc.subcommands` takes them."""
+"""Subcommands of `dvc-dibr`, as `dvc.subcommands` takes them."""

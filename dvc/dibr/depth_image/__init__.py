@@ -1,1 +1,1 @@
-"""Chapter 4: a depth map, or a picture with its depth map, coded by wavelets that stop at shared edges."""
+"""Depth maps, pictures with depth, and layers and sprites as such pictures: wavelets that stop at edges."""

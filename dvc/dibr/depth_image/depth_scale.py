@@ -1,28 +1,33 @@
-"""The numbers of a depth map, as levels of the coder and as disparities."""
+"""Depth maps as files, and the meaning of their numbers: levels of the coder, and disparities."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Self
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.container import MAX_NUMBER
-from dvc.errors import ConfigError
+from dvc.dibr.dibr_streams import MAX_NUMBER
+from dvc.errors import ConfigError, DvcError
+from dvc.picture_files import largest_level, read_levels, read_pfm
 
 Plane = NDArray[np.float64]
 
 NUM_LEVELS = 1020.0
-"""Levels of the coder that the range of a map is stretched to; finer than 8 bits, so that these come back."""
+"""Levels of the coder over the range of a map; finer than 8 bits, so that these are exact."""
 _MIDDLE = 128.0
 _HALF_BITS = 16
+INPAINT_RADIUS = 3.0
+"""Radius in pixels of the neighbourhood that fills holes."""
 
 
 @dataclass(frozen=True)
 class DepthScale:
-    """What the numbers of a map are."""
+    """Meaning of the numbers of a map."""
 
-    lowest: float  # the least one, of single precision
-    # from it to the largest one, rounded up to the upper half of single precision; 0: all are the lowest
+    lowest: float  # least number, of single precision
+    # range of numbers, rounded up to the upper half of single precision; 0: all are the lowest
     extent: float
     # disparity, in pixels per unit of m, is `factor` times the number plus `offset`; single precision
     factor: float = 1.0
@@ -47,7 +52,7 @@ class DepthScale:
 
     @property
     def unit(self) -> float:
-        """What a level of the coder is in the map."""
+        """Size of a level of the coder in numbers of the map."""
         return self.extent / NUM_LEVELS
 
     def levels(self, depth: Plane) -> Plane:
@@ -76,9 +81,60 @@ def decode_extent(bits: int) -> float:
 
 
 def _rounded_up(extent: float) -> float:
-    """The least number of half of single precision that is not below."""
+    """Return the least number of half of single precision that is not below."""
     single = np.float32(extent)
     if float(single) < extent:
         single = np.nextafter(single, np.float32(np.inf))
     bits = int(single.view(np.uint32))
     return decode_extent(-(-bits >> _HALF_BITS))
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """A depth map that was read."""
+
+    depth: Plane  # numbers of the file; holes are filled
+    known: NDArray[np.bool_]  # False in holes
+    largest: float  # largest number of the file format: 255, 65535, or infinite
+
+    def scale(self, factor: float = 1.0, near_far: tuple[float, float] | None = None) -> DepthScale:
+        """Return the meaning of the numbers; `near_far` are the depths of the largest number and of 0."""
+        if near_far is None:
+            return DepthScale.of(self.depth, factor)
+        if not np.isfinite(self.largest):
+            raise ConfigError("--near-far requires a map of 8 or 16 bits")
+        near, far = 1.0 / near_far[0], 1.0 / near_far[1]
+        return DepthScale.of(self.depth, factor * (near - far) / self.largest, factor * far)
+
+
+def read_depth_map(path: str | Path, hole: float | None = None) -> DepthMap:
+    """Read a depth map."""
+    if Path(path).suffix.lower() == ".pfm":
+        depth, largest = read_pfm(path).astype(np.float64), np.inf
+    else:
+        depth, largest = read_levels(path), float(largest_level(path))
+    known = np.isfinite(depth)
+    if hole is not None:
+        known &= depth != hole
+    if not known.any():
+        raise DvcError(f"{path}: the depth map is empty")
+    return DepthMap(filled(np.where(known, depth, np.nan)), known, largest)
+
+
+def default_hole(path: str | Path) -> float | None:
+    """Return the number of holes in maps of disparities: 0 in pictures."""
+    return None if Path(path).suffix.lower() == ".pfm" else 0.0
+
+
+def filled(depth: Plane) -> Plane:
+    """Continue a map into its holes."""
+    known = np.isfinite(depth)
+    if known.all():
+        return depth
+    middle = float(np.median(depth[known]))
+    plane = np.where(known, depth, middle).astype(np.float32)
+    inpainted = cv2.inpaint(plane, (~known).astype(np.uint8), INPAINT_RADIUS, cv2.INPAINT_TELEA)
+    low, high = float(depth[known].min()), float(depth[known].max())
+    # inpainting near the largest number of single precision may overflow
+    finite = np.nan_to_num(inpainted.astype(np.float64), nan=middle)
+    return np.where(known, depth, np.clip(finite, low, high))

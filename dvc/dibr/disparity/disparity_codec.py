@@ -1,4 +1,4 @@
-"""What finds, writes and reads disparity maps of one kind, and what decides among the maps that it finds."""
+"""The contract of disparity codecs, and the choice among the maps that they try."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -6,25 +6,26 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from dvc.dibr.disparity.coding import Classes, classes_or_all
-from dvc.dibr.disparity.distortion import Distortion, Holes, backward_error, still_worth_covering
-from dvc.dibr.disparity.error_tensor import Tensor
+from dvc.dibr.disparity.error_tensor import Distortion, Holes, Tensor
 from dvc.dibr.disparity.integer_transforms import Labels
+from dvc.dibr.disparity.tree_coding import Classes, all_significant
 from dvc.entropy import RangeCoder
 
 MAX_FAILURES = 2
-"""How many tears or credits in a row may do no good before the others are left out."""
+"""Most steps in a row without a gain before a search ends."""
+CREDITS = 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5
+"""Credits, in turn, of labels that would cover holes: shares of the errors in these."""
 _LEAST_GAIN_BITS = 1e-6
-"""By which a map is better than another one, per pixel."""
+"""Least gain of a better map, in bits per pixel."""
 
 
 class Known(NamedTuple):
-    """What a decoder knows before it reads a map."""
+    """Data that a decoder has before it reads a map."""
 
-    # of each node of level j + 1 = 1, 2, ..., by the decoded reference: where it is 0, coefficients below are
-    # as predicted
+    # class of each node of level 1, 2, ..., by the decoded reference: coefficients below class 0 are as
+    # predicted
     classes: Sequence[Classes]
-    previous: Any = None  # representation of the quality layer before, of the same kind and size
+    previous: Any = None  # representation of the previous quality layer, of the same kind and size
 
 
 class DisparityCodec(ABC):
@@ -36,11 +37,11 @@ class DisparityCodec(ABC):
     Attributes
     ----------
     name : str
-        What messages call it.
+        Name in messages.
     layered : bool
         Whether a representation can be coded as the difference to a previous one.
     num_levels : int or None
-        How often the map is halved; None: down to one pixel.
+        Number of times that the map is halved; None: down to one pixel.
     """
 
     name: str
@@ -64,17 +65,17 @@ class DisparityCodec(ABC):
         multiplier : float
             Error that a bit is worth.
         significance : sequence of ndarray, uint8, optional
-            For each level from 1 on, where the decoded reference says that coefficients below may differ from
-            what is predicted (3.3): not 0; by default everywhere.
+            For each level from 1 on, not 0 if coefficients below may differ from their predictions, by the
+            decoded reference (3.3); by default everywhere.
         previous : representation, optional
-            That of the quality layer before.
+            Representation of the previous quality layer.
         distortion : Distortion, optional
-            Measures what a map causes in rendered views; by default the tensor does.
+            Measures the errors of rendered views; by default the tensor does.
 
         Returns
         -------
         representation
-            The best that was found.
+            The best one.
         """
         shape = tensor.shape[0], tensor.shape[1]
         return self._best(tensor, multiplier, self._known(shape, significance, previous), distortion)
@@ -87,9 +88,9 @@ class DisparityCodec(ABC):
         Parameters
         ----------
         representation : representation
-            As `optimise` finds them.
+            A result of `optimise`.
         significance, previous : optional
-            As `optimise` takes them.
+            Arguments of `optimise`.
 
         Returns
         -------
@@ -106,7 +107,7 @@ class DisparityCodec(ABC):
         significance: Sequence[Classes] | None = None,
         previous: Any = None,
     ) -> Any:
-        """Read a representation: any, if the payload is damaged, but of valid labels.
+        """Read a representation; of a damaged payload it may be any one of valid labels.
 
         Parameters
         ----------
@@ -115,9 +116,9 @@ class DisparityCodec(ABC):
         shape : tuple of two int
             Rows and columns of the map.
         num_labels : int
-            How many labels there are.
+            Number of labels.
         significance, previous : optional
-            As the encoder took them.
+            Arguments of the encoder.
 
         Returns
         -------
@@ -132,15 +133,17 @@ class DisparityCodec(ABC):
         return self._read(payload, shape, num_labels, self._known(shape, significance, previous))
 
     def _known(self, shape: tuple[int, int], significance: Sequence[Classes] | None, previous: Any) -> Known:
-        return Known(classes_or_all(shape, significance, self.num_levels), previous)
+        if significance is None:
+            return Known(all_significant(shape, self.num_levels), previous)
+        return Known(significance[: self.num_levels], previous)
 
     @abstractmethod
     def _best(self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None) -> Any:
-        """Find a representation; errors that it causes are those of `distortion`, or else of the tensor."""
+        """Find a representation; errors are those of `distortion`, or else of the tensor."""
 
     @abstractmethod
     def _write(self, representation: Any, known: Known) -> bytes:
-        """Write a representation, with what the decoder knows."""
+        """Write a representation."""
 
     @abstractmethod
     def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> Any:
@@ -148,7 +151,7 @@ class DisparityCodec(ABC):
 
 
 class RangeCodedDisparities(DisparityCodec):
-    """A codec that writes and reads in one pass, by the range coder."""
+    """Base of codecs with one function that writes and reads, by the range coder."""
 
     def _write(self, representation: Any, known: Known) -> bytes:
         coder = RangeCoder.writer()
@@ -157,52 +160,58 @@ class RangeCodedDisparities(DisparityCodec):
 
     def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> Any:
         coder = RangeCoder.reader(payload)
-        found = self._code(coder, self._empty(shape, num_labels, known), known)
+        representation = self._code(coder, self._empty(shape, num_labels, known), known)
         coder.check()
-        return found
+        return representation
 
     @abstractmethod
     def _code(self, coder: RangeCoder, representation: Any, known: Known) -> Any:
-        """Code a representation, and return that which was written or read."""
+        """Write a representation, or read one into an empty one; return it."""
 
     @abstractmethod
     def _empty(self, shape: tuple[int, int], num_labels: int, known: Known) -> Any:
-        """Return what is read into."""
+        """Return an empty representation to read into."""
 
 
-Found = TypeVar("Found")
+Representation = TypeVar("Representation")
 
 
-class Candidates(Generic[Found]):
-    """Representations of one tensor that were tried, and the best of them by what it causes and costs."""
+class Candidates(Generic[Representation]):
+    """Representations of one tensor that were tried, and the best of them by error and rate."""
 
     def __init__(self, tensor: Tensor, multiplier: float, distortion: Distortion | None) -> None:
         self._tensor, self._multiplier, self._distortion = tensor, multiplier, distortion
         self._least = np.inf
         self._holes: list[Holes] = []
-        self.best: Found | None = None
+        self.best: Representation | None = None
 
     def tensor(self, credit: float) -> Tensor:
-        """Return the tensor in which labels that would cover holes of the best one have less error."""
+        """Return the tensor with a credit for labels that would cover holes of the best one."""
         if credit == 0.0 or self._distortion is None:
             return self._tensor
         return self._distortion.claimed(self._tensor, self._holes, credit)
 
-    def offer(self, found: Found, labels: Labels, num_bytes: int, credit: float = 0.0) -> bool:
-        """Keep a representation if it is the best so far."""
-        error, holes = backward_error(self._tensor, labels), list[Holes]()
+    def offer(self, candidate: Representation, labels: Labels, num_bytes: int, credit: float = 0.0) -> bool:
+        """Keep a representation if it is better than all before; return whether it is."""
         if self._distortion is not None:
             error, holes = self._distortion.measure(labels)
+        else:
+            chosen, holes = np.take_along_axis(self._tensor, labels[:, :, None], 2), []
+            error = float(chosen.sum(dtype=np.float64))
         cost = error + self._multiplier * 8 * num_bytes
         is_better = cost < self._least - _LEAST_GAIN_BITS * labels.size * self._multiplier
         if is_better:
-            holes = still_worth_covering(holes, self._holes) if credit > 0.0 else holes
-            self.best, self._least, self._holes = found, cost, holes
+            if credit > 0.0:  # holes that are covered now may open again
+                holes = [
+                    now._replace(errors=np.where(now.errors > 0.0, now.errors, before.errors))
+                    for now, before in zip(holes, self._holes, strict=True)
+                ]
+            self.best, self._least, self._holes = candidate, cost, holes
         return is_better
 
 
 def climb(steps: Iterable[Any], refine: Callable[[Any], bool]) -> None:
-    """Refine what is the best by one step after the other, until several in a row do no good."""
+    """Refine the best by one step after the other, until several in a row bring no gain."""
     num_failures = 0
     for step in steps:
         num_failures = 0 if refine(step) else num_failures + 1

@@ -1,8 +1,8 @@
 """Integer wavelet transforms of disparity maps: Laplace (L) and sequential (S), in one and two dimensions.
 
 Level 0 is the map itself; each node of level j has up to two (or 2 x 2) children in level j - 1, fewer at odd
-borders. High-pass coefficients of one level lie where the samples of that level lie: in L each sample has its
-own, in S those at even positions (even in both directions) are not used and are 0.
+borders. High-pass coefficients of one level have the positions of its samples: in L each sample has one, in S
+those at even positions (even in both directions) are not used and are 0.
 
 References
 ----------
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.images.wavelets.lifting import most_levels, scale_shapes
+from dvc.images.lifting import most_levels, scale_shapes
 
 Labels = NDArray[np.int32]
 
@@ -31,10 +31,10 @@ def level_shapes(shape: tuple[int, int], num_levels: int | None = None) -> list[
 class IntegerTransform:
     """A transform of one level: analysis, and its inverse."""
 
-    name: str  # as options call it
-    # from samples (H, W) to those of the next level and to the high-pass coefficients (H, W), both int32
+    name: str  # name on command lines
+    # samples (H, W) to those of the next level, and to high-pass coefficients (H, W), both int32
     analyse: Callable[[Labels], tuple[Labels, Labels]]
-    synthesise: Callable[[Labels, Labels], Labels]  # from both of these back to the samples
+    synthesise: Callable[[Labels, Labels], Labels]  # both of these to the samples
 
 
 def analyse_s(samples: Labels, axis: int) -> tuple[Labels, Labels]:
@@ -87,12 +87,12 @@ def _synthesise_plane_l(low: Labels, high: Labels) -> Labels:
 
 
 def spread(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Give the values of nodes to their children, of which there are so many."""
+    """Return the values of nodes for each of their children, which have a given shape."""
     return values.repeat(2, axis=0)[: shape[0]].repeat(2, axis=1)[:, : shape[1]]
 
 
 L_TRANSFORM = IntegerTransform("l", _analyse_plane_l, _synthesise_plane_l)
-"""Laplace: floor of the mean, and what each sample is above it (3.13), (3.14), (3.32)."""
+"""Laplace: floor of the mean, and the difference of each sample from it (3.13), (3.14), (3.32)."""
 
 S_TRANSFORM = IntegerTransform("s", _analyse_plane_s, _synthesise_plane_s)
 """Sequential: vertically on both columns, then horizontally on the low-pass coefficients (3.15), (3.16)."""
@@ -105,7 +105,7 @@ class WaveletTree:
     transform: IntegerTransform  # L or S
     num_labels: int  # labels are from 0 to ``num_labels - 1``
     roots: Labels  # low-pass coefficients of the coarsest level
-    highs: tuple[Labels, ...]  # high-pass coefficients of level 0, 1,
+    highs: tuple[Labels, ...]  # high-pass coefficients of level 0, 1, ...
 
     @classmethod
     def of_labels(
@@ -122,7 +122,7 @@ class WaveletTree:
     def constant(
         cls, transform: IntegerTransform, shape: tuple[int, int], num_labels: int, num_levels: int
     ) -> "WaveletTree":
-        """Return the tree whose coefficients are all 0."""
+        """Return a tree with all coefficients 0."""
         *sizes, coarsest = level_shapes(shape, num_levels)
         highs = tuple(np.zeros(size, np.int32) for size in sizes)
         return cls(transform, num_labels, np.zeros(coarsest, np.int32), highs)

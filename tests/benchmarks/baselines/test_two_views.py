@@ -18,7 +18,7 @@ from benchmarks.baselines.two_views import (
     encode_frames,
     without_messages,
 )
-from dvc.dibr.views.views import views_of_array
+from dvc.dibr.view_set import views_of_array
 from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.metrics import psnr_db
 from tests.dibr.plane_views import LABELS, planes

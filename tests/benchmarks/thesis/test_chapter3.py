@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.baselines.thesis_disparities import LaplacianCodec
 from benchmarks.thesis.__main__ import main
 from benchmarks.thesis.chapter3 import CHAPTER, NUM_LEVELS, load_scene
 from benchmarks.thesis.harness import Method, Task
@@ -21,12 +22,11 @@ from benchmarks.thesis.view_curves import (
     render_planes,
 )
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM
-from dvc.dibr.disparity.laplacian_codec import LaplacianCodec
-from dvc.dibr.disparity.wavelet_codec import WaveletCodec
-from dvc.dibr.rendering import PictureAndDisparity
-from dvc.dibr.views.decoder import decode
-from dvc.dibr.views.encoder import ViewEncoder
-from dvc.dibr.views.stream import decode_stream
+from dvc.dibr.disparity.tree_codec import WaveletCodec
+from dvc.dibr.view_decoder import decode
+from dvc.dibr.view_encoder import ViewEncoder
+from dvc.dibr.view_rendering import PictureAndDisparity
+from dvc.dibr.view_stream import decode_stream
 from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition
 from dvc.picture_files import write_png
 from tests.dibr.plane_views import FAR, LABELS, NEAR, planes

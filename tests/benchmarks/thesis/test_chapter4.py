@@ -30,9 +30,9 @@ from benchmarks.thesis.map_curves import (
     picture_points,
     standard_point,
 )
-from dvc.images.edges.chain_code import EdgeCode
-from dvc.images.edges.extraction import edges_of_jumps
-from dvc.images.wavelets.edge_maps import EdgeMaps
+from dvc.images.chain_code import EdgeCode
+from dvc.images.edge_extraction import edges_of_jumps
+from dvc.images.edge_maps import EdgeMaps
 from tests.dibr.depth_maps import texture, two_discs
 from tests.stereo.data import REAL_SETS, real_set
 

@@ -1,4 +1,4 @@
-"""`dvc-dibr encode-depth` and `encode-image`: files in, streams, folders out, and what is refused."""
+"""`dvc-dibr encode` of depth maps and pictures with depth: streams, folders out, refusals."""
 
 import json
 import subprocess
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dvc.dibr.depth_image.stream import decode_stream, encode_stream
+from dvc.dibr.depth_image.depth_image_stream import decode_stream, encode_stream
 from dvc.picture_files import read_pfm, write_pfm
 from tests.dibr.depth_maps import texture, two_discs
 from tests.dibr.running import answer, refusal, run
@@ -34,7 +34,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_processes_encode_and_decode() -> None:
     command = [sys.executable, "-m", "dvc.dibr"]
     out = subprocess.run(
-        [*command, "encode-depth", "map.pfm", "out.dibr", "--bpp", "0.3", "--json", "-"],
+        [*command, "encode", "map.pfm", "out.dibr", "--bpp", "0.3", "--json", "-"],
         check=True, capture_output=True,
     )  # fmt: skip
     told = json.loads(out.stdout)
@@ -56,18 +56,16 @@ def test_processes_encode_and_decode() -> None:
 
 
 def test_edges_of_a_folder_code_the_map_again(capsys: pytest.CaptureFixture[str]) -> None:
-    first = answer(capsys, "encode-depth", "map.pfm", "a.dibr", "--bpp", "0.3")
+    first = answer(capsys, "encode", "map.pfm", "a.dibr", "--bpp", "0.3")
     assert run("decode", "a.dibr", "--out", "d", "--quiet") == 0
-    second = answer(capsys, "encode-depth", "map.pfm", "b.dibr", "--bpp", "0.3", "--edges", "d/edges.png")
+    second = answer(capsys, "encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--edges", "d/edges.png")
     assert Path("a.dibr").read_bytes() == Path("b.dibr").read_bytes()
     assert second["edge_elements"] == first["edge_elements"] > 100
 
 
 def test_transforms_and_edges_differ_as_they_should(capsys: pytest.CaptureFixture[str]) -> None:
     quality = {
-        name: answer(capsys, "encode-depth", "map.pfm", "out.dibr", "--bpp", "0.35", *options)[
-            "psnr_depth_db"
-        ]
+        name: answer(capsys, "encode", "map.pfm", "out.dibr", "--bpp", "0.35", *options)["psnr_depth_db"]
         for name, options in {
             "auto": (),
             "canny": ("--edges", "canny"),
@@ -85,7 +83,7 @@ def test_transforms_and_edges_differ_as_they_should(capsys: pytest.CaptureFixtur
 
 @pytest.mark.parametrize(("name", "factor"), [("map8.png", 4), ("map16.png", 1024)])
 def test_holes_of_levels_are_filled(name: str, factor: float, capsys: pytest.CaptureFixture[str]) -> None:
-    told = answer(capsys, "encode-depth", name, "out.dibr", "--bpp", "0.4")
+    told = answer(capsys, "encode", name, "out.dibr", "--bpp", "0.4")
     assert told["psnr_depth_db"] > 35
     assert run("decode", "out.dibr", "--out", "d", "--quiet") == 0
     inside = read_pfm("d/depth.pfm")[31:33, 61:65] / factor
@@ -94,10 +92,10 @@ def test_holes_of_levels_are_filled(name: str, factor: float, capsys: pytest.Cap
 
 def test_zeros_are_depths_where_that_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     for folder, options in (("a", ("--no-holes",)), ("b", ("--near-far", "2:50"))):
-        assert run("encode-depth", "map8.png", "out.dibr", "--bpp", "0.6", "--quiet", *options) == 0
+        assert run("encode", "map8.png", "out.dibr", "--bpp", "0.6", "--quiet", *options) == 0
         assert run("decode", "out.dibr", "--out", folder, "--quiet") == 0
         assert np.abs(read_pfm(f"{folder}/depth.pfm")[31:33, 61:65]).max() < 15
-        told = answer(capsys, "encode-depth", "map8.png", "out.dibr", "--bpp", "0.6", *options)
+        told = answer(capsys, "encode", "map8.png", "out.dibr", "--bpp", "0.6", *options)
         for name, is_same in (("--no-holes", True), ("--hole=0", False)):
             out = ("--out", f"{folder}{name}", "--truth-depth", "map8.png", name)
             found = answer(capsys, "decode", "out.dibr", *out)
@@ -109,7 +107,7 @@ def test_zeros_are_depths_where_that_is_said(capsys: pytest.CaptureFixture[str])
 
 def test_a_picture_with_its_map_is_rendered_and_looked_at(capsys: pytest.CaptureFixture[str]) -> None:
     told = answer(
-        capsys, "encode-image", "picture.png", "--depth", "map8.png", "--depth-scale", "0.05", "out.dibr",
+        capsys, "encode", "picture.png", "out.dibr", "--depth", "map8.png", "--depth-scale", "0.05",
         "--bpp", "3",
     )  # fmt: skip
     assert told["depth_share"] == pytest.approx(0.2, abs=0.02)
@@ -141,7 +139,7 @@ def test_a_picture_with_its_map_is_rendered_and_looked_at(capsys: pytest.Capture
 def test_disparities_wider_than_the_picture_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     """A scale was forgotten, most likely; what is within the picture needs no line."""
     for options, told in ((("map16.png",), "map16.png: disparities of up to "), (("map.pfm",), "")):
-        words = ["encode-image", "picture.png", "--depth", *options, "out.dibr", "--bpp", "1", "--quiet"]
+        words = ["encode", "picture.png", "out.dibr", "--depth", *options, "--bpp", "1", "--quiet"]
         assert run(*words) == 0
         line = capsys.readouterr().err
         assert told in line
@@ -150,7 +148,7 @@ def test_disparities_wider_than_the_picture_are_told(capsys: pytest.CaptureFixtu
 
 def test_gray_and_automatic_shares(capsys: pytest.CaptureFixture[str]) -> None:
     told = answer(
-        capsys, "encode-image", "picture.png", "--depth", "map.pfm", "out.dibr", "--bpp", "2", "--gray",
+        capsys, "encode", "picture.png", "out.dibr", "--depth", "map.pfm", "--bpp", "2", "--gray",
         "--depth-share", "auto",
     )  # fmt: skip
     assert 0.01 < told["depth_share"] < 0.7
@@ -158,7 +156,7 @@ def test_gray_and_automatic_shares(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_cut_stream_decodes_with_a_warning(capsys: pytest.CaptureFixture[str]) -> None:
-    told = answer(capsys, "encode-depth", "map.pfm", "out.dibr", "--bpp", "0.5")
+    told = answer(capsys, "encode", "map.pfm", "out.dibr", "--bpp", "0.5")
     data = Path("out.dibr").read_bytes()
     Path("cut.dibr").write_bytes(data[:-30])
     capsys.readouterr()
@@ -171,20 +169,20 @@ def test_a_cut_stream_decodes_with_a_warning(capsys: pytest.CaptureFixture[str])
 def test_the_rate_may_be_more_than_anything_needs(capsys: pytest.CaptureFixture[str]) -> None:
     write_pfm("small.pfm", DISCS[:8, :8].astype(np.float32))
     for rate in ("1e13", "1e308"):
-        told = answer(capsys, "encode-depth", "small.pfm", "out.dibr", "--bpp", rate, "--edges", "none")
+        told = answer(capsys, "encode", "small.pfm", "out.dibr", "--bpp", rate, "--edges", "none")
         assert told["stream_bytes"] < 1000
         assert told["psnr_depth_db"] > 60
 
 
 def test_flat_scenes_have_pages(capsys: pytest.CaptureFixture[str]) -> None:
     write_pfm("flat.pfm", np.full((64, 80), 5.0, np.float32))
-    assert run("encode-image", "picture.png", "--depth", "flat.pfm", "out.dibr", "--bpp", "1", "--quiet") == 0
+    assert run("encode", "picture.png", "out.dibr", "--depth", "flat.pfm", "--bpp", "1", "--quiet") == 0
     bounds = answer(capsys, "view", "out.dibr", "--out", "page.html")["bounds"]
     assert 0.0 < bounds["right"] < 80.0
 
 
 def test_damaged_edges_are_told_with_the_file(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("encode-depth", "map.pfm", "out.dibr", "--bpp", "1", "--quiet", "--edges", "canny") == 0
+    assert run("encode", "map.pfm", "out.dibr", "--bpp", "1", "--quiet", "--edges", "canny") == 0
     stream = decode_stream(Path("out.dibr").read_bytes())
     damaged = replace(stream, edges=b"\xff" * 40)
     Path("damaged.dibr").write_bytes(encode_stream(damaged))
@@ -193,21 +191,21 @@ def test_damaged_edges_are_told_with_the_file(capsys: pytest.CaptureFixture[str]
 
 
 def test_refusals(capsys: pytest.CaptureFixture[str]) -> None:
-    depth = ("encode-depth", "map.pfm", "out.dibr", "--bpp")
+    depth = ("encode", "map.pfm", "out.dibr", "--bpp")
     assert "too few" in refusal(capsys, *depth, "0.01")
     assert "shape-adaptive" in refusal(capsys, *depth, "1", "--transform", "standard", "--edges", "canny")
     assert "--near-far" in refusal(capsys, *depth, "1", "--near-far", "1:2")
     assert "NEAR < FAR" in refusal(capsys, *depth, "1", "--near-far", "2:1")
     assert "levels 0, 85" in refusal(capsys, *depth, "1", "--edges", "map8.png")
     assert "expected a picture of edges" in refusal(capsys, *depth, "1", "--edges", "map.pfm")
-    assert ".dibr" in refusal(capsys, "encode-depth", "map.pfm", "out.png", "--bpp", "1")
-    image = ("encode-image", "picture.png", "--depth", "map.pfm", "out.dibr", "--bpp", "1")
+    assert ".dibr" in refusal(capsys, "encode", "map.pfm", "out.png", "--bpp", "1")
+    image = ("encode", "picture.png", "out.dibr", "--depth", "map.pfm", "--bpp", "1")
     assert "between 0 and 1" in refusal(capsys, *image, "--depth-share", "1.5")
     cv2.imwrite("small.png", np.zeros((8, 8), np.uint8))
-    assert "empty" in refusal(capsys, "encode-depth", "small.png", "out.dibr", "--bpp", "1")
-    assert "8x8" in refusal(capsys, "encode-image", "small.png", "--depth", "map.pfm", "o.dibr", "--bpp", "1")
+    assert "empty" in refusal(capsys, "encode", "small.png", "out.dibr", "--bpp", "1")
+    assert "8x8" in refusal(capsys, "encode", "small.png", "o.dibr", "--depth", "map.pfm", "--bpp", "1")
     assert run(*depth, "0.5", "--quiet") == 0
-    assert "no picture" in refusal(capsys, "render", "out.dibr", "--view", "0,0", "--out", "v.png")
+    assert "without a picture" in refusal(capsys, "render", "out.dibr", "--view", "0,0", "--out", "v.png")
     assert "--quality-layers" in refusal(capsys, "decode", "out.dibr", "--out", "d", "--quality-layers", "1")
-    assert "alone" in refusal(capsys, "decode", "out.dibr", "--out", "d", "--truth-image", "picture.png")
+    assert "only" in refusal(capsys, "decode", "out.dibr", "--out", "d", "--truth-image", "picture.png")
     assert "empty" in refusal(capsys, "decode", "out.dibr", "--out", "d", "--truth-depth", "small.png")

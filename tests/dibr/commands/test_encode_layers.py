@@ -1,4 +1,4 @@
-"""`dvc-dibr encode-layers`: folders in, streams out, which are decoded, rendered, shown; refusals."""
+"""`dvc-dibr encode` of layers and sprites: streams, which are decoded, rendered, shown; refusals."""
 
 import subprocess
 import sys
@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from dvc.dibr.layered.encoder import encode_to_size
-from dvc.dibr.layered.pieces import write_pieces
+from dvc.dibr.depth_image.piece_encoder import encode_to_size
+from dvc.dibr.depth_image.scene_pieces import write_pieces
 from dvc.layers.layer_folders import read_layers, read_sprites
 from dvc.picture_files import write_png
-from tests.dibr.layered.scenes import plane_layers, plane_sprites
+from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.dibr.running import answer, refusal, run
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
@@ -29,7 +29,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("kind", ["layers", "sprites"])
 def test_folders_are_coded_decoded_rendered_and_shown(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
-    told = answer(capsys, "encode-layers", kind, "a.dibr", "--bpp", "8")
+    told = answer(capsys, "encode", kind, "a.dibr", "--bpp", "8")
     assert told["stream_bytes"] == Path("a.dibr").stat().st_size <= 40 * 60
     assert sum(told["bits"].values()) == 8 * told["stream_bytes"]
     assert told["psnr_image_db"] > 35
@@ -76,25 +76,25 @@ def test_a_cut_stream_is_used_with_one_line(capsys: pytest.CaptureFixture[str]) 
 def test_what_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     Path("empty").mkdir()
     bpp = ("--bpp", "1")
-    assert "layers.json" in refusal(capsys, "encode-layers", "empty", "o.dibr", *bpp)
+    assert "layers.json" in refusal(capsys, "encode", "empty", "o.dibr", *bpp)
     inside = ("--json", "layers/layers.json")
-    assert "is also an input" in refusal(capsys, "encode-layers", "layers", "o.dibr", *bpp, *inside)
-    assert ".dibr" in refusal(capsys, "encode-layers", "layers", "o.png", *bpp)
-    assert "masks take" in refusal(capsys, "encode-layers", "layers", "o.dibr", "--bpp", "0.1")
+    assert "is also an input" in refusal(capsys, "encode", "layers", "o.dibr", *bpp, *inside)
+    assert ".dibr" in refusal(capsys, "encode", "layers", "o.png", *bpp)
+    assert "masks take" in refusal(capsys, "encode", "layers", "o.dibr", "--bpp", "0.1")
     Path("a.dibr").write_bytes(encode_to_size(plane_layers(), 2400).data)
-    assert "not for layers" in refusal(capsys, "decode", "a.dibr", "--out", "d", "--resolution", "1")
+    assert "require views" in refusal(capsys, "decode", "a.dibr", "--out", "d", "--resolution", "1")
     assert "quality-layers" in refusal(capsys, "view", "a.dibr", "--out", "p.html", "--quality-layers", "1")
     assert "view 1" in refusal(capsys, "render", "a.dibr", "--view", "1", "--out", "o.png")
 
 
 @pytest.mark.parametrize("bpp", ["1e9", "1e308"])
 def test_any_rate_is_accepted(bpp: str, capsys: pytest.CaptureFixture[str]) -> None:
-    told = answer(capsys, "encode-layers", "sprites", "a.dibr", "--bpp", bpp, "--keep", "all")
+    told = answer(capsys, "encode", "sprites", "a.dibr", "--bpp", bpp, "--keep", "all")
     assert told["psnr_image_db"] is None or told["psnr_image_db"] > 50
 
 
 def test_processes_encode() -> None:
-    command = [sys.executable, "-m", "dvc.dibr", "encode-layers", "sprites", "a.dibr", "--bpp", "4"]
+    command = [sys.executable, "-m", "dvc.dibr", "encode", "sprites", "a.dibr", "--bpp", "4"]
     out = subprocess.run(command, check=True, capture_output=True, text=True)
     assert "sprites" in out.stdout
     assert Path("a.dibr").stat().st_size <= 40 * 60 // 2

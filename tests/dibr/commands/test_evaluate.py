@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from dvc.dibr.commands.stream_curves import lines_of
-from dvc.dibr.depth_image.stream import decode_stream
-from dvc.dibr.layered.pieces import write_pieces
+from dvc.dibr.commands.dibr_evaluate import lines_of
+from dvc.dibr.depth_image.depth_image_stream import decode_stream
+from dvc.dibr.depth_image.scene_pieces import write_pieces
 from dvc.picture_files import write_pfm, write_png
 from tests.dibr.depth_maps import texture, two_discs
-from tests.dibr.layered.scenes import plane_layers, plane_sprites
+from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.dibr.plane_views import planes
 from tests.dibr.running import answer, refusal, run
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
@@ -31,10 +31,8 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_streams_of_maps_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     """Figures are those that the encoder and the decoder tell."""
-    encoded = answer(
-        capsys, "encode-image", "picture.png", "--depth", "map.pfm", "a.dibr", "--bpp", "1", "--gray"
-    )
-    assert run("encode-depth", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
+    encoded = answer(capsys, "encode", "picture.png", "a.dibr", "--depth", "map.pfm", "--bpp", "1", "--gray")
+    assert run("encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
     truth = ["--truth-depth", "map.pfm", "--truth-image", "picture.png"]
     found = answer(capsys, "evaluate", "a.dibr", "b.dibr", *truth)
     assert list(found) == ["a.dibr", "b.dibr"]
@@ -59,7 +57,7 @@ def test_streams_of_views_stand_beside_them(capsys: pytest.CaptureFixture[str]) 
 
 def test_a_table_is_printed_and_damage_told(capsys: pytest.CaptureFixture[str]) -> None:
     """A stream that ends early is decoded as far as it goes, and said to be."""
-    assert run("encode-depth", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
+    assert run("encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
     whole = Path("b.dibr").read_bytes()
     Path("b.dibr").write_bytes(whole[:-20])
     capsys.readouterr()
@@ -69,12 +67,12 @@ def test_a_table_is_printed_and_damage_told(capsys: pytest.CaptureFixture[str]) 
     assert err.count("\n") == 1
     assert "ends after" in err
     assert run("evaluate", "b.dibr") == 0
-    assert "--truth-image and --truth-depth tell PSNR" in capsys.readouterr().err
+    assert "--truth-image and --truth-depth add PSNR" in capsys.readouterr().err
 
 
 def test_mistakes_are_told_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     """Sizes, and files that are no streams."""
-    assert run("encode-depth", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
+    assert run("encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
     cv2.imwrite("small.png", texture(32, 40))
     streams = ["evaluate", "b.dibr"]
     assert "40x32" in refusal(capsys, *streams, "--truth-depth", "small.png")
@@ -92,7 +90,7 @@ def test_several_rates_of_layers_make_a_curve(capsys: pytest.CaptureFixture[str]
     names = []
     for kind, rate in (("layers", 8), ("layers", 2), ("layers", 4), ("sprites", 4), ("sprites", 8)):
         names.append(f"{kind}-{rate}.dibr")
-        assert run("encode-layers", kind, names[-1], "--bpp", str(rate), "--keep", "all", "--quiet") == 0
+        assert run("encode", kind, names[-1], "--bpp", str(rate), "--keep", "all", "--quiet") == 0
     capsys.readouterr()
     Path("curves").mkdir()  # an empty folder will do
     found = answer(capsys, "evaluate", *names, "--truth-image", "view.png", "--out", "curves")
@@ -115,7 +113,7 @@ def test_several_rates_of_layers_make_a_curve(capsys: pytest.CaptureFixture[str]
 
 def test_damage_is_named_by_its_file(capsys: pytest.CaptureFixture[str]) -> None:
     """Of several streams, the line tells which one cannot be decoded, and no folder is left."""
-    assert run("encode-depth", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
+    assert run("encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
     whole = bytearray(Path("b.dibr").read_bytes())
     start, end = edges_of_stream(bytes(whole))
     tried = 0

@@ -4,7 +4,7 @@ import argparse
 
 import pytest
 
-from dvc.dibr.commands import options
+from dvc.dibr.commands import dibr_options as options
 
 
 @pytest.mark.parametrize("text", ["1e-300", "1e300", "0", "-1", "nan", "x"])

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from dvc.dibr.__main__ import main
-from dvc.dibr.commands import view
+from dvc.dibr.commands import dibr_view as view
 from dvc.layers.layer_folders import write_layers, write_sprites
 from dvc.layers.layered_depth_image import layered_depth_image
 from dvc.layers.sprites import extract_sprites
@@ -165,7 +165,7 @@ def test_refusals(stream: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "layers.json" in refusal(capsys, "layers", *page)
     assert "folder" in refusal(capsys, stream, "--out", "missing/page.html")
     assert ".html" in refusal(capsys, stream, "--out", "page.txt")
-    assert "for streams" in refusal(capsys, "empty", *page, "--truth", "a.png")
+    assert "require a stream" in refusal(capsys, "empty", *page, "--truth", "a.png")
     assert "2 views" in refusal(capsys, stream, *page, "--truth", "a.png", "b.png", "c.png")
     assert "two pictures" in refusal(capsys, stream, *page, "--truth", "a.png", "0,0=b.png")
     assert "view 7" in refusal(capsys, stream, *page, "--truth", "7=a.png")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from dvc.dibr.disparity.error_tensor import error_tensor
+from dvc.dibr.disparity.error_tensor import adjugates, error_tensor
 from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp, lattice_warp
 from tests.reference import dibr_disparity as reference
@@ -80,3 +80,15 @@ def test_arguments_must_fit() -> None:
         error_tensor(view, [], [], labels)
     with pytest.raises(ValueError, match="channels"):
         error_tensor(view, [np.zeros((4, 4, 3))], [STILL], labels)
+
+
+def test_adjugates_are_inverses_but_for_positive_scales() -> None:
+    """Whatever the sign of the determinant; where there is no inverse they are nothing."""
+    rng = np.random.default_rng(0)
+    matrices = rng.normal(size=(20, 3, 3))
+    determinants = np.linalg.det(matrices)
+    assert (determinants > 0).any()
+    assert (determinants < 0).any()
+    expected = np.linalg.inv(matrices) * np.abs(determinants)[:, None, None]
+    np.testing.assert_allclose(adjugates(matrices), expected, atol=1e-12)
+    assert not adjugates(np.ones((1, 3, 3))).any()

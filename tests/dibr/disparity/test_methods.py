@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.baselines.thesis_disparities import SPLIT_BITS, FixedQuadtreeCodec, LaplacianCodec
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
-from dvc.dibr.disparity.distortion import Holes
-from dvc.dibr.disparity.fixed_quadtree import SPLIT_BITS, FixedQuadtreeCodec
+from dvc.dibr.disparity.error_tensor import Holes
 from dvc.dibr.disparity.integer_transforms import (
     L_TRANSFORM,
     S_TRANSFORM,
@@ -14,10 +14,9 @@ from dvc.dibr.disparity.integer_transforms import (
     WaveletTree,
     level_shapes,
 )
-from dvc.dibr.disparity.laplacian_codec import LaplacianCodec
-from dvc.dibr.disparity.methods import METHODS
-from dvc.dibr.disparity.quadtree import QuadtreeCodec
-from dvc.dibr.disparity.wavelet_codec import WaveletCodec
+from dvc.dibr.disparity.square_codecs import QuadtreeCodec
+from dvc.dibr.disparity.tree_codec import WaveletCodec
+from dvc.dibr.view_decoder import METHODS
 from dvc.errors import BitstreamError
 from tests.dibr.disparity.codec_contract import NUM_LABELS, DisparityCodecContract, step_edge
 

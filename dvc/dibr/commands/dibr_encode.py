@@ -1,0 +1,452 @@
+"""`dvc-dibr encode`: views, a picture with depth, a depth map, or layers to a stream."""
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dvc import array_files, cli
+from dvc.dibr.commands.dibr_options import (
+    PSNR_NAMES,
+    SUFFIX,
+    add_figures,
+    add_hole_options,
+    check_size,
+    depth_image_quality,
+    in_decibels,
+    json_files,
+    parse_multiplier,
+    parse_share,
+    print_figures,
+    read_with_holes,
+)
+from dvc.dibr.dibr_streams import CODEC_NUMBERS, DEFAULT_CODEC, MAX_LAYERS
+from dvc.errors import ConfigError
+
+if TYPE_CHECKING:
+    from dvc.dibr.depth_image.depth_image_encoder import CodedEdges
+    from dvc.dibr.view_set import Views
+    from dvc.geometry.camera_array import DisparityLabels
+
+SUMMARY = "views, a picture with depth, a depth map, or layers to a stream"
+DESCRIPTION = """\
+Code one of these; the last name is that of the stream. Two or more pictures are views: the first is the
+reference, coded with the disparities that predict the other views best for their bits. One picture with
+--depth is coded with its map, by wavelets that stop at the contours of the map; a file without --depth is a
+depth map. A folder of dvc-stereo layers or sprites is coded as pictures with disparities and masks.
+docs/dibr.md describes the streams.
+"""
+EXAMPLES = """\
+  dvc-dibr encode left.png right.png pair.dibr --disparities 0:60 --bpp 0.5
+  dvc-dibr encode *.png out.dibr --views views.csv --disparities -4:12 --bpp 0.3 --quality-layers 7
+  dvc-dibr encode a.png b.png c.png out.dibr --cameras cameras.json --depths 2:50 --lambda 2e-3
+  dvc-dibr encode left.png scene.dibr --depth disparity.pfm --bpp 0.5
+  dvc-dibr encode depth.png map.dibr --bpp 0.1 --no-holes
+  dvc-dibr encode layers layers.dibr --bpp 0.5
+"""
+TRANSFORMS = "shape-adaptive", "standard"
+EDGES = "auto", "canny", "none"
+WAVELETS = "9/7", "5/3"
+KEEP = "auto", "all"
+AUTOMATIC = "auto"
+
+
+class Kind(StrEnum):
+    """Kinds of input, with their names in messages."""
+
+    VIEWS = "two or more views"
+    IMAGE = "a picture with --depth"
+    MAP = "a depth map"
+    LAYERS = "a folder of layers or sprites"
+
+
+_MAPS, _PICTURES = (Kind.IMAGE, Kind.MAP), (Kind.IMAGE, Kind.LAYERS)
+KINDS = {
+    **dict.fromkeys(
+        ("lattice", "views", "disparities", "cameras", "depths", "multiplier", "disparity", "references"),
+        (Kind.VIEWS,),
+    ),
+    "quality_layers": (Kind.VIEWS,),
+    "gray": (Kind.VIEWS, *_PICTURES),
+    "depth": (Kind.IMAGE,),
+    **dict.fromkeys(("depth_scale", "near_far", "transform", "edges", "hole", "no_holes"), _MAPS),
+    **dict.fromkeys(("wavelet", "order_depth"), (*_MAPS, Kind.LAYERS)),
+    **dict.fromkeys(("order_image", "depth_share"), _PICTURES),
+    "keep": (Kind.LAYERS,),
+}
+"""Kinds of input that accept an option."""
+DEFAULTS = {
+    "disparity": DEFAULT_CODEC,
+    "quality_layers": 1,
+    "references": (),
+    "gray": False,
+    "depth_scale": 1.0,
+    "transform": TRANSFORMS[0],
+    "edges": EDGES[0],
+    "wavelet": WAVELETS[0],
+    "order_depth": 1,
+    "order_image": 0,
+    "depth_share": 0.2,
+    "keep": KEEP[0],
+}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the subcommand."""
+    files = (
+        "pictures (the reference first), a depth map (.pfm, or 8 or 16 bits of grey), or a folder; OUT.dibr"
+    )
+    parser.add_argument("paths", nargs="+", metavar="FILE", help=files)
+    bpp = "bits of the whole file per pixel of a view, at most"
+    parser.add_argument("--bpp", type=cli.parse_positive, metavar="R", help=bpp)
+    parser.add_argument("--gray", action="store_true", default=None, help="code only luma")
+    views = parser.add_argument_group("views")
+    array_files.add_array_options(parser)
+    array_files.add_camera_option(parser, refined=False)
+    depths = (
+        "nearest and farthest depth with --cameras; FAR may be inf; LABELS even in inverse depth, "
+        "by default at most a pixel apart; default: those of known points"
+    )
+    views.add_argument("--depths", type=parse_depths, metavar="NEAR:FAR[:LABELS]", help=depths)
+    multiplier = "instead of --bpp: squared error (intensities from 0 to 1) that a bit per pixel is worth"
+    views.add_argument("--lambda", dest="multiplier", type=parse_multiplier, metavar="L", help=multiplier)
+    method = f"codec of disparities; default: {DEFAULT_CODEC}"
+    views.add_argument("--disparity", choices=CODEC_NUMBERS, help=method)
+    cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), "layers that can be cut off; default: 1")
+    references = "further views with pictures and disparities of their own"
+    views.add_argument("--references", nargs="+", metavar="VIEW", help=references)
+    maps = parser.add_argument_group("depth maps, pictures with depth, layers")
+    text = "disparities of the picture, or inverse depth (--near-far), never distances"
+    maps.add_argument("--depth", metavar="MAP", help=text)
+    scale = "disparity in pixels per unit of m of 1 in the map, or in inverse depth (--near-far); default: 1"
+    maps.add_argument("--depth-scale", type=cli.parse_number, metavar="S", help=scale)
+    near_far = "depths of the largest number and of 0 in maps of 8 or 16 bits that are even in inverse depth"
+    maps.add_argument("--near-far", type=parse_near_far, metavar="NEAR:FAR", help=near_far)
+    transform = f"whether wavelets stop at edges; default: {TRANSFORMS[0]}"
+    maps.add_argument("--transform", choices=TRANSFORMS, help=transform)
+    maps.add_argument("--wavelet", choices=WAVELETS, help=f"default: {WAVELETS[0]}")
+    for name, planes in (("--order-depth", "maps; default: 1"), ("--order-image", "pictures; default: 0")):
+        text = f"degree, 0 to 3, of the polynomials that continue signals at edges in {planes}"
+        cli.add_integer(parser, name, (0, 3), text, metavar="K")
+    edges = (
+        "edges that are worth their bits (auto), of Canny's detector, none, or of a file of decode; "
+        "default: auto"
+    )
+    maps.add_argument("--edges", metavar="{auto,canny,none,FILE}", help=edges)
+    add_hole_options(parser, "0 in pictures without --near-far")
+    share = (
+        "share of the bits for edges and depth; auto: that with the best views near a picture; "
+        "default: 0.2, more if masks of layers need it"
+    )
+    maps.add_argument("--depth-share", type=parse_share_or_auto, metavar="S", help=share)
+    keep = (
+        "values of layers: those worth their bits in other views, at least the reference view with its "
+        "disparities, or all; default: auto"
+    )
+    maps.add_argument("--keep", choices=KEEP, help=keep)
+    add_figures(parser, "show no progress and print no summary")
+
+
+def parse_depths(text: str) -> tuple[float, float, int | None]:
+    """Parse a range of depths, and a number of labels."""
+    near, *rest = text.split(":")
+    if len(rest) not in (1, 2):
+        raise argparse.ArgumentTypeError(f"expected NEAR:FAR or NEAR:FAR:LABELS such as 2:50, got {text!r}")
+    labels = cli.integer(2, array_files.MAX_LABELS)(rest[1]) if len(rest) == 2 else None
+    return *parse_near_far(f"{near}:{rest[0]}"), labels
+
+
+def parse_near_far(text: str) -> tuple[float, float]:
+    """Parse a range of depths."""
+    near, _, far = text.partition(":")
+    closest = cli.parse_positive(near)
+    farthest = math.inf if far == "inf" else cli.parse_positive(far)
+    if closest >= farthest:
+        raise argparse.ArgumentTypeError(f"expected NEAR:FAR with NEAR < FAR, got {text!r}")
+    return closest, farthest
+
+
+def parse_share_or_auto(text: str) -> float | str:
+    """Parse a share, or `auto`."""
+    return text if text == AUTOMATIC else parse_share(text)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Encode."""
+    *paths, out = arguments.paths
+    if not paths or Path(out).suffix.lower() != SUFFIX:
+        raise ConfigError(f"the last name must be that of the stream and end in {SUFFIX}, got {out}")
+    kind = kind_of(paths, arguments)
+    _check_options(kind, arguments)
+    inputs = [*paths, *array_files.table_files(arguments)]
+    inputs += [path for path in (arguments.depth, arguments.edges) if path not in (None, *EDGES)]
+    cli.check_outputs(cli.with_contents(inputs), [out, *json_files(arguments)])
+    encode = {Kind.VIEWS: _encode_views, Kind.LAYERS: _encode_layers}.get(kind, _encode_depth_image)
+    data, figures, text = encode(arguments, paths)
+    from dvc.files import atomic_output
+
+    with atomic_output(out) as temporary:
+        temporary.write_bytes(data)
+    print_figures(arguments, figures, f"{out}: {text}\n")
+    return 0
+
+
+def kind_of(paths: list[str], arguments: argparse.Namespace) -> Kind:
+    """Return the kind of the input."""
+    if len(paths) > 1:
+        return Kind.VIEWS
+    if Path(paths[0]).is_dir():
+        return Kind.LAYERS
+    return Kind.MAP if arguments.depth is None else Kind.IMAGE
+
+
+def _check_options(kind: Kind, arguments: argparse.Namespace) -> None:
+    """Refuse options of other kinds of input, and set the defaults of the rest."""
+    for name, kinds in KINDS.items():
+        if getattr(arguments, name) is not None and kind not in kinds:
+            option = "--lambda" if name == "multiplier" else f"--{name.replace('_', '-')}"
+            raise ConfigError(f"{option} requires {' or '.join(kinds)}; the input is {kind}")
+    if (arguments.bpp is None) == (arguments.multiplier is None):
+        raise ConfigError("expected --bpp, or --lambda for views")
+    for name, value in DEFAULTS.items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, value)
+
+
+def _max_bytes(arguments: argparse.Namespace, num_pixels: int) -> int:
+    """Return the largest file of the rate; none is larger than `MAX_BYTES`."""
+    from dvc.dibr.depth_image.depth_image_stream import MAX_BYTES
+
+    return int(min(arguments.bpp * num_pixels / 8.0, MAX_BYTES))
+
+
+@contextmanager
+def _naming_rate(arguments: argparse.Namespace, num_pixels: int) -> Iterator[None]:
+    """Prefix errors with the rate."""
+    try:
+        yield
+    except ConfigError as err:
+        raise ConfigError(f"--bpp {arguments.bpp:g} of {num_pixels} pixels: {err}") from None
+
+
+Result = tuple[bytes, dict[str, Any], str]
+"""A stream, its figures, and a summary."""
+
+
+def _encode_views(arguments: argparse.Namespace, paths: list[str]) -> Result:
+    from dvc.dibr.view_encoder import ViewEncoder
+
+    views, labels = _read_views(arguments, paths)
+    num_layers, num_pixels = arguments.quality_layers, views.shape[0] * views.shape[1]
+    by_rate = arguments.multiplier is None
+    total = None if by_rate else num_layers * len(views.references)
+    with cli.progress_bar("rate: layers" if by_rate else "layers", total, arguments.quiet) as advance:
+        encoder = ViewEncoder(views, labels, arguments.disparity, num_layers, advance)
+        if by_rate:
+            with _naming_rate(arguments, num_pixels):
+                encoded = encoder.encode_to_size(_max_bytes(arguments, num_pixels))
+        else:
+            encoded = encoder.encode(arguments.multiplier)
+    header = encoder.header
+    figures = {
+        "stream_bytes": len(encoded.data),
+        "bpp": 8 * len(encoded.data) / num_pixels,
+        "lambda": encoded.multiplier,
+        "bits": {
+            "header": 8 * encoded.header_bytes,
+            "picture": 8 * encoded.picture_bytes,
+            "disparity": 8 * encoded.disparity_bytes,
+        },
+        "disparity_share": encoded.disparity_share,
+        "disparity": header.method,
+        "quality_layers": header.num_layers,
+        "labels": header.labels._asdict(),
+        "references": list(header.references),
+        "width": views.shape[1],
+        "height": views.shape[0],
+        "colour": views.pictures[0].ndim == 3,
+    }
+    share = f"{100 * encoded.disparity_share:.1f} % of it disparities; lambda {encoded.multiplier:.3g}"
+    return encoded.data, figures, f"{figures['bpp']:.4f} bits per pixel, {share}"
+
+
+def _read_views(arguments: argparse.Namespace, paths: list[str]) -> tuple["Views", "DisparityLabels"]:
+    """Read views, and return them with their labels."""
+    from dvc.dibr import view_set
+    from dvc.geometry.camera_files import load_cameras
+
+    references = _references(paths, arguments.references)
+    if arguments.cameras is None:
+        if arguments.depths is not None:
+            raise ConfigError("--depths requires --cameras; rectified views have --disparities")
+        if arguments.disparities is None:
+            raise ConfigError("--disparities MIN:MAX is required, in pixels per unit of m")
+        array = array_files.load_array(paths, array_files.positions_of(arguments, paths))
+        return view_set.views_of_array(array, references, gray=arguments.gray), arguments.disparities
+    for name in ("disparities", "lattice", "views"):
+        if getattr(arguments, name) is not None:
+            raise ConfigError(f"--{name} requires rectified views; --cameras takes --depths")
+    pictures = array_files.read_pictures_of_one_size(paths)
+    calibrated = view_set.with_near_origin(load_cameras(arguments.cameras, paths, pictures))
+    views = view_set.views_of_cameras(pictures, calibrated.cameras, references, gray=arguments.gray)
+    depths = arguments.depths or (*view_set.depths_of_points(views, calibrated.points), None)
+    return views, view_set.labels_of_depths(views, *depths)
+
+
+def _references(paths: list[str], names: list[str]) -> tuple[int, ...]:
+    """Return the indices of the coded views."""
+    references = [0]
+    for name in names:
+        matches = [number for number, path in enumerate(paths) if name in (path, Path(path).name)]
+        if not matches:
+            raise ConfigError(f"reference {name} is not among the views")
+        references += [number for number in matches[:1] if number not in references]
+    return tuple(references)
+
+
+def _encode_depth_image(arguments: argparse.Namespace, paths: list[str]) -> Result:
+    from dvc.dibr.depth_image import depth_image_encoder, depth_image_stream
+    from dvc.images.colour import luma
+    from dvc.images.lifting import most_levels
+    from dvc.picture_files import read_picture
+
+    picture = coded = None
+    path, near_far = arguments.depth or paths[0], arguments.near_far
+    if arguments.depth is not None:
+        picture = read_picture(paths[0])
+    depth_map = read_with_holes(path, arguments, near_far is None)
+    try:
+        scale = depth_map.scale(arguments.depth_scale, near_far)
+    except ConfigError as err:
+        raise ConfigError(f"{path}: {err}") from None
+    shape = depth_map.depth.shape[0], depth_map.depth.shape[1]
+    if picture is not None:
+        check_size(path, shape, picture.shape[:2], paths[0])
+        if near_far is None:
+            _warn_of_reach(path, abs(scale.disparity(depth_map.depth)).max(), picture.shape[1])
+        is_gray = arguments.gray or bool((picture == picture[:, :, :1]).all())
+        coded = luma(picture) if is_gray else picture
+    depth_image_stream.check_map(shape, scale)
+    share = None if arguments.depth_share == AUTOMATIC else arguments.depth_share
+    levels = min(depth_image_encoder.DepthOptions.num_levels, most_levels(shape))
+    edges, num_pixels = _edges(arguments, depth_map.depth), shape[0] * shape[1]
+    is_quiet = arguments.quiet or edges is not None
+    bar = cli.progress_bar("selections of edges", depth_image_encoder.NUM_STEPS, is_quiet)
+    with bar as advance, _naming_rate(arguments, num_pixels):
+        encoded = depth_image_encoder.encode_to_size(
+            depth_image_encoder.DepthImage(depth_map.depth, scale, coded),
+            _max_bytes(arguments, num_pixels),
+            edges,
+            depth_image_encoder.DepthOptions(arguments.wavelet, levels, arguments.order_depth),
+            depth_image_encoder.PictureOptions(arguments.order_image, share),
+            advance,
+        )
+    bits = {name: 8 * size for name, size in encoded.part_bytes.items()}
+    decoded = depth_image_stream.decode(encoded.stream)
+    figures = {
+        "stream_bytes": len(encoded.data),
+        "bpp": 8 * len(encoded.data) / num_pixels,
+        "bits": bits,
+        "edge_elements": encoded.edges.count() if encoded.edges is not None else 0,
+        "depth_share": (bits["edges"] + bits["depth"]) / max(sum(bits.values()) - bits["header"], 1),
+        "image_edges": encoded.stream.picture_edges,
+        "width": shape[1],
+        "height": shape[0],
+        **depth_image_quality(decoded, depth_map, picture),
+    }
+    share_of_edges = f"{bits['edges']} of them {figures['edge_elements']} edges"
+    text = f"{figures['bpp']:.4f} bits per pixel, {8 * len(encoded.data)} bits, {share_of_edges}"
+    return encoded.data, figures, "; ".join([text, *in_decibels(figures, PSNR_NAMES)])
+
+
+def _warn_of_reach(path: str, reach_px: float, width: int) -> None:
+    """Report disparities that are wider than the picture on standard error."""
+    if reach_px > width:
+        sys.stderr.write(
+            f"dvc-dibr: {path}: disparities of up to {reach_px:.0f} pixels, the picture is {width} wide;"
+            " --depth-scale is the disparity of 1 in the map\n"
+        )
+
+
+def _edges(arguments: argparse.Namespace, depth: Any) -> "CodedEdges | None":
+    """Return the edges of the options; None: to be selected."""
+    from dvc.dibr.depth_image.depth_image_encoder import code_edges
+    from dvc.images.edge_extraction import canny_edges, read_edges
+    from dvc.images.edge_maps import EdgeMaps
+
+    if arguments.transform == TRANSFORMS[1]:
+        if arguments.edges != EDGES[0]:
+            raise ConfigError("--edges requires the shape-adaptive transform")
+        return code_edges(EdgeMaps.none(depth.shape))
+    if arguments.edges == "auto":
+        return None
+    makers = {"canny": lambda: canny_edges(depth), "none": lambda: EdgeMaps.none(depth.shape)}
+    return code_edges(makers.get(arguments.edges, lambda: read_edges(arguments.edges, depth.shape))())
+
+
+def _encode_layers(arguments: argparse.Namespace, paths: list[str]) -> Result:
+    import numpy as np
+
+    from dvc.dibr.depth_image import piece_encoder, piece_selection, piece_stream
+    from dvc.dibr.depth_image.depth_image_encoder import DepthOptions
+    from dvc.dibr.depth_image.piece_rendering import luma_from
+    from dvc.dibr.depth_image.scene_pieces import read_pieces
+
+    if arguments.depth_share == AUTOMATIC:
+        raise ConfigError("--depth-share auto requires a picture with --depth")
+    scene = read_pieces(paths[0])
+    frame = scene.canvas.frame
+    num_pixels, keeps_all = frame.width * frame.height, arguments.keep == KEEP[1]
+    max_bytes = _max_bytes(arguments, num_pixels)
+    options = piece_encoder.LayeredOptions(
+        DepthOptions(arguments.wavelet, order=arguments.order_depth),
+        arguments.order_image,
+        arguments.depth_share,
+        arguments.gray,
+    )
+    total = len(scene.pieces) if keeps_all else piece_selection.MOST_TRIALS
+    bar = cli.progress_bar("pieces" if keeps_all else "trials", total, arguments.quiet)
+    with bar as advance, _naming_rate(arguments, num_pixels):
+        if keeps_all:
+            encoded, coded = piece_encoder.encode_to_size(scene, max_bytes, options, advance), scene
+        else:
+            selected = piece_selection.encode_best(scene, max_bytes, options, advance)
+            encoded, coded = selected.encoded, selected.scene
+    decoded = piece_stream.decode(piece_stream.decode_stream(encoded.data)).scene
+    pairs = [pair for pair in zip(decoded.pieces, coded.pieces, strict=True) if pair[1].mask.any()]
+    colour = [np.float64(one.colour[one.mask]) - other.colour[other.mask] for one, other in pairs]
+    disparity = [np.float64(one.disparity[one.mask]) - other.disparity[other.mask] for one, other in pairs]
+    known = [other.disparity[other.mask] for _, other in pairs]
+    extent = float(np.ptp(np.concatenate(known))) if known else 0.0
+    views = [luma_from(decoded, one) - luma_from(scene, one) for one in piece_selection.viewpoints_of(scene)]
+    figures = {
+        "stream_bytes": len(encoded.data),
+        "bpp": 8 * len(encoded.data) / num_pixels,
+        "kind": scene.kind.name.lower(),
+        "num_pieces": len(coded.pieces),
+        "num_given": len(scene.pieces),
+        "num_values": coded.num_values,
+        "num_values_given": scene.num_values,
+        "bits": {name: 8 * size for name, size in encoded.part_bytes.items()},
+        "edge_elements": encoded.edge_elements,
+        "psnr_image_db": _psnr(colour, 255.0),
+        "psnr_disparity_db": _psnr(disparity, extent),
+        "psnr_views_db": _psnr(views, 255.0),
+    }
+    names = {"psnr_disparity_db": "disparity", "psnr_image_db": "colour", "psnr_views_db": "views"}
+    bits = f"{8 * encoded.part_bytes['edges']} of {8 * len(encoded.data)} bits for masks and edges"
+    text = (
+        f"{len(coded.pieces)} {figures['kind']} of {len(scene.pieces)}, {figures['bpp']:.4f} bits per pixel"
+    )
+    return encoded.data, figures, "; ".join([f"{text}, {bits}", *in_decibels(figures, names)])
+
+
+def _psnr(errors: list[Any], peak: float) -> float | None:
+    import numpy as np
+
+    error = float(np.mean(np.concatenate(errors) ** 2)) if errors else 0.0
+    return 10.0 * math.log10(peak**2 / error) if error and peak else None

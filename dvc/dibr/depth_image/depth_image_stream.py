@@ -1,0 +1,298 @@
+"""Streams of a depth map, with its picture or without: header, edges, and embedded code of both, interleaved.
+
+The bytes of depth and picture alternate in proportion to their numbers, so a stream that is cut anywhere
+after its edges has the same share of both.
+"""
+
+import math
+import struct
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.bits import encode_varint
+from dvc.dibr import dibr_streams
+from dvc.dibr.depth_image.depth_scale import DepthScale, Plane, decode_extent, encode_extent
+from dvc.dibr.dibr_streams import CHECK_BYTES, MAX_NUMBER, MAX_PIXELS, Body, Extent, FieldReader
+from dvc.dibr.view_rendering import PictureAndDisparity
+from dvc.errors import BitstreamError, ConfigError
+from dvc.geometry.camera_array import LatticePosition
+from dvc.geometry.viewpoints import Viewpoint
+from dvc.images import chain_code, picture_codec
+from dvc.images.chain_code import EdgeCode
+from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_masks import Mask, border
+from dvc.images.picture_codec import DecodedPicture, PictureHeader
+
+MAX_BYTES = 2**31
+"""Most bytes of edges, of depth and of a picture."""
+ORIGIN = LatticePosition(0.0, 0.0)
+"""Viewpoint of the picture."""
+_FLAGS, _SIZE, _RANGE, _SCALE = (struct.Struct(f"<{fields}") for fields in ("B", "2H", "fH", "2f"))
+_PICTURE, _ADAPTIVE_EDGES, _PICTURE_EDGES, _SCALED = 1, 2, 4, 8
+_DEPTH_ORDER_SHIFT, _PICTURE_ORDER_SHIFT, _ORDER_MASK = 4, 6, 3
+_MASKED = 0x80
+_IMPOSSIBLE = "the header of the stream cannot have been written"
+_MAX_FIELD = 2.0 * MAX_NUMBER
+"""Largest number of a scale."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneCode:
+    """The embedded code of a depth map or of a picture."""
+
+    header: PictureHeader
+    order: int  # order of the extrapolation at edges, from 0 to 3
+    data: bytes  # the code, or its available part
+
+
+@dataclass(frozen=True, eq=False)
+class DepthImageStream:
+    """A stream."""
+
+    shape: tuple[int, int]  # height and width
+    scale: DepthScale  # meaning of the numbers of the map
+    edges: bytes  # code of the edges; empty if there are none
+    edge_code: EdgeCode
+    depth: PlaneCode  # the map
+    picture: PlaneCode | None = None  # the picture, with the levels and the wavelet of the map
+    picture_edges: bool = False  # the transform of the picture also stops at the edges
+    masked: bool = False  # the code of the edges includes a mask
+    damage: str | None = None  # description of the missing part
+    # bytes that are neither edges nor code, of a stream that was read, whole or cut
+    num_header_bytes: int | None = None
+
+    @property
+    def part_bytes(self) -> dict[str, int]:
+        """Bytes of `header` (with lengths and checksum), `edges`, `depth` and `image`."""
+        parts = {
+            "edges": len(self.edges),
+            "depth": len(self.depth.data),
+            "image": len(self.picture.data) if self.picture else 0,
+        }
+        header = self.num_header_bytes
+        if header is None:
+            header = len(encode_stream(self)) - sum(parts.values())
+        return {"header": header, **parts}
+
+    def decoded_edges(self) -> tuple[EdgeMaps, Mask | None]:
+        """Return the edges of a stream, and its mask."""
+        if self.masked:
+            return chain_code.decode_masked(self.edges, self.shape, self.edge_code)
+        if not self.edges:
+            return EdgeMaps.none(self.shape), None
+        return chain_code.decode(self.edges, self.shape, self.edge_code), None
+
+
+def check_map(shape: tuple[int, int], scale: DepthScale) -> None:
+    """Refuse a map that no stream can hold."""
+    dibr_streams.check_shape(shape, "a map")
+    if not _is_moderate(scale):
+        raise ConfigError(f"numbers of a depth map: a range of at most {_MAX_FIELD:g} is accepted")
+
+
+def _is_moderate(scale: DepthScale) -> bool:
+    numbers = scale.lowest, scale.extent, scale.factor, scale.offset
+    are_small = all(math.isfinite(number) and abs(number) <= _MAX_FIELD for number in numbers)
+    return are_small and scale.extent >= 0.0
+
+
+def encode_stream(stream: DepthImageStream) -> bytes:
+    """Return the bytes of a stream."""
+    data = dibr_streams.begin(Body.DEPTH_IMAGE) + _encode_body(stream, _SIZE.pack(*stream.shape[::-1]))
+    return data + dibr_streams.checksum(data)
+
+
+def encode_piece(stream: DepthImageStream) -> bytes:
+    """Return the bytes of a piece of another stream, which has its size; inverse of `decode_piece`."""
+    data = _encode_body(stream, b"")
+    return data + dibr_streams.checksum(data)
+
+
+def _encode_body(stream: DepthImageStream, size: bytes) -> bytes:
+    depth, picture, scale = stream.depth, stream.picture, stream.scale
+    is_scaled = (scale.factor, scale.offset) != (1.0, 0.0)
+    flags = _PICTURE * (picture is not None) | _ADAPTIVE_EDGES * (stream.edge_code is EdgeCode.ADAPTIVE)
+    flags |= _PICTURE_EDGES * stream.picture_edges | _SCALED * is_scaled | depth.order << _DEPTH_ORDER_SHIFT
+    flags |= (picture.order if picture else 0) << _PICTURE_ORDER_SHIFT
+    data = _FLAGS.pack(flags) + size + _RANGE.pack(scale.lowest, encode_extent(scale.extent))
+    data += _SCALE.pack(scale.factor, scale.offset) if is_scaled else b""
+    colour = picture is not None and picture.header.colour
+    first, *rest = replace(depth.header, colour=colour).to_bytes()
+    data += bytes([first | _MASKED * stream.masked, *rest])
+    data += picture.header.to_bytes()[1:] if picture else b""
+    parts = [stream.edges, depth.data, *([picture.data] if picture else [])]
+    data += b"".join(encode_varint(len(part)) for part in parts) + stream.edges
+    return data + _interleave(depth.data, picture.data if picture else b"")
+
+
+def decode_stream(data: bytes, max_mib: float | None = None) -> DepthImageStream:
+    """Read a stream, or the beginning of one."""
+    reader = FieldReader.of_body(data, Body.DEPTH_IMAGE)
+    (flags,), (width, height) = reader.fields(_FLAGS), reader.fields(_SIZE)
+    size = height * width
+    if not 0 < size <= MAX_PIXELS:
+        raise BitstreamError(_IMPOSSIBLE)
+    stream = _decode_body(reader, flags, (height, width))
+    dibr_streams.check_extent(Extent(size, size, size * (1 + bool(flags & _PICTURE))), len(data), max_mib)
+    return stream
+
+
+def decode_piece(data: bytes, shape: tuple[int, int]) -> DepthImageStream:
+    """Read a piece of another stream, or the beginning of one."""
+    reader = FieldReader(data)
+    (flags,) = reader.fields(_FLAGS)
+    return _decode_body(reader, flags, shape)
+
+
+def _decode_body(reader: FieldReader, flags: int, shape: tuple[int, int]) -> DepthImageStream:
+    stream, (num_edges, num_depth, num_picture) = _decode_header(reader, flags, shape)
+    data, start = reader.data, reader.position
+    end = start + num_edges + num_depth + num_picture
+    if len(data) < start + num_edges:
+        raise BitstreamError(f"the stream ends within its edges, after {len(data)} bytes")
+    if len(data) >= end + CHECK_BYTES:
+        reader.bytes(end - start)
+        reader.check("the stream is damaged")
+        damage = f"{len(data) - reader.position} bytes follow" if len(data) > reader.position else None
+    else:
+        damage = f"the stream ends after {len(data)} of {end + CHECK_BYTES} bytes"
+    edges = data[start : start + num_edges]
+    depth_data, picture_data = _separate(data[start + num_edges : end], num_depth, num_picture)
+    picture = replace(stream.picture, data=picture_data) if stream.picture else None
+    depth = replace(stream.depth, data=depth_data)
+    header = min(len(data), end + CHECK_BYTES) - num_edges - len(depth_data) - len(picture_data)
+    return replace(stream, edges=edges, depth=depth, picture=picture, damage=damage, num_header_bytes=header)
+
+
+def _decode_header(
+    reader: FieldReader, flags: int, shape: tuple[int, int]
+) -> tuple[DepthImageStream, tuple[int, int, int]]:
+    """Read the fields before the edges: a stream without data, and the lengths of its parts."""
+    lowest, extent = reader.fields(_RANGE)
+    scale = DepthScale(
+        lowest, decode_extent(extent), *(reader.fields(_SCALE) if flags & _SCALED else (1.0, 0.0))
+    )
+    first, *planes = reader.bytes(PictureHeader.SIZE)
+    depth_header = PictureHeader.from_bytes(bytes([first & ~_MASKED, *planes]))
+    has_picture, picture = bool(flags & _PICTURE), None
+    orders = flags >> _DEPTH_ORDER_SHIFT & _ORDER_MASK, flags >> _PICTURE_ORDER_SHIFT & _ORDER_MASK
+    if has_picture:
+        header = PictureHeader.from_bytes(bytes([first & ~_MASKED]) + reader.bytes(PictureHeader.SIZE - 1))
+        picture = PlaneCode(header, orders[1], b"")
+    sizes = reader.varint(), reader.varint(), reader.varint() if has_picture else 0
+    if not _is_moderate(scale) or max(sizes) > MAX_BYTES:
+        raise BitstreamError(_IMPOSSIBLE)
+    depth = PlaneCode(replace(depth_header, colour=False), orders[0], b"")
+    code = EdgeCode(int(bool(flags & _ADAPTIVE_EDGES)))
+    is_shared, is_masked = bool(flags & _PICTURE_EDGES), bool(first & _MASKED)
+    return DepthImageStream(shape, scale, b"", code, depth, picture, is_shared, is_masked), sizes
+
+
+def _is_depth(num_depth: int, num_picture: int, length: int) -> NDArray[np.bool_]:
+    """Return which of the first interleaved bytes belong to the depth."""
+    ends = np.arange(length + 1, dtype=np.int64) * num_depth
+    return np.diff(ends // max(num_depth + num_picture, 1)) > 0
+
+
+def _interleave(depth: bytes, picture: bytes) -> bytes:
+    is_depth = _is_depth(len(depth), len(picture), len(depth) + len(picture))
+    mixed = np.empty(len(is_depth), np.uint8)
+    mixed[is_depth] = np.frombuffer(depth, np.uint8)
+    mixed[~is_depth] = np.frombuffer(picture, np.uint8)
+    return mixed.tobytes()
+
+
+def _separate(mixed: bytes, num_depth: int, num_picture: int) -> tuple[bytes, bytes]:
+    """Separate the available bytes of depth and picture."""
+    is_depth = _is_depth(num_depth, num_picture, len(mixed))
+    values = np.frombuffer(mixed, np.uint8)
+    return values[is_depth].tobytes(), values[~is_depth].tobytes()
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedDepthImage:
+    """A decoded stream."""
+
+    stream: DepthImageStream
+    depth: Plane  # the map, in its own numbers; (H, W)
+    picture: NDArray[np.uint8] | None  # gray, or red, green and blue; (H, W) or (H, W, 3)
+    edges: EdgeMaps  # edges of the full resolution
+    resolution: int  # number of times that the sides of map and picture are halved
+    mask: Mask | None = None  # False outside a piece; None: no mask; (h, w)
+
+    @property
+    def disparity(self) -> Plane:
+        """Disparity, in pixels of the map per unit of m and n."""
+        return self.stream.scale.disparity(self.depth) / 2.0**self.resolution
+
+    @property
+    def pairs(self) -> tuple[PictureAndDisparity, ...]:
+        """The picture with its disparities; empty without a picture."""
+        if self.picture is None:
+            return ()
+        return (PictureAndDisparity(self.picture, self.disparity, ORIGIN),)
+
+    @property
+    def viewpoints(self) -> tuple[Viewpoint, ...]:
+        """The viewpoint of the picture."""
+        return (ORIGIN,)
+
+    @property
+    def step(self) -> float:
+        """Distance of neighbouring disparities: they are continuous."""
+        return 0.0
+
+    @property
+    def damage(self) -> str | None:
+        """Description of the missing part of the stream."""
+        return self.stream.damage
+
+
+def decode(stream: DepthImageStream, resolution: int = 0) -> DecodedDepthImage:
+    """Decode a stream.
+
+    Parameters
+    ----------
+    stream : DepthImageStream
+        The stream, as it was read.
+    resolution : int, optional
+        Number of times that the sides of map and picture are halved.
+
+    Returns
+    -------
+    DecodedDepthImage
+        Map and picture.
+
+    Raises
+    ------
+    BitstreamError
+        If the stream cannot have been written.
+    ConfigError
+        If the stream has fewer resolutions.
+    """
+    num_levels = stream.depth.header.num_levels
+    if not 0 <= resolution <= num_levels:
+        raise ConfigError(f"resolution {resolution}: 0 to {num_levels} are accepted")
+    edges, mask = stream.decoded_edges()
+    picture = None
+    if stream.picture:  # first, as it takes more memory
+        stops = edges if stream.picture_edges else None if mask is None else border(mask)
+        picture = decode_plane(stream.picture, stops, stream.shape, resolution, mask).picture()
+    levels = decode_plane(stream.depth, edges, stream.shape, resolution, mask).planes[0]
+    coarse = None if mask is None else mask[:: 2**resolution, :: 2**resolution]
+    return DecodedDepthImage(stream, stream.scale.depth(levels), picture, edges, resolution, coarse)
+
+
+def decode_plane(
+    code: PlaneCode,
+    edges: EdgeMaps | None,
+    shape: tuple[int, int],
+    resolution: int = 0,
+    mask: Mask | None = None,
+) -> DecodedPicture:
+    """Decode a map, as levels, or a picture."""
+    if mask is None and edges is not None and not edges.count():
+        edges = None
+    return picture_codec.decode(code.header, code.data, shape, resolution, edges, code.order, mask)

@@ -1,0 +1,216 @@
+"""Disparity maps as wavelet trees: the best one for its bits, and its bytes.
+
+The costs of the dynamic programming and the statistics of the code depend on each other: an optimum gives
+costs of coefficients, these costs give the next optimum, a few times. If the errors of rendered views are
+known, differences of labels may cost more than their bits, as they open holes, and labels that cover a hole
+less; several values are tried. Costs are in units of the errors: bits times lambda, a squared error per pixel
+for each bit.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.disparity import _kernels
+from dvc.dibr.disparity.disparity_codec import CREDITS, Candidates, Known, RangeCodedDisparities, climb
+from dvc.dibr.disparity.error_tensor import Distortion, Tensor
+from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, IntegerTransform, Labels, WaveletTree
+from dvc.dibr.disparity.tree_coding import (
+    Classes,
+    Statistics,
+    code_tree,
+    encode_tree,
+    open_nodes,
+    predictions_of,
+    split_nodes,
+)
+from dvc.dibr.disparity.tree_optimisation import TEAR, Kinds, LevelCosts, optimise_tree
+from dvc.entropy import RangeCoder
+
+Floats = NDArray[np.float64]
+
+NUM_ITERATIONS = 2
+"""Iterations of costs and tree before tears are tried."""
+TEARS = 0.025, 0.05, 0.1, 0.2
+"""Squared errors of pixels of holes to try, relative to the mean of the tensor."""
+_FLAG_PRIOR, _ZERO_PRIOR, _MERGE_PRIOR, _MAGNITUDE_PRIOR = 0.3, 0.3, 0.6, 3.0
+"""Probabilities and mean magnitude without any counts."""
+_PRIOR_WEIGHT = 4.0
+"""Weight of priors, in counts."""
+
+
+@dataclass(frozen=True)
+class TreeCodec(RangeCodedDisparities):
+    """Base of codecs of L or S trees."""
+
+    transform: IntegerTransform  # L or S
+    num_levels: int | None = None  # number of times that the map is halved; None: down to one pixel
+    layered = True
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Name on command lines."""
+        return self.transform.name
+
+    def _empty(self, shape: tuple[int, int], num_labels: int, known: Known) -> WaveletTree:
+        return WaveletTree.constant(self.transform, shape, num_labels, len(known.classes))
+
+
+@dataclass(frozen=True)
+class WaveletCodec(TreeCodec):
+    """Codec of trees with an adaptive code."""
+
+    def _best(
+        self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
+    ) -> WaveletTree:
+        search = _Search(self.transform, tensor, multiplier, known, distortion)
+        for step in range(NUM_ITERATIONS):
+            search.refine(search.latest, is_candidate=distortion is None or step == NUM_ITERATIONS - 1)
+        if distortion is not None:
+            climb(TEARS, lambda tear: search.refine(search.best, tear))
+            climb(CREDITS, lambda credit: search.refine(search.best, search.best.tear, credit))
+        return search.best.tree
+
+    def _code(self, coder: RangeCoder, representation: WaveletTree, known: Known) -> WaveletTree:
+        return code_tree(coder, representation, *known)[0]
+
+
+class _Result(NamedTuple):
+    """A tree, its statistics, and its tear."""
+
+    tree: WaveletTree
+    statistics: Statistics
+    tear: float
+
+
+class _Search:
+    """Trees of one tensor, each optimised by the costs of another one, and the best of all."""
+
+    def __init__(
+        self,
+        transform: IntegerTransform,
+        tensor: Tensor,
+        multiplier: float,
+        known: Known,
+        distortion: Distortion | None,
+    ) -> None:
+        self._transform, self._multiplier, self._known = transform, multiplier, known
+        self._tried: Candidates[_Result] = Candidates(tensor, multiplier, distortion)
+        parallax = 0.0 if distortion is None else distortion.parallax
+        self._error_of_tears = float(tensor.mean(dtype=np.float64)) * parallax
+        height, width, num_labels = tensor.shape
+        num_levels = len(known.classes)
+        start = known.previous or WaveletTree.constant(transform, (height, width), num_labels, num_levels)
+        self.latest = _Result(start, Statistics.none(num_levels), 0.0)
+
+    @property
+    def best(self) -> _Result:
+        """The tree of the least cost."""
+        return self._tried.best or self.latest
+
+    def refine(
+        self, start: _Result, tear: float = 0.0, credit: float = 0.0, *, is_candidate: bool = True
+    ) -> bool:
+        """Find the best tree by the costs of another one; return whether it is the best so far."""
+        classes, previous = self._known
+        kinds = kinds_of(start.tree, classes, previous)
+        costs = code_costs(
+            self._multiplier, start.tree.num_labels, start.statistics, kinds, tear * self._error_of_tears
+        )
+        tree, _ = optimise_tree(self._transform, self._tried.tensor(credit), costs, previous)
+        payload, statistics = encode_tree(tree, classes, previous)
+        self.latest = _Result(tree, statistics, tear)
+        return is_candidate and self._tried.offer(self.latest, tree.disparity(), len(payload), credit)
+
+
+class LevelKinds(NamedTuple):
+    """Kinds of the coefficients and nodes of a level, and labels of neighbours."""
+
+    coefficients: Kinds
+    nodes: Kinds
+    candidates: Labels
+
+
+def kinds_of(
+    tree: WaveletTree, significance: Sequence[Classes], previous: WaveletTree | None = None
+) -> list[LevelKinds]:
+    """Return the kinds of the coefficients and nodes of a tree."""
+    predictions = predictions_of(tree, previous)
+    levels, opened, splits = tree.levels(), open_nodes(significance), split_nodes(tree, predictions)
+    kinds = []
+    for level, classes in enumerate(significance):
+        labels, parents = levels[level], levels[level + 1]
+        of_samples, of_nodes = np.zeros(labels.shape, np.uint8), np.zeros(parents.shape, np.uint8)
+        candidates = np.full((*labels.shape, 2), _kernels.NONE, np.int32)
+        if tree.transform is L_TRANSFORM:
+            _kernels.kinds_l(parents, labels, predictions[level], classes, of_samples, candidates)
+        else:
+            _kernels.kinds_s(parents, labels, classes, of_samples)
+        split = splits[level].astype(np.uint8)
+        _kernels.kinds_of_nodes(parents, split, classes, opened[level], of_nodes)
+        kinds.append(LevelKinds(of_samples, of_nodes, candidates))
+    return kinds
+
+
+def code_costs(
+    multiplier: float,
+    num_labels: int,
+    statistics: Statistics,
+    kinds: Sequence[LevelKinds],
+    tear: float = 0.0,
+) -> list[LevelCosts]:
+    """Return the costs of the code of `encode_tree`, from counts of its symbols."""
+    coefficients, merges = _coefficient_bits(statistics.coefficients.astype(np.float64), num_labels)
+    flags = _flag_bits(statistics.flags.astype(np.float64))
+    tables = [np.float32(multiplier) * bits.astype(np.float32) for bits in (coefficients, flags, merges)]
+    for level, table in enumerate(tables[0]):
+        table[:, TEAR] = tear * 2.0**level
+    return [
+        LevelCosts(one.coefficients, table, one.nodes, flag, merge, one.candidates)
+        for one, table, flag, merge in zip(kinds, *tables, strict=True)
+    ]
+
+
+def _flag_bits(counts: Floats) -> Floats:
+    """Return the bits of flags, of shape (levels, node kinds, 2)."""
+    share = _shares(counts[..., 1], counts.sum(axis=-1), _FLAG_PRIOR)
+    bits = -np.log2(np.stack([1.0 - share, share], axis=-1))
+    bits[:, 0] = 0.0, np.inf
+    return bits
+
+
+def _coefficient_bits(counts: Floats, num_labels: int) -> tuple[Floats, Floats]:
+    """Return the bits of coefficients (levels, kinds, 5), and of labels of neighbours (levels, kinds, 2)."""
+    same, other = counts[..., _kernels.SAME], counts[..., _kernels.OTHER]
+    merged = counts[..., _kernels.MERGED : _kernels.MERGED + 2]
+    unmerged = counts[..., _kernels.UNMERGED : _kernels.UNMERGED + 2]
+    changed = _shares(other, same + other, _ZERO_PRIOR)
+    taken = _shares(merged, merged + unmerged, _MERGE_PRIOR)
+    nonzero = -np.log2(changed)
+    merges = nonzero[..., None] - np.log2(taken)
+    merges[..., 1] -= np.log2(1.0 - taken[..., 0])
+    asked = (merged + unmerged + 0.5) / (other[..., None] + 1.0)
+    refused = -(np.minimum(asked, 1.0) * np.log2(1.0 - taken)).sum(axis=-1)
+    rests, total = counts[..., _kernels.RESTS].sum(axis=1), counts[..., _kernels.MAGNITUDES].sum(axis=1)
+    pooled = (total.sum() + _MAGNITUDE_PRIOR * _PRIOR_WEIGHT) / (rests.sum() + _PRIOR_WEIGHT)
+    mean = (total + pooled * _PRIOR_WEIGHT) / (rests + _PRIOR_WEIGHT)
+    q = mean / (1.0 + mean)
+    slope = np.broadcast_to(-np.log2(q)[:, None], nonzero.shape)
+    constant = nonzero + refused + 1.0 - np.log2(1.0 - q)[:, None] - slope
+    jump = nonzero + refused + 2.0 + math.log2(num_labels)
+    zero = np.minimum(-np.log2(1.0 - changed), constant + slope)
+    bits = np.stack([zero, constant, slope, jump, np.zeros_like(jump)], axis=-1)
+    insignificant = slice(0, _kernels.NUM_SURROUNDINGS)
+    bits[:, insignificant] = 0.0, np.inf, np.inf, np.inf, 0.0
+    merges[:, insignificant] = np.inf
+    return bits, merges
+
+
+def _shares(counts: Floats, totals: Floats, prior: float) -> Floats:
+    """Return shares by level and kind, drawn to those of all levels, and these to a prior."""
+    pooled = (counts.sum(axis=0) + prior * _PRIOR_WEIGHT) / (totals.sum(axis=0) + _PRIOR_WEIGHT)
+    return np.asarray((counts + pooled * _PRIOR_WEIGHT) / (totals + _PRIOR_WEIGHT))

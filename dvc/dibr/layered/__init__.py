@@ -1,1 +1,0 @@
-"""Layers and sprites of chapter 2, coded as pictures with depth and mask, and rendered."""

@@ -1,1 +1,0 @@
-"""A viewer: decoded scenes as one HTML page in which the viewpoint is moved by hand."""

@@ -1,0 +1,389 @@
+"""Edges as chains from vertex to vertex, and chains as bytes: by code words of the thesis, or adaptively.
+
+By code words, a chain is its first vertex, its first direction and its length, of fixed numbers of bits, and
+then a word for each differential direction: 10, 0, 11 for -1, 0, 1. By adaptive arithmetic coding, starts are
+distances from one to the next, and each step is coded in contexts of the last steps and of the last two
+straight runs: whether the chain ends (likely at junctions), whether it continues straight, and to which side
+it turns. Steps onto coded edges are left out. If edges bound a mask, a code of the regions inside follows the
+chains.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc._jit import kernel
+from dvc.entropy import RangeCoder, code_exp_golomb, context_counts
+from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
+from dvc.entropy.mixing import Mixture, code_mixed, new_mixture
+from dvc.entropy.range_coder import CoderState, code_decision
+from dvc.errors import BitstreamError, ConfigError
+from dvc.images.edge_maps import EdgeMaps, Flags, degree, has_element, is_inside, next_vertex, set_element
+from dvc.images.edge_masks import Mask, code_mask
+
+_WEIGHT = 0.4
+_LENGTH_BITS = 24
+_CHAINS_PER_BYTE, _FREE_CHAINS = 4, 64  # a chain has two bits at least, and zeros at the end are not written
+_SIGN, _ZERO, _EXPONENTS = 0, 1, 2
+_NUM_COUNTS = 2 + 2 * NUM_EXPONENTS
+
+Integers = NDArray[np.int64]
+Directions = NDArray[np.int8]
+
+NUM_HISTORIES = 3**6
+MAX_RUN = 11
+NUM_RUNS = (MAX_RUN + 1) * (MAX_RUN + 1) * 3
+
+# Contexts of three decisions: a chain ends, continues straight, turns left; three tables each.
+END, STRAIGHT, TURN = range(3)
+_SIZES = NUM_HISTORIES + NUM_RUNS + 81
+NUM_CONTEXTS = 3 * _SIZES
+NUM_MIXTURES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Chains:
+    """Edges as chains."""
+
+    shape: tuple[int, int]  # rows and columns of the plane
+    starts: NDArray[np.int64]  # first vertices of chains, row by row, not decreasing
+    lengths: NDArray[np.int64]  # edge elements of each, at least 1
+    directions: NDArray[np.int8]  # directions of all elements, chain by chain
+
+    def parts(self) -> list[NDArray[np.int8]]:
+        """Return the directions of each chain."""
+        return np.split(self.directions, np.cumsum(self.lengths)[:-1]) if len(self.lengths) else []
+
+
+def trace(edges: EdgeMaps) -> Chains:
+    """Return edges as chains, as few as possible; the inverse of `draw`."""
+    number = edges.count()
+    starts, lengths = np.zeros(number, np.int64), np.zeros(number, np.int64)
+    directions = np.zeros(number, np.int8)
+    below, right = edges.between_rows.copy(), edges.between_columns.copy()
+    found = trace_edges(below, right, starts, lengths, directions)
+    order = np.argsort(starts[:found], kind="stable")
+    parts = np.split(directions, np.cumsum(lengths[:found])[:-1]) if found else []
+    sorted_parts = [parts[k] for k in order]
+    joined = np.concatenate(sorted_parts) if found else directions
+    return Chains(edges.shape, starts[:found][order], lengths[:found][order], joined)
+
+
+def draw(chains: Chains) -> EdgeMaps:
+    """Return the edges of chains; the inverse of `trace`."""
+    edges = EdgeMaps.none(chains.shape)
+    columns = chains.shape[1] + 1
+    for start, directions in zip(chains.starts, chains.parts(), strict=True):
+        row, column = divmod(int(start), columns)
+        if not draw_chain(edges.between_rows, edges.between_columns, row, column, directions):
+            raise ValueError("a chain leaves the plane")
+    return edges
+
+
+class EdgeCode(IntEnum):
+    """Codes of chains."""
+
+    FIXED = 0
+    ADAPTIVE = 1
+
+
+def encode(chains: Chains, code: EdgeCode, mask: Mask | None = None) -> bytes:
+    """Code chains; the inverse of `decode`, or with a mask of `decode_masked`."""
+    if not fits(chains, code):
+        raise ConfigError(f"code words take at most 2^{_LENGTH_BITS} - 1 chains, and as many edges to each")
+    coder = RangeCoder.writer()
+    edges = _CODES[code](coder, chains, len(chains.starts))
+    if mask is not None:
+        code_mask(coder, edges, mask)
+    return coder.to_bytes(shortest=True)
+
+
+def fits(chains: Chains, code: EdgeCode) -> bool:
+    """Return whether chains can be coded: the numbers of code words have 24 bits."""
+    largest = max(len(chains.lengths), int(chains.lengths.max(initial=0)))
+    return code is EdgeCode.ADAPTIVE or largest < 2**_LENGTH_BITS
+
+
+def decode(data: bytes, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
+    """Read the edges of chains."""
+    edges = _read(RangeCoder.reader(data), shape, code, len(data))
+    if not edges.count():
+        raise BitstreamError("the edges are damaged: none are coded")
+    return edges
+
+
+def decode_masked(data: bytes, shape: tuple[int, int], code: EdgeCode) -> tuple[EdgeMaps, Mask]:
+    """Read the edges of chains, and the mask that they bound."""
+    coder = RangeCoder.reader(data)
+    edges = _read(coder, shape, code, len(data))
+    return edges, code_mask(coder, edges)
+
+
+def _read(coder: RangeCoder, shape: tuple[int, int], code: EdgeCode, num_bytes: int) -> EdgeMaps:
+    nothing = np.zeros(0, np.int64)
+    most = _CHAINS_PER_BYTE * num_bytes + _FREE_CHAINS
+    edges = _CODES[code](coder, Chains(shape, nothing, nothing, np.zeros(0, np.int8)), most)
+    coder.check()
+    return edges
+
+
+def _field_bits(shape: tuple[int, int], chains: Chains) -> tuple[int, int, int]:
+    """Return the bits of rows, columns and lengths."""
+    longest = int(chains.lengths.max(initial=1))
+    return shape[0].bit_length(), shape[1].bit_length(), longest.bit_length()
+
+
+def _code_fixed(coder: RangeCoder, chains: Chains, most: int) -> EdgeMaps:
+    """Write or read chains by code words."""
+    edges = EdgeMaps.none(chains.shape)
+    height, width = chains.shape
+    row_bits, column_bits, length_bits = _field_bits(chains.shape, chains)
+    number = coder.uniform(2**_LENGTH_BITS, len(chains.starts))
+    length_bits = coder.uniform(32, length_bits)
+    if length_bits > _LENGTH_BITS or number > most:
+        raise BitstreamError("the edges are damaged")
+    parts = chains.parts() if len(chains.starts) else []
+    for k in range(number):
+        start = divmod(int(chains.starts[k]), width + 1) if parts else (0, 0)
+        given = parts[k] if parts else np.zeros(1, np.int8)
+        row, column = coder.uniform(2**row_bits, start[0]), coder.uniform(2**column_bits, start[1])
+        first = coder.uniform(4, int(given[0]))
+        length = coder.uniform(2**length_bits, len(given))
+        if row > height or column > width or not 0 < length <= 2 * height * width:
+            raise BitstreamError("the edges are damaged")
+        directions = np.full(length, first, np.int8)
+        directions[: len(given)] = given
+        directions[0] = first
+        code_words(coder.room_for(2 * length), directions)
+        coder.check()
+        if not draw_chain(edges.between_rows, edges.between_columns, row, column, directions):
+            raise BitstreamError("an edge leaves the picture")
+    return edges
+
+
+def _code_adaptive(coder: RangeCoder, chains: Chains, most: int) -> EdgeMaps:
+    """Write or read chains in contexts."""
+    edges = EdgeMaps.none(chains.shape)
+    height, width = chains.shape
+    counts = context_counts(np.full(_NUM_COUNTS, 50))
+    number = _code_number(coder, counts, len(chains.starts))
+    if number > most:
+        raise BitstreamError("the edges are damaged")
+    counts = context_counts(np.full(_NUM_COUNTS, 50))
+    mixture = new_mixture(NUM_CONTEXTS, NUM_MIXTURES, _WEIGHT)
+    room = np.zeros(2 * height * width, np.int8)
+    room[: len(chains.directions)] = chains.directions
+    before, offset = 0, 0
+    for k in range(number):
+        given = k < len(chains.starts)
+        start = before + _code_number(coder, counts, int(chains.starts[k]) - before if given else 0)
+        row, column = divmod(start, width + 1)
+        if row > height or offset >= len(room):
+            raise BitstreamError("the edges are damaged")
+        before = start
+        room[offset] = coder.uniform(4, int(room[offset]))
+        length = code_chain(
+            coder.room_for(3 * int(chains.lengths[k]) + 3 if given else 0),
+            mixture,
+            edges.between_rows,
+            edges.between_columns,
+            row,
+            column,
+            room[offset:],
+            int(chains.lengths[k]) if given else 0,
+        )
+        coder.check()
+        if length < 0:
+            raise BitstreamError("an edge leaves the picture")
+        offset += length
+    return edges
+
+
+def _code_number(coder: RangeCoder, counts: NDArray[np.int64], value: int) -> int:
+    state = coder.room_for(MAX_DECISIONS)
+    number = code_exp_golomb(state, counts, _ZERO, _SIGN, _EXPONENTS, _EXPONENTS + NUM_EXPONENTS, value)
+    coder.check()
+    if number < 0:
+        raise BitstreamError("the edges are damaged")
+    return int(number)
+
+
+_CODES = {EdgeCode.FIXED: _code_fixed, EdgeCode.ADAPTIVE: _code_adaptive}
+
+
+@kernel
+def follow(below: Flags, right: Flags, row: int, column: int, directions: Directions, count: int) -> Any:
+    """Follow a chain from a vertex to its end, straight if possible, and erase it; return the count."""
+    last = -1
+    turn = 0
+    while True:
+        chosen = -1
+        if last < 0:
+            for direction in range(4):
+                if chosen < 0 and has_element(below, right, row, column, direction):
+                    chosen = direction
+        elif has_element(below, right, row, column, last):
+            chosen = last
+        else:
+            first = (last - turn) % 4 if turn != 0 else (last + 1) % 4
+            if has_element(below, right, row, column, first):
+                chosen = first
+            elif has_element(below, right, row, column, (first + 2) % 4):
+                chosen = (first + 2) % 4
+        if chosen < 0:
+            return count
+        set_element(below, right, row, column, chosen, 0)
+        directions[count] = chosen
+        count += 1
+        if last >= 0 and chosen != last:
+            turn = (chosen - last + 1) % 4 - 1
+        last = chosen
+        row, column = next_vertex(row, column, chosen)
+
+
+@kernel
+def trace_edges(
+    below: Flags, right: Flags, starts: Integers, lengths: Integers, directions: Directions
+) -> Any:
+    """Decompose edges, which are erased, into as few chains as possible; return their number."""
+    height, width = below.shape
+    chains, count = 0, 0
+    for closed in range(2):
+        for row in range(height + 1):
+            for column in range(width + 1):
+                while True:
+                    number = degree(below, right, row, column)
+                    if number == 0 or (closed == 0 and number % 2 == 0):
+                        break
+                    after = follow(below, right, row, column, directions, count)
+                    starts[chains] = row * (width + 1) + column
+                    lengths[chains] = after - count
+                    count = after
+                    chains += 1
+    return chains
+
+
+@kernel
+def draw_chain(below: Flags, right: Flags, row: int, column: int, directions: Directions) -> Any:
+    """Set the edges of a chain; return whether it stays inside."""
+    for k in range(len(directions)):
+        direction: Any = np.int64(directions[k])
+        if not is_inside(below, row, column, direction):
+            return False
+        set_element(below, right, row, column, direction, 1)
+        row, column = next_vertex(row, column, direction)
+    return True
+
+
+@kernel
+def _is_touched(below: Flags, right: Flags, row: int, column: int, last: int) -> Any:
+    """Return whether a vertex has edges other than the one that led there."""
+    for direction in range(4):
+        if (direction + 2) % 4 != last and has_element(below, right, row, column, direction):
+            return 1
+    return 0
+
+
+@kernel
+def _is_open(below: Flags, right: Flags, row: int, column: int, direction: int) -> Any:
+    """Return whether a new edge can lead from a vertex in a direction."""
+    return is_inside(below, row, column, direction) and not has_element(below, right, row, column, direction)
+
+
+@kernel
+def _code_end(coder: CoderState, mixture: Mixture, touched: int, seen: int, run: int, ended: int) -> Any:
+    """Code whether a chain ends, which is likely at junctions."""
+    base = END * _SIZES
+    second, third = base + 2 + touched * 3 + seen % 3, base + 8 + touched * 12 + run
+    return code_mixed(coder, mixture, base + touched, second, third, touched, ended)
+
+
+@kernel
+def _code_step(
+    coder: CoderState, mixture: Mixture, kind: int, seen: int, runs: int, run: int, decision: int
+) -> Any:
+    """Code a decision in contexts of a few last steps, of more of them, and of the last runs."""
+    base = kind * _SIZES
+    second, third = base + 81 + seen, base + 81 + NUM_HISTORIES + runs
+    return code_mixed(coder, mixture, base + seen % 81, second, third, 2 * kind + min(run, 1), decision)
+
+
+@kernel
+def _code_turn(
+    coder: CoderState,
+    mixture: Mixture,
+    ways: tuple[bool, bool, bool],
+    context: tuple[int, int, int],
+    turn: int,
+    target: int,
+) -> Any:
+    """Code the step of a chain among those possible: 0 straight, 1 to the left, -1 to the right."""
+    (straight, left, after), (seen, runs, run) = ways, context
+    if straight:
+        if not (left or after):
+            return 0
+        if _code_step(coder, mixture, STRAIGHT, seen, runs, run, int(target == 0)):
+            return 0
+    if not (left and after):
+        return 1 if left else -1
+    again = _code_step(coder, mixture, TURN, seen, runs, run, int((target > 0) == (turn >= 0)))
+    return 1 if (again > 0) == (turn >= 0) else -1
+
+
+@kernel
+def code_chain(
+    coder: CoderState,
+    mixture: Mixture,
+    below: Flags,
+    right: Flags,
+    row: int,
+    column: int,
+    directions: Directions,
+    length: int,
+) -> Any:
+    """Code the directions of a chain after the first one, and draw all; return its length."""
+    last: Any = np.int64(directions[0])
+    if not _is_open(below, right, row, column, last):
+        return -1
+    history, run, run_before, same, turn = NUM_HISTORIES // 2, 0, 0, 0, 0
+    count = 1
+    while True:
+        set_element(below, right, row, column, last, 1)
+        row, column = next_vertex(row, column, last)
+        straight = _is_open(below, right, row, column, last)
+        left = _is_open(below, right, row, column, (last + 1) % 4)
+        after = _is_open(below, right, row, column, (last + 3) % 4)
+        if not (straight or left or after) or count >= len(directions):
+            return count
+        touched = _is_touched(below, right, row, column, last)
+        seen = history if turn >= 0 else NUM_HISTORIES - 1 - history  # as if the last turn were to the left
+        runs = (run * (MAX_RUN + 1) + run_before) * 3 + same + 1
+        if _code_end(coder, mixture, touched, seen, run, int(count == length)):
+            return count
+        target: Any = (np.int64(directions[count]) - last + 1) % 4 - 1 if count < length else 0
+        step = _code_turn(coder, mixture, (straight, left, after), (seen, runs, run), turn, target)
+        history = (history * 3 + step + 1) % NUM_HISTORIES
+        if step == 0:
+            run = min(run + 1, MAX_RUN)
+        else:
+            same = 0 if turn == 0 else (1 if turn == step else -1)
+            turn, run_before, run = step, run, 0
+        last = (last + step) % 4
+        directions[count] = last
+        count += 1
+
+
+@kernel
+def code_words(coder: CoderState, directions: Directions) -> None:
+    """Write or read the differential directions of a chain (4.6), (4.7) by the words 10, 0, 11."""
+    for k in range(1, len(directions)):
+        last = np.int64(directions[k - 1])
+        step: Any = (np.int64(directions[k]) - last + 1) % 4 - 1
+        if code_decision(coder, 0.5, int(step != 0)):
+            step = 1 if code_decision(coder, 0.5, int(step > 0)) else -1
+        else:
+            step = 0
+        directions[k] = (last + step) % 4

@@ -1,1 +1,0 @@
-"""Embedded coding of wavelet coefficients by zerotrees: SPIHT with contexts."""

@@ -1,1 +1,0 @@
-"""Wavelet transforms of planes of any size."""

@@ -1,0 +1,188 @@
+"""Set partitioning in hierarchical trees, with contexts: coefficients as bytes that can be cut anywhere.
+
+Magnitudes are whole numbers of steps, with a dead zone. Their bit planes are coded from the highest on; in
+each, first the single coefficients, then the sets, then the next digits of coefficients that were
+significant before. From the original algorithm this differs in its contexts, in that decisions that follow
+from others are left out, and in that a set is coded down to its leaves at once.
+
+The probability of a decision is a logistic mixture of those of three adaptive contexts: the neighbours,
+parent and children, and the surroundings at that scale.
+
+A reader of a part of the bytes takes exactly the decisions that these bytes settle.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.entropy import CoderState, RangeCoder
+from dvc.entropy.mixing import new_mixture
+from dvc.entropy.range_coder import POSITION
+from dvc.errors import BitstreamError
+from dvc.images import _kernels as kernels
+from dvc.images.lifting import scale_shapes
+from dvc.images.zerotrees import Band, Forest, Shape
+
+MAX_PLANES = 30
+"""Most bit planes of magnitudes."""
+
+_NEVER = 40  # a bit plane above all
+_MAX_BYTES_PER_NODE = 8
+_MORE_THAN_ALL_PER_NODE, _MORE_THAN_ALL = (
+    16,
+    64,
+)  # bytes that no code reaches: for each node, and further ones
+_FIRST_WEIGHT = 0.4
+
+
+@dataclass(frozen=True)
+class EmbeddedCode:
+    """Coefficients as bytes."""
+
+    data: bytes  # any part from the beginning is the code of an approximation
+    num_planes: int  # bit planes, which the reader needs
+    bits: NDArray[np.float64]  # lengths, increasing
+    squared_error: NDArray[np.float64]  # error of coefficients at these lengths, in squared steps
+
+
+@dataclass(frozen=True)
+class DecodedCoefficients:
+    """Coefficients, as far as bytes determine them."""
+
+    # lower bounds of magnitudes, in steps, with their signs; 0: not significant
+    values: NDArray[np.int32]
+    # lowest bit plane of each that is known: a magnitude is less than ``2^last_plane`` above its bound
+    last_planes: NDArray[np.uint8]
+
+    def part(self, band: Band) -> Self:
+        """Return the coefficients of a band."""
+        return type(self)(band.of(self.values), band.of(self.last_planes))
+
+    def reconstruct(self, points: tuple[float, float]) -> NDArray[np.float64]:
+        """Return coefficients, in steps."""
+        magnitude, width, found = _intervals(self.values, self.last_planes)
+        magnitude += np.where(found, points[0], points[1]) * width
+        magnitude[self.values == 0] = 0.0
+        return np.copysign(magnitude, self.values, out=magnitude)
+
+    def fitted_points(self, exact: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the points of the least squared error."""
+        chosen = np.flatnonzero(self.values)
+        magnitude, width, found = _intervals(self.values[chosen], self.last_planes[chosen])
+        excess = np.abs(exact[chosen]) - magnitude
+        points = []
+        for group in (found, ~found):
+            energy = float(np.sum(width[group] ** 2))
+            points.append(float(np.sum((excess * width)[group])) / energy if energy else 0.5)
+        return points[0], points[1]
+
+
+def _intervals(
+    values: NDArray[np.int32], last_planes: NDArray[np.uint8]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    magnitude = np.abs(values.astype(np.float64))
+    width = np.ldexp(np.float64(1.0), last_planes.astype(np.int32))
+    return magnitude, width, magnitude == width
+
+
+def encode(
+    forest: Forest,
+    coefficients: NDArray[np.float64],
+    max_bytes: int | None = None,
+    adaptive: bool = True,
+    lowest_plane: int = 0,
+) -> EmbeddedCode:
+    """Code coefficients; the inverse of `decode`."""
+    limit = 2.0**MAX_PLANES
+    if not (-limit < np.min(coefficients) and np.max(coefficients) < limit):
+        raise ValueError(f"`coefficients` must be finite and below 2^{MAX_PLANES} steps")
+    most = _MAX_BYTES_PER_NODE * forest.num_nodes
+    if max_bytes is not None:
+        most = min(max_bytes, _MORE_THAN_ALL_PER_NODE * forest.num_nodes + _MORE_THAN_ALL)
+    marks = _new_marks(forest, kernels.NUM_WRITER_MARKS)
+    planes = np.empty(forest.num_nodes, np.uint8)
+    num_planes = int(kernels.count_planes(coefficients, planes))
+    energy = float(np.sum(coefficients * coefficients))
+    if not num_planes:
+        return EmbeddedCode(b"", 0, np.zeros(1), np.array([energy]))
+    below, deeper = np.zeros((2, forest.num_nodes), np.uint8)
+    kernels.gather_below(forest.table, planes, below, deeper)
+    marks[:, kernels.PLANES_BELOW], marks[:, kernels.PLANES_DEEPER] = below, deeper
+    del planes, below, deeper
+    coder = RangeCoder.writer()
+    num_words = most // 4 + 4
+    curve = np.zeros(num_words + 1)
+    curve[-1] = energy
+    run = _new_run(coder.room_for(num_words), forest, marks, coefficients, curve, most + 8, adaptive)
+    kernels.code_planes(run, forest.roots, num_planes, lowest_plane)
+    num_written = int(run.coder.fields[POSITION]) + 1
+    curve[num_written - 1] = curve[-1]
+    data = coder.to_bytes().ljust(4 * num_written + 4, b"\0")  # zeros follow for ever
+    bits = np.append(np.arange(0.0, 32.0 * num_written, 32.0), 8.0 * len(data))
+    errors = np.concatenate([[energy], curve[:num_written]])
+    within = bits <= 8.0 * most
+    return EmbeddedCode(data[:most], num_planes, bits[within], errors[within])
+
+
+def decode(forest: Forest, data: bytes, num_planes: int, adaptive: bool = True) -> DecodedCoefficients:
+    """Read coefficients from the beginning of their code."""
+    if not 0 <= num_planes <= MAX_PLANES:
+        raise BitstreamError(f"{num_planes} bit planes; there are at most {MAX_PLANES}")
+    coder = RangeCoder.reader(data)
+    marks = _new_marks(forest, kernels.NUM_READER_MARKS)
+    nothing = np.zeros(0)
+    run = _new_run(coder.room_for(0), forest, marks, nothing, np.zeros(1), len(data), adaptive)
+    kernels.code_planes(run, forest.roots, num_planes, 0)
+    coder.check()
+    return DecodedCoefficients(run.values, marks[:, kernels.LAST_PLANE].copy())
+
+
+def _new_marks(forest: Forest, num_columns: int) -> NDArray[np.uint8]:
+    marks = np.zeros((forest.num_nodes, num_columns), np.uint8)
+    marks[:, : forest.marks.shape[1]] = forest.marks
+    marks[:, kernels.LAST_PLANE] = _NEVER
+    return marks
+
+
+def _new_run(
+    coder: CoderState,
+    forest: Forest,
+    marks: NDArray[np.uint8],
+    exact: NDArray[np.float64],
+    curve: NDArray[np.float64],
+    num_bytes: int,
+    adaptive: bool,
+) -> kernels.Run:
+    num_parents = int(np.count_nonzero(forest.flag(kernels.HAS_CHILDREN)))
+    return kernels.Run(
+        coder,
+        np.zeros(kernels.NUM_FIELDS, np.int64),
+        np.zeros(forest.num_nodes, np.int32),
+        marks,
+        forest.table,
+        np.zeros(forest.num_nodes, np.int32),
+        np.zeros(2 * num_parents, np.int32),
+        np.zeros(kernels.MOST_CHILDREN * (max(forest.num_levels) + 1), np.int32),
+        exact,
+        curve,
+        new_mixture(kernels.NUM_CONTEXTS, kernels.NUM_WEIGHTS, _FIRST_WEIGHT),
+        num_bytes,
+        adaptive,
+    )
+
+
+def significance_maps(
+    bands: Sequence[Band], decoded: DecodedCoefficients, shape: Shape, num_levels: int
+) -> list[NDArray[np.bool_]]:
+    """Return by scale where any orientation of any plane has a significant coefficient."""
+    maps = [np.zeros(size, np.bool_) for size in scale_shapes(shape, num_levels)[1:]]
+    for band in bands:
+        if 0 < band.level <= num_levels and band.kind:
+            rows, columns = band.shape
+            maps[band.level - 1][:rows, :columns] |= band.of(decoded.values) != 0
+    for coarser in maps[max(band.level for band in bands) :]:
+        coarser[:] = True
+    return maps

@@ -1,0 +1,71 @@
+"""The search for the multiplier of a rate."""
+
+import numpy as np
+import pytest
+
+from dvc.dibr.view_decoder import decode
+from dvc.dibr.view_encoder import MAX_STEPS, TOLERANCE, Encoded, ViewEncoder
+from dvc.dibr.view_set import Views
+from dvc.dibr.view_stream import decode_stream
+from dvc.errors import ConfigError
+from dvc.geometry.camera_array import DisparityLabels, LatticePosition
+
+
+class _Encoder:
+    """Pictures whose code is longer at smaller multipliers, in steps; disparities that vary."""
+
+    def __init__(self, grain=1, share=0.15):
+        self.count, self.grain, self.share = 0, grain, share
+
+    def multiplier_of_pictures(self, num_bytes):
+        return min((900.0 / max(num_bytes, 1)) ** 2, 10.0)
+
+    def encode(self, multiplier, picture_bytes=None):
+        self.count += 1
+        if picture_bytes is None:
+            picture_bytes = int(900.0 / multiplier**0.5) // self.grain * self.grain
+        disparity = int(self.share * 900.0 / multiplier**0.5) + 7 * (self.count % 2)
+        return Encoded(bytes(60 + picture_bytes + disparity), multiplier, 60, picture_bytes, disparity)
+
+
+@pytest.mark.parametrize("max_bytes", [2000, 5000, 50_000, 500_000])
+@pytest.mark.parametrize("share", [0.02, 0.15, 0.6])
+def test_streams_are_as_long_as_they_may_be(max_bytes, share):
+    encoder = _Encoder(share=share)
+    found = ViewEncoder.encode_to_size(encoder, max_bytes)
+    assert (1.0 - 2.0 * TOLERANCE) * max_bytes <= len(found.data) <= max_bytes
+    assert encoder.count <= MAX_STEPS
+
+
+def test_pictures_whose_multipliers_have_gaps_fill_the_rate():
+    found = ViewEncoder.encode_to_size(_Encoder(grain=7000), 30_000)
+    assert (1.0 - TOLERANCE) * 30_000 <= len(found.data) <= 30_000
+
+
+def test_rates_below_the_shortest_stream_are_refused():
+    with pytest.raises(ConfigError, match=r"100 bytes are too few: these views need \d+ at least"):
+        ViewEncoder.encode_to_size(_Encoder(), 100)
+
+
+def _views():
+    generator = np.random.default_rng(0)
+    picture = np.kron(generator.integers(0, 256, (12, 16)), np.ones((4, 4))).astype(np.uint8)
+    places = LatticePosition(0, 0), LatticePosition(1, 0), LatticePosition(2, 0)
+    return Views(tuple(np.roll(picture, -2 * shift, axis=1) for shift in range(3)), places, (0, 2))
+
+
+def test_pictures_take_the_bytes_that_they_are_given():
+    encoder = ViewEncoder(_views(), DisparityLabels(0.0, 1.0, 4), num_layers=2)
+    multiplier = encoder.multiplier_of_pictures(900)
+    assert 450 < sum(code.bytes_at_multiplier(multiplier) for code in encoder.codes) < 1400
+    headers = 3 * 2 * 2  # of two pictures in two layers
+    for given in (multiplier, 9.0 * multiplier):  # the last layer takes what is left
+        assert 898 <= encoder.encode(given, 900).picture_bytes - headers <= 900
+
+
+def test_a_stream_of_a_rate_is_decoded():
+    encoder = ViewEncoder(_views(), DisparityLabels(0.0, 1.0, 4), num_layers=3)
+    found = ViewEncoder.encode_to_size(encoder, 1500)
+    assert 1400 <= len(found.data) <= 1500
+    assert decode(decode_stream(found.data)).damage is None
+    assert "4 bytes follow" in str(decode(decode_stream(found.data + b"more")).damage)

@@ -1,0 +1,39 @@
+"""Edge maps and their pyramid (4.5)."""
+
+import numpy as np
+import pytest
+
+from dvc.images.edge_maps import EdgeMaps
+
+
+def test_coarse_samples_are_separated_where_fine_ones_are():
+    rng = np.random.default_rng(0)
+    for shape in ((8, 8), (7, 9), (1, 5), (5, 1), (2, 3)):
+        below, right = ((rng.random(shape) < 0.3).astype(np.uint8) for _ in range(2))
+        below[-1], right[:, -1] = 0, 0
+        coarse = EdgeMaps(below, right).coarser()
+        assert coarse.shape == ((shape[0] + 1) // 2, (shape[1] + 1) // 2)
+        for s in range(coarse.shape[0] - 1):
+            for t in range(coarse.shape[1]):
+                assert coarse.between_rows[s, t] == max(below[2 * s, 2 * t], below[2 * s + 1, 2 * t])
+        for s in range(coarse.shape[0]):
+            for t in range(coarse.shape[1] - 1):
+                assert coarse.between_columns[s, t] == max(right[2 * s, 2 * t], right[2 * s, 2 * t + 1])
+        assert not coarse.between_rows[-1].any()
+        assert not coarse.between_columns[:, -1].any()
+
+
+def test_a_pyramid_begins_with_the_edges_themselves():
+    edges = EdgeMaps.none((9, 9))
+    edges.between_rows[3, 4] = 1
+    levels = list(edges.pyramid(3))
+    assert [level.shape for level in levels] == [(9, 9), (5, 5), (3, 3)]
+    assert levels[0] is edges
+    assert [level.count() for level in levels] == [1, 1, 1]
+
+
+def test_edges_beyond_the_plane_are_refused():
+    with pytest.raises(ValueError, match="no neighbours"):
+        EdgeMaps(np.ones((2, 2), np.uint8), np.zeros((2, 2), np.uint8))
+    with pytest.raises(ValueError, match="shape"):
+        EdgeMaps(np.zeros((2, 2), np.uint8), np.zeros((2, 3), np.uint8))
