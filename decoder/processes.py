@@ -48,17 +48,16 @@ class DecodingProcess:
         command = python_module("decoder.worker", connection.fileno())
         # Whoever starts the process ends it; an interrupt from the terminal is not for it.
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        environment = baseline_environment() | ONE_HEAP
-        os.environ[COMPILATION_NOTICE] = ""  # one process prints it
         try:
             return subprocess.Popen(
                 command,
-                env=environment,
+                env=baseline_environment() | ONE_HEAP,
                 pass_fds=[connection.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
             )
         finally:
+            os.environ[COMPILATION_NOTICE] = ""  # the first process prints it
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def submit(self, *messages: GroupTask | Answered) -> None:

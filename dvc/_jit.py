@@ -34,8 +34,8 @@ _CONFIG.reload_config()  # numba may have been imported before
 if "numba.np.arraymath" not in sys.modules:
     # No kernel multiplies matrices; numba would import scipy's linear algebra for that.
     sys.modules["scipy.linalg.cython_blas"] = cast(Any, None)
-    import numba.np.arraymath
-
+    with without_settings(".numba_config.yaml"):
+        import numba.np.arraymath
     del sys.modules["scipy.linalg.cython_blas"]
 
 

@@ -166,10 +166,14 @@ def _write_inputs(folder: Path) -> None:
 
 def _run(words: list[str], folder: Path) -> bool:
     """Run a command; return whether its extra is installed."""
-    environment = child_environment() | {COMPILATION_NOTICE: ""}
-    command = python_module(words[0], *words[1:])
     done = subprocess.run(
-        command, env=environment, cwd=folder, capture_output=True, check=False, text=True, errors="replace"
+        python_module(words[0], *words[1:]),
+        env=child_environment() | {COMPILATION_NOTICE: ""},
+        cwd=folder,
+        capture_output=True,
+        check=False,
+        text=True,
+        errors="replace",
     )
     if INSTALL_EXTRA in done.stderr:
         return False
