@@ -26,8 +26,6 @@ Arms = NDArray[np.int16]
 
 DARK_LEVEL = 40
 """Level below which a step counts more: noise and contrast fall with the square root of the level."""
-
-
 BEFORE_Y, AFTER_Y, BEFORE_X, AFTER_X = 0, 1, 2, 3
 """Indices of the arms of a pixel: its numbers of pixels up, down, to the left and to the right."""
 

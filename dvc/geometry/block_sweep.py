@@ -19,8 +19,6 @@ Floats = NDArray[np.float64]
 
 GOLDEN_STEPS = 6
 """Steps of the golden-section search; each keeps 0.618 of the interval."""
-
-
 MIN_PARALLAX_PX = 0.05
 """Smallest displacement of a block by a search over two hypotheses that changes its depth."""
 

@@ -24,41 +24,21 @@ Floats = NDArray[np.float64]
 Size = tuple[int, int]
 
 MAX_FEATURES = 8000
-
-
 MIN_CONTRAST = 0.01
 """Contrast of features, a quarter of the default of OpenCV: walls and floors have points, too."""
-
-
 RATIO = 0.8
 """Largest ratio of the distances to the nearest and the second nearest descriptor."""
-
-
 FOCAL_LENGTHS = 0.6, 0.85, 1.2, 1.7, 2.4
 """Initial focal lengths, in units of the longer side of the picture."""
-
-
 USUAL_FOCAL_LENGTH, FOCAL_SIGMA = 1.0, 0.4
 """Median of focal lengths, and the standard deviation of their natural logarithm."""
-
-
 NOISE_PX = 0.5
 """Distance of correct matches from their epipolar lines; matches farther away have less weight."""
-
-
 MAX_ERROR_PX = 1.5
-
-
 MIN_FOCAL_LENGTH, MAX_FOCAL_LENGTH = 0.6, 3.0
 """Accepted focal lengths, in units of the longer side of the picture."""
-
-
 SEED = 0
-
-
 MIN_MATCHES = 30
-
-
 _MAX_K1 = 0.5
 _RECORD_BYTES = {"cameras.bin": 24, "images.bin": 73, "points3D.bin": 51, "rigs.bin": 16, "frames.bin": 72}
 """Smallest record of each binary file of a COLMAP model."""

@@ -35,44 +35,24 @@ Mask = NDArray[np.bool_]
 
 AGREEMENT_PX = 1.5
 """Largest distance, there and back, between points on which two maps agree: a pixel, and both errors."""
-
-
 MIN_CONFIDENCE = 20.0
 """Smallest confidence of a consistent depth, in costs of the sweep: the noise of eight directions."""
-
-
 MIN_REGION_PX = 40
 """Smallest consistent region; smaller ones are speckles, accidental matches."""
-
-
 TRACK_RADIUS_PX = 8.0
 """Radius around a known point in which its depth replaces inconsistent depth: half a macroblock."""
-
-
 MAX_STRETCH = 1.0
 """Largest extension of the range of depth by a known point, as a share of it: it may be wrong."""
-
-
 SLOPE_RADIUS_PX = 8
 """Radius in which the slope of a surface is measured: wide against the steps of the hypotheses."""
-
-
 SLOPE_SPACING_PX = 2
 """Spacing of the points that measure it."""
-
-
 MAX_CONTINUATION_PX = 40.0
 """Reach of slopes; farther away their error would be larger than that of constant depth."""
-
-
 MEDIAN_RADIUS_PX = 5
 """Radius of the median that aligns depth with edges of the image, which the sweep blurs."""
-
-
 MEDIAN_LEVELS = 8.0
 """Difference in luma that quarters the weight of a neighbour in this median."""
-
-
 DISCONTINUITY_PX = 1.5
 """Largest difference of motion between neighbours on one surface."""
 

@@ -22,12 +22,8 @@ Volume = NDArray[np.float32]
 Labels = NDArray[np.int64]
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
-
-
 UNREACHED = 20000
 """Cost before the first and after the last hypothesis: above all sums of a path, below 2^15."""
-
-
 UNITS = 100.0
 """Integer steps in a cost of 1."""
 

@@ -24,24 +24,14 @@ from dvc.geometry.camera_array import ArrayView, DisparityLabels, LatticePositio
 Volume = NDArray[np.float32]
 
 CENSUS_RADIUS_PX = 2
-
-
 DEAD_ZONE = 0.5
 """Levels by which a neighbour must be darker to set its bit: rounding in flat regions sets none."""
-
-
 PHASES_PER_PX = 16
 """Fractions of a pixel to which positions are rounded."""
-
-
 CENSUS_SCALE, LEVEL_SCALE = 12.0, 10.0
 """Numbers of differing bits and of levels at which a cost reaches 1 - 1/e of its limit."""
-
-
 SQUARED_LIMIT = 400.0
 """Truncation of squared differences, tau_2 of (2.18), in squared levels: twice the noise of a good match."""
-
-
 _MARGIN_ROWS = CENSUS_RADIUS_PX + 2  # needed above and below by census and interpolation
 
 

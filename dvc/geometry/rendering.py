@@ -21,16 +21,10 @@ Mask = NDArray[np.bool_]
 
 OUTSIDE_WEIGHT, OCCLUDED_WEIGHT, EDGE_WEIGHT = 1e-6, 1e-4, 0.02
 """Weights of a view for points outside it, occluded, or next to something nearer; 1 for other points."""
-
-
 PIECE = 0.5
 """Extent of each pixel next to a discontinuity, in pixels."""
-
-
 VISIBILITY_TOLERANCE_PX = 1.0
 """Largest parallax between a point that a view sees and the surface that it shows there."""
-
-
 HALO_PX = 1
 """Width of the border next to nearer surfaces, in which pixels mix both."""
 

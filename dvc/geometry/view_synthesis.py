@@ -30,12 +30,8 @@ Mask = NDArray[np.bool_]
 
 DISCONTINUITY_PX = 1.5
 """Largest difference of motion between neighbours that certainly belong to one surface."""
-
-
 SAME_SURFACE_PX = 1.0
 """Largest parallax between two sources of one surface."""
-
-
 FALLBACK_WEIGHT = 1e-6
 """Weight, relative to 1, of sources that only fill gaps of the other ones."""
 STIFFNESS = 1e-6

@@ -14,21 +14,11 @@ Window = tuple[slice, slice]
 
 PAPER = np.array([200, 120, 200], np.uint8)
 """Colour of empty pixels, which surfaces rarely have."""
-
-
 WHITE_VALUES = 3
 """Number of values that is white in the picture of values per pixel."""
-
-
 TILE_PX = 400
-
-
 MAX_MAGNIFICATION = 4.0
-
-
 PAGE = "index.html"
-
-
 SHOWN_SPRITES = 40
 """Number of sprites on the page, the largest first."""
 

@@ -28,12 +28,8 @@ Floats = NDArray[np.float64]
 
 SWAP = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0], [0, 0, 1.0, 0]])
 """H2 (2.9): swap of depth and homogeneous coordinate."""
-
-
 MAX_OBLIQUITY = 4.0
 """Largest ratio of the stretch at a corner and at the middle of a rectified picture."""
-
-
 _BORDER_POINTS = 17
 
 
@@ -193,8 +189,6 @@ class Rectification:
 
 MAX_RESAMPLED_SIDE = 2**15 - 2
 """Longest side of resampled pictures: OpenCV counts pixels in 16 bits."""
-
-
 _DEPTH_EDGE_PX = 1.0
 
 

@@ -25,53 +25,25 @@ Floats = NDArray[np.float64]
 
 MAX_GROWTH = 1.25
 """Largest ratio of the pixels of a rectified picture and an original, by cropping and scaling."""
-
-
 MIN_COVERED = 0.15
 """Mean share of covered pixels of a row or column that is not cropped."""
-
-
 USUAL_PARALLAX = 0.25
 """Parallax of the nearest point between the farthest cameras if depth is unknown, in picture widths."""
-
-
 POSITION_TOLERANCE_PX = 0.25
 """Largest change of parallax from snapping cameras to the lattice."""
-
-
 _CELLS = 128
-
-
 _INWARDS = np.diag([1, 1, -1, -1])
-
-
 MAX_ERROR_PX = 1.5
 """Largest distance of matches from their epipolar lines."""
-
-
 MIN_MATCHES = 30
-
-
 GOOD_ROWS_PX = 0.5
 """Error of rows of a calibration that is not refined."""
-
-
 MIN_GAIN = 0.1
 """Smallest relative gain in rms error of a refinement."""
-
-
 _SEED = 0
-
-
 _NOISE_PX = 0.3
-
-
 _TURN_SIGMA = np.radians(0.3)
-
-
 _FOCAL_SIGMA = 0.005
-
-
 _MAX_SIGMAS = 6.0
 
 

@@ -26,12 +26,8 @@ Labels = NDArray[np.int64]
 
 UNDEFINED_SHARE = 0.1
 """Share of a region with defined costs below which the constant counts more."""
-
-
 EXPOSURE_RATIO = 1.02
 """Largest ratio of levels between equal exposures: costs cannot resolve it."""
-
-
 MIN_POINTS = 500
 """Smallest number of common points for a comparison of exposures."""
 

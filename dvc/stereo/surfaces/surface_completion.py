@@ -44,12 +44,8 @@ variance that is added to that of the pixels, so that noise makes no slopes; all
 
 FUSION_ROUNDS = 2
 """Number of rounds of fusion; the second one sees the corrections of the first one."""
-
-
 TEXTURE_PX, SUPPORT_PX = 15, 31
 """Sides of the windows for texture and for support by other cameras."""
-
-
 JUMP_PX, JUMP_REACH_PX = 2.0, 15.0
 """Smallest jump of parallax between neighbours, and the distance at which its influence falls to 1/e."""
 
