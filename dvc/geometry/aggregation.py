@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Integers, Singles
 from dvc.geometry.matching_costs import WeightedCosts
 
-Labels = NDArray[np.int64]
+Labels = Integers
 Arms = NDArray[np.int16]
 
 DARK_LEVEL = 40
@@ -40,7 +41,7 @@ class Window(NamedTuple):
     far_limit: int = 6
 
 
-def cross_arms(image: NDArray[np.uint8], window: Window) -> Arms:
+def cross_arms(image: Bytes, window: Window) -> Arms:
     """Find the arms of each pixel [Zhang2009]."""
     arms = np.empty((*image.shape[:2], 4), np.int16)
     limits = window.reach_px, window.near_reach_px, window.limit, window.far_limit
@@ -249,7 +250,7 @@ def _keep_mean(cost, weight, other_cost, other_weight):
                     weight[y, x, k] = max(mine, theirs)
 
 
-def defined_costs(costs: WeightedCosts, constant: float, share: float) -> NDArray[np.float32]:
+def defined_costs(costs: WeightedCosts, constant: float, share: float) -> Singles:
     """Fill undefined costs with a constant."""
     _fill_undefined(*costs, np.float32(constant), np.float32(share))
     return costs.cost

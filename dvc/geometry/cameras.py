@@ -9,9 +9,8 @@ camera.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
 
 COLMAP_FIRST_PIXEL_PX = 0.5
 """Position of the centre of the first pixel in COLMAP, both ways; here it is 0."""

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Floats
 from dvc.geometry.warping import warp_point
-
-Floats = NDArray[np.float64]
 
 CONSISTENT, OUTSIDE, OCCLUDED = 0, 1, 2
 """Values of `Visibility` for compiled code."""

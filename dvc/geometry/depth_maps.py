@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Mask
 from dvc.geometry.cameras import ViewPair
 from dvc.geometry.continuation import (
     CONSISTENT,
@@ -29,9 +30,7 @@ from dvc.geometry.continuation import (
 from dvc.geometry.plane_sweep import GRADIENT_SWEEP, SweepSettings, depth_hypotheses, sweep
 from dvc.geometry.warping import inverse_warp, warp_matrix, warp_point
 
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
+Luma = Bytes
 
 AGREEMENT_PX = 1.5
 """Largest distance, there and back, between points on which two maps agree: a pixel, and both errors."""

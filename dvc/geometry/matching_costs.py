@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Floats, Integers, Singles
 from dvc.geometry.camera_array import ArrayView, DisparityLabels, LatticePosition
 
-Volume = NDArray[np.float32]
+Volume = Singles
 
 CENSUS_RADIUS_PX = 2
 DEAD_ZONE = 0.5
@@ -39,7 +40,7 @@ class Band(NamedTuple):
     """Labels to try at each pixel: all, or a few around an estimate."""
 
     # first label; costs are undefined for labels outside the range of all
-    origin: NDArray[np.int64]
+    origin: Integers
     num_labels: int  # number of consecutive labels
 
 
@@ -162,14 +163,14 @@ def _sees(u, v, seen):
     return 0 <= u < seen.shape[1] and 0 <= v < seen.shape[0] and seen[v, u]
 
 
-def census(image: NDArray[np.float32]) -> NDArray[np.uint32]:
+def census(image: Singles) -> NDArray[np.uint32]:
     """Return the census bits of the luma of a picture."""
     grey = image[:, :, 0] * np.float32(0.299) + image[:, :, 1] * np.float32(0.587)
     grey += image[:, :, 2] * np.float32(0.114)
     return census_bits(grey)
 
 
-def census_bits(grey: NDArray[np.float32]) -> NDArray[np.uint32]:
+def census_bits(grey: Singles) -> NDArray[np.uint32]:
     """Compare each pixel with its neighbours; changes of exposure alter no bit [ZabihWoodfill1994]."""
     bits = np.empty(grey.shape, np.uint32)
     padded = np.pad(grey, CENSUS_RADIUS_PX, mode="edge")
@@ -201,7 +202,7 @@ def count_bits(word):
     return (word * np.uint64(0x0101010101010101)) >> np.uint64(56)
 
 
-def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> NDArray[np.float64]:
+def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> Floats:
     """Return the displacement of points from a view to another, for each label (2.5)."""
     disparity = labels.disparity(np.arange(labels.num_labels, dtype=np.float64))
     return np.column_stack([(view.m - other.m) * disparity, (view.n - other.n) * disparity])
@@ -210,9 +211,9 @@ def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePositi
 class Phases(NamedTuple):
     """Some rows of a view, interpolated at a few fractions of a pixel."""
 
-    pictures: NDArray[np.float32]
+    pictures: Singles
     # for each label: index of the picture, columns and rows from a point to the same one in the pictures
-    shifts: NDArray[np.int64]
+    shifts: Integers
     rows: slice  # rows of the view in the pictures
 
 
@@ -232,7 +233,7 @@ def phases(other: ArrayView, position: LatticePosition, labels: DisparityLabels,
     return Phases(pictures, shifts, slice(start, stop))
 
 
-def _moved(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float32]:
+def _moved(image: Singles, dx: float, dy: float) -> Singles:
     """Sample at (x + dx, y + dy) by cubic convolution, with a repeated border."""
     if dx == 0.0 and dy == 0.0:
         return image
@@ -245,11 +246,11 @@ def _moved(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float
         padded, length = np.pad(image, pad, mode="edge"), image.shape[axis]
         parts = [np.take(padded, range(k, k + length), axis) * taps[k] for k in range(4)]
         image = parts[0] + parts[1] + parts[2] + parts[3]
-    moved: NDArray[np.float32] = np.clip(image, 0.0, 255.0)
+    moved: Singles = np.clip(image, 0.0, 255.0)
     return moved
 
 
-def _cubic_taps(fraction: float) -> NDArray[np.float32]:
+def _cubic_taps(fraction: float) -> Singles:
     """Return Keys's kernel with a = -1/2 at positions -1, 0, 1 and 2."""
     t = fraction
     taps = (
@@ -261,8 +262,8 @@ def _cubic_taps(fraction: float) -> NDArray[np.float32]:
     return np.array(taps, np.float32)
 
 
-def _robust(distance: NDArray[np.float64] | NDArray[np.int64], scale: float) -> NDArray[np.float32]:
-    robust: NDArray[np.float32] = (1.0 - np.exp(-distance / scale)).astype(np.float32)
+def _robust(distance: Floats | Integers, scale: float) -> Singles:
+    robust: Singles = (1.0 - np.exp(-distance / scale)).astype(np.float32)
     return robust
 
 

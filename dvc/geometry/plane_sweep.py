@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.geometry.label_inference import semi_global
 from dvc.geometry.matching_costs import census_bits, count_bits
 from dvc.geometry.warping import warp_points
 
-Floats = NDArray[np.float64]
 Costs = NDArray[np.int16]
-Luma = NDArray[np.uint8]
+Luma = Bytes
 
 MAX_CELLS = 48_000_000
 """Largest number of pixels times hypotheses of a cost volume; it bounds the memory."""
@@ -106,7 +106,7 @@ def sweep(
     warp: Floats,
     hypotheses: DepthHypotheses,
     settings: SweepSettings,
-    prior: tuple[Floats, NDArray[np.bool_]] | None = None,
+    prior: tuple[Floats, Mask] | None = None,
 ) -> tuple[Floats, Floats]:
     """Find the inverse depth of every pixel of a view."""
     cost = _box((_census_costs if settings.census else _gradient_costs)(base, other, warp, hypotheses))
@@ -224,7 +224,7 @@ def _warp_hypotheses(warp, x, y, low, step, us, vs):
         vs[k] = -1e9 if behind else (b + rho * warp[1, 3]) / w
 
 
-def luma_features(luma: Luma) -> NDArray[np.float32]:
+def luma_features(luma: Luma) -> Singles:
     """Return the features that are compared: level and weighted gradients (3, H, W)."""
     padded = np.pad(luma.astype(np.float32), 1, mode="edge")
     horizontal = padded[1:-1, 2:] - padded[1:-1, :-2]

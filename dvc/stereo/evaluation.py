@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Mask
 from dvc.errors import ConfigError
 from dvc.picture_files import read_levels, read_pfm, read_picture
 
@@ -46,7 +47,7 @@ class Evaluation:
 def evaluate(
     disparity: Floats,
     truth: Floats,
-    mask: NDArray[np.bool_] | None = None,
+    mask: Mask | None = None,
     thresholds: Sequence[float] = (1.0,),
     confidence: NDArray[np.number] | None = None,
 ) -> Evaluation:
@@ -68,7 +69,7 @@ def evaluate(
     )
 
 
-def sparsification(bad: NDArray[np.bool_], confidence: NDArray[np.number]) -> tuple[float, float]:
+def sparsification(bad: Mask, confidence: NDArray[np.number]) -> tuple[float, float]:
     """Return the area under the sparsification curve and that of the best order, in per cent.
 
     The area is the mean share of bad pixels among the N surest ones, over all N.
@@ -84,8 +85,8 @@ def sparsification(bad: NDArray[np.bool_], confidence: NDArray[np.number]) -> tu
 
 
 def disparity_error(
-    disparity: Floats, truth: Floats, mask: NDArray[np.bool_] | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    disparity: Floats, truth: Floats, mask: Mask | None = None
+) -> tuple[NDArray[np.float64], Mask]:
     """Return the error of every pixel, and the mask of pixels that count."""
     for name, plane in (("truth", truth), ("mask", mask)):
         if plane is not None and plane.shape != disparity.shape:
@@ -118,7 +119,7 @@ def read_truth(
     return disparity
 
 
-def read_mask(path: str | Path) -> NDArray[np.bool_]:
+def read_mask(path: str | Path) -> Mask:
     """Read a mask: pixels of value 255 count."""
-    mask: NDArray[np.bool_] = read_picture(path)[:, :, 0] == 255
+    mask: Mask = read_picture(path)[:, :, 0] == 255
     return mask

@@ -2,8 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Mask, Singles
 from dvc.layers.canvas import Canvas
 from dvc.layers.layered_depth_image import LayeredDepthImage
 from dvc.layers.sprites import Sprite, SpriteSet
@@ -112,13 +112,13 @@ def sprites_gallery(sprites: SpriteSet) -> Gallery:
     return Gallery("Sprites with depth", preface, groups)
 
 
-def _textured(colour: NDArray[np.uint8], mask: NDArray[np.bool_]) -> Picture:
+def _textured(colour: Bytes, mask: Mask) -> Picture:
     return _on_paper(colour[:, :, ::-1], mask)
 
 
-def _coloured(disparity: NDArray[np.float32], mask: NDArray[np.bool_], canvas: Canvas) -> Picture:
+def _coloured(disparity: Singles, mask: Mask, canvas: Canvas) -> Picture:
     return _on_paper(colour_disparity(disparity, canvas.labels.lowest, canvas.labels.highest), mask)
 
 
-def _on_paper(picture: Picture, mask: NDArray[np.bool_]) -> Picture:
+def _on_paper(picture: Picture, mask: Mask) -> Picture:
     return np.where(mask[..., None], picture, PAPER)

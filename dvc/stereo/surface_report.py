@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, Reconstruction, Surface
 from dvc.picture_files import write_png
@@ -26,8 +26,8 @@ THRESHOLDS_PX = (0.5, 1.0, 2.0)
 class Truth:
     """True disparities of the reference view."""
 
-    disparity: NDArray[np.float64]  # in pixels per unit of m; NaN if unknown
-    mask: NDArray[np.bool_] | None = None  # pixels that count; None: all
+    disparity: Floats  # in pixels per unit of m; NaN if unknown
+    mask: Mask | None = None  # pixels that count; None: all
 
 
 def check_views(array: CameraArray, labels: DisparityLabels) -> list[str]:

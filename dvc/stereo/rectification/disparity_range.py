@@ -6,15 +6,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc.array_files import MAX_LABELS
+from dvc.arrays import Floats
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
 from dvc.geometry.camera_estimation import Features
 from dvc.stereo.surfaces.occupancy import neighbours
-
-Floats = NDArray[np.float64]
 
 ROW_TOLERANCE_PX = 2.0
 """Largest distance of correct matches from positions that (2.5) allows."""

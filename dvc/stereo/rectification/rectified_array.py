@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc.array_files import read_pictures
+from dvc.arrays import Bytes, Floats
 from dvc.errors import ConfigError, DvcError
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.geometry.camera_estimation import Features
@@ -22,8 +22,6 @@ from dvc.stereo.rectification.disparity_range import (
 )
 from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, resample
 from dvc.stereo.rectification.rectify import rectify, refined_pair, usual_disparity
-
-Floats = NDArray[np.float64]
 
 MAX_OFF_PLANE_PX = 10.0
 """Largest error of (2.5) at the corners of pictures of cameras that are slightly off a plane."""
@@ -123,7 +121,7 @@ def rectified_array(
 def _resampled(
     rectification: Rectification,
     paths: Sequence[str | Path],
-    pictures: Sequence[NDArray[np.uint8]],
+    pictures: Sequence[Bytes],
     advance: Callable[[int], None],
 ) -> CameraArray:
     """Return the rectified views of pictures, named as their files."""

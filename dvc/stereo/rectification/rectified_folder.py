@@ -7,8 +7,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes
 from dvc.errors import DvcError
 from dvc.geometry.calibrated_cameras import LARGEST, Camera, camera_from_matrices
 from dvc.geometry.camera_array import (
@@ -123,7 +123,7 @@ def rectification_index(rectified: RectifiedArray) -> dict[str, Any]:
     }
 
 
-def preview(array: CameraArray) -> NDArray[np.uint8]:
+def preview(array: CameraArray) -> Bytes:
     """Draw views next to each other, with lines along which their rows and columns must agree."""
     order = sorted(range(len(array)), key=lambda index: array[index].position[::-1])
     shown = [order[k * len(order) // min(len(order), _MAX_SHOWN)] for k in range(min(len(order), _MAX_SHOWN))]
@@ -137,7 +137,7 @@ def preview(array: CameraArray) -> NDArray[np.uint8]:
     )
 
 
-def _lined(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _lined(picture: Bytes) -> Bytes:
     lined = picture.copy()
     height, width = lined.shape[:2]
     for k in range(1, _NUM_LINES):

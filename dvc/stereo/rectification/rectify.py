@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask, Singles
 from dvc.errors import ConfigError
 from dvc.geometry.calibrated_cameras import LARGEST, Camera
 from dvc.geometry.camera_array import LatticePosition
@@ -20,8 +20,6 @@ from dvc.stereo.rectification.camera_lattice import (
     upright,
 )
 from dvc.stereo.rectification.rectified_space import Rectification
-
-Floats = NDArray[np.float64]
 
 MAX_GROWTH = 1.25
 """Largest ratio of the pixels of a rectified picture and an original, by cropping and scaling."""
@@ -158,7 +156,7 @@ def _cropped(bare: Rectification) -> Rectification:
     )
 
 
-def _window(hulls: Sequence[NDArray[np.float32]], most: float) -> tuple[Floats, Floats]:
+def _window(hulls: Sequence[Singles], most: float) -> tuple[Floats, Floats]:
     """Return the corners of a window round pictures; crop sides with low coverage if it is large."""
     corners = np.concatenate(hulls).astype(np.float64)
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -209,7 +207,7 @@ def refined_pair(cameras: Sequence[Camera], first: Floats, second: Floats) -> tu
     return _corrected(cameras, solved.x * sigmas)
 
 
-def _consistent(first: Floats, second: Floats) -> NDArray[np.bool_]:
+def _consistent(first: Floats, second: Floats) -> Mask:
     """Return the mask of matches that one epipolar geometry explains."""
     import pycolmap
 

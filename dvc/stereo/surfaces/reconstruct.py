@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers
 from dvc.errors import ConfigError
 from dvc.geometry.aggregation import Arms, Window, cross_arms
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, Reconstruction, Surface
@@ -48,8 +49,7 @@ from dvc.stereo.surfaces.surface_completion import (
     fused,
 )
 
-Labels = NDArray[np.int64]
-Floats = NDArray[np.float64]
+Labels = Integers
 
 MAX_CELLS = 24_000_000
 """Largest number of pixels times labels in one inference; larger views are cut into strips of rows."""
