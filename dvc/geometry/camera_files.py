@@ -17,13 +17,7 @@ import numpy as np
 from dvc.arrays import Bytes, Floats
 from dvc.errors import ConfigError
 from dvc.files import read_whole
-from dvc.geometry.calibrated_cameras import (
-    LARGEST,
-    CalibratedViews,
-    Camera,
-    camera_from_matrices,
-    decomposed,
-)
+from dvc.geometry.calibrated_cameras import LARGEST, CalibratedViews, Camera, camera_from_matrices, decomposed
 from dvc.geometry.camera_estimation import Features, estimate_cameras, read_model
 
 Picture = Bytes

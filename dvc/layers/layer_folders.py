@@ -105,13 +105,7 @@ def _read_sprite(entry: Entry, canvas: Canvas) -> Sprite:
     return Sprite(left, top, mask, colour, disparity)
 
 
-def _write_values(
-    folder: Path,
-    names: dict[str, str],
-    colour: Bytes,
-    disparity: Singles,
-    mask: Mask,
-) -> None:
+def _write_values(folder: Path, names: dict[str, str], colour: Bytes, disparity: Singles, mask: Mask) -> None:
     """Write colour with opacity, and disparity that is infinite outside a mask."""
     write_png(folder / names["colour"], np.dstack([colour[:, :, ::-1], mask * np.uint8(255)]))
     write_pfm(folder / names["disparity"], np.where(mask, disparity, np.float32(np.inf)))

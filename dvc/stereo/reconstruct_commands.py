@@ -173,9 +173,7 @@ def _settings(arguments: argparse.Namespace) -> StereoSettings:
     )
 
 
-def _views(
-    arguments: argparse.Namespace,
-) -> tuple["CameraArray", "DisparityLabels", "RectifiedViews | None"]:
+def _views(arguments: argparse.Namespace) -> tuple["CameraArray", "DisparityLabels", "RectifiedViews | None"]:
     """Read the views, rectify them if cameras are given, and find disparities if none are given."""
     from dvc.stereo.rectification.disparity_range import labels_of_matches
 

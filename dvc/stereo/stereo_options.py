@@ -30,9 +30,7 @@ def add_truth_options(parser: argparse.ArgumentParser, *, required: bool = True)
     parser.add_argument("--mask", metavar="PNG", help="only pixels of value 255 count")
 
 
-def read_truth_of(
-    arguments: argparse.Namespace,
-) -> tuple["NDArray[np.float64]", "NDArray[np.bool_] | None"]:
+def read_truth_of(arguments: argparse.Namespace) -> tuple["NDArray[np.float64]", "NDArray[np.bool_] | None"]:
     """Read the truth and the mask from the options of `add_truth_options`."""
     from dvc.stereo.evaluation import read_mask, read_truth
 

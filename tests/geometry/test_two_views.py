@@ -20,10 +20,7 @@ def pair_of_cameras(ratio: float) -> list[Camera]:
     K = np.array([[ratio * 640.0, 0.0, 319.5], [0.0, ratio * 640.0, 239.5], [0.0, 0.0, 1.0]])
     R = Rotation.from_euler("xyz", (1.0, 7.0, -2.0), degrees=True).as_matrix()
     centre = np.array([0.9, 0.1, 0.3])
-    return [
-        Camera(NAMES[0], K, np.eye(3), np.zeros(3), SIZE),
-        Camera(NAMES[1], K, R, -R @ centre, SIZE),
-    ]
+    return [Camera(NAMES[0], K, np.eye(3), np.zeros(3), SIZE), Camera(NAMES[1], K, R, -R @ centre, SIZE)]
 
 
 def seen(camera: Camera, points: np.ndarray) -> np.ndarray:

@@ -11,13 +11,7 @@ import numpy as np
 from dvc.arrays import Bytes
 from dvc.errors import DvcError
 from dvc.geometry.calibrated_cameras import LARGEST, Camera, camera_from_matrices
-from dvc.geometry.camera_array import (
-    ArrayView,
-    CameraArray,
-    DisparityLabels,
-    LatticePosition,
-    Reconstruction,
-)
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition, Reconstruction
 from dvc.index_files import MAX_SIDE, Entry, read_index, read_labels, write_index
 from dvc.picture_files import read_picture, read_plane, write_pfm, write_png
 from dvc.stereo.rectification.camera_lattice import Lattice

@@ -104,14 +104,8 @@ def test_missing_extra(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ("layers", "nothing", "--out", "out"),
-            "nothing: not a folder of `dvc-stereo reconstruct`",
-        ),
-        (
-            ("sprites", "nothing", "--out", "out"),
-            "nothing: not a folder of `dvc-stereo layers`",
-        ),
+        (("layers", "nothing", "--out", "out"), "nothing: not a folder of `dvc-stereo reconstruct`"),
+        (("sprites", "nothing", "--out", "out"), "nothing: not a folder of `dvc-stereo layers`"),
         (("layers", "surfaces", "--out", "surfaces"), "not an empty folder"),
         (("layers", "surfaces"), "--out"),
         (("layers", "surfaces", "--out", "out", "--json", "surfaces/stereo.json"), "is also an input"),

@@ -8,12 +8,7 @@ from dvc.geometry.aggregation import Window, cross_arms
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.geometry.matching_costs import COSTS, SQUARED_LIMIT, Band
 from dvc.stereo.surfaces.occupancy import Occupancy, neighbours
-from dvc.stereo.surfaces.photometric import (
-    UNDEFINED_SHARE,
-    Comparison,
-    Regions,
-    photometric_cost,
-)
+from dvc.stereo.surfaces.photometric import UNDEFINED_SHARE, Comparison, Regions, photometric_cost
 from dvc.stereo.surfaces.stereo_settings import UNDEFINED_COST
 from tests.reference import stereo_volumes as volumes
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of
