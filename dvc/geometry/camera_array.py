@@ -13,13 +13,6 @@ from numpy.typing import NDArray
 
 from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 
-MAX_LABELS = 4096
-"""Largest number of disparities; more are a mistake of units."""
-MAX_NUMBER = 1e6
-"""Largest magnitude of positions and disparities in files and options."""
-MIN_STEP = 1e-6
-"""Smallest step between disparities; smaller ones vanish in single precision."""
-
 
 class LatticePosition(NamedTuple):
     """Position of a camera in the plane of an array."""

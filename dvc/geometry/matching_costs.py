@@ -13,7 +13,7 @@ correspondence", ECCV, 1994.
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,44 +51,33 @@ class WeightedCosts(NamedTuple):
     weight: Volume  # 1 if both views show the point, else 0
 
 
-class MatchingCost(Protocol):
-    """Compares two views."""
+@dataclass(frozen=True)
+class MatchingCost:
+    """Robust distance of census bits and levels [Mei2011], or truncated squared difference (2.18)."""
+
+    kind: str  # "census", "bits" if exposures differ, or "squared" for single pixels
 
     @property
     def highest(self) -> float:
         """Upper bound of all costs."""
+        return 2.0 if self.kind == "census" else 1.0
 
     def __call__(
         self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
     ) -> WeightedCosts:
         """Compare some rows of a view with another view."""
-
-
-@dataclass(frozen=True)
-class CensusCost:
-    """Robust distance of census bits and levels [Mei2011], or only of bits if exposures differ."""
-
-    has_levels: bool = True
-
-    @property
-    def highest(self) -> float:
-        """Upper bound of all costs."""
-        return 2.0 if self.has_levels else 1.0
-
-    def __call__(
-        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
-    ) -> WeightedCosts:
-        """Compare; see `MatchingCost`."""
         pictures, shifts, needed = phases(other, view.position, labels, rows)
+        image, seen, region = view.image.astype(np.float32), other.seen[needed], (band.origin, rows.start)
+        shape = rows.stop - rows.start, view.shape[1], band.num_labels
+        costs = WeightedCosts(np.empty(shape, np.float32), np.empty(shape, np.float32))
+        if self.kind == "squared":
+            _squared_cost(image, pictures, seen, shifts, *region, np.float32(SQUARED_LIMIT), *costs)
+            return costs
         bits = np.stack([census(picture) for picture in pictures])
-        count = (2 * CENSUS_RADIUS_PX + 1) ** 2
-        census_table = _robust(np.arange(count), CENSUS_SCALE)
-        level_table = _robust(np.arange(3 * 256) / 3.0, LEVEL_SCALE if self.has_levels else np.inf)
-        costs = _empty(view, band, rows)
-        image = view.image.astype(np.float32)
-        own_bits, seen = census(image), other.seen[needed]
-        region = shifts, band.origin, rows.start
-        _census_cost(image, own_bits, pictures, bits, seen, *region, census_table, level_table, *costs)
+        bit_table = _robust(np.arange((2 * CENSUS_RADIUS_PX + 1) ** 2), CENSUS_SCALE)
+        level_table = _robust(np.arange(3 * 256) / 3.0, np.inf if self.kind == "bits" else LEVEL_SCALE)
+        tables = bit_table, level_table
+        _census_cost(image, census(image), pictures, bits, seen, shifts, *region, *tables, *costs)
         return costs
 
 
@@ -116,22 +105,6 @@ def _census_cost(
                 different = count_bits(np.uint64(word ^ other_bits[phase, v, u]))
                 cost[i, x, k] = census_table[different] + level_table[int(difference)]
                 weight[i, x, k] = 1.0
-
-
-class SquaredCost:
-    """Truncated squared difference of levels (2.18) of single pixels, as a share of the limit."""
-
-    highest = 1.0
-
-    def __call__(
-        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
-    ) -> WeightedCosts:
-        """Compare; see `MatchingCost`."""
-        pictures, shifts, needed = phases(other, view.position, labels, rows)
-        costs = _empty(view, band, rows)
-        image, seen, limit = view.image.astype(np.float32), other.seen[needed], np.float32(SQUARED_LIMIT)
-        _squared_cost(image, pictures, seen, shifts, band.origin, rows.start, limit, *costs)
-        return costs
 
 
 @kernel
@@ -267,10 +240,5 @@ def _robust(distance: Floats | Integers, scale: float) -> Singles:
     return robust
 
 
-def _empty(view: ArrayView, band: Band, rows: slice) -> WeightedCosts:
-    shape = rows.stop - rows.start, view.shape[1], band.num_labels
-    return WeightedCosts(np.empty(shape, np.float32), np.empty(shape, np.float32))
-
-
-COSTS: dict[str, MatchingCost] = {"census": CensusCost(), "squared": SquaredCost()}
+COSTS = {name: MatchingCost(name) for name in ("census", "squared")}
 """Matching costs by the name of the option."""

@@ -1,12 +1,11 @@
 """Subcommand `dvc-stereo evaluate`: a disparity map against the truth."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import cli
-from dvc.stereo.stereo_options import add_truth_options, read_truth_of
+from dvc.stereo.stereo_options import add_json_option, add_truth_options, read_truth_of, write_results
 from dvc.subcommands import Subcommand
 
 if TYPE_CHECKING:
@@ -28,9 +27,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--thresholds", type=parse_thresholds, default=(0.5, 1.0, 2.0), metavar="T,T", help=thresholds
     )
-    parser.add_argument(
-        "--json", metavar="FILE", help="write the results; - for standard output, instead of text"
-    )
+    add_json_option(parser)
     confidence = "8-bit picture: evaluate its order of errors, as the area under the sparsification curve"
     parser.add_argument("--confidence", metavar="PNG", help=confidence)
     parser.add_argument("--error-map", metavar="PNG", help="draw the pixels with errors above 1 px")
@@ -62,10 +59,7 @@ def _run(arguments: argparse.Namespace) -> int:
     result = evaluate(disparity, truth, mask, arguments.thresholds, confidence)
     if arguments.error_map is not None:
         write_png(Path(arguments.error_map), colour_error(*disparity_error(disparity, truth, mask)))
-    if arguments.json is not None:
-        cli.write_json(arguments.json, result.to_dict())
-    if arguments.json != "-":
-        sys.stdout.write(evaluation_text(result) + "\n")
+    write_results(arguments.json, result.to_dict(), evaluation_text(result))
     return 0
 
 

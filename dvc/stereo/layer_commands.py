@@ -1,13 +1,12 @@
 """Subcommands `dvc-stereo layers` and `dvc-stereo sprites`."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
 from dvc.errors import ConfigError
-from dvc.stereo.stereo_options import add_export_options, check_outputs
+from dvc.stereo.stereo_options import add_output_options, check_outputs, write_results
 from dvc.subcommands import Subcommand
 
 if TYPE_CHECKING:
@@ -35,34 +34,27 @@ files.
 
 
 def _add_layers_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `dvc-stereo layers`."""
     parser.add_argument("path", metavar="DIR", help="folder of `dvc-stereo reconstruct`")
-    _add_output_options(parser)
+    add_output_options(parser)
 
 
-def _add_output_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for outputs."""
-    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
-    parser.add_argument("--json", metavar="FILE", help="write the counts; - is standard output")
-    add_export_options(parser)
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+def _add_sprites_options(parser: argparse.ArgumentParser) -> None:
+    written = "folder of `dvc-stereo layers` or `dvc-stereo reconstruct`"
+    parser.add_argument("path", metavar="DIR", help=written)
+    add_output_options(parser)
 
 
 def _run_layers(arguments: argparse.Namespace) -> int:
     """Write the layered depth image of a reconstruction."""
     from dvc.files import atomic_folder
     from dvc.layers.layer_folders import write_layers
-    from dvc.layers.layered_depth_image import layered_depth_image
     from dvc.picture_files import write_png
     from dvc.stereo.layer_pictures import PAGE, draw_layers, draw_values_per_pixel, layers_gallery
     from dvc.stereo.meshes import layers_shape, write_shape
-    from dvc.stereo.surfaces.surface_folder import read_reconstruction
     from dvc.web.gallery import write_gallery
 
     meshes = check_outputs(arguments, [arguments.path])
-    reconstruction = read_reconstruction(arguments.path)
-    with cli.progress_bar("layers", len(reconstruction.array), arguments.quiet) as advance:
-        image = layered_depth_image(reconstruction, advance=advance)
+    image = _merged_layers(arguments)
     with atomic_folder(arguments.out) as folder:
         write_layers(folder, image)
         write_png(folder / "preview-layers.png", draw_layers(image))
@@ -70,43 +62,41 @@ def _run_layers(arguments: argparse.Namespace) -> int:
         write_gallery(folder / PAGE, layers_gallery(image))
     for path in meshes:
         write_shape(path, layers_shape(image))
-    if arguments.json is not None:
-        cli.write_json(arguments.json, image.counts())
-    if arguments.json != "-" and not arguments.quiet:
-        sys.stdout.write(_counts_text(image) + "\n")
-    return 0
-
-
-def _counts_text(image: "LayeredDepthImage") -> str:
-    """Format the counts in one line."""
     counts, canvas = image.counts(), image.canvas
-    return (
+    text = (
         f"{counts['num_layers']} layers of {canvas.num_cameras} views: "
         f"{counts['num_values_inside']} values in the frame of {canvas.reference} "
         f"({counts['increase_percent']:+.1f} %), "
         f"{counts['num_values_beyond']} beyond it"
     )
+    write_results(arguments.json, counts, "" if arguments.quiet else text)
+    return 0
 
 
-def _add_sprites_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `dvc-stereo sprites`."""
-    written = "folder of `dvc-stereo layers` or `dvc-stereo reconstruct`"
-    parser.add_argument("path", metavar="DIR", help=written)
-    _add_output_options(parser)
+def _merged_layers(arguments: argparse.Namespace) -> "LayeredDepthImage":
+    """Merge the surfaces of a reconstruction."""
+    from dvc.layers.layered_depth_image import layered_depth_image
+    from dvc.stereo.surfaces.surface_folder import read_reconstruction
+
+    reconstruction = read_reconstruction(arguments.path)
+    with cli.progress_bar("layers", len(reconstruction.array), arguments.quiet) as advance:
+        return layered_depth_image(reconstruction, advance=advance)
 
 
 def _run_sprites(arguments: argparse.Namespace) -> int:
     """Write the sprites of a layered depth image or of a reconstruction."""
     from dvc.files import atomic_folder
-    from dvc.layers.layer_folders import write_sprites
+    from dvc.layers.layer_folders import read_layers, write_sprites
     from dvc.layers.sprites import extract_sprites
     from dvc.picture_files import write_png
     from dvc.stereo.layer_pictures import PAGE, draw_sprites, sprites_gallery
     from dvc.stereo.meshes import sprites_shape, write_shape
+    from dvc.stereo.surfaces.surface_folder import INDEX
     from dvc.web.gallery import write_gallery
 
     meshes = check_outputs(arguments, [arguments.path])
-    image = _read_layers(Path(arguments.path), arguments.quiet)
+    is_reconstruction = (Path(arguments.path) / INDEX).is_file()
+    image = _merged_layers(arguments) if is_reconstruction else read_layers(arguments.path)
     if not image.occupied.any():
         raise ConfigError(f"{arguments.path}: the layers have no values")
     with cli.progress_bar("sprites", int(image.occupied.sum()), arguments.quiet) as advance:
@@ -118,23 +108,9 @@ def _run_sprites(arguments: argparse.Namespace) -> int:
     for path in meshes:
         write_shape(path, sprites_shape(sprites))
     counts = _sprite_counts(image, sprites)
-    if arguments.json is not None:
-        cli.write_json(arguments.json, counts)
-    if arguments.json != "-" and not arguments.quiet:
-        sys.stdout.write(f"{counts['num_sprites']} sprites of {counts['num_values']} values\n")
+    text = f"{counts['num_sprites']} sprites of {counts['num_values']} values"
+    write_results(arguments.json, counts, "" if arguments.quiet else text)
     return 0
-
-
-def _read_layers(path: Path, quiet: bool) -> "LayeredDepthImage":
-    from dvc.layers.layer_folders import read_layers
-    from dvc.layers.layered_depth_image import layered_depth_image
-    from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction
-
-    if not (path / INDEX).is_file():
-        return read_layers(path)
-    reconstruction = read_reconstruction(path)
-    with cli.progress_bar("layers", len(reconstruction.array), quiet) as advance:
-        return layered_depth_image(reconstruction, advance=advance)
 
 
 def _sprite_counts(image: "LayeredDepthImage", sprites: "SpriteSet") -> dict[str, Any]:

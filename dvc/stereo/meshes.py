@@ -120,7 +120,7 @@ def write_shape(path: Path, shape: Shape) -> None:
     """Write points or a mesh."""
     if not len(shape.points):
         raise DvcError(f"cannot write {path}: the surface has no points")
-    trimesh = _trimesh()
+    trimesh = trimesh_module()
     kind = path.suffix.lower()[1:]
     points = shape.points * _UPRIGHT if kind == "glb" else shape.points
     if len(shape.triangles):
@@ -133,12 +133,8 @@ def write_shape(path: Path, shape: Shape) -> None:
         temporary.write_bytes(content)
 
 
-def require_trimesh() -> None:
-    """Refuse to continue without trimesh."""
-    _trimesh()
-
-
-def _trimesh() -> Any:
+def trimesh_module() -> Any:
+    """Return trimesh; refuse to continue without it."""
     try:
         import trimesh
     except ImportError as err:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 from dvc import array_files, cli
 from dvc.errors import ConfigError
 from dvc.stereo.stereo_options import (
-    add_export_options,
+    add_output_options,
     add_truth_options,
     check_outputs,
     read_truth_of,
     rectified_views,
+    write_results,
 )
 from dvc.stereo.surfaces.stereo_settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES, StereoSettings
 from dvc.subcommands import Subcommand
@@ -44,8 +45,7 @@ def _add_rectify_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("paths", nargs="+", metavar="VIEW", help="picture of a camera")
     array_files.add_camera_option(parser, required=True)
     array_files.add_lattice_options(parser, "found from the cameras")
-    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+    add_output_options(parser, figures=False)
 
 
 def _rectify(arguments: argparse.Namespace) -> int:
@@ -85,17 +85,8 @@ def _add_reconstruct_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("paths", nargs="+", metavar="VIEW", help=views)
     array_files.add_array_options(parser)
     array_files.add_camera_option(parser)
-    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     add_truth_options(parser, required=False)
-    parser.add_argument(
-        "--json", metavar="FILE", help="write the results; - for standard output, instead of text"
-    )
-    add_export_options(parser)
-    _add_method(parser)
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
-
-
-def _add_method(parser: argparse.ArgumentParser) -> None:
+    add_output_options(parser)
     group = parser.add_argument_group("method")
     cost = "census: robust, summed over regions of one colour; squared: single pixels; default: census"
     group.add_argument("--cost", choices=COST_NAMES, default="census", help=cost)
@@ -126,7 +117,7 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
 def _reconstruct(arguments: argparse.Namespace) -> int:
     """Write the surfaces of all views."""
     from dvc.files import atomic_folder
-    from dvc.stereo.rectification.disparity_range import check_disparities
+    from dvc.stereo.rectification.rectified_array import check_disparities
     from dvc.stereo.surface_report import check_views, reported, summary, write_previews
     from dvc.stereo.surfaces.reconstruct import most_steps, reconstruct
     from dvc.stereo.surfaces.surface_folder import write_reconstruction
@@ -138,7 +129,13 @@ def _reconstruct(arguments: argparse.Namespace) -> int:
     warnings = check_views(array, labels)
     if rectified is None and arguments.disparities is not None:
         check_disparities(array, labels, arguments.jobs)
-    settings = _settings(arguments)
+    settings = StereoSettings(
+        cost=arguments.cost,
+        inference=arguments.inference,
+        occlusion=arguments.occlusion,
+        max_iterations=arguments.iterations,
+        sub_pixel=arguments.sub_pixel,
+    )
     with atomic_folder(arguments.out) as folder:
         total = most_steps(array, labels, settings)
         with cli.progress_bar("surfaces", total, arguments.quiet) as advance:
@@ -154,28 +151,14 @@ def _reconstruct(arguments: argparse.Namespace) -> int:
     _write_shapes(shapes, result, None if rectified is None else rectified.rectification)
     for warning in result.figures["warnings"]:
         sys.stderr.write(f"dvc-stereo: {cli.one_line(warning)}\n")
-    if arguments.json is not None:
-        cli.write_json(arguments.json, result.figures)
-    if not arguments.quiet and arguments.json != "-":
-        sys.stdout.write(
-            f"{summary(result)}\n{arguments.out}: {Path(arguments.out) / 'index.html'} shows it\n"
-        )
+    text = f"{summary(result)}\n{arguments.out}: {Path(arguments.out) / 'index.html'} shows it"
+    write_results(arguments.json, result.figures, "" if arguments.quiet else text)
     return 0
-
-
-def _settings(arguments: argparse.Namespace) -> StereoSettings:
-    return StereoSettings(
-        cost=arguments.cost,
-        inference=arguments.inference,
-        occlusion=arguments.occlusion,
-        max_iterations=arguments.iterations,
-        sub_pixel=arguments.sub_pixel,
-    )
 
 
 def _views(arguments: argparse.Namespace) -> tuple["CameraArray", "DisparityLabels", "RectifiedViews | None"]:
     """Read the views, rectify them if cameras are given, and find disparities if none are given."""
-    from dvc.stereo.rectification.disparity_range import labels_of_matches
+    from dvc.stereo.rectification.rectified_array import labels_of_matches
 
     rectified = _rectified(arguments)
     if rectified is None:

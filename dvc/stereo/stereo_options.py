@@ -1,9 +1,10 @@
 """Options and inputs that several subcommands share: truth, meshes, outputs, rectified views."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dvc import cli
 from dvc.errors import ConfigError
@@ -40,10 +41,29 @@ def read_truth_of(arguments: argparse.Namespace) -> tuple["NDArray[np.float64]",
     return truth, None if arguments.mask is None else read_mask(arguments.mask)
 
 
-def add_export_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options `--ply` and `--glb`."""
-    parser.add_argument("--ply", metavar="FILE", help="mesh for other programs; needs the extra dvc3d[mesh]")
-    parser.add_argument("--glb", metavar="FILE", help="the same for the web and for viewers")
+def add_output_options(parser: argparse.ArgumentParser, *, figures: bool = True) -> None:
+    """Add the options for a folder, for figures and meshes, and `--quiet`."""
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
+    if figures:
+        add_json_option(parser)
+        mesh = "mesh for other programs; needs the extra dvc3d[mesh]"
+        parser.add_argument("--ply", metavar="FILE", help=mesh)
+        parser.add_argument("--glb", metavar="FILE", help="the same for the web and for viewers")
+    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+
+
+def add_json_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option `--json`."""
+    text = "write the results; - for standard output, instead of text"
+    parser.add_argument("--json", metavar="FILE", help=text)
+
+
+def write_results(json: str | None, results: dict[str, Any], text: str) -> None:
+    """Write results as `--json` asks, and a text, if any, unless JSON is on standard output."""
+    if json is not None:
+        cli.write_json(json, results)
+    if json != "-" and text:
+        sys.stdout.write(text + "\n")
 
 
 def check_export(arguments: argparse.Namespace) -> list[Path]:
@@ -53,9 +73,9 @@ def check_export(arguments: argparse.Namespace) -> list[Path]:
         if path.suffix.lower() != ending:
             raise ConfigError(f"expected a name that ends in {ending}, got {path}")
     if paths:
-        from dvc.stereo.meshes import require_trimesh
+        from dvc.stereo.meshes import trimesh_module
 
-        require_trimesh()
+        trimesh_module()
     return [path for path, _ in paths]
 
 

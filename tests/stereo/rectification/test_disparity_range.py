@@ -6,7 +6,7 @@ import numpy as np
 
 from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.camera_estimation import Features
-from dvc.stereo.rectification.disparity_range import (
+from dvc.stereo.rectification.rectified_array import (
     RowMatches,
     range_of,
     range_of_matches,

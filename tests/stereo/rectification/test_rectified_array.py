@@ -16,8 +16,7 @@ from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.camera_estimation import Features
 from dvc.geometry.camera_files import load_cameras
 from dvc.picture_files import read_pfm, read_picture
-from dvc.stereo.rectification.disparity_range import suggested_labels
-from dvc.stereo.rectification.rectified_array import rectified_array
+from dvc.stereo.rectification.rectified_array import rectified_array, suggested_labels
 from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, metric_depth
 from dvc.stereo.rectification.rectify import rectify, refined_pair
 from sequences.toy_array import write_array
