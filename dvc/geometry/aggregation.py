@@ -106,7 +106,7 @@ def aggregate(
     cost, weight = costs
     work = np.empty_like(cost)
     for iteration in range(iterations):
-        _apply_weights(cost, weight)
+        cost *= weight
         support = np.ones((*base.shape, 1), np.float32)
         single = np.empty_like(support)
         flat = np.zeros_like(base)
@@ -192,15 +192,6 @@ def _sum_line(values, base, before, after, sums, total):
 
 
 @kernel
-def _apply_weights(cost, weight):
-    """Multiply costs by their weights."""
-    for y in range(cost.shape[0]):
-        for x in range(cost.shape[1]):
-            for k in range(cost.shape[2]):
-                cost[y, x, k] *= weight[y, x, k]
-
-
-@kernel
 def _normalise(cost, weight, support):
     """Divide sums by the sum of weights, and that by the number of pixels."""
     for y in range(cost.shape[0]):
@@ -251,16 +242,10 @@ def _keep_mean(cost, weight, other_cost, other_weight):
 
 
 def defined_costs(costs: WeightedCosts, constant: float, share: float) -> Singles:
-    """Fill undefined costs with a constant."""
-    _fill_undefined(*costs, np.float32(constant), np.float32(share))
-    return costs.cost
-
-
-@kernel
-def _fill_undefined(cost, weight, constant, share):
-    """Mix a constant into costs, as if a share of the support had it."""
-    for y in range(cost.shape[0]):
-        for x in range(cost.shape[1]):
-            for k in range(cost.shape[2]):
-                w = weight[y, x, k]
-                cost[y, x, k] = (cost[y, x, k] * w + share * constant) / (w + share)
+    """Mix a constant into costs, as if a share of the support had it; overwrite the weights."""
+    cost, weight = costs
+    cost *= weight
+    cost += np.float32(share) * np.float32(constant)
+    weight += np.float32(share)
+    cost /= weight
+    return cost
