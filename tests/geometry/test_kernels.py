@@ -28,12 +28,6 @@ BACK = inverse_warp(THERE)
 TO_KEYS = [warp_matrix(camera_at(0.4), camera_at(position), FRAME) for position in (0.0, 1.0)]
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(5)
-
-
 def test_warp_grid(choose: Choose, rng: np.random.Generator) -> None:
     """Every vertex goes where its point goes; those behind the camera are marked."""
     depth = rng.uniform(-40, 10, (4, 5))

@@ -14,12 +14,6 @@ from tests.twins import Choose
 SHAPE = (7, 9)
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(218)
-
-
 def smooth_view(
     name: str, m: float, n: float, disparity: float, shape: tuple[int, int] = (24, 40)
 ) -> ArrayView:

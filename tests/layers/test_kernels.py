@@ -12,12 +12,6 @@ pytestmark = pytest.mark.nojit
 BASELINES = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(11)
-
-
 @pytest.mark.parametrize(("dm", "dn"), [(1.0, 0.0), (0.0, -1.0), (0.63, -1.21)])
 def test_judge(choose: Choose, rng: np.random.Generator, dm: float, dn: float) -> None:
     """Same surface, hidden or seen through, with the pixels around where a point falls."""

@@ -29,12 +29,6 @@ def views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(216)
-
-
 def run(*arguments: str) -> int:
     try:
         return main(["reconstruct", *arguments])

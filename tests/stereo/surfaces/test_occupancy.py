@@ -25,12 +25,6 @@ SHAPE = (10, 13)
 CENTRE = LatticePosition(0.0, 0.0)
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(215)
-
-
 def array_at(*positions: tuple[float, float], shape: tuple[int, int] = SHAPE) -> CameraArray:
     """Return views of nothing."""
     black = np.zeros((*shape, 3), np.uint8)
