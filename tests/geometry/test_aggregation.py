@@ -39,7 +39,6 @@ def patches(rng: np.random.Generator, shape: tuple[int, int] = SHAPE) -> NDArray
 
 @pytest.mark.parametrize("window", [WINDOW, Window(9, 3, 1, limit=12, far_limit=4)])
 def test_arms(rng: np.random.Generator, window: Window) -> None:
-    """They end where the colour changes, farther away at a smaller change, and reach a pixel in any case."""
     image = np.repeat(patches(rng), 2, axis=1)
     arms = cross_arms(image, window)
     limits = window.reach_px, window.near_reach_px, window.limit, window.far_limit
@@ -51,7 +50,6 @@ def test_arms(rng: np.random.Generator, window: Window) -> None:
 
 
 def test_small_steps_count_more_in_the_dark() -> None:
-    """Levels stay apart as they are but for dark ones, whose steps grow with the inverse square root."""
     levels = evened_levels().astype(np.int64)
     np.testing.assert_array_equal(np.diff(levels[DARK_LEVEL:]), 1)
     assert (np.diff(levels) >= 1).all()
@@ -82,7 +80,6 @@ def test_weighted_means_along_a_base_surface(rng: np.random.Generator, iteration
 
 
 def test_region_of_one_colour_is_a_window() -> None:
-    """Where nothing ends the arms the cost is the mean of a square, and all of it is known."""
     rng = np.random.default_rng(3)
     cost = rng.random((13, 15, 3))
     costs = WeightedCosts(cost.astype(np.float32), np.ones(cost.shape, np.float32))
@@ -96,7 +93,6 @@ def test_region_of_one_colour_is_a_window() -> None:
 
 
 def test_what_is_not_known_takes_what_its_region_says() -> None:
-    """Costs without weight do not count, whatever they are; the weight tells what share is known."""
     cost = np.full((9, 9, 2), 0.25, np.float32)
     weight = np.ones_like(cost)
     cost[2:7, 2:7, 0], weight[2:7, 2:7, 0] = 77.0, 0.0
@@ -111,7 +107,6 @@ def test_what_is_not_known_takes_what_its_region_says() -> None:
 
 
 def test_windows_follow_a_slanted_surface() -> None:
-    """Noise is averaged away where labels are counted from the surface, which a flat window blurs."""
     rng = np.random.default_rng(8)
     shape, count = (25, 40), 24
     base = (np.indices(shape)[1] // 2 + 2).astype(np.int64)
@@ -142,7 +137,6 @@ def copied(one: WeightedCosts) -> WeightedCosts:
 
 
 def test_smaller_cost_of_two_that_are_known() -> None:
-    """Both known: the smaller one; one known: that; none: no weight."""
     first, second = costs(1), costs(2)
     found = smaller_costs(copied(first), second)
     both = (first.weight > 0) & (second.weight > 0)
@@ -158,7 +152,6 @@ def test_smaller_cost_of_two_that_are_known() -> None:
     [(1.0, 0.6, True), (0.5, 0.9, True), (1.0, 0.4, False), (0.2, 0.5, False)],
 )
 def test_cost_of_which_little_is_known_does_not_count(mine: float, theirs: float, is_compared: bool) -> None:
-    """Costs are compared if each is known half as well as the other at least; else the better known."""
     first, second = costs(1, mine), costs(2, theirs)
     found = smaller_costs(copied(first), second)
     better = first if mine > theirs else second
@@ -180,7 +173,6 @@ def test_mean_is_weighted() -> None:
 
 
 def test_what_is_not_known_becomes_a_constant() -> None:
-    """It takes part everywhere by its share, and is all there is where nothing is known."""
     first = costs(5)
     found = defined_costs(copied(first), 0.5, 0.1)
     assert found[first.weight == 0] == pytest.approx(0.5)

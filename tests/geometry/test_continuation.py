@@ -18,7 +18,6 @@ def states(reliable: NDArray[np.bool_]) -> NDArray[np.int8]:
 
 
 def test_planes_are_continued_and_what_is_reliable_stays() -> None:
-    """A hole of a slanted plane gets its own plane, whatever stood there."""
     rows, columns = np.indices(SHAPE)
     plane = 0.3 + 0.004 * columns - 0.003 * rows
     reliable = np.ones(SHAPE, bool)
@@ -33,7 +32,6 @@ def test_planes_are_continued_and_what_is_reliable_stays() -> None:
 
 
 def test_beyond_their_reach_slopes_end() -> None:
-    """Far from what is reliable the depth is constant: a slope measured there would go wrong."""
     plane = 0.3 + 0.004 * np.indices(SHAPE)[1]
     reliable = np.indices(SHAPE)[1] < 15
     elsewhere = SeenDepth(np.zeros(SHAPE), np.full(SHAPE, Visibility.OCCLUDED, np.int8))
@@ -44,7 +42,6 @@ def test_beyond_their_reach_slopes_end() -> None:
 
 
 def test_other_view_looks_through() -> None:
-    """A surface is not continued to where the other view sees what is behind."""
     near, far = 0.8, 0.1
     reliable = np.ones(SHAPE, bool)
     reliable[:, 15:25] = False

@@ -49,7 +49,6 @@ class InferenceContract:
     """Tests of a method; a class derived from this one says which, by the fixture `method`."""
 
     def test_single_wrong_labels_are_smoothed_away(self, method: Inference) -> None:
-        """A surface of two levels comes out of noisy costs, with the jump where colours change."""
         rng = np.random.default_rng(213)
         shape, count = (30, 40), 9
         truth = np.where(np.indices(shape)[1] < 19, 2, 6)
@@ -66,7 +65,6 @@ class InferenceContract:
         assert np.abs(found.offset).max() <= 0.5
 
     def test_one_label_is_all_there_is(self, method: Inference) -> None:
-        """A range of one label gives it, counted from the origin."""
         rng = np.random.default_rng(213)
         cost, nothing = rng.random((6, 8, 1)).astype(np.float32), np.zeros((6, 8), np.int64)
         found = method.infer(cost, np.zeros((6, 8, 3), np.uint8), nothing, nothing + 4)
@@ -75,7 +73,6 @@ class InferenceContract:
 
     @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 3)])
     def test_small_views(self, method: Inference, shape: tuple[int, int]) -> None:
-        """Views of a line or a pixel have labels, too."""
         rng = np.random.default_rng(213)
         cost = rng.random((*shape, 4)).astype(np.float32)
         nothing = np.zeros(shape, np.int64)
@@ -85,7 +82,6 @@ class InferenceContract:
             assert found.label[0, 0] == cost.argmin()
 
     def test_labels_are_deterministic(self, method: Inference) -> None:
-        """The same costs have the same labels; what was given is left as it was."""
         rng = np.random.default_rng(7)
         cost, nothing = rng.random((9, 12, 5)).astype(np.float32), np.zeros((9, 12), np.int64)
         image, kept = rng.integers(0, 256, (9, 12, 3)).astype(np.uint8), cost.copy()
@@ -125,7 +121,6 @@ def rises(base: NDArray[np.int64]) -> tuple[Any, Any]:
 @pytest.mark.nojit
 @pytest.mark.parametrize("shift", [-7, -2, -1, 0, 1, 3, 9])
 def test_message(choose: Choose, rng: np.random.Generator, shift: int) -> None:
-    """It is the least cost over all labels of who sends it, in linear time, also across a rise."""
     for slope, limit in ((0.3, 0.8), (0.7, 0.5), (0.05, 2.0), (0.2, 0.6), (0.0, 0.4), (0.3, 0.0)):
         parts = rng.uniform(0, 1, (4, 6)).astype(np.float32)
         message, numbers = np.empty(6, np.float32), [np.float32(value) for value in (0.6, slope, limit)]
@@ -137,7 +132,6 @@ def test_message(choose: Choose, rng: np.random.Generator, shift: int) -> None:
 
 @pytest.mark.nojit
 def test_messages_go_to_all_four_neighbours(choose: Choose, rng: np.random.Generator) -> None:
-    """Every second pixel sends what it has heard from the other three; the rest keep still."""
     shape, count = (3, 4), 5
     cost = rng.random((*shape, count)).astype(np.float32)
     heard = rng.random((4, *shape, count)).astype(np.float32)
@@ -167,7 +161,6 @@ def test_messages_go_to_all_four_neighbours(choose: Choose, rng: np.random.Gener
 
 @pytest.mark.parametrize("upright", [False, True])
 def test_chain_has_the_best_labels(upright: bool, rng: np.random.Generator) -> None:
-    """Along one row or column the labels are those of dynamic programming, and so is the least cost."""
     length, count = 14, 6
     method = BeliefPropagation(iterations=2 * length, levels=1)
     for _ in range(5):
@@ -219,7 +212,6 @@ def test_band_around_a_surface_is_the_same_as_all_labels(rng: np.random.Generato
 
 
 def test_slopes_of_the_base_cost_nothing(rng: np.random.Generator) -> None:
-    """Between columns that tell the disparity a surface is continued along its base, not in steps."""
     shape, count = (12, 30), 32
     base = np.broadcast_to(np.arange(30), shape).astype(np.int64)
     distance = np.abs(np.arange(count) - base[:, :, None] - 1)

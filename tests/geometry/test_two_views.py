@@ -56,7 +56,6 @@ def test_cameras_and_depths_are_found(ratio: float, seed: int) -> None:
 def test_points_lie_before_the_cameras_from_whatever_side_they_are_looked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Epipolar lines are the same for the opposite direction, where a start may be; depths are not."""
     rng, true, consensus = np.random.default_rng(4), pair_of_cameras(1.0), camera_estimation._consensus
 
     def opposite(*given: Any) -> Any:
@@ -72,7 +71,6 @@ def test_points_lie_before_the_cameras_from_whatever_side_they_are_looked_for(
 
 
 def test_matches_without_a_common_geometry_are_refused() -> None:
-    """Few matches, and pictures that share nothing, end with a reason."""
     rng = np.random.default_rng(2)
     points = rng.uniform(0.0, 400.0, (29, 2))
     with pytest.raises(DvcError, match="29 points match, too few"):

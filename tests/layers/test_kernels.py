@@ -14,7 +14,6 @@ BASELINES = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
 
 @pytest.mark.parametrize(("dm", "dn"), [(1.0, 0.0), (0.0, -1.0), (0.63, -1.21)])
 def test_judge(choose: Choose, rng: np.random.Generator, dm: float, dn: float) -> None:
-    """Same surface, hidden or seen through, with the pixels around where a point falls."""
     disparity, other = (rng.integers(0, 7, (12, 14)).astype(np.float32) for _ in range(2))
     verdict = np.zeros(disparity.shape, np.uint8)
     choose(kernels.judge)(disparity, other, dm, dn, 1.0, verdict)
@@ -25,7 +24,6 @@ def test_judge(choose: Choose, rng: np.random.Generator, dm: float, dn: float) -
 
 @pytest.mark.parametrize(("m", "n"), [(0.0, 0.0), (2.0, -1.0), (-1.7, 0.4)])
 def test_splat(choose: Choose, rng: np.random.Generator, m: float, n: float) -> None:
-    """Points fall into their cells, and cells between neighbours of one surface are filled."""
     ramp = 3.0 + 0.55 * np.arange(7) + 0.3 * np.arange(5)[:, None]
     disparity = (ramp + (rng.random((5, 7)) < 0.1) * 4.0).astype(np.float32)
     votes = rng.random((5, 7)) < 0.95
@@ -76,7 +74,6 @@ def test_peel(choose: Choose, rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("rho", [(0.02, 0.49), (0.1, 0.3)])
 def test_likelihood(choose: Choose, rng: np.random.Generator, rho: tuple[float, float]) -> None:
-    """Messages sent in order converge to what they do when all are sent at once."""
     depth = rng.choice([0.0, 0.0, 0.0, 1.0, 3.0], (5, 6))
     mask = np.zeros(depth.shape, np.bool_)
     mask[1:3, 1:3] = True

@@ -36,7 +36,6 @@ def test_bad_pixels_are_strictly_farther_off() -> None:
 
 
 def test_mask_chooses_pixels() -> None:
-    """Only pixels of the mask count, and of these only those with known truth."""
     mask = np.zeros(TRUTH.shape, np.bool_)
     mask[1] = True
     error, counted = disparity_error(TRUTH + 3.0, TRUTH, mask)
@@ -46,7 +45,6 @@ def test_mask_chooses_pixels() -> None:
 
 
 def test_sparsification_is_the_mean_over_all_shares() -> None:
-    """The surest first: two good ones, then two bad ones, is ideal; the other way round is worst."""
     bad = np.array([True, False, True, False])
     ideal = 100.0 * (0 + 0 + 1 / 3 + 1 / 2) / 4
     assert sparsification(bad, np.array([0.1, 0.9, 0.2, 0.8])) == pytest.approx((ideal, ideal))
@@ -56,7 +54,6 @@ def test_sparsification_is_the_mean_over_all_shares() -> None:
 
 
 def test_confidence_is_judged_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of the five pixels that count, two are bad by more than 1 px; the surest is one of them."""
     found, truth = write_case(tmp_path)
     cv2.imwrite(str(tmp_path / "sure.png"), np.array([[9, 8, 255], [0, 7, 255]], np.uint8))
     options = ["--truth", str(truth), "--truth-scale", "4", "--thresholds", "1"]
@@ -75,7 +72,6 @@ def test_a_shift_is_its_own_error(shift: float, threshold: float) -> None:
 
 
 def test_nothing_to_count_and_other_sizes_are_refused() -> None:
-    """There must be a pixel that counts, and all planes must have one size."""
     with pytest.raises(ConfigError, match="no pixel counts"):
         evaluate(TRUTH, np.full(TRUTH.shape, np.nan))
     with pytest.raises(ConfigError, match="truth is 2x2, but the disparity map is 3x2"):
@@ -85,7 +81,6 @@ def test_nothing_to_count_and_other_sizes_are_refused() -> None:
 
 
 def test_truth_of_every_kind(tmp_path: Path) -> None:
-    """Pictures of 8 and 16 bits and float maps give disparities; what is unknown is not a number."""
     levels = np.array([[0, 8], [40, 255]])
     cv2.imwrite(str(tmp_path / "a.png"), levels.astype(np.uint8))
     cv2.imwrite(str(tmp_path / "b.png"), (levels * 100).astype(np.uint16))
@@ -105,7 +100,6 @@ def test_mask_is_255(tmp_path: Path) -> None:
 
 
 def test_coloured_truth_is_refused(tmp_path: Path) -> None:
-    """A picture whose channels differ is no disparity map."""
     rng = np.random.default_rng(0)
     cv2.imwrite(str(tmp_path / "view.png"), rng.integers(0, 256, (4, 4, 3)).astype(np.uint8))
     with pytest.raises(DvcError, match="expected grey levels"):
@@ -113,7 +107,6 @@ def test_coloured_truth_is_refused(tmp_path: Path) -> None:
 
 
 def test_command_prints_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With `--json -` standard output is one JSON object and nothing else."""
     found, truth = write_case(tmp_path)
     arguments = ["evaluate", str(found), "--truth", str(truth), "--truth-scale", "4"]
     assert main([*arguments, "--thresholds", "0.5,1,2", "--json", "-"]) == 0
@@ -124,7 +117,6 @@ def test_command_prints_json(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_command_prints_a_line_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Without it there is one line of text; the picture shows what is bad in red."""
     found, truth = write_case(tmp_path)
     drawn, figures = tmp_path / "error.png", tmp_path / "figures.json"
     arguments = ["evaluate", "--truth-scale", "4", str(found), "--truth", str(truth)]
@@ -161,7 +153,6 @@ def test_bad_input_is_one_line(
     changes: list[str],
     message: str,
 ) -> None:
-    """Whatever is wrong, there is one line, exit status 2, and no file."""
     write_case(tmp_path)
     cv2.imwrite(str(tmp_path / "small.png"), np.full((2, 2), 255, np.uint8))
     before = sorted(tmp_path.iterdir())
@@ -196,7 +187,6 @@ def test_picture_without_scale_is_refused(tmp_path: Path, capsys: pytest.Capture
 def test_masks_of_the_middlebury_sets(
     name: str, truth: str, scale: float, counts: tuple[int, int, int]
 ) -> None:
-    """As many pixels count as the source says, and the truth agrees with itself."""
     folder = real_set(name)
     disparity = read_truth(folder / truth, scale)
     for mask, count in zip(("all", "nonocc", "disc"), counts, strict=True):

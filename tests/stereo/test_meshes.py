@@ -37,7 +37,6 @@ def test_depth_is_inverse_disparity() -> None:
 
 @pytest.mark.parametrize("lowest", [-14.0, 0.0, 0.1])
 def test_infinity_stays_outside(lowest: float) -> None:
-    """Whatever the range, depths are positive, fall with the disparity, and are bounded."""
     disparity = np.linspace(lowest, 8.0, 9)[None]
     depth = points_of_disparity(disparity, lowest, 8.0)[0, :, 2]
     assert depth[-1] == pytest.approx(1.0)
@@ -63,7 +62,6 @@ def test_mesh_is_torn_at_discontinuities() -> None:
 
 
 def test_pixels_can_be_left_out() -> None:
-    """Pixels that are not kept have neither point nor triangle."""
     kept = np.ones((3, 3), np.bool_)
     kept[0, 0] = False
     flat = np.ones((3, 3))
@@ -92,7 +90,6 @@ def test_files_are_read_back(tmp_path: Path, ending: str, as_points: bool) -> No
 
 @pytest.mark.parametrize("ending", ["ply", "glb"])
 def test_nothing_is_no_mesh(tmp_path: Path, ending: str) -> None:
-    """Without points there is one line, and no file."""
     nothing = Shape(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros((0, 3), np.int64))
     with pytest.raises(DvcError, match="has no points"):
         write_shape(tmp_path / f"shape.{ending}", nothing)
@@ -100,7 +97,6 @@ def test_nothing_is_no_mesh(tmp_path: Path, ending: str) -> None:
 
 
 def test_names_are_checked_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another ending, or no trimesh, is one clear message."""
     with pytest.raises(ConfigError, match=r"ends in \.ply"):
         check_export(Namespace(ply="mesh.obj", glb=None))
     assert check_export(Namespace(ply=None, glb=None)) == []

@@ -9,7 +9,6 @@ from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_l
 
 
 def test_bad_pixels_are_told_at_three_thresholds() -> None:
-    """Those beyond half a pixel, one and two, where a truth is known."""
     reconstruction = reconstruction_of(SCENE, square_lattice(1), LABELS)
     found = reconstruction.surfaces[reconstruction.array.reference].disparity
     off = np.repeat([0.4, 0.8, 1.5, 3.0], found.size // 4).reshape(found.shape)

@@ -92,7 +92,6 @@ def test_meshes(surfaces: Path, command: str) -> None:
 def test_missing_extra(
     surfaces: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Without trimesh, a mesh is refused in one line that names the extra, and nothing is written."""
     monkeypatch.setitem(sys.modules, "trimesh", None)
     assert run("layers", "surfaces", "--out", "out", "--ply", "a.ply") == 2
     told = capsys.readouterr().err
@@ -117,7 +116,6 @@ def test_missing_extra(
 def test_refusals(
     surfaces: Path, arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Bad input is one line on stderr and status 2."""
     assert run(*arguments) == 2
     told = capsys.readouterr().err
     assert message in told
@@ -126,7 +124,6 @@ def test_refusals(
 
 
 def test_layers_without_values_have_no_sprites(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing is one line, and no folder."""
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
     Path("empty").mkdir()
     write_layers(Path("empty"), replace(image, votes=np.zeros_like(image.votes)))
@@ -136,7 +133,6 @@ def test_layers_without_values_have_no_sprites(surfaces: Path, capsys: pytest.Ca
 
 
 def test_pictures_of_figures() -> None:
-    """Surfaces are drawn without what is before them, values as grey levels, layers side by side."""
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(2), LABELS))
     table = draw_surfaces(image, 5.0, 7.0, np.s_[10:34, -20:70])
     assert table.shape == (24, 90, 3)

@@ -37,7 +37,6 @@ def run(*arguments: str) -> int:
 
 
 def test_data_pictures_and_page_are_written(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Data, previews and page stand in one folder, and the summary tells the evaluation."""
     truth = ["--truth", "truth.png", "--truth-scale", "16"]
     assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", *truth) == 0
     kinds = {"view", "preview", "occluded", "confidence"}
@@ -70,7 +69,6 @@ def test_json_and_meshes(views: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_a_mesh_may_be_in_the_folder(views: Path) -> None:
-    """Nothing is lost where the folder is there and the mesh is written into it."""
     pytest.importorskip("trimesh")
     (views / "out").mkdir()
     assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", "--ply", "out/a.ply") == 0
@@ -78,7 +76,6 @@ def test_a_mesh_may_be_in_the_folder(views: Path) -> None:
 
 
 def test_grey_and_deep_pictures_are_taken(views: Path) -> None:
-    """One view of 16 bits and one that is grey are as good as others."""
     left = cv2.imread("left.png", cv2.IMREAD_GRAYSCALE)
     right = cv2.imread("right.png", cv2.IMREAD_GRAYSCALE)
     assert left is not None
@@ -91,14 +88,12 @@ def test_grey_and_deep_pictures_are_taken(views: Path) -> None:
 
 
 def test_range_that_is_too_narrow_is_told(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Where many pixels have the last disparity, there is a warning, in the index as well."""
     assert run("left.png", "right.png", "--disparities=-2:2", "--out", "out") == 0
     assert "highest disparity, 2 px" in capsys.readouterr().err
     assert len(json.loads((views / "out" / "stereo.json").read_text())["warnings"]) == 1
 
 
 def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """If 0 is in the range it is found everywhere, with a warning; else there is one line."""
     (views / "same.png").write_bytes((views / "left.png").read_bytes())
     assert run("left.png", "same.png", "--disparities=-3:3", "--out", "out") == 0
     assert "identical" in capsys.readouterr().err
@@ -143,7 +138,6 @@ def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFi
 def test_bad_input_is_one_line(
     views: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
-    """Whatever is wrong, there is one line, exit status 2, and no folder."""
     cv2.imwrite("small.png", np.eye(10, dtype=np.uint8) * 200)
     cv2.imwrite("black.png", np.zeros((48, 72, 3), np.uint8))
     (views / "text.png").write_text("no picture")
@@ -157,7 +151,6 @@ def test_bad_input_is_one_line(
 
 
 def test_page_opens_without_an_error_or_a_request(views: Path, browser: Browser) -> None:
-    """Every picture of the page is shown, nothing is logged or loaded, and another view can be chosen."""
     assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", "--quiet") == 0
     page = browser.new_page()
     logged: list[str] = []
@@ -178,7 +171,6 @@ def test_page_opens_without_an_error_or_a_request(views: Path, browser: Browser)
 def test_views_in_the_wrong_order_are_refused(
     views: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What views share tells that the right one comes first, or that the range is another one."""
     scene = cv2.GaussianBlur(rng.integers(0, 256, (80, 160, 3), dtype=np.uint8), (0, 0), 1.2)
     scene = np.clip(3.0 * (scene - 127.5) + 127.5, 0, 255).astype(np.uint8)
     for name, left in (("a", 0), ("b", 4)):
@@ -204,7 +196,6 @@ def test_work_space_is_bounded() -> None:
 def test_progress_has_an_end(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, step: float, large_cells: int
 ) -> None:
-    """As many steps are told as were announced, with views of half the size as well."""
     monkeypatch.setattr("dvc.stereo.surfaces.reconstruct.LARGE_CELLS", large_cells)
     scene = rng.integers(0, 256, (60, 110, 3), dtype=np.uint8)
     views = [ArrayView(f"{m}", scene[:, 4 * m : 4 * m + 100], LatticePosition(m, 0.0)) for m in (0, 1)]

@@ -42,7 +42,6 @@ def run(*arguments: object) -> int:
 def test_rectify_writes_views_masks_and_homographies(
     toy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What is written is a camera array that `reconstruct --views` reads; the homographies lead there."""
     out = tmp_path / "out"
     paths = sorted(toy.glob("toy-*.png"))
     assert run("rectify", *paths, "--cameras", "cameras.json", "--out", out) == 0
@@ -145,7 +144,6 @@ def check_refused(
 
 
 def test_rectified_input_keeps_its_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parallel cameras: the pictures stay as they are, and only the depth is added."""
     rng = np.random.default_rng(0)
     texture = cv2.GaussianBlur(rng.integers(0, 256, (48, 90, 3)).astype(np.uint8), (0, 0), 1.0)
     cameras = []
@@ -194,7 +192,6 @@ def test_range_of_rectified_views_comes_from_their_matches(toy: Path, tmp_path: 
 def test_bad_input_is_one_line(
     toy: Path, tmp_path: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What is wrong is said once, and nothing is left behind."""
     assert run("rectify", *arguments, "--cameras", "cameras.json", "--out", tmp_path / "out") == 2
     error = capsys.readouterr().err
     assert message in error
@@ -203,7 +200,6 @@ def test_bad_input_is_one_line(
 
 
 def test_missing_cameras_are_one_line(toy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A file that is not there, and cameras that no matches tell."""
     for name in ("blank-a.png", "blank-b.png"):
         cv2.imwrite(str(tmp_path / name), np.full((32, 32, 3), 90, np.uint8))
     pair = tmp_path / "blank-a.png", tmp_path / "blank-b.png"

@@ -80,7 +80,6 @@ def test_true_disparities_of_toy_give_its_depth_back(toy: Path) -> None:
 
 
 def test_cameras_of_toy_are_estimated(toy: Path) -> None:
-    """From plain pictures alone: the same lattice, and rows and columns that agree; the same result again."""
     found = rectified_array(views_of(toy), "auto", with_matches=True)
     places = np.array(found.rectification.positions)
     np.testing.assert_allclose(places - places[0], [[0, 0], [0, 1], [1, 0], [1, 1]], atol=0.05)
@@ -159,7 +158,6 @@ def test_fern_has_real_places_near_its_irregular_grid(tmp_path: Path) -> None:
 
 
 def test_tilted_calibration_is_put_right() -> None:
-    """Two cameras whose tilt and roll are wrong agree with exact matches afterwards; good ones stay."""
     rig = random_rig(21, [(0.0, 0.0), (1.0, 0.0)], turn=0.05)
     rng = np.random.default_rng(0)
     middle = np.mean([camera.centre for camera in rig], axis=0)
@@ -176,7 +174,6 @@ def test_tilted_calibration_is_put_right() -> None:
 
 
 def test_labels_hold_the_range_in_steps_that_suit_it() -> None:
-    """Whole pixels where these are enough, fractions for small ranges, coarser ones for huge ranges."""
     for low, high, step in ((0.0, 60.0, 1.0), (-3.0, 2.5, 0.5), (0.0, 0.5, 0.125), (0.0, 9000.0, 4.0)):
         labels = suggested_labels(low, high)
         assert labels.step == step
@@ -185,7 +182,6 @@ def test_labels_hold_the_range_in_steps_that_suit_it() -> None:
 
 
 def test_cameras_off_the_plane_are_told_in_pixels(toy: Path, tmp_path: Path) -> None:
-    """One of four cameras moved towards the scene: how far off in pixels, and what is accepted."""
     cameras = json.loads((toy / "cameras.json").read_text())
     cameras[3]["t"] = (np.array(cameras[3]["t"]) - [0, 0, 0.3]).tolist()
     moved = tmp_path / "moved.json"
@@ -207,7 +203,6 @@ def test_given_places_are_kept_or_become_real(toy: Path) -> None:
 
 
 def test_pictures_of_several_sizes_are_rectified_to_one(toy: Path, tmp_path: Path) -> None:
-    """A calibrated picture of half the size fits the others."""
     cameras = json.loads((toy / "cameras.json").read_text())
     half = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1.0]])
     cameras[1]["K"] = (half @ np.array(cameras[1]["K"])).tolist()
@@ -271,7 +266,6 @@ def test_reference_is_matched_with_its_neighbours() -> None:
 
 
 def test_few_matches_give_no_range() -> None:
-    """One fewer than twenty are not enough."""
     values = np.linspace(1.0, 9.0, 20)
     assert range_of_matches(RowMatches(values, np.zeros(20))) is not None
     assert range_of_matches(RowMatches(values[1:], np.zeros(19))) is None

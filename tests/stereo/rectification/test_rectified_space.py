@@ -250,7 +250,6 @@ def test_camera_that_looks_along_the_plane_is_refused() -> None:
 
 
 def test_one_camera_and_two_at_one_place_are_refused() -> None:
-    """Both say what is wrong."""
     rig = random_rig(19, [(0.0, 0.0), (1.0, 0.0), (0.0, 0.0)], turn=0.02)
     with pytest.raises(ConfigError, match="at least two"):
         rectify(rig[:1])

@@ -122,7 +122,6 @@ def test_exact_support_is_the_printed_one(rng: np.random.Generator) -> None:
 
 
 def test_nothing_agrees_with_what_is_empty() -> None:
-    """What rectification leaves empty is no support, hides nothing and sees nothing."""
     places, shape = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], (30, 40)
     array, flat = array_at(*places, shape=shape), [np.full(shape, 2)] * 3
     valid = np.indices(shape)[1] < 25
@@ -136,7 +135,6 @@ def test_nothing_agrees_with_what_is_empty() -> None:
 
 
 def test_speckles_have_no_support() -> None:
-    """A region that happens to agree is left out where it is small, and kept where it is large."""
     array = array_at((0, 0), (1, 0), shape=(40, 60))
     far = np.full((40, 60), 2)
     small, large = far.copy(), far.copy()
@@ -151,7 +149,6 @@ def test_speckles_have_no_support() -> None:
 
 
 def test_what_is_hidden_from_all_others_is_seen_nowhere() -> None:
-    """Surfaces of a scene agree with each other but for occlusions and borders; more cameras see more."""
     scene = reconstruction_of(SCENE, square_lattice(1), LABELS)
     maps = [LABELS.label(surface.disparity) for surface in scene.surfaces]
     everyone = seen_elsewhere(scene.array, LABELS, maps, 0)
@@ -169,7 +166,6 @@ def test_what_is_hidden_from_all_others_is_seen_nowhere() -> None:
 
 
 def test_inclined_surface_agrees_within_one_label() -> None:
-    """Labels of a slanted plane are rounded where each camera sees it, and still are one surface."""
     scene = reconstruction_of([Plane(2.0, slope=0.11)], [(0.0, 0.0), (1.0, 0.0)], LABELS)
     maps = [LABELS.label(surface.disparity) for surface in scene.surfaces]
     seen = agreement(scene.array, LABELS, maps, (0, 1)).agreeing
@@ -190,7 +186,6 @@ def test_inclined_surface_agrees_within_one_label() -> None:
 def test_nearest_cameras_on_each_side_are_neighbours(
     places: list[tuple[float, float]], horizontal: tuple[int, ...], vertical: tuple[int, ...]
 ) -> None:
-    """To the left and right, up and down; also off a lattice, where those along the row come first."""
     near = neighbours(array_at(*places), 0)
     assert near == (horizontal, vertical)
     assert near.all == horizontal + vertical
@@ -205,7 +200,6 @@ def test_shifts_are_rounded_to_whole_pixels() -> None:
 
 
 def test_background_alone_is_supported_but_for_the_border() -> None:
-    """Cameras that see one plane agree on it wherever a neighbour looks there."""
     scene = reconstruction_of([BACKGROUND], [(0.0, 0.0), (1.0, 0.0)], LABELS)
     maps = [LABELS.label(surface.disparity) for surface in scene.surfaces]
     kept = supported(scene.array, LABELS, maps, 0)

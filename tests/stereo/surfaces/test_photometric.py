@@ -127,7 +127,6 @@ def test_mean_of_opposite_views_on_demand(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("cost", sorted(COSTS))
 def test_true_surfaces_cost_least(cost: str) -> None:
-    """With the occlusions of the truth the true label costs least nearly everywhere."""
     scene = reconstruction_of(SCENE, [(-1.0, 0.0), (0.0, 0.0), (1.0, 0.0)], LABELS)
     truth = [LABELS.label(surface.disparity) for surface in scene.surfaces]
     occupancy = [Occupancy(label, np.ones(label.shape, bool)) for label in truth]
@@ -141,7 +140,6 @@ def test_true_surfaces_cost_least(cost: str) -> None:
 
 
 def test_regions_of_every_window_count_alike(rng: np.random.Generator) -> None:
-    """Costs over two windows are the mean of those over each, where all is known."""
     shape = (20, 30)
     image = rng.integers(0, 256, (*shape, 3)).astype(np.uint8)
     array = CameraArray(
@@ -214,7 +212,6 @@ def test_gains_are_those_of_what_both_see() -> None:
 
 
 def test_few_points_tell_nothing() -> None:
-    """Where hardly anything is supported, levels stay as they are."""
     array = shifted_pair(3)
     supported = np.zeros(array.shape, np.bool_)
     supported.ravel()[: MIN_POINTS - 1] = True
@@ -223,7 +220,6 @@ def test_few_points_tell_nothing() -> None:
 
 
 def test_surfaces_are_those_of_equal_exposures() -> None:
-    """A view that is a fifth darker, in one channel more than in others, changes little; as it is, more."""
     left, right, truth = pair_of_planes()
     darker = pair_of(left, np.rint(right * np.array([0.85, 0.8, 0.75])).astype(np.uint8))
     as_it_is = StereoSettings(exposures=False)

@@ -67,7 +67,6 @@ def test_two_planes_before_three_cameras() -> None:
 
 
 def test_labels_that_are_fewer_than_those_of_a_band_are_all_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half the size is of no use where it leaves as many; and views as wide are not refused."""
     left, right, _ = pair_of_planes()
     array, labels = pair_of(left, right), DisparityLabels(0.0, 0.25, 33)
     once = StereoSettings(max_iterations=1)
@@ -85,7 +84,6 @@ def test_labels_that_are_fewer_than_those_of_a_band_are_all_tried(monkeypatch: p
 @pytest.mark.parametrize("inference", INFERENCE_NAMES)
 @pytest.mark.parametrize("occlusion", OCCLUSION_NAMES)
 def test_every_combination_finds_the_square(cost: str, inference: str, occlusion: str) -> None:
-    """Costs, methods and treatments of occlusions may be combined at will; occlusions blur the worst one."""
     array, truth = figure.two_planes()
     settings = StereoSettings(cost=cost, inference=inference, occlusion=occlusion)
     found = reconstruct(array, figure.LABELS, settings)
@@ -101,7 +99,6 @@ def test_every_combination_finds_the_square(cost: str, inference: str, occlusion
 
 
 def test_result_is_the_same_for_any_number_of_jobs() -> None:
-    """Threads change nothing, and progress is told once for each view of each iteration."""
     array, _ = figure.two_planes()
     told: list[int] = []
     one, two = (
@@ -130,7 +127,6 @@ def test_strips_are_seamless(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_large_views_start_from_half_the_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few labels around what the half tells find the surface, of views with an odd number of rows, too."""
     left, right, truth = pair_of_planes(121, 181, near=14, far=4)
     array, labels = pair_of(left, right), DisparityLabels(-2.0, 1.0, 24)
     smooth = tuple(replace(view, image=blurred(view.image)) for view in array)
@@ -165,7 +161,6 @@ def test_identical_views_are_far_away(cost: str, inference: str) -> None:
 @pytest.mark.parametrize("cost", COST_NAMES)
 @pytest.mark.parametrize("levels", [(0, 0), (128, 128), (255, 255), (40, 200)])
 def test_constant_views_end(cost: str, levels: tuple[int, int]) -> None:
-    """Where nothing can be told there is still a finite map within the range."""
     array = pair_of(*(np.full((20, 30, 3), level, np.uint8) for level in levels))
     found = reconstruct(array, LABELS, StereoSettings(cost=cost, sub_pixel=True))
     for surface in found.surfaces:
@@ -177,7 +172,6 @@ def test_constant_views_end(cost: str, levels: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("cost", COST_NAMES)
 def test_range_of_one_label(cost: str) -> None:
-    """The only disparity there is; without warnings of numbers."""
     left, right, _ = pair_of_planes()
     found = reconstruct(pair_of(left, right), DisparityLabels(2.0, 1.0, 1), StereoSettings(cost=cost))
     for surface in found.surfaces:
@@ -187,7 +181,6 @@ def test_range_of_one_label(cost: str) -> None:
 
 @pytest.mark.parametrize("dark", [0, 1])
 def test_exposures_may_differ(dark: int) -> None:
-    """A view that is darker by a fifth is as good as before."""
     left, right, truth = pair_of_planes()
     views = list(pair_of(left, right))
     level = np.rint(0.8 * views[dark].image).astype(np.uint8)
@@ -208,7 +201,6 @@ def test_order_of_views_does_not_matter() -> None:
 
 
 def test_columns_of_cameras_are_rows_turned() -> None:
-    """Two views one above the other find what the same views, transposed, find side by side."""
     left, right, truth = pair_of_planes()
     upright = [image.transpose(1, 0, 2).copy() for image in (left, right)]
     places = LatticePosition(0.0, 0.0), LatticePosition(0.0, 1.0)
@@ -242,7 +234,6 @@ def test_steps_of_fractions_of_a_pixel() -> None:
 
 
 def test_cameras_off_the_lattice() -> None:
-    """Real-valued positions, in both directions at once, are as good as whole ones."""
     labels = DisparityLabels(0.0, 0.5, 25)
     scene = reconstruction_of(
         [Plane(3.0), Plane(8.0, (24, 60), (14, 38))],
@@ -258,7 +249,6 @@ def test_cameras_off_the_lattice() -> None:
 
 
 def test_what_was_not_seen_says_nothing() -> None:
-    """Garbage where a view is not valid does no harm, and a hole in one view leaves a surface in both."""
     left, right, truth = pair_of_planes()
     rng = np.random.default_rng(1)
     valid = np.ones(truth.shape, bool)
@@ -276,7 +266,6 @@ def test_what_was_not_seen_says_nothing() -> None:
     ("name", "limit"), [("tsukuba", 3.0), pytest.param("cones", 8.5, marks=pytest.mark.slow)]
 )
 def test_real_pairs(name: str, limit: float) -> None:
-    """Bad pixels of the Middlebury evaluation, all of them, a little above what is measured."""
     real_set(name)
     one = PAIRS[name]
     found = reconstruct(one.pair(REAL_SETS), one.labels, jobs=2)

@@ -48,7 +48,6 @@ def test_supported_labels_stay_and_planes_go_on() -> None:
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_background_goes_on_beside_an_object(side: float) -> None:
-    """What the other camera looks through is not nearer: an occlusion takes the farther surface."""
     far, near = 2, 12
     label = np.full(SHAPE, far)
     label[:, 25:40] = near
@@ -66,7 +65,6 @@ def test_background_goes_on_beside_an_object(side: float) -> None:
 
 
 def test_surfaces_end_at_edges_of_the_picture() -> None:
-    """Between two surfaces, what is of the colour of one becomes a part of it."""
     far, near, edge = 3, 10, 33
     label = np.where(np.indices(SHAPE)[1] < 30, far, near)
     supported = np.ones(SHAPE, bool)
@@ -78,7 +76,6 @@ def test_surfaces_end_at_edges_of_the_picture() -> None:
 
 
 def test_result_stays_among_the_labels() -> None:
-    """Planes are not continued beyond the range; without anything supported there is still a finite map."""
     steep = np.clip(np.indices(SHAPE)[1] // 3, 0, FINE_LABELS.num_labels - 1)
     supported = np.indices(SHAPE)[1] < 40
     for occupancy in (Occupancy(steep, supported), Occupancy(steep, np.zeros(SHAPE, bool))):
@@ -89,7 +86,6 @@ def test_result_stays_among_the_labels() -> None:
 
 
 def test_planes_that_leave_the_labels_stay_at_the_last() -> None:
-    """A plane that would go on beyond the range ends at its bound."""
     plane = np.floor(20.5 + 0.08 * np.indices(SHAPE)[1]).astype(np.int64)
     found = filled(Occupancy(plane, np.indices(SHAPE)[1] < 36), NOWHERE, PAIR, BLACK)
     assert found.max() == FINE_LABELS.num_labels - 1
@@ -131,7 +127,6 @@ def plain(label: Floats, supported: NDArray[np.bool_], image: NDArray[np.uint8],
 
 
 def test_planes_are_those_of_the_plain_twin() -> None:
-    """At borders and corners, with colours and pixels that nothing supports."""
     rng = np.random.default_rng(2)
     label = rng.integers(0, 4, (19, 21)).astype(np.float64)
     supported = rng.random(label.shape) < 0.7
@@ -171,7 +166,6 @@ CROSS = [(0.0, 0.0), (-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)]
 @pytest.mark.nojit
 @pytest.mark.parametrize("tolerance", [1, 2])
 def test_kernel_is_its_twin(choose: Choose, rng: np.random.Generator, tolerance: int) -> None:
-    """Whole labels and values between them, with places where cameras have seen nothing."""
     far = np.where(rng.random((5, 9, 11)) < 0.6, 1.0, rng.integers(0, 7, (5, 9, 11)))
     maps = np.clip(far + 0.25 * rng.integers(-1, 2, far.shape), 0.0, 6.0)
     seen = rng.random(maps.shape) < 0.9
@@ -185,7 +179,6 @@ def test_kernel_is_its_twin(choose: Choose, rng: np.random.Generator, tolerance:
 
 
 def test_surfaces_that_agree_stay() -> None:
-    """True surfaces are what all cameras see: nothing changes, also beside discontinuities."""
     scene = reconstruction_of(SCENE, square_lattice(1), LABELS)
     maps = [LABELS.label(surface.disparity).astype(np.float64) for surface in scene.surfaces]
     for index, label in enumerate(maps):
@@ -193,7 +186,6 @@ def test_surfaces_that_agree_stay() -> None:
 
 
 def test_what_one_camera_alone_has_wrong_is_put_right(rng: np.random.Generator) -> None:
-    """A patch before the true surface, and noise of a label, are gone where others look."""
     scene = reconstruction_of([BACKGROUND], CROSS, LABELS)
     true = [LABELS.label(surface.disparity).astype(np.float64) for surface in scene.surfaces]
     maps = [label + (rng.random(label.shape) < 0.1) for label in true]
@@ -206,7 +198,6 @@ def test_what_one_camera_alone_has_wrong_is_put_right(rng: np.random.Generator) 
 
 
 def test_two_cameras_decide_nothing(rng: np.random.Generator) -> None:
-    """There is no majority of two."""
     scene = reconstruction_of(SCENE, square_lattice(1)[:2], LABELS)
     maps = [rng.integers(0, LABELS.num_labels, scene.array.shape).astype(np.float64) for _ in range(2)]
     np.testing.assert_array_equal(fused(scene.array, LABELS, maps, 0), maps[0])
@@ -245,7 +236,6 @@ def test_weights_of_the_log_odds(measures: tuple[float, ...], expected: float) -
 
 
 def test_texture_counts_along_the_parallax() -> None:
-    """Vertical stripes tell horizontal parallax, and nothing of vertical one."""
     maps = [np.zeros((40, 64), np.int64)] * 2
     beside, below = (
         evidence(two_views(stripes((40, 64)), vertical=way), EIGHT_LABELS, maps, 0) for way in (False, True)
@@ -256,7 +246,6 @@ def test_texture_counts_along_the_parallax() -> None:
 
 
 def test_jumps_and_agreement_are_seen() -> None:
-    """A jump counts by its distance; what the other camera has elsewhere does not agree."""
     own, other = np.full((40, 64), 2), np.full((40, 64), 2)
     own[:, 32:] = 6
     told = evidence(two_views(stripes((40, 64))), EIGHT_LABELS, [own, other], 0)
@@ -275,7 +264,6 @@ def test_jumps_and_agreement_are_seen() -> None:
 
 
 def test_order_of_a_reconstruction() -> None:
-    """The surest pixels are the best: half of what lies under the curve without any order goes."""
     array, truth = figure.two_planes()
     found = reconstruct(array, figure.LABELS)
     for surface, disparity in zip(found.surfaces, truth, strict=True):
