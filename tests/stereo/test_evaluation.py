@@ -13,7 +13,7 @@ from dvc.errors import ConfigError, DvcError
 from dvc.picture_files import write_pfm
 from dvc.stereo.__main__ import main
 from dvc.stereo.evaluation import disparity_error, evaluate, read_mask, read_truth, sparsification
-from tests.stereo.data import real_set
+from tests.stereo.data import check_refused, real_set
 
 TRUTH = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, np.nan]])
 
@@ -158,23 +158,14 @@ def test_bad_input_is_one_line(
     before = sorted(tmp_path.iterdir())
     monkeypatch.chdir(tmp_path)
     arguments = ["evaluate", "map.pfm", "--truth", "truth.png", "--truth-scale", "4", *changes]
-    try:
-        status = main(arguments)
-    except SystemExit as err:
-        status = int(err.code or 0)
-    captured = capsys.readouterr()
-    assert status == 2
-    assert captured.err.count("\n") == 1
-    assert message in captured.err
-    assert captured.out == ""
+    check_refused(capsys, message, *arguments)
     assert sorted(tmp_path.iterdir()) == before
 
 
 def test_picture_without_scale_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The scale of a picture cannot be guessed."""
     found, truth = write_case(tmp_path)
-    assert main(["evaluate", str(found), "--truth", str(truth)]) == 2
-    assert "--truth-scale" in capsys.readouterr().err
+    check_refused(capsys, "--truth-scale", "evaluate", found, "--truth", truth)
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ import pytest
 
 from dvc.layers.layer_folders import read_layers, read_sprites, write_layers
 from dvc.layers.layered_depth_image import layered_depth_image
-from dvc.stereo.__main__ import main
 from dvc.stereo.layer_pictures import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
 from dvc.stereo.surfaces.surface_folder import write_reconstruction
+from tests.stereo.data import check_refused, run
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
 COUNTS = {"num_layers", "num_values_inside", "num_values_beyond", "increase_percent", "num_values_by_layer"}
@@ -27,13 +27,6 @@ def surfaces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_reconstruction(folder, reconstruction_of(SCENE, square_lattice(1), LABELS))
     monkeypatch.chdir(tmp_path)
     return folder
-
-
-def run(*arguments: str) -> int:
-    try:
-        return main(list(arguments))
-    except SystemExit as err:
-        return int(err.code or 0)
 
 
 def test_layers(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,10 +86,7 @@ def test_missing_extra(
     surfaces: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    assert run("layers", "surfaces", "--out", "out", "--ply", "a.ply") == 2
-    told = capsys.readouterr().err
-    assert "dvc3d[mesh]" in told
-    assert told.count("\n") == 1
+    check_refused(capsys, "dvc3d[mesh]", "layers", "surfaces", "--out", "out", "--ply", "a.ply")
     assert not Path("out").exists()
 
 
@@ -116,10 +106,7 @@ def test_missing_extra(
 def test_refusals(
     surfaces: Path, arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(*arguments) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    check_refused(capsys, message, *arguments)
     assert not Path("out").exists()
 
 
@@ -127,8 +114,7 @@ def test_layers_without_values_have_no_sprites(surfaces: Path, capsys: pytest.Ca
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
     Path("empty").mkdir()
     write_layers(Path("empty"), replace(image, votes=np.zeros_like(image.votes)))
-    assert run("sprites", "empty", "--out", "out") == 2
-    assert "empty: the layers have no values" in capsys.readouterr().err
+    check_refused(capsys, "empty: the layers have no values", "sprites", "empty", "--out", "out")
     assert not Path("out").exists()
 
 

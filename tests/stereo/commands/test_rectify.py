@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from dvc.picture_files import read_pfm, read_picture, write_png
-from dvc.stereo.__main__ import main
 from dvc.stereo.surfaces.surface_folder import read_reconstruction
 from sequences.toy_array import write_array
+from tests.stereo.data import check_refused, run
 
 NAMES = ("toy-0-0", "toy-1-0")
 SIZE = 128, 96
@@ -30,13 +30,6 @@ def toy(rendered: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in the folder of the pictures."""
     monkeypatch.chdir(rendered)
     return rendered
-
-
-def run(*arguments: object) -> int:
-    try:
-        return main([str(argument) for argument in arguments])
-    except SystemExit as err:
-        return int(err.code or 0)
 
 
 def test_rectify_writes_views_masks_and_homographies(
@@ -107,7 +100,7 @@ def test_folder_of_rectified_views_is_as_good_as_the_cameras(
     assert {path.name for path in out[1].iterdir()} == {path.name for path in out[2].iterdir()}
     for name in ("depth-toy-0-0.pfm", "original-disparity-toy-1-0.pfm", "valid-toy-0-0.png"):
         assert (out[1] / name).read_bytes() == (out[2] / name).read_bytes()
-    capsys.readouterr()
+    none = "--out", tmp_path / "none"
     index = out[0] / "rectification.json"
     whole = json.loads(index.read_text())
     for changed, message in (
@@ -120,27 +113,17 @@ def test_folder_of_rectified_views_is_as_good_as_the_cameras(
         ({"row_rms_px": float("nan")}, "not a JSON file"),
     ):
         index.write_text(json.dumps({**whole, **changed}))
-        check_refused([out[0]], message, tmp_path / "none", capsys)
+        check_refused(capsys, message, "reconstruct", out[0], *none)
     index.write_text(json.dumps({**whole, "row_rms_px": 9.0}).replace("9.0", "1e999"))
-    check_refused([out[0]], "not a JSON file", tmp_path / "none", capsys)
+    check_refused(capsys, "not a JSON file", "reconstruct", out[0], *none)
     index.write_text(json.dumps(whole))
     valid = read_picture(out[0] / "valid-toy-0-0.png")[:, :, 0]
     write_png(out[0] / "valid-toy-0-0.png", np.zeros_like(valid))
-    check_refused([out[0]], "has no valid pixel", tmp_path / "none", capsys)
+    check_refused(capsys, "has no valid pixel", "reconstruct", out[0], *none)
     index.unlink()
-    check_refused([out[0]], "not a folder of `dvc-stereo rectify`", tmp_path / "none", capsys)
-    check_refused([out[0], pair[0]], "excludes other views", tmp_path / "none", capsys)
-    check_refused([out[0], *cameras], "excludes --cameras", tmp_path / "none", capsys)
-
-
-def check_refused(
-    arguments: list[object], message: str, out: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run("reconstruct", *arguments, "--out", out) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-    assert not out.exists()
+    check_refused(capsys, "not a folder of `dvc-stereo rectify`", "reconstruct", out[0], *none)
+    check_refused(capsys, "excludes other views", "reconstruct", out[0], pair[0], *none)
+    check_refused(capsys, "excludes --cameras", "reconstruct", out[0], *cameras, *none)
 
 
 def test_rectified_input_keeps_its_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,10 +175,8 @@ def test_range_of_rectified_views_comes_from_their_matches(toy: Path, tmp_path: 
 def test_bad_input_is_one_line(
     toy: Path, tmp_path: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run("rectify", *arguments, "--cameras", "cameras.json", "--out", tmp_path / "out") == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+    options = "--cameras", "cameras.json", "--out", tmp_path / "out"
+    check_refused(capsys, message, "rectify", *arguments, *options)
     assert not list(tmp_path.iterdir())
 
 
@@ -203,9 +184,7 @@ def test_missing_cameras_are_one_line(toy: Path, tmp_path: Path, capsys: pytest.
     for name in ("blank-a.png", "blank-b.png"):
         cv2.imwrite(str(tmp_path / name), np.full((32, 32, 3), 90, np.uint8))
     pair = tmp_path / "blank-a.png", tmp_path / "blank-b.png"
-    assert run("rectify", *pair, "--cameras", "no.json", "--out", tmp_path / "out") == 2
-    assert "no.json: No such file" in capsys.readouterr().err
-    assert run("rectify", *pair, "--cameras", "auto", "--out", tmp_path / "out") == 2
-    assert "cannot be estimated" in capsys.readouterr().err
-    assert run("reconstruct", *pair, "--out", tmp_path / "out") == 2
-    assert "give --disparities" in capsys.readouterr().err
+    out = "--out", tmp_path / "out"
+    check_refused(capsys, "no.json: No such file", "rectify", *pair, "--cameras", "no.json", *out)
+    check_refused(capsys, "cannot be estimated", "rectify", *pair, "--cameras", "auto", *out)
+    check_refused(capsys, "give --disparities", "reconstruct", *pair, *out)

@@ -9,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from skimage.data import stereo_motorcycle
 
-from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.stereo.surfaces.reconstruct import reconstruct
 from dvc.stereo.surfaces.stereo_settings import StereoSettings
+from tests.stereo.data import pair_of
 
 FOLDER = Path(__file__).resolve().parents[2] / "golden" / "surfaces"
 LABELS = DisparityLabels(0.0, 1.0, 16)
@@ -31,10 +32,7 @@ def motorcycle(exposures: tuple[float, float, float]) -> CameraArray:
     left, right, _ = stereo_motorcycle()
     views = left, np.rint(right * np.array(exposures)).astype(np.uint8)
     small = [cv2.resize(view, (148, 100), interpolation=cv2.INTER_AREA) for view in views]
-    named = zip(("left", "right"), small, strict=True)
-    return CameraArray(
-        tuple(ArrayView(name, view, LatticePosition(m, 0.0)) for m, (name, view) in enumerate(named))
-    )
+    return pair_of(*small)
 
 
 @pytest.mark.parametrize("name", KEPT)

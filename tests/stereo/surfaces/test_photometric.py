@@ -20,7 +20,7 @@ from dvc.stereo.surfaces.photometric import (
 from dvc.stereo.surfaces.reconstruct import reconstruct
 from dvc.stereo.surfaces.stereo_settings import UNDEFINED_COST, StereoSettings
 from tests.reference import stereo_volumes as volumes
-from tests.stereo.data import pair_of_planes
+from tests.stereo.data import pair_of, pair_of_planes
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of
 
 SHAPE = (9, 12)
@@ -190,12 +190,6 @@ def shifted_pair(by: int) -> CameraArray:
     levels = np.random.default_rng(213).integers(40, 200, (30, 60, 3)).astype(np.uint8)
     other = np.rint(np.roll(levels, -by, axis=1) * FACTORS).astype(np.uint8)
     return pair_of(levels, other)
-
-
-def pair_of(left: np.ndarray, right: np.ndarray) -> CameraArray:
-    """Return two views beside each other."""
-    views = zip("lr", (left, right), (0.0, 1.0), strict=True)
-    return CameraArray(tuple(ArrayView(name, image, LatticePosition(m, 0.0)) for name, image, m in views))
 
 
 def test_gains_are_those_of_what_both_see() -> None:

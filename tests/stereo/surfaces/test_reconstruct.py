@@ -11,16 +11,10 @@ from benchmarks.thesis.scenes import PAIRS
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition, Reconstruction
 from dvc.stereo.surfaces.reconstruct import reconstruct
 from dvc.stereo.surfaces.stereo_settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES, StereoSettings
-from tests.stereo.data import REAL_SETS, pair_of_planes, real_set
+from tests.stereo.data import REAL_SETS, pair_of, pair_of_planes, real_set
 from tests.stereo.plane_scenes import Plane, reconstruction_of
 
-PAIR = [LatticePosition(0.0, 0.0), LatticePosition(1.0, 0.0)]
 LABELS = DisparityLabels(0.0, 1.0, 9)
-
-
-def pair_of(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> CameraArray:
-    views = zip(("left", "right"), (left, right), PAIR, strict=True)
-    return CameraArray(tuple(ArrayView(*view) for view in views))
 
 
 def bad_pixels(found: Reconstruction, index: int, truth: NDArray[np.floating], limit: float = 1.0) -> float:
