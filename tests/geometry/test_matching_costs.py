@@ -150,17 +150,6 @@ def test_true_disparity_between_pixels_costs_least(name: str, m: float, n: float
 
 
 @pytest.mark.parametrize("name", sorted(COSTS))
-def test_costs_of_rows_are_those_of_the_view(name: str, rng: np.random.Generator) -> None:
-    labels = DisparityLabels(-1.0, 0.5, 5)
-    band = Band(rng.integers(-2, 3, SHAPE), 4)
-    view, other = random_view(rng, 0.0, 0.0), random_view(rng, 1.0, 1.0, holes=True)
-    whole = COSTS[name](view, other, labels, band, slice(0, SHAPE[0]))
-    part = COSTS[name](view, other, labels, band, slice(2, 5))
-    for a, b in zip(whole, part, strict=True):
-        np.testing.assert_array_equal(a[2:5], b)
-
-
-@pytest.mark.parametrize("name", sorted(COSTS))
 def test_band_has_the_costs_of_its_labels(name: str, rng: np.random.Generator) -> None:
     labels = DisparityLabels(0.0, 0.5, 6)
     view, other = random_view(rng, 0.0, 0.0), random_view(rng, -1.0, 0.5, holes=True)
