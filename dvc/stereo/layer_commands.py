@@ -2,57 +2,33 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from dvc import cli
 from dvc.errors import ConfigError
-from dvc.stereo.stereo_options import add_output_options, check_outputs, write_results
-from dvc.subcommands import Subcommand
-
-if TYPE_CHECKING:
-    from dvc.layers.layered_depth_image import LayeredDepthImage
-    from dvc.layers.sprites import SpriteSet
-
-_LAYERS_EXAMPLES = """\
-  dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
-  dvc-stereo layers surfaces --out layers
-  dvc-stereo layers surfaces --out layers --json counts.json --glb layers.glb
-"""
-_LAYERS_DESCRIPTION = """\
-Merge the surfaces of all views in the frame of the view nearest to (0, 0): several values of disparity and
-colour a pixel, from near to far. docs/layers.md describes the files.
-"""
-_SPRITES_EXAMPLES = """\
-  dvc-stereo layers surfaces --out layers
-  dvc-stereo sprites layers --out sprites
-  dvc-stereo sprites surfaces --out sprites --json - --glb sprites.glb
-"""
-_SPRITES_DESCRIPTION = """\
-Cut the layered depth image of a scene into surfaces without discontinuities. docs/layers.md describes the
-files.
-"""
+from dvc.files import atomic_folder
+from dvc.layers.layer_folders import read_layers, write_layers, write_sprites
+from dvc.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
+from dvc.layers.sprites import SpriteSet, composite, extract_sprites
+from dvc.picture_files import write_png
+from dvc.stereo.layer_pictures import (
+    PAGE,
+    draw_layers,
+    draw_sprites,
+    draw_values_per_pixel,
+    layers_gallery,
+    sprites_gallery,
+)
+from dvc.stereo.meshes import layers_shape, sprites_shape, write_shape
+from dvc.stereo.stereo_options import check_outputs, write_results
+from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction
+from dvc.web.gallery import write_gallery
 
 
-def _add_layers_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("path", metavar="DIR", help="folder of `dvc-stereo reconstruct`")
-    add_output_options(parser)
-
-
-def _add_sprites_options(parser: argparse.ArgumentParser) -> None:
-    written = "folder of `dvc-stereo layers` or `dvc-stereo reconstruct`"
-    parser.add_argument("path", metavar="DIR", help=written)
-    add_output_options(parser)
-
-
-def _run_layers(arguments: argparse.Namespace) -> int:
+def run_layers(arguments: argparse.Namespace) -> int:
     """Write the layered depth image of a reconstruction."""
-    from dvc.files import atomic_folder
-    from dvc.layers.layer_folders import write_layers
-    from dvc.picture_files import write_png
-    from dvc.stereo.layer_pictures import PAGE, draw_layers, draw_values_per_pixel, layers_gallery
-    from dvc.stereo.meshes import layers_shape, write_shape
-    from dvc.web.gallery import write_gallery
-
     meshes = check_outputs(arguments, [arguments.path])
     image = _merged_layers(arguments)
     with atomic_folder(arguments.out) as folder:
@@ -73,27 +49,15 @@ def _run_layers(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _merged_layers(arguments: argparse.Namespace) -> "LayeredDepthImage":
+def _merged_layers(arguments: argparse.Namespace) -> LayeredDepthImage:
     """Merge the surfaces of a reconstruction."""
-    from dvc.layers.layered_depth_image import layered_depth_image
-    from dvc.stereo.surfaces.surface_folder import read_reconstruction
-
     reconstruction = read_reconstruction(arguments.path)
     with cli.progress_bar("layers", len(reconstruction.array), arguments.quiet) as advance:
         return layered_depth_image(reconstruction, advance=advance)
 
 
-def _run_sprites(arguments: argparse.Namespace) -> int:
+def run_sprites(arguments: argparse.Namespace) -> int:
     """Write the sprites of a layered depth image or of a reconstruction."""
-    from dvc.files import atomic_folder
-    from dvc.layers.layer_folders import read_layers, write_sprites
-    from dvc.layers.sprites import extract_sprites
-    from dvc.picture_files import write_png
-    from dvc.stereo.layer_pictures import PAGE, draw_sprites, sprites_gallery
-    from dvc.stereo.meshes import sprites_shape, write_shape
-    from dvc.stereo.surfaces.surface_folder import INDEX
-    from dvc.web.gallery import write_gallery
-
     meshes = check_outputs(arguments, [arguments.path])
     is_reconstruction = (Path(arguments.path) / INDEX).is_file()
     image = _merged_layers(arguments) if is_reconstruction else read_layers(arguments.path)
@@ -113,11 +77,7 @@ def _run_sprites(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _sprite_counts(image: "LayeredDepthImage", sprites: "SpriteSet") -> dict[str, Any]:
-    import numpy as np
-
-    from dvc.layers.sprites import composite
-
+def _sprite_counts(image: LayeredDepthImage, sprites: SpriteSet) -> dict[str, Any]:
     frame = image.canvas.frame.slices
     colour, _, mask = composite(sprites)
     first = image.colour[0] * image.occupied[0][..., None]
@@ -132,19 +92,3 @@ def _sprite_counts(image: "LayeredDepthImage", sprites: "SpriteSet") -> dict[str
         ),
         "num_values_by_sprite": sizes,
     }
-
-
-LAYERS = Subcommand(
-    "layered depth image from surfaces",
-    _LAYERS_DESCRIPTION,
-    _add_layers_options,
-    _run_layers,
-    _LAYERS_EXAMPLES,
-)
-SPRITES = Subcommand(
-    "sprites with depth from layers",
-    _SPRITES_DESCRIPTION,
-    _add_sprites_options,
-    _run_sprites,
-    _SPRITES_EXAMPLES,
-)
