@@ -50,6 +50,10 @@ class Entry:
             self.refuse(f"{key!r} must be a whole number from {low} to {high}")
         return value
 
+    def shape(self) -> tuple[int, int]:
+        """Return the height and width of a picture."""
+        return self.integer("height", 1, MAX_SIDE), self.integer("width", 1, MAX_SIDE)
+
     def number(self, key: str, above: float = -math.inf) -> float:
         """Return a finite number."""
         return self._number(self.value(key), key, above)

@@ -11,7 +11,7 @@ import numpy as np
 from dvc.array_files import MAX_NUMBER
 from dvc.arrays import Bytes, Mask, Singles
 from dvc.errors import DvcError
-from dvc.index_files import MAX_SIDE, Entry, read_index, read_labels, write_index
+from dvc.index_files import Entry, read_index, read_labels, write_index
 from dvc.layers.canvas import Canvas, Frame
 from dvc.layers.layered_depth_image import MAX_LAYERS, LayeredDepthImage
 from dvc.layers.sprites import Sprite, SpriteSet
@@ -138,7 +138,7 @@ def canvas_values(canvas: Canvas) -> dict[str, Any]:
 
 def read_canvas(index: Entry) -> Canvas:
     """Read a canvas from an index file; inverse of `canvas_values`."""
-    shape = index.integer("height", 1, MAX_SIDE), index.integer("width", 1, MAX_SIDE)
+    shape = index.shape()
     inner = index.entry("frame")
     left, top = inner.integer("left", 0, shape[1] - 1), inner.integer("top", 0, shape[0] - 1)
     width, height = inner.integer("width", 1, shape[1] - left), inner.integer("height", 1, shape[0] - top)

@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.array_files import MAX_NUMBER, MIN_STEP
 from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.errors import DvcError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, Reconstruction
@@ -40,8 +41,6 @@ MAX_CANVAS_FRAMES = 16
 """Largest ratio of the areas of the canvas and a view."""
 MAX_POINTS_PER_PIXEL = MAX_CANVAS_FRAMES
 """Largest average number of points per pixel of all views: surfaces without folds have one."""
-MAX_MAGNITUDE = 1e6
-"""Largest magnitude of disparities and positions."""
 _ROWS = 64
 """Rows of the canvas in one vote."""
 
@@ -79,14 +78,7 @@ class LayeredDepthImage:
         return np.asarray(np.count_nonzero(self.votes, axis=0), np.int64)
 
     def counts(self) -> dict[str, Any]:
-        """Count values.
-
-        Returns
-        -------
-        dict
-            Number of layers; values inside the reference frame and beyond it; increase over
-            one depth map inside the frame in per cent; values of each layer inside the frame.
-        """
+        """Count layers, and values inside the reference frame, of each layer there, and beyond it."""
         frame = self.canvas.frame
         inside = self.occupied[:, *frame.slices]
         num_inside = int(inside.sum())
@@ -187,7 +179,7 @@ def _check_magnitudes(reconstruction: Reconstruction) -> None:
     step = reconstruction.labels.step
     positions = np.array([view.position for view in reconstruction.array])
     largest = max(float(np.abs(surface.disparity).max()) for surface in reconstruction.surfaces)
-    if not (1e-6 <= step <= MAX_MAGNITUDE and max(largest, float(np.abs(positions).max())) <= MAX_MAGNITUDE):
+    if not (MIN_STEP <= step <= MAX_NUMBER and max(largest, float(np.abs(positions).max())) <= MAX_NUMBER):
         raise DvcError(
             f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, are out of range"
         )

@@ -25,7 +25,15 @@ SHAPE = (7, 9)
 JUMP = 20
 """A step of the base surface that is a discontinuity."""
 WINDOW = Window(reach_px=5, near_reach_px=2, iterations=1)
-KERNELS = "_grow_arms", "_cut_arms", "_sum_rows", "_sum_columns", "_normalise", "_keep_smaller", "_keep_mean"
+KERNELS = (
+    "_count_even_steps",
+    "_shorten_arms",
+    "_sum_rows",
+    "_sum_columns",
+    "_normalise",
+    "_keep_smaller",
+    "_keep_mean",
+)
 _kind = compiled_and_python(aggregation, *KERNELS)
 pytestmark = [pytest.mark.nojit, pytest.mark.usefixtures("_kind")]
 
