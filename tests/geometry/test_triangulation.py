@@ -50,7 +50,7 @@ def test_views_that_do_not_see_a_point_do_not_make_it_uncertain() -> None:
     np.testing.assert_array_equal(found.sigma_px, alone.sigma_px)
 
 
-def test_wrong_tracks_are_told_by_their_distance() -> None:
+def test_wrong_tracks_are_reported_by_their_distance() -> None:
     positions, cameras, _ = tracks()
     positions[3, 2] += [0.0, 9.0]
     found = track_depths(positions, cameras, 0, FRAME)

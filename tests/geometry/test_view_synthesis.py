@@ -161,7 +161,7 @@ def test_beside_the_frame_all_surfaces_bound_a_hole():
     np.testing.assert_array_equal(filled_depth[:, 8:], expected)
 
 
-def test_epipolar_lines_tell_background_from_object():
+def test_epipolar_lines_separate_background_and_object():
     twin = python_twin(_along_epipolar_lines)
     generator = np.random.default_rng(5)
     depth = np.where(generator.random((13, 17)) < 0.4, generator.normal(size=(13, 17)), EMPTY)

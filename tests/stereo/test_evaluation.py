@@ -1,6 +1,7 @@
 """Evaluation of disparity maps: the rule, files, the command, and what it refuses."""
 
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,9 @@ from dvc.errors import ConfigError, DvcError
 from dvc.picture_files import write_pfm
 from dvc.stereo.__main__ import main
 from dvc.stereo.evaluation import disparity_error, evaluate, read_mask, read_truth, sparsification
+from dvc.stereo.surface_report import Truth, reported, summary
 from tests.stereo.data import check_refused, real_set
+from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
 TRUTH = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, np.nan]])
 
@@ -184,3 +187,16 @@ def test_masks_of_the_middlebury_sets(
         result = evaluate(disparity, disparity, read_mask(folder / f"{mask}.png"))
         assert result.num_pixels == count
         assert result.bad_percent[1.0] == 0.0
+
+
+def test_bad_pixels_are_reported_at_three_thresholds() -> None:
+    reconstruction = reconstruction_of(SCENE, square_lattice(1), LABELS)
+    found = reconstruction.surfaces[reconstruction.array.reference].disparity
+    off = np.repeat([0.4, 0.8, 1.5, 3.0], found.size // 4).reshape(found.shape)
+    output = summary(reported(reconstruction, Truth(found + off)))
+    assert re.findall(r"([\d.]+) % > ([\d.]+) px", output) == [
+        ("75.00", "0.5"),
+        ("50.00", "1"),
+        ("25.00", "2"),
+    ]
+    assert "bad pixels" not in summary(reported(reconstruction))

@@ -1,4 +1,4 @@
-"""`dvc-stereo layers` and `dvc-stereo sprites`: what they write and tell, and what they refuse."""
+"""`dvc-stereo layers` and `dvc-stereo sprites`: files, counts and refusals."""
 
 import json
 import sys
@@ -44,9 +44,9 @@ def test_layers(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
     preview = cv2.imread("layers/preview-values.png", cv2.IMREAD_GRAYSCALE)
     np.testing.assert_array_equal(preview, image.values_per_pixel * 85)
     assert run("layers", "surfaces", "--out", "again") == 0
-    told = capsys.readouterr().out
-    assert told.startswith("3 layers of 9 views: ")
-    assert told.count("\n") == 1
+    output = capsys.readouterr().out
+    assert output.startswith("3 layers of 9 views: ")
+    assert output.count("\n") == 1
     assert run("layers", "surfaces", "--out", "quiet", "--quiet") == 0
     assert capsys.readouterr().out == ""
 

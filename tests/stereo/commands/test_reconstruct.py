@@ -1,4 +1,4 @@
-"""`dvc-stereo reconstruct`: what it writes and tells, and what it refuses."""
+"""`dvc-stereo reconstruct`: folder, figures, warnings and refusals."""
 
 import json
 from pathlib import Path
@@ -81,7 +81,7 @@ def test_grey_and_deep_pictures_are_taken(views: Path) -> None:
     assert json.loads((views / "figures.json").read_text())["evaluation"]["bad_percent"]["1"] < 20.0
 
 
-def test_range_that_is_too_narrow_is_told(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_range_that_is_too_narrow_is_reported(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("reconstruct", "left.png", "right.png", "--disparities=-2:2", "--out", "out") == 0
     assert "highest disparity, 2 px" in capsys.readouterr().err
     assert len(json.loads((views / "out" / "stereo.json").read_text())["warnings"]) == 1

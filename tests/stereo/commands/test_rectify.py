@@ -38,9 +38,9 @@ def test_rectify_writes_views_masks_and_homographies(
     out = tmp_path / "out"
     paths = sorted(toy.glob("toy-*.png"))
     assert run("rectify", *paths, "--cameras", "cameras.json", "--out", out) == 0
-    told = capsys.readouterr().out
-    assert "4 views" in told
-    assert "px rms" in told
+    output = capsys.readouterr().out
+    assert "4 views" in output
+    assert "px rms" in output
     index = json.loads((out / "rectification.json").read_text())
     size = index["height"], index["width"]
     with open(out / "views.csv", newline="") as file:

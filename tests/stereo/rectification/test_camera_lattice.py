@@ -73,8 +73,10 @@ def test_basis_does_not_depend_on_the_unit_of_the_world() -> None:
 def test_mirrored_places_are_turned_to_the_scene(signs: tuple[int, int]) -> None:
     rig = random_rig(3, GRID)
     orientation = mean_orientation(rig)
-    told = np.array(GRID) * signs
-    lattice, places = upright(fit_lattice(centres_of(rig), told, orientation), told, orientation)
+    given_positions = np.array(GRID) * signs
+    lattice, places = upright(
+        fit_lattice(centres_of(rig), given_positions, orientation), given_positions, orientation
+    )
     np.testing.assert_allclose(places, GRID, atol=1e-12)
     np.testing.assert_allclose(lattice.coordinates(centres_of(rig))[:, :2], GRID, atol=1e-11)
     assert np.cross(lattice.v1, lattice.v2) @ orientation.forward > 0
@@ -131,9 +133,9 @@ def test_centres_off_their_places_become_real_valued() -> None:
     """Within the tolerance the given places stay; beyond it the projections of the centres do."""
     lattice = Lattice(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
     centres = np.array([[0.0, 0, 0], [1.01, 0.0, 0.3]])
-    told = np.array([[0.0, 0.0], [1.0, 0.0]])
-    np.testing.assert_array_equal(snapped(lattice, centres, told, 0.02), told)
-    np.testing.assert_array_equal(snapped(lattice, centres, told, 0.005), centres[:, :2])
+    given_positions = np.array([[0.0, 0.0], [1.0, 0.0]])
+    np.testing.assert_array_equal(snapped(lattice, centres, given_positions, 0.02), given_positions)
+    np.testing.assert_array_equal(snapped(lattice, centres, given_positions, 0.005), centres[:, :2])
 
 
 @pytest.mark.parametrize(
@@ -152,6 +154,6 @@ def test_degenerate_centres(centres: list, places: list, message: str) -> None:
 @pytest.mark.parametrize(("aside", "is_refused"), [(0.04, True), (0.06, False)])
 def test_cameras_almost_one_behind_the_other(aside: float, is_refused: bool) -> None:
     centres, places = np.array([[0, 0, 0], [aside, 0, 1.0]]), np.array([[0.0, 0], [1, 0]])
-    told = pytest.raises(ConfigError, match="one behind the other") if is_refused else nullcontext()
-    with told:
+    expectation = pytest.raises(ConfigError, match="one behind the other") if is_refused else nullcontext()
+    with expectation:
         assert fit_lattice(centres, places, FACING).v1 @ FACING.right > 0.0

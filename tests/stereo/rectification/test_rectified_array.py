@@ -181,7 +181,7 @@ def test_labels_hold_the_range_in_steps_that_suit_it() -> None:
         assert 16 <= labels.num_labels <= 4096
 
 
-def test_cameras_off_the_plane_are_told_in_pixels(toy: Path, tmp_path: Path) -> None:
+def test_cameras_off_the_plane_are_reported_in_pixels(toy: Path, tmp_path: Path) -> None:
     cameras = json.loads((toy / "cameras.json").read_text())
     cameras[3]["t"] = (np.array(cameras[3]["t"]) - [0, 0, 0.3]).tolist()
     moved = tmp_path / "moved.json"

@@ -205,7 +205,7 @@ def test_gains_are_those_of_what_both_see() -> None:
     assert np.abs(difference).mean() < 1.0
 
 
-def test_few_points_tell_nothing() -> None:
+def test_few_points_change_no_levels() -> None:
     array = shifted_pair(3)
     supported = np.zeros(array.shape, np.bool_)
     supported.ravel()[: MIN_POINTS - 1] = True

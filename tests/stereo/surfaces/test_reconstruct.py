@@ -94,9 +94,9 @@ def test_every_combination_finds_the_square(cost: str, inference: str, occlusion
 
 def test_result_is_the_same_for_any_number_of_jobs() -> None:
     array, _ = figure.two_planes()
-    told: list[int] = []
+    steps: list[int] = []
     one, two = (
-        reconstruct(array, figure.LABELS, jobs=jobs, advance=told.append if jobs == 1 else lambda _: None)
+        reconstruct(array, figure.LABELS, jobs=jobs, advance=steps.append if jobs == 1 else lambda _: None)
         for jobs in (1, 2)
     )
     for a, b in zip(one.surfaces, two.surfaces, strict=True):
@@ -104,7 +104,7 @@ def test_result_is_the_same_for_any_number_of_jobs() -> None:
         np.testing.assert_array_equal(a.occluded, b.occluded)
         np.testing.assert_array_equal(a.confidence, b.confidence)
     assert one.figures == two.figures
-    assert sum(told) == len(array) * one.figures["iterations"]
+    assert sum(steps) == len(array) * one.figures["iterations"]
 
 
 def test_strips_are_seamless(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -229,8 +229,8 @@ def stripes(shape: tuple[int, int]) -> np.ndarray:
 )
 def test_weights_of_the_log_odds(measures: tuple[float, ...], expected: float) -> None:
     """Texture and agreement speak for a disparity, a jump nearby against it."""
-    told = Evidence(*(np.full((2, 3), value, np.float32) for value in measures))
-    found = confidence(told)
+    measured = Evidence(*(np.full((2, 3), value, np.float32) for value in measures))
+    found = confidence(measured)
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
@@ -248,15 +248,15 @@ def test_texture_counts_along_the_parallax() -> None:
 def test_jumps_and_agreement_are_seen() -> None:
     own, other = np.full((40, 64), 2), np.full((40, 64), 2)
     own[:, 32:] = 6
-    told = evidence(two_views(stripes((40, 64))), EIGHT_LABELS, [own, other], 0)
-    near = np.asarray(told.near_jump)[20]
+    measured = evidence(two_views(stripes((40, 64))), EIGHT_LABELS, [own, other], 0)
+    near = np.asarray(measured.near_jump)[20]
     assert near[31] == near[32] == 1.0
     np.testing.assert_allclose(near[[16, 47]], np.exp(-15.0 / 15.0), rtol=0.02)
-    same = np.asarray(told.agreement)
+    same = np.asarray(measured.agreement)
     np.testing.assert_array_equal(
         same, np.broadcast_to((np.arange(64) >= 2) & (np.arange(64) < 32), same.shape)
     )
-    support = np.asarray(told.support)[20]
+    support = np.asarray(measured.support)[20]
     assert support[16] == pytest.approx(29 / 31, abs=0.04)
     assert support[47] == pytest.approx(0.0, abs=1e-6)
     flat = evidence(two_views(stripes((40, 64))), EIGHT_LABELS, [other, other], 0)
