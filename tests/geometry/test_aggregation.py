@@ -169,7 +169,7 @@ def test_cost_of_which_little_is_known_does_not_count(mine: float, theirs: float
 
 
 def test_mean_is_weighted() -> None:
-    """The mean of what is known (2.20), with the larger weight."""
+    """The mean of defined costs (2.20) has the larger weight."""
     first, second = costs(3), costs(4, np.linspace(0.0, 1.0, COST_SHAPE[2]))
     found = mean_costs(copied(first), second)
     total = first.weight + second.weight

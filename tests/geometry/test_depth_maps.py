@@ -64,7 +64,7 @@ def test_known_points_within_reach_change_nothing() -> None:
 
 
 def _depth_with_point(inverse_depth: float, limits: tuple[float, float]) -> NDArray[np.float64]:
-    """Find the depth of the first view, in a range, with a point of both known where they agree on depth."""
+    """Estimate the depth of the first view with a known point in a region on which both views agree."""
     usual = estimate_depths(MODEL.view_pair, FIRST, SECOND)
     both = usual[0].depth.reliable & usual[1].depth.reliable
     inside = distance_transform_edt(np.pad(both, 1))[1:-1, 1:-1]

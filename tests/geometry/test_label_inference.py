@@ -21,7 +21,7 @@ _kind = compiled_and_python(label_inference, "_choose")
 @pytest.mark.nojit
 @pytest.mark.usefixtures("_kind")
 def test_smallest_cost(rng: np.random.Generator) -> None:
-    """The label of the smallest cost from the origin on; ends of the range have no place beside them."""
+    """The label of smallest cost counts from the origin; the ends of the range have no offset."""
     total = rng.random((*SHAPE, 7)).astype(np.float32)
     origin = rng.integers(-3, 9, SHAPE)
     found = chosen(total, origin)
@@ -180,7 +180,7 @@ def test_chain_has_the_best_labels(upright: bool, rng: np.random.Generator) -> N
 
 
 def test_without_smoothness_every_pixel_is_alone(rng: np.random.Generator) -> None:
-    """A weight of nothing leaves the smallest cost of each pixel (2.13)."""
+    """Zero smoothness gives the smallest cost of each pixel (2.13)."""
     cost = rng.random((9, 11, 5)).astype(np.float32)
     image, nothing = rng.integers(0, 256, (9, 11, 3)).astype(np.uint8), np.zeros((9, 11), np.int64)
     found = BeliefPropagation(slope=0.0).infer(cost, image, nothing, nothing)

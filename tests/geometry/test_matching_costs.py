@@ -17,7 +17,7 @@ SHAPE = (7, 9)
 def smooth_view(
     name: str, m: float, n: float, disparity: float, shape: tuple[int, int] = (24, 40)
 ) -> ArrayView:
-    """Return what camera (m, n) sees of a picture without sharp edges at one disparity."""
+    """Return the view of camera (m, n) of a smooth picture at one disparity."""
     y, x = np.indices(shape, np.float64)
     x, y = x + m * disparity, y + n * disparity
     levels = [128 + 50 * np.sin(0.5 * x + k) + 40 * np.cos(0.43 * y - 0.2 * k * x) for k in range(3)]
@@ -32,7 +32,7 @@ def random_view(rng: np.random.Generator, m: float, n: float, *, holes: bool = F
 def place(
     x: int, y: int, label: int, shifts: NDArray[np.int64], seen: NDArray[np.bool_]
 ) -> tuple[int, int, int] | None:
-    """Return phase, row and column of a point in the other view, if there is such a label and it is seen."""
+    """Return phase, row and column of a point in the other view; None for invalid labels and unseen points."""
     if not 0 <= label < len(shifts):
         return None
     phase, u, v = shifts[label] + (0, x, y)

@@ -1,4 +1,4 @@
-"""Layers and sprites as folders: what is written is read back, and whatever else is found is refused."""
+"""Folders of layers and sprites: round trips, and refusal of damaged ones."""
 
 import contextlib
 import copy

@@ -89,7 +89,7 @@ def test_likelihood(choose: Choose, rng: np.random.Generator, rho: tuple[float, 
 
 
 def test_transitions(choose: Choose) -> None:
-    """Along a chain, the likelihood is what the transitions give: (2.22) for 1, 0 and one half."""
+    """Likelihoods along a chain follow the transitions of (2.22)."""
     depth = np.array([[0.0, 0.0, 1.0, 5.0, 5.0]])
     mask = np.array([[True, False, False, False, False]])
     order, entered = np.arange(5), np.ones((1, 5), np.bool_)

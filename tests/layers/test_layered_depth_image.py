@@ -1,4 +1,4 @@
-"""Layered depth image: what (2.21) must be on scenes that are known."""
+"""Layered depth images (2.21) of scenes with known surfaces."""
 
 import numpy as np
 import pytest

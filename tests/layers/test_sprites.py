@@ -1,4 +1,4 @@
-"""Sprites with depth: the transitions of (2.22), and what must hold of any cut."""
+"""Sprites with depth: the transitions of (2.22), and properties of any cut."""
 
 import numpy as np
 import pytest

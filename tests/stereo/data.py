@@ -13,7 +13,7 @@ REAL_SETS = Path(__file__).resolve().parents[2].parent / "shared" / "stereo"
 
 
 def real_set(name: str) -> Path:
-    """Return the folder of a real set; the test is skipped where it is not there."""
+    """Return the folder of a real set; skip the test if it is missing."""
     folder = REAL_SETS / name
     if not folder.is_dir():
         pytest.skip(f"no folder ../shared/stereo/{name} beside the project")

@@ -1,4 +1,4 @@
-"""Evaluation of disparity maps: the rule, files, the command, and what it refuses."""
+"""Evaluation of disparity maps: the rule, files, the command and its refusals."""
 
 import json
 import re

@@ -21,7 +21,7 @@ COUNTS = {"num_layers", "num_values_inside", "num_values_beyond", "increase_perc
 
 @pytest.fixture
 def surfaces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Write the surfaces of three planes, and work beside them."""
+    """Write the surfaces of three planes, and change to the folder above."""
     folder = tmp_path / "surfaces"
     folder.mkdir()
     write_reconstruction(folder, reconstruction_of(SCENE, square_lattice(1), LABELS))

@@ -51,7 +51,7 @@ def test_data_pictures_and_page_are_written(views: Path, capsys: pytest.CaptureF
 
 
 def test_json_and_meshes(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Figures go to standard output alone, meshes to their files; --quiet says nothing."""
+    """Standard output has only JSON, files have meshes, and --quiet prints nothing."""
     pytest.importorskip("trimesh")
     shapes = ["--ply", "a.ply", "--glb", "a.glb"]
     assert run("reconstruct", *PAIR.split(), "--out", "out", "--json", "-", *shapes) == 0

@@ -1,4 +1,4 @@
-"""Lattices: exact recovery, cameras on a line, orientation, and places of cameras that are given none."""
+"""Lattices: exact recovery, cameras on a line, orientation, and positions from centres."""
 
 from contextlib import nullcontext
 

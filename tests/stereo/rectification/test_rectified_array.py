@@ -102,7 +102,7 @@ def test_two_views_of_toy_are_estimated(toy: Path) -> None:
 
 
 def matches_and_inliers(paths: list[Path]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Match two pictures, and keep what one epipolar geometry explains."""
+    """Match two pictures, and keep the inliers of one epipolar geometry."""
     pictures = [read_picture(path) for path in paths]
     first, second = Features(pictures[0]).match(Features(pictures[1]))
     _, mask = cv2.findFundamentalMat(first, second, cv2.USAC_MAGSAC, 1.5, 0.9999, 20000)
@@ -229,13 +229,13 @@ def test_views_that_cannot_be_resampled_are_refused(toy: Path, monkeypatch: pyte
 
 
 class Seen:
-    """Points of one view whose disparities are known; the last one is matched wrongly in all others."""
+    """Points of one view with known disparities; the last one has a wrong match in every other view."""
 
     def __init__(self, position: LatticePosition, disparities: np.ndarray) -> None:
         self.position, self.disparities, self.partners = position, disparities, list[LatticePosition]()
 
     def points(self) -> np.ndarray:
-        """Return where the points are (2.5)."""
+        """Return the positions of the points (2.5)."""
         rows = np.linspace(100.0, 200.0, len(self.disparities))
         moved = np.outer(self.disparities, [self.position.m, self.position.n])
         return np.stack([2.0 * rows, rows], axis=1) - moved

@@ -1,4 +1,4 @@
-"""Surfaces of a real pair stay as they are kept but for a little; `DVC_REGENERATE=1` keeps others."""
+"""Surfaces of a real pair nearly equal the stored ones; `DVC_REGENERATE=1` stores new ones."""
 
 import os
 from pathlib import Path
@@ -24,7 +24,7 @@ KEPT = {
 }
 """Settings, and the exposures of the channels of the right view."""
 MOST_OTHER, MOST_LESS_SURE = 0.002, 0.0005
-"""Share of disparities that may be others, and by how much the confidences may differ on the mean."""
+"""Largest share of changed disparities, and largest mean change of the confidence."""
 
 
 def motorcycle(exposures: tuple[float, float, float]) -> CameraArray:
@@ -37,7 +37,6 @@ def motorcycle(exposures: tuple[float, float, float]) -> CameraArray:
 
 @pytest.mark.parametrize("name", KEPT)
 def test_surfaces_are_those_that_are_kept(name: str) -> None:
-    """Both views, their disparities beside their confidences."""
     settings, exposures = KEPT[name]
     surfaces = reconstruct(motorcycle(exposures), LABELS, settings).surfaces
     rows = [np.hstack([one.disparity, one.confidence]) for one in surfaces]

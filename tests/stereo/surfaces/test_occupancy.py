@@ -26,7 +26,7 @@ CENTRE = LatticePosition(0.0, 0.0)
 
 
 def array_at(*positions: tuple[float, float], shape: tuple[int, int] = SHAPE) -> CameraArray:
-    """Return views of nothing."""
+    """Return black views."""
     black = np.zeros((*shape, 3), np.uint8)
     return CameraArray(tuple(ArrayView(f"{k}", black, LatticePosition(*p)) for k, p in enumerate(positions)))
 
@@ -62,7 +62,7 @@ def test_agreement(choose: Choose, rng: np.random.Generator, m: int, n: int, tol
 def test_hidden_voxels_lose_their_weight(
     choose: Choose, rng: np.random.Generator, m: int, n: int, slack: int
 ) -> None:
-    """What the own camera sees and the other does not is not valid: (2.19) of one neighbour, with (2.17)."""
+    """Voxels that a camera sees but its neighbour does not are invalid: (2.19) with (2.17)."""
     own, other = random_occupancy(rng), random_occupancy(rng, 0.4)
     origin = rng.integers(-2, 3, SHAPE)
     weight = np.ones((6, SHAPE[1], FEW.num_labels), np.float32)
@@ -79,7 +79,7 @@ def test_hidden_voxels_lose_their_weight(
 @pytest.mark.nojit
 @pytest.mark.parametrize("limit", [1.0, 3.0])
 def test_distance_from_the_surface_is_added(choose: Choose, rng: np.random.Generator, limit: float) -> None:
-    """Costs rise by the weighted geometric cost (2.16), and not at all where nothing is occupied."""
+    """Costs rise by the weighted geometric cost (2.16), and stay the same in empty columns."""
     own, origin = random_occupancy(rng), rng.integers(0, 3, SHAPE)
     cost = rng.random((*SHAPE, 3)).astype(np.float32)
     distance = volumes.geometric_cost(volumes.occupancy(*own, FEW.num_labels), limit)
@@ -108,7 +108,7 @@ def test_support_is_that_of_volumes(rng: np.random.Generator, monkeypatch: pytes
 
 
 def test_exact_support_is_the_printed_one(rng: np.random.Generator) -> None:
-    """Labels are equal, what lies outside a view is empty, brackets without cameras are left out (2.15)."""
+    """Labels must be equal, voxels outside a view are empty, and empty brackets are left out (2.15)."""
     places = [(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)]
     maps = [rng.integers(1, 4, SHAPE) for _ in places]
     all_seen = np.ones(SHAPE, bool)

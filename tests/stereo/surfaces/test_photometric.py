@@ -26,7 +26,7 @@ from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of
 SHAPE = (9, 12)
 FEW = DisparityLabels(0.0, 1.0, 4)
 SLACK = 1
-"""Labels by which a surface must be nearer to hide, where labels are pixels."""
+"""Smallest difference of labels between a surface and a point that it hides."""
 CROSS = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
 
 
@@ -46,7 +46,7 @@ def single_pixels(array: CameraArray, labels: DisparityLabels) -> Regions:
 
 
 def filled(error: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give a constant its share of known costs, and all of what is undefined."""
+    """Mix the constant into defined costs, and fill undefined ones with it."""
     known = (error + UNDEFINED_SHARE * UNDEFINED_COST) / (1.0 + UNDEFINED_SHARE)
     return np.where(np.isnan(error), UNDEFINED_COST, known)
 
@@ -59,7 +59,7 @@ def pictures_at(array: CameraArray, index: int) -> NDArray[np.float64]:
 
 
 def test_implicit_occlusion(rng: np.random.Generator) -> None:
-    """Before there are surfaces: the smaller error of opposite cameras (2.18), the mean of both kinds."""
+    """Without surfaces the smaller error of opposite cameras counts (2.18), and the mean of both directions."""
     array = random_cross(rng)
     near = neighbours(array, 0)
     assert near == ((1, 2), (3, 4))
@@ -79,7 +79,7 @@ def test_implicit_occlusion(rng: np.random.Generator) -> None:
 
 
 def test_explicit_visibility(rng: np.random.Generator) -> None:
-    """Cameras count that see what this one sees (2.19); where none does the cost is a constant."""
+    """Only cameras that see the same point count (2.19); the cost is a constant if none does."""
     array = random_cross(rng)
     near = neighbours(array, 0)
     occupancy = [Occupancy(rng.integers(0, 4, SHAPE), rng.random(SHAPE) < 0.6) for _ in CROSS]

@@ -1,4 +1,4 @@
-"""Surfaces of all cameras of an array: of scenes whose truth is known, of poor input, and of real sets."""
+"""Surfaces of all cameras of an array: scenes with known truth, poor input, and real sets."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def waves(shape: tuple[int, int], x: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def slanted_pair(shape: tuple[int, int] = (48, 96)) -> tuple[CameraArray, NDArray[np.float64]]:
-    """Return two views of a plane whose disparity is 3 + x / 25, and that of the left one."""
+    """Return two views of a plane of disparity 3 + x / 25, and the disparity of the left view."""
     x = np.indices(shape, np.float64)[1]
     truth = 3.0 + x / 25.0
     # the right view has at u what the left one has at x with u = x - (3 + x / 25)
@@ -44,7 +44,7 @@ def slanted_pair(shape: tuple[int, int] = (48, 96)) -> tuple[CameraArray, NDArra
 
 
 def test_two_planes_before_three_cameras() -> None:
-    """Figure 2.4: right at the second iteration but for a few pixels, with occlusions where they must be."""
+    """Figure 2.4: nearly all disparities and occlusions are right at the second iteration."""
     array, truth = figure.two_planes()
     found = reconstruct(array, figure.LABELS, StereoSettings(max_iterations=2))
     for index, disparity in enumerate(truth):

@@ -1,4 +1,4 @@
-"""Settings of a reconstruction: which windows and methods follow from them."""
+"""Settings of a reconstruction: their windows and methods."""
 
 import pytest
 
@@ -41,7 +41,7 @@ def test_raw_costs_have_no_windows(iteration: int) -> None:
 def test_smaller_costs_count_until_visibility_is_known(
     settings: StereoSettings, expected: list[bool]
 ) -> None:
-    """Regions know without them what is hidden; pixels by themselves are treated as (2.18) says."""
+    """Costs of regions need (2.18) only without surfaces, costs of single pixels always."""
     assert [settings.takes_smaller(iteration) for iteration in range(3)] == expected
 
 

@@ -207,7 +207,7 @@ EIGHT_LABELS = DisparityLabels(0.0, 1.0, 8)
 
 
 def two_views(image: np.ndarray, *, vertical: bool = False) -> CameraArray:
-    """Return two views of one picture, beside or below each other."""
+    """Return two views of one picture, in a row or in a column."""
     places = LatticePosition(0.0, 0.0), LatticePosition(0.0, 1.0) if vertical else LatticePosition(1.0, 0.0)
     return CameraArray(tuple(ArrayView(str(k), image, place) for k, place in enumerate(places)))
 
