@@ -1,30 +1,139 @@
-"""Subcommands `dvc-stereo layers` and `dvc-stereo sprites`."""
+"""Subcommands `dvc-stereo layers` and `dvc-stereo sprites`, with their pictures (BGR) and pages."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from dvc import cli
+from dvc.arrays import Bytes, Mask, Singles
 from dvc.errors import ConfigError
 from dvc.files import atomic_folder
+from dvc.layers.canvas import Canvas
 from dvc.layers.layer_folders import read_layers, write_layers, write_sprites
 from dvc.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
-from dvc.layers.sprites import SpriteSet, composite, extract_sprites
+from dvc.layers.sprites import Sprite, SpriteSet, composite, extract_sprites
 from dvc.picture_files import write_png
-from dvc.stereo.layer_pictures import (
-    PAGE,
-    draw_layers,
-    draw_sprites,
-    draw_values_per_pixel,
-    layers_gallery,
-    sprites_gallery,
-)
 from dvc.stereo.meshes import layers_shape, sprites_shape, write_shape
 from dvc.stereo.stereo_options import check_outputs, write_results
 from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction
-from dvc.web.gallery import write_gallery
+from dvc.web.drawing import Picture, colour_counts, colour_disparity, in_rows, with_title
+from dvc.web.gallery import Gallery, Group, Shown, Table, write_gallery
+
+Window = tuple[slice, slice]
+
+PAPER = np.array([200, 120, 200], np.uint8)
+"""Colour of empty pixels, which surfaces rarely have."""
+WHITE_VALUES = 3
+"""Number of values that is white in the picture of values per pixel."""
+TILE_PX = 400
+MAX_MAGNIFICATION = 4.0
+PAGE = "index.html"
+SHOWN_SPRITES = 40
+"""Number of sprites on the page, the largest first."""
+
+
+def draw_layers(image: LayeredDepthImage) -> Picture:
+    """Draw textures and disparities of all layers, as figure 2.6."""
+    textures, disparities = [], []
+    for number, mask in enumerate(image.occupied):
+        texture = _textured(image.colour[number], mask)
+        textures.append(with_title(texture, f"layer {number + 1}: {np.count_nonzero(mask)} values"))
+        disparities.append(_coloured(image.disparity[number], mask, image.canvas))
+    return in_rows([*textures, *disparities], len(textures))
+
+
+def draw_values_per_pixel(image: LayeredDepthImage) -> Picture:
+    """Draw the number of values of pixels, as figure 2.10: black none, white three or more."""
+    return colour_counts(image.values_per_pixel, WHITE_VALUES)
+
+
+def draw_surfaces(image: LayeredDepthImage, lowest: float, highest: float, window: Window) -> Picture:
+    """Draw the surfaces in a range of disparity without those before them, as figure 2.11."""
+    frame, shape = image.canvas.frame, image.canvas.shape
+    rows = np.arange(window[0].start, window[0].stop) + frame.top
+    columns = np.arange(window[1].start, window[1].stop) + frame.left
+    chosen = image.occupied & (image.disparity >= lowest) & (image.disparity <= highest)
+    picture = np.broadcast_to(PAPER, (*shape, 3)).copy()
+    for colour, mask in zip(image.colour[::-1], chosen[::-1], strict=True):
+        picture[mask] = colour[mask][:, ::-1]
+    inside = ((rows >= 0) & (rows < shape[0]))[:, None] & ((columns >= 0) & (columns < shape[1]))
+    cut = picture[np.clip(rows, 0, shape[0] - 1)[:, None], np.clip(columns, 0, shape[1] - 1)]
+    return np.where(inside[..., None], cut, PAPER)
+
+
+def draw_sprites(sprites: SpriteSet, count: int = 24, columns: int = 4) -> Picture:
+    """Draw the largest sprites, each scaled to its tile, as figure 2.7."""
+    largest = sorted(sprites.sprites, key=lambda sprite: -sprite.num_values)[:count]
+    return in_rows([_draw_sprite(sprite, sprites.canvas) for sprite in largest], columns)
+
+
+def _draw_sprite(sprite: Sprite, canvas: Canvas) -> Picture:
+    texture = _textured(sprite.colour, sprite.mask)
+    disparity = _coloured(sprite.disparity, sprite.mask, canvas)
+    pair = np.hstack([texture, disparity])
+    scale = min(TILE_PX / pair.shape[1], TILE_PX / 2 / pair.shape[0], MAX_MAGNIFICATION)
+    size = max(1, round(scale * pair.shape[1])), max(1, round(scale * pair.shape[0]))
+    method = cv2.INTER_NEAREST if scale > 1.0 else cv2.INTER_AREA
+    tile = np.full((TILE_PX // 2, TILE_PX, 3), 255, np.uint8)
+    tile[: size[1], : size[0]] = cv2.resize(pair, size, interpolation=method)
+    return with_title(tile, f"{sprite.num_values} values, {scale:.1f}x")
+
+
+def layers_gallery(image: LayeredDepthImage) -> Gallery:
+    """Return the page of a layered depth image."""
+    canvas, counts = image.canvas, image.counts()
+    white = min(canvas.num_cameras, 255)
+    groups = []
+    for number, mask in enumerate(image.occupied):
+        shown = (
+            Shown("texture", _textured(image.colour[number], mask)),
+            Shown("disparity", _coloured(image.disparity[number], mask, canvas), "near is bright"),
+            Shown("votes", colour_counts(image.votes[number], white), "white: all cameras"),
+        )
+        groups.append(Group(f"layer {number + 1}", shown))
+    values = Shown("values per pixel", draw_values_per_pixel(image), "black none, white three or more")
+    groups.append(Group("all layers", (values,)))
+    by_layer = zip(counts["num_values_by_layer"], image.occupied, strict=True)
+    rows = tuple(
+        (f"layer {number}", str(inside), str(int(np.count_nonzero(mask)) - inside))
+        for number, (inside, mask) in enumerate(by_layer, start=1)
+    )
+    caption = f"Values inside the frame of {canvas.reference}, and beyond it"
+    preface = (
+        f"{canvas.num_cameras} views merged in the frame of {canvas.reference}: "
+        f"{counts['increase_percent']:+.1f} % more values inside it than one disparity map has."
+    )
+    table = Table("Values", caption, ("layer", "inside", "beyond"), rows)
+    return Gallery("Layered depth image", preface, groups, [table])
+
+
+def sprites_gallery(sprites: SpriteSet) -> Gallery:
+    """Return the page of sprites."""
+    largest = sorted(enumerate(sprites.sprites), key=lambda entry: -entry[1].num_values)[:SHOWN_SPRITES]
+    groups = []
+    for number, sprite in largest:
+        shown = (
+            Shown("texture", _textured(sprite.colour, sprite.mask), f"{sprite.num_values} values"),
+            Shown("disparity", _coloured(sprite.disparity, sprite.mask, sprites.canvas), "near is bright"),
+        )
+        groups.append(Group(f"sprite {number}", shown))
+    preface = f"{len(sprites.sprites)} sprites of the frame of {sprites.canvas.reference}, the largest first."
+    return Gallery("Sprites with depth", preface, groups)
+
+
+def _textured(colour: Bytes, mask: Mask) -> Picture:
+    return _on_paper(colour[:, :, ::-1], mask)
+
+
+def _coloured(disparity: Singles, mask: Mask, canvas: Canvas) -> Picture:
+    return _on_paper(colour_disparity(disparity, canvas.labels.lowest, canvas.labels.highest), mask)
+
+
+def _on_paper(picture: Picture, mask: Mask) -> Picture:
+    return np.where(mask[..., None], picture, PAPER)
 
 
 def run_layers(arguments: argparse.Namespace) -> int:

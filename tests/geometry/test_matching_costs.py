@@ -32,7 +32,7 @@ def random_view(rng: np.random.Generator, m: float, n: float, *, holes: bool = F
 def place(
     x: int, y: int, label: int, shifts: NDArray[np.int64], seen: NDArray[np.bool_]
 ) -> tuple[int, int, int] | None:
-    """Return phase, row and column of a point in the other view; None for invalid labels and unseen points."""
+    """Return phase, row and column of a point in the other view; None if it is invalid or unseen."""
     if not 0 <= label < len(shifts):
         return None
     phase, u, v = shifts[label] + (0, x, y)

@@ -64,7 +64,7 @@ def test_matrix_identity(seed: int, places: list) -> None:
 @settings(max_examples=50)
 @given(seeds, rigs, st.sampled_from([0.01, 1.0, 250.0]))
 def test_points_obey_the_rectified_projection(seed: int, places: list, unit: float) -> None:
-    """(2.5), (2.12): (x, y, d) gives the position of a point in each view, with offset and shift of the crop."""
+    """(2.5), (2.12): (x, y, d) gives the position of a point in each view, with the offset of the crop."""
     rig = random_rig(seed, places, unit)
     found = rectify(rig)
     points = points_before(rig, seed, unit)

@@ -59,7 +59,7 @@ def pictures_at(array: CameraArray, index: int) -> NDArray[np.float64]:
 
 
 def test_implicit_occlusion(rng: np.random.Generator) -> None:
-    """Without surfaces the smaller error of opposite cameras counts (2.18), and the mean of both directions."""
+    """Without surfaces the smaller error of opposite cameras counts (2.18), and the mean of directions."""
     array = random_cross(rng)
     near = neighbours(array, 0)
     assert near == ((1, 2), (3, 4))
