@@ -130,7 +130,7 @@ def read_mask(path: str | Path) -> Mask:
 
 
 def read_truth_of(arguments: argparse.Namespace) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
-    """Read the truth and the mask from the options of `add_truth_options`."""
+    """Read the truth and the mask that options name."""
     truth = read_truth(
         arguments.truth, arguments.truth_scale, arguments.truth_offset, arguments.truth_unknown
     )
