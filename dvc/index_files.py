@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc.array_files import MAX_LABELS, MAX_NUMBER, MIN_STEP, is_unicode
+from dvc.arrays import Floats
 from dvc.errors import DvcError
 from dvc.files import read_whole
 from dvc.geometry.camera_array import DisparityLabels
@@ -50,6 +50,10 @@ class Entry:
             self.refuse(f"{key!r} must be a whole number from {low} to {high}")
         return value
 
+    def shape(self) -> tuple[int, int]:
+        """Return the height and width of a picture."""
+        return self.integer("height", 1, MAX_SIDE), self.integer("width", 1, MAX_SIDE)
+
     def number(self, key: str, above: float = -math.inf) -> float:
         """Return a finite number."""
         return self._number(self.value(key), key, above)
@@ -83,14 +87,14 @@ class Entry:
             self.refuse(f"{key!r} must be a list of 1 to {most}")
         return [Entry(self.path, value, f"{key} {index}") for index, value in enumerate(values)]
 
-    def vector(self, key: str, size: int, largest: float = MAX_NUMBER) -> NDArray[np.float64]:
+    def vector(self, key: str, size: int, largest: float = MAX_NUMBER) -> Floats:
         """Return a list of finite numbers."""
         values = self.value(key)
         if not isinstance(values, list) or len(values) != size:
             self.refuse(f"{key!r} must be a list of {size} numbers")
         return np.array([self._number(value, key, largest=largest) for value in values], np.float64)
 
-    def matrix(self, key: str, size: int) -> NDArray[np.float64]:
+    def matrix(self, key: str, size: int) -> Floats:
         """Return a square matrix that can be inverted."""
         rows = self.value(key)
         if not isinstance(rows, list) or any(not isinstance(row, list) or len(row) != size for row in rows):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc import MAX_PIXELS
+from dvc.arrays import Bytes, Floats, Singles
 from dvc.errors import DvcError, VideoError
 from dvc.files import read_whole
 
@@ -23,7 +24,7 @@ MAP_FILE = "a picture of 8 or 16 bits, or a PFM file"
 _MAX_HEADER_BYTES = 256  # of float maps
 
 
-def read_picture(path: str | Path) -> NDArray[np.uint8]:
+def read_picture(path: str | Path) -> Bytes:
     """Read a picture as eight-bit red, green and blue."""
     stored = _stored(path)
     if stored is None:
@@ -33,11 +34,11 @@ def read_picture(path: str | Path) -> NDArray[np.uint8]:
     if stored.ndim == 2:
         stored = stored[:, :, None]
     colours = stored[:, :, :1].repeat(3, axis=2) if stored.shape[2] < 3 else stored[:, :, 2::-1]
-    picture: NDArray[np.uint8] = np.ascontiguousarray(colours)
+    picture: Bytes = np.ascontiguousarray(colours)
     return picture
 
 
-def read_levels(path: str | Path, expected: str = MAP_FILE) -> NDArray[np.float64]:
+def read_levels(path: str | Path, expected: str = MAP_FILE) -> Floats:
     """Read the levels of a grey picture as they are stored."""
     stored = _stored(path)
     if stored is None:
@@ -58,7 +59,7 @@ def largest_level(path: str | Path) -> int:
     return int(np.iinfo(stored.dtype).max)
 
 
-def read_plane(path: Path, channels: int, shape: tuple[int, int]) -> NDArray[np.uint8]:
+def read_plane(path: Path, channels: int, shape: tuple[int, int]) -> Bytes:
     """Read a PNG file of eight bits as it was written."""
     stored = _stored(path)
     expected = shape if channels == 1 else (*shape, channels)
@@ -68,7 +69,7 @@ def read_plane(path: Path, channels: int, shape: tuple[int, int]) -> NDArray[np.
     return np.asarray(stored if channels == 1 else stored[:, :, [2, 1, 0, 3]], np.uint8)
 
 
-def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
+def write_png(path: Path, picture: Bytes) -> None:
     """Write a picture."""
     try:
         done, content = cv2.imencode(".png", picture)
@@ -98,14 +99,14 @@ def _stored(path: str | Path) -> NDArray[Any] | None:
     return stored
 
 
-def write_pfm(path: str | Path, plane: NDArray[np.float32]) -> None:
+def write_pfm(path: str | Path, plane: Singles) -> None:
     """Write a plane as a little-endian portable float map; inverse of `read_pfm`."""
     height, width = plane.shape
     header = f"Pf\n{width} {height}\n-1.0\n".encode()
     Path(path).write_bytes(header + plane[::-1].astype("<f4").tobytes())
 
 
-def read_pfm(path: str | Path) -> NDArray[np.float32]:
+def read_pfm(path: str | Path) -> Singles:
     """Read a grey portable float map of either byte order; rows are stored from the bottom up."""
     content = read_whole(path)
     head = content[:_MAX_HEADER_BYTES].split(b"\n", 3)

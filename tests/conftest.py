@@ -44,6 +44,12 @@ def _environment_stays() -> Iterator[None]:
     assert not {name for name in changed if name.startswith(LIBRARIES)}
 
 
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Return a fresh generator."""
+    return np.random.default_rng(5)
+
+
 @pytest.fixture(params=["compiled", "python"])
 def choose(request: pytest.FixtureRequest) -> Choose:
     """Return what turns a kernel into the function under test."""

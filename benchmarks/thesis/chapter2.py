@@ -17,7 +17,7 @@ from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, L
 from dvc.layers.layered_depth_image import layered_depth_image
 from dvc.layers.sprites import SpriteSettings, extract_sprites
 from dvc.stereo.evaluation import MASKS, disparity_error, read_mask
-from dvc.stereo.layer_pictures import draw_layers, draw_sprites, draw_surfaces, draw_values_per_pixel
+from dvc.stereo.layer_commands import draw_layers, draw_sprites, draw_surfaces, draw_values_per_pixel
 from dvc.stereo.rectification.rectified_folder import preview
 from dvc.stereo.surfaces.reconstruct import reconstruct
 from dvc.stereo.surfaces.stereo_settings import StereoSettings

@@ -19,15 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Integers, Singles
 from dvc.geometry.matching_costs import WeightedCosts
 
-Labels = NDArray[np.int64]
+Labels = Integers
 Arms = NDArray[np.int16]
 
 DARK_LEVEL = 40
 """Level below which a step counts more: noise and contrast fall with the square root of the level."""
-
-
 BEFORE_Y, AFTER_Y, BEFORE_X, AFTER_X = 0, 1, 2, 3
 """Indices of the arms of a pixel: its numbers of pixels up, down, to the left and to the right."""
 
@@ -42,33 +41,37 @@ class Window(NamedTuple):
     far_limit: int = 6
 
 
-def cross_arms(image: NDArray[np.uint8], window: Window) -> Arms:
+def cross_arms(image: Bytes, window: Window) -> Arms:
     """Find the arms of each pixel [Zhang2009]."""
+    levels = evened_levels()[image]
+    down, right = (np.abs(np.diff(levels, axis=axis)).max(axis=2) < window.limit for axis in (0, 1))
     arms = np.empty((*image.shape[:2], 4), np.int16)
+    _count_even_steps(down, right, arms)
     limits = window.reach_px, window.near_reach_px, window.limit, window.far_limit
-    _grow_arms(evened_levels()[image], *limits, arms)
+    _shorten_arms(levels, *limits, arms)
     return arms
 
 
 @kernel
-def _grow_arms(image, reach, near_reach, limit, far_limit, arms):
-    """Grow the arms of each pixel up to a change of colour; beyond `near_reach` a smaller one ends them."""
-    height, width = image.shape[:2]
-    for side in range(4):
-        dy = (-1, 1, 0, 0)[side]
-        dx = (0, 0, -1, 1)[side]
-        for m in range(height):
-            y = m if dy <= 0 else height - 1 - m
-            for n in range(width):
-                x = n if dx <= 0 else width - 1 - n
-                # the neighbour already has its arm, and this pixel is one longer
-                i, j = y + dy, x + dx
-                even = 0
-                if 0 <= i < height and 0 <= j < width and _colour_distance(image, y, x, i, j) < limit:
-                    even = arms[i, j, side] + 1
-                arms[y, x, side] = even
+def _count_even_steps(even_down, even_right, runs):
+    """Count the even steps from each pixel to the next ones in all four directions."""
+    height, width = runs.shape[:2]
     for y in range(height):
         for x in range(width):
+            runs[y, x, BEFORE_Y] = runs[y - 1, x, BEFORE_Y] + 1 if y > 0 and even_down[y - 1, x] else 0
+            runs[y, x, BEFORE_X] = runs[y, x - 1, BEFORE_X] + 1 if x > 0 and even_right[y, x - 1] else 0
+    for y in range(height - 1, -1, -1):
+        for x in range(width - 1, -1, -1):
+            below, right = y + 1 < height and even_down[y, x], x + 1 < width and even_right[y, x]
+            runs[y, x, AFTER_Y] = runs[y + 1, x, AFTER_Y] + 1 if below else 0
+            runs[y, x, AFTER_X] = runs[y, x + 1, AFTER_X] + 1 if right else 0
+
+
+@kernel
+def _shorten_arms(image, reach, near_reach, limit, far_limit, arms):
+    """Shorten arms to their reach or a change from the colour of their pixel, smaller beyond `near_reach`."""
+    for y in range(arms.shape[0]):
+        for x in range(arms.shape[1]):
             for side in range(4):
                 dy = (-1, 1, 0, 0)[side]
                 dx = (0, 0, -1, 1)[side]
@@ -102,12 +105,14 @@ def aggregate(
 ) -> None:
     """Replace costs by the weighted mean over the cross-shaped regions of pixels."""
     cut = np.empty_like(arms)
-    _cut_arms(arms, base, max_jump, cut)
+    down, right = (np.abs(np.diff(base, axis=axis)) <= max_jump for axis in (0, 1))
+    _count_even_steps(down, right, cut)
+    np.minimum(cut, arms, out=cut)
     first = base - origin
     cost, weight = costs
     work = np.empty_like(cost)
     for iteration in range(iterations):
-        _apply_weights(cost, weight)
+        cost *= weight
         support = np.ones((*base.shape, 1), np.float32)
         single = np.empty_like(support)
         flat = np.zeros_like(base)
@@ -119,28 +124,6 @@ def aggregate(
                 _sum_columns(volume, surface, cut, other)
                 _sum_rows(other, surface, cut, volume)
         _normalise(cost, weight, support[:, :, 0])
-
-
-@kernel
-def _cut_arms(arms, base, jump, cut):
-    """Cut arms at the jumps of the base surface."""
-    height, width = base.shape
-    for side in range(4):
-        dy = (-1, 1, 0, 0)[side]
-        dx = (0, 0, -1, 1)[side]
-        for m in range(height):
-            y = m if dy <= 0 else height - 1 - m
-            for n in range(width):
-                x = n if dx <= 0 else width - 1 - n
-                i, j = y + dy, x + dx
-                even = 0
-                if 0 <= i < height and 0 <= j < width and abs(base[i, j] - base[y, x]) <= jump:
-                    even = cut[i, j, side] + 1
-                cut[y, x, side] = even
-    for y in range(height):
-        for x in range(width):
-            for side in range(4):
-                cut[y, x, side] = min(cut[y, x, side], arms[y, x, side])
 
 
 @kernel
@@ -193,15 +176,6 @@ def _sum_line(values, base, before, after, sums, total):
 
 
 @kernel
-def _apply_weights(cost, weight):
-    """Multiply costs by their weights."""
-    for y in range(cost.shape[0]):
-        for x in range(cost.shape[1]):
-            for k in range(cost.shape[2]):
-                cost[y, x, k] *= weight[y, x, k]
-
-
-@kernel
 def _normalise(cost, weight, support):
     """Divide sums by the sum of weights, and that by the number of pixels."""
     for y in range(cost.shape[0]):
@@ -251,17 +225,11 @@ def _keep_mean(cost, weight, other_cost, other_weight):
                     weight[y, x, k] = max(mine, theirs)
 
 
-def defined_costs(costs: WeightedCosts, constant: float, share: float) -> NDArray[np.float32]:
-    """Fill undefined costs with a constant."""
-    _fill_undefined(*costs, np.float32(constant), np.float32(share))
-    return costs.cost
-
-
-@kernel
-def _fill_undefined(cost, weight, constant, share):
-    """Mix a constant into costs, as if a share of the support had it."""
-    for y in range(cost.shape[0]):
-        for x in range(cost.shape[1]):
-            for k in range(cost.shape[2]):
-                w = weight[y, x, k]
-                cost[y, x, k] = (cost[y, x, k] * w + share * constant) / (w + share)
+def defined_costs(costs: WeightedCosts, constant: float, share: float) -> Singles:
+    """Mix a constant into costs, as if a share of the support had it; overwrite the weights."""
+    cost, weight = costs
+    cost *= weight
+    cost += np.float32(share) * np.float32(constant)
+    weight += np.float32(share)
+    cost /= weight
+    return cost

@@ -12,15 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Floats, Singles
 from dvc.geometry.plane_sweep import GRADIENT_LIMIT, LEVEL_LIMIT, OUTSIDE_COST, DepthHypotheses
 from dvc.geometry.warping import warp_point
 
-Floats = NDArray[np.float64]
-
 GOLDEN_STEPS = 6
 """Steps of the golden-section search; each keeps 0.618 of the interval."""
-
-
 MIN_PARALLAX_PX = 0.05
 """Smallest displacement of a block by a search over two hypotheses that changes its depth."""
 
@@ -28,7 +25,7 @@ MIN_PARALLAX_PX = 0.05
 class VirtualView(NamedTuple):
     """A view without a picture, and two pictures of its scene."""
 
-    features: tuple[NDArray[np.float32], NDArray[np.float32]]  # `luma_features` of the pictures
+    features: tuple[Singles, Singles]  # `luma_features` of the pictures
     warps: tuple[Floats, Floats]  # from the view to each of them
     block_px: int  # side of the view's blocks
 

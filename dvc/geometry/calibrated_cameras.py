@@ -8,12 +8,10 @@ lens distortion.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import rq
 
+from dvc.arrays import Floats
 from dvc.errors import ConfigError
-
-Floats = NDArray[np.float64]
 
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0)
 LARGEST = 1e12

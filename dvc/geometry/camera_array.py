@@ -11,14 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-
-MAX_LABELS = 4096
-"""Largest number of disparities; more are a mistake of units."""
-MAX_NUMBER = 1e6
-"""Largest magnitude of positions and disparities in files and options."""
-MIN_STEP = 1e-6
-"""Smallest step between disparities; smaller ones vanish in single precision."""
+from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 
 
 class LatticePosition(NamedTuple):
@@ -44,10 +37,10 @@ class DisparityLabels(NamedTuple):
         """Return the disparities of labels."""
         return self.lowest + self.step * label
 
-    def label(self, disparity: NDArray[np.floating]) -> NDArray[np.int64]:
+    def label(self, disparity: NDArray[np.floating]) -> Integers:
         """Return the nearest label of each disparity."""
         nearest = np.floor((disparity.astype(np.float64) - self.lowest) / self.step + 0.5)
-        label: NDArray[np.int64] = np.clip(nearest, 0, self.num_labels - 1).astype(np.int64)
+        label: Integers = np.clip(nearest, 0, self.num_labels - 1).astype(np.int64)
         return label
 
 
@@ -56,9 +49,9 @@ class ArrayView:
     """A rectified picture of a camera array."""
 
     name: str  # stem of its file, unique in the array
-    image: NDArray[np.uint8]  # red, green and blue; grey pictures have three equal channels
+    image: Bytes  # red, green and blue; grey pictures have three equal channels
     position: LatticePosition  # of its camera
-    valid: NDArray[np.bool_] | None = None  # pixels with content after a rectification; None: all
+    valid: Mask | None = None  # pixels with content after a rectification; None: all
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -66,7 +59,7 @@ class ArrayView:
         return self.image.shape[0], self.image.shape[1]
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Mask:
         """Mask of pixels with content: `valid`, or all."""
         return np.ones(self.shape, np.bool_) if self.valid is None else self.valid
 
@@ -112,9 +105,9 @@ class Surface:
         Probability that the disparity is right within a pixel of parallax between neighbours.
     """
 
-    disparity: NDArray[np.float32]
-    occluded: NDArray[np.bool_]
-    confidence: NDArray[np.float32]
+    disparity: Singles
+    occluded: Mask
+    confidence: Singles
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,49 +16,29 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats, Singles
 from dvc.errors import ConfigError, DvcError
 from dvc.geometry.calibrated_cameras import CalibratedViews, Camera, camera_from_matrices
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX, homogeneous
 
-Floats = NDArray[np.float64]
 Size = tuple[int, int]
 
 MAX_FEATURES = 8000
-
-
 MIN_CONTRAST = 0.01
 """Contrast of features, a quarter of the default of OpenCV: walls and floors have points, too."""
-
-
 RATIO = 0.8
 """Largest ratio of the distances to the nearest and the second nearest descriptor."""
-
-
 FOCAL_LENGTHS = 0.6, 0.85, 1.2, 1.7, 2.4
 """Initial focal lengths, in units of the longer side of the picture."""
-
-
 USUAL_FOCAL_LENGTH, FOCAL_SIGMA = 1.0, 0.4
 """Median of focal lengths, and the standard deviation of their natural logarithm."""
-
-
 NOISE_PX = 0.5
 """Distance of correct matches from their epipolar lines; matches farther away have less weight."""
-
-
 MAX_ERROR_PX = 1.5
-
-
 MIN_FOCAL_LENGTH, MAX_FOCAL_LENGTH = 0.6, 3.0
 """Accepted focal lengths, in units of the longer side of the picture."""
-
-
 SEED = 0
-
-
 MIN_MATCHES = 30
-
-
 _MAX_K1 = 0.5
 _RECORD_BYTES = {"cameras.bin": 24, "images.bin": 73, "points3D.bin": 51, "rigs.bin": 16, "frames.bin": 72}
 """Smallest record of each binary file of a COLMAP model."""
@@ -67,7 +47,7 @@ _RECORD_BYTES = {"cameras.bin": 24, "images.bin": 73, "points3D.bin": 51, "rigs.
 class Features:
     """SIFT features of a picture."""
 
-    def __init__(self, image: NDArray[np.uint8]) -> None:
+    def __init__(self, image: Bytes) -> None:
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         detector = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=MIN_CONTRAST)
         keypoints, descriptors = detector.detectAndCompute(grey, None)
@@ -96,14 +76,14 @@ class Features:
         }
 
 
-def _rooted(descriptors: NDArray[Any]) -> NDArray[np.float32]:
+def _rooted(descriptors: NDArray[Any]) -> Singles:
     """Return RootSIFT descriptors: their Euclidean distance is Hellinger's, large gradients count less."""
     shares = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
     return np.asarray(np.sqrt(shares), np.float32)
 
 
 def estimate_cameras(
-    names: Sequence[str], pictures: Sequence[NDArray[np.uint8]], features: Sequence[Features] = ()
+    names: Sequence[str], pictures: Sequence[Bytes], features: Sequence[Features] = ()
 ) -> CalibratedViews:
     """Estimate the cameras of plain pictures from one camera, or one kind of camera."""
     shapes = {picture.shape for picture in pictures}

@@ -13,21 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats
 from dvc.errors import ConfigError
 from dvc.files import read_whole
-from dvc.geometry.calibrated_cameras import (
-    LARGEST,
-    CalibratedViews,
-    Camera,
-    camera_from_matrices,
-    decomposed,
-)
+from dvc.geometry.calibrated_cameras import LARGEST, CalibratedViews, Camera, camera_from_matrices, decomposed
 from dvc.geometry.camera_estimation import Features, estimate_cameras, read_model
 
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+Picture = Bytes
 
 AUTO = "auto"
 """Value instead of a file that asks for estimated cameras."""

@@ -9,9 +9,8 @@ camera.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
 
 COLMAP_FIRST_PIXEL_PX = 0.5
 """Position of the centre of the first pixel in COLMAP, both ways; here it is 0."""
@@ -46,15 +45,13 @@ class PixelFrame:
     @property
     def normalized_from_pixel(self) -> Floats:
         """Homography (3, 3) from pixels to normalised coordinates."""
-        s = 1.0 / self.scale_px
-        x, y = 0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)
+        s, (x, y) = 1.0 / self.scale_px, self._centre
         return np.array([[s, 0.0, -s * x], [0.0, s, -s * y], [0.0, 0.0, 1.0]])
 
     @property
     def pixel_from_normalized(self) -> Floats:
         """Homography (3, 3) from normalised coordinates to pixels."""
-        s = self.scale_px
-        x, y = 0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)
+        s, (x, y) = self.scale_px, self._centre
         return np.array([[s, 0.0, x], [0.0, s, y], [0.0, 0.0, 1.0]])
 
     def to_normalized(self, points: Floats) -> Floats:

@@ -9,18 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Floats
 from dvc.geometry.warping import warp_point
-
-Floats = NDArray[np.float64]
 
 CONSISTENT, OUTSIDE, OCCLUDED = 0, 1, 2
 """Values of `Visibility` for compiled code."""
-
-
 EDGE_LEVELS = 15.0
 """Step in luma that halves the weight of surfaces behind it: well above the noise of a decoded frame."""
-
-
 CONTINUED_QUANTILE = 0.5
 """Quantile of the continued inverse depths, 0 for the farthest: wrong ones come from either side."""
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Mask
 from dvc.geometry.cameras import ViewPair
 from dvc.geometry.continuation import (
     CONSISTENT,
@@ -29,50 +30,31 @@ from dvc.geometry.continuation import (
 from dvc.geometry.plane_sweep import GRADIENT_SWEEP, SweepSettings, depth_hypotheses, sweep
 from dvc.geometry.warping import inverse_warp, warp_matrix, warp_point
 
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
+Luma = Bytes
 
 AGREEMENT_PX = 1.5
 """Largest distance, there and back, between points on which two maps agree: a pixel, and both errors."""
-
-
 MIN_CONFIDENCE = 20.0
 """Smallest confidence of a consistent depth, in costs of the sweep: the noise of eight directions."""
-
-
 MIN_REGION_PX = 40
 """Smallest consistent region; smaller ones are speckles, accidental matches."""
-
-
 TRACK_RADIUS_PX = 8.0
 """Radius around a known point in which its depth replaces inconsistent depth: half a macroblock."""
-
-
 MAX_STRETCH = 1.0
 """Largest extension of the range of depth by a known point, as a share of it: it may be wrong."""
-
-
 SLOPE_RADIUS_PX = 8
 """Radius in which the slope of a surface is measured: wide against the steps of the hypotheses."""
-
-
 SLOPE_SPACING_PX = 2
 """Spacing of the points that measure it."""
-
-
 MAX_CONTINUATION_PX = 40.0
 """Reach of slopes; farther away their error would be larger than that of constant depth."""
-
-
 MEDIAN_RADIUS_PX = 5
 """Radius of the median that aligns depth with edges of the image, which the sweep blurs."""
-
-
 MEDIAN_LEVELS = 8.0
 """Difference in luma that quarters the weight of a neighbour in this median."""
-
-
+_WEIGHTS_BY_LEVEL = 1.0 / (1.0 + (np.arange(256) / MEDIAN_LEVELS) ** 2) ** 2
+_SQUARED_OFFSETS = np.add.outer(*2 * [np.arange(-MEDIAN_RADIUS_PX, MEDIAN_RADIUS_PX + 1) ** 2])
+_WEIGHTS_BY_OFFSET = 1.0 / (1.0 + 2.0 * _SQUARED_OFFSETS / MEDIAN_RADIUS_PX**2)
 DISCONTINUITY_PX = 1.5
 """Largest difference of motion between neighbours on one surface."""
 
@@ -112,14 +94,8 @@ class KnownDepth(NamedTuple):
 
 
 Known = tuple[KnownDepth | None, KnownDepth | None]
-
-
-class _Side(NamedTuple):
-    """One view, and the warps to the other and back."""
-
-    luma: Luma
-    there: Floats
-    back: Floats
+Warps = tuple[Floats, Floats]
+"""Warps from a view to the other one and back."""
 
 
 def estimate_depths(
@@ -132,33 +108,32 @@ def estimate_depths(
     """Estimate the depth of two views."""
     there = warp_matrix(*pair.cameras, pair.pixel_frame)
     back = inverse_warp(there)
-    sides = (_Side(first, there, back), _Side(second, back, there))
+    lumas, warps = (first, second), ((there, back), (back, there))
     swept = [
         _settled(known[k])
-        or _swept(sides[k], sides[1 - k].luma, pair.inverse_depth_ranges[k], known[k], settings)
+        or _swept(lumas[k], lumas[1 - k], warps[k][0], pair.inverse_depth_ranges[k], known[k], settings)
         for k in (0, 1)
     ]
-    visible = [_checked(sides[k], swept[k], swept[1 - k][0]) for k in (0, 1)]
+    visible = [_checked(swept[k], swept[1 - k][0], warps[k]) for k in (0, 1)]
     maps = [_with_points(swept[k][0], visible[k], known[k]) for k in (0, 1)]
-    maps = [_continued(sides[k], maps[k], maps[1 - k]) for k in (0, 1)]
-    maps = [_aligned(sides[k], maps[k], maps[1 - k]) for k in (0, 1)]
+    maps = [_continued(lumas[k], maps[k], maps[1 - k], warps[k]) for k in (0, 1)]
+    maps = [_aligned(lumas[k], maps[k], maps[1 - k], warps[k]) for k in (0, 1)]
     first_view, second_view = (
-        DepthView(side.luma, camera, depth, discontinuities(depth.inverse_depth, side.there), side.there)
-        for side, camera, depth in zip(sides, pair.cameras, maps, strict=True)
+        DepthView(luma, camera, depth, discontinuities(depth.inverse_depth, to_other), to_other)
+        for luma, camera, depth, (to_other, _) in zip(lumas, pair.cameras, maps, warps, strict=True)
     )
     return first_view, second_view
 
 
 def checked_depth(depth: tuple[Floats, Floats], other: Floats, there: Floats) -> DepthMap:
     """Check inverse depths and their confidence against the inverse depths of another view."""
-    side = _Side(np.empty((0, 0), np.uint8), there, inverse_warp(there))
-    return DepthMap(depth[0], _checked(side, depth, other))
+    return DepthMap(depth[0], _checked(depth, other, (there, inverse_warp(there))))
 
 
 def completed_depth(luma: Luma, own: DepthMap, other: DepthMap, there: Floats) -> DepthMap:
     """Continue consistent depth over the rest, and align its discontinuities with edges of the picture."""
-    side = _Side(luma, there, inverse_warp(there))
-    return _aligned(side, _continued(side, own, other), other)
+    warps = there, inverse_warp(there)
+    return _aligned(luma, _continued(luma, own, other, warps), other, warps)
 
 
 def without_speckles(depth: DepthMap) -> DepthMap:
@@ -196,29 +171,29 @@ def _with_points(depth: Floats, visibility: NDArray[np.int8], known: KnownDepth 
     )
 
 
-def _continued(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
+def _continued(luma: Luma, own: DepthMap, other: DepthMap, warps: Warps) -> DepthMap:
     """Continue the consistent planes over the rest of a view."""
     limit = 0.03 * float(np.ptp(own.inverse_depth))
     slopes = Slopes(SLOPE_RADIUS_PX, limit, MAX_CONTINUATION_PX, SLOPE_SPACING_PX)
     seen, other_seen = (SeenDepth(depth.inverse_depth, depth.visibility) for depth in (own, other))
-    luma, warps = side.luma.astype(np.float64), (side.there, side.back)
-    filled = continue_surfaces(seen, luma, other_seen, warps, slopes, AGREEMENT_PX)
+    filled = continue_surfaces(seen, luma.astype(np.float64), other_seen, warps, slopes, AGREEMENT_PX)
     return DepthMap(filled, own.visibility)
 
 
 def _swept(
-    side: _Side,
+    luma: Luma,
     other: Luma,
+    there: Floats,
     inverse_depth_range: tuple[float, float],
     known: KnownDepth | None,
     settings: SweepSettings,
 ) -> tuple[Floats, Floats]:
     """Return inverse depth and its confidence by a plane sweep."""
     to_search = _with_nearest(inverse_depth_range, known, settings)
-    hypotheses = depth_hypotheses(to_search, side.there, side.luma.shape, settings)
+    hypotheses = depth_hypotheses(to_search, there, luma.shape, settings)
     expected = known.depth if known else None
     prior = (expected.inverse_depth, expected.reliable) if expected else None
-    return sweep(side.luma, other, side.there, hypotheses, settings, prior)
+    return sweep(luma, other, there, hypotheses, settings, prior)
 
 
 def _with_nearest(
@@ -234,11 +209,11 @@ def _with_nearest(
     return lowest, min(nearest, highest + MAX_STRETCH * span)
 
 
-def _checked(side: _Side, estimate: tuple[Floats, Floats], other: Floats) -> NDArray[np.int8]:
+def _checked(estimate: tuple[Floats, Floats], other: Floats, warps: Warps) -> NDArray[np.int8]:
     """Return the visibility in the other view; consistent depth is confident and no speckle."""
     depth, confidence = estimate
     visibility = np.empty(depth.shape, np.int8)
-    _check_consistency(depth, other, side.there, side.back, AGREEMENT_PX, visibility)
+    _check_consistency(depth, other, *warps, AGREEMENT_PX, visibility)
     visibility[(visibility == Visibility.CONSISTENT) & (confidence < MIN_CONFIDENCE)] = Visibility.OCCLUDED
     return without_speckles(DepthMap(depth, visibility)).visibility
 
@@ -293,7 +268,7 @@ def _discontinuities(depth, warp, tolerance_px, cells):
             cells[y - 1, x] = spread > tolerance_px
 
 
-def _aligned(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
+def _aligned(luma: Luma, own: DepthMap, other: DepthMap, warps: Warps) -> DepthMap:
     """Align continued depth and discontinuities with the edges of the image."""
     depth, reliable = own.inverse_depth, own.reliable
     span = float(np.ptp(depth)) + 1e-300
@@ -301,8 +276,8 @@ def _aligned(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
     jump = cv2.dilate(depth, around) - cv2.erode(depth, around) > 0.04 * span
     aligned = np.empty_like(depth)
     trust, chosen = np.where(reliable, 1.0, 0.3), jump | ~reliable
-    view = OtherView(side.there, side.back, other.inverse_depth, other.visibility, AGREEMENT_PX)
-    _guided_median(depth, trust, side.luma, chosen, depth.min(), span / 255.0, view, aligned)
+    view = OtherView(*warps, other.inverse_depth, other.visibility, AGREEMENT_PX)
+    _guided_median(depth, trust, luma, chosen, depth.min(), span / 255.0, view, aligned)
     return DepthMap(aligned, own.visibility)
 
 
@@ -310,9 +285,7 @@ def _aligned(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
 def _guided_median(depth, trust, image, chosen, low, step, other, median):
     """Replace the chosen depths by the median of every second neighbour, weighted by likeness of level."""
     height, width = depth.shape
-    radius, by_level = MEDIAN_RADIUS_PX, np.empty(256)
-    by_offset = np.empty((2 * radius + 1, 2 * radius + 1))
-    _tabulate_weights(by_level, by_offset)
+    radius = MEDIAN_RADIUS_PX
     bins, sums, number = np.zeros(256), np.zeros(256), np.empty((height, width), np.uint8)
     for y in range(height):
         for x in range(width):
@@ -327,8 +300,8 @@ def _guided_median(depth, trust, image, chosen, low, step, other, median):
             left, right = max(x - radius, 0), min(x + radius + 1, width)
             for i in range(max(y - radius, 0), min(y + radius + 1, height)):
                 for j in range(left + ((left + x + i + y) & 1), right, 2):
-                    weight = trust[i, j] * by_level[abs(image[i, j] - level)]
-                    weight *= by_offset[i - y + radius, j - x + radius]
+                    weight = trust[i, j] * _WEIGHTS_BY_LEVEL[abs(image[i, j] - level)]
+                    weight *= _WEIGHTS_BY_OFFSET[i - y + radius, j - x + radius]
                     k = np.int64(number[i, j])
                     first, last = min(first, k), max(last, k)
                     bins[k] += weight
@@ -344,15 +317,3 @@ def _guided_median(depth, trust, image, chosen, low, step, other, median):
                     median[y, x] = value
             bins[first : last + 1] = 0.0
             sums[first : last + 1] = 0.0
-
-
-@kernel
-def _tabulate_weights(by_level, by_offset):
-    """Tabulate weights of differences of level, and of offsets in the window."""
-    radius = MEDIAN_RADIUS_PX
-    for difference in range(by_level.size):
-        r = difference / MEDIAN_LEVELS
-        by_level[difference] = 1.0 / ((1.0 + r * r) * (1.0 + r * r))
-    for i in range(-radius, radius + 1):
-        for j in range(-radius, radius + 1):
-            by_offset[i + radius, j + radius] = 1.0 / (1.0 + 2.0 * (i * i + j * j) / (radius * radius))

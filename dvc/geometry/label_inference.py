@@ -16,18 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Integers, Singles
 
-Floats = NDArray[np.float64]
-Volume = NDArray[np.float32]
-Labels = NDArray[np.int64]
+Volume = Singles
+Labels = Integers
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
-
-
 UNREACHED = 20000
 """Cost before the first and after the last hypothesis: above all sums of a path, below 2^15."""
-
-
 UNITS = 100.0
 """Integer steps in a cost of 1."""
 
@@ -36,7 +32,7 @@ class Inferred(NamedTuple):
     """Labels of all pixels."""
 
     label: Labels  # the best one
-    offset: NDArray[np.float32]  # position of the smallest cost between its neighbours, from -0.5 to 0.5
+    offset: Singles  # position of the smallest cost between its neighbours, from -0.5 to 0.5
 
     def rows(self, rows: slice) -> "Inferred":
         """Return some rows."""
@@ -46,7 +42,7 @@ class Inferred(NamedTuple):
 class Inference(Protocol):
     """Chooses labels of small cost that are smooth except at discontinuities (2.13)."""
 
-    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Inferred:
+    def infer(self, cost: Volume, image: Bytes, base: Labels, origin: Labels) -> Inferred:
         """Choose labels.
 
         Parameters
@@ -68,7 +64,7 @@ class Inference(Protocol):
 
 
 def semi_global(
-    cost: NDArray[np.int16], guide: NDArray[np.uint8], small_jump: int, large_jump: int
+    cost: NDArray[np.int16], guide: Bytes, small_jump: int, large_jump: int
 ) -> tuple[Floats, Floats]:
     """Choose hypotheses with small cost and few jumps, by dynamic programming along eight scanlines."""
     columns, count = cost.shape[1:]
@@ -154,7 +150,7 @@ class SemiGlobal:
     small_jump: float = 0.3  # cost of a change by one label, and of a larger one between equal levels
     large_jump: float = 2.0
 
-    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Inferred:
+    def infer(self, cost: Volume, image: Bytes, base: Labels, origin: Labels) -> Inferred:
         """Choose labels; see `Inference`. The base surface is ignored: even surfaces cost nothing."""
         del base
         small, large = round(self.small_jump * UNITS), round(self.large_jump * UNITS)
@@ -178,11 +174,11 @@ class BeliefPropagation:
     iterations: int = 3  # rounds of messages on each grid, and number of grids
     levels: int = 5
 
-    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Inferred:
+    def infer(self, cost: Volume, image: Bytes, base: Labels, origin: Labels) -> Inferred:
         """Choose labels; see `Inference`."""
         return chosen(self.beliefs(cost, image, base, origin), origin)
 
-    def beliefs(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Volume:
+    def beliefs(self, cost: Volume, image: Bytes, base: Labels, origin: Labels) -> Volume:
         """Return the costs of all labels plus the final messages."""
         grids = self._grids(cost, image, base, origin)
         messages = [np.zeros(grids[-1][0].shape, np.float32) for _ in range(4)]
@@ -200,8 +196,8 @@ class BeliefPropagation:
         return total
 
     def _grids(
-        self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels
-    ) -> list[tuple[Volume, NDArray[np.float32], NDArray[np.float32], Labels, Labels]]:
+        self, cost: Volume, image: Bytes, base: Labels, origin: Labels
+    ) -> list[tuple[Volume, Singles, Singles, Labels, Labels]]:
         """Costs, strengths and rises of the base surface to the right and downwards, from fine to coarse."""
         levels = image.astype(np.float32)
         across, down = (self._strength(np.diff(levels, axis=axis)) for axis in (1, 0))
@@ -222,11 +218,9 @@ class BeliefPropagation:
     def _small(self, rise: Labels) -> Labels:
         return np.ascontiguousarray(np.where(np.abs(rise) > self.max_jump, 0, rise))
 
-    def _strength(self, difference: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _strength(self, difference: Singles) -> Singles:
         falling = np.exp(-np.abs(difference).max(axis=2) / np.float32(self.edge_levels))
-        strength: NDArray[np.float32] = (self.edge_strength + (1.0 - self.edge_strength) * falling).astype(
-            np.float32
-        )
+        strength: Singles = (self.edge_strength + (1.0 - self.edge_strength) * falling).astype(np.float32)
         return strength
 
 

@@ -13,35 +13,26 @@ correspondence", ECCV, 1994.
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Floats, Integers, Singles
 from dvc.geometry.camera_array import ArrayView, DisparityLabels, LatticePosition
 
-Volume = NDArray[np.float32]
+Volume = Singles
 
 CENSUS_RADIUS_PX = 2
-
-
 DEAD_ZONE = 0.5
 """Levels by which a neighbour must be darker to set its bit: rounding in flat regions sets none."""
-
-
 PHASES_PER_PX = 16
 """Fractions of a pixel to which positions are rounded."""
-
-
 CENSUS_SCALE, LEVEL_SCALE = 12.0, 10.0
 """Numbers of differing bits and of levels at which a cost reaches 1 - 1/e of its limit."""
-
-
 SQUARED_LIMIT = 400.0
 """Truncation of squared differences, tau_2 of (2.18), in squared levels: twice the noise of a good match."""
-
-
 _MARGIN_ROWS = CENSUS_RADIUS_PX + 2  # needed above and below by census and interpolation
 
 
@@ -49,7 +40,7 @@ class Band(NamedTuple):
     """Labels to try at each pixel: all, or a few around an estimate."""
 
     # first label; costs are undefined for labels outside the range of all
-    origin: NDArray[np.int64]
+    origin: Integers
     num_labels: int  # number of consecutive labels
 
 
@@ -60,44 +51,33 @@ class WeightedCosts(NamedTuple):
     weight: Volume  # 1 if both views show the point, else 0
 
 
-class MatchingCost(Protocol):
-    """Compares two views."""
+@dataclass(frozen=True)
+class MatchingCost:
+    """Robust distance of census bits and levels [Mei2011], or truncated squared difference (2.18)."""
+
+    kind: str  # "census", "bits" if exposures differ, or "squared" for single pixels
 
     @property
     def highest(self) -> float:
         """Upper bound of all costs."""
+        return 2.0 if self.kind == "census" else 1.0
 
     def __call__(
         self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
     ) -> WeightedCosts:
         """Compare some rows of a view with another view."""
-
-
-@dataclass(frozen=True)
-class CensusCost:
-    """Robust distance of census bits and levels [Mei2011], or only of bits if exposures differ."""
-
-    has_levels: bool = True
-
-    @property
-    def highest(self) -> float:
-        """Upper bound of all costs."""
-        return 2.0 if self.has_levels else 1.0
-
-    def __call__(
-        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
-    ) -> WeightedCosts:
-        """Compare; see `MatchingCost`."""
         pictures, shifts, needed = phases(other, view.position, labels, rows)
+        image, seen, region = view.image.astype(np.float32), other.seen[needed], (band.origin, rows.start)
+        shape = rows.stop - rows.start, view.shape[1], band.num_labels
+        costs = WeightedCosts(np.empty(shape, np.float32), np.empty(shape, np.float32))
+        if self.kind == "squared":
+            _squared_cost(image, pictures, seen, shifts, *region, np.float32(SQUARED_LIMIT), *costs)
+            return costs
         bits = np.stack([census(picture) for picture in pictures])
-        count = (2 * CENSUS_RADIUS_PX + 1) ** 2
-        census_table = _robust(np.arange(count), CENSUS_SCALE)
-        level_table = _robust(np.arange(3 * 256) / 3.0, LEVEL_SCALE if self.has_levels else np.inf)
-        costs = _empty(view, band, rows)
-        image = view.image.astype(np.float32)
-        own_bits, seen = census(image), other.seen[needed]
-        region = shifts, band.origin, rows.start
-        _census_cost(image, own_bits, pictures, bits, seen, *region, census_table, level_table, *costs)
+        bit_table = _robust(np.arange((2 * CENSUS_RADIUS_PX + 1) ** 2), CENSUS_SCALE)
+        level_table = _robust(np.arange(3 * 256) / 3.0, np.inf if self.kind == "bits" else LEVEL_SCALE)
+        tables = bit_table, level_table
+        _census_cost(image, census(image), pictures, bits, seen, shifts, *region, *tables, *costs)
         return costs
 
 
@@ -125,22 +105,6 @@ def _census_cost(
                 different = count_bits(np.uint64(word ^ other_bits[phase, v, u]))
                 cost[i, x, k] = census_table[different] + level_table[int(difference)]
                 weight[i, x, k] = 1.0
-
-
-class SquaredCost:
-    """Truncated squared difference of levels (2.18) of single pixels, as a share of the limit."""
-
-    highest = 1.0
-
-    def __call__(
-        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
-    ) -> WeightedCosts:
-        """Compare; see `MatchingCost`."""
-        pictures, shifts, needed = phases(other, view.position, labels, rows)
-        costs = _empty(view, band, rows)
-        image, seen, limit = view.image.astype(np.float32), other.seen[needed], np.float32(SQUARED_LIMIT)
-        _squared_cost(image, pictures, seen, shifts, band.origin, rows.start, limit, *costs)
-        return costs
 
 
 @kernel
@@ -172,14 +136,14 @@ def _sees(u, v, seen):
     return 0 <= u < seen.shape[1] and 0 <= v < seen.shape[0] and seen[v, u]
 
 
-def census(image: NDArray[np.float32]) -> NDArray[np.uint32]:
+def census(image: Singles) -> NDArray[np.uint32]:
     """Return the census bits of the luma of a picture."""
     grey = image[:, :, 0] * np.float32(0.299) + image[:, :, 1] * np.float32(0.587)
     grey += image[:, :, 2] * np.float32(0.114)
     return census_bits(grey)
 
 
-def census_bits(grey: NDArray[np.float32]) -> NDArray[np.uint32]:
+def census_bits(grey: Singles) -> NDArray[np.uint32]:
     """Compare each pixel with its neighbours; changes of exposure alter no bit [ZabihWoodfill1994]."""
     bits = np.empty(grey.shape, np.uint32)
     padded = np.pad(grey, CENSUS_RADIUS_PX, mode="edge")
@@ -211,7 +175,7 @@ def count_bits(word):
     return (word * np.uint64(0x0101010101010101)) >> np.uint64(56)
 
 
-def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> NDArray[np.float64]:
+def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> Floats:
     """Return the displacement of points from a view to another, for each label (2.5)."""
     disparity = labels.disparity(np.arange(labels.num_labels, dtype=np.float64))
     return np.column_stack([(view.m - other.m) * disparity, (view.n - other.n) * disparity])
@@ -220,9 +184,9 @@ def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePositi
 class Phases(NamedTuple):
     """Some rows of a view, interpolated at a few fractions of a pixel."""
 
-    pictures: NDArray[np.float32]
+    pictures: Singles
     # for each label: index of the picture, columns and rows from a point to the same one in the pictures
-    shifts: NDArray[np.int64]
+    shifts: Integers
     rows: slice  # rows of the view in the pictures
 
 
@@ -242,7 +206,7 @@ def phases(other: ArrayView, position: LatticePosition, labels: DisparityLabels,
     return Phases(pictures, shifts, slice(start, stop))
 
 
-def _moved(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float32]:
+def _moved(image: Singles, dx: float, dy: float) -> Singles:
     """Sample at (x + dx, y + dy) by cubic convolution, with a repeated border."""
     if dx == 0.0 and dy == 0.0:
         return image
@@ -255,11 +219,11 @@ def _moved(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float
         padded, length = np.pad(image, pad, mode="edge"), image.shape[axis]
         parts = [np.take(padded, range(k, k + length), axis) * taps[k] for k in range(4)]
         image = parts[0] + parts[1] + parts[2] + parts[3]
-    moved: NDArray[np.float32] = np.clip(image, 0.0, 255.0)
+    moved: Singles = np.clip(image, 0.0, 255.0)
     return moved
 
 
-def _cubic_taps(fraction: float) -> NDArray[np.float32]:
+def _cubic_taps(fraction: float) -> Singles:
     """Return Keys's kernel with a = -1/2 at positions -1, 0, 1 and 2."""
     t = fraction
     taps = (
@@ -271,15 +235,10 @@ def _cubic_taps(fraction: float) -> NDArray[np.float32]:
     return np.array(taps, np.float32)
 
 
-def _robust(distance: NDArray[np.float64] | NDArray[np.int64], scale: float) -> NDArray[np.float32]:
-    robust: NDArray[np.float32] = (1.0 - np.exp(-distance / scale)).astype(np.float32)
+def _robust(distance: Floats | Integers, scale: float) -> Singles:
+    robust: Singles = (1.0 - np.exp(-distance / scale)).astype(np.float32)
     return robust
 
 
-def _empty(view: ArrayView, band: Band, rows: slice) -> WeightedCosts:
-    shape = rows.stop - rows.start, view.shape[1], band.num_labels
-    return WeightedCosts(np.empty(shape, np.float32), np.empty(shape, np.float32))
-
-
-COSTS: dict[str, MatchingCost] = {"census": CensusCost(), "squared": SquaredCost()}
+COSTS = {name: MatchingCost(name) for name in ("census", "squared")}
 """Matching costs by the name of the option."""

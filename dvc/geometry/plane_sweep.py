@@ -14,42 +14,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.geometry.label_inference import semi_global
 from dvc.geometry.matching_costs import census_bits, count_bits
 from dvc.geometry.warping import warp_points
 
-Floats = NDArray[np.float64]
 Costs = NDArray[np.int16]
-Luma = NDArray[np.uint8]
+Luma = Bytes
 
 MAX_CELLS = 48_000_000
 """Largest number of pixels times hypotheses of a cost volume; it bounds the memory."""
-
-
 LEVEL_LIMIT, GRADIENT_LIMIT = 30, 60
 """Truncation of differences of levels and gradients, in luma levels: larger ones are wrong or hidden."""
-
-
 GRADIENT_WEIGHT = 3.0
 """Weight of a gradient relative to a level; gradients survive changes of exposure, not quantisation."""
-
-
 OUTSIDE_COST = 30
 """Cost of a point outside the other picture: that of a wrong one, so that borders do not attract it."""
-
-
 CENSUS_LEVEL_LIMIT, CENSUS_BIT_COST, CENSUS_OUTSIDE_COST = np.float32(20.0), 4, 45
 """Truncation of a difference of levels next to census bits, cost of a bit, and cost of a point outside."""
-
-
 PRIOR_WEIGHT, PRIOR_LIMIT = 8.0, 24.0
 """Cost of the distance from an expected depth, per hypothesis, and its truncation below a wrong match."""
-
-
 STEPS = np.int32(32)
 """Fractions of a pixel to which positions are rounded."""
-
-
 LANE, LANE_MASK = np.uint64(21), (1 << 21) - 1
 """Bits of each of three numbers in a word; they hold 2047 times the square of the fractions."""
 
@@ -70,8 +56,6 @@ class SweepSettings:
 
 GRADIENT_SWEEP = SweepSettings()
 """Default settings."""
-
-
 CENSUS_SWEEP = SweepSettings(
     step_px=1.0, max_hypotheses=96, small_jump=14, large_jump=500, near_margin=0.5, census=True
 )
@@ -122,7 +106,7 @@ def sweep(
     warp: Floats,
     hypotheses: DepthHypotheses,
     settings: SweepSettings,
-    prior: tuple[Floats, NDArray[np.bool_]] | None = None,
+    prior: tuple[Floats, Mask] | None = None,
 ) -> tuple[Floats, Floats]:
     """Find the inverse depth of every pixel of a view."""
     cost = _box((_census_costs if settings.census else _gradient_costs)(base, other, warp, hypotheses))
@@ -240,7 +224,7 @@ def _warp_hypotheses(warp, x, y, low, step, us, vs):
         vs[k] = -1e9 if behind else (b + rho * warp[1, 3]) / w
 
 
-def luma_features(luma: Luma) -> NDArray[np.float32]:
+def luma_features(luma: Luma) -> Singles:
     """Return the features that are compared: level and weighted gradients (3, H, W)."""
     padded = np.pad(luma.astype(np.float32), 1, mode="edge")
     horizontal = padded[1:-1, 2:] - padded[1:-1, :-2]

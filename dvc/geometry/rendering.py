@@ -8,29 +8,20 @@ take the depth behind them. They may then be fetched from every view that sees t
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import PixelFrame
 from dvc.geometry.continuation import CONSISTENT, OtherView, Visibility, fill_depth
 from dvc.geometry.depth_maps import DepthMap, DepthView
 from dvc.geometry.warping import EMPTY, warp_grid, warp_matrix, warp_point
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 OUTSIDE_WEIGHT, OCCLUDED_WEIGHT, EDGE_WEIGHT = 1e-6, 1e-4, 0.02
 """Weights of a view for points outside it, occluded, or next to something nearer; 1 for other points."""
-
-
 PIECE = 0.5
 """Extent of each pixel next to a discontinuity, in pixels."""
-
-
 VISIBILITY_TOLERANCE_PX = 1.0
 """Largest parallax between a point that a view sees and the surface that it shows there."""
-
-
 HALO_PX = 1
 """Width of the border next to nearer surfaces, in which pixels mix both."""
 

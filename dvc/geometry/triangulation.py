@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import PixelFrame, homogeneous
 from dvc.geometry.warping import warp_matrix
-
-Floats = NDArray[np.float64]
 
 NUM_STEPS = 6
 """Gauss-Newton steps; the problem has one unknown a point, and is nearly linear."""
@@ -61,7 +59,7 @@ def track_depths(
     if source is None:
         raise ValueError(f"view {view} has no camera")
     points = positions[:, view]
-    defined: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
+    defined: Mask = np.asarray(np.isfinite(points).all(axis=1))
     rays = np.column_stack([np.where(defined[:, None], points, 0.0), np.ones(len(points))])
     targets = [(k, camera) for k, camera in enumerate(cameras) if camera is not None and k != view]
     warps = [warp_matrix(source, camera, frame) for _, camera in targets]
@@ -76,7 +74,7 @@ def track_depths(
             depth = np.maximum(image[:, 2:], MIN_DEPTH)
             position = image[:, :2] / depth
             change = (warp[:2, 3] - position * warp[2, 3]) / depth
-            used: NDArray[np.bool_] = defined & np.asarray(np.isfinite(there).all(axis=1))
+            used: Mask = defined & np.asarray(np.isfinite(there).all(axis=1))
             offset = np.where(used[:, None], there - position, 0.0)
             squares = (change * change).sum(axis=1)
             inside = (image[:, 2] > MIN_DEPTH) & ((position >= 0) & (position < size)).all(axis=1)

@@ -19,23 +19,16 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Mask
 from dvc.geometry.rendering import draw, fill_holes
 from dvc.geometry.warping import EMPTY, inverse_warp, sample, warp_grid
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 DISCONTINUITY_PX = 1.5
 """Largest difference of motion between neighbours that certainly belong to one surface."""
-
-
 SAME_SURFACE_PX = 1.0
 """Largest parallax between two sources of one surface."""
-
-
 FALLBACK_WEIGHT = 1e-6
 """Weight, relative to 1, of sources that only fill gaps of the other ones."""
 STIFFNESS = 1e-6
@@ -47,7 +40,7 @@ TOLERANCE = 1e-4
 class PictureWithDepth(NamedTuple):
     """A picture with the depth of its pixels, and its warp to the target view."""
 
-    image: NDArray[np.uint8]
+    image: Bytes
     inverse_depth: Floats  # disparity in rectified arrays; `EMPTY` for pixels without a surface
     warp: Floats  # to the target view, in pixels; see `dvc.geometry.warping`
     # precision of the inverse depth: smaller steps are no discontinuity, however large the motion

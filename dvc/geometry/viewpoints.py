@@ -9,11 +9,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.geometry.camera_array import LatticePosition
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

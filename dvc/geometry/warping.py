@@ -12,12 +12,10 @@ References
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Mask
 from dvc.geometry.cameras import PixelFrame, homogeneous, oriented
-
-Floats = NDArray[np.float64]
 
 EMPTY = -1e30
 """Inverse depth of pixels without a surface."""
@@ -76,7 +74,7 @@ def warp_point(warp, x, y, rho):
     return u / w, v / w, w
 
 
-def warp_points(warp: Floats, points: Floats, inverse_depth: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def warp_points(warp: Floats, points: Floats, inverse_depth: Floats) -> tuple[Floats, Mask]:
     """Warp points of known inverse depth."""
     image = np.column_stack([homogeneous(points), np.nan_to_num(inverse_depth)]) @ warp.T
     before = (image[:, 2] > 1e-6) & np.isfinite(inverse_depth)
@@ -84,7 +82,7 @@ def warp_points(warp: Floats, points: Floats, inverse_depth: Floats) -> tuple[Fl
     return warped, before
 
 
-def sample(plane: NDArray[np.uint8], positions: Floats) -> Floats:
+def sample(plane: Bytes, positions: Floats) -> Floats:
     """Interpolate a plane by cubic convolution of fourth order (six points), in single precision."""
     samples = np.empty(positions.shape[:2])
     padded = np.pad(plane, PADDING, mode="edge").astype(np.float32)

@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.geometry.camera_array import DisparityLabels
-
-Floats = NDArray[np.float64]
 
 DEPTH_RANGE = 20.0
 """Largest ratio of the farthest and the nearest depth without calibration."""

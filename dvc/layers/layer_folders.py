@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc.array_files import MAX_NUMBER
+from dvc.arrays import Bytes, Mask, Singles
 from dvc.errors import DvcError
-from dvc.index_files import MAX_SIDE, Entry, read_index, read_labels, write_index
+from dvc.index_files import Entry, read_index, read_labels, write_index
 from dvc.layers.canvas import Canvas, Frame
 from dvc.layers.layered_depth_image import MAX_LAYERS, LayeredDepthImage
 from dvc.layers.sprites import Sprite, SpriteSet
@@ -105,19 +105,13 @@ def _read_sprite(entry: Entry, canvas: Canvas) -> Sprite:
     return Sprite(left, top, mask, colour, disparity)
 
 
-def _write_values(
-    folder: Path,
-    names: dict[str, str],
-    colour: NDArray[np.uint8],
-    disparity: NDArray[np.float32],
-    mask: NDArray[np.bool_],
-) -> None:
+def _write_values(folder: Path, names: dict[str, str], colour: Bytes, disparity: Singles, mask: Mask) -> None:
     """Write colour with opacity, and disparity that is infinite outside a mask."""
     write_png(folder / names["colour"], np.dstack([colour[:, :, ::-1], mask * np.uint8(255)]))
     write_pfm(folder / names["disparity"], np.where(mask, disparity, np.float32(np.inf)))
 
 
-def _read_colour(entry: Entry, shape: tuple[int, int]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+def _read_colour(entry: Entry, shape: tuple[int, int]) -> tuple[Bytes, Mask]:
     """Read colour, black outside a mask, and the mask from its opacity."""
     colour = read_plane(entry.file("colour"), 4, shape)
     mask = colour[:, :, 3] > 0
@@ -144,7 +138,7 @@ def canvas_values(canvas: Canvas) -> dict[str, Any]:
 
 def read_canvas(index: Entry) -> Canvas:
     """Read a canvas from an index file; inverse of `canvas_values`."""
-    shape = index.integer("height", 1, MAX_SIDE), index.integer("width", 1, MAX_SIDE)
+    shape = index.shape()
     inner = index.entry("frame")
     left, top = inner.integer("left", 0, shape[1] - 1), inner.integer("top", 0, shape[0] - 1)
     width, height = inner.integer("width", 1, shape[1] - left), inner.integer("height", 1, shape[0] - top)
@@ -163,7 +157,7 @@ def read_canvas(index: Entry) -> Canvas:
     )
 
 
-def read_disparity(path: Path, mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+def read_disparity(path: Path, mask: Mask) -> Singles:
     """Read disparities that are defined inside a mask and infinite outside it."""
     disparity = read_pfm(path)
     if disparity.shape != mask.shape:

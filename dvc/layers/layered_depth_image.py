@@ -24,13 +24,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.array_files import MAX_NUMBER, MIN_STEP
+from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.errors import DvcError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, Reconstruction
 from dvc.layers import _kernels
 from dvc.layers.canvas import Canvas, Frame
 
-Floats = NDArray[np.float64]
-Masks = list[NDArray[np.bool_]]
+Masks = list[Mask]
 
 MAX_LAYERS = 8
 """Largest number of values at a pixel; more are errors of the surfaces."""
@@ -40,8 +41,6 @@ MAX_CANVAS_FRAMES = 16
 """Largest ratio of the areas of the canvas and a view."""
 MAX_POINTS_PER_PIXEL = MAX_CANVAS_FRAMES
 """Largest average number of points per pixel of all views: surfaces without folds have one."""
-MAX_MAGNITUDE = 1e6
-"""Largest magnitude of disparities and positions."""
 _ROWS = 64
 """Rows of the canvas in one vote."""
 
@@ -64,29 +63,22 @@ class LayeredDepthImage:
     """
 
     canvas: Canvas
-    colour: NDArray[np.uint8]
-    disparity: NDArray[np.float32]
-    votes: NDArray[np.uint8]
+    colour: Bytes
+    disparity: Singles
+    votes: Bytes
 
     @property
-    def occupied(self) -> NDArray[np.bool_]:
+    def occupied(self) -> Mask:
         """Mask of values, of shape (L, H, W)."""
         return self.votes > 0
 
     @property
-    def values_per_pixel(self) -> NDArray[np.int64]:
+    def values_per_pixel(self) -> Integers:
         """Number of values of each pixel, of shape (H, W)."""
         return np.asarray(np.count_nonzero(self.votes, axis=0), np.int64)
 
     def counts(self) -> dict[str, Any]:
-        """Count values.
-
-        Returns
-        -------
-        dict
-            Number of layers; values inside the reference frame and beyond it; increase over
-            one depth map inside the frame in per cent; values of each layer inside the frame.
-        """
+        """Count layers, and values inside the reference frame, of each layer there, and beyond it."""
         frame = self.canvas.frame
         inside = self.occupied[:, *frame.slices]
         num_inside = int(inside.sum())
@@ -142,7 +134,7 @@ def _neighbours(array: CameraArray, index: int) -> list[list[int]]:
 
 def layered_depth_image(
     reconstruction: Reconstruction,
-    voters: Sequence[NDArray[np.bool_]] | None = None,
+    voters: Sequence[Mask] | None = None,
     *,
     advance: Callable[[int], None] = lambda _: None,
 ) -> LayeredDepthImage:
@@ -187,7 +179,7 @@ def _check_magnitudes(reconstruction: Reconstruction) -> None:
     step = reconstruction.labels.step
     positions = np.array([view.position for view in reconstruction.array])
     largest = max(float(np.abs(surface.disparity).max()) for surface in reconstruction.surfaces)
-    if not (1e-6 <= step <= MAX_MAGNITUDE and max(largest, float(np.abs(positions).max())) <= MAX_MAGNITUDE):
+    if not (MIN_STEP <= step <= MAX_NUMBER and max(largest, float(np.abs(positions).max())) <= MAX_NUMBER):
         raise DvcError(
             f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, are out of range"
         )
@@ -244,12 +236,12 @@ def _splat(
     positions: Floats,
     canvas: Canvas,
     advance: Callable[[int], None],
-) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int16]]:
+) -> tuple[Integers, Singles, NDArray[np.int16]]:
     """Return start indices of the points of each cell, their disparities from near to far, and cameras."""
     jump = 1.001 * canvas.resolution
     num_cells = canvas.shape[0] * canvas.shape[1]
 
-    def enter(next_free: NDArray[np.int64], points: NDArray[np.float32], cameras: NDArray[np.int16]) -> None:
+    def enter(next_free: Integers, points: Singles, cameras: NDArray[np.int16]) -> None:
         for camera, (surface, mask) in enumerate(zip(reconstruction.surfaces, masks, strict=True)):
             corner = -canvas.frame.left, -canvas.frame.top
             m, n = positions[camera]
@@ -277,8 +269,8 @@ def _vote(
     reconstruction: Reconstruction,
     positions: Floats,
     canvas: Canvas,
-    points_of_cells: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int16]],
-) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
+    points_of_cells: tuple[Integers, Singles, NDArray[np.int16]],
+) -> tuple[Bytes, Singles, Bytes]:
     """Return colour, disparity and votes of all layers."""
     array, labels = reconstruction.array, reconstruction.labels
     starts, points, cameras = points_of_cells
@@ -305,9 +297,7 @@ def _vote(
     return colour, disparity, votes
 
 
-def _without_strays(
-    colour: NDArray[np.uint8], disparity: NDArray[np.float32], votes: NDArray[np.uint8]
-) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
+def _without_strays(colour: Bytes, disparity: Singles, votes: Bytes) -> tuple[Bytes, Singles, Bytes]:
     """Drop small regions behind two other surfaces, and empty layers."""
     for layer in range(len(votes) - 1, 1, -1):
         _, region, sizes, _ = cv2.connectedComponentsWithStats((votes[layer] > 0).astype(np.uint8))

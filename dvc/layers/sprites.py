@@ -30,10 +30,9 @@ from skimage.measure import label as label_components
 from skimage.segmentation import watershed
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.layers.canvas import Canvas
 from dvc.layers.layered_depth_image import LayeredDepthImage
-
-Mask = NDArray[np.bool_]
 
 SMOOTH, JUMP = 0.5, 1.5
 """Largest smooth difference and smallest discontinuity, in units of resolution."""
@@ -88,8 +87,8 @@ class Sprite:
     left: int
     top: int
     mask: Mask
-    colour: NDArray[np.uint8]
-    disparity: NDArray[np.float32]
+    colour: Bytes
+    disparity: Singles
 
     @property
     def num_values(self) -> int:
@@ -128,7 +127,7 @@ class _Layers:
         self.alpha = image.occupied.copy()
         self.source = np.broadcast_to(np.arange(len(self.alpha))[:, None, None], self.alpha.shape).copy()
 
-    def take(self, layer: NDArray[np.int64]) -> NDArray[np.int64]:
+    def take(self, layer: Integers) -> Integers:
         """Remove the value in a layer (-1: none) of each pixel, and move the values behind it forward."""
         taken = np.full(layer.shape, -1)
         for index in range(len(self.alpha)):
@@ -140,7 +139,7 @@ class _Layers:
         return taken
 
 
-def _depths(image: LayeredDepthImage) -> NDArray[np.float64]:
+def _depths(image: LayeredDepthImage) -> Floats:
     """Return negative depths (2.12), scaled to change like disparities at the median."""
     scale, shift = image.canvas.depth_scale
     median = float(np.median(image.disparity[image.occupied])) if image.occupied.any() else 1.0
@@ -183,7 +182,7 @@ def extract_sprites(
     return SpriteSet(image.canvas, tuple(sprites))
 
 
-def _largest_region(depth: NDArray[np.float64], alpha: Mask, settings: SpriteSettings) -> Mask:
+def _largest_region(depth: Floats, alpha: Mask, settings: SpriteSettings) -> Mask:
     """Return the largest region of a watershed between the edges of a layer."""
     edge = ~alpha
     for axis in (0, 1):
@@ -211,7 +210,7 @@ def _largest(regions: NDArray[np.integer]) -> Mask:
     return np.asarray(regions == 1 + sizes.argmax())
 
 
-def _grow(layers: _Layers, mask: Mask, settings: SpriteSettings) -> NDArray[np.int64]:
+def _grow(layers: _Layers, mask: Mask, settings: SpriteSettings) -> Integers:
     """Return the layer of each pixel of a sprite that begins with a mask in the first layer, -1 elsewhere."""
     layer = np.where(mask, 0, -1)
     depth = np.where(mask, layers.depth[0], 0.0)
@@ -228,9 +227,9 @@ def _grow(layers: _Layers, mask: Mask, settings: SpriteSettings) -> NDArray[np.i
 
 
 def fused_mask(
-    depth: NDArray[np.float64],
+    depth: Floats,
     alpha: Mask,
-    layer_depth: NDArray[np.float64],
+    layer_depth: Floats,
     layer_alpha: Mask,
     settings: SpriteSettings = DEFAULT_SETTINGS,
 ) -> Mask:
@@ -342,7 +341,7 @@ def _belief(messages, excluded):
     return yes / (yes + no) if yes + no > 0.0 else 0.5
 
 
-def _cut(image: LayeredDepthImage, layer: NDArray[np.int64]) -> Sprite:
+def _cut(image: LayeredDepthImage, layer: Integers) -> Sprite:
     """Return a sprite of the values in a layer of each pixel, -1: none."""
     mask = layer >= 0
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
@@ -355,7 +354,7 @@ def _cut(image: LayeredDepthImage, layer: NDArray[np.int64]) -> Sprite:
     return Sprite(left, top, mask, colour * mask[..., None], disparity * mask)
 
 
-def composite(sprites: SpriteSet) -> tuple[NDArray[np.uint8], NDArray[np.float32], Mask]:
+def composite(sprites: SpriteSet) -> tuple[Bytes, Singles, Mask]:
     """Draw all sprites on the canvas, the nearest on top."""
     colour = np.zeros((*sprites.canvas.shape, 3), np.uint8)
     disparity, mask = np.zeros(sprites.canvas.shape, np.float32), np.zeros(sprites.canvas.shape, np.bool_)

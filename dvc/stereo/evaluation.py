@@ -1,5 +1,6 @@
 """Disparity maps against the truth, by the rule of the Middlebury evaluation (version 2)."""
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,8 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc import cli
+from dvc.arrays import Mask
 from dvc.errors import ConfigError
-from dvc.picture_files import read_levels, read_pfm, read_picture
+from dvc.picture_files import read_levels, read_pfm, read_picture, read_plane, write_png
+from dvc.stereo.stereo_options import write_results
+from dvc.web.drawing import colour_error
 
 Floats = NDArray[np.floating]
 MASKS = ("nonocc", "all", "disc")
@@ -46,7 +51,7 @@ class Evaluation:
 def evaluate(
     disparity: Floats,
     truth: Floats,
-    mask: NDArray[np.bool_] | None = None,
+    mask: Mask | None = None,
     thresholds: Sequence[float] = (1.0,),
     confidence: NDArray[np.number] | None = None,
 ) -> Evaluation:
@@ -68,7 +73,7 @@ def evaluate(
     )
 
 
-def sparsification(bad: NDArray[np.bool_], confidence: NDArray[np.number]) -> tuple[float, float]:
+def sparsification(bad: Mask, confidence: NDArray[np.number]) -> tuple[float, float]:
     """Return the area under the sparsification curve and that of the best order, in per cent.
 
     The area is the mean share of bad pixels among the N surest ones, over all N.
@@ -84,8 +89,8 @@ def sparsification(bad: NDArray[np.bool_], confidence: NDArray[np.number]) -> tu
 
 
 def disparity_error(
-    disparity: Floats, truth: Floats, mask: NDArray[np.bool_] | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    disparity: Floats, truth: Floats, mask: Mask | None = None
+) -> tuple[NDArray[np.float64], Mask]:
     """Return the error of every pixel, and the mask of pixels that count."""
     for name, plane in (("truth", truth), ("mask", mask)):
         if plane is not None and plane.shape != disparity.shape:
@@ -118,7 +123,46 @@ def read_truth(
     return disparity
 
 
-def read_mask(path: str | Path) -> NDArray[np.bool_]:
+def read_mask(path: str | Path) -> Mask:
     """Read a mask: pixels of value 255 count."""
-    mask: NDArray[np.bool_] = read_picture(path)[:, :, 0] == 255
+    mask: Mask = read_picture(path)[:, :, 0] == 255
     return mask
+
+
+def read_truth_of(arguments: argparse.Namespace) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
+    """Read the truth and the mask that options name."""
+    truth = read_truth(
+        arguments.truth, arguments.truth_scale, arguments.truth_offset, arguments.truth_unknown
+    )
+    return truth, None if arguments.mask is None else read_mask(arguments.mask)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run `dvc-stereo evaluate`."""
+    outputs = [name for name in (arguments.json, arguments.error_map) if name not in (None, "-")]
+    maps = [name for name in (arguments.mask, arguments.confidence) if name is not None]
+    inputs = [arguments.path, arguments.truth, *maps]
+    cli.check_outputs(inputs, outputs)
+    disparity = read_pfm(arguments.path)
+    truth, mask = read_truth_of(arguments)
+    confidence = None
+    if arguments.confidence is not None:
+        confidence = read_plane(Path(arguments.confidence), 1, disparity.shape)
+    result = evaluate(disparity, truth, mask, arguments.thresholds, confidence)
+    if arguments.error_map is not None:
+        write_png(Path(arguments.error_map), colour_error(*disparity_error(disparity, truth, mask)))
+    write_results(arguments.json, result.to_dict(), _evaluation_text(result))
+    return 0
+
+
+def _evaluation_text(result: Evaluation) -> str:
+    """Format the figures in one line."""
+    bad = ", ".join(
+        f"{percent:.2f} % > {threshold:g} px" for threshold, percent in result.bad_percent.items()
+    )
+    orders = [
+        f"; area by confidence > {threshold:g} px {area:.2f} % (ideal {ideal:.2f})"
+        for threshold, (area, ideal) in result.sparsification.items()
+    ]
+    error = "none" if result.mean_absolute_error_px is None else f"{result.mean_absolute_error_px:.3f} px"
+    return f"bad pixels: {bad}; mean absolute error {error} ({result.num_pixels} pixels)" + "".join(orders)

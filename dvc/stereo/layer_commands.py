@@ -1,68 +1,145 @@
-"""Subcommands `dvc-stereo layers` and `dvc-stereo sprites`."""
+"""Subcommands `dvc-stereo layers` and `dvc-stereo sprites`, with their pictures (BGR) and pages."""
 
 import argparse
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import cv2
+import numpy as np
 
 from dvc import cli
+from dvc.arrays import Bytes, Mask, Singles
 from dvc.errors import ConfigError
-from dvc.stereo.stereo_options import add_export_options, check_outputs
-from dvc.subcommands import Subcommand
+from dvc.files import atomic_folder
+from dvc.layers.canvas import Canvas
+from dvc.layers.layer_folders import read_layers, write_layers, write_sprites
+from dvc.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
+from dvc.layers.sprites import Sprite, SpriteSet, composite, extract_sprites
+from dvc.picture_files import write_png
+from dvc.stereo.meshes import layers_shape, sprites_shape, write_shape
+from dvc.stereo.stereo_options import check_outputs, write_results
+from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction
+from dvc.web.drawing import Picture, colour_counts, colour_disparity, in_rows, with_title
+from dvc.web.gallery import Gallery, Group, Shown, Table, write_gallery
 
-if TYPE_CHECKING:
-    from dvc.layers.layered_depth_image import LayeredDepthImage
-    from dvc.layers.sprites import SpriteSet
+Window = tuple[slice, slice]
 
-_LAYERS_EXAMPLES = """\
-  dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
-  dvc-stereo layers surfaces --out layers
-  dvc-stereo layers surfaces --out layers --json counts.json --glb layers.glb
-"""
-_LAYERS_DESCRIPTION = """\
-Merge the surfaces of all views in the frame of the view nearest to (0, 0): several values of disparity and
-colour a pixel, from near to far. docs/layers.md describes the files.
-"""
-_SPRITES_EXAMPLES = """\
-  dvc-stereo layers surfaces --out layers
-  dvc-stereo sprites layers --out sprites
-  dvc-stereo sprites surfaces --out sprites --json - --glb sprites.glb
-"""
-_SPRITES_DESCRIPTION = """\
-Cut the layered depth image of a scene into surfaces without discontinuities. docs/layers.md describes the
-files.
-"""
+PAPER = np.array([200, 120, 200], np.uint8)
+"""Colour of empty pixels, which surfaces rarely have."""
+WHITE_VALUES = 3
+"""Number of values that is white in the picture of values per pixel."""
+TILE_PX = 400
+MAX_MAGNIFICATION = 4.0
+PAGE = "index.html"
+SHOWN_SPRITES = 40
+"""Number of sprites on the page, the largest first."""
 
 
-def _add_layers_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `dvc-stereo layers`."""
-    parser.add_argument("path", metavar="DIR", help="folder of `dvc-stereo reconstruct`")
-    _add_output_options(parser)
+def draw_layers(image: LayeredDepthImage) -> Picture:
+    """Draw textures and disparities of all layers, as figure 2.6."""
+    textures, disparities = [], []
+    for number, mask in enumerate(image.occupied):
+        texture = _textured(image.colour[number], mask)
+        textures.append(with_title(texture, f"layer {number + 1}: {np.count_nonzero(mask)} values"))
+        disparities.append(_coloured(image.disparity[number], mask, image.canvas))
+    return in_rows([*textures, *disparities], len(textures))
 
 
-def _add_output_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for outputs."""
-    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
-    parser.add_argument("--json", metavar="FILE", help="write the counts; - is standard output")
-    add_export_options(parser)
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+def draw_values_per_pixel(image: LayeredDepthImage) -> Picture:
+    """Draw the number of values of pixels, as figure 2.10: black none, white three or more."""
+    return colour_counts(image.values_per_pixel, WHITE_VALUES)
 
 
-def _run_layers(arguments: argparse.Namespace) -> int:
+def draw_surfaces(image: LayeredDepthImage, lowest: float, highest: float, window: Window) -> Picture:
+    """Draw the surfaces in a range of disparity without those before them, as figure 2.11."""
+    frame, shape = image.canvas.frame, image.canvas.shape
+    rows = np.arange(window[0].start, window[0].stop) + frame.top
+    columns = np.arange(window[1].start, window[1].stop) + frame.left
+    chosen = image.occupied & (image.disparity >= lowest) & (image.disparity <= highest)
+    picture = np.broadcast_to(PAPER, (*shape, 3)).copy()
+    for colour, mask in zip(image.colour[::-1], chosen[::-1], strict=True):
+        picture[mask] = colour[mask][:, ::-1]
+    inside = ((rows >= 0) & (rows < shape[0]))[:, None] & ((columns >= 0) & (columns < shape[1]))
+    cut = picture[np.clip(rows, 0, shape[0] - 1)[:, None], np.clip(columns, 0, shape[1] - 1)]
+    return np.where(inside[..., None], cut, PAPER)
+
+
+def draw_sprites(sprites: SpriteSet, count: int = 24, columns: int = 4) -> Picture:
+    """Draw the largest sprites, each scaled to its tile, as figure 2.7."""
+    largest = sorted(sprites.sprites, key=lambda sprite: -sprite.num_values)[:count]
+    return in_rows([_draw_sprite(sprite, sprites.canvas) for sprite in largest], columns)
+
+
+def _draw_sprite(sprite: Sprite, canvas: Canvas) -> Picture:
+    texture = _textured(sprite.colour, sprite.mask)
+    disparity = _coloured(sprite.disparity, sprite.mask, canvas)
+    pair = np.hstack([texture, disparity])
+    scale = min(TILE_PX / pair.shape[1], TILE_PX / 2 / pair.shape[0], MAX_MAGNIFICATION)
+    size = max(1, round(scale * pair.shape[1])), max(1, round(scale * pair.shape[0]))
+    method = cv2.INTER_NEAREST if scale > 1.0 else cv2.INTER_AREA
+    tile = np.full((TILE_PX // 2, TILE_PX, 3), 255, np.uint8)
+    tile[: size[1], : size[0]] = cv2.resize(pair, size, interpolation=method)
+    return with_title(tile, f"{sprite.num_values} values, {scale:.1f}x")
+
+
+def layers_gallery(image: LayeredDepthImage) -> Gallery:
+    """Return the page of a layered depth image."""
+    canvas, counts = image.canvas, image.counts()
+    white = min(canvas.num_cameras, 255)
+    groups = []
+    for number, mask in enumerate(image.occupied):
+        shown = (
+            Shown("texture", _textured(image.colour[number], mask)),
+            Shown("disparity", _coloured(image.disparity[number], mask, canvas), "near is bright"),
+            Shown("votes", colour_counts(image.votes[number], white), "white: all cameras"),
+        )
+        groups.append(Group(f"layer {number + 1}", shown))
+    values = Shown("values per pixel", draw_values_per_pixel(image), "black none, white three or more")
+    groups.append(Group("all layers", (values,)))
+    by_layer = zip(counts["num_values_by_layer"], image.occupied, strict=True)
+    rows = tuple(
+        (f"layer {number}", str(inside), str(int(np.count_nonzero(mask)) - inside))
+        for number, (inside, mask) in enumerate(by_layer, start=1)
+    )
+    caption = f"Values inside the frame of {canvas.reference}, and beyond it"
+    preface = (
+        f"{canvas.num_cameras} views merged in the frame of {canvas.reference}: "
+        f"{counts['increase_percent']:+.1f} % more values inside it than one disparity map has."
+    )
+    table = Table("Values", caption, ("layer", "inside", "beyond"), rows)
+    return Gallery("Layered depth image", preface, groups, [table])
+
+
+def sprites_gallery(sprites: SpriteSet) -> Gallery:
+    """Return the page of sprites."""
+    largest = sorted(enumerate(sprites.sprites), key=lambda entry: -entry[1].num_values)[:SHOWN_SPRITES]
+    groups = []
+    for number, sprite in largest:
+        shown = (
+            Shown("texture", _textured(sprite.colour, sprite.mask), f"{sprite.num_values} values"),
+            Shown("disparity", _coloured(sprite.disparity, sprite.mask, sprites.canvas), "near is bright"),
+        )
+        groups.append(Group(f"sprite {number}", shown))
+    preface = f"{len(sprites.sprites)} sprites of the frame of {sprites.canvas.reference}, the largest first."
+    return Gallery("Sprites with depth", preface, groups)
+
+
+def _textured(colour: Bytes, mask: Mask) -> Picture:
+    return _on_paper(colour[:, :, ::-1], mask)
+
+
+def _coloured(disparity: Singles, mask: Mask, canvas: Canvas) -> Picture:
+    return _on_paper(colour_disparity(disparity, canvas.labels.lowest, canvas.labels.highest), mask)
+
+
+def _on_paper(picture: Picture, mask: Mask) -> Picture:
+    return np.where(mask[..., None], picture, PAPER)
+
+
+def run_layers(arguments: argparse.Namespace) -> int:
     """Write the layered depth image of a reconstruction."""
-    from dvc.files import atomic_folder
-    from dvc.layers.layer_folders import write_layers
-    from dvc.layers.layered_depth_image import layered_depth_image
-    from dvc.picture_files import write_png
-    from dvc.stereo.layer_pictures import PAGE, draw_layers, draw_values_per_pixel, layers_gallery
-    from dvc.stereo.meshes import layers_shape, write_shape
-    from dvc.stereo.surfaces.surface_folder import read_reconstruction
-    from dvc.web.gallery import write_gallery
-
     meshes = check_outputs(arguments, [arguments.path])
-    reconstruction = read_reconstruction(arguments.path)
-    with cli.progress_bar("layers", len(reconstruction.array), arguments.quiet) as advance:
-        image = layered_depth_image(reconstruction, advance=advance)
+    image = _merged_layers(arguments)
     with atomic_folder(arguments.out) as folder:
         write_layers(folder, image)
         write_png(folder / "preview-layers.png", draw_layers(image))
@@ -70,43 +147,29 @@ def _run_layers(arguments: argparse.Namespace) -> int:
         write_gallery(folder / PAGE, layers_gallery(image))
     for path in meshes:
         write_shape(path, layers_shape(image))
-    if arguments.json is not None:
-        cli.write_json(arguments.json, image.counts())
-    if arguments.json != "-" and not arguments.quiet:
-        sys.stdout.write(_counts_text(image) + "\n")
-    return 0
-
-
-def _counts_text(image: "LayeredDepthImage") -> str:
-    """Format the counts in one line."""
     counts, canvas = image.counts(), image.canvas
-    return (
+    text = (
         f"{counts['num_layers']} layers of {canvas.num_cameras} views: "
         f"{counts['num_values_inside']} values in the frame of {canvas.reference} "
         f"({counts['increase_percent']:+.1f} %), "
         f"{counts['num_values_beyond']} beyond it"
     )
+    write_results(arguments.json, counts, "" if arguments.quiet else text)
+    return 0
 
 
-def _add_sprites_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `dvc-stereo sprites`."""
-    written = "folder of `dvc-stereo layers` or `dvc-stereo reconstruct`"
-    parser.add_argument("path", metavar="DIR", help=written)
-    _add_output_options(parser)
+def _merged_layers(arguments: argparse.Namespace) -> LayeredDepthImage:
+    """Merge the surfaces of a reconstruction."""
+    reconstruction = read_reconstruction(arguments.path)
+    with cli.progress_bar("layers", len(reconstruction.array), arguments.quiet) as advance:
+        return layered_depth_image(reconstruction, advance=advance)
 
 
-def _run_sprites(arguments: argparse.Namespace) -> int:
+def run_sprites(arguments: argparse.Namespace) -> int:
     """Write the sprites of a layered depth image or of a reconstruction."""
-    from dvc.files import atomic_folder
-    from dvc.layers.layer_folders import write_sprites
-    from dvc.layers.sprites import extract_sprites
-    from dvc.picture_files import write_png
-    from dvc.stereo.layer_pictures import PAGE, draw_sprites, sprites_gallery
-    from dvc.stereo.meshes import sprites_shape, write_shape
-    from dvc.web.gallery import write_gallery
-
     meshes = check_outputs(arguments, [arguments.path])
-    image = _read_layers(Path(arguments.path), arguments.quiet)
+    is_reconstruction = (Path(arguments.path) / INDEX).is_file()
+    image = _merged_layers(arguments) if is_reconstruction else read_layers(arguments.path)
     if not image.occupied.any():
         raise ConfigError(f"{arguments.path}: the layers have no values")
     with cli.progress_bar("sprites", int(image.occupied.sum()), arguments.quiet) as advance:
@@ -118,30 +181,12 @@ def _run_sprites(arguments: argparse.Namespace) -> int:
     for path in meshes:
         write_shape(path, sprites_shape(sprites))
     counts = _sprite_counts(image, sprites)
-    if arguments.json is not None:
-        cli.write_json(arguments.json, counts)
-    if arguments.json != "-" and not arguments.quiet:
-        sys.stdout.write(f"{counts['num_sprites']} sprites of {counts['num_values']} values\n")
+    text = f"{counts['num_sprites']} sprites of {counts['num_values']} values"
+    write_results(arguments.json, counts, "" if arguments.quiet else text)
     return 0
 
 
-def _read_layers(path: Path, quiet: bool) -> "LayeredDepthImage":
-    from dvc.layers.layer_folders import read_layers
-    from dvc.layers.layered_depth_image import layered_depth_image
-    from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction
-
-    if not (path / INDEX).is_file():
-        return read_layers(path)
-    reconstruction = read_reconstruction(path)
-    with cli.progress_bar("layers", len(reconstruction.array), quiet) as advance:
-        return layered_depth_image(reconstruction, advance=advance)
-
-
-def _sprite_counts(image: "LayeredDepthImage", sprites: "SpriteSet") -> dict[str, Any]:
-    import numpy as np
-
-    from dvc.layers.sprites import composite
-
+def _sprite_counts(image: LayeredDepthImage, sprites: SpriteSet) -> dict[str, Any]:
     frame = image.canvas.frame.slices
     colour, _, mask = composite(sprites)
     first = image.colour[0] * image.occupied[0][..., None]
@@ -156,19 +201,3 @@ def _sprite_counts(image: "LayeredDepthImage", sprites: "SpriteSet") -> dict[str
         ),
         "num_values_by_sprite": sizes,
     }
-
-
-LAYERS = Subcommand(
-    "layered depth image from surfaces",
-    _LAYERS_DESCRIPTION,
-    _add_layers_options,
-    _run_layers,
-    _LAYERS_EXAMPLES,
-)
-SPRITES = Subcommand(
-    "sprites with depth from layers",
-    _SPRITES_DESCRIPTION,
-    _add_sprites_options,
-    _run_sprites,
-    _SPRITES_EXAMPLES,
-)

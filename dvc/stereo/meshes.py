@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.errors import ConfigError, DvcError
 from dvc.files import atomic_output
 from dvc.geometry.camera_array import LatticePosition
@@ -20,8 +21,7 @@ from dvc.layers.layered_depth_image import LayeredDepthImage
 from dvc.layers.sprites import JUMP, SpriteSet
 from dvc.stereo.rectification.rectified_space import Rectification
 
-Floats = NDArray[np.float64]
-Layer = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.bool_]]
+Layer = tuple[Bytes, Singles, Mask]
 """Colour, disparity and mask on a canvas."""
 _UPRIGHT = np.array([1.0, -1.0, -1.0])
 
@@ -31,8 +31,8 @@ class Shape:
     """Coloured points, and triangles between them."""
 
     points: Floats  # positions
-    colours: NDArray[np.uint8]  # red, green and blue
-    triangles: NDArray[np.int64]  # indices of points, counterclockwise for the camera; none for a point set
+    colours: Bytes  # red, green and blue
+    triangles: Integers  # indices of points, counterclockwise for the camera; none for a point set
 
 
 def points_of_disparity(disparity: NDArray[np.floating], lowest: float, highest: float) -> Floats:
@@ -48,7 +48,7 @@ def points_of_disparity(disparity: NDArray[np.floating], lowest: float, highest:
 
 def points_in_world(
     disparity: NDArray[np.floating], position: LatticePosition, rectification: Rectification
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Mask]:
     """Return points in space of calibrated cameras, by the homography of space (2.12)."""
     y, x = np.indices(disparity.shape, dtype=np.float64)
     d = disparity.astype(np.float64)
@@ -63,10 +63,10 @@ def points_in_world(
 
 def surface_shape(
     points: Floats,
-    image: NDArray[np.uint8],
+    image: Bytes,
     disparity: NDArray[np.floating],
     max_step_px: float,
-    mask: NDArray[np.bool_] | None = None,
+    mask: Mask | None = None,
 ) -> Shape:
     """Turn the surface of a camera into a mesh that is torn at discontinuities."""
     mask = np.ones(disparity.shape, np.bool_) if mask is None else mask
@@ -120,7 +120,7 @@ def write_shape(path: Path, shape: Shape) -> None:
     """Write points or a mesh."""
     if not len(shape.points):
         raise DvcError(f"cannot write {path}: the surface has no points")
-    trimesh = _trimesh()
+    trimesh = trimesh_module()
     kind = path.suffix.lower()[1:]
     points = shape.points * _UPRIGHT if kind == "glb" else shape.points
     if len(shape.triangles):
@@ -133,12 +133,8 @@ def write_shape(path: Path, shape: Shape) -> None:
         temporary.write_bytes(content)
 
 
-def require_trimesh() -> None:
-    """Refuse to continue without trimesh."""
-    _trimesh()
-
-
-def _trimesh() -> Any:
+def trimesh_module() -> Any:
+    """Return trimesh; refuse to continue without it."""
     try:
         import trimesh
     except ImportError as err:

@@ -3,59 +3,39 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from dvc import array_files, cli
 from dvc.errors import ConfigError
-from dvc.stereo.stereo_options import (
-    add_export_options,
-    add_truth_options,
-    check_outputs,
-    read_truth_of,
-    rectified_views,
+from dvc.files import atomic_folder, check_folder
+from dvc.geometry.camera_array import CameraArray, DisparityLabels, Reconstruction
+from dvc.geometry.camera_files import AUTO
+from dvc.stereo.evaluation import evaluate, read_truth_of
+from dvc.stereo.meshes import points_in_world, points_of_disparity, surface_shape, write_shape
+from dvc.stereo.rectification.rectified_array import (
+    RectifiedArray,
+    check_disparities,
+    labels_of_matches,
+    rectified_array,
 )
-from dvc.stereo.surfaces.stereo_settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES, StereoSettings
-from dvc.subcommands import Subcommand
-
-if TYPE_CHECKING:
-    from dvc.geometry.camera_array import CameraArray, DisparityLabels, Reconstruction
-    from dvc.stereo.rectification.rectified_array import RectifiedArray
-    from dvc.stereo.rectification.rectified_folder import RectifiedViews
-    from dvc.stereo.rectification.rectified_space import Rectification
-    from dvc.stereo.surface_report import Truth
-
-_RECTIFY_EXAMPLES = """\
-  dvc-stereo rectify *.jpg --cameras auto --out rectified
-  dvc-stereo rectify a.png b.png --cameras cameras.json --out rectified
-  dvc-stereo rectify *.png --cameras sparse/0 --views views.csv --out rectified
-"""
-_RECONSTRUCT_EXAMPLES = """\
-  dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
-  dvc-stereo reconstruct a.png b.png c.png --lattice -1,0 0,0 1,0 --disparities -4:12:0.5 --out surfaces
-  dvc-stereo reconstruct *.png --views views.csv --disparities 0:16 --out surfaces --ply surfaces.ply
-  dvc-stereo reconstruct im2.png im6.png --disparities 0:60 --truth disp2.png --truth-scale 4 --out teddy
-  dvc-stereo reconstruct *.jpg --cameras auto --out surfaces
-  dvc-stereo reconstruct rectified --out surfaces
-"""
+from dvc.stereo.rectification.rectified_folder import (
+    RectifiedViews,
+    as_views,
+    read_rectified,
+    write_original_views,
+    write_rectified,
+)
+from dvc.stereo.rectification.rectified_space import Rectification
+from dvc.stereo.stereo_options import check_outputs, write_results
+from dvc.stereo.surface_report import Truth, check_views, reported, summary, write_previews
+from dvc.stereo.surfaces.reconstruct import most_steps, reconstruct
+from dvc.stereo.surfaces.stereo_settings import StereoSettings
+from dvc.stereo.surfaces.surface_folder import write_reconstruction
 
 
-def _add_rectify_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `dvc-stereo rectify`."""
-    parser.add_argument("paths", nargs="+", metavar="VIEW", help="picture of a camera")
-    array_files.add_camera_option(parser, required=True)
-    array_files.add_lattice_options(parser, "found from the cameras")
-    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
-
-
-def _rectify(arguments: argparse.Namespace) -> int:
+def run_rectify(arguments: argparse.Namespace) -> int:
     """Write the rectified views of pictures."""
-    from dvc.files import atomic_folder, check_folder
-    from dvc.stereo.rectification.rectified_folder import write_rectified
-
     check_folder(arguments.out)
-    positions = array_files.positions_of(arguments, arguments.paths)
-    rectified = rectified_views(arguments, positions, with_matches=True)
+    rectified = _rectified_views(arguments, with_matches=True)
     with atomic_folder(arguments.out) as folder:
         write_rectified(folder, rectified)
     if not arguments.quiet:
@@ -63,7 +43,7 @@ def _rectify(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _rectification_text(rectified: "RectifiedArray") -> str:
+def _rectification_text(rectified: RectifiedArray) -> str:
     height, width = rectified.array.shape
     labels, matches = rectified.labels, rectified.matches
     lines = [
@@ -79,58 +59,8 @@ def _rectification_text(rectified: "RectifiedArray") -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def _add_reconstruct_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `dvc-stereo reconstruct`."""
-    views = "picture of a camera; or the folder of `dvc-stereo rectify`"
-    parser.add_argument("paths", nargs="+", metavar="VIEW", help=views)
-    array_files.add_array_options(parser)
-    array_files.add_camera_option(parser)
-    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
-    add_truth_options(parser, required=False)
-    parser.add_argument(
-        "--json", metavar="FILE", help="write the results; - for standard output, instead of text"
-    )
-    add_export_options(parser)
-    _add_method(parser)
-    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
-
-
-def _add_method(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("method")
-    cost = "census: robust, summed over regions of one colour; squared: single pixels; default: census"
-    group.add_argument("--cost", choices=COST_NAMES, default="census", help=cost)
-    group.add_argument(
-        "--inference",
-        choices=INFERENCE_NAMES,
-        default=StereoSettings.inference,
-        help="messages between neighbours, or only scanlines, which is faster; default: %(default)s",
-    )
-    group.add_argument(
-        "--occlusion",
-        choices=OCCLUSION_NAMES,
-        default=OCCLUSION_NAMES[0],
-        help="visibility from surfaces, the better one of opposite views, or none; default: %(default)s",
-    )
-    cli.add_integer(
-        group,
-        "--iterations",
-        (1, 20),
-        "largest number of iterations; large views begin with their smallest size, for which this counts, and"
-        " take two more for each larger one",
-        default=3,
-    )
-    group.add_argument("--sub-pixel", action="store_true", help="disparities between those of --disparities")
-    cli.add_integer(group, "--jobs", (1, 256), "threads; the result is the same", default=1)
-
-
-def _reconstruct(arguments: argparse.Namespace) -> int:
+def run_reconstruct(arguments: argparse.Namespace) -> int:
     """Write the surfaces of all views."""
-    from dvc.files import atomic_folder
-    from dvc.stereo.rectification.disparity_range import check_disparities
-    from dvc.stereo.surface_report import check_views, reported, summary, write_previews
-    from dvc.stereo.surfaces.reconstruct import most_steps, reconstruct
-    from dvc.stereo.surfaces.surface_folder import write_reconstruction
-
     maps = [name for name in (arguments.truth, arguments.mask) if name is not None]
     shapes = check_outputs(arguments, [*arguments.paths, *array_files.table_files(arguments), *maps])
     array, labels, rectified = _views(arguments)
@@ -138,15 +68,19 @@ def _reconstruct(arguments: argparse.Namespace) -> int:
     warnings = check_views(array, labels)
     if rectified is None and arguments.disparities is not None:
         check_disparities(array, labels, arguments.jobs)
-    settings = _settings(arguments)
+    settings = StereoSettings(
+        cost=arguments.cost,
+        inference=arguments.inference,
+        occlusion=arguments.occlusion,
+        max_iterations=arguments.iterations,
+        sub_pixel=arguments.sub_pixel,
+    )
     with atomic_folder(arguments.out) as folder:
         total = most_steps(array, labels, settings)
         with cli.progress_bar("surfaces", total, arguments.quiet) as advance:
             result = reconstruct(array, labels, settings, jobs=arguments.jobs, advance=advance)
         result = reported(result, truth, warnings)
         if rectified is not None:
-            from dvc.stereo.rectification.rectified_folder import write_original_views
-
             result.figures["rectification"] = rectified.index
             write_original_views(folder, result, rectified.rectification)
         write_reconstruction(folder, result, arguments.jobs)
@@ -154,31 +88,13 @@ def _reconstruct(arguments: argparse.Namespace) -> int:
     _write_shapes(shapes, result, None if rectified is None else rectified.rectification)
     for warning in result.figures["warnings"]:
         sys.stderr.write(f"dvc-stereo: {cli.one_line(warning)}\n")
-    if arguments.json is not None:
-        cli.write_json(arguments.json, result.figures)
-    if not arguments.quiet and arguments.json != "-":
-        sys.stdout.write(
-            f"{summary(result)}\n{arguments.out}: {Path(arguments.out) / 'index.html'} shows it\n"
-        )
+    text = f"{summary(result)}\n{arguments.out}: {Path(arguments.out) / 'index.html'} shows it"
+    write_results(arguments.json, result.figures, "" if arguments.quiet else text)
     return 0
 
 
-def _settings(arguments: argparse.Namespace) -> StereoSettings:
-    return StereoSettings(
-        cost=arguments.cost,
-        inference=arguments.inference,
-        occlusion=arguments.occlusion,
-        max_iterations=arguments.iterations,
-        sub_pixel=arguments.sub_pixel,
-    )
-
-
-def _views(
-    arguments: argparse.Namespace,
-) -> tuple["CameraArray", "DisparityLabels", "RectifiedViews | None"]:
+def _views(arguments: argparse.Namespace) -> tuple[CameraArray, DisparityLabels, RectifiedViews | None]:
     """Read the views, rectify them if cameras are given, and find disparities if none are given."""
-    from dvc.stereo.rectification.disparity_range import labels_of_matches
-
     rectified = _rectified(arguments)
     if rectified is None:
         array = array_files.load_array(arguments.paths, array_files.positions_of(arguments, arguments.paths))
@@ -190,15 +106,13 @@ def _views(
     return array, labels, rectified
 
 
-def _rectified(arguments: argparse.Namespace) -> "RectifiedViews | None":
+def _rectified(arguments: argparse.Namespace) -> RectifiedViews | None:
     """Read a folder of rectified views, or rectify views if cameras are given."""
     folders = [path for path in arguments.paths if Path(path).is_dir()]
     if not folders and arguments.cameras is None:
         return None
-    from dvc.stereo.rectification.rectified_folder import as_views, read_rectified
-
     if not folders:
-        return as_views(rectified_views(arguments, array_files.positions_of(arguments, arguments.paths)))
+        return as_views(_rectified_views(arguments))
     if len(arguments.paths) > 1:
         raise ConfigError(f"{folders[0]}: a folder of rectified views excludes other views")
     if arguments.cameras or arguments.lattice or arguments.views:
@@ -206,10 +120,7 @@ def _rectified(arguments: argparse.Namespace) -> "RectifiedViews | None":
     return read_rectified(Path(folders[0]))
 
 
-def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None":
-    from dvc.stereo.evaluation import evaluate
-    from dvc.stereo.surface_report import Truth
-
+def _truth(arguments: argparse.Namespace, array: CameraArray) -> Truth | None:
     if arguments.truth is None:
         if arguments.mask is not None or arguments.truth_scale is not None:
             raise ConfigError("--mask and --truth-scale require --truth")
@@ -222,12 +133,10 @@ def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None
     return Truth(truth, mask)
 
 
-def _write_shapes(paths: list[Path], result: "Reconstruction", rectification: "Rectification | None") -> None:
+def _write_shapes(paths: list[Path], result: Reconstruction, rectification: Rectification | None) -> None:
     """Write the surface of the reference view."""
     if not paths:
         return
-    from dvc.stereo.meshes import points_in_world, points_of_disparity, surface_shape, write_shape
-
     view, surface = result.array[result.array.reference], result.surfaces[result.array.reference]
     mask = view.valid
     if rectification is None:
@@ -240,17 +149,17 @@ def _write_shapes(paths: list[Path], result: "Reconstruction", rectification: "R
         write_shape(path, surface_shape(points, view.image, surface.disparity, step_px, mask))
 
 
-RECTIFY = Subcommand(
-    "rectified views of calibrated or plain pictures",
-    "Rectified views of cameras in a plane.",
-    _add_rectify_options,
-    _rectify,
-    _RECTIFY_EXAMPLES,
-)
-RECONSTRUCT = Subcommand(
-    "surfaces of all views",
-    "Surfaces of all views, consistent with each other and with the points that they hide.",
-    _add_reconstruct_options,
-    _reconstruct,
-    _RECONSTRUCT_EXAMPLES,
-)
+def _rectified_views(arguments: argparse.Namespace, with_matches: bool = False) -> RectifiedArray:
+    """Read pictures and rectify them."""
+    positions = array_files.positions_of(arguments, arguments.paths)
+    # the duration of an estimation of cameras is unknown
+    label, total = ("cameras, views", None) if arguments.cameras == AUTO else ("views", len(arguments.paths))
+    with cli.progress_bar(label, total, arguments.quiet) as advance:
+        return rectified_array(
+            arguments.paths,
+            arguments.cameras,
+            positions,
+            with_matches=with_matches,
+            keep_cameras=arguments.keep_cameras,
+            advance=advance,
+        )

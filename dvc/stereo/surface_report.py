@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, Reconstruction, Surface
 from dvc.picture_files import write_png
 from dvc.stereo.evaluation import disparity_error, evaluate
-from dvc.web.drawing import Picture, colour_disparity, colour_error, disparity_legend
+from dvc.web.drawing import colour_disparity, colour_error, disparity_legend
 from dvc.web.gallery import Gallery, Group, Shown, Table, write_gallery
 
 PAGE = "index.html"
@@ -26,8 +26,8 @@ THRESHOLDS_PX = (0.5, 1.0, 2.0)
 class Truth:
     """True disparities of the reference view."""
 
-    disparity: NDArray[np.float64]  # in pixels per unit of m; NaN if unknown
-    mask: NDArray[np.bool_] | None = None  # pixels that count; None: all
+    disparity: Floats  # in pixels per unit of m; NaN if unknown
+    mask: Mask | None = None  # pixels that count; None: all
 
 
 def check_views(array: CameraArray, labels: DisparityLabels) -> list[str]:
@@ -96,13 +96,23 @@ def write_previews(
 
     def _previewed(index: int) -> Group:
         view, surface = array[index], reconstruction.surfaces[index]
-        coloured = _coloured(view, surface, labels)
+        disparity = surface.disparity
+        if view.valid is not None:
+            disparity = np.where(view.valid, disparity, np.float32(np.nan))
+        coloured = colour_disparity(disparity, labels.lowest, labels.highest)
         write_png(folder / f"preview-{view.name}.png", np.vstack([coloured, legend]))
-        error = None
+        shown = [
+            Shown("view", np.ascontiguousarray(view.image[:, :, ::-1])),
+            Shown("disparity", coloured, "near is bright"),
+            Shown("occluded", surface.occluded.astype(np.uint8) * 255, "white is seen in no other view"),
+            Shown("confidence", np.rint(surface.confidence * 255).astype(np.uint8), "white is sure"),
+        ]
         if truth is not None and index == array.reference:
             error = colour_error(*disparity_error(surface.disparity, truth.disparity, truth.mask))
             write_png(folder / f"error-{view.name}.png", error)
-        return _group(view.name, np.ascontiguousarray(view.image[:, :, ::-1]), surface, coloured, error)
+            text = "orange beyond 0.5 px, red beyond 1 px; grey does not count"
+            shown.append(Shown("error", error, text))
+        return Group(view.name, tuple(shown))
 
     with ThreadPoolExecutor(jobs) as pool:
         groups = list(pool.map(_previewed, range(len(array))))
@@ -141,25 +151,6 @@ def _range_warnings(
                 "the scene may extend beyond --disparities"
             )
     return warnings
-
-
-def _coloured(view: ArrayView, surface: Surface, labels: DisparityLabels) -> Picture:
-    disparity = surface.disparity if view.valid is None else np.where(view.valid, surface.disparity, np.nan)
-    return colour_disparity(disparity, labels.lowest, labels.highest)
-
-
-def _group(name: str, image: Picture, surface: Surface, coloured: Picture, error: Picture | None) -> Group:
-    occluded = surface.occluded.astype(np.uint8) * 255
-    confidence = np.rint(surface.confidence * 255).astype(np.uint8)
-    shown = [
-        Shown("view", image),
-        Shown("disparity", coloured, "near is bright"),
-        Shown("occluded", occluded, "white is seen in no other view"),
-        Shown("confidence", confidence, "white is sure"),
-    ]
-    if error is not None:
-        shown.append(Shown("error", error, "orange beyond 0.5 px, red beyond 1 px; grey does not count"))
-    return Group(name, tuple(shown))
 
 
 def _gallery(reconstruction: Reconstruction, groups: Sequence[Group]) -> Gallery:

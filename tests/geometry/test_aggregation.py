@@ -1,38 +1,41 @@
-"""Aggregation of costs over regions of one colour along a base surface, against plain sums."""
+"""Aggregation of costs over regions of one colour along a base surface, and combination of costs."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc._jit import python_twin
 from dvc.geometry import aggregation
-from dvc.geometry.aggregation import DARK_LEVEL, Window, aggregate, cross_arms, evened_levels
+from dvc.geometry.aggregation import (
+    DARK_LEVEL,
+    Window,
+    aggregate,
+    cross_arms,
+    defined_costs,
+    evened_levels,
+    mean_costs,
+    smaller_costs,
+)
 from dvc.geometry.matching_costs import WeightedCosts
 from tests.reference import cost_volumes as reference
+from tests.twins import compiled_and_python
 
 SHAPE = (7, 9)
 JUMP = 20
 """A step of the base surface that is a discontinuity."""
 WINDOW = Window(reach_px=5, near_reach_px=2, iterations=1)
-KERNELS = "_grow_arms", "_cut_arms", "_sum_rows", "_sum_columns", "_apply_weights", "_normalise"
-
-
-@pytest.fixture(params=["compiled", "python"])
-def _kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run the functions on compiled kernels, and on their Python."""
-    if request.param == "python":
-        for name in KERNELS:
-            function: Callable[..., Any] = python_twin(getattr(aggregation, name))
-            monkeypatch.setattr(aggregation, name, function)
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(2009)
+KERNELS = (
+    "_count_even_steps",
+    "_shorten_arms",
+    "_sum_rows",
+    "_sum_columns",
+    "_normalise",
+    "_keep_smaller",
+    "_keep_mean",
+)
+_kind = compiled_and_python(aggregation, *KERNELS)
+pytestmark = [pytest.mark.nojit, pytest.mark.usefixtures("_kind")]
 
 
 def patches(rng: np.random.Generator, shape: tuple[int, int] = SHAPE) -> NDArray[np.uint8]:
@@ -42,11 +45,8 @@ def patches(rng: np.random.Generator, shape: tuple[int, int] = SHAPE) -> NDArray
     return levels
 
 
-@pytest.mark.nojit
-@pytest.mark.usefixtures("_kind")
 @pytest.mark.parametrize("window", [WINDOW, Window(9, 3, 1, limit=12, far_limit=4)])
 def test_arms(rng: np.random.Generator, window: Window) -> None:
-    """They end where the colour changes, farther away at a smaller change, and reach a pixel in any case."""
     image = np.repeat(patches(rng), 2, axis=1)
     arms = cross_arms(image, window)
     limits = window.reach_px, window.near_reach_px, window.limit, window.far_limit
@@ -58,7 +58,6 @@ def test_arms(rng: np.random.Generator, window: Window) -> None:
 
 
 def test_small_steps_count_more_in_the_dark() -> None:
-    """Levels stay apart as they are but for dark ones, whose steps grow with the inverse square root."""
     levels = evened_levels().astype(np.int64)
     np.testing.assert_array_equal(np.diff(levels[DARK_LEVEL:]), 1)
     assert (np.diff(levels) >= 1).all()
@@ -71,8 +70,6 @@ def test_small_steps_count_more_in_the_dark() -> None:
     assert reach == [3, 8]
 
 
-@pytest.mark.nojit
-@pytest.mark.usefixtures("_kind")
 @pytest.mark.parametrize("iterations", [1, 2, 3])
 def test_weighted_means_along_a_base_surface(rng: np.random.Generator, iterations: int) -> None:
     """Labels are counted from the base, arms end at its jumps and at the first and last row."""
@@ -91,7 +88,6 @@ def test_weighted_means_along_a_base_surface(rng: np.random.Generator, iteration
 
 
 def test_region_of_one_colour_is_a_window() -> None:
-    """Where nothing ends the arms the cost is the mean of a square, and all of it is known."""
     rng = np.random.default_rng(3)
     cost = rng.random((13, 15, 3))
     costs = WeightedCosts(cost.astype(np.float32), np.ones(cost.shape, np.float32))
@@ -105,7 +101,6 @@ def test_region_of_one_colour_is_a_window() -> None:
 
 
 def test_what_is_not_known_takes_what_its_region_says() -> None:
-    """Costs without weight do not count, whatever they are; the weight tells what share is known."""
     cost = np.full((9, 9, 2), 0.25, np.float32)
     weight = np.ones_like(cost)
     cost[2:7, 2:7, 0], weight[2:7, 2:7, 0] = 77.0, 0.0
@@ -120,7 +115,6 @@ def test_what_is_not_known_takes_what_its_region_says() -> None:
 
 
 def test_windows_follow_a_slanted_surface() -> None:
-    """Noise is averaged away where labels are counted from the surface, which a flat window blurs."""
     rng = np.random.default_rng(8)
     shape, count = (25, 40), 24
     base = (np.indices(shape)[1] // 2 + 2).astype(np.int64)
@@ -135,3 +129,60 @@ def test_windows_follow_a_slanted_surface() -> None:
     assert wrong[0] == 0
     assert wrong[1] > 300
     assert np.count_nonzero(cost.argmin(axis=2) != base) > 300
+
+
+COST_SHAPE = (3, 4, 5)
+
+
+def costs(seed: int, weight: Any = None) -> WeightedCosts:
+    rng = np.random.default_rng(seed)
+    known = rng.integers(0, 2, COST_SHAPE) if weight is None else np.broadcast_to(weight, COST_SHAPE)
+    return WeightedCosts(rng.random(COST_SHAPE).astype(np.float32), known.astype(np.float32).copy())
+
+
+def copied(one: WeightedCosts) -> WeightedCosts:
+    return WeightedCosts(one.cost.copy(), one.weight.copy())
+
+
+def test_smaller_cost_of_two_that_are_known() -> None:
+    first, second = costs(1), costs(2)
+    found = smaller_costs(copied(first), second)
+    both = (first.weight > 0) & (second.weight > 0)
+    np.testing.assert_array_equal(found.cost[both], np.minimum(first.cost, second.cost)[both])
+    for one, other in ((first, second), (second, first)):
+        alone = (one.weight > 0) & (other.weight == 0)
+        np.testing.assert_array_equal(found.cost[alone], one.cost[alone])
+    np.testing.assert_array_equal(found.weight, np.maximum(first.weight, second.weight))
+
+
+@pytest.mark.parametrize(
+    ("mine", "theirs", "is_compared"),
+    [(1.0, 0.6, True), (0.5, 0.9, True), (1.0, 0.4, False), (0.2, 0.5, False)],
+)
+def test_cost_of_which_little_is_known_does_not_count(mine: float, theirs: float, is_compared: bool) -> None:
+    first, second = costs(1, mine), costs(2, theirs)
+    found = smaller_costs(copied(first), second)
+    better = first if mine > theirs else second
+    expected = np.minimum(first.cost, second.cost) if is_compared else better.cost
+    np.testing.assert_array_equal(found.cost, expected)
+    assert set(np.unique(found.weight)) <= {np.float32(mine), np.float32(theirs)}
+
+
+def test_mean_is_weighted() -> None:
+    """The mean of defined costs (2.20) has the larger weight."""
+    first, second = costs(3), costs(4, np.linspace(0.0, 1.0, COST_SHAPE[2]))
+    found = mean_costs(copied(first), second)
+    total = first.weight + second.weight
+    known = total > 0
+    expected = (first.cost * first.weight + second.cost * second.weight)[known] / total[known]
+    np.testing.assert_allclose(found.cost[known], expected, rtol=1e-6)
+    np.testing.assert_array_equal(found.weight, np.maximum(first.weight, second.weight))
+    assert np.isfinite(found.cost).all()
+
+
+def test_what_is_not_known_becomes_a_constant() -> None:
+    first = costs(5)
+    found = defined_costs(copied(first), 0.5, 0.1)
+    assert found[first.weight == 0] == pytest.approx(0.5)
+    known = first.weight == 1
+    np.testing.assert_allclose(found[known], (first.cost[known] + 0.05) / 1.1, rtol=1e-6)

@@ -70,7 +70,6 @@ def test_distortion_that_folds_the_picture_is_refused() -> None:
 
 
 def test_radial_distortion_is_as_documented() -> None:
-    """With k1 alone, x is seen at x (1 + k1 |x|^2)."""
     camera = Camera("a", np.diag([100.0, 100.0, 1.0]), np.eye(3), np.zeros(3), (9, 9), (0.2, 0.0, 0.0, 0.0))
     np.testing.assert_allclose(camera.distorted(np.array([[50.0, 0.0]])), [[50.0 * (1 + 0.2 * 0.25), 0.0]])
 
@@ -163,7 +162,6 @@ GOOD = [entry(camera) for camera in random_rig(3, [(0.0, 0.0), (1.0, 0.0)])]
     ],
 )
 def test_wrong_files_say_what_is_wrong(tmp_path: Path, document: object, message: str) -> None:
-    """One clear line, whatever is in the file."""
     with pytest.raises(ConfigError, match=message):
         load_cameras(written(tmp_path / "cameras", document), NAMES, PICTURES)
 
@@ -197,7 +195,6 @@ def test_counts_beyond_binary_files_are_refused(tmp_path: Path, name: str, offse
 
 
 def test_cameras_of_blank_pictures_cannot_be_estimated() -> None:
-    """Two and three views without features fail with one line."""
     for count in (2, 3):
         with pytest.raises(DvcError, match=f"{'two' if count == 2 else count} views cannot be estimated"):
             load_cameras("auto", [f"{k}.png" for k in range(count)], PICTURES[:1] * count)

@@ -1,4 +1,4 @@
-"""Depth of two views of a scene of two planes, and what is rendered of it."""
+"""Depth of two views of a scene of two planes: its estimation, continuation and rendering."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from dvc.geometry.cameras import inverse_depth_range
-from dvc.geometry.continuation import Visibility
+from dvc.geometry.continuation import SeenDepth, Slopes, Visibility, continue_surfaces
 from dvc.geometry.depth_maps import KnownDepth, estimate_depths
 from dvc.geometry.plane_sweep import SweepSettings, depth_hypotheses
 from dvc.geometry.rendering import OCCLUDED_WEIGHT, fill_holes, render_depth, visibility_weights
@@ -21,7 +21,6 @@ FIRST, SECOND = (render(position, FRAME)[0] for position in (0.0, 1.0))
 
 
 def test_depth_is_the_true_one() -> None:
-    """What is called reliable is right to a tenth of the parallax, nearly everywhere."""
     for view, position in zip(estimate_depths(MODEL.view_pair, FIRST, SECOND), (0.0, 1.0), strict=True):
         scale = np.sqrt(3.0) / np.linalg.norm(np.eye(3)) if position == 0.0 else 1.0
         truth = render(position, FRAME)[1] / scale
@@ -32,7 +31,6 @@ def test_depth_is_the_true_one() -> None:
 
 
 def test_hypotheses_cover_the_scene() -> None:
-    """Hypotheses span all known depths with a margin, in steps of the wanted parallax."""
     warp = warp_matrix(MODEL.first_camera, MODEL.second_camera, FRAME)
     known, settings = 1.0 / MODEL.depths, SweepSettings()
     limits = inverse_depth_range(known)
@@ -46,7 +44,6 @@ def test_hypotheses_cover_the_scene() -> None:
 
 
 def test_known_points_stretch_the_range() -> None:
-    """What is nearer than the range is found once a point of it is known, or of something nearer still."""
     far, near = MODEL.view_pair.inverse_depth_ranges[0]
     truth = render(0.0, FRAME)[1]
     in_front = truth > 0.5 * (far + near)
@@ -59,7 +56,6 @@ def test_known_points_stretch_the_range() -> None:
 
 
 def test_known_points_within_reach_change_nothing() -> None:
-    """Hypotheses go beyond the range by a margin; a known point within it does not move them."""
     far, near = limits = MODEL.view_pair.inverse_depth_ranges[0]
     margin = SweepSettings().near_margin * (near - far)
     usual = _depth_with_point(near, limits)
@@ -68,7 +64,7 @@ def test_known_points_within_reach_change_nothing() -> None:
 
 
 def _depth_with_point(inverse_depth: float, limits: tuple[float, float]) -> NDArray[np.float64]:
-    """Find the depth of the first view, in a range, with a point of both known where they agree on depth."""
+    """Estimate the depth of the first view with a known point in a region on which both views agree."""
     usual = estimate_depths(MODEL.view_pair, FIRST, SECOND)
     both = usual[0].depth.reliable & usual[1].depth.reliable
     inside = distance_transform_edt(np.pad(both, 1))[1:-1, 1:-1]
@@ -79,7 +75,6 @@ def _depth_with_point(inverse_depth: float, limits: tuple[float, float]) -> NDAr
 
 
 def test_rendering_from_the_own_camera_gives_the_own_depth() -> None:
-    """The view of a key frame is its own depth where that is reliable."""
     first, _ = estimate_depths(MODEL.view_pair, FIRST, SECOND)
     rendered = render_depth([first], first.camera, FRAME)
     inside = rendered.reliable & first.depth.reliable
@@ -99,10 +94,23 @@ def test_holes_take_the_depth_behind() -> None:
 
 
 def test_occluded_points_have_next_to_no_weight() -> None:
-    """Points of one view that the other shows nothing of weigh little there; all others weigh more."""
     first, second = estimate_depths(MODEL.view_pair, FIRST, SECOND)
     weights = visibility_weights(second, warp_grid(first.to_other, first.depth.inverse_depth))
     outside = first.depth.visibility == Visibility.OUTSIDE
     assert outside.any()
     assert weights[outside].max() < OCCLUDED_WEIGHT
     assert (weights[first.depth.reliable] > OCCLUDED_WEIGHT).mean() > 0.95
+
+
+def test_slopes_end_beyond_their_reach() -> None:
+    shape = 30, 40
+    column = np.indices(shape)[1]
+    plane = 0.3 + 0.004 * column
+    visibility = np.where(column < 15, Visibility.CONSISTENT, Visibility.OCCLUDED).astype(np.int8)
+    away = np.eye(3, 4)
+    away[0, 3] = 1000.0
+    unseen = SeenDepth(np.zeros(shape), np.full(shape, Visibility.OCCLUDED, np.int8))
+    luma, slopes = np.full(shape, 90.0), Slopes(6, 0.1, 5.0)
+    filled = continue_surfaces(SeenDepth(plane, visibility), luma, unseen, (away, away), slopes, 1.0)
+    assert filled[5, 16] - filled[5, 14] > 0.006
+    assert filled[:, 15:].max() <= plane[0, 14] + 5.0 * 0.004 + 1e-9

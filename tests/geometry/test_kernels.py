@@ -28,14 +28,7 @@ BACK = inverse_warp(THERE)
 TO_KEYS = [warp_matrix(camera_at(0.4), camera_at(position), FRAME) for position in (0.0, 1.0)]
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(5)
-
-
 def test_warp_grid(choose: Choose, rng: np.random.Generator) -> None:
-    """Every vertex goes where its point goes; those behind the camera are marked."""
     depth = rng.uniform(-40, 10, (4, 5))
     got = np.empty((4, 5, 3))
     choose(warping._warp_grid)(BACK, depth, -3.0, 2.5, got)
@@ -49,7 +42,6 @@ def test_warp_grid(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_rasterise(choose: Choose, rng: np.random.Generator) -> None:
-    """Triangles that turn over, lie outside or behind are left out; the nearest one wins elsewhere."""
     rows, columns = np.indices((5, 5))
     positions = np.stack([columns * 2.6, rows * 2.1, 0.2 * rows], -1) + rng.normal(0, 0.9, (5, 5, 3))
     positions[4, 4, 2] = EMPTY
@@ -72,7 +64,6 @@ def test_rasterise_discontinuities(choose: Choose) -> None:
 
 
 def test_discontinuities(choose: Choose, rng: np.random.Generator) -> None:
-    """Cells are marked whose corners move apart by more than is tolerated."""
     depth = np.where(rng.random(SHAPE) < 0.3, 0.9, 0.2)
     moved = np.empty((*SHAPE, 3))
     warping._warp_grid(THERE, depth, 0.0, 1.0, moved)
@@ -100,7 +91,6 @@ def test_sample_image(choose: Choose) -> None:
 
 
 def test_matching_cost(choose: Choose, rng: np.random.Generator) -> None:
-    """Differences are truncated each for itself, and points outside cost what is set."""
     base, other = rng.integers(80, 121, (2, *SHAPE), dtype=np.uint8)
     rhos = np.array([0.0, 0.3, 0.6, 0.9])
     levels, gradients = plane_sweep.LEVEL_LIMIT, plane_sweep.GRADIENT_LIMIT
@@ -158,7 +148,6 @@ def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> Non
 
 
 def test_check_consistency(choose: Choose, rng: np.random.Generator) -> None:
-    """All three states are met and told apart."""
     depth, other = rng.uniform(0.2, 0.9, (2, *SHAPE))
     visibility = np.empty(SHAPE, np.int8)
     choose(depth_maps._check_consistency)(depth, other, THERE, BACK, 0.4, visibility)
@@ -167,7 +156,6 @@ def test_check_consistency(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_weighted_quantile(choose: Choose, rng: np.random.Generator) -> None:
-    """The value at which the share of the weight is reached, whatever the order."""
     for quantile in (0.0, 0.3, 0.5, 1.0):
         values, weights = rng.uniform(size=(2, 6))
         expected = reference.weighted_quantile(values, weights, quantile)
@@ -192,7 +180,6 @@ def test_planes_are_continued_across_gaps(choose: Choose) -> None:
 
 
 def test_depths_that_the_other_view_looks_through_are_refused(choose: Choose) -> None:
-    """Between near and far, what the other view looks through becomes far."""
     near, far = 0.9, 0.1
     depth = np.full((1, 9), near)
     depth[0, :3] = far
@@ -213,7 +200,6 @@ def test_depths_that_the_other_view_looks_through_are_refused(choose: Choose) ->
 
 
 def test_guided_median(choose: Choose) -> None:
-    """A ragged jump of depth moves to the edge of the image; what is not chosen stays."""
     image = np.zeros((15, 22), np.uint8)
     image[:, 11:] = 100
     depth = np.where(image > 0, 0.8, 0.2)
@@ -233,7 +219,6 @@ def test_guided_median(choose: Choose) -> None:
 
 
 def test_visibility_weights(choose: Choose, rng: np.random.Generator) -> None:
-    """Points outside, occluded, at an edge and in plain sight are told apart."""
     depth = np.where(np.indices(SHAPE)[1] < 4, 0.8, 0.1)
     visibility = (rng.random(SHAPE) < 0.1).astype(np.int8)
     positions = np.stack(
@@ -253,7 +238,6 @@ def test_visibility_weights(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_block_cost_and_error(choose: Choose, rng: np.random.Generator) -> None:
-    """Windows are compared along both epipolar lines, and only where both keys have them."""
     first, second = rng.uniform(0, 80, (2, 3, 14, 18)).astype(np.float32)
     limits = plane_sweep.LEVEL_LIMIT, plane_sweep.GRADIENT_LIMIT, plane_sweep.GRADIENT_LIMIT
     cost = np.empty((3, 4, 3), np.int16)
@@ -279,7 +263,6 @@ def test_block_cost_and_error(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_golden_search(choose: Choose) -> None:
-    """The depth converges to that with the least error; without parallax nothing moves."""
     columns = np.indices((12, 24))[1]
     first = (100 + 40 * np.sin(columns / 3.0)).astype(np.float32)
     to_first, to_second = np.eye(3, 4), np.eye(3, 4)

@@ -1,37 +1,27 @@
-"""Labels from costs: the smallest one and its place between labels; and methods alike."""
+"""Labels from costs, by each method: smallest costs, messages, chains, and energies."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from dvc._jit import python_twin
 from dvc.geometry import label_inference
 from dvc.geometry.label_inference import BeliefPropagation, Inference, SemiGlobal, chosen
+from tests.reference import cost_volumes as reference
+from tests.twins import Choose, compiled_and_python
 
 SHAPE = (6, 8)
 NOTHING = np.zeros(SHAPE, np.int64)
 
 
-@pytest.fixture(params=["compiled", "python"])
-def _kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run `chosen` on its compiled kernel, and on its Python."""
-    if request.param == "python":
-        function: Callable[..., Any] = python_twin(label_inference._choose)
-        monkeypatch.setattr(label_inference, "_choose", function)
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(213)
+_kind = compiled_and_python(label_inference, "_choose")
 
 
 @pytest.mark.nojit
 @pytest.mark.usefixtures("_kind")
 def test_smallest_cost(rng: np.random.Generator) -> None:
-    """The label of the smallest cost from the origin on; ends of the range have no place beside them."""
+    """The label of smallest cost counts from the origin; the ends of the range have no offset."""
     total = rng.random((*SHAPE, 7)).astype(np.float32)
     origin = rng.integers(-3, 9, SHAPE)
     found = chosen(total, origin)
@@ -55,60 +45,195 @@ def test_offset_points_to_the_minimum_between_labels(minimum: float) -> None:
     np.testing.assert_allclose(found.label + found.offset, minimum, atol=1e-6)
 
 
-class InferenceContract:
-    """Tests of a method; a class derived from this one says which, by the fixture `method`."""
-
-    def test_single_wrong_labels_are_smoothed_away(self, method: Inference) -> None:
-        """A surface of two levels comes out of noisy costs, with the jump where colours change."""
-        rng = np.random.default_rng(213)
-        shape, count = (30, 40), 9
-        truth = np.where(np.indices(shape)[1] < 19, 2, 6)
-        image = np.repeat(np.where(truth == 2, 60, 180)[:, :, None], 3, axis=2).astype(np.uint8)
-        distance = np.abs(np.arange(count) - truth[:, :, None])
-        cost = np.clip(np.minimum(0.4 * distance, 1.0) + rng.normal(0.4, 0.35, distance.shape), 0, 2)
-        flat = np.zeros(shape, np.int64)
-        alone = (cost.argmin(axis=2) != truth).mean()
-        found = method.infer(cost.astype(np.float32), image, flat, flat)
-        assert alone > 0.3
-        assert (abs(found.label - truth) > 1).mean() < 0.02
-        assert (found.label != truth).mean() < 0.6 * alone
-        assert found.label.dtype == np.int64
-        assert np.abs(found.offset).max() <= 0.5
-
-    def test_one_label_is_all_there_is(self, method: Inference) -> None:
-        """A range of one label gives it, counted from the origin."""
-        rng = np.random.default_rng(213)
-        cost, nothing = rng.random((6, 8, 1)).astype(np.float32), np.zeros((6, 8), np.int64)
-        found = method.infer(cost, np.zeros((6, 8, 3), np.uint8), nothing, nothing + 4)
-        assert (found.label == 4).all()
-        assert not found.offset.any()
-
-    @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 3)])
-    def test_small_views(self, method: Inference, shape: tuple[int, int]) -> None:
-        """Views of a line or a pixel have labels, too."""
-        rng = np.random.default_rng(213)
-        cost = rng.random((*shape, 4)).astype(np.float32)
-        nothing = np.zeros(shape, np.int64)
-        found = method.infer(cost, np.zeros((*shape, 3), np.uint8), nothing, nothing)
-        assert found.label.shape == shape
-        if shape == (1, 1):
-            assert found.label[0, 0] == cost.argmin()
-
-    def test_labels_are_deterministic(self, method: Inference) -> None:
-        """The same costs have the same labels; what was given is left as it was."""
-        rng = np.random.default_rng(7)
-        cost, nothing = rng.random((9, 12, 5)).astype(np.float32), np.zeros((9, 12), np.int64)
-        image, kept = rng.integers(0, 256, (9, 12, 3)).astype(np.uint8), cost.copy()
-        first, second = (method.infer(cost, image, nothing, nothing) for _ in range(2))
-        np.testing.assert_array_equal(first.label, second.label)
-        np.testing.assert_array_equal(cost, kept)
+@pytest.fixture(params=[SemiGlobal(), BeliefPropagation()], ids=lambda method: type(method).__name__)
+def method(request: pytest.FixtureRequest) -> Inference:
+    """Return a method."""
+    method: Inference = request.param
+    return method
 
 
-class TestMethods(InferenceContract):
-    """All methods."""
+def test_single_wrong_labels_are_smoothed_away(rng: np.random.Generator, method: Inference) -> None:
+    shape, count = (30, 40), 9
+    truth = np.where(np.indices(shape)[1] < 19, 2, 6)
+    image = np.repeat(np.where(truth == 2, 60, 180)[:, :, None], 3, axis=2).astype(np.uint8)
+    distance = np.abs(np.arange(count) - truth[:, :, None])
+    cost = np.clip(np.minimum(0.4 * distance, 1.0) + rng.normal(0.4, 0.35, distance.shape), 0, 2)
+    flat = np.zeros(shape, np.int64)
+    alone = (cost.argmin(axis=2) != truth).mean()
+    found = method.infer(cost.astype(np.float32), image, flat, flat)
+    assert alone > 0.3
+    assert (abs(found.label - truth) > 1).mean() < 0.02
+    assert (found.label != truth).mean() < 0.6 * alone
+    assert found.label.dtype == np.int64
+    assert np.abs(found.offset).max() <= 0.5
 
-    @pytest.fixture(params=[SemiGlobal(), BeliefPropagation()], ids=lambda method: type(method).__name__)
-    def method(self, request: pytest.FixtureRequest) -> Inference:
-        """Return a method."""
-        method: Inference = request.param
-        return method
+
+def test_one_label_is_all_there_is(rng: np.random.Generator, method: Inference) -> None:
+    cost, nothing = rng.random((6, 8, 1)).astype(np.float32), np.zeros((6, 8), np.int64)
+    found = method.infer(cost, np.zeros((6, 8, 3), np.uint8), nothing, nothing + 4)
+    assert (found.label == 4).all()
+    assert not found.offset.any()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 3)])
+def test_small_views(rng: np.random.Generator, method: Inference, shape: tuple[int, int]) -> None:
+    cost = rng.random((*shape, 4)).astype(np.float32)
+    nothing = np.zeros(shape, np.int64)
+    found = method.infer(cost, np.zeros((*shape, 3), np.uint8), nothing, nothing)
+    assert found.label.shape == shape
+    if shape == (1, 1):
+        assert found.label[0, 0] == cost.argmin()
+
+
+def test_labels_are_deterministic(rng: np.random.Generator, method: Inference) -> None:
+    cost, nothing = rng.random((9, 12, 5)).astype(np.float32), np.zeros((9, 12), np.int64)
+    image, kept = rng.integers(0, 256, (9, 12, 3)).astype(np.uint8), cost.copy()
+    first, second = (method.infer(cost, image, nothing, nothing) for _ in range(2))
+    np.testing.assert_array_equal(first.label, second.label)
+    np.testing.assert_array_equal(cost, kept)
+
+
+JUMP = 20
+"""A step of the base surface that is a discontinuity for any method."""
+
+
+def strengths(method: BeliefPropagation, image: NDArray[np.uint8]) -> tuple[Any, Any]:
+    """Return how strong the edges to the right, and downwards, are."""
+    levels = image.astype(np.float64)
+    parts = [np.exp(-np.abs(np.diff(levels, axis=k)).max(axis=2) / method.edge_levels) for k in (1, 0)]
+    across, down = (method.edge_strength + (1.0 - method.edge_strength) * part for part in parts)
+    return across, down
+
+
+def rises(base: NDArray[np.int64]) -> tuple[Any, Any]:
+    """Return the steps of a base surface to the right, and downwards; none at its jumps."""
+    across, down = (np.diff(base, axis=k) for k in (1, 0))
+    return np.where(abs(across) >= JUMP, 0, across), np.where(abs(down) >= JUMP, 0, down)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("shift", [-7, -2, -1, 0, 1, 3, 9])
+def test_message(choose: Choose, rng: np.random.Generator, shift: int) -> None:
+    for slope, limit in ((0.3, 0.8), (0.7, 0.5), (0.05, 2.0), (0.2, 0.6), (0.0, 0.4), (0.3, 0.0)):
+        parts = rng.uniform(0, 1, (4, 6)).astype(np.float32)
+        message, numbers = np.empty(6, np.float32), [np.float32(value) for value in (0.6, slope, limit)]
+        work = choose(label_inference._message_space)(6, *numbers[1:])
+        choose(label_inference._send)(*parts, *numbers, shift, message, work)
+        expected = reference.message(parts.sum(axis=0).astype(np.float64), 0.6, slope, limit, shift)
+        np.testing.assert_allclose(message, expected, atol=1e-5)
+
+
+@pytest.mark.nojit
+def test_messages_go_to_all_four_neighbours(choose: Choose, rng: np.random.Generator) -> None:
+    shape, count = (3, 4), 5
+    cost = rng.random((*shape, count)).astype(np.float32)
+    heard = rng.random((4, *shape, count)).astype(np.float32)
+    across, down = rng.random((3, 3)).astype(np.float32), rng.random((2, 4)).astype(np.float32)
+    rise_x, rise_y = rng.integers(-2, 3, (3, 3)), rng.integers(-2, 3, (2, 4))
+    sent = heard.copy()
+    edges = across, down, rise_x, rise_y
+    slope, limit = np.float32(0.3), np.float32(0.8)
+    choose(label_inference._exchange)(cost, *edges, *sent, slope, limit, 1)
+    # what goes up, down, left and right: step, strength and rise of the edge
+    for y, x in np.ndindex(shape):
+        for way, (dy, dx) in enumerate(((-1, 0), (1, 0), (0, -1), (0, 1))):
+            v, u = y + dy, x + dx
+            if not (0 <= v < shape[0] and 0 <= u < shape[1]):
+                continue
+            if (y + x) % 2 != 1:
+                np.testing.assert_array_equal(sent[way, v, u], heard[way, v, u])
+                continue
+            back = (1, 0, 3, 2)[way]
+            belief = cost[y, x] + sum(heard[k, y, x] for k in range(4) if k != back)
+            edge = min(y, v), min(x, u)
+            strength = (down if dx == 0 else across)[edge]
+            rise = int((rise_y if dx == 0 else rise_x)[edge]) * (dy + dx)
+            expected = reference.message(belief.astype(np.float64), float(strength), 0.3, 0.8, rise)
+            np.testing.assert_allclose(sent[way, v, u], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("upright", [False, True])
+def test_chain_has_the_best_labels(upright: bool, rng: np.random.Generator) -> None:
+    length, count = 14, 6
+    method = BeliefPropagation(iterations=2 * length, levels=1)
+    for _ in range(5):
+        cost = rng.uniform(0, 1, (length, count)).astype(np.float32)
+        image = rng.integers(0, 60, (1, length, 3)).astype(np.uint8)
+        base = np.cumsum(rng.choice([-1, 0, 1, 1, JUMP], length))[None]
+        strength, rise = strengths(method, image)[0][0], rises(base)[0][0]
+        label, least = reference.viterbi(cost.astype(np.float64), strength, rise, method.slope, method.limit)
+        arguments = cost[None], image, base
+        if upright:
+            arguments = cost[:, None], image.transpose(1, 0, 2), base.T
+        origin = np.zeros(arguments[2].shape, np.int64)
+        found = method.infer(*arguments, origin)
+        np.testing.assert_array_equal(found.label.ravel(), label)
+        energy = reference.energy(
+            cost[None].astype(np.float64),
+            label[None],
+            (strength[None], np.empty((0, length))),
+            (rise[None], np.empty((0, length), np.int64)),
+            method.slope,
+            method.limit,
+        )
+        assert energy == pytest.approx(least)
+
+
+def test_without_smoothness_every_pixel_is_alone(rng: np.random.Generator) -> None:
+    """Zero smoothness gives the smallest cost of each pixel (2.13)."""
+    cost = rng.random((9, 11, 5)).astype(np.float32)
+    image, nothing = rng.integers(0, 256, (9, 11, 3)).astype(np.uint8), np.zeros((9, 11), np.int64)
+    found = BeliefPropagation(slope=0.0).infer(cost, image, nothing, nothing)
+    np.testing.assert_array_equal(found.label, cost.argmin(axis=2))
+    found = BeliefPropagation(limit=0.0).infer(cost, image, nothing, nothing)
+    np.testing.assert_array_equal(found.label, cost.argmin(axis=2))
+
+
+def test_band_around_a_surface_is_the_same_as_all_labels(rng: np.random.Generator) -> None:
+    """Costs counted from an origin of each pixel have the labels that the whole volume has."""
+    shape, count = (8, 10), 12
+    origin = rng.integers(0, 3, shape)
+    band = rng.random((*shape, count - 3)).astype(np.float32)
+    whole = np.full((*shape, count), 40.0, np.float32)
+    for at in np.ndindex(shape):
+        whole[at][origin[at] : origin[at] + count - 3] = band[at]
+    image, base = rng.integers(0, 40, (*shape, 3)).astype(np.uint8), rng.integers(3, 6, shape)
+    method = BeliefPropagation(levels=1, iterations=12)
+    nothing = np.zeros(shape, np.int64)
+    expected, found = method.infer(whole, image, base, nothing), method.infer(band, image, base, origin)
+    np.testing.assert_array_equal(found.label, expected.label)
+
+
+def test_slopes_of_the_base_cost_nothing(rng: np.random.Generator) -> None:
+    shape, count = (12, 30), 32
+    base = np.broadcast_to(np.arange(30), shape).astype(np.int64)
+    distance = np.abs(np.arange(count) - base[:, :, None] - 1)
+    cost = (0.5 * np.minimum(distance, 4) * (np.indices(shape)[1] % 6 == 0)[:, :, None]).astype(np.float32)
+    cost += rng.uniform(0.0, 0.01, cost.shape).astype(np.float32)
+    image, nothing = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.int64)
+    method = BeliefPropagation(levels=1, iterations=40)
+    np.testing.assert_array_equal(method.infer(cost, image, base, nothing).label, base + 1)
+    assert (method.infer(cost, image, nothing, nothing).label != base + 1).mean() > 0.3
+
+
+def test_energy_is_below_that_of_scanlines(rng: np.random.Generator) -> None:
+    """On random grids (2.13) is lower than with labels of scanlines, or of each pixel by itself."""
+    method = BeliefPropagation(iterations=15)
+    sums = np.zeros(3)
+    nothing = np.zeros((16, 20), np.int64)
+    for _ in range(6):
+        truth = np.add.outer(np.arange(16) // 8 * 3, np.arange(20) // 7)
+        image = (60 + 30 * truth[:, :, None] + rng.integers(0, 6, (16, 20, 3))).astype(np.uint8)
+        cost = np.minimum(0.3 * np.abs(np.arange(8) - truth[:, :, None]), 0.8)
+        cost = np.clip(cost + rng.normal(0.3, 0.3, cost.shape), 0.0, 2.0).astype(np.float32)
+        found = [
+            method.infer(cost, image, nothing, nothing).label,
+            SemiGlobal().infer(cost, image, nothing, nothing).label,
+            cost.argmin(axis=2),
+        ]
+        edges = strengths(method, image), rises(nothing)
+        exact = cost.astype(np.float64)
+        energies = [reference.energy(exact, label, *edges, method.slope, method.limit) for label in found]
+        assert energies[0] < energies[2]
+        sums += energies
+    assert sums[0] < sums[1] < sums[2]

@@ -39,7 +39,6 @@ def test_short_tracks_have_less_certain_depths() -> None:
 
 
 def test_views_that_do_not_see_a_point_do_not_make_it_uncertain() -> None:
-    """Behind a camera, or far outside its frame, a point's place says nothing about its depth."""
     positions, cameras, points = tracks()
     alone = track_depths(positions, cameras, 0, FRAME)
     turned = np.diag([-1.0, 1.0, -1.0]) @ camera_at(0.5)
@@ -51,8 +50,7 @@ def test_views_that_do_not_see_a_point_do_not_make_it_uncertain() -> None:
     np.testing.assert_array_equal(found.sigma_px, alone.sigma_px)
 
 
-def test_wrong_tracks_are_told_by_their_distance() -> None:
-    """A track that jumps is far from where the cameras see the point."""
+def test_wrong_tracks_are_reported_by_their_distance() -> None:
     positions, cameras, _ = tracks()
     positions[3, 2] += [0.0, 9.0]
     found = track_depths(positions, cameras, 0, FRAME)

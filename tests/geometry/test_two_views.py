@@ -20,10 +20,7 @@ def pair_of_cameras(ratio: float) -> list[Camera]:
     K = np.array([[ratio * 640.0, 0.0, 319.5], [0.0, ratio * 640.0, 239.5], [0.0, 0.0, 1.0]])
     R = Rotation.from_euler("xyz", (1.0, 7.0, -2.0), degrees=True).as_matrix()
     centre = np.array([0.9, 0.1, 0.3])
-    return [
-        Camera(NAMES[0], K, np.eye(3), np.zeros(3), SIZE),
-        Camera(NAMES[1], K, R, -R @ centre, SIZE),
-    ]
+    return [Camera(NAMES[0], K, np.eye(3), np.zeros(3), SIZE), Camera(NAMES[1], K, R, -R @ centre, SIZE)]
 
 
 def seen(camera: Camera, points: np.ndarray) -> np.ndarray:
@@ -59,7 +56,6 @@ def test_cameras_and_depths_are_found(ratio: float, seed: int) -> None:
 def test_points_lie_before_the_cameras_from_whatever_side_they_are_looked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Epipolar lines are the same for the opposite direction, where a start may be; depths are not."""
     rng, true, consensus = np.random.default_rng(4), pair_of_cameras(1.0), camera_estimation._consensus
 
     def opposite(*given: Any) -> Any:
@@ -75,7 +71,6 @@ def test_points_lie_before_the_cameras_from_whatever_side_they_are_looked_for(
 
 
 def test_matches_without_a_common_geometry_are_refused() -> None:
-    """Few matches, and pictures that share nothing, end with a reason."""
     rng = np.random.default_rng(2)
     points = rng.uniform(0.0, 400.0, (29, 2))
     with pytest.raises(DvcError, match="29 points match, too few"):

@@ -1,4 +1,4 @@
-"""Where views are taken from, and the warps between them."""
+"""Viewpoints and the warps between them."""
 
 import numpy as np
 import pytest

@@ -31,7 +31,6 @@ def to_third(second: np.ndarray, third: np.ndarray, images: list[np.ndarray]) ->
 
 @pytest.mark.parametrize("factor", [1.0, -1.0, 3.0, -0.01])
 def test_points_of_two_views_are_found_in_the_third(factor: float) -> None:
-    """Where points go depends on the cameras as rays only, not on their scale and sign."""
     _, images = scene()
     third = to_third(factor * CAMERAS[1], -factor * CAMERAS[2], images)
     np.testing.assert_allclose(third, images[2], atol=1e-8)
@@ -54,7 +53,6 @@ def test_warps_compose_and_invert() -> None:
 
 
 def test_what_cannot_be_warped_is_marked() -> None:
-    """Points behind a camera, or without a depth, are not visible and stay where they are."""
     forward = np.column_stack([np.eye(3), [0.0, 0.0, -1.0]])
     warp = warp_matrix(np.eye(3, 4), forward, FRAME)
     points = np.array([[47.5, 39.5], [10.0, 10.0], [10.0, 10.0]])
@@ -68,7 +66,6 @@ def test_what_cannot_be_warped_is_marked() -> None:
 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=4, max_size=4), st.booleans())
 def test_never_nan(values: list[float], forward: bool) -> None:
-    """Whatever the points, warped places are finite numbers, and no warning is given."""
     target = np.column_stack([np.eye(3), [0.0, 0.0, -1.0]]) if forward else CAMERAS[1]
     points, matches = np.array([values[:2]]), np.array([values[2:]])
     inverse_depth, _ = inverse_depths(points, warp_matrix(CAMERAS[0], target, FRAME), matches)

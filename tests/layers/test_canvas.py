@@ -14,21 +14,18 @@ def _canvas(labels: DisparityLabels, matrix: np.ndarray | None = None) -> Canvas
 
 
 def test_depth_is_one_by_disparity() -> None:
-    """Positive disparities that are not too near to 0 are not shifted."""
     scale = _canvas(DisparityLabels(5.0, 1.0, 10)).depth_scale
     np.testing.assert_allclose(scale.depth(np.array([5.0, 10.0])), [0.2, 0.1])
 
 
 @pytest.mark.parametrize("labels", [DisparityLabels(-3.0, 0.1, 60), DisparityLabels(0.0, 1.0, 60)])
 def test_other_disparities_are_shifted(labels: DisparityLabels) -> None:
-    """Depth stays positive, and nothing is farther than twenty times the nearest."""
     depth = _canvas(labels).depth_scale.depth(np.array([labels.highest, labels.lowest]))
     assert depth[0] > 0.0
     assert depth[1] / depth[0] == pytest.approx(20.0)
 
 
 def test_nothing_is_behind_the_camera() -> None:
-    """What lies at infinity or beyond is infinitely far away."""
     scale = _canvas(DisparityLabels(5.0, 1.0, 10)).depth_scale
     np.testing.assert_array_equal(scale.depth(np.array([0.0, -1.0, 4.0])), [np.inf, np.inf, 0.25])
 

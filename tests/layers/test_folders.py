@@ -1,4 +1,4 @@
-"""Layers and sprites as folders: what is written is read back, and whatever else is found is refused."""
+"""Folders of layers and sprites: round trips, and refusal of damaged ones."""
 
 import contextlib
 import copy
@@ -57,7 +57,6 @@ def _read(index: Path) -> object:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_round_trip(tmp_path: Path, seed: int) -> None:
-    """Layers and sprites are read back as they were written."""
     image = random_layers(seed, 6)
     layer_folders.write_layers(tmp_path, image)
     found = layer_folders.read_layers(tmp_path)
@@ -125,7 +124,6 @@ def test_files_can_be_opened_by_others(tmp_path: Path, image: LayeredDepthImage)
     ],
 )
 def test_bad_index(index: Path, change: Callable[[dict[str, Any]], object], message: str) -> None:
-    """Whatever is missing, of another kind or out of range is told by name."""
     values = json.loads(index.read_text())
     change(values)
     index.write_text(json.dumps(values))
@@ -158,7 +156,6 @@ def test_layers_in_wrong_order(tmp_path: Path, image: LayeredDepthImage) -> None
 
 
 def test_half_opaque_pixels(index: Path) -> None:
-    """Opacity is all or nothing."""
     name = _entries(json.loads(index.read_text()))[0]["colour"]
     picture = cv2.imread(str(index.parent / name), cv2.IMREAD_UNCHANGED)
     picture[:, :, 3] //= 2
@@ -168,7 +165,6 @@ def test_half_opaque_pixels(index: Path) -> None:
 
 
 def test_missing_and_empty_files(index: Path) -> None:
-    """A map that is not there is an error of the system, an empty one no picture."""
     name = _entries(json.loads(index.read_text()))[0]["colour"]
     (index.parent / name).write_bytes(b"")
     with pytest.raises(DvcError, match="picture of"):

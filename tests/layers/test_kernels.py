@@ -12,15 +12,8 @@ pytestmark = pytest.mark.nojit
 BASELINES = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(11)
-
-
 @pytest.mark.parametrize(("dm", "dn"), [(1.0, 0.0), (0.0, -1.0), (0.63, -1.21)])
 def test_judge(choose: Choose, rng: np.random.Generator, dm: float, dn: float) -> None:
-    """Same surface, hidden or seen through, with the pixels around where a point falls."""
     disparity, other = (rng.integers(0, 7, (12, 14)).astype(np.float32) for _ in range(2))
     verdict = np.zeros(disparity.shape, np.uint8)
     choose(kernels.judge)(disparity, other, dm, dn, 1.0, verdict)
@@ -31,7 +24,6 @@ def test_judge(choose: Choose, rng: np.random.Generator, dm: float, dn: float) -
 
 @pytest.mark.parametrize(("m", "n"), [(0.0, 0.0), (2.0, -1.0), (-1.7, 0.4)])
 def test_splat(choose: Choose, rng: np.random.Generator, m: float, n: float) -> None:
-    """Points fall into their cells, and cells between neighbours of one surface are filled."""
     ramp = 3.0 + 0.55 * np.arange(7) + 0.3 * np.arange(5)[:, None]
     disparity = (ramp + (rng.random((5, 7)) < 0.1) * 4.0).astype(np.float32)
     votes = rng.random((5, 7)) < 0.95
@@ -82,7 +74,6 @@ def test_peel(choose: Choose, rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("rho", [(0.02, 0.49), (0.1, 0.3)])
 def test_likelihood(choose: Choose, rng: np.random.Generator, rho: tuple[float, float]) -> None:
-    """Messages sent in order converge to what they do when all are sent at once."""
     depth = rng.choice([0.0, 0.0, 0.0, 1.0, 3.0], (5, 6))
     mask = np.zeros(depth.shape, np.bool_)
     mask[1:3, 1:3] = True
@@ -98,7 +89,7 @@ def test_likelihood(choose: Choose, rng: np.random.Generator, rho: tuple[float, 
 
 
 def test_transitions(choose: Choose) -> None:
-    """Along a chain, the likelihood is what the transitions give: (2.22) for 1, 0 and one half."""
+    """Likelihoods along a chain follow the transitions of (2.22)."""
     depth = np.array([[0.0, 0.0, 1.0, 5.0, 5.0]])
     mask = np.array([[True, False, False, False, False]])
     order, entered = np.arange(5), np.ones((1, 5), np.bool_)

@@ -1,4 +1,4 @@
-"""Layered depth image: what (2.21) must be on scenes that are known."""
+"""Layered depth images (2.21) of scenes with known surfaces."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,6 @@ def _changed(reconstruction: Reconstruction, disparities: list[np.ndarray]) -> R
 
 
 def test_one_camera() -> None:
-    """One camera gives its own map and picture back as the single layer."""
     reconstruction = reconstruction_of(SCENE, PAIR[:1], LABELS)
     image = layered_depth_image(reconstruction)
     assert image.votes.shape == (1, 40, 60)
@@ -58,7 +57,6 @@ def test_one_camera() -> None:
 
 
 def test_all_cameras_vote_for_what_all_see() -> None:
-    """Every camera votes for the surfaces that all see, and none for others."""
     reconstruction = reconstruction_of(SCENE, square_lattice(1), LABELS)
     image = layered_depth_image(reconstruction)
     _check(image)
@@ -70,7 +68,6 @@ def test_all_cameras_vote_for_what_all_see() -> None:
 
 
 def test_neighbours_are_the_nearest_of_a_row_and_of_a_column() -> None:
-    """Those on a diagonal are none, and where there is none on one side the other is alone."""
     positions = square_lattice(2)
     array = reconstruction_of(SCENE, positions, LABELS).array
     for place, expected in (
@@ -82,7 +79,6 @@ def test_neighbours_are_the_nearest_of_a_row_and_of_a_column() -> None:
 
 
 def test_hidden_surfaces_are_found_with_their_colours() -> None:
-    """What lies behind the nearest surface has its own disparity and colour; there are three layers."""
     reconstruction = reconstruction_of(SCENE, square_lattice(2), LABELS)
     image = layered_depth_image(reconstruction)
     _check(image)
@@ -116,14 +112,12 @@ def test_two_cameras_see_the_strips_beside_a_surface() -> None:
 
 
 def test_surfaces_one_label_apart() -> None:
-    """A camera that sees both of two surfaces one label apart proves that there are two."""
     image = layered_depth_image(reconstruction_of((BACKGROUND, Plane(3.0, (20, 40), (10, 30))), PAIR, LABELS))
     assert image.counts()["num_values_by_layer"] == [2400, 20]
     assert set(image.disparity[1][image.occupied[1]]) == {2.0}
 
 
 def test_disagreement_by_a_label_makes_no_layer() -> None:
-    """Surfaces that differ by one label from camera to camera stay one layer."""
     reconstruction = reconstruction_of((Plane(6.0),), square_lattice(1), LABELS)
     wrong = [surface.disparity + k % 2 for k, surface in enumerate(reconstruction.surfaces)]
     image = layered_depth_image(_changed(reconstruction, wrong))
@@ -131,7 +125,6 @@ def test_disagreement_by_a_label_makes_no_layer() -> None:
 
 
 def test_what_is_seen_through_does_not_vote() -> None:
-    """A wrong surface of one camera, before what its neighbours see, makes no value."""
     reconstruction = reconstruction_of((BACKGROUND,), PAIR, LABELS)
     wrong = [surface.disparity.copy() for surface in reconstruction.surfaces]
     wrong[1][10:20, 20:30] = 9.0
@@ -141,7 +134,6 @@ def test_what_is_seen_through_does_not_vote() -> None:
 
 
 def test_the_reference_sees_its_first_surface_only() -> None:
-    """Where others outvote the reference, its own disparity is not left for a deeper layer."""
     reconstruction = reconstruction_of((Plane(6.0),), [(float(m), 0.0) for m in range(-2, 3)], LABELS)
     wrong = [surface.disparity.copy() for surface in reconstruction.surfaces]
     wrong[2][10:20, 20:30] = 2.0
@@ -195,7 +187,6 @@ def test_any_surfaces(seed: int, num_cameras: int) -> None:
 
 
 def test_strays_behind_two_surfaces_are_dropped() -> None:
-    """Regions of fewer than 20 pixels, for which what is behind them comes; second layers keep theirs."""
     votes = np.zeros((4, 12, 12), np.uint8)
     votes[0], votes[1, 3:5, 3:5], votes[2, :5, :4], votes[2, 8:, 8:], votes[3, 9:, 9:] = 5, 4, 3, 2, 1
     disparity = np.where(votes > 0, 10.0 * np.arange(1, 5)[:, None, None], 0.0).astype(np.float32)
@@ -209,7 +200,6 @@ def test_strays_behind_two_surfaces_are_dropped() -> None:
 
 
 def test_resolution() -> None:
-    """One label, or what moves by a pixel between the outermost cameras."""
     array = reconstruction_of((BACKGROUND,), [(-4.0, 0.0), (4.0, 2.0)], LABELS).array
     assert resolution(array, LABELS) == 1.0
     assert resolution(array, DisparityLabels(0.0, 0.01, 9)) == 1 / 8
@@ -226,7 +216,6 @@ def test_magnitudes_out_of_range(step: float, scale: float) -> None:
 
 @pytest.mark.parametrize("matrix", [[1], [[10**400]], np.zeros((4, 4)).tolist(), np.eye(4).tolist(), None])
 def test_rectification_without_homography(matrix: object) -> None:
-    """A rectification whose homography of space is damaged is refused."""
     found = reconstruction_of((BACKGROUND,), PAIR, LABELS)
     figures = {"rectification": {"rectified_from_world": matrix}}
     with pytest.raises(DvcError, match="homography of space"):
@@ -234,7 +223,6 @@ def test_rectification_without_homography(matrix: object) -> None:
 
 
 def test_homography_of_space() -> None:
-    """A homography in the frame of camera (0, 0) becomes one in the frame of the reference camera."""
     found = reconstruction_of((BACKGROUND,), [(2.0, -1.0), (3.0, -1.0)], LABELS)
     rectified_from_world = np.array([[30.0, 0, 9, 0], [0, 30, 5, 0], [0, 0, 0, 12], [0, 0, 1, 0]])
     figures = {"rectification": {"rectified_from_world": rectified_from_world.tolist()}}
@@ -247,7 +235,6 @@ def test_homography_of_space() -> None:
 
 
 def test_surfaces_far_apart_are_refused() -> None:
-    """Disparities that would need an enormous canvas are one line of complaint."""
     reconstruction = reconstruction_of((BACKGROUND,), PAIR, LABELS)
     wrong = [surface.disparity * 1e3 for surface in reconstruction.surfaces]
     with pytest.raises(DvcError, match="at most 16 times a view"):

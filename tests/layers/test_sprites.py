@@ -1,4 +1,4 @@
-"""Sprites with depth: the transitions of (2.22), and what must hold of any cut."""
+"""Sprites with depth: the transitions of (2.22), and properties of any cut."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,6 @@ def test_each_value_is_in_exactly_one_sprite(seed: int, num_labels: int) -> None
 
 
 def test_scene_of_planes() -> None:
-    """Each plane is one sprite, with what other surfaces hide in the reference view, which is given back."""
     reconstruction = reconstruction_of(SCENE, square_lattice(2), LABELS, (64, 90))
     image = layered_depth_image(reconstruction)
     sprites = extract_sprites(image)
@@ -63,7 +62,6 @@ def test_scene_of_planes() -> None:
 
 
 def test_slanted_surface_is_one_sprite() -> None:
-    """A surface whose labels change in steps of one is not cut."""
     reconstruction = reconstruction_of((Plane(1.0, slope=0.1),), [(0.0, 0.0)], LABELS)
     surface = reconstruction.surfaces[0].disparity
     np.rint(surface, out=surface)
@@ -72,7 +70,6 @@ def test_slanted_surface_is_one_sprite() -> None:
 
 
 def test_no_discontinuity_inside_a_sprite_of_two_surfaces() -> None:
-    """Surfaces that are joined nowhere are apart, whatever their sizes."""
     reconstruction = reconstruction_of(SCENE, [(0.0, 0.0)], LABELS)
     for sprite in extract_sprites(layered_depth_image(reconstruction)).sprites:
         for axis in (0, 1):
@@ -85,7 +82,6 @@ def test_no_discontinuity_inside_a_sprite_of_two_surfaces() -> None:
 
 
 def test_fusion_keeps_to_both_masks() -> None:
-    """The sprite stays in its mask, grows where the layer goes on, and never beyond both."""
     sprite = np.zeros((3, 8))
     alpha = np.zeros((3, 8), np.bool_)
     alpha[:, :3] = True
@@ -99,7 +95,6 @@ def test_fusion_keeps_to_both_masks() -> None:
 
 @pytest.mark.parametrize("rho_small", [0.2, 0.5])
 def test_small_differences_stop_a_sprite_only_where_they_say_nothing(rho_small: float) -> None:
-    """At a transition likelihood of one half a small difference gives no reason to go on."""
     depth = np.where(np.arange(6) < 3, 0.0, 1.0)[None]
     alpha = np.zeros((1, 6), np.bool_)
     alpha[0, 0] = True

@@ -65,17 +65,6 @@ def geometric_cost(volume: Volume, limit: float) -> Floats:
     return cost
 
 
-def geometric_cost_in_two_passes(volume: Volume, limit: float) -> Floats:
-    """Return (2.16) by a distance transform up and down each column."""
-    cost = np.where(volume, 0.0, limit)
-    for d in range(1, volume.shape[2]):
-        cost[:, :, d] = np.minimum(cost[:, :, d], cost[:, :, d - 1] + 1.0)
-    for d in range(volume.shape[2] - 2, -1, -1):
-        cost[:, :, d] = np.minimum(cost[:, :, d], cost[:, :, d + 1] + 1.0)
-    cost[~volume.any(axis=2)] = 0.0
-    return cost
-
-
 def visibility(volume: Volume, slack: int = 0) -> Volume:
     """Return which voxels have nothing nearer in their column than `slack` labels before them, (2.17)."""
     seen = np.ones_like(volume)

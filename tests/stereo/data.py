@@ -1,4 +1,4 @@
-"""Camera arrays to test with: synthetic ones whose surfaces are known, and the real sets."""
+"""Camera arrays for tests: pairs with known surfaces, and real sets; and runs of the command."""
 
 from pathlib import Path
 
@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition
+from dvc.stereo.__main__ import main
+
 REAL_SETS = Path(__file__).resolve().parents[2].parent / "shared" / "stereo"
 
 
 def real_set(name: str) -> Path:
-    """Return the folder of a real set; the test is skipped where it is not there."""
+    """Return the folder of a real set; skip the test if it is missing."""
     folder = REAL_SETS / name
     if not folder.is_dir():
         pytest.skip(f"no folder ../shared/stereo/{name} beside the project")
@@ -34,3 +37,27 @@ def pair_of_planes(
     disparity = np.full((height, width), float(far))
     disparity[top : top + square.shape[0], left : left + square.shape[1]] = near
     return views[0], views[1], disparity
+
+
+def pair_of(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> CameraArray:
+    """Return the array of two views in a row."""
+    views = zip(("left", "right"), (left, right), (0.0, 1.0), strict=True)
+    return CameraArray(tuple(ArrayView(name, image, LatticePosition(m, 0.0)) for name, image, m in views))
+
+
+def run(*arguments: object) -> int:
+    """Return the exit status of `dvc-stereo`."""
+    try:
+        return main([str(argument) for argument in arguments])
+    except SystemExit as err:
+        return int(err.code or 0)
+
+
+def check_refused(capsys: pytest.CaptureFixture[str], message: str, *arguments: object) -> None:
+    """Run the command, which must fail with one line of error."""
+    capsys.readouterr()
+    assert run(*arguments) == 2
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""

@@ -1,4 +1,4 @@
-"""Scenes of planes parallel to the cameras or slanted, whose views and surfaces are known exactly."""
+"""Scenes of planes parallel to the cameras or slanted, with exact views and surfaces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Random planar rigs of cameras, and what they see of a textured plane."""
+"""Random planar rigs of cameras, and their pictures of a textured plane."""
 
 from collections.abc import Sequence
 
@@ -34,7 +34,7 @@ def random_rig(
 
 
 def picture_of_plane(camera: Camera, normal: Floats, offset: float, across: Floats) -> NDArray[np.uint8]:
-    """Return what a camera sees of a smoothly textured plane ``normal . X = offset``."""
+    """Return a picture of a smoothly textured plane ``normal . X = offset``."""
     y, x = np.mgrid[: camera.size[1], : camera.size[0]]
     pixels = camera.undistorted(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64))
     rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T @ camera.R

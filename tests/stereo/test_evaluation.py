@@ -1,6 +1,7 @@
-"""Evaluation of disparity maps: the rule, files, the command, and what it refuses."""
+"""Evaluation of disparity maps: the rule, files, the command and its refusals."""
 
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,9 @@ from dvc.errors import ConfigError, DvcError
 from dvc.picture_files import write_pfm
 from dvc.stereo.__main__ import main
 from dvc.stereo.evaluation import disparity_error, evaluate, read_mask, read_truth, sparsification
-from tests.stereo.data import real_set
+from dvc.stereo.surface_report import Truth, reported, summary
+from tests.stereo.data import check_refused, real_set
+from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
 TRUTH = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, np.nan]])
 
@@ -36,7 +39,6 @@ def test_bad_pixels_are_strictly_farther_off() -> None:
 
 
 def test_mask_chooses_pixels() -> None:
-    """Only pixels of the mask count, and of these only those with known truth."""
     mask = np.zeros(TRUTH.shape, np.bool_)
     mask[1] = True
     error, counted = disparity_error(TRUTH + 3.0, TRUTH, mask)
@@ -46,7 +48,6 @@ def test_mask_chooses_pixels() -> None:
 
 
 def test_sparsification_is_the_mean_over_all_shares() -> None:
-    """The surest first: two good ones, then two bad ones, is ideal; the other way round is worst."""
     bad = np.array([True, False, True, False])
     ideal = 100.0 * (0 + 0 + 1 / 3 + 1 / 2) / 4
     assert sparsification(bad, np.array([0.1, 0.9, 0.2, 0.8])) == pytest.approx((ideal, ideal))
@@ -56,7 +57,6 @@ def test_sparsification_is_the_mean_over_all_shares() -> None:
 
 
 def test_confidence_is_judged_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of the five pixels that count, two are bad by more than 1 px; the surest is one of them."""
     found, truth = write_case(tmp_path)
     cv2.imwrite(str(tmp_path / "sure.png"), np.array([[9, 8, 255], [0, 7, 255]], np.uint8))
     options = ["--truth", str(truth), "--truth-scale", "4", "--thresholds", "1"]
@@ -75,7 +75,6 @@ def test_a_shift_is_its_own_error(shift: float, threshold: float) -> None:
 
 
 def test_nothing_to_count_and_other_sizes_are_refused() -> None:
-    """There must be a pixel that counts, and all planes must have one size."""
     with pytest.raises(ConfigError, match="no pixel counts"):
         evaluate(TRUTH, np.full(TRUTH.shape, np.nan))
     with pytest.raises(ConfigError, match="truth is 2x2, but the disparity map is 3x2"):
@@ -85,7 +84,6 @@ def test_nothing_to_count_and_other_sizes_are_refused() -> None:
 
 
 def test_truth_of_every_kind(tmp_path: Path) -> None:
-    """Pictures of 8 and 16 bits and float maps give disparities; what is unknown is not a number."""
     levels = np.array([[0, 8], [40, 255]])
     cv2.imwrite(str(tmp_path / "a.png"), levels.astype(np.uint8))
     cv2.imwrite(str(tmp_path / "b.png"), (levels * 100).astype(np.uint16))
@@ -105,7 +103,6 @@ def test_mask_is_255(tmp_path: Path) -> None:
 
 
 def test_coloured_truth_is_refused(tmp_path: Path) -> None:
-    """A picture whose channels differ is no disparity map."""
     rng = np.random.default_rng(0)
     cv2.imwrite(str(tmp_path / "view.png"), rng.integers(0, 256, (4, 4, 3)).astype(np.uint8))
     with pytest.raises(DvcError, match="expected grey levels"):
@@ -113,7 +110,6 @@ def test_coloured_truth_is_refused(tmp_path: Path) -> None:
 
 
 def test_command_prints_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With `--json -` standard output is one JSON object and nothing else."""
     found, truth = write_case(tmp_path)
     arguments = ["evaluate", str(found), "--truth", str(truth), "--truth-scale", "4"]
     assert main([*arguments, "--thresholds", "0.5,1,2", "--json", "-"]) == 0
@@ -124,7 +120,6 @@ def test_command_prints_json(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_command_prints_a_line_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Without it there is one line of text; the picture shows what is bad in red."""
     found, truth = write_case(tmp_path)
     drawn, figures = tmp_path / "error.png", tmp_path / "figures.json"
     arguments = ["evaluate", "--truth-scale", "4", str(found), "--truth", str(truth)]
@@ -161,29 +156,19 @@ def test_bad_input_is_one_line(
     changes: list[str],
     message: str,
 ) -> None:
-    """Whatever is wrong, there is one line, exit status 2, and no file."""
     write_case(tmp_path)
     cv2.imwrite(str(tmp_path / "small.png"), np.full((2, 2), 255, np.uint8))
     before = sorted(tmp_path.iterdir())
     monkeypatch.chdir(tmp_path)
     arguments = ["evaluate", "map.pfm", "--truth", "truth.png", "--truth-scale", "4", *changes]
-    try:
-        status = main(arguments)
-    except SystemExit as err:
-        status = int(err.code or 0)
-    captured = capsys.readouterr()
-    assert status == 2
-    assert captured.err.count("\n") == 1
-    assert message in captured.err
-    assert captured.out == ""
+    check_refused(capsys, message, *arguments)
     assert sorted(tmp_path.iterdir()) == before
 
 
 def test_picture_without_scale_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The scale of a picture cannot be guessed."""
     found, truth = write_case(tmp_path)
-    assert main(["evaluate", str(found), "--truth", str(truth)]) == 2
-    assert "--truth-scale" in capsys.readouterr().err
+    check_refused(capsys, "--truth-scale", "evaluate", found, "--truth", truth)
 
 
 @pytest.mark.parametrize(
@@ -196,10 +181,22 @@ def test_picture_without_scale_is_refused(tmp_path: Path, capsys: pytest.Capture
 def test_masks_of_the_middlebury_sets(
     name: str, truth: str, scale: float, counts: tuple[int, int, int]
 ) -> None:
-    """As many pixels count as the source says, and the truth agrees with itself."""
     folder = real_set(name)
     disparity = read_truth(folder / truth, scale)
     for mask, count in zip(("all", "nonocc", "disc"), counts, strict=True):
         result = evaluate(disparity, disparity, read_mask(folder / f"{mask}.png"))
         assert result.num_pixels == count
         assert result.bad_percent[1.0] == 0.0
+
+
+def test_bad_pixels_are_reported_at_three_thresholds() -> None:
+    reconstruction = reconstruction_of(SCENE, square_lattice(1), LABELS)
+    found = reconstruction.surfaces[reconstruction.array.reference].disparity
+    off = np.repeat([0.4, 0.8, 1.5, 3.0], found.size // 4).reshape(found.shape)
+    output = summary(reported(reconstruction, Truth(found + off)))
+    assert re.findall(r"([\d.]+) % > ([\d.]+) px", output) == [
+        ("75.00", "0.5"),
+        ("50.00", "1"),
+        ("25.00", "2"),
+    ]
+    assert "bad pixels" not in summary(reported(reconstruction))

@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 
 from dvc.errors import ConfigError, DvcError
+from dvc.geometry.camera_array import DisparityLabels
+from dvc.layers.canvas import Canvas, Frame
+from dvc.layers.layered_depth_image import LayeredDepthImage
+from dvc.layers.sprites import extract_sprites
 from dvc.stereo.meshes import (
     DEPTH_RANGE,
     Shape,
+    layers_shape,
     points_in_world,
     points_of_disparity,
+    sprites_shape,
     surface_shape,
     write_shape,
 )
@@ -31,7 +37,6 @@ def test_depth_is_inverse_disparity() -> None:
 
 @pytest.mark.parametrize("lowest", [-14.0, 0.0, 0.1])
 def test_infinity_stays_outside(lowest: float) -> None:
-    """Whatever the range, depths are positive, fall with the disparity, and are bounded."""
     disparity = np.linspace(lowest, 8.0, 9)[None]
     depth = points_of_disparity(disparity, lowest, 8.0)[0, :, 2]
     assert depth[-1] == pytest.approx(1.0)
@@ -57,7 +62,6 @@ def test_mesh_is_torn_at_discontinuities() -> None:
 
 
 def test_pixels_can_be_left_out() -> None:
-    """Pixels that are not kept have neither point nor triangle."""
     kept = np.ones((3, 3), np.bool_)
     kept[0, 0] = False
     flat = np.ones((3, 3))
@@ -86,7 +90,6 @@ def test_files_are_read_back(tmp_path: Path, ending: str, as_points: bool) -> No
 
 @pytest.mark.parametrize("ending", ["ply", "glb"])
 def test_nothing_is_no_mesh(tmp_path: Path, ending: str) -> None:
-    """Without points there is one line, and no file."""
     nothing = Shape(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros((0, 3), np.int64))
     with pytest.raises(DvcError, match="has no points"):
         write_shape(tmp_path / f"shape.{ending}", nothing)
@@ -94,7 +97,6 @@ def test_nothing_is_no_mesh(tmp_path: Path, ending: str) -> None:
 
 
 def test_names_are_checked_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another ending, or no trimesh, is one clear message."""
     with pytest.raises(ConfigError, match=r"ends in \.ply"):
         check_export(Namespace(ply="mesh.obj", glb=None))
     assert check_export(Namespace(ply=None, glb=None)) == []
@@ -118,3 +120,16 @@ def test_calibrated_points_are_where_cameras_see_them() -> None:
         image = np.column_stack([points.reshape(-1, 3), np.ones(30)]) @ rig[index].projection.T
         seen = found.rectified_points(index, image[:, :2] / image[:, 2:])
         np.testing.assert_allclose(seen, expected, atol=1e-6)
+
+
+def test_nothing_is_behind_the_camera() -> None:
+    """Disparities at infinity and beyond are left out, of layers and of sprites."""
+    canvas = Canvas((2, 3), Frame(0, 0, 3, 2), DisparityLabels(1.0, 1.0, 8), 1.0, "middle", 2)
+    disparity = np.array([[[2.0, 2.0, 0.0], [2.0, 2.0, -0.5]]], np.float32)
+    image = LayeredDepthImage(
+        canvas, np.zeros((1, 2, 3, 3), np.uint8), disparity, np.ones((1, 2, 3), np.uint16)
+    )
+    for shape in (layers_shape(image), sprites_shape(extract_sprites(image))):
+        assert len(shape.points) == 4
+        assert (shape.points[:, 2] == 0.5).all()
+        assert len(shape.triangles) == 2

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import LatticePosition
-
-Floats = NDArray[np.float64]
 
 LINE_RATIO = 0.05
 """Largest ratio of width and length of centres on a line."""

@@ -7,18 +7,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes
 from dvc.errors import DvcError
 from dvc.geometry.calibrated_cameras import LARGEST, Camera, camera_from_matrices
-from dvc.geometry.camera_array import (
-    ArrayView,
-    CameraArray,
-    DisparityLabels,
-    LatticePosition,
-    Reconstruction,
-)
-from dvc.index_files import MAX_SIDE, Entry, read_index, read_labels, write_index
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition, Reconstruction
+from dvc.index_files import Entry, read_index, read_labels, write_index
 from dvc.picture_files import read_picture, read_plane, write_pfm, write_png
 from dvc.stereo.rectification.camera_lattice import Lattice
 from dvc.stereo.rectification.rectified_array import RectifiedArray
@@ -65,7 +59,7 @@ def read_rectified(folder: Path) -> RectifiedViews:
     """Read a folder of `write_rectified`."""
     index = read_index(folder / INDEX, FORMAT, VERSION, "dvc-stereo rectify")
     entries = index.entries("views", MAX_VIEWS)
-    size = index.integer("width", 1, MAX_SIDE), index.integer("height", 1, MAX_SIDE)
+    size = index.shape()[::-1]
     positions = tuple(LatticePosition(entry.number("m"), entry.number("n")) for entry in entries)
     if len(positions) < 2 or len(set(positions)) < len(positions):
         index.refuse("fewer than two views, or two views at one position")
@@ -92,7 +86,7 @@ def read_rectified(folder: Path) -> RectifiedViews:
 
 
 def _read_camera(entry: Entry) -> Camera:
-    size = entry.integer("width", 1, MAX_SIDE), entry.integer("height", 1, MAX_SIDE)
+    size = entry.shape()[::-1]
     K, R, t = entry.matrix("K", 3), entry.matrix("R", 3), entry.vector("t", 3, LARGEST)
     camera = camera_from_matrices(entry.text("file"), K, R, t, size)
     k1, k2, p1, p2 = (float(value) for value in entry.vector("distortion", 4))
@@ -123,7 +117,7 @@ def rectification_index(rectified: RectifiedArray) -> dict[str, Any]:
     }
 
 
-def preview(array: CameraArray) -> NDArray[np.uint8]:
+def preview(array: CameraArray) -> Bytes:
     """Draw views next to each other, with lines along which their rows and columns must agree."""
     order = sorted(range(len(array)), key=lambda index: array[index].position[::-1])
     shown = [order[k * len(order) // min(len(order), _MAX_SHOWN)] for k in range(min(len(order), _MAX_SHOWN))]
@@ -137,7 +131,7 @@ def preview(array: CameraArray) -> NDArray[np.uint8]:
     )
 
 
-def _lined(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _lined(picture: Bytes) -> Bytes:
     lined = picture.copy()
     height, width = lined.shape[:2]
     for k in range(1, _NUM_LINES):

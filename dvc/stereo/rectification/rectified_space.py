@@ -17,23 +17,17 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.errors import ConfigError
 from dvc.geometry.calibrated_cameras import NO_DISTORTION, Camera
 from dvc.geometry.camera_array import LatticePosition
 from dvc.stereo.rectification.camera_lattice import Lattice
 
-Floats = NDArray[np.float64]
-
 SWAP = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0], [0, 0, 1.0, 0]])
 """H2 (2.9): swap of depth and homogeneous coordinate."""
-
-
 MAX_OBLIQUITY = 4.0
 """Largest ratio of the stretch at a corner and at the middle of a rectified picture."""
-
-
 _BORDER_POINTS = 17
 
 
@@ -193,20 +187,16 @@ class Rectification:
 
 MAX_RESAMPLED_SIDE = 2**15 - 2
 """Longest side of resampled pictures: OpenCV counts pixels in 16 bits."""
-
-
 _DEPTH_EDGE_PX = 1.0
 
 
-def resample(
-    rectification: Rectification, index: int, picture: NDArray[np.uint8]
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+def resample(rectification: Rectification, index: int, picture: Bytes) -> tuple[Bytes, Mask]:
     """Rectify a picture by Lanczos interpolation; return it and the mask of its valid pixels."""
     grid = _grid(rectification.size)
     source = rectification.view_points(index, grid).reshape(*rectification.size[::-1], 2)
     height, width = picture.shape[:2]
     slack = 1e-3
-    valid: NDArray[np.bool_] = np.logical_and.reduce(
+    valid: Mask = np.logical_and.reduce(
         [source >= -slack, source <= np.array([width - 1, height - 1]) + slack]
     ).all(axis=2)
     source = np.clip(np.nan_to_num(source, nan=-8.0), -8.0, [width + 8.0, height + 8.0])
@@ -220,9 +210,7 @@ def _grid(size: tuple[int, int]) -> Floats:
     return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
 
 
-def to_original_view(
-    rectification: Rectification, index: int, plane: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def to_original_view(rectification: Rectification, index: int, plane: Singles) -> Singles:
     """Resample disparities of a rectified picture at the pixels of the original one."""
     width, height = rectification.cameras[index].size
     target = rectification.rectified_points(index, _grid((width, height)))
@@ -241,9 +229,7 @@ def to_original_view(
     return np.asarray(values.reshape(height, width), dtype=np.float32)
 
 
-def metric_depth(
-    rectification: Rectification, index: int, disparity: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def metric_depth(rectification: Rectification, index: int, disparity: Singles) -> Singles:
     """Return the depth along the optical axis of every pixel of an original picture, by (2.12)."""
     camera, position = rectification.cameras[index], rectification.positions[index]
     target = rectification.rectified_points(index, _grid(camera.size))

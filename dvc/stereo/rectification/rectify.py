@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask, Singles
 from dvc.errors import ConfigError
 from dvc.geometry.calibrated_cameras import LARGEST, Camera
 from dvc.geometry.camera_array import LatticePosition
@@ -21,57 +21,27 @@ from dvc.stereo.rectification.camera_lattice import (
 )
 from dvc.stereo.rectification.rectified_space import Rectification
 
-Floats = NDArray[np.float64]
-
 MAX_GROWTH = 1.25
 """Largest ratio of the pixels of a rectified picture and an original, by cropping and scaling."""
-
-
 MIN_COVERED = 0.15
 """Mean share of covered pixels of a row or column that is not cropped."""
-
-
 USUAL_PARALLAX = 0.25
 """Parallax of the nearest point between the farthest cameras if depth is unknown, in picture widths."""
-
-
 POSITION_TOLERANCE_PX = 0.25
 """Largest change of parallax from snapping cameras to the lattice."""
-
-
 _CELLS = 128
-
-
 _INWARDS = np.diag([1, 1, -1, -1])
-
-
 MAX_ERROR_PX = 1.5
 """Largest distance of matches from their epipolar lines."""
-
-
 MIN_MATCHES = 30
-
-
 GOOD_ROWS_PX = 0.5
 """Error of rows of a calibration that is not refined."""
-
-
 MIN_GAIN = 0.1
 """Smallest relative gain in rms error of a refinement."""
-
-
 _SEED = 0
-
-
 _NOISE_PX = 0.3
-
-
 _TURN_SIGMA = np.radians(0.3)
-
-
 _FOCAL_SIGMA = 0.005
-
-
 _MAX_SIGMAS = 6.0
 
 
@@ -186,7 +156,7 @@ def _cropped(bare: Rectification) -> Rectification:
     )
 
 
-def _window(hulls: Sequence[NDArray[np.float32]], most: float) -> tuple[Floats, Floats]:
+def _window(hulls: Sequence[Singles], most: float) -> tuple[Floats, Floats]:
     """Return the corners of a window round pictures; crop sides with low coverage if it is large."""
     corners = np.concatenate(hulls).astype(np.float64)
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -237,7 +207,7 @@ def refined_pair(cameras: Sequence[Camera], first: Floats, second: Floats) -> tu
     return _corrected(cameras, solved.x * sigmas)
 
 
-def _consistent(first: Floats, second: Floats) -> NDArray[np.bool_]:
+def _consistent(first: Floats, second: Floats) -> Mask:
     """Return the mask of matches that one epipolar geometry explains."""
     import pycolmap
 

@@ -10,16 +10,15 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.array_files import MAX_LABELS
+from dvc.arrays import Integers, Mask
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
 from dvc.geometry.matching_costs import offsets
 from dvc.stereo.surfaces.stereo_settings import tolerance
 
-Labels = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+Labels = Integers
 
 MIN_REGION_PX = 40
 """Smallest supported region; smaller ones are speckles, accidental matches."""

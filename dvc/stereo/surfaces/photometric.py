@@ -11,27 +11,22 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Floats, Integers, Singles
 from dvc.geometry.aggregation import Arms, Window, aggregate, defined_costs, mean_costs, smaller_costs
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.geometry.matching_costs import Band, MatchingCost, WeightedCosts
 from dvc.stereo.surfaces.occupancy import Neighbours, Occupancy, fineness, shifts
 from dvc.stereo.surfaces.stereo_settings import UNDEFINED_COST, max_jump, tolerance
 
-Floats = NDArray[np.float64]
-Volume = NDArray[np.float32]
-Labels = NDArray[np.int64]
+Volume = Singles
+Labels = Integers
 
 UNDEFINED_SHARE = 0.1
 """Share of a region with defined costs below which the constant counts more."""
-
-
 EXPOSURE_RATIO = 1.02
 """Largest ratio of levels between equal exposures: costs cannot resolve it."""
-
-
 MIN_POINTS = 500
 """Smallest number of common points for a comparison of exposures."""
 

@@ -16,11 +16,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers
 from dvc.errors import ConfigError
 from dvc.geometry.aggregation import Arms, Window, cross_arms
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, Reconstruction, Surface
 from dvc.geometry.label_inference import Inferred
-from dvc.geometry.matching_costs import COSTS, Band, CensusCost
+from dvc.geometry.matching_costs import COSTS, Band, MatchingCost
 from dvc.stereo.surfaces.occupancy import (
     Occupancy,
     exactly_supported,
@@ -48,8 +49,7 @@ from dvc.stereo.surfaces.surface_completion import (
     fused,
 )
 
-Labels = NDArray[np.int64]
-Floats = NDArray[np.float64]
+Labels = Integers
 
 MAX_CELLS = 24_000_000
 """Largest number of pixels times labels in one inference; larger views are cut into strips of rows."""
@@ -167,7 +167,7 @@ class _Solver:
         once = replace(self.settings, max_iterations=1)
         for _ in range(EXPOSURE_ROUNDS):
             solver = _Solver(small, labels, once, self.pool, lambda _: None)
-            solver.comparison = replace(solver.comparison, cost=CensusCost(has_levels=False))
+            solver.comparison = replace(solver.comparison, cost=MatchingCost("bits"))
             factors = gains(small, labels, solver.solve()[0].occupancy[small.reference])
             if max(factors.max(), 1.0 / factors.min()) <= EXPOSURE_RATIO:
                 break

@@ -17,8 +17,6 @@ TEST_PAIRS = "Aloe", "Cloth3", "Midd1", "Pipes_Q", "Recycle_Q", "Wood2", "bull"
 COST_NAMES = "census", "squared"
 INFERENCE_NAMES = "belief-propagation", "semi-global"
 OCCLUSION_NAMES = "explicit", "implicit", "none"
-AGREEMENT_NAMES = "near", "exact"
-FILLING_NAMES = "continued", "inferred"
 UNDEFINED_COST = 0.5
 """Cost of an undefined voxel, as a share of the highest: above that of most good matches."""
 SLOPE, SMALL_JUMP = 0.2, 0.3
@@ -80,15 +78,15 @@ class StereoSettings:
     sub_pixel : bool
         Whether disparities lie between those of the labels.
     agreement : str
-        Rule for support of a surface by another camera (2.15), one of `AGREEMENT_NAMES`: labels are near, if
-        the camera sees the point, in large regions; or labels are equal.
+        Rule for support of a surface by another camera (2.15): ``near`` labels, if the camera sees the point,
+        in large regions; or ``exact`` ones.
     edge_strength : float
         Smoothness between pixels of different colours, relative to 1 between pixels of one colour.
     undefined_cost : float
         Cost of voxels without a visible neighbour (2.20), as a share of the highest.
     filling : str
-        Surface without support by another camera, one of `FILLING_NAMES`: supported surfaces are continued,
-        and cameras correct each other; or labels stay as inferred.
+        Surface without support by another camera: supported surfaces are ``continued``, and cameras correct
+        each other; or labels stay as ``inferred``.
     exposures : bool
         Whether views are first brought to the exposure of the reference, by surfaces that both see.
     """

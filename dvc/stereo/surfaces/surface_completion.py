@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
 from dvc.geometry.continuation import SeenDepth, Slopes, Visibility, continue_surfaces
 from dvc.stereo.surfaces.occupancy import (
@@ -22,7 +23,6 @@ from dvc.stereo.surfaces.occupancy import (
 )
 from dvc.stereo.surfaces.stereo_settings import tolerance
 
-Floats = NDArray[np.float64]
 Measure = NDArray[np.floating]
 
 SLOPE_RADIUS_PX, SLOPE_SPACING_PX = 34, 2
@@ -44,12 +44,8 @@ variance that is added to that of the pixels, so that noise makes no slopes; all
 
 FUSION_ROUNDS = 2
 """Number of rounds of fusion; the second one sees the corrections of the first one."""
-
-
 TEXTURE_PX, SUPPORT_PX = 15, 31
 """Sides of the windows for texture and for support by other cameras."""
-
-
 JUMP_PX, JUMP_REACH_PX = 2.0, 15.0
 """Smallest jump of parallax between neighbours, and the distance at which its influence falls to 1/e."""
 
@@ -59,7 +55,7 @@ def continued(
     other: Occupancy,
     labels: DisparityLabels,
     positions: tuple[LatticePosition, LatticePosition],
-    image: NDArray[np.uint8],
+    image: Bytes,
     fineness: float,
 ) -> Floats:
     """Continue the supported surfaces of a camera over the rest of its view."""
@@ -85,9 +81,7 @@ def _seen(occupancy: Occupancy) -> SeenDepth:
     return SeenDepth(occupancy.label.astype(np.float64), visibility.astype(np.int8))
 
 
-def fitted_planes(
-    label: Floats, supported: NDArray[np.bool_], image: NDArray[np.uint8], fineness: float
-) -> Floats:
+def fitted_planes(label: Floats, supported: Mask, image: Bytes, fineness: float) -> Floats:
     """Replace labels by the planes through neighbours of like label and colour."""
     refined = np.empty(label.shape)
     _fit_planes(label, supported, image, PLANE_TOLERANCE_PX * fineness, MAX_CHANGE_PX * fineness, refined)
@@ -196,10 +190,10 @@ WEIGHTS = Evidence(0.1, 0.8, -3.2, 0.6, 3.2)
 """Weights of the log-odds: by `benchmarks.searches.confidence` on `TUNING_PAIRS`, rounded."""
 
 
-def confidence(measures: Evidence) -> NDArray[np.float32]:
+def confidence(measures: Evidence) -> Singles:
     """Return the probability that each disparity is right within a pixel."""
     log_odds = sum(weight * measure for weight, measure in zip(WEIGHTS, measures, strict=True))
-    probability: NDArray[np.float32] = (1.0 / (1.0 + np.exp(-log_odds))).astype(np.float32)
+    probability: Singles = (1.0 / (1.0 + np.exp(-log_odds))).astype(np.float32)
     return probability
 
 
@@ -217,7 +211,7 @@ def evidence(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels]
     )
 
 
-def _texture(image: NDArray[np.uint8], near: Neighbours) -> Measure:
+def _texture(image: Bytes, near: Neighbours) -> Measure:
     """Return the texture along the directions of other cameras: the larger one of two."""
     luma = image.astype(np.float32) @ np.array([0.299, 0.587, 0.114], np.float32)
     ways = [way for way, cameras in (((1, 0), near.horizontal), ((0, 1), near.vertical)) if cameras]
@@ -228,7 +222,7 @@ def _texture(image: NDArray[np.uint8], near: Neighbours) -> Measure:
     return texture
 
 
-def _distance_from_jumps(parallax_px: NDArray[np.float32]) -> Measure:
+def _distance_from_jumps(parallax_px: Singles) -> Measure:
     """Return the distance of each pixel from the nearest jump; infinite without any."""
     around = np.ones((3, 3), np.uint8)
     is_even = cv2.dilate(parallax_px, around) - cv2.erode(parallax_px, around) <= JUMP_PX

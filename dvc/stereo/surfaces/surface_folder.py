@@ -7,7 +7,7 @@ import numpy as np
 
 from dvc.errors import DvcError
 from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition, Reconstruction, Surface
-from dvc.index_files import MAX_SIDE, Entry, read_index, read_labels, write_index
+from dvc.index_files import Entry, read_index, read_labels, write_index
 from dvc.picture_files import read_pfm, read_picture, read_plane, write_pfm, write_png
 
 INDEX = "stereo.json"
@@ -46,7 +46,7 @@ def read_reconstruction(folder: str | Path) -> Reconstruction:
     """Read a folder of `write_reconstruction`."""
     index = read_index(Path(folder) / INDEX, FORMAT, VERSION, "dvc-stereo reconstruct")
     labels = read_labels(index.entry("disparities"))
-    shape = index.integer("height", 1, MAX_SIDE), index.integer("width", 1, MAX_SIDE)
+    shape = index.shape()
     views, surfaces = zip(
         *(_read_view(entry, shape) for entry in index.entries("views", MAX_VIEWS)), strict=True
     )

@@ -1,4 +1,4 @@
-"""`dvc-stereo layers` and `dvc-stereo sprites`: what they write and tell, and what they refuse."""
+"""`dvc-stereo layers` and `dvc-stereo sprites`: files, counts and refusals."""
 
 import json
 import sys
@@ -11,9 +11,9 @@ import pytest
 
 from dvc.layers.layer_folders import read_layers, read_sprites, write_layers
 from dvc.layers.layered_depth_image import layered_depth_image
-from dvc.stereo.__main__ import main
-from dvc.stereo.layer_pictures import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
+from dvc.stereo.layer_commands import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
 from dvc.stereo.surfaces.surface_folder import write_reconstruction
+from tests.stereo.data import check_refused, run
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
 COUNTS = {"num_layers", "num_values_inside", "num_values_beyond", "increase_percent", "num_values_by_layer"}
@@ -21,19 +21,12 @@ COUNTS = {"num_layers", "num_values_inside", "num_values_beyond", "increase_perc
 
 @pytest.fixture
 def surfaces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Write the surfaces of three planes, and work beside them."""
+    """Write the surfaces of three planes, and change to the folder above."""
     folder = tmp_path / "surfaces"
     folder.mkdir()
     write_reconstruction(folder, reconstruction_of(SCENE, square_lattice(1), LABELS))
     monkeypatch.chdir(tmp_path)
     return folder
-
-
-def run(*arguments: str) -> int:
-    try:
-        return main(list(arguments))
-    except SystemExit as err:
-        return int(err.code or 0)
 
 
 def test_layers(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -51,9 +44,9 @@ def test_layers(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
     preview = cv2.imread("layers/preview-values.png", cv2.IMREAD_GRAYSCALE)
     np.testing.assert_array_equal(preview, image.values_per_pixel * 85)
     assert run("layers", "surfaces", "--out", "again") == 0
-    told = capsys.readouterr().out
-    assert told.startswith("3 layers of 9 views: ")
-    assert told.count("\n") == 1
+    output = capsys.readouterr().out
+    assert output.startswith("3 layers of 9 views: ")
+    assert output.count("\n") == 1
     assert run("layers", "surfaces", "--out", "quiet", "--quiet") == 0
     assert capsys.readouterr().out == ""
 
@@ -92,26 +85,16 @@ def test_meshes(surfaces: Path, command: str) -> None:
 def test_missing_extra(
     surfaces: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Without trimesh, a mesh is refused in one line that names the extra, and nothing is written."""
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    assert run("layers", "surfaces", "--out", "out", "--ply", "a.ply") == 2
-    told = capsys.readouterr().err
-    assert "dvc3d[mesh]" in told
-    assert told.count("\n") == 1
+    check_refused(capsys, "dvc3d[mesh]", "layers", "surfaces", "--out", "out", "--ply", "a.ply")
     assert not Path("out").exists()
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ("layers", "nothing", "--out", "out"),
-            "nothing: not a folder of `dvc-stereo reconstruct`",
-        ),
-        (
-            ("sprites", "nothing", "--out", "out"),
-            "nothing: not a folder of `dvc-stereo layers`",
-        ),
+        (("layers", "nothing", "--out", "out"), "nothing: not a folder of `dvc-stereo reconstruct`"),
+        (("sprites", "nothing", "--out", "out"), "nothing: not a folder of `dvc-stereo layers`"),
         (("layers", "surfaces", "--out", "surfaces"), "not an empty folder"),
         (("layers", "surfaces"), "--out"),
         (("layers", "surfaces", "--out", "out", "--json", "surfaces/stereo.json"), "is also an input"),
@@ -123,26 +106,19 @@ def test_missing_extra(
 def test_refusals(
     surfaces: Path, arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Bad input is one line on stderr and status 2."""
-    assert run(*arguments) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    check_refused(capsys, message, *arguments)
     assert not Path("out").exists()
 
 
 def test_layers_without_values_have_no_sprites(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing is one line, and no folder."""
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
     Path("empty").mkdir()
     write_layers(Path("empty"), replace(image, votes=np.zeros_like(image.votes)))
-    assert run("sprites", "empty", "--out", "out") == 2
-    assert "empty: the layers have no values" in capsys.readouterr().err
+    check_refused(capsys, "empty: the layers have no values", "sprites", "empty", "--out", "out")
     assert not Path("out").exists()
 
 
 def test_pictures_of_figures() -> None:
-    """Surfaces are drawn without what is before them, values as grey levels, layers side by side."""
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(2), LABELS))
     table = draw_surfaces(image, 5.0, 7.0, np.s_[10:34, -20:70])
     assert table.shape == (24, 90, 3)

@@ -1,4 +1,4 @@
-"""`dvc-stereo reconstruct`: what it writes and tells, and what it refuses."""
+"""`dvc-stereo reconstruct`: folder, figures, warnings and refusals."""
 
 import json
 from pathlib import Path
@@ -11,11 +11,12 @@ from playwright.sync_api import Browser
 from dvc.errors import ConfigError, DvcError
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.picture_files import read_pfm
-from dvc.stereo.__main__ import main
 from dvc.stereo.surfaces.reconstruct import most_steps, reconstruct
 from dvc.stereo.surfaces.stereo_settings import StereoSettings
 from dvc.stereo.surfaces.surface_folder import read_reconstruction
-from tests.stereo.data import pair_of_planes
+from tests.stereo.data import check_refused, pair_of_planes, run
+
+PAIR = "left.png right.png --disparities 0:8"
 
 
 @pytest.fixture
@@ -29,23 +30,9 @@ def views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(216)
-
-
-def run(*arguments: str) -> int:
-    try:
-        return main(["reconstruct", *arguments])
-    except SystemExit as err:
-        return int(err.code or 0)
-
-
 def test_data_pictures_and_page_are_written(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Data, previews and page stand in one folder, and the summary tells the evaluation."""
     truth = ["--truth", "truth.png", "--truth-scale", "16"]
-    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", *truth) == 0
+    assert run("reconstruct", *PAIR.split(), "--out", "out", *truth) == 0
     kinds = {"view", "preview", "occluded", "confidence"}
     expected = {f"{kind}-{name}.png" for kind in kinds for name in ("left", "right")}
     expected |= {"disparity-left.pfm", "disparity-right.pfm", "error-left.png", "index.html", "stereo.json"}
@@ -64,27 +51,25 @@ def test_data_pictures_and_page_are_written(views: Path, capsys: pytest.CaptureF
 
 
 def test_json_and_meshes(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Figures go to standard output alone, meshes to their files; --quiet says nothing."""
+    """Standard output has only JSON, files have meshes, and --quiet prints nothing."""
     pytest.importorskip("trimesh")
     shapes = ["--ply", "a.ply", "--glb", "a.glb"]
-    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", "--json", "-", *shapes) == 0
+    assert run("reconstruct", *PAIR.split(), "--out", "out", "--json", "-", *shapes) == 0
     assert json.loads(capsys.readouterr().out)["surfaces"][0]["highest_px"] <= 8.0
     assert (views / "a.ply").read_bytes().startswith(b"ply")
     assert (views / "a.glb").read_bytes().startswith(b"glTF")
-    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "two", "--quiet") == 0
+    assert run("reconstruct", *PAIR.split(), "--out", "two", "--quiet") == 0
     assert capsys.readouterr().out == ""
 
 
 def test_a_mesh_may_be_in_the_folder(views: Path) -> None:
-    """Nothing is lost where the folder is there and the mesh is written into it."""
     pytest.importorskip("trimesh")
     (views / "out").mkdir()
-    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", "--ply", "out/a.ply") == 0
+    assert run("reconstruct", *PAIR.split(), "--out", "out", "--ply", "out/a.ply") == 0
     assert {"a.ply", "stereo.json"} <= {path.name for path in (views / "out").iterdir()}
 
 
 def test_grey_and_deep_pictures_are_taken(views: Path) -> None:
-    """One view of 16 bits and one that is grey are as good as others."""
     left = cv2.imread("left.png", cv2.IMREAD_GRAYSCALE)
     right = cv2.imread("right.png", cv2.IMREAD_GRAYSCALE)
     assert left is not None
@@ -92,79 +77,66 @@ def test_grey_and_deep_pictures_are_taken(views: Path) -> None:
     cv2.imwrite("left16.png", left.astype(np.uint16) * 257)
     cv2.imwrite("right8.png", right)
     truth = ["--truth", "truth.png", "--truth-scale", "16", "--json", "figures.json"]
-    assert run("left16.png", "right8.png", "--disparities", "0:8", "--out", "out", *truth) == 0
+    assert run("reconstruct", "left16.png", "right8.png", "--disparities", "0:8", "--out", "out", *truth) == 0
     assert json.loads((views / "figures.json").read_text())["evaluation"]["bad_percent"]["1"] < 20.0
 
 
-def test_range_that_is_too_narrow_is_told(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Where many pixels have the last disparity, there is a warning, in the index as well."""
-    assert run("left.png", "right.png", "--disparities=-2:2", "--out", "out") == 0
+def test_range_that_is_too_narrow_is_reported(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("reconstruct", "left.png", "right.png", "--disparities=-2:2", "--out", "out") == 0
     assert "highest disparity, 2 px" in capsys.readouterr().err
     assert len(json.loads((views / "out" / "stereo.json").read_text())["warnings"]) == 1
 
 
 def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """If 0 is in the range it is found everywhere, with a warning; else there is one line."""
     (views / "same.png").write_bytes((views / "left.png").read_bytes())
-    assert run("left.png", "same.png", "--disparities=-3:3", "--out", "out") == 0
+    assert run("reconstruct", "left.png", "same.png", "--disparities=-3:3", "--out", "out") == 0
     assert "identical" in capsys.readouterr().err
     assert np.abs(read_pfm(views / "out" / "disparity-left.pfm")).max() < 0.5
-    assert run("left.png", "same.png", "--disparities", "0:3", "--out", "from0") == 0
+    assert run("reconstruct", "left.png", "same.png", "--disparities", "0:3", "--out", "from0") == 0
     assert len(capsys.readouterr().err.splitlines()) == 1, "0 is right, though the end of the range"
-    assert run("left.png", "same.png", "--disparities", "1:3", "--out", "none") == 2
-    assert "no disparity but 0 fits" in capsys.readouterr().err
+    options = "left.png", "same.png", "--disparities", "1:3", "--out", "none"
+    check_refused(capsys, "no disparity but 0 fits", "reconstruct", *options)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["left.png", "--disparities", "0:8"], "at least two views"),
-        (["left.png", "none.png", "--disparities", "0:8"], "none.png: No such file"),
-        (["left.png", "small.png", "--disparities", "0:8"], "all must have one size"),
-        (["left.png", "black.png", "--disparities", "0:8"], "a single colour"),
-        (["left.png", "text.png", "--disparities", "0:8"], "not a picture"),
-        (["left.png", "\udcff.png", "--disparities", "0:8"], "not of Unicode characters"),
-        (["left.png", "right.png"], "--disparities"),
-        (["left.png", "right.png", "--disparities", "8:0"], "MIN <= MAX"),
-        (["left.png", "right.png", "--disparities", "0:1e9:1e6"], "none beyond 1e+06"),
-        (["left.png", "right.png", "--disparities", "0:0:1e-300"], "expected a step of"),
-        (["left.png", "right.png", "--lattice", "0,0", "1e300,0", "--disparities", "0:8"], "expected M,N"),
-        (["left.png", "right.png", "--lattice", "0,0", "-0,0", "--disparities", "0:8"], "the position 0,0"),
-        (["left.png", "right.png", "--disparities", "0:8", "--mask", "truth.png"], "require --truth"),
-        (["left.png", "right.png", "--disparities", "0:8", "--ply", "a.obj"], "ends in .ply"),
-        (["left.png", "right.png", "--disparities", "0:8", "--json", "left.png"], "is also an input"),
-        (["left.png", "right.png", "--views", "text.png", "--json", "text.png"], "is also an input"),
-        (["left.png", "right.png", "--cameras", "colmap", "--json", "colmap/cameras.txt"], "also an input"),
-        (["left.png", "right.png", "--disparities", "0:8", "--truth", "truth.png"], "--truth-scale"),
-        (
-            ["left.png", "right.png", "--disparities", "0:8", "--truth", "small.png", "--truth-scale", "4"],
-            "small.png: 10x10, but the views are 72x48",
-        ),
-        (
-            ["left.png", "right.png", "--disparities", "0:8", "--truth", "black.png", "--truth-scale", "4"],
-            "no pixel counts",
-        ),
+        ("left.png --disparities 0:8", "at least two views"),
+        ("left.png none.png --disparities 0:8", "none.png: No such file"),
+        ("left.png small.png --disparities 0:8", "all must have one size"),
+        ("left.png black.png --disparities 0:8", "a single colour"),
+        ("left.png text.png --disparities 0:8", "not a picture"),
+        ("left.png \udcff.png --disparities 0:8", "not of Unicode characters"),
+        ("left.png right.png", "--disparities"),
+        ("left.png right.png --disparities 8:0", "MIN <= MAX"),
+        ("left.png right.png --disparities 0:1e9:1e6", "none beyond 1e+06"),
+        ("left.png right.png --disparities 0:0:1e-300", "expected a step of"),
+        (f"{PAIR} --lattice 0,0 1e300,0", "expected M,N"),
+        (f"{PAIR} --lattice 0,0 -0,0", "the position 0,0"),
+        (f"{PAIR} --mask truth.png", "require --truth"),
+        (f"{PAIR} --ply a.obj", "ends in .ply"),
+        (f"{PAIR} --json left.png", "is also an input"),
+        ("left.png right.png --views text.png --json text.png", "is also an input"),
+        ("left.png right.png --cameras colmap --json colmap/cameras.txt", "also an input"),
+        (f"{PAIR} --truth truth.png", "--truth-scale"),
+        (f"{PAIR} --truth small.png --truth-scale 4", "small.png: 10x10, but the views are 72x48"),
+        (f"{PAIR} --truth black.png --truth-scale 4", "no pixel counts"),
     ],
 )
 def test_bad_input_is_one_line(
-    views: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+    views: Path, capsys: pytest.CaptureFixture[str], arguments: str, message: str
 ) -> None:
-    """Whatever is wrong, there is one line, exit status 2, and no folder."""
     cv2.imwrite("small.png", np.eye(10, dtype=np.uint8) * 200)
     cv2.imwrite("black.png", np.zeros((48, 72, 3), np.uint8))
     (views / "text.png").write_text("no picture")
     (views / "colmap").mkdir()
     (views / "colmap" / "cameras.txt").touch()
-    assert run(*arguments, "--out", "out") == 2
-    captured = capsys.readouterr()
-    assert captured.err.count("\n") == 1
-    assert message in captured.err
+    check_refused(capsys, message, "reconstruct", *arguments.split(), "--out", "out")
     assert not (views / "out").exists()
 
 
 def test_page_opens_without_an_error_or_a_request(views: Path, browser: Browser) -> None:
-    """Every picture of the page is shown, nothing is logged or loaded, and another view can be chosen."""
-    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", "--quiet") == 0
+    assert run("reconstruct", *PAIR.split(), "--out", "out", "--quiet") == 0
     page = browser.new_page()
     logged: list[str] = []
     requests: list[str] = []
@@ -184,17 +156,22 @@ def test_page_opens_without_an_error_or_a_request(views: Path, browser: Browser)
 def test_views_in_the_wrong_order_are_refused(
     views: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What views share tells that the right one comes first, or that the range is another one."""
     scene = cv2.GaussianBlur(rng.integers(0, 256, (80, 160, 3), dtype=np.uint8), (0, 0), 1.2)
     scene = np.clip(3.0 * (scene - 127.5) + 127.5, 0, 255).astype(np.uint8)
     for name, left in (("a", 0), ("b", 4)):
         cv2.imwrite(f"{name}.png", scene[:, left : left + 150])
-    assert run("b.png", "a.png", "--disparities", "0:8", "--out", "out") == 2
-    assert "have disparities from -4" in capsys.readouterr().err
-    assert run("a.png", "b.png", "--disparities", "20:30", "--out", "out") == 2
-    assert "not 20 to 30" in capsys.readouterr().err
+    for options, message in (
+        ("b.png a.png --disparities 0:8", "have disparities from -4"),
+        ("a.png b.png --disparities 20:30", "not 20 to 30"),
+    ):
+        check_refused(capsys, message, "reconstruct", *options.split(), "--out", "out")
     assert not (views / "out").exists()
-    assert run("b.png", "a.png", "--lattice", "1,0", "0,0", "--disparities", "0:8", "--out", "out") == 0
+    assert (
+        run(
+            "reconstruct", "b.png", "a.png", "--lattice", "1,0", "0,0", "--disparities", "0:8", "--out", "out"
+        )
+        == 0
+    )
 
 
 def test_work_space_is_bounded() -> None:
@@ -210,7 +187,6 @@ def test_work_space_is_bounded() -> None:
 def test_progress_has_an_end(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, step: float, large_cells: int
 ) -> None:
-    """As many steps are told as were announced, with views of half the size as well."""
     monkeypatch.setattr("dvc.stereo.surfaces.reconstruct.LARGE_CELLS", large_cells)
     scene = rng.integers(0, 256, (60, 110, 3), dtype=np.uint8)
     views = [ArrayView(f"{m}", scene[:, 4 * m : 4 * m + 100], LatticePosition(m, 0.0)) for m in (0, 1)]
@@ -235,7 +211,7 @@ def test_impossible_numbers_of_an_index_are_refused(
     views: Path, part: str, values: dict[str, float], message: str
 ) -> None:
     """Numbers that the command would not take are not taken from its folder either."""
-    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", "--quiet") == 0
+    assert run("reconstruct", *PAIR.split(), "--out", "out", "--quiet") == 0
     path = views / "out" / "stereo.json"
     index = json.loads(path.read_text())
     (index["views"][0] if part == "view" else index["disparities"]).update(values)

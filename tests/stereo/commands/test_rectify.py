@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from dvc.picture_files import read_pfm, read_picture, write_png
-from dvc.stereo.__main__ import main
 from dvc.stereo.surfaces.surface_folder import read_reconstruction
 from sequences.toy_array import write_array
+from tests.stereo.data import check_refused, run
 
 NAMES = ("toy-0-0", "toy-1-0")
 SIZE = 128, 96
@@ -32,23 +32,15 @@ def toy(rendered: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return rendered
 
 
-def run(*arguments: object) -> int:
-    try:
-        return main([str(argument) for argument in arguments])
-    except SystemExit as err:
-        return int(err.code or 0)
-
-
 def test_rectify_writes_views_masks_and_homographies(
     toy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What is written is a camera array that `reconstruct --views` reads; the homographies lead there."""
     out = tmp_path / "out"
     paths = sorted(toy.glob("toy-*.png"))
     assert run("rectify", *paths, "--cameras", "cameras.json", "--out", out) == 0
-    told = capsys.readouterr().out
-    assert "4 views" in told
-    assert "px rms" in told
+    output = capsys.readouterr().out
+    assert "4 views" in output
+    assert "px rms" in output
     index = json.loads((out / "rectification.json").read_text())
     size = index["height"], index["width"]
     with open(out / "views.csv", newline="") as file:
@@ -108,7 +100,7 @@ def test_folder_of_rectified_views_is_as_good_as_the_cameras(
     assert {path.name for path in out[1].iterdir()} == {path.name for path in out[2].iterdir()}
     for name in ("depth-toy-0-0.pfm", "original-disparity-toy-1-0.pfm", "valid-toy-0-0.png"):
         assert (out[1] / name).read_bytes() == (out[2] / name).read_bytes()
-    capsys.readouterr()
+    none = "--out", tmp_path / "none"
     index = out[0] / "rectification.json"
     whole = json.loads(index.read_text())
     for changed, message in (
@@ -121,31 +113,20 @@ def test_folder_of_rectified_views_is_as_good_as_the_cameras(
         ({"row_rms_px": float("nan")}, "not a JSON file"),
     ):
         index.write_text(json.dumps({**whole, **changed}))
-        check_refused([out[0]], message, tmp_path / "none", capsys)
+        check_refused(capsys, message, "reconstruct", out[0], *none)
     index.write_text(json.dumps({**whole, "row_rms_px": 9.0}).replace("9.0", "1e999"))
-    check_refused([out[0]], "not a JSON file", tmp_path / "none", capsys)
+    check_refused(capsys, "not a JSON file", "reconstruct", out[0], *none)
     index.write_text(json.dumps(whole))
     valid = read_picture(out[0] / "valid-toy-0-0.png")[:, :, 0]
     write_png(out[0] / "valid-toy-0-0.png", np.zeros_like(valid))
-    check_refused([out[0]], "has no valid pixel", tmp_path / "none", capsys)
+    check_refused(capsys, "has no valid pixel", "reconstruct", out[0], *none)
     index.unlink()
-    check_refused([out[0]], "not a folder of `dvc-stereo rectify`", tmp_path / "none", capsys)
-    check_refused([out[0], pair[0]], "excludes other views", tmp_path / "none", capsys)
-    check_refused([out[0], *cameras], "excludes --cameras", tmp_path / "none", capsys)
-
-
-def check_refused(
-    arguments: list[object], message: str, out: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run("reconstruct", *arguments, "--out", out) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-    assert not out.exists()
+    check_refused(capsys, "not a folder of `dvc-stereo rectify`", "reconstruct", out[0], *none)
+    check_refused(capsys, "excludes other views", "reconstruct", out[0], pair[0], *none)
+    check_refused(capsys, "excludes --cameras", "reconstruct", out[0], *cameras, *none)
 
 
 def test_rectified_input_keeps_its_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parallel cameras: the pictures stay as they are, and only the depth is added."""
     rng = np.random.default_rng(0)
     texture = cv2.GaussianBlur(rng.integers(0, 256, (48, 90, 3)).astype(np.uint8), (0, 0), 1.0)
     cameras = []
@@ -194,22 +175,16 @@ def test_range_of_rectified_views_comes_from_their_matches(toy: Path, tmp_path: 
 def test_bad_input_is_one_line(
     toy: Path, tmp_path: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What is wrong is said once, and nothing is left behind."""
-    assert run("rectify", *arguments, "--cameras", "cameras.json", "--out", tmp_path / "out") == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+    options = "--cameras", "cameras.json", "--out", tmp_path / "out"
+    check_refused(capsys, message, "rectify", *arguments, *options)
     assert not list(tmp_path.iterdir())
 
 
 def test_missing_cameras_are_one_line(toy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A file that is not there, and cameras that no matches tell."""
     for name in ("blank-a.png", "blank-b.png"):
         cv2.imwrite(str(tmp_path / name), np.full((32, 32, 3), 90, np.uint8))
     pair = tmp_path / "blank-a.png", tmp_path / "blank-b.png"
-    assert run("rectify", *pair, "--cameras", "no.json", "--out", tmp_path / "out") == 2
-    assert "no.json: No such file" in capsys.readouterr().err
-    assert run("rectify", *pair, "--cameras", "auto", "--out", tmp_path / "out") == 2
-    assert "cannot be estimated" in capsys.readouterr().err
-    assert run("reconstruct", *pair, "--out", tmp_path / "out") == 2
-    assert "give --disparities" in capsys.readouterr().err
+    out = "--out", tmp_path / "out"
+    check_refused(capsys, "no.json: No such file", "rectify", *pair, "--cameras", "no.json", *out)
+    check_refused(capsys, "cannot be estimated", "rectify", *pair, "--cameras", "auto", *out)
+    check_refused(capsys, "give --disparities", "reconstruct", *pair, *out)

@@ -1,4 +1,4 @@
-"""Lattices: exact recovery, cameras on a line, orientation, and places of cameras that are given none."""
+"""Lattices: exact recovery, cameras on a line, orientation, and positions from centres."""
 
 from contextlib import nullcontext
 
@@ -31,7 +31,6 @@ def centres_of(rig: list) -> np.ndarray:
 @settings(max_examples=40)
 @given(seeds)
 def test_grid_is_recovered_exactly(seed: int) -> None:
-    """The centres of a 2-D array without noise are at their places, whatever subset of the grid is there."""
     kept = np.random.default_rng(seed).permutation(len(GRID))[:6]
     places = np.array([GRID[k] for k in kept])
     if np.linalg.matrix_rank(places - places[0]) < 2:
@@ -45,7 +44,6 @@ def test_grid_is_recovered_exactly(seed: int) -> None:
 @settings(max_examples=40)
 @given(seeds, st.sampled_from([(1.0, 0.0), (0.0, 1.0), (2.0, 1.0), (-1.0, 3.0)]))
 def test_line_gets_a_perpendicular_vector_of_its_cells(seed: int, step: tuple[float, float]) -> None:
-    """Of cameras on a line, v1 and v2 are perpendicular, as long, and face the scene; places stay exact."""
     places = np.outer(np.arange(4.0), step)
     rig = random_rig(seed, places.tolist(), turn=0.05)
     orientation = mean_orientation(rig)
@@ -58,13 +56,11 @@ def test_line_gets_a_perpendicular_vector_of_its_cells(seed: int, step: tuple[fl
 
 
 def test_single_camera_has_steps_along_its_picture() -> None:
-    """One camera alone spans nothing: v1 is along its rows, of one unit."""
     lattice = fit_lattice(np.ones((1, 3)), np.zeros((1, 2)), FACING)
     np.testing.assert_allclose([lattice.origin, lattice.v1, lattice.v2], [[1, 1, 1], [1, 0, 0], [0, 1, 0]])
 
 
 def test_basis_does_not_depend_on_the_unit_of_the_world() -> None:
-    """The third vector is the normal, as long as the square root of a cell's area."""
     small, large = (
         Lattice(np.zeros(3), unit * np.array([2.0, 0, 0]), unit * np.array([1.0, 3.0, 0])).basis
         for unit in (1, 10)
@@ -75,11 +71,12 @@ def test_basis_does_not_depend_on_the_unit_of_the_world() -> None:
 
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (1, -1), (-1, -1)])
 def test_mirrored_places_are_turned_to_the_scene(signs: tuple[int, int]) -> None:
-    """Whatever signs the given m and n have, v1 leads right, v2 down, and centres stay where they are."""
     rig = random_rig(3, GRID)
     orientation = mean_orientation(rig)
-    told = np.array(GRID) * signs
-    lattice, places = upright(fit_lattice(centres_of(rig), told, orientation), told, orientation)
+    given_positions = np.array(GRID) * signs
+    lattice, places = upright(
+        fit_lattice(centres_of(rig), given_positions, orientation), given_positions, orientation
+    )
     np.testing.assert_allclose(places, GRID, atol=1e-12)
     np.testing.assert_allclose(lattice.coordinates(centres_of(rig))[:, :2], GRID, atol=1e-11)
     assert np.cross(lattice.v1, lattice.v2) @ orientation.forward > 0
@@ -88,7 +85,6 @@ def test_mirrored_places_are_turned_to_the_scene(signs: tuple[int, int]) -> None
 @settings(max_examples=25)
 @given(seeds)
 def test_whole_numbers_are_found(seed: int) -> None:
-    """Centres on a lattice get whole numbers that differ from the true ones by an offset."""
     rig = random_rig(seed, GRID)
     lattice, places = assign_positions(centres_of(rig), mean_orientation(rig))
     np.testing.assert_allclose(places - places[0], np.array(GRID), atol=1e-12)
@@ -114,7 +110,6 @@ def test_row_or_column_with_a_gap(step: tuple[float, float]) -> None:
 
 
 def test_pair_is_left_and_right_by_its_centres() -> None:
-    """The first view is (0, 0); the other is to its left or right, as it stands."""
     rig = random_rig(2, [(0.0, 0.0), (1.0, 0.0)], turn=0.02)
     for order, expected in ((rig, 1.0), (rig[::-1], -1.0)):
         _, places = assign_positions(centres_of(order), mean_orientation(order))
@@ -138,9 +133,9 @@ def test_centres_off_their_places_become_real_valued() -> None:
     """Within the tolerance the given places stay; beyond it the projections of the centres do."""
     lattice = Lattice(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
     centres = np.array([[0.0, 0, 0], [1.01, 0.0, 0.3]])
-    told = np.array([[0.0, 0.0], [1.0, 0.0]])
-    np.testing.assert_array_equal(snapped(lattice, centres, told, 0.02), told)
-    np.testing.assert_array_equal(snapped(lattice, centres, told, 0.005), centres[:, :2])
+    given_positions = np.array([[0.0, 0.0], [1.0, 0.0]])
+    np.testing.assert_array_equal(snapped(lattice, centres, given_positions, 0.02), given_positions)
+    np.testing.assert_array_equal(snapped(lattice, centres, given_positions, 0.005), centres[:, :2])
 
 
 @pytest.mark.parametrize(
@@ -152,15 +147,13 @@ def test_centres_off_their_places_become_real_valued() -> None:
     ],
 )
 def test_degenerate_centres(centres: list, places: list, message: str) -> None:
-    """What spans no lattice says so."""
     with pytest.raises(ConfigError, match=message):
         fit_lattice(np.array(centres, float), np.array(places, float), FACING)
 
 
 @pytest.mark.parametrize(("aside", "is_refused"), [(0.04, True), (0.06, False)])
 def test_cameras_almost_one_behind_the_other(aside: float, is_refused: bool) -> None:
-    """Their line must be some three degrees off where they look."""
     centres, places = np.array([[0, 0, 0], [aside, 0, 1.0]]), np.array([[0.0, 0], [1, 0]])
-    told = pytest.raises(ConfigError, match="one behind the other") if is_refused else nullcontext()
-    with told:
+    expectation = pytest.raises(ConfigError, match="one behind the other") if is_refused else nullcontext()
+    with expectation:
         assert fit_lattice(centres, places, FACING).v1 @ FACING.right > 0.0

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -16,8 +17,14 @@ from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.camera_estimation import Features
 from dvc.geometry.camera_files import load_cameras
 from dvc.picture_files import read_pfm, read_picture
-from dvc.stereo.rectification.disparity_range import suggested_labels
-from dvc.stereo.rectification.rectified_array import rectified_array
+from dvc.stereo.rectification.rectified_array import (
+    RowMatches,
+    range_of,
+    range_of_matches,
+    rectified_array,
+    row_matches,
+    suggested_labels,
+)
 from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, metric_depth
 from dvc.stereo.rectification.rectify import rectify, refined_pair
 from sequences.toy_array import write_array
@@ -73,7 +80,6 @@ def test_true_disparities_of_toy_give_its_depth_back(toy: Path) -> None:
 
 
 def test_cameras_of_toy_are_estimated(toy: Path) -> None:
-    """From plain pictures alone: the same lattice, and rows and columns that agree; the same result again."""
     found = rectified_array(views_of(toy), "auto", with_matches=True)
     places = np.array(found.rectification.positions)
     np.testing.assert_allclose(places - places[0], [[0, 0], [0, 1], [1, 0], [1, 1]], atol=0.05)
@@ -96,7 +102,7 @@ def test_two_views_of_toy_are_estimated(toy: Path) -> None:
 
 
 def matches_and_inliers(paths: list[Path]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Match two pictures, and keep what one epipolar geometry explains."""
+    """Match two pictures, and keep the inliers of one epipolar geometry."""
     pictures = [read_picture(path) for path in paths]
     first, second = Features(pictures[0]).match(Features(pictures[1]))
     _, mask = cv2.findFundamentalMat(first, second, cv2.USAC_MAGSAC, 1.5, 0.9999, 20000)
@@ -152,7 +158,6 @@ def test_fern_has_real_places_near_its_irregular_grid(tmp_path: Path) -> None:
 
 
 def test_tilted_calibration_is_put_right() -> None:
-    """Two cameras whose tilt and roll are wrong agree with exact matches afterwards; good ones stay."""
     rig = random_rig(21, [(0.0, 0.0), (1.0, 0.0)], turn=0.05)
     rng = np.random.default_rng(0)
     middle = np.mean([camera.centre for camera in rig], axis=0)
@@ -169,7 +174,6 @@ def test_tilted_calibration_is_put_right() -> None:
 
 
 def test_labels_hold_the_range_in_steps_that_suit_it() -> None:
-    """Whole pixels where these are enough, fractions for small ranges, coarser ones for huge ranges."""
     for low, high, step in ((0.0, 60.0, 1.0), (-3.0, 2.5, 0.5), (0.0, 0.5, 0.125), (0.0, 9000.0, 4.0)):
         labels = suggested_labels(low, high)
         assert labels.step == step
@@ -177,8 +181,7 @@ def test_labels_hold_the_range_in_steps_that_suit_it() -> None:
         assert 16 <= labels.num_labels <= 4096
 
 
-def test_cameras_off_the_plane_are_told_in_pixels(toy: Path, tmp_path: Path) -> None:
-    """One of four cameras moved towards the scene: how far off in pixels, and what is accepted."""
+def test_cameras_off_the_plane_are_reported_in_pixels(toy: Path, tmp_path: Path) -> None:
     cameras = json.loads((toy / "cameras.json").read_text())
     cameras[3]["t"] = (np.array(cameras[3]["t"]) - [0, 0, 0.3]).tolist()
     moved = tmp_path / "moved.json"
@@ -200,7 +203,6 @@ def test_given_places_are_kept_or_become_real(toy: Path) -> None:
 
 
 def test_pictures_of_several_sizes_are_rectified_to_one(toy: Path, tmp_path: Path) -> None:
-    """A calibrated picture of half the size fits the others."""
     cameras = json.loads((toy / "cameras.json").read_text())
     half = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1.0]])
     cameras[1]["K"] = (half @ np.array(cameras[1]["K"])).tolist()
@@ -224,3 +226,62 @@ def test_views_that_cannot_be_resampled_are_refused(toy: Path, monkeypatch: pyte
     monkeypatch.setattr("dvc.stereo.rectification.rectified_array.MAX_RESAMPLED_SIDE", 100)
     with pytest.raises(ConfigError, match="pixels, sides of at most 100"):
         rectified_array(views_of(toy), toy / "cameras.json")
+
+
+class Seen:
+    """Points of one view with known disparities; the last one has a wrong match in every other view."""
+
+    def __init__(self, position: LatticePosition, disparities: np.ndarray) -> None:
+        self.position, self.disparities, self.partners = position, disparities, list[LatticePosition]()
+
+    def points(self) -> np.ndarray:
+        """Return the positions of the points (2.5)."""
+        rows = np.linspace(100.0, 200.0, len(self.disparities))
+        moved = np.outer(self.disparities, [self.position.m, self.position.n])
+        return np.stack([2.0 * rows, rows], axis=1) - moved
+
+    def match(self, other: "Seen") -> tuple[np.ndarray, np.ndarray]:
+        """Return the same points in both views."""
+        self.partners.append(other.position)
+        here, there = self.points(), other.points()
+        apart = np.subtract(other.position, self.position)
+        there[-1] += 3.0 * np.array([-apart[1], apart[0]]) / np.hypot(*apart)
+        return here, there
+
+
+def test_reference_is_matched_with_its_neighbours() -> None:
+    """The view nearest to the origin with the eight next to it; matches across the parallax are left out."""
+    positions = [LatticePosition(m, n) for m in (14.0, 11.0, 12.0, 13.0) for n in (-3.0, -2.0, -1.0, -4.0)]
+    disparities = np.array([0.5, 2.0, 7.0, 4.0, 30.0])
+    seen = [Seen(position, disparities) for position in positions]
+    found = row_matches(positions, cast(list[Features], seen))
+    reference = seen[positions.index(LatticePosition(11.0, -1.0))]
+    assert [bool(one.partners) for one in seen] == [one is reference for one in seen]
+    distances = np.sort([np.hypot(*np.subtract(one, reference.position)) for one in positions])
+    chosen = [np.hypot(*np.subtract(one, reference.position)) for one in reference.partners]
+    np.testing.assert_allclose(chosen, distances[1:9])
+    np.testing.assert_allclose(found.disparities, np.tile(disparities[:-1], 8))
+    np.testing.assert_allclose(found.residuals_px, 0.0, atol=1e-9)
+    assert range_of_matches(found) is not None
+
+
+def test_few_matches_give_no_range() -> None:
+    values = np.linspace(1.0, 9.0, 20)
+    assert range_of_matches(RowMatches(values, np.zeros(20))) is not None
+    assert range_of_matches(RowMatches(values[1:], np.zeros(19))) is None
+    assert RowMatches(values, np.array([3.0, -4.0])).rms_px == np.sqrt(12.5)
+    assert RowMatches(values[:0], np.zeros(0)).rms_px is None
+
+
+def test_wrong_matches_hardly_widen_the_range() -> None:
+    """Three in a hundred are far off on each side: at most three times as wide."""
+    true = np.linspace(20.0, 60.0, 188)
+    wrong = np.concatenate([np.full(6, -3000.0), np.full(6, 5000.0)])
+    np.testing.assert_allclose(range_of(true), (20.4, 59.6), atol=0.05)
+    lowest, highest = range_of(np.concatenate([true, wrong]))
+    assert -20.0 < lowest <= 20.4
+    assert 59.6 <= highest < 100.0
+    labels = suggested_labels(*range_of(true))
+    assert 10.0 < labels.lowest < 15.0
+    assert 70.0 < labels.highest < 77.0
+    assert labels.step == 1.0

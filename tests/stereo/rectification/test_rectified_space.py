@@ -1,4 +1,4 @@
-"""The rectified space: identities (2.4) to (2.12) on random rigs, and what they say of pictures."""
+"""The rectified space: identities (2.4) to (2.12) on random rigs, and rectified pictures."""
 
 from dataclasses import replace
 
@@ -64,7 +64,7 @@ def test_matrix_identity(seed: int, places: list) -> None:
 @settings(max_examples=50)
 @given(seeds, rigs, st.sampled_from([0.01, 1.0, 250.0]))
 def test_points_obey_the_rectified_projection(seed: int, places: list, unit: float) -> None:
-    """(2.5), (2.12): where a point is seen follows from (x, y, d), with the offset and shift of the crop."""
+    """(2.5), (2.12): (x, y, d) gives the position of a point in each view, with the offset of the crop."""
     rig = random_rig(seed, places, unit)
     found = rectify(rig)
     points = points_before(rig, seed, unit)
@@ -183,15 +183,15 @@ def test_infinity_has_infinite_depth() -> None:
 SIZE_OF_FIRST = (120, 160)
 
 
-def test_centres_off_the_plane_are_told_in_pixels() -> None:
-    """What (2.5) misses at the ends of the range is what is told, and nothing at the middle disparity."""
+def test_centres_off_the_plane_are_reported_in_pixels() -> None:
+    """The bound on the error of (2.5) holds at both ends of the range of disparities."""
     rig = random_rig(15, PLACES, turn=0.02)
     bent = rig[4]
     rig[4] = Camera(bent.name, bent.K, bent.R, bent.t + np.array([0, 0, 0.3]), bent.size)
     points = points_before(rig, 15)
     found = rectify(rig, [LatticePosition(*place) for place in PLACES], points)
     d = found.disparities(points)
-    told = found.off_plane_px(d.min(), d.max())
+    bound_px = found.off_plane_px(d.min(), d.max())
     space = np.column_stack([points, np.ones(len(points))]) @ found.rectified_from_world.T
     xy = space[:, :2] / space[:, 3:]
     missed = []
@@ -199,7 +199,7 @@ def test_centres_off_the_plane_are_told_in_pixels() -> None:
         place = found.rectified_points(index, seen(camera.projection, points))
         missed.append(np.linalg.norm(place - (xy - np.outer(d, found.positions[index])), axis=1).max())
     assert max(missed) > 0.05
-    assert np.all(missed <= told * 1.05 + 1e-6)
+    assert np.all(missed <= bound_px * 1.05 + 1e-6)
 
 
 def kept_share(found: Rectification, index: int) -> float:
@@ -250,7 +250,6 @@ def test_camera_that_looks_along_the_plane_is_refused() -> None:
 
 
 def test_one_camera_and_two_at_one_place_are_refused() -> None:
-    """Both say what is wrong."""
     rig = random_rig(19, [(0.0, 0.0), (1.0, 0.0), (0.0, 0.0)], turn=0.02)
     with pytest.raises(ConfigError, match="at least two"):
         rectify(rig[:1])

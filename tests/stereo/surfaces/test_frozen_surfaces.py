@@ -1,4 +1,4 @@
-"""Surfaces of a real pair stay as they are kept but for a little; `DVC_REGENERATE=1` keeps others."""
+"""Surfaces of a real pair nearly equal the stored ones; `DVC_REGENERATE=1` stores new ones."""
 
 import os
 from pathlib import Path
@@ -9,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from skimage.data import stereo_motorcycle
 
-from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.stereo.surfaces.reconstruct import reconstruct
 from dvc.stereo.surfaces.stereo_settings import StereoSettings
+from tests.stereo.data import pair_of
 
 FOLDER = Path(__file__).resolve().parents[2] / "golden" / "surfaces"
 LABELS = DisparityLabels(0.0, 1.0, 16)
@@ -23,7 +24,7 @@ KEPT = {
 }
 """Settings, and the exposures of the channels of the right view."""
 MOST_OTHER, MOST_LESS_SURE = 0.002, 0.0005
-"""Share of disparities that may be others, and by how much the confidences may differ on the mean."""
+"""Largest share of changed disparities, and largest mean change of the confidence."""
 
 
 def motorcycle(exposures: tuple[float, float, float]) -> CameraArray:
@@ -31,15 +32,11 @@ def motorcycle(exposures: tuple[float, float, float]) -> CameraArray:
     left, right, _ = stereo_motorcycle()
     views = left, np.rint(right * np.array(exposures)).astype(np.uint8)
     small = [cv2.resize(view, (148, 100), interpolation=cv2.INTER_AREA) for view in views]
-    named = zip(("left", "right"), small, strict=True)
-    return CameraArray(
-        tuple(ArrayView(name, view, LatticePosition(m, 0.0)) for m, (name, view) in enumerate(named))
-    )
+    return pair_of(*small)
 
 
 @pytest.mark.parametrize("name", KEPT)
 def test_surfaces_are_those_that_are_kept(name: str) -> None:
-    """Both views, their disparities beside their confidences."""
     settings, exposures = KEPT[name]
     surfaces = reconstruct(motorcycle(exposures), LABELS, settings).surfaces
     rows = [np.hstack([one.disparity, one.confidence]) for one in surfaces]

@@ -25,14 +25,8 @@ SHAPE = (10, 13)
 CENTRE = LatticePosition(0.0, 0.0)
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(215)
-
-
 def array_at(*positions: tuple[float, float], shape: tuple[int, int] = SHAPE) -> CameraArray:
-    """Return views of nothing."""
+    """Return black views."""
     black = np.zeros((*shape, 3), np.uint8)
     return CameraArray(tuple(ArrayView(f"{k}", black, LatticePosition(*p)) for k, p in enumerate(positions)))
 
@@ -68,7 +62,7 @@ def test_agreement(choose: Choose, rng: np.random.Generator, m: int, n: int, tol
 def test_hidden_voxels_lose_their_weight(
     choose: Choose, rng: np.random.Generator, m: int, n: int, slack: int
 ) -> None:
-    """What the own camera sees and the other does not is not valid: (2.19) of one neighbour, with (2.17)."""
+    """Voxels that a camera sees but its neighbour does not are invalid: (2.19) with (2.17)."""
     own, other = random_occupancy(rng), random_occupancy(rng, 0.4)
     origin = rng.integers(-2, 3, SHAPE)
     weight = np.ones((6, SHAPE[1], FEW.num_labels), np.float32)
@@ -85,7 +79,7 @@ def test_hidden_voxels_lose_their_weight(
 @pytest.mark.nojit
 @pytest.mark.parametrize("limit", [1.0, 3.0])
 def test_distance_from_the_surface_is_added(choose: Choose, rng: np.random.Generator, limit: float) -> None:
-    """Costs rise by the weighted geometric cost (2.16), and not at all where nothing is occupied."""
+    """Costs rise by the weighted geometric cost (2.16), and stay the same in empty columns."""
     own, origin = random_occupancy(rng), rng.integers(0, 3, SHAPE)
     cost = rng.random((*SHAPE, 3)).astype(np.float32)
     distance = volumes.geometric_cost(volumes.occupancy(*own, FEW.num_labels), limit)
@@ -114,7 +108,7 @@ def test_support_is_that_of_volumes(rng: np.random.Generator, monkeypatch: pytes
 
 
 def test_exact_support_is_the_printed_one(rng: np.random.Generator) -> None:
-    """Labels are equal, what lies outside a view is empty, brackets without cameras are left out (2.15)."""
+    """Labels must be equal, voxels outside a view are empty, and empty brackets are left out (2.15)."""
     places = [(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)]
     maps = [rng.integers(1, 4, SHAPE) for _ in places]
     all_seen = np.ones(SHAPE, bool)
@@ -128,7 +122,6 @@ def test_exact_support_is_the_printed_one(rng: np.random.Generator) -> None:
 
 
 def test_nothing_agrees_with_what_is_empty() -> None:
-    """What rectification leaves empty is no support, hides nothing and sees nothing."""
     places, shape = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], (30, 40)
     array, flat = array_at(*places, shape=shape), [np.full(shape, 2)] * 3
     valid = np.indices(shape)[1] < 25
@@ -142,7 +135,6 @@ def test_nothing_agrees_with_what_is_empty() -> None:
 
 
 def test_speckles_have_no_support() -> None:
-    """A region that happens to agree is left out where it is small, and kept where it is large."""
     array = array_at((0, 0), (1, 0), shape=(40, 60))
     far = np.full((40, 60), 2)
     small, large = far.copy(), far.copy()
@@ -157,7 +149,6 @@ def test_speckles_have_no_support() -> None:
 
 
 def test_what_is_hidden_from_all_others_is_seen_nowhere() -> None:
-    """Surfaces of a scene agree with each other but for occlusions and borders; more cameras see more."""
     scene = reconstruction_of(SCENE, square_lattice(1), LABELS)
     maps = [LABELS.label(surface.disparity) for surface in scene.surfaces]
     everyone = seen_elsewhere(scene.array, LABELS, maps, 0)
@@ -175,7 +166,6 @@ def test_what_is_hidden_from_all_others_is_seen_nowhere() -> None:
 
 
 def test_inclined_surface_agrees_within_one_label() -> None:
-    """Labels of a slanted plane are rounded where each camera sees it, and still are one surface."""
     scene = reconstruction_of([Plane(2.0, slope=0.11)], [(0.0, 0.0), (1.0, 0.0)], LABELS)
     maps = [LABELS.label(surface.disparity) for surface in scene.surfaces]
     seen = agreement(scene.array, LABELS, maps, (0, 1)).agreeing
@@ -196,7 +186,6 @@ def test_inclined_surface_agrees_within_one_label() -> None:
 def test_nearest_cameras_on_each_side_are_neighbours(
     places: list[tuple[float, float]], horizontal: tuple[int, ...], vertical: tuple[int, ...]
 ) -> None:
-    """To the left and right, up and down; also off a lattice, where those along the row come first."""
     near = neighbours(array_at(*places), 0)
     assert near == (horizontal, vertical)
     assert near.all == horizontal + vertical
@@ -211,7 +200,6 @@ def test_shifts_are_rounded_to_whole_pixels() -> None:
 
 
 def test_background_alone_is_supported_but_for_the_border() -> None:
-    """Cameras that see one plane agree on it wherever a neighbour looks there."""
     scene = reconstruction_of([BACKGROUND], [(0.0, 0.0), (1.0, 0.0)], LABELS)
     maps = [LABELS.label(surface.disparity) for surface in scene.surfaces]
     kept = supported(scene.array, LABELS, maps, 0)

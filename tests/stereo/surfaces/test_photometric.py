@@ -1,4 +1,4 @@
-"""Photometric costs of a camera from its neighbours, against equations (2.17) to (2.20) on volumes."""
+"""Photometric costs against equations (2.17) to (2.20) on volumes, and exposures of views."""
 
 import numpy as np
 import pytest
@@ -9,26 +9,25 @@ from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, L
 from dvc.geometry.matching_costs import COSTS, SQUARED_LIMIT, Band
 from dvc.stereo.surfaces.occupancy import Occupancy, neighbours
 from dvc.stereo.surfaces.photometric import (
+    MIN_POINTS,
     UNDEFINED_SHARE,
     Comparison,
     Regions,
+    gains,
     photometric_cost,
+    with_gains,
 )
-from dvc.stereo.surfaces.stereo_settings import UNDEFINED_COST
+from dvc.stereo.surfaces.reconstruct import reconstruct
+from dvc.stereo.surfaces.stereo_settings import UNDEFINED_COST, StereoSettings
 from tests.reference import stereo_volumes as volumes
+from tests.stereo.data import pair_of, pair_of_planes
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of
 
 SHAPE = (9, 12)
 FEW = DisparityLabels(0.0, 1.0, 4)
 SLACK = 1
-"""Labels by which a surface must be nearer to hide, where labels are pixels."""
+"""Smallest difference of labels between a surface and a point that it hides."""
 CROSS = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Return a fresh generator."""
-    return np.random.default_rng(220)
 
 
 def random_cross(rng: np.random.Generator) -> CameraArray:
@@ -47,7 +46,7 @@ def single_pixels(array: CameraArray, labels: DisparityLabels) -> Regions:
 
 
 def filled(error: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give a constant its share of known costs, and all of what is undefined."""
+    """Mix the constant into defined costs, and fill undefined ones with it."""
     known = (error + UNDEFINED_SHARE * UNDEFINED_COST) / (1.0 + UNDEFINED_SHARE)
     return np.where(np.isnan(error), UNDEFINED_COST, known)
 
@@ -60,7 +59,7 @@ def pictures_at(array: CameraArray, index: int) -> NDArray[np.float64]:
 
 
 def test_implicit_occlusion(rng: np.random.Generator) -> None:
-    """Before there are surfaces: the smaller error of opposite cameras (2.18), the mean of both kinds."""
+    """Without surfaces the smaller error of opposite cameras counts (2.18), and the mean of directions."""
     array = random_cross(rng)
     near = neighbours(array, 0)
     assert near == ((1, 2), (3, 4))
@@ -80,7 +79,7 @@ def test_implicit_occlusion(rng: np.random.Generator) -> None:
 
 
 def test_explicit_visibility(rng: np.random.Generator) -> None:
-    """Cameras count that see what this one sees (2.19); where none does the cost is a constant."""
+    """Only cameras that see the same point count (2.19); the cost is a constant if none does."""
     array = random_cross(rng)
     near = neighbours(array, 0)
     occupancy = [Occupancy(rng.integers(0, 4, SHAPE), rng.random(SHAPE) < 0.6) for _ in CROSS]
@@ -128,7 +127,6 @@ def test_mean_of_opposite_views_on_demand(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("cost", sorted(COSTS))
 def test_true_surfaces_cost_least(cost: str) -> None:
-    """With the occlusions of the truth the true label costs least nearly everywhere."""
     scene = reconstruction_of(SCENE, [(-1.0, 0.0), (0.0, 0.0), (1.0, 0.0)], LABELS)
     truth = [LABELS.label(surface.disparity) for surface in scene.surfaces]
     occupancy = [Occupancy(label, np.ones(label.shape, bool)) for label in truth]
@@ -142,7 +140,6 @@ def test_true_surfaces_cost_least(cost: str) -> None:
 
 
 def test_regions_of_every_window_count_alike(rng: np.random.Generator) -> None:
-    """Costs over two windows are the mean of those over each, where all is known."""
     shape = (20, 30)
     image = rng.integers(0, 256, (*shape, 3)).astype(np.uint8)
     array = CameraArray(
@@ -182,3 +179,48 @@ def test_band_follows_the_surface(rng: np.random.Generator) -> None:
         for band in bands
     )
     np.testing.assert_allclose(part, volumes.banded(whole, base - 2, 5, np.nan), atol=2e-4)
+
+
+TWELVE_LABELS = DisparityLabels(0.0, 1.0, 12)
+FACTORS = np.array([0.8, 0.9, 1.1])
+
+
+def shifted_pair(by: int) -> CameraArray:
+    """Return a picture and the same moved to the left, with other levels in each channel."""
+    levels = np.random.default_rng(213).integers(40, 200, (30, 60, 3)).astype(np.uint8)
+    other = np.rint(np.roll(levels, -by, axis=1) * FACTORS).astype(np.uint8)
+    return pair_of(levels, other)
+
+
+def test_gains_are_those_of_what_both_see() -> None:
+    """Channel by channel, along the surface; the reference keeps its levels."""
+    array = shifted_pair(3)
+    surface = Occupancy(np.full(array.shape, 3), np.ones(array.shape, np.bool_))
+    found = gains(array, TWELVE_LABELS, surface)
+    np.testing.assert_array_equal(found[0], 1.0)
+    np.testing.assert_allclose(found[1], 1.0 / FACTORS, rtol=0.01)
+    same = with_gains(array, found)
+    assert same[0] is array[0]
+    difference = same[1].image[:, :57].astype(int) - array[0].image[:, 3:]
+    assert np.abs(difference).mean() < 1.0
+
+
+def test_few_points_change_no_levels() -> None:
+    array = shifted_pair(3)
+    supported = np.zeros(array.shape, np.bool_)
+    supported.ravel()[: MIN_POINTS - 1] = True
+    found = gains(array, TWELVE_LABELS, Occupancy(np.full(array.shape, 3), supported))
+    np.testing.assert_array_equal(found, 1.0)
+
+
+def test_surfaces_are_those_of_equal_exposures() -> None:
+    left, right, truth = pair_of_planes()
+    darker = pair_of(left, np.rint(right * np.array([0.85, 0.8, 0.75])).astype(np.uint8))
+    as_it_is = StereoSettings(exposures=False)
+    found = [
+        reconstruct(pair_of(left, right), TWELVE_LABELS),
+        reconstruct(darker, TWELVE_LABELS),
+        reconstruct(darker, TWELVE_LABELS, as_it_is),
+    ]
+    bad = [float((np.abs(one.surfaces[0].disparity - truth) > 1.0).mean()) for one in found]
+    assert bad[1] < bad[0] + 0.001 < bad[2]

@@ -1,4 +1,4 @@
-"""Surfaces of all cameras of an array: of scenes whose truth is known, of poor input, and of real sets."""
+"""Surfaces of all cameras of an array: scenes with known truth, poor input, and real sets."""
 
 from dataclasses import replace
 
@@ -11,16 +11,10 @@ from benchmarks.thesis.scenes import PAIRS
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition, Reconstruction
 from dvc.stereo.surfaces.reconstruct import reconstruct
 from dvc.stereo.surfaces.stereo_settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES, StereoSettings
-from tests.stereo.data import REAL_SETS, pair_of_planes, real_set
+from tests.stereo.data import REAL_SETS, pair_of, pair_of_planes, real_set
 from tests.stereo.plane_scenes import Plane, reconstruction_of
 
-PAIR = [LatticePosition(0.0, 0.0), LatticePosition(1.0, 0.0)]
 LABELS = DisparityLabels(0.0, 1.0, 9)
-
-
-def pair_of(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> CameraArray:
-    views = zip(("left", "right"), (left, right), PAIR, strict=True)
-    return CameraArray(tuple(ArrayView(*view) for view in views))
 
 
 def bad_pixels(found: Reconstruction, index: int, truth: NDArray[np.floating], limit: float = 1.0) -> float:
@@ -42,7 +36,7 @@ def waves(shape: tuple[int, int], x: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def slanted_pair(shape: tuple[int, int] = (48, 96)) -> tuple[CameraArray, NDArray[np.float64]]:
-    """Return two views of a plane whose disparity is 3 + x / 25, and that of the left one."""
+    """Return two views of a plane of disparity 3 + x / 25, and the disparity of the left view."""
     x = np.indices(shape, np.float64)[1]
     truth = 3.0 + x / 25.0
     # the right view has at u what the left one has at x with u = x - (3 + x / 25)
@@ -50,7 +44,7 @@ def slanted_pair(shape: tuple[int, int] = (48, 96)) -> tuple[CameraArray, NDArra
 
 
 def test_two_planes_before_three_cameras() -> None:
-    """Figure 2.4: right at the second iteration but for a few pixels, with occlusions where they must be."""
+    """Figure 2.4: nearly all disparities and occlusions are right at the second iteration."""
     array, truth = figure.two_planes()
     found = reconstruct(array, figure.LABELS, StereoSettings(max_iterations=2))
     for index, disparity in enumerate(truth):
@@ -67,7 +61,6 @@ def test_two_planes_before_three_cameras() -> None:
 
 
 def test_labels_that_are_fewer_than_those_of_a_band_are_all_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half the size is of no use where it leaves as many; and views as wide are not refused."""
     left, right, _ = pair_of_planes()
     array, labels = pair_of(left, right), DisparityLabels(0.0, 0.25, 33)
     once = StereoSettings(max_iterations=1)
@@ -85,7 +78,6 @@ def test_labels_that_are_fewer_than_those_of_a_band_are_all_tried(monkeypatch: p
 @pytest.mark.parametrize("inference", INFERENCE_NAMES)
 @pytest.mark.parametrize("occlusion", OCCLUSION_NAMES)
 def test_every_combination_finds_the_square(cost: str, inference: str, occlusion: str) -> None:
-    """Costs, methods and treatments of occlusions may be combined at will; occlusions blur the worst one."""
     array, truth = figure.two_planes()
     settings = StereoSettings(cost=cost, inference=inference, occlusion=occlusion)
     found = reconstruct(array, figure.LABELS, settings)
@@ -101,11 +93,10 @@ def test_every_combination_finds_the_square(cost: str, inference: str, occlusion
 
 
 def test_result_is_the_same_for_any_number_of_jobs() -> None:
-    """Threads change nothing, and progress is told once for each view of each iteration."""
     array, _ = figure.two_planes()
-    told: list[int] = []
+    steps: list[int] = []
     one, two = (
-        reconstruct(array, figure.LABELS, jobs=jobs, advance=told.append if jobs == 1 else lambda _: None)
+        reconstruct(array, figure.LABELS, jobs=jobs, advance=steps.append if jobs == 1 else lambda _: None)
         for jobs in (1, 2)
     )
     for a, b in zip(one.surfaces, two.surfaces, strict=True):
@@ -113,7 +104,7 @@ def test_result_is_the_same_for_any_number_of_jobs() -> None:
         np.testing.assert_array_equal(a.occluded, b.occluded)
         np.testing.assert_array_equal(a.confidence, b.confidence)
     assert one.figures == two.figures
-    assert sum(told) == len(array) * one.figures["iterations"]
+    assert sum(steps) == len(array) * one.figures["iterations"]
 
 
 def test_strips_are_seamless(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,7 +121,6 @@ def test_strips_are_seamless(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_large_views_start_from_half_the_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few labels around what the half tells find the surface, of views with an odd number of rows, too."""
     left, right, truth = pair_of_planes(121, 181, near=14, far=4)
     array, labels = pair_of(left, right), DisparityLabels(-2.0, 1.0, 24)
     smooth = tuple(replace(view, image=blurred(view.image)) for view in array)
@@ -165,7 +155,6 @@ def test_identical_views_are_far_away(cost: str, inference: str) -> None:
 @pytest.mark.parametrize("cost", COST_NAMES)
 @pytest.mark.parametrize("levels", [(0, 0), (128, 128), (255, 255), (40, 200)])
 def test_constant_views_end(cost: str, levels: tuple[int, int]) -> None:
-    """Where nothing can be told there is still a finite map within the range."""
     array = pair_of(*(np.full((20, 30, 3), level, np.uint8) for level in levels))
     found = reconstruct(array, LABELS, StereoSettings(cost=cost, sub_pixel=True))
     for surface in found.surfaces:
@@ -177,7 +166,6 @@ def test_constant_views_end(cost: str, levels: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("cost", COST_NAMES)
 def test_range_of_one_label(cost: str) -> None:
-    """The only disparity there is; without warnings of numbers."""
     left, right, _ = pair_of_planes()
     found = reconstruct(pair_of(left, right), DisparityLabels(2.0, 1.0, 1), StereoSettings(cost=cost))
     for surface in found.surfaces:
@@ -187,7 +175,6 @@ def test_range_of_one_label(cost: str) -> None:
 
 @pytest.mark.parametrize("dark", [0, 1])
 def test_exposures_may_differ(dark: int) -> None:
-    """A view that is darker by a fifth is as good as before."""
     left, right, truth = pair_of_planes()
     views = list(pair_of(left, right))
     level = np.rint(0.8 * views[dark].image).astype(np.uint8)
@@ -208,7 +195,6 @@ def test_order_of_views_does_not_matter() -> None:
 
 
 def test_columns_of_cameras_are_rows_turned() -> None:
-    """Two views one above the other find what the same views, transposed, find side by side."""
     left, right, truth = pair_of_planes()
     upright = [image.transpose(1, 0, 2).copy() for image in (left, right)]
     places = LatticePosition(0.0, 0.0), LatticePosition(0.0, 1.0)
@@ -242,7 +228,6 @@ def test_steps_of_fractions_of_a_pixel() -> None:
 
 
 def test_cameras_off_the_lattice() -> None:
-    """Real-valued positions, in both directions at once, are as good as whole ones."""
     labels = DisparityLabels(0.0, 0.5, 25)
     scene = reconstruction_of(
         [Plane(3.0), Plane(8.0, (24, 60), (14, 38))],
@@ -258,7 +243,6 @@ def test_cameras_off_the_lattice() -> None:
 
 
 def test_what_was_not_seen_says_nothing() -> None:
-    """Garbage where a view is not valid does no harm, and a hole in one view leaves a surface in both."""
     left, right, truth = pair_of_planes()
     rng = np.random.default_rng(1)
     valid = np.ones(truth.shape, bool)
@@ -276,7 +260,6 @@ def test_what_was_not_seen_says_nothing() -> None:
     ("name", "limit"), [("tsukuba", 3.0), pytest.param("cones", 8.5, marks=pytest.mark.slow)]
 )
 def test_real_pairs(name: str, limit: float) -> None:
-    """Bad pixels of the Middlebury evaluation, all of them, a little above what is measured."""
     real_set(name)
     one = PAIRS[name]
     found = reconstruct(one.pair(REAL_SETS), one.labels, jobs=2)

@@ -1,4 +1,4 @@
-"""Settings of a reconstruction: which windows and methods follow from them."""
+"""Settings of a reconstruction: their windows and methods."""
 
 import pytest
 
@@ -15,7 +15,6 @@ from dvc.stereo.surfaces.stereo_settings import (
 
 
 def test_names_are_those_of_what_there_is() -> None:
-    """Every name stands for something, and the defaults are among them."""
     assert sorted(COST_NAMES) == sorted(COSTS)
     default = StereoSettings()
     assert default.cost in COST_NAMES
@@ -42,12 +41,11 @@ def test_raw_costs_have_no_windows(iteration: int) -> None:
 def test_smaller_costs_count_until_visibility_is_known(
     settings: StereoSettings, expected: list[bool]
 ) -> None:
-    """Regions know without them what is hidden; pixels by themselves are treated as (2.18) says."""
+    """Costs of regions need (2.18) only without surfaces, costs of single pixels always."""
     assert [settings.takes_smaller(iteration) for iteration in range(3)] == expected
 
 
 def test_scanlines_find_the_first_base_surface() -> None:
-    """Messages follow the base, which scanlines find; raw costs and the other method are all of one kind."""
     kinds = [type(StereoSettings().inference_method(k, 1.0)) for k in range(3)]
     assert kinds == [SemiGlobal, BeliefPropagation, BeliefPropagation]
     assert type(StereoSettings(cost="squared").inference_method(0, 1.0)) is BeliefPropagation
@@ -55,7 +53,6 @@ def test_scanlines_find_the_first_base_surface() -> None:
 
 
 def test_finer_labels_cost_and_jump_as_their_pixels() -> None:
-    """Four labels to a pixel: each change costs a quarter, and four times as many may be one surface."""
     coarse, fine = (StereoSettings(cost="squared").inference_method(1, fineness) for fineness in (1.0, 4.0))
     assert isinstance(coarse, BeliefPropagation)
     assert isinstance(fine, BeliefPropagation)
