@@ -305,7 +305,7 @@ def test_clusters_that_cannot_decode_are_refused(
     lines = capfd.readouterr().err.splitlines()
     words = (
         "no Dask scheduler answers at 'tcp://127.0.0.1:1'",
-        "--dask is for files, not for --connect",
+        "--dask excludes --connect",
         "has no workers",
         "pip install 'dvc3d[dask]'",
     )
