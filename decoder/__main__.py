@@ -88,7 +88,8 @@ def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> in
             raise ConfigError(
                 "--punctured requires a stream with more bits than needed, not one without feedback"
             )
-        selected = options.selected_frames(arguments.frames, reader.index.num_frames)
+        frames = arguments.frames
+        selected = None if frames is None else options.selected_frames(frames, reader.index.num_frames)
         losses = Losses(selected) if arguments.salvage else None
         form = Form.NO_FEEDBACK if reader.form == Form.NO_FEEDBACK else Form.PUNCTURED
         num_frames = (reader.num_frames or None) if selected is None else len(selected)

@@ -213,10 +213,8 @@ def check(arguments: argparse.Namespace) -> None:
     cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
 
 
-def selected_frames(frames: slice | None, num_frames: int) -> range | None:
-    """Return the display positions that `--frames` selects; None without it."""
-    if frames is None:
-        return None
+def selected_frames(frames: slice, num_frames: int) -> range:
+    """Return the display positions that `--frames` selects."""
     selected = range(num_frames)[frames]
     if not selected:
         given = "".join("" if number is None else str(number) for number in (frames.start, ":", frames.stop))

@@ -300,7 +300,7 @@ def estimate_motion(before: Luma, after: Luma, position: Fraction) -> Offsets:
 
 def split_field(field: Offsets, position: Fraction) -> tuple[Offsets, Offsets]:
     """Split displacements at the missing frame into offsets towards both references."""
-    to_before = _kernels.split_vector(field, position.numerator, position.denominator)
+    to_before = -((2 * position.numerator * field + position.denominator) // (2 * position.denominator))
     return to_before, to_before + field
 
 

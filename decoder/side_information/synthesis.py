@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information import _kernels
 from decoder.side_information.block_motion import BLOCK, BlockRefiner
 from decoder.side_information.protocol import Interpolation, Prediction
 from decoder.side_information.track_interpolation import NEAR, Field, corrected_positions
@@ -96,16 +95,32 @@ def warp_chroma(
     return predicted[0], predicted[1]
 
 
-def block_offsets(interpolation: Interpolation, block: int = 4) -> tuple[NDArray[np.int64], ...]:
-    """Summarise the positions as block offsets, for methods that refine by blocks."""
-    return tuple(_offsets(position, block) for position in interpolation.positions)
+def block_offsets(interpolation: Interpolation, block: int = BLOCK) -> tuple[NDArray[np.int64], ...]:
+    """Return the median displacement of every block, in quarter samples, (vertical, horizontal)."""
+    height, width = interpolation.luma.shape
+    limit, pixels = 4.0 * max(height, width), np.indices((height, width))
+    return tuple(
+        np.stack(
+            [
+                np.floor(
+                    4.0 * block_medians(np.clip(position[..., 1 - axis] - pixels[axis], -limit, limit), block)
+                    + 0.5
+                )
+                for axis in (0, 1)
+            ],
+            axis=-1,
+        ).astype(np.int64)
+        for position in interpolation.positions
+    )
 
 
-def _offsets(position: Floats, block: int) -> NDArray[np.int64]:
-    height, width = position.shape[:2]
-    offsets = np.empty((-(-height // block), -(-width // block), 2), np.int64)
-    _kernels.block_offsets(position, block, 4.0 * max(height, width), offsets)
-    return offsets
+def block_medians(plane: Floats, block: int) -> Floats:
+    """Return the median of each block; blocks beyond the frame repeat its last pixels."""
+    height, width = plane.shape
+    padded = np.pad(plane, ((0, -height % block), (0, -width % block)), mode="edge")
+    cells = padded.reshape(padded.shape[0] // block, block, padded.shape[1] // block, block)
+    medians: Floats = np.median(cells, axis=(1, 3))
+    return medians
 
 
 def completed(
@@ -116,7 +131,7 @@ def completed(
         prediction,
         chroma=warp_chroma(rendered, [frame.chroma for frame in frames]),
         method=method,
-        refiner=BlockRefiner(frames, block_offsets(rendered, BLOCK), method),
+        refiner=BlockRefiner(frames, block_offsets(rendered), method),
         inverse_depth=None if rendered.depth is None else rendered.depth.inverse_depth,
     )
 

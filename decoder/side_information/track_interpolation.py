@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, uniform_filter
 
-from decoder.side_information import _kernels
 from decoder.side_information.alignment import homography_positions, whole_frame_motion
 from decoder.side_information.block_motion import (
     BLOCK_PX,
@@ -25,6 +24,7 @@ from decoder.side_information.block_motion import (
 )
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from decoder.side_information.weighting import neighbourhood
+from dvc._jit import kernel
 from dvc.geometry.warping import sample
 from dvc.wynerziv.transform import to_uint8
 
@@ -77,15 +77,59 @@ def track_residuals(
 
 
 def add_correction(positions: Floats, points: Floats, residuals: Floats, field: Field) -> Floats:
-    """Add to positions what residuals at scattered points agree on, bilinear between places of a lattice."""
-    moved = positions.copy()
-    if len(points) >= MIN_NUM_POINTS:
-        rows, columns = (-(-(side - 1) // LATTICE_PX) + 1 for side in positions.shape[:2])
-        nodes = np.empty((rows, columns, 2))
-        arguments = np.ascontiguousarray(points / LATTICE_PX), np.ascontiguousarray(residuals)
-        _kernels.correction_field(*arguments, field.reach_px / LATTICE_PX, PRIOR, field.noise_px2, nodes)
-        _kernels.add_between_nodes(nodes, LATTICE_PX, moved)
+    """Add the correction by residuals at scattered points, bilinear between nodes of a lattice."""
+    if len(points) < MIN_NUM_POINTS:
+        return positions.copy()
+    (i, below, k), (j, right, m) = (_between_nodes(side) for side in positions.shape[:2])
+    nodes = np.empty((k[-1] + 1, m[-1] + 1, 2))
+    arguments = np.ascontiguousarray(points / LATTICE_PX), np.ascontiguousarray(residuals)
+    correction_field(*arguments, field.reach_px / LATTICE_PX, PRIOR, field.noise_px2, nodes)
+    lines = nodes[i] + below[:, None, None] * (nodes[k] - nodes[i])
+    moved: Floats = positions + (lines[:, j] + right[:, None] * (lines[:, m] - lines[:, j]))
     return moved
+
+
+def _between_nodes(side: int) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+    """Return the node before each pixel of a line, the distance from it in nodes, and the node behind."""
+    first, rest = np.divmod(np.arange(side), LATTICE_PX)
+    return first, rest / LATTICE_PX, np.minimum(first + 1, -(-(side - 1) // LATTICE_PX))
+
+
+@kernel
+def correction_field(points, residuals, reach, prior, noise_px2, field):
+    """Write the correction at each node of a lattice: `field` (H, W, 2), pixels."""
+    near = np.empty(points.shape[0], np.int64)
+    for y in range(field.shape[0]):
+        count = 0
+        for n in range(points.shape[0]):
+            near[count] = n
+            count += abs(points[n, 1] - y) < reach
+        for x in range(field.shape[1]):
+            total, squares = 0.0, 0.0
+            sum_x, sum_y, sum_of_squares = 0.0, 0.0, 0.0
+            for k in range(count):
+                n = near[k]
+                dx, dy = points[n, 0] - x, points[n, 1] - y
+                rest = max(1.0 - (dx * dx + dy * dy) / (reach * reach), 0.0)
+                weight = rest * rest * rest
+                u, v = residuals[n, 0], residuals[n, 1]
+                total += weight
+                squares += weight * weight
+                sum_x += weight * u
+                sum_y += weight * v
+                sum_of_squares += weight * (u * u + v * v)
+            field[y, x, 0] = 0.0
+            field[y, x, 1] = 0.0
+            if total <= 0.0:
+                continue
+            mean_x, mean_y = sum_x / total, sum_y / total
+            signal = mean_x * mean_x + mean_y * mean_y
+            scatter = max(sum_of_squares / total - signal, 0.0) + noise_px2
+            chance = scatter * squares / (total * total)
+            if signal > chance:
+                share = total / (total + prior) * (1.0 - chance / signal)
+                field[y, x, 0] = share * mean_x
+                field[y, x, 1] = share * mean_y
 
 
 Luma = NDArray[np.uint8]

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, uniform_filter
 
-from decoder.side_information import _kernels
 from decoder.side_information.protocol import Interpolation, Prediction
 
 Floats = NDArray[np.float64]
@@ -51,17 +50,48 @@ DISAGREEMENT_WEIGHT = 0.25
 def fuse(hypotheses: Floats, decoded: Mapping[int, Floats]) -> tuple[Floats, Floats]:
     """Fuse predictions of a frame."""
     count, _, rows, columns = hypotheses.shape
-    bands, known = np.array(list(decoded)), np.stack(list(decoded.values()))
+    bands, known = list(decoded), np.stack(list(decoded.values()))
     least = np.abs(hypotheses[:, bands] - known).min(axis=0)
     usual = np.array([float(np.mean(band)) ** 2 + ROUNDING for band in least])
-    moments = np.empty((count * (count + 1) // 2, rows, columns))
-    _kernels.error_moments(hypotheses, bands, known, usual, moments)
+    pairs = [(a, b) for a in range(count) for b in range(a + 1)]
+    moments = np.zeros((len(pairs), rows, columns))
+    for band, truth, scale in zip(bands, known, usual, strict=True):
+        errors = hypotheses[:, band] - truth
+        for number, (a, b) in enumerate(pairs):
+            moments[number] += errors[a] * errors[b] / scale
     local = uniform_filter(moments / len(decoded), (1, FUSION_BLOCKS, FUSION_BLOCKS), mode="nearest")
-    weights = np.empty((count, rows, columns))
-    _kernels.fusion_weights(local, RIDGE, MIN_MOMENT, weights)
-    fused, spread = np.empty(hypotheses.shape[1:]), np.empty(hypotheses.shape[1:])
-    _kernels.weighted_mean(hypotheses, weights, fused, spread)
-    return fused, spread
+    weights = fusion_weights(dict(zip(pairs, local, strict=True)), count)
+    mean = np.zeros(hypotheses.shape[1:])
+    for weight, hypothesis in zip(weights, hypotheses, strict=True):
+        mean += weight * hypothesis
+    variance = np.zeros_like(mean)
+    for weight, hypothesis in zip(weights, hypotheses, strict=True):
+        variance += weight * (hypothesis - mean) ** 2
+    return mean, np.sqrt(variance)
+
+
+def fusion_weights(moments: Mapping[tuple[int, int], Floats], count: int) -> Floats:
+    """Return the non-negative weights, of sum 1, of the mean of least expected square in each block.
+
+    `moments` are those of the errors of hypotheses `a` with hypotheses `b <= a`.
+    """
+    matrix = [[moments[max(a, b), min(a, b)].copy() for b in range(count)] for a in range(count)]
+    trace = sum((matrix[a][a] for a in range(1, count)), matrix[0][0].copy())
+    weights = np.ones((count, *trace.shape))
+    for a in range(count):
+        matrix[a][a] += RIDGE * trace / count + MIN_MOMENT
+    for a in range(count):  # Gaussian elimination
+        for c in range(a + 1, count):
+            factor = matrix[c][a] / matrix[a][a]
+            for b in range(a, count):
+                matrix[c][b] -= factor * matrix[a][b]
+            weights[c] -= factor * weights[a]
+    for a in reversed(range(count)):
+        for b in range(a + 1, count):
+            weights[a] -= matrix[a][b] * weights[b]
+        weights[a] /= matrix[a][a]
+    weights = np.maximum(weights, 0.0)
+    return weights / sum(weights[1:], weights[0])
 
 
 def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_position: float) -> Prediction:
