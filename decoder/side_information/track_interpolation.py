@@ -96,7 +96,9 @@ def _between_nodes(side: int) -> tuple[NDArray[np.int64], Floats, NDArray[np.int
 
 
 @kernel
-def correction_field(points, residuals, reach, prior, noise_px2, field):
+def correction_field(
+    points: Floats, residuals: Floats, reach: float, prior: float, noise_px2: float, field: Floats
+) -> None:
     """Write the correction at each node of a lattice: `field` (H, W, 2), pixels."""
     near = np.empty(points.shape[0], np.int64)
     for y in range(field.shape[0]):

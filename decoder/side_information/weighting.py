@@ -91,7 +91,8 @@ def fusion_weights(moments: Mapping[tuple[int, int], Floats], count: int) -> Flo
             weights[a] -= matrix[a][b] * weights[b]
         weights[a] /= matrix[a][a]
     weights = np.maximum(weights, 0.0)
-    return weights / sum(weights[1:], weights[0])
+    shares: Floats = weights / sum(weights[1:], weights[0])
+    return shares
 
 
 def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_position: float) -> Prediction:

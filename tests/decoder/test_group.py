@@ -25,7 +25,7 @@ from tests.clips import moving_texture
 def test_unknown_methods_are_refused() -> None:
     """A stream that names a method of the future is refused by name."""
     config = codec_config(VideoConfig(16, 16, 25, 1), side_information={"method": "magic"})
-    with pytest.raises(BitstreamError, match="'magic' is not installed; there are mci"):
+    with pytest.raises(BitstreamError, match="'magic' is not installed; available: mci"):
         GroupDecoder(config)
 
 
