@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import dvc
 from decoder.group_tasks import DecodedFrame, DecodedGroup
+from dvc.arrays import Bytes, Floats
 from dvc.config import CodecConfig
 from dvc.errors import ConfigError, VideoError
 from dvc.metrics import PSNR_CAP_DB, psnr_db, psnr_of_mean_error_db, psnr_yuv_db
@@ -46,9 +47,9 @@ class DecodedPicture:
 
     time_s: Fraction
     frame: Frame
-    predicted: NDArray[np.uint8] | None
+    predicted: Bytes | None
     inverse_depth: NDArray[np.float16] | None
-    camera: NDArray[np.float64] | None
+    camera: Floats | None
     report: dict[str, Any]
 
 
@@ -193,7 +194,7 @@ def _wyner_ziv_row(frame: DecodedFrame, record_bits: int, original: Frame | None
     }
 
 
-def _psnr(original: NDArray[np.uint8] | None, decoded: NDArray[np.uint8]) -> float | None:
+def _psnr(original: Bytes | None, decoded: Bytes) -> float | None:
     return None if original is None else min(psnr_db(original, decoded), PSNR_CAP_DB)
 
 

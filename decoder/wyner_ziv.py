@@ -19,13 +19,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from decoder.frame_state import Band, Blocks, FrameState
+from decoder.frame_state import Band, FrameState
 from decoder.group_tasks import BandCost, Bits, DecodedFrame
 from decoder.plane_choice import Allowance, Asking, Choice, Learned, Wanted
 from decoder.side_information.protocol import Prediction
 from dvc import slepian_wolf
+from dvc.arrays import Floats, Integers
 from dvc.config import CodecConfig
 from dvc.slepian_wolf import MAX_RUN_BITS, NeighbourCoupling, Part, PlaneDecoder, PlaneResult, Round
 from dvc.slepian_wolf.coupling import bounded_llr, ideal_bits
@@ -34,14 +34,12 @@ from dvc.wynerziv.areas import Areas
 from dvc.wynerziv.priors import LearnedPriors, PlanePrior
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
 
-Array = NDArray[np.float64]
-
 REFINE_AFTER = (0, 1, 2, 4, 8)
 """Positions in coding order of the bands after which the side information is refined, besides the last."""
 REFINING_WIDTH = 4.0
 """Mean interval of the first band, in scales, below which each of its planes refines the side information."""
 
-Prior = NeighbourCoupling | NDArray[np.float64]
+Prior = NeighbourCoupling | Floats
 """Prior of the bits of a plane: a coupling of neighbours, or LLRs."""
 
 
@@ -50,7 +48,7 @@ class Wish(NamedTuple):
 
     planes: tuple[int, ...]
     areas: bytes
-    llr: NDArray[np.float64]  # LLRs of all bits, one plane after the other
+    llr: Floats  # LLRs of all bits, one plane after the other
     priors: Sequence[Prior]  # prior of each plane
 
 
@@ -134,7 +132,7 @@ class _Frame:
     choose: Callable[[Sequence[Band], int], list[Choice]]
     allowance: Allowance
     bands: dict[int, Band] = field(default_factory=dict)
-    taken: list[tuple[Band, Blocks]] = field(default_factory=list)  # received planes, in order
+    taken: list[tuple[Band, Integers]] = field(default_factory=list)  # received planes, in order
     costs: dict[int, list[float]] = field(default_factory=dict)  # ideal and received bits of bands
 
     def decode(self, quantization: Quantization) -> FrameCoroutine:
@@ -196,7 +194,7 @@ class _Frame:
                 cost[:] = cost[0] + ideal, cost[1] + paid
                 self.learned.worth.learn(wanted.band.number, missing, wanted.expected, (saved, paid))
 
-    def _prior(self, wanted: Wanted, missing: int) -> PlanePrior | Array:
+    def _prior(self, wanted: Wanted, missing: int) -> PlanePrior | Floats:
         """Return the prior of bits; plain LLRs without learned priors."""
         band, borders = wanted.band, wanted.band.borders(missing)
         if not self.has_learned_priors:
@@ -219,7 +217,7 @@ class _Frame:
             self.state.correct(number, self.bands[number].lower, self.bands[number].upper)
 
 
-def _wish(choice: Choice, priors: Sequence[PlanePrior | Array]) -> Wish:
+def _wish(choice: Choice, priors: Sequence[PlanePrior | Floats]) -> Wish:
     """Return the wish for a choice of planes."""
     llr = np.concatenate([prior.llr if isinstance(prior, PlanePrior) else prior for prior in priors])
     couplings = [prior.coupling if isinstance(prior, PlanePrior) else prior for prior in priors]
@@ -333,7 +331,7 @@ def _by_frames(runs: Sequence[_Run]) -> dict[int, list[list[Decoded]]]:
     return found
 
 
-def _costs(runs: Sequence[_Run], check: slepian_wolf.FrameCheck, frames: Sequence[int]) -> NDArray[np.int64]:
+def _costs(runs: Sequence[_Run], check: slepian_wolf.FrameCheck, frames: Sequence[int]) -> Integers:
     """Return requests, check bits and parity of each frame, in whole numbers that add up to all."""
     costs = np.zeros((len(frames), 3), np.int64)
     total = np.array([check.num_requests, check.crc_bits, 0])
@@ -348,7 +346,7 @@ def _costs(runs: Sequence[_Run], check: slepian_wolf.FrameCheck, frames: Sequenc
     return costs
 
 
-def _shares(totals: NDArray[np.int64], weights: NDArray[np.float64]) -> NDArray[np.int64]:
+def _shares(totals: Integers, weights: Floats) -> Integers:
     """Divide whole numbers in some proportion; shape (weights, totals)."""
     ends = np.cumsum(weights)
     ends = ends / ends[-1] if ends[-1] > 0.0 else np.arange(1, weights.size + 1) / weights.size

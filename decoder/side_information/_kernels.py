@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.arrays import Bytes
 
 
 class Blocks(NamedTuple):
@@ -32,14 +33,14 @@ class Steps(NamedTuple):
 class Pair(NamedTuple):
     """Phase planes of the two frames around the missing one."""
 
-    before: NDArray[np.uint8]
-    after: NDArray[np.uint8]
+    before: Bytes
+    after: Bytes
 
 
 class Searched(NamedTuple):
     """Phase planes to compare, one or sixteen, and their sums over all squares of half the window."""
 
-    samples: NDArray[np.uint8]
+    samples: Bytes
     sums: NDArray[np.uint16]
 
 

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.synthesis import block_medians, interpolate, render_between
 from decoder.side_information.weighting import neighbourhood
+from dvc.arrays import Bytes, Floats
 from dvc.geometry.block_sweep import VirtualView, block_costs, refine_blocks
 from dvc.geometry.cameras import homogeneous, inverse_depth_range
 from dvc.geometry.depth_maps import DepthMap, DepthView, Known, estimate_depths
@@ -23,9 +24,6 @@ from dvc.geometry.rendering import render_depth
 from dvc.geometry.warping import warp_matrix
 from sfm.scene_model import Model
 
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
-
 
 class DepthInterpolator:
     """Predicts frames between two key frames by their depth; see `SceneInterpolator`."""
@@ -35,8 +33,8 @@ class DepthInterpolator:
     def __init__(
         self,
         model: Model,
-        first: Luma,
-        second: Luma,
+        first: Bytes,
+        second: Bytes,
         known: Known = (None, None),
         settings: SweepSettings = GRADIENT_SWEEP,
     ) -> None:
@@ -60,8 +58,8 @@ class AveragedDepthInterpolator:
     def __init__(
         self,
         model: Model,
-        first: NDArray[np.uint8],
-        second: NDArray[np.uint8],
+        first: Bytes,
+        second: Bytes,
         known: Known = (None, None),
     ) -> None:
         self._fine = DepthInterpolator(model, first, second, known)
@@ -117,8 +115,8 @@ class BlockInterpolator:
     def __init__(
         self,
         model: Model,
-        first: Luma,
-        second: Luma,
+        first: Bytes,
+        second: Bytes,
         known: Known = (None, None),
         views: tuple[DepthView, DepthView] | None = None,
     ) -> None:
@@ -220,8 +218,8 @@ class FusedInterpolator:
     def __init__(
         self,
         model: Model,
-        first: NDArray[np.uint8],
-        second: NDArray[np.uint8],
+        first: Bytes,
+        second: Bytes,
         known: Known = (None, None),
     ) -> None:
         self._depth = DepthInterpolator(model, first, second, known)

@@ -9,20 +9,16 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.side_information.block_motion import BLOCK, BlockRefiner
 from decoder.side_information.protocol import Interpolation, Prediction
 from decoder.side_information.track_interpolation import NEAR, Field, corrected_positions
+from dvc.arrays import Bytes, Floats, Integers, Mask
 from dvc.geometry.cameras import PixelFrame
 from dvc.geometry.depth_maps import DepthMap, DepthView
 from dvc.geometry.rendering import OCCLUDED_WEIGHT, render_depth, visibility_weights
 from dvc.geometry.warping import inverse_warp, sample, warp_grid, warp_matrix
 from dvc.video import Frame
-
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 SOFTENING = 0.3
 """Share of the 3x3 mean where depth is not reliable: blur costs less there than a sharp misplaced edge."""
@@ -77,8 +73,8 @@ def _box(plane: Floats, side: int) -> Floats:
 
 
 def warp_chroma(
-    interpolation: Interpolation, chroma: Sequence[tuple[Luma, Luma] | None]
-) -> tuple[Luma, Luma] | None:
+    interpolation: Interpolation, chroma: Sequence[tuple[Bytes, Bytes] | None]
+) -> tuple[Bytes, Bytes] | None:
     """Predict the chroma planes of a predicted frame."""
     # A chroma sample lies half a pixel right of and below its luma sample, in all three frames alike.
     halved = [np.ascontiguousarray(position[::2, ::2]) / 2.0 for position in interpolation.positions]
@@ -95,7 +91,7 @@ def warp_chroma(
     return predicted[0], predicted[1]
 
 
-def block_offsets(interpolation: Interpolation, block: int = BLOCK) -> tuple[NDArray[np.int64], ...]:
+def block_offsets(interpolation: Interpolation, block: int = BLOCK) -> tuple[Integers, ...]:
     """Return the median displacement of every block, in quarter samples, (vertical, horizontal)."""
     height, width = interpolation.luma.shape
     limit, pixels = 4.0 * max(height, width), np.indices((height, width))
@@ -138,7 +134,7 @@ def completed(
 
 def corrected(
     rendered: Interpolation,
-    keys: tuple[Luma, Luma],
+    keys: tuple[Bytes, Bytes],
     tracks: tuple[Floats, Floats, Floats],
     fields: Sequence[Field] = NEAR,
 ) -> Interpolation:

@@ -11,7 +11,6 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, uniform_filter
 
 from decoder.side_information.alignment import homography_positions, whole_frame_motion
@@ -25,10 +24,9 @@ from decoder.side_information.block_motion import (
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from decoder.side_information.weighting import neighbourhood
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Integers
 from dvc.geometry.warping import sample
 from dvc.wynerziv.transform import to_uint8
-
-Floats = NDArray[np.float64]
 
 
 class Field(NamedTuple):
@@ -89,7 +87,7 @@ def add_correction(positions: Floats, points: Floats, residuals: Floats, field: 
     return moved
 
 
-def _between_nodes(side: int) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+def _between_nodes(side: int) -> tuple[Integers, Floats, Integers]:
     """Return the node before each pixel of a line, the distance from it in nodes, and the node behind."""
     first, rest = np.divmod(np.arange(side), LATTICE_PX)
     return first, rest / LATTICE_PX, np.minimum(first + 1, -(-(side - 1) // LATTICE_PX))
@@ -134,8 +132,6 @@ def correction_field(
                 field[y, x, 1] = share * mean_y
 
 
-Luma = NDArray[np.uint8]
-
 DISPLACEMENT_WINDOW = 33
 """Side of the neighbourhood in which displacements are averaged, in pixels."""
 MAX_DISPLACEMENT_PX = 60.0
@@ -163,7 +159,7 @@ class TrackedWarp(NamedTuple):
     expected_error: Floats
 
 
-def warp_by_tracks(reference: Luma, points: Floats, matches: Floats) -> TrackedWarp:
+def warp_by_tracks(reference: Bytes, points: Floats, matches: Floats) -> TrackedWarp:
     """Warp a reference on to a frame, of which only points are known."""
     shape = reference.shape
     positions = homography_positions(whole_frame_motion(points, matches), shape)

@@ -15,12 +15,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, uniform_filter
 
 from decoder.side_information.protocol import Interpolation, Prediction
-
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
 
 FUSION_BLOCKS = 5
 """Side of the square of blocks whose errors are taken together."""

@@ -14,17 +14,14 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.tracking.registration import ReceivedPoints, RegistrationSettings, register
 from decoder.tracking.snakes import SnakeSettings, fit_snakes
+from dvc.arrays import Bytes, Floats, Mask
 from dvc.corners import SENT_WINDOW_PX, corner_response, spaced
 from dvc.tracks.points import FeaturePoints, PointTracks
 from sfm.scene_model import Correspondences, Reconstruction
 
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 SEARCH_RADIUS_PX = 2
 """Largest distance of a corner from its point, by rows and by columns."""
 MAX_DRIFT_PX = 1.5
@@ -52,8 +49,8 @@ class TrackingSettings:
 
 def match_points(
     reconstruction: Reconstruction,
-    first: Luma,
-    second: Luma,
+    first: Bytes,
+    second: Bytes,
     points: FeaturePoints,
     settings: TrackingSettings | None = None,
 ) -> PointTracks:
@@ -136,7 +133,7 @@ def _evenly(first: Floats, second: Floats, temporal_positions: Floats) -> Floats
 
 
 def choose_paired_corners(
-    pairs: Correspondences, first: Luma, second: Luma, num_corners: int, separation_px: float
+    pairs: Correspondences, first: Bytes, second: Bytes, num_corners: int, separation_px: float
 ) -> PairedCorners:
     """Choose correspondences that are corners in both key frames, the strongest first, spread out."""
     ends = [
@@ -173,7 +170,7 @@ def strongest_nearby(response: Floats, places: Floats, radius: int) -> tuple[Flo
     return np.column_stack([column, row]) - radius - 1 + vertex, np.where(peak, strength, 0.0)
 
 
-def _vertex(before: Floats, after: Floats, centre: Floats, defined: NDArray[np.bool_]) -> Floats:
+def _vertex(before: Floats, after: Floats, centre: Floats, defined: Mask) -> Floats:
     """Return the vertices of parabolas through three neighbours; the middle one is the largest."""
     before, after, centre = (np.where(defined, values, 0.0) for values in (before, after, centre))
     curvature = 2.0 * centre - before - after
