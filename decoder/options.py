@@ -50,7 +50,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="INPUT OUTPUT",
         nargs="+",
         help="stream (.dvc), or folder of a recording's segments, and video to write (.y4m, .mkv, .mp4); with"
-        " --connect the video alone",
+        " --connect only the video",
     )
     live = parser.add_argument_group("live")
     cli.add_live(live, "--connect", "decode live from `dvc-encode --serve HOST:PORT`")
@@ -94,7 +94,7 @@ def _add_decoding(parser: argparse.ArgumentParser) -> None:
         "--unfinished",
         action="store_true",
         help="decode the finished groups of pictures of a stream that lacks its end (a .part that is still"
-        " being written, or that a power cut left) and say what is missing (exit status 0; files only)",
+        " being written, or was left by a power cut) and name the missing part (exit status 0; files only)",
     )
     allowed = (
         "refuse streams with more than N frames, and end a live run before there are more"
@@ -106,7 +106,7 @@ def _add_decoding(parser: argparse.ArgumentParser) -> None:
         parser,
         "--max-memory",
         (1, 2**24),
-        "refuse streams whose decoding may take more than this, by their header, in MiB",
+        "refuse streams with headers that demand more memory than this, in MiB",
         default=MAX_MEMORY_MIB,
         metavar="MIB",
     )

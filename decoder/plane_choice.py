@@ -18,7 +18,7 @@ CLASSES = (range(1), range(1, 3), range(3, 6), range(6, 16))
 MAX_WIDTH = 6
 """Largest width class of bins, in powers of two of steps; wider bins share it."""
 STRENGTH_BITS = 60.0
-"""Bits of a class from which on what has turned out counts more than the noise model; with 150 the rate is
+"""Bits of a class from which on experience counts more than the noise model; with 150 the rate is
 .4 % higher, with 20 it is .1 % lower (see `decoder.plane_choice.NEIGHBOURS`)."""
 
 
@@ -130,7 +130,7 @@ LOOK_AHEAD = 2
 LEAST_RUN_BITS, LEAST_PART_BITS = 8.0, 2.0
 """Least savings of a run, and of each plane in it, beyond the expected cost."""
 NEIGHBOURS = 0.5
-"""Weight of the 3x3 areas around one in what is made of its gain; 0 takes .2 % more rate. By
+"""Weight of the 3x3 areas around one in its smoothed gain; 0 takes .2 % more rate. By
 `benchmarks.searches.settings decoder.plane_choice.NEIGHBOURS=0 --qp 28 36 --frames 33 --clips box desk river
 stone street tree`, as were `decoder.plane_choice.STRENGTH_BITS` and
 `dvc.wynerziv.noise.REFINEMENT_OUTLIER_PROBABILITY`."""

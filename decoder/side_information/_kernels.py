@@ -14,7 +14,7 @@ from dvc.arrays import Bytes
 
 
 class Blocks(NamedTuple):
-    """Where blocks are, and what is compared of each, in whole samples."""
+    """Positions of blocks, and their compared squares, in whole samples."""
 
     margin: int  # around the frame in its planes
     block: int  # side of a block
@@ -115,9 +115,9 @@ def quarter_samples(padded, planes):
 
 @inlined_kernel
 def _square_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
-    """SAD of two squares of 8 to 15 samples; the side is a constant where it is called.
+    """SAD of two squares of 8 to 15 samples; the side is a constant of the caller.
 
-    So there are no loops around vectors of 8 samples: those on the left of a row, and others on the right.
+    Rows are compared as two vectors of 8 samples: those on the left of a row, and those on the right.
     """
     phase_a, phase_b = (
         (np.uintp(row_a & 3), np.uintp(column_a & 3)),
@@ -242,7 +242,7 @@ def neighbourhood(field, i, j, vectors):
 
 @kernel
 def vector_median(field, median):
-    """Write the vector of each 3x3 neighbourhood that has the least sum of distances to the others."""
+    """Write the vector of each 3x3 neighbourhood with the least sum of distances to the other ones."""
     vectors = np.empty((9, 2), np.int64)
     for i in range(field.shape[0]):
         for j in range(field.shape[1]):
@@ -338,7 +338,7 @@ def quarter_sums(sums, row, column, half):
 
 @kernel
 def search_target(searched, reference, blocks, steps, offsets, costs):
-    """Move offsets of blocks that do not match well `enough` to where they do best, within `radius` steps.
+    """Move offsets of blocks that do not match well `enough` to the best match within `radius` steps.
 
     The differences of the sums of quarters bound the SAD from below.
     """

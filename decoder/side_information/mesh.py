@@ -95,7 +95,7 @@ def _second_difference(count: int) -> Any:
 RIDGE = 1e-9
 """Weight that holds vertices which neither data nor smoothness determine."""
 EPIPOLE_MARGIN_PX = 4.0
-"""Vertices closer than this to the epipole say nothing about depth."""
+"""Distance from the epipole below which vertices have no information about depth."""
 NO_PARALLAX = 1e-9
 """Least squared motion, in pixels per unit of inverse depth, of an informative vertex."""
 

@@ -182,7 +182,7 @@ class Interpolation(NamedTuple):
     luma : ndarray of shape (H, W), float64
         Prediction.
     compensated : tuple of ndarray of shape (H, W), float64
-        What each key frame says, whether it sees the point or not.
+        Prediction from each key frame, even if it does not see the point.
     weights : tuple of ndarray of shape (H, W), float64
         Share of each key frame in the prediction; they sum to 1.
     positions : tuple of ndarray of shape (H, W, 2), float64

@@ -40,7 +40,7 @@ class TrackingSettings:
     # how the common deviation of a frame is found
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     snakes: SnakeSettings = field(default_factory=SnakeSettings)  # how snakes are fitted
-    support: float = 0.3  # least share of the tracked frames in which a snake has located a point
+    support: float = 0.3  # least share of the tracked frames with a point that a snake has located
     # a frame is followed if more snakes than this many standard deviations above chance found a point
     significance: float = 6.0
     # ... and as many more as an affine map and its search may fit by chance
