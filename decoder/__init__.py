@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from decoder.decoded_pictures import DecodedPicture
+    from decoder.report import DecodedPicture
     from dvc.video import VideoReader
 
 
@@ -33,6 +33,11 @@ def decode(
     BitstreamError
         If the stream is damaged, after all groups of pictures before.
     """
-    from decoder.decoded_pictures import decoded_pictures
+    from decoder.report import DecodeReport
+    from decoder.session import decode_stream
+    from dvc.stream import open_stream
 
-    return decoded_pictures(file, jobs, reference)
+    with open_stream(os.fspath(file)) as reader:
+        report = DecodeReport(reader.config, reference, kept=False)
+        for group in decode_stream(reader.config, reader, jobs):
+            yield from report.add(group)

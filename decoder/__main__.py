@@ -1,27 +1,21 @@
-"""Command `dvc-decode`: decode a stream, or what an encoder serves."""
+"""Command `dvc-decode`: decode a stream, or the pictures of a live encoder."""
 
 import argparse
 import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext, suppress
+from functools import partial
 from typing import TYPE_CHECKING
 
 from decoder import options
 from dvc import cli
 from dvc.config import MAPPERS
-from dvc.errors import (
-    BitstreamError,
-    ConfigError,
-    DvcError,
-    FeedbackError,
-    PartialOutputError,
-)
+from dvc.errors import BitstreamError, ConfigError, DvcError, FeedbackError, PartialOutputError
 
 if TYPE_CHECKING:
     from decoder.group_tasks import DecodedGroup, Losses
-    from decoder.live import LiveSource
-    from decoder.output import DecodedOutput
+    from decoder.live import LinkReport
     from decoder.session import Reader
     from decoder.view.decoding_view import DecodingView
     from decoder.view.server import ViewServer
@@ -95,15 +89,15 @@ def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> in
                 "--punctured requires a stream with more bits than needed, not one without feedback"
             )
         frames = arguments.frames
-        wanted = None if frames is None else options.frame_range(frames, reader.index.num_frames)
+        selected = None if frames is None else options.selected_frames(frames, reader.index.num_frames)
+        losses = Losses(selected) if arguments.salvage else None
+        form = Form.NO_FEEDBACK if reader.form == Form.NO_FEEDBACK else Form.PUNCTURED
+        num_frames = (reader.num_frames or None) if selected is None else len(selected)
         with ExitStack() as stack:
-            losses = Losses(wanted) if arguments.salvage else None
-            groups = _decoded(config, reader, wanted, losses, arguments, stack)
-            form = Form.NO_FEEDBACK if reader.form == Form.NO_FEEDBACK else Form.PUNCTURED
-            num_frames = len(wanted) if wanted is not None else reader.num_frames or None
+            groups = _decoded(config, reader, selected, losses, arguments, stack)
             view = None if page is None else page.show(facts_of(config, path, num_frames))
-            output = _output(config, arguments, stack, wanted, form, view=view)
-            failure = output.consume(groups, arguments.quiet, losses, num_frames)
+            write = _writer(config, arguments, stack, selected=selected, form=form, view=view)
+            failure = write(groups, num_frames=num_frames, losses=losses)
         if failure is not None:
             raise failure
         if reader.missing is not None:
@@ -114,7 +108,7 @@ def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> in
 def _decoded(
     config: "CodecConfig",
     reader: "Reader",
-    wanted: range | None,
+    selected: range | None,
     losses: "Losses | None",
     arguments: argparse.Namespace,
     stack: ExitStack,
@@ -124,13 +118,13 @@ def _decoded(
     if arguments.dask is None:
         from decoder.session import decode_stream
 
-        return decode_stream(config, reader, arguments.jobs, wanted, limits, losses)
+        return decode_stream(config, reader, arguments.jobs, selected, limits, losses)
     from decoder.cluster import decode_on_cluster
     from dvc.dask_cluster import connected
     from dvc.versions import codec_digest
 
     client = stack.enter_context(connected(arguments.dask, codec_digest()))
-    return stack.enter_context(closing(decode_on_cluster(config, reader, client, wanted, limits, losses)))
+    return stack.enter_context(closing(decode_on_cluster(config, reader, client, selected, limits, losses)))
 
 
 @contextmanager
@@ -161,8 +155,7 @@ def _decode_live(arguments: argparse.Namespace, page: "ViewServer | None") -> in
                 view = None
                 if page is not None:
                     view = page.show(facts_of(config, arguments.connect, None), lambda: source.num_asked)
-                output = _output(config, arguments, stack, live=source, view=view)
-                output.consume(groups, arguments.quiet)
+                _writer(config, arguments, stack, link=source.report, view=view)(groups)
         except (DvcError, KeyboardInterrupt) as err:
             with suppress(FeedbackError):  # the encoder may have gone, too
                 source.abort(cli.one_line(err) or "interrupted")
@@ -176,45 +169,55 @@ def _say(text: str) -> None:
 
 @contextmanager
 def _stopped_by_signals() -> Iterator[socket.socket]:
-    """Give what can be read after an interrupt or SIGTERM."""
+    """Yield a socket that becomes readable at an interrupt or SIGTERM."""
     stop, stopping = socket.socketpair()
     with stop, stopping, cli.stopping_at_signals(lambda: stopping.sendall(b"x")):
         yield stop
 
 
-def _output(
+def _writer(
     config: "CodecConfig",
     arguments: argparse.Namespace,
     stack: ExitStack,
-    wanted: range | None = None,
-    form: str = "punctured",
     *,
-    live: "LiveSource | None" = None,
+    selected: range | None = None,
+    form: str = "punctured",
+    link: "LinkReport | None" = None,
     view: "DecodingView | None" = None,
-) -> "DecodedOutput":
-    from decoder.output import DecodedOutput
+) -> "Callable[..., DvcError | None]":
+    """Open the outputs; return the function that writes decoded groups to them."""
+    from decoder.output import JsonSink, Sink, StreamSink, VideoSink, ViewSink, write_groups
+    from decoder.report import DecodeReport
+    from dvc.files import PARTIAL_SUFFIX
     from dvc.stream import Form
     from dvc.video import open_video
 
+    video, rate, kept = arguments.files[-1], config.video.frame_rate, link is not None
     reference = None
     if arguments.reference:
-        start = arguments.reference_start + (0 if wanted is None else wanted.start)
-        original = open_video(
-            arguments.reference, size=arguments.size, frame_rate=config.video.frame_rate, start=start
-        )
+        start = arguments.reference_start + (0 if selected is None else selected.start)
+        original = open_video(arguments.reference, size=arguments.size, frame_rate=rate, start=start)
         reference = stack.enter_context(original)
-    return DecodedOutput(
-        config,
-        stack,
-        video=arguments.files[-1],
-        side_information=arguments.side_information_video,
-        punctured=arguments.punctured,
-        report=arguments.json,
-        reference=reference,
-        wanted=wanted,
-        form=Form(form),
-        live=live,
-        view=view,
+    report = DecodeReport(config, reference, selected, kept=arguments.json is not None)
+    sinks: list[Sink] = []
+    stream = None
+    if selected is None and (arguments.punctured or arguments.json):  # reports give its size
+        stream = StreamSink(stack, arguments.punctured, config, Form(form), kept=kept)
+        sinks.append(stream)
+    sinks.append(VideoSink(stack, video, config, kept=kept))
+    if arguments.side_information_video:
+        sinks.append(VideoSink(stack, arguments.side_information_video, config, predicted=True, kept=kept))
+    if view is not None:
+        sinks.append(ViewSink(view))
+    if arguments.json:
+        sinks.append(JsonSink(arguments.json, report, stream, link))
+    return partial(
+        write_groups,
+        report=report,
+        sinks=sinks,
+        frame_rate=float(rate),
+        partial=f"{video}{PARTIAL_SUFFIX}" if kept else None,
+        quiet=arguments.quiet,
     )
 
 

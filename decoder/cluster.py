@@ -1,21 +1,21 @@
-"""Groups of pictures on a Dask cluster: each is a task, and one of a lost worker runs again.
+"""Groups of pictures on a Dask cluster: each is a task, and that of a lost worker runs again.
 
-A worker gets only its group of the stream; a process of its own, with libraries held to the
-baseline as on this machine, decodes it. A decoded group is fetched when it is next in order of display, so
+A worker gets only its group of the stream; a separate process, with libraries held to the baseline as on
+this machine, decodes it. A decoded group is fetched when it is next in order of display, so
 that this process holds one at a time.
 """
 
 import uuid
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable
 from contextlib import suppress
 from functools import cache
 from multiprocessing.connection import wait
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 from decoder.group_tasks import DecodedGroup, GroupTask, Losses
-from decoder.processes import DecodingProcess, GroupsInFlight
-from decoder.session import Reader, StreamGroups, check_stream, stream_tasks
+from decoder.processes import decoding_process
+from decoder.session import Reader, check_stream, stream_tasks
 from dvc.config import CodecConfig
 from dvc.dask_cluster import OTHER_CODE, failure_text, require_workers
 from dvc.errors import BitstreamError, DvcError
@@ -32,7 +32,7 @@ POLL_S = 1.0
 GROUPS_PER_THREAD = 2
 """Number of groups per thread of a worker: one in work, and one waiting."""
 _LIKE_JOBS = 2
-"""A machine of the cluster, and this one, take no more memory for a group than for two jobs."""
+"""Number of jobs with at least the memory that a group takes on this machine and on the cluster."""
 
 
 def decode_on_cluster(
@@ -51,7 +51,7 @@ def decode_on_cluster(
 
 
 class _GroupsOnCluster:
-    """Groups that were given to a cluster: enough that no thread of it waits, and no more."""
+    """Groups that were submitted to a cluster: just enough to keep its threads busy."""
 
     def __init__(self, client: "Client", tasks: Iterable[GroupTask], losses: Losses | None) -> None:
         self._client, self._tasks, self._losses = client, iter(tasks), losses
@@ -114,37 +114,33 @@ def decode_group(task: GroupTask, digest: str) -> DecodedGroup | Exception:
     try:
         if {_loaded_digest(), codec_digest()} != {digest}:
             raise DvcError(OTHER_CODE)
-        (group,) = GroupsInFlight(_WantedGroup(task), 1).decode()
-    except Exception as err:  # has its place behind the groups before it
+        return _decoded(task)
+    except Exception as err:  # is raised after the groups before it
         return err
-    return group
+
+
+def _decoded(task: GroupTask) -> DecodedGroup | Exception:
+    """Decode a group until it is cancelled."""
+    if not task.record.wyner_ziv:
+        return DecodedGroup.of(task, [])
+    is_executing = _is_executing()
+    with decoding_process() as process:
+        process.submit(task)
+        while not wait([process], POLL_S):  # type: ignore[list-item]
+            if not is_executing():
+                raise DvcError("the task was cancelled")
+        _, outcome = process.receive()
+    assert isinstance(outcome, DecodedGroup | Exception)  # records answer all requests
+    return outcome
 
 
 @cache
 def _loaded_digest() -> str:
-    """Digest the code when this process first decodes, and has loaded just that."""
+    """Digest the code when this process first decodes: it has loaded that code."""
     return codec_digest()
 
 
-class _WantedGroup(StreamGroups):
-    """A group that is decoded until it is cancelled."""
-
-    def __init__(self, task: GroupTask) -> None:
-        super().__init__([task], 1)
-        self._is_wanted = _is_wanted()
-
-    def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
-        """Wait for the process, or until the group is cancelled."""
-        busy: list[Any] = [process for process in processes if process.num_running]
-        while busy:
-            if ready := wait(busy, POLL_S):
-                return cast(list[DecodingProcess], ready)
-            if not self._is_wanted():
-                raise DvcError("the task was cancelled")
-        return []
-
-
-def _is_wanted() -> Callable[[], bool]:
+def _is_executing() -> Callable[[], bool]:
     """Return a function that checks whether the task of this thread is still executing."""
     from distributed import get_worker
 

@@ -3,17 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from decoder.side_information.protocol import Prediction
 from decoder.side_information.weighting import fuse
+from dvc.arrays import Bytes, Floats, Integers
 from dvc.video import Frame
 from dvc.wynerziv import noise, quantizer, transform
 from dvc.wynerziv.noise import Refinement, expected_refinement
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
-
-Array = NDArray[np.float64]
 
 INITIAL_GAIN = 1.3
 """Factor on the scale of the correlation noise before anything of a frame is decoded."""
@@ -25,23 +23,23 @@ ERROR_FLOOR = 0.15
 class KnownBand:
     """Decoded intervals of a band."""
 
-    lower: Array  # borders of the interval of each coefficient
-    upper: Array
-    scale: Array  # scale of the Laplacian about its prediction
+    lower: Floats  # borders of the interval of each coefficient
+    upper: Floats
+    scale: Floats  # scale of the Laplacian about its prediction
 
     @classmethod
-    def of(cls, lower: Array, upper: Array, scale: Array, shape: tuple[int, int]) -> "KnownBand":
+    def of(cls, lower: Floats, upper: Floats, scale: Floats, shape: tuple[int, int]) -> "KnownBand":
         """Return the state of a band with coefficients in raster order."""
         return cls(lower.reshape(shape), upper.reshape(shape), scale.reshape(shape))
 
-    def reconstruct(self, side_information: Array) -> Array:
+    def reconstruct(self, side_information: Floats) -> Floats:
         """Return the conditional mean of each coefficient."""
         return noise.conditional_mean(self.lower, self.upper, side_information, self.scale)
 
-    def error(self, reconstructed: Array, side_information: Array) -> Array:
+    def error(self, reconstructed: Floats, side_information: Floats) -> Floats:
         """Return the expected magnitude of truth minus prediction, relative to its mean."""
         floor = ERROR_FLOOR * np.minimum(self.upper - self.lower, 4.0 * self.scale)
-        error: Array = np.abs(reconstructed - side_information) + floor
+        error: Floats = np.abs(reconstructed - side_information) + floor
         return error / float(error.mean())
 
 
@@ -55,7 +53,7 @@ class FrameState:
         self._layout = layout
         self._model = model
         self.known: dict[int, KnownBand] = {}
-        self._activity: dict[int, Array] = {}
+        self._activity: dict[int, Floats] = {}
         self.gain = INITIAL_GAIN
         self._first = [transform.forward(luma) for luma in (prediction.luma, *prediction.alternatives)]
         self.expected_error = None
@@ -83,9 +81,9 @@ class FrameState:
         for band, known in self.known.items():
             self.bands[band] = known.reconstruct(self.predicted[band])
 
-    def scale(self, band: int) -> Array:
+    def scale(self, band: int) -> Floats:
         """Return the scale of each coefficient of a band before any of it is decoded."""
-        base: Array = self.base_scale[band]
+        base: Floats = self.base_scale[band]
         texture = noise.texture(self.predicted, band)
         if not self.known:
             return noise.shaped(base, texture, self.expected_error)
@@ -95,7 +93,7 @@ class FrameState:
         local = np.sqrt(base * base.mean() * (activity / len(self.known)))
         return noise.shaped(local, texture, None)
 
-    def _activity_of(self, band: int) -> Array:
+    def _activity_of(self, band: int) -> Floats:
         """Return the errors of a known band, smoothed; found once for each prediction."""
         if band not in self._activity:
             error = self.known[band].error(self.bands[band], self.predicted[band])
@@ -108,12 +106,12 @@ class FrameState:
         self._activity.pop(band, None)
         self.bands[band] = known.reconstruct(self.predicted[band])
 
-    def dc_error(self) -> Array | None:
+    def dc_error(self) -> Floats | None:
         """Return by how much the DC band is off its prediction, once it is known."""
-        error: Array = self.bands[0] - self.predicted[0]
+        error: Floats = self.bands[0] - self.predicted[0]
         return error if 0 in self.known else None
 
-    def correct(self, band: int, lower: Array, upper: Array) -> None:
+    def correct(self, band: int, lower: Floats, upper: Floats) -> None:
         """Change the intervals of a band that is known."""
         self.set_known(band, KnownBand.of(lower, upper, self.known[band].scale, self._layout.band_shape))
 
@@ -128,15 +126,15 @@ class FrameState:
         self.refine()
         del self.known[band]
 
-    def luma(self) -> NDArray[np.uint8]:
+    def luma(self) -> Bytes:
         """Return the frame decoded so far."""
         return self._samples(self.bands)
 
-    def refined_side_information(self) -> NDArray[np.uint8]:
+    def refined_side_information(self) -> Bytes:
         """Return the latest prediction."""
         return self._samples(self.predicted)
 
-    def _samples(self, bands: Array) -> NDArray[np.uint8]:
+    def _samples(self, bands: Floats) -> Bytes:
         return transform.to_uint8(transform.inverse(bands, self._layout.height, self._layout.width))
 
     def frame(self) -> Frame:
@@ -144,20 +142,17 @@ class FrameState:
         return Frame(self.luma(), self._chroma if self._refiner is None else self._refiner.chroma())
 
 
-def _smoothed(error: Array) -> Array:
-    neighbourhood: Array = uniform_filter(error, 3, mode="nearest")
+def _smoothed(error: Floats) -> Floats:
+    neighbourhood: Floats = uniform_filter(error, 3, mode="nearest")
     return 0.5 * error + 0.5 * neighbourhood
 
 
-def _disagreement(prediction: Prediction) -> Array:
+def _disagreement(prediction: Prediction) -> Floats:
     """Return half the difference of the compensated references; of the two most different if many."""
     stack = np.stack(prediction.compensated)
-    difference: Array = stack[0] - stack[1] if len(stack) == 2 else stack.max(axis=0) - stack.min(axis=0)
+    difference: Floats = stack[0] - stack[1] if len(stack) == 2 else stack.max(axis=0) - stack.min(axis=0)
     return 0.5 * difference
 
-
-Bits = NDArray[np.uint8]
-Blocks = NDArray[np.int64]
 
 NUM_FITTED_PLANES = 5
 """Number of planes of a band after which the scale is fitted again; later planes add little."""
@@ -170,17 +165,17 @@ class Band:
     number: int  # in zigzag order
     num_planes: int
     first_plane: int  # number of its first plane in the frame
-    edges: Array
-    predicted: Array
-    scale: Array
+    edges: Floats
+    predicted: Floats
+    scale: Floats
     gain: float  # factor on the scale of the noise
     start_gain: float
     shape: tuple[int, int]
-    prefix: NDArray[np.int64]
-    depth: NDArray[np.int64]  # planes that are known of each coefficient
-    open: Blocks  # blocks with planes that may still be requested
-    lower: Array
-    upper: Array
+    prefix: Integers
+    depth: Integers  # planes that are known of each coefficient
+    open: Integers  # blocks with planes that may still be requested
+    lower: Floats
+    upper: Floats
     num_taken: int = 0  # number of planes with received bits
 
     @classmethod
@@ -202,7 +197,7 @@ class Band:
         return KnownBand.of(self.lower, self.upper, self.noise, self.shape)
 
     @property
-    def noise(self) -> Array:
+    def noise(self) -> Floats:
         """Scale of the noise of each coefficient."""
         return self.scale * self.gain
 
@@ -217,12 +212,12 @@ class Band:
             self.prefix[blocks], missing + 1, self.edges, self.predicted[blocks], self.noise[blocks], depth
         )
 
-    def borders(self, missing: int) -> tuple[Array, Array, Array]:
+    def borders(self, missing: int) -> tuple[Floats, Floats, Floats]:
         """Return the intervals of coefficients, and the points where the next plane divides them."""
         middle, _ = quantizer.prefix_borders(2 * self.prefix + 1, missing, self.edges)
         return self.lower, middle, self.upper
 
-    def take(self, blocks: Blocks, bits: Bits, missing: int) -> float:
+    def take(self, blocks: Integers, bits: Bytes, missing: int) -> float:
         """Take in decoded bits of a plane; return the squared error that they have taken off."""
         predicted, noise_scale = self.predicted[blocks], self.noise[blocks]
         before = noise.conditional_mean(self.lower[blocks], self.upper[blocks], predicted, noise_scale)
@@ -234,7 +229,7 @@ class Band:
             self.fit(self.gain if missing else self.start_gain)
         return float(np.sum((after - before) ** 2))
 
-    def enter(self, blocks: Blocks, bits: Bits) -> None:
+    def enter(self, blocks: Integers, bits: Bytes) -> None:
         """Make the intervals of some blocks half as wide."""
         self.prefix[blocks] = 2 * self.prefix[blocks] + bits
         self.depth[blocks] += 1

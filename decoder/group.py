@@ -1,19 +1,18 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures between decoded key frames."""
 
 import time
-from collections.abc import Generator, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from decoder.group_tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
-from decoder.level import decode_level
 from decoder.plane_choice import Allowance, GroupAllowance, Learned
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
-from decoder.wyner_ziv import WynerZivDecoder
+from decoder.wyner_ziv import WynerZivDecoder, decode_level
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, DvcError
@@ -26,7 +25,6 @@ from dvc.wynerziv.payloads import EncodedFrame, PuncturedFrame, PunctureRecorder
 from dvc.wynerziv.quantizer import FrameLayout
 
 Points = PointTracks | FeaturePoints | None
-Known = dict[int, ReferenceFrame]
 Rank = tuple[int, int]
 """Levels that follow, negative, and the number of the group: the lowest comes first."""
 MAX_LEVEL_PX = 2**21
@@ -41,8 +39,35 @@ class LevelBegins(NamedTuple):
     num_px: int  # pixels of all of them
 
 
-_Place = tuple[tuple[int, Around], Learned, Allowance]
-"""A frame and its references; its learned state; the bits that it may request."""
+@dataclass(frozen=True)
+class PlannedFrame:
+    """A frame that is decoded next."""
+
+    index: int  # display position
+    around: Around  # its references
+    learned: Learned
+    allowance: Allowance  # bits that it may request
+
+
+@dataclass(frozen=True)
+class _GroupState:
+    """A group that is being decoded."""
+
+    task: GroupTask
+    points: Points
+    decoded: dict[int, ReferenceFrame]  # by display position
+
+    def payload(self, index: int) -> bytes:
+        """Return the payload of a frame."""
+        return self.task.record.wyner_ziv[index - self.task.first_index]
+
+    def usable(self, around: Around, references: str) -> list[ReferenceFrame]:
+        """Return the references of a frame, key frames included: all, or those around it."""
+        decoded = self.decoded
+        usable = decoded if references == "all" else {min(decoded), *around, max(decoded)}
+        return [decoded[index] for index in sorted(usable)]
+
+
 GroupCoroutine = Generator[Round | LevelBegins, Sequence[Bits], DecodedGroup]
 """Yields requests and receives their bits; receives nothing at the start of a level."""
 
@@ -66,13 +91,6 @@ def single_prediction(found: object, shape: tuple[int, ...], method: str) -> Pre
     if not all(np.isfinite(plane).all() for plane in finite):
         raise DvcError(f"{named}: a prediction is not finite")
     return prediction
-
-
-def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> list[int]:
-    """Choose the references of a frame, key frames included: all, or those between which it is decoded."""
-    if references == "all":
-        return sorted(known)
-    return sorted({min(known), *around, max(known)})
 
 
 def _order(task: GroupTask, config: CodecConfig) -> list[list[tuple[int, Around]]]:
@@ -103,26 +121,29 @@ class GroupDecoder:
             return DecodedGroup.of(task, [])
         if task.before is None:
             raise BitstreamError("Wyner-Ziv frames without a frame before them")
-        last = ReferenceFrame(task.last_index, task.key)
-        known = {task.before.index: task.before, last.index: last}
+        keys = task.before, ReferenceFrame(task.last_index, task.key)
         points = self._received(task.record.tracks, task.record.num_frames - 1)
+        state = _GroupState(task, points, {key.index: key for key in keys})
         frames: list[DecodedFrame] = []
-        so_far, order = self._decoder.nothing_learned(), _order(task, self._config)
-        allowance = GroupAllowance(self._told_bits(task))
+        learned, order = self._decoder.nothing_learned(), _order(task, self._config)
+        allowance = GroupAllowance(self._stated_bits(task))
         for levels_left, level in zip(range(len(order), 0, -1), order, strict=True):
-            learned = [so_far.copy() for _ in level]
             allowed = allowance.begin_level([index for index, _ in level])
+            planned = [
+                PlannedFrame(index, around, learned.copy(), bits)
+                for (index, around), bits in zip(level, allowed, strict=True)
+            ]
             decoded: list[DecodedFrame] = []
-            for part in self._parts([*zip(level, learned, allowed, strict=True)]):
-                indices = tuple(index for (index, _), _, _ in part)
+            for part in self._parts(planned):
+                indices = tuple(frame.index for frame in part)
                 yield LevelBegins((-levels_left, task.number), indices, len(indices) * self._frame_px)
                 if task.form is Form.NO_FEEDBACK:
-                    decoded += [self._predicted(task, known, points, place) for place, _, _ in part]
+                    decoded += [self._predicted(state, frame) for frame in part]
                 else:
-                    decoded += yield from self._asked(task, known, points, part)
-            so_far = so_far.joined(learned)
+                    decoded += yield from self._requested(state, part)
+            learned = learned.joined([frame.learned for frame in planned])
             allowance.end_level(sum(frame.crc_bits + frame.parity_bits for frame in decoded))
-            known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
+            state.decoded.update({frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded})
             frames += decoded
         group = DecodedGroup.of(task, sorted(frames, key=lambda frame: frame.index))
         if task.form is Form.PUNCTURED:
@@ -133,12 +154,12 @@ class GroupDecoder:
     def _frame_px(self) -> int:
         return self._config.video.width * self._config.video.height
 
-    def _parts(self, level: Sequence[_Place]) -> list[Sequence[_Place]]:
+    def _parts(self, level: Sequence[PlannedFrame]) -> list[Sequence[PlannedFrame]]:
         """Divide the frames of a level into those that are decoded in step."""
         count = max(MAX_LEVEL_PX // self._frame_px, 1) if self._decoder.coder.by_positions else 1
         return [level[first : first + count] for first in range(0, len(level), count)]
 
-    def _told_bits(self, task: GroupTask) -> dict[int, int] | None:
+    def _stated_bits(self, task: GroupTask) -> dict[int, int] | None:
         """Return how much the encoder allows because of each frame, if it does not allow all."""
         layout = self._decoder.layout
         if not layout.limited:
@@ -146,31 +167,29 @@ class GroupDecoder:
         headers = map(layout.read_header, task.record.wyner_ziv)
         return {index: header.told_bits or 0 for index, header in enumerate(headers, task.first_index)}
 
-    def _predicted(
-        self, task: GroupTask, known: Known, points: Points, place: tuple[int, Around]
-    ) -> DecodedFrame:
+    def _predicted(self, state: _GroupState, frame: PlannedFrame) -> DecodedFrame:
         """Return a frame that consists of its prediction."""
-        (index, around), started = place, time.perf_counter()
-        if task.record.wyner_ziv[index - task.first_index]:
+        started = time.perf_counter()
+        if state.payload(frame.index):
             raise BitstreamError("a Wyner-Ziv frame of a stream without feedback is not empty")
-        frame = self._decoder.predicted(index, self._predict(known, points, index, around))
-        return replace(frame, decode_s=time.perf_counter() - started)
+        decoded = self._decoder.predicted(frame.index, self._predict(state, frame))
+        return replace(decoded, decode_s=time.perf_counter() - started)
 
-    def _asked(
-        self, task: GroupTask, known: Known, points: Points, level: Sequence[_Place]
+    def _requested(
+        self, state: _GroupState, part: Sequence[PlannedFrame]
     ) -> Generator[Round, Sequence[Bits], list[DecodedFrame]]:
         """Decode frames in step; the payload of the first one holds the requested bits."""
         started, layout, coder = time.perf_counter(), self._decoder.layout, self._decoder.coder
         headers, coroutines = [], {}
-        for (index, around), learned, allowance in level:
-            payload = task.record.wyner_ziv[index - task.first_index]
+        for frame in part:
+            payload = state.payload(frame.index)
             quantization = layout.read_header(payload)
             headers.append(payload[: len(quantization.header)])
-            # Not held while the frame is decoded: its planes take as much memory as all else of a frame.
-            prediction = self._predict(known, points, index, around)
-            coroutines[index] = self._decoder.decode(index, quantization, prediction, learned, allowance)
-            del prediction
-        predict_s = (time.perf_counter() - started) / len(level)
+            # No variable holds the prediction: its planes take as much memory as all else of a frame.
+            coroutines[frame.index] = self._decoder.decode(
+                frame.index, quantization, self._predict(state, frame), frame.learned, frame.allowance
+            )
+        predict_s = (time.perf_counter() - started) / len(part)
         recorder = PunctureRecorder()
         steps = decode_level(coroutines, coder.decoder(layout.num_bits), coder.by_positions)
         frames = yield from recorder.watch(steps)
@@ -182,9 +201,9 @@ class GroupDecoder:
             for frame, payload, bits in zip(frames, payloads, header_bits, strict=True)
         ]
 
-    def _predict(self, known: Known, points: Points, index: int, around: Around) -> Prediction:
-        usable = [known[k] for k in _usable(known, around, self._config.gop.references)]
-        found = self._method.predict(usable, points, [index])
+    def _predict(self, state: _GroupState, frame: PlannedFrame) -> Prediction:
+        usable = state.usable(frame.around, self._config.gop.references)
+        found = self._method.predict(usable, state.points, [frame.index])
         return single_prediction(found, usable[0].frame.luma.shape, self._config.side_information.method)
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.protocol import ReferenceFrame
+from dvc.arrays import Bytes, Floats
 from dvc.config import VideoConfig
 from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord, StreamIndex, frame_times_s
 from dvc.video import Frame
 
-Bits = NDArray[np.uint8]
+Bits = Bytes
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ class DecodedFrame:
 
     index: int  # display position
     frame: Frame  # decoded samples
-    side_information: NDArray[np.uint8]  # the prediction before anything was decoded
-    refined_side_information: NDArray[np.uint8]  # the last prediction
+    side_information: Bytes  # the prediction before anything was decoded
+    refined_side_information: Bytes  # the last prediction
     method: str  # side-information method that served it; why another one could not, if so
     reason: str
     num_requests: int = 0  # requests on the feedback channel
@@ -82,7 +83,7 @@ class DecodedFrame:
     decode_s: float = 0.0  # wall-clock time, in seconds
     # Inverse depth that predicted it, if dense, in the unit of a model of its group.
     inverse_depth: NDArray[np.float16] | None = None
-    camera: NDArray[np.float64] | None = None  # camera of the frame, in the basis of its group's model
+    camera: Floats | None = None  # camera of the frame, in the basis of its group's model
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ class LiveSource:
         self.heard_s = time.monotonic()  # time of the last whole message
 
     def _connect(self, lost: ConnectionLostError | None) -> tuple[Connection, DecoderEndpoint]:
-        """Connect, again and again if nobody listens or a connection has been lost."""
+        """Connect, again and again if the encoder does not listen or a connection has been lost."""
         is_first, started_s = lost is None, time.monotonic()
         patience_s = self._dialler.timeout_s if lost is None else self._patience_s
         while True:
@@ -235,7 +235,7 @@ class LiveGroups:
         """Whether the encoder knows that the whole sequence is written."""
         return self._endpoint.finished
 
-    def received(self) -> Iterator[GroupTask | ParityAnswer | BitstreamError]:
+    def poll(self) -> Iterator[GroupTask | ParityAnswer | BitstreamError]:
         """Return the groups and answers that the encoder has sent."""
         events, self._events = self._events, []
         for event in events:
@@ -292,7 +292,7 @@ class LiveGroups:
             source.flush()  # now, since the consumer of the frames may not come back soon
             self._holding.clear()
 
-    def ask(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
+    def request(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
         """Hold requests until they are sent together."""
         self._source.num_asked += len(requests)
         self._held.add(requests)
@@ -304,7 +304,7 @@ class LiveGroups:
             return None
         return self._held.left_s(min(process.num_pending for process in self._holding))
 
-    def taken(self) -> None:
+    def consumed(self) -> None:
         """Confirm a group that is written, and ask for another one."""
         source = self._source
         task = source.tasks.pop(source.num_groups)

@@ -3,10 +3,10 @@
 import argparse
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from dvc import cli
-from dvc.config import FALLBACKS, MAPPERS, SFM_BACKENDS
+from dvc.config import FALLBACKS, MAPPERS, SFM_BACKENDS, GeometryConfig, SideInformationConfig
 from dvc.errors import ConfigError
 from dvc.extensions import SIDE_INFORMATION, installed
 from dvc.limits import MAX_MEMORY_MIB
@@ -16,19 +16,30 @@ if TYPE_CHECKING:
     from dvc.feedback import Protection
     from dvc.limits import Limits
 
+Section = TypeVar("Section", GeometryConfig, SideInformationConfig)
 PROG = "dvc-decode"
 EXAMPLES = """\
   dvc-decode street.dvc street.mkv --jobs 2                     lossless video of the decoded frames
   dvc-decode street.dvc out.y4m --reference street.mkv --json -  PSNR and bits of every frame
-  dvc-decode street.dvc out.mkv --punctured small.dvc           also write the stream that was really needed
+  dvc-decode street.dvc out.mkv --punctured small.dvc           also write the stream of the needed bits
   dvc-decode street.dvc part.mkv --frames 40:48                 frames 40 to 47, no more groups than they need
-  dvc-decode day-0003.dvc.part day.mkv --unfinished             what a recording holds that was cut off
-  dvc-decode damaged.dvc saved.mkv --salvage                    all that is whole; what is lost is named
+  dvc-decode day-0003.dvc.part day.mkv --unfinished             the finished part of an interrupted recording
+  dvc-decode damaged.dvc saved.mkv --salvage                    all undamaged frames; lost frames are listed
   dvc-decode street.dvc street.mkv --scene map                  and the map: cameras, depth, points, a page
-  dvc-decode street.dvc street.mkv --view                       a page to watch it while it goes on
+  dvc-decode street.dvc street.mkv --view                       a page to watch the decoding
   dvc-decode recording day.mkv --dask tcp://127.0.0.1:8786      all segments in a folder, on a Dask cluster
   dvc-decode --connect 127.0.0.1:5000 out.mkv                   decode live from `dvc-encode --serve`
 """
+CONSTRAINTS = (
+    *(cli.Constraint(name, needs=("--connect",)) for name in ("--token-file", "--insecure")),
+    *(cli.Constraint(name, needs=("--connect",)) for name in ("--tls-ca", "--fingerprint")),
+    cli.Constraint("--frames", excludes=("--connect", "--punctured"), why="it selects a part of a file"),
+    cli.Constraint("--unfinished", excludes=("--connect",), why="a live run keeps its decoded frames"),
+    cli.Constraint("--salvage", excludes=("--connect",), why="a live run keeps its decoded frames"),
+    cli.Constraint("--dask", excludes=("--connect",), why="an encoder serves one decoder"),
+    cli.Constraint("--view-port", needs=("--view",)),
+    cli.Constraint("--mapper", needs=("--scene",)),
+)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -39,7 +50,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="INPUT OUTPUT",
         nargs="+",
         help="stream (.dvc), or folder of a recording's segments, and video to write (.y4m, .mkv, .mp4); with"
-        " --connect the video alone",
+        " --connect only the video",
     )
     live = parser.add_argument_group("live")
     cli.add_live(live, "--connect", "decode live from `dvc-encode --serve HOST:PORT`")
@@ -53,6 +64,11 @@ def parser() -> argparse.ArgumentParser:
     )
     _add_prediction(parser)
     _add_outputs(parser)
+    _add_decoding(parser)
+    return parser
+
+
+def _add_decoding(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frames",
         type=_frame_slice,
@@ -67,13 +83,6 @@ def parser() -> argparse.ArgumentParser:
         metavar="ADDRESS",
         help="decode on the workers of a Dask cluster, such as tcp://127.0.0.1:8786 (files only)",
     )
-    _add_endings(parser)
-    _add_limits(parser)
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    return parser
-
-
-def _add_endings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--salvage",
         action="store_true",
@@ -85,11 +94,8 @@ def _add_endings(parser: argparse.ArgumentParser) -> None:
         "--unfinished",
         action="store_true",
         help="decode the finished groups of pictures of a stream that lacks its end (a .part that is still"
-        " being written, or that a power cut left) and say what is missing (exit status 0; files only)",
+        " being written, or was left by a power cut) and name the missing part (exit status 0; files only)",
     )
-
-
-def _add_limits(parser: argparse.ArgumentParser) -> None:
     allowed = (
         "refuse streams with more than N frames, and end a live run before there are more"
         " (default: a million, and no more than fit the size of the stream, some thousand pixels a byte; any"
@@ -100,10 +106,11 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
         parser,
         "--max-memory",
         (1, 2**24),
-        "refuse streams whose decoding may take more than this, by their header, in MiB",
+        "refuse streams with headers that demand more memory than this, in MiB",
         default=MAX_MEMORY_MIB,
         metavar="MIB",
     )
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
 def _frame_slice(text: str) -> slice:
@@ -115,36 +122,34 @@ def _frame_slice(text: str) -> slice:
 
 
 def _add_prediction(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument_group("prediction, instead of as the stream says").add_argument
+    add = parser.add_argument_group("prediction, instead of the settings of the stream").add_argument
     ours = "mci", "blocks", "mesh", "depth", "fused"
     methods = dict.fromkeys([*ours, *installed(SIDE_INFORMATION)])
     add(
         "--side-information",
         metavar="METHOD",
-        help=f"predict with METHOD ({', '.join(methods)}) instead of what the stream names",
+        help=f"predict with METHOD ({', '.join(methods)}) instead of that of the stream",
     )
     add(
         "--sfm",
         choices=SFM_BACKENDS,
-        help="whose estimators reconstruct the scene, instead of what the stream names",
+        help="backend of the scene reconstruction, instead of that of the stream",
     )
     add(
         "--path-regularity",
         type=float,
         metavar="W",
-        help="smooth the camera's path between key frames, by tracks (0: not), instead of as the stream says",
+        help="smooth the camera's path between key frames, by tracks (0: not at all)",
     )
     add(
         "--track-corrections",
         action=argparse.BooleanOptionalAction,
-        help="move what is predicted to where neighbouring tracks agree that it is, instead of as the stream"
-        " says",
+        help="move predicted pixels as neighbouring tracks agree, instead of as the stream specifies",
     )
     add(
         "--fallback",
         choices=FALLBACKS,
-        help="what serves with points beside a model of the scene, and without one, instead of what the"
-        " stream names",
+        help="prediction from points besides and without a model of the scene, instead of that of the stream",
     )
 
 
@@ -154,19 +159,19 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     add(
         "--punctured",
         metavar="FILE",
-        help="write the stream that was really needed (.dvc); its size is the rate",
+        help="write the stream of the needed bits only (.dvc); its size is the rate",
     )
     add(
         "--side-information-video",
         metavar="FILE",
-        help="write what each frame was predicted as before any of it was decoded, luma only (.y4m, .mkv);"
+        help="write the predictions before anything of a frame is decoded, luma only (.y4m, .mkv);"
         " key frames as they are",
     )
     add(
         "--scene",
         metavar="DIR",
         help="map the scene out of the decoded frames into a new folder: cameras, depth, points, and a page"
-        " to fly through it (docs/scene.md); of a live run that ends early, out of what there is; OUTPUT must"
+        " to fly through it (docs/scene.md); of a live run that ends early, out of its part; OUTPUT must"
         " be .y4m or .mkv",
     )
     add(
@@ -177,9 +182,9 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     )
     port = "port of the page of --view (0: any that is free); default: 0"
     cli.add_integer(group, "--view-port", (0, 65535), port, metavar="PORT")
-    mapper = "whose mapper finds the cameras of --scene; default: native"
+    mapper = "mapper that estimates the cameras of --scene; default: native"
     add("--mapper", choices=MAPPERS, help=mapper)
-    add("--reference", metavar="ORIGINAL", help="the original video; used for nothing but PSNR")
+    add("--reference", metavar="ORIGINAL", help="the original video; used only for PSNR")
     first = "frame of ORIGINAL that was coded first"
     cli.add_integer(group, "--reference-start", (0, 10**9), first, default=0, metavar="K")
     add("--size", type=cli.parse_size, metavar="WxH", help="picture size of a raw ORIGINAL")
@@ -191,49 +196,30 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def check(arguments: argparse.Namespace) -> None:
-    """Refuse options that make no sense, before anything is opened."""
-    wanted = 1 if arguments.connect else 2
-    if len(arguments.files) != wanted:
+    """Refuse contradictory options before any file is opened."""
+    if len(arguments.files) != (1 if arguments.connect else 2):
         names = "OUTPUT" if arguments.connect else "INPUT and OUTPUT"
         raise ConfigError(f"expected {names}, got {len(arguments.files)} file names")
-    cli.check_live(arguments, "--connect", "--token-file", "--insecure", "--tls-ca", "--fingerprint")
-    if arguments.frames is not None and (arguments.connect or arguments.punctured):
-        other = "--connect" if arguments.connect else "--punctured"
-        raise ConfigError(f"--frames and {other} exclude each other: {other} is for whole sequences")
-    for option in ("unfinished", "salvage"):
-        if arguments.connect and getattr(arguments, option):
-            raise ConfigError(f"--{option} is for files, not for --connect, which keeps what was decoded")
-    if arguments.connect and arguments.dask:
-        raise ConfigError("--dask is for files, not for --connect, whose encoder waits for one decoder")
-    if arguments.view_port is not None and not arguments.view:
-        raise ConfigError("--view-port is for --view")
-    _check_scene(arguments)
-    outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
-    inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
+    cli.check_constraints(arguments, CONSTRAINTS)
+    *inputs, video = arguments.files
+    if arguments.scene is not None:
+        from dvc.files import check_folder
+
+        if not video.endswith((".y4m", ".mkv")):
+            raise ConfigError(f"--scene reads OUTPUT again: it must be .y4m or .mkv, got {video}")
+        check_folder(arguments.scene)
+    outputs = [video, arguments.punctured, arguments.side_information_video, arguments.json]
+    inputs += [arguments.reference] if arguments.reference else []
     cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
 
 
-def _check_scene(arguments: argparse.Namespace) -> None:
-    """Refuse a map that cannot be written, before any work."""
-    if arguments.scene is None:
-        if arguments.mapper is not None:
-            raise ConfigError("--mapper is for --scene")
-        return
-    from dvc.files import check_folder
-
-    video = arguments.files[-1]
-    if not video.endswith((".y4m", ".mkv")):
-        raise ConfigError(f"--scene reads OUTPUT again: it must be .y4m or .mkv, got {video}")
-    check_folder(arguments.scene)
-
-
-def frame_range(frames: slice, num_frames: int) -> range:
-    """Return the frames of a stream that are wanted."""
-    wanted = range(num_frames)[frames]
-    if not wanted:
+def selected_frames(frames: slice, num_frames: int) -> range:
+    """Return the display positions that `--frames` selects."""
+    selected = range(num_frames)[frames]
+    if not selected:
         given = "".join("" if number is None else str(number) for number in (frames.start, ":", frames.stop))
-        raise ConfigError(f"--frames {given} holds no frame; the stream has {num_frames}, from 0 on")
-    return wanted
+        raise ConfigError(f"--frames {given} holds no frame; the stream has {num_frames}, counted from 0")
+    return selected
 
 
 def protection(arguments: argparse.Namespace) -> "Protection":
@@ -249,37 +235,36 @@ def protection(arguments: argparse.Namespace) -> "Protection":
 
 
 def limits(arguments: argparse.Namespace) -> "Limits":
-    """Tell what a stream may take."""
+    """Return the resource limits."""
     from dvc.limits import Limits
 
     return Limits(arguments.max_frames, arguments.max_memory)
 
 
 def with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "CodecConfig":
-    """Put the decoder's own choices in place of what the stream names."""
+    """Replace settings of the stream by those of the command line."""
     method = arguments.side_information
     if method is not None:
         from decoder.side_information.methods import METHODS
 
         if method not in METHODS:
             raise ConfigError(f"--side-information: {METHODS.missing(repr(method))}")
-        config = replace(config, side_information=replace(config.side_information, method=method))
-    if arguments.track_corrections is not None:
-        prediction = replace(config.side_information, track_corrections=arguments.track_corrections)
-        config = replace(config, side_information=prediction)
-    if arguments.fallback is not None:
-        prediction = replace(config.side_information, fallback=arguments.fallback)
-        config = replace(config, side_information=prediction)
-    if arguments.sfm is not None:
-        config = replace(config, geometry=replace(config.geometry, backend=arguments.sfm))
-    if arguments.path_regularity is not None:
-        geometry = replace(config.geometry, path_regularity=arguments.path_regularity)
-        config = replace(config, geometry=geometry)
-    return config
+    prediction = {"method": method}
+    prediction |= {name: getattr(arguments, name) for name in ("track_corrections", "fallback")}
+    geometry = {"backend": arguments.sfm, "path_regularity": arguments.path_regularity}
+    return replace(
+        config,
+        side_information=_with_given(config.side_information, prediction),
+        geometry=_with_given(config.geometry, geometry),
+    )
+
+
+def _with_given(section: Section, values: dict[str, Any]) -> Section:
+    return replace(section, **{name: value for name, value in values.items() if value is not None})
 
 
 def choices(config: "CodecConfig") -> str:
-    """Write the choices that a punctured stream was made with."""
+    """Format the settings that a punctured stream was made with."""
     prediction, geometry = config.side_information, config.geometry
     corrections = "--track-corrections" if prediction.track_corrections else "--no-track-corrections"
     return (

@@ -5,22 +5,20 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from decoder.frame_state import Band
+from dvc.arrays import Floats, Integers, Mask
 from dvc.slepian_wolf import CRC_BITS, MAX_RUN_BITS, PlaneCost
 from dvc.wynerziv.areas import Areas
 from dvc.wynerziv.priors import LearnedPriors
-
-Array = NDArray[np.float64]
 
 CLASSES = (range(1), range(1, 3), range(3, 6), range(6, 16))
 """Bands that turn out alike, in zigzag order."""
 MAX_WIDTH = 6
 """Largest width class of bins, in powers of two of steps; wider bins share it."""
 STRENGTH_BITS = 60.0
-"""Bits of a class from which on what has turned out counts more than the noise model; with 150 the rate is
+"""Bits of a class from which on experience counts more than the noise model; with 150 the rate is
 .4 % higher, with 20 it is .1 % lower (see `decoder.plane_choice.NEIGHBOURS`)."""
 
 
@@ -36,7 +34,7 @@ class LearnedWorth:
     """Expected and real cost and gain of planes, by classes of bands and widths of bins."""
 
     # expected, then seen: squared error, bits
-    sums: Array = field(default_factory=lambda: np.zeros((len(CLASSES), MAX_WIDTH + 1, 2, 2)))
+    sums: Floats = field(default_factory=lambda: np.zeros((len(CLASSES), MAX_WIDTH + 1, 2, 2)))
 
     def factors(self, band: int, width: int, multiplier: float) -> Factors:
         """Return the factors on the expectations of a band; `width` of its bins: see `learn`."""
@@ -51,9 +49,9 @@ class LearnedWorth:
         """Learn from a plane with bins of two to the power of `width` steps."""
         self._of(band, width)[:] += expected, seen
 
-    def _of(self, band: int, width: int) -> Array:
+    def _of(self, band: int, width: int) -> Floats:
         (number,) = (number for number, bands in enumerate(CLASSES) if band in bands)
-        found: Array = self.sums[number, min(width, MAX_WIDTH)]
+        found: Floats = self.sums[number, min(width, MAX_WIDTH)]
         return found
 
 
@@ -132,7 +130,7 @@ LOOK_AHEAD = 2
 LEAST_RUN_BITS, LEAST_PART_BITS = 8.0, 2.0
 """Least savings of a run, and of each plane in it, beyond the expected cost."""
 NEIGHBOURS = 0.5
-"""Weight of the 3x3 areas around one in what is made of its gain; 0 takes .2 % more rate. By
+"""Weight of the 3x3 areas around one in its smoothed gain; 0 takes .2 % more rate. By
 `benchmarks.searches.settings decoder.plane_choice.NEIGHBOURS=0 --qp 28 36 --frames 33 --clips box desk river
 stone street tree`, as were `decoder.plane_choice.STRENGTH_BITS` and
 `dvc.wynerziv.noise.REFINEMENT_OUTLIER_PROBABILITY`."""
@@ -142,7 +140,7 @@ class Wanted(NamedTuple):
     """A plane with requested bits."""
 
     band: Band
-    blocks: NDArray[np.int64]
+    blocks: Integers
     expected: tuple[float, float]  # squared error that it takes off by the noise model, and bits
 
 
@@ -197,13 +195,13 @@ class Asking:
             wanted.append(Wanted(band, band.open[inside], (float(worth.saved[0, inside].sum()), bits)))
         return _runs(wanted, missing, self._areas.coded(areas), self._cost.per_plane)
 
-    def _smoothed(self, gains: Array) -> Array:
+    def _smoothed(self, gains: Floats) -> Floats:
         """Smooth the gain of each area by its neighbours: errors are never isolated."""
         around = uniform_filter(gains.reshape(self._areas.shape), 3, mode="nearest").ravel()
-        mixed: Array = (1.0 - NEIGHBOURS) * gains + NEIGHBOURS * around
+        mixed: Floats = (1.0 - NEIGHBOURS) * gains + NEIGHBOURS * around
         return mixed
 
-    def _worthwhile(self, gains: list[Array]) -> tuple[list[int], NDArray[np.bool_]]:
+    def _worthwhile(self, gains: list[Floats]) -> tuple[list[int], Mask]:
         """Choose bands and areas such that each band gains in these areas, and each area by these bands."""
         least = LEAST_PART_BITS * self._multiplier
         chosen = [number for number, own in enumerate(gains) if np.maximum(own, 0.0).sum() > least]

@@ -90,7 +90,7 @@ class DecodingProcess:
         return self._connection.fileno()
 
     def _death(self) -> DvcError:
-        try:  # a process that ends by itself says how
+        try:  # a process that ends by itself has an exit status
             status = self._process.wait(timeout=1)
         except subprocess.TimeoutExpired:
             self.kill()
@@ -159,16 +159,16 @@ class GroupSource(Protocol):
     def finished(self) -> bool:
         """Whether all groups have been received."""
 
-    def received(self) -> Iterable[GroupTask | ParityAnswer | BitstreamError]:
+    def poll(self) -> Iterable[GroupTask | ParityAnswer | BitstreamError]:
         """Return new groups and answers without waiting; nothing follows damage."""
 
     def wait(self, processes: Sequence[DecodingProcess]) -> Iterable[DecodingProcess]:
         """Wait until something comes from a process or to the source; return the processes."""
 
-    def ask(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
+    def request(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
         """Take requests of a process."""
 
-    def taken(self) -> None:
+    def consumed(self) -> None:
         """Record that the next group has been consumed, which makes room for another."""
 
 
@@ -204,7 +204,7 @@ class GroupsInFlight:
                     self._start_received()
                     if not self._is_ready():
                         for process in self._source.wait(self._processes):
-                            self._pass_on(process)
+                            self._dispatch(process)
                         self._start_received()
                 except (Exception, KeyboardInterrupt) as err:
                     failure = err
@@ -216,7 +216,7 @@ class GroupsInFlight:
                     if isinstance(outcome, Exception):
                         raise outcome
                     yield outcome
-                    self._source.taken()
+                    self._source.consumed()
         if failure is not None:
             raise failure
 
@@ -226,7 +226,7 @@ class GroupsInFlight:
     def _start_received(self) -> None:
         """Pass new groups and answers to the processes."""
         answers: dict[DecodingProcess, list[Answered]] = {}
-        for received in self._source.received():
+        for received in self._source.poll():
             if isinstance(received, ParityAnswer):
                 place = received.frame, received.run
                 asked = self._asked.pop(place)
@@ -263,7 +263,7 @@ class GroupsInFlight:
         process = min(self._processes, key=lambda process: (process.num_running, process.began_s))
         process.submit(task)
 
-    def _pass_on(self, process: DecodingProcess) -> None:
+    def _dispatch(self, process: DecodingProcess) -> None:
         """Receive the requests or the result of a group from a process."""
         number, outcome = process.receive()
         if isinstance(outcome, DecodedGroup | Exception):
@@ -271,4 +271,4 @@ class GroupsInFlight:
         else:
             asked = _Asked(process, number, [(request.frame, request.run) for request in outcome])
             self._asked |= dict.fromkeys(asked.places, asked)
-            self._source.ask(outcome, process)
+            self._source.request(outcome, process)

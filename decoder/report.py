@@ -1,6 +1,7 @@
 """Report of a decoding run: bits, quality and time of every frame, and totals; see `docs/rd.md`."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from statistics import fmean, median
 from typing import Any
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 import dvc
 from decoder.group_tasks import DecodedFrame, DecodedGroup
+from dvc.arrays import Bytes, Floats
 from dvc.config import CodecConfig
 from dvc.errors import ConfigError, VideoError
 from dvc.metrics import PSNR_CAP_DB, psnr_db, psnr_of_mean_error_db, psnr_yuv_db
@@ -18,92 +20,96 @@ from dvc.video import Frame, VideoReader
 
 BIT_CLASSES = ("key", "tracks", "parity", "crc", "header")
 CHROMA = ("psnr_cb_db", "psnr_cr_db")
-"""PSNRs of chroma, where stream and reference have it."""
+"""PSNRs of chroma, if stream and reference have it."""
 PLANE_CLASSES = {"dc": range(1), "ac_1_2": range(1, 3), "ac_3_5": range(3, 6), "ac_6_15": range(6, 16)}
 """Groups of bands that share a line of the report, in zigzag order."""
 
 
+@dataclass(frozen=True, eq=False)
+class DecodedPicture:
+    """A decoded frame, and the data that it was made from.
+
+    Attributes
+    ----------
+    time_s : Fraction
+        When it is shown, in seconds.
+    frame : Frame
+        The frame.
+    predicted : ndarray of shape (H, W), uint8, or None
+        Luma as it was predicted before anything of the frame was decoded; None for a key frame.
+    inverse_depth : ndarray of shape (H, W), float16, or None
+        Depth that predicted it, in the unit of a model of its group; None without a dense one.
+    camera : ndarray of shape (3, 4), float64, or None
+        Camera of the frame, in normalised coordinates and the basis of its group's model.
+    report : dict
+        Row of the frame in ``dvc-decode --json``: ``index``, ``type``, ``bits`` by kind, and more.
+    """
+
+    time_s: Fraction
+    frame: Frame
+    predicted: Bytes | None
+    inverse_depth: NDArray[np.float16] | None
+    camera: Floats | None
+    report: dict[str, Any]
+
+
 class DecodeReport:
-    """Reports frames, and collects the content of ``--json`` unless nothing is to be kept."""
+    """Reports frames, and collects the content of ``--json`` if it is to be kept."""
 
     def __init__(
         self,
         config: CodecConfig,
         reference: VideoReader | None,
-        wanted: range | None = None,
+        selected: range | None = None,
         kept: bool = True,
     ) -> None:
-        video = config.video
-        if reference is not None and (reference.info.width, reference.info.height) != (
-            video.width,
-            video.height,
-        ):
-            size = f"{reference.info.width}x{reference.info.height}"
+        size = config.video.width, config.video.height
+        if reference is not None and (reference.info.width, reference.info.height) != size:
             raise ConfigError(
-                f"the reference has frames of {size}, the stream of {video.width}x{video.height}"
+                f"the reference has frames of {reference.info.width}x{reference.info.height}, the stream of"
+                f" {size[0]}x{size[1]}"
             )
-        self._config = config
-        self._wanted = wanted
-        self._kept = kept
+        self._config, self._selected, self._kept = config, selected, kept
         self._reference: Iterator[Frame] | None = None if reference is None else iter(reference)
-        self._next_original = 0 if wanted is None else wanted.start
+        self._next_original = 0 if selected is None else selected.start
         self._frames: list[dict[str, Any]] = []
         self._times_s: list[Fraction] = []  # when these are shown
         self._delays_s: list[float] = []  # delays of frames of a live run
         self._num_messages = 0
 
-    def add(self, group: DecodedGroup) -> list[dict[str, Any]]:
-        """Add a decoded group of pictures; return the rows of its frames."""
-        rows = self._rows(group)
+    def add(self, group: DecodedGroup) -> list[DecodedPicture]:
+        """Add a decoded group of pictures; return its selected frames, with their rows."""
+        pictures = list(self._pictures(group))
         if self._kept:
-            self._frames += rows
-            times_s = enumerate(group.times_s(self._config.video), group.first_index)
-            self._times_s += [time_s for index, time_s in times_s if self._is_wanted(index)]
+            self._frames += [picture.report for picture in pictures]
+            self._times_s += [picture.time_s for picture in pictures]
             self._num_messages += group.num_messages
             if group.delay_s is not None:
                 self._delays_s += len(group.frames) * [group.delay_s]
-        return rows
+        return pictures
 
-    def _rows(self, group: DecodedGroup) -> list[dict[str, Any]]:
-        rows: list[dict[str, Any]] = []
-        costs = gop_bits(group.record)
-        for frame, record_bits in zip(group.wyner_ziv, costs.wyner_ziv_header, strict=True):
-            if not self._is_wanted(frame.index):
-                continue
-            row: dict[str, Any] = {"index": frame.index, "type": "wz"}
-            row["bits"] = _bits(
-                parity=frame.parity_bits,
-                crc=frame.crc_bits,
-                header=frame.header_bits + record_bits,
-            )
-            reference = self._original(frame.index)
-            original = None if reference is None else reference.luma
-            row["psnr_y_db"] = _psnr(original, frame.frame.luma)
-            row |= _chroma_psnrs(reference, frame.frame)
-            row["si_psnr_y_db"] = _psnr(original, frame.side_information)
-            row["refined_si_psnr_y_db"] = _psnr(original, frame.refined_side_information)
-            row["num_requests"] = frame.num_requests
-            row["num_failed_planes"] = frame.num_failed_planes
-            row["num_skipped_planes"] = frame.num_skipped_planes
-            row["plane_bits"] = _by_class(frame)
-            row["side_information"] = frame.method
-            row["side_information_reason"] = frame.reason
-            row["decode_s"] = round(frame.decode_s, 6)
-            rows.append(row)
-        last_index = group.first_index + len(group.wyner_ziv)
-        if self._is_wanted(last_index):
-            bits = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
-            rows.append(self._key_row(last_index, group.key, bits))
-        return rows
-
-    def _key_row(self, index: int, key: Frame, bits: dict[str, int]) -> dict[str, Any]:
-        reference = self._original(index)
-        psnr = _psnr(None if reference is None else reference.luma, key.luma)
-        row = {"index": index, "type": "key", "bits": bits, "psnr_y_db": psnr}
-        return row | _chroma_psnrs(reference, key)
-
-    def _is_wanted(self, index: int) -> bool:
-        return self._wanted is None or index in self._wanted
+    def _pictures(self, group: DecodedGroup) -> Iterator[DecodedPicture]:
+        costs, times_s = gop_bits(group.record), group.times_s(self._config.video)
+        indices = range(group.first_index, group.first_index + len(times_s))
+        if self._selected is not None:
+            indices = range(max(indices.start, self._selected.start), min(indices.stop, self._selected.stop))
+        for index in indices:
+            number, original = index - group.first_index, self._original(index)
+            if number == len(group.wyner_ziv):
+                bits = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
+                row = {"index": index, "type": "key", "bits": bits, **_psnrs(original, group.key)}
+                yield DecodedPicture(times_s[number], group.key, None, None, None, row)
+            else:
+                frame = group.wyner_ziv[number]
+                row = _wyner_ziv_row(frame, costs.wyner_ziv_header[number], original)
+                yield DecodedPicture(
+                    times_s[number],
+                    frame.frame,
+                    frame.side_information,
+                    frame.inverse_depth,
+                    frame.camera,
+                    row,
+                )
 
     def _original(self, index: int) -> Frame | None:
         if self._reference is None:
@@ -118,7 +124,7 @@ class DecodeReport:
         """Return the report as JSON-safe values."""
         frames = self._frames
         counted = sum(sum(frame["bits"].values()) for frame in frames)
-        if self._wanted is None:
+        if self._selected is None:
             frames[0]["bits"]["header"] += 8 * stream_bytes - counted  # configuration and end of the stream
         else:
             stream_bytes = counted // 8
@@ -168,16 +174,37 @@ def _bits(**given: int) -> dict[str, int]:
     return {name: given.get(name, 0) for name in BIT_CLASSES}
 
 
-def _psnr(original: NDArray[np.uint8] | None, decoded: NDArray[np.uint8]) -> float | None:
+def _wyner_ziv_row(frame: DecodedFrame, record_bits: int, original: Frame | None) -> dict[str, Any]:
+    luma = None if original is None else original.luma
+    bits = _bits(parity=frame.parity_bits, crc=frame.crc_bits, header=frame.header_bits + record_bits)
+    return {
+        "index": frame.index,
+        "type": "wz",
+        "bits": bits,
+        **_psnrs(original, frame.frame),
+        "si_psnr_y_db": _psnr(luma, frame.side_information),
+        "refined_si_psnr_y_db": _psnr(luma, frame.refined_side_information),
+        "num_requests": frame.num_requests,
+        "num_failed_planes": frame.num_failed_planes,
+        "num_skipped_planes": frame.num_skipped_planes,
+        "plane_bits": _by_class(frame),
+        "side_information": frame.method,
+        "side_information_reason": frame.reason,
+        "decode_s": round(frame.decode_s, 6),
+    }
+
+
+def _psnr(original: Bytes | None, decoded: Bytes) -> float | None:
     return None if original is None else min(psnr_db(original, decoded), PSNR_CAP_DB)
 
 
-def _chroma_psnrs(original: Frame | None, decoded: Frame) -> dict[str, float | None]:
-    """Return the PSNRs of both planes of chroma, if the frame has chroma."""
-    if original is None or original.chroma is None or decoded.chroma is None:
-        return {}
-    pairs = zip(original.chroma, decoded.chroma, strict=True)
-    return {name: _psnr(*pair) for name, pair in zip(CHROMA, pairs, strict=True)}
+def _psnrs(original: Frame | None, decoded: Frame) -> dict[str, float | None]:
+    """Return the PSNR of luma, and those of chroma if both frames have it."""
+    if original is None:
+        return {"psnr_y_db": None}
+    pairs = zip(CHROMA, original.chroma or (), decoded.chroma or (), strict=False)
+    chroma_db = {name: _psnr(*planes) for name, *planes in pairs}
+    return {"psnr_y_db": _psnr(original.luma, decoded.luma), **chroma_db}
 
 
 def _mse_psnr(frames: list[dict[str, Any]]) -> float | None:

@@ -192,7 +192,7 @@ class StreamGroups:
         self._num_open, self._max_open = 0, GROUPS_PER_PROCESS * jobs
         self.finished = False
 
-    def received(self) -> Iterator[GroupTask | BitstreamError]:
+    def poll(self) -> Iterator[GroupTask | BitstreamError]:
         """Read as many groups as the processes have room for."""
         while not self.finished and self._num_open < self._max_open:
             try:
@@ -211,11 +211,11 @@ class StreamGroups:
         busy: list[Any] = [process for process in processes if process.num_running]
         return cast(list[DecodingProcess], wait(busy)) if busy else []
 
-    def ask(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
+    def request(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
         """Refuse requests: records answer them in the processes."""
         assert not requests, process
 
-    def taken(self) -> None:
+    def consumed(self) -> None:
         """Make room for another group."""
         self._num_open -= 1
 

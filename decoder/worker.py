@@ -34,7 +34,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
     worker = _Worker(connection)
     while True:
         try:
-            worker.take(wait=worker.is_idle)
+            worker.receive(wait=worker.is_idle)
             worker.step()
         except (EOFError, OSError):  # the parent has closed the connection
             os._exit(0)
@@ -68,13 +68,13 @@ class _Worker:
         """Whether the process has nothing to do before the next message."""
         return not (self._ready or self._tasks)
 
-    def take(self, wait: bool) -> None:
-        """Take what comes."""
+    def receive(self, wait: bool) -> None:
+        """Receive messages."""
         while wait or self._connection.poll():
             for message in self._connection.recv():
                 self._num_taken += 1
                 if isinstance(message, Answered):
-                    self._go_on(self._groups[message.number], message.bits)
+                    self._enqueue(self._groups[message.number], message.bits)
                 elif message.form is not None:
                     self._tasks.append(message)
                 else:
@@ -84,15 +84,15 @@ class _Worker:
     def _begin(self, task: GroupTask) -> None:
         try:
             with naming_group(task.number):
-                decoder = self._decoders.taken(task.config)
+                decoder = self._decoders.acquire(task.config)
         except Exception as err:
             self._send(task.number, _portable(err))
             return
         group = _LiveGroup(task.number, decoder.steps(task), decoder, task.config)
         self._groups[task.number] = group
-        self._go_on(group, None)
+        self._enqueue(group, None)
 
-    def _go_on(self, group: _LiveGroup, sent: Sequence[Bits] | None) -> None:
+    def _enqueue(self, group: _LiveGroup, sent: Sequence[Bits] | None) -> None:
         heapq.heappush(self._ready, (group.rank, next(self._order), group.number, sent))
 
     def step(self) -> None:
@@ -107,9 +107,9 @@ class _Worker:
         """Decode a group with a record that answers."""
         try:
             with naming_group(task.number):
-                decoder = self._decoders.taken(task.config)
+                decoder = self._decoders.acquire(task.config)
                 outcome: object = decoder.decode(task)
-                self._decoders.give_back(decoder, task.config)
+                self._decoders.release(decoder, task.config)
         except Exception as err:
             outcome = _portable(err)
         self._send(task.number, outcome)
@@ -122,7 +122,7 @@ class _Worker:
             with naming_group(group.number):
                 asked = next(group.steps) if sent is None else group.steps.send(sent)
         except StopIteration as stop:
-            self._decoders.give_back(group.decoder, group.config)
+            self._decoders.release(group.decoder, group.config)
             self._end(group, stop.value)
             return
         except Exception as err:
@@ -144,7 +144,7 @@ class _Worker:
                 return
             heapq.heappop(self._paused)
             self._used_px += group.num_px
-            self._go_on(group, ())
+            self._enqueue(group, ())
 
     def _end(self, group: _LiveGroup, outcome: object) -> None:
         del self._groups[group.number]
@@ -174,7 +174,7 @@ class _Decoders:
         self._frames: WynerZivDecoder | None = None
         self._idle: list[GroupDecoder] = []
 
-    def taken(self, config: bytes) -> "GroupDecoder":
+    def acquire(self, config: bytes) -> "GroupDecoder":
         """Return an idle decoder."""
         from decoder.group import GroupDecoder
         from decoder.wyner_ziv import WynerZivDecoder
@@ -186,7 +186,7 @@ class _Decoders:
             return self._idle.pop()
         return GroupDecoder(decode_config(config), self._frames)
 
-    def give_back(self, decoder: "GroupDecoder", config: bytes) -> None:
+    def release(self, decoder: "GroupDecoder", config: bytes) -> None:
         """Keep a decoder that has not failed."""
         if config == self._config:
             self._idle.append(decoder)

@@ -1,4 +1,4 @@
-"""Decoding of one Wyner-Ziv frame as a coroutine without I/O: it yields wishes and receives bits.
+"""Decoding of Wyner-Ziv frames as coroutines without I/O: a frame yields wishes and receives bits.
 
 Bands are decoded in zigzag order, each plane by plane, in the areas where a plane saves more than it costs:
 the noise model turns side information and known planes into log-likelihood ratios, the Slepian-Wolf decoder
@@ -7,36 +7,61 @@ learn from decoded ones: scales are fitted to the decoded intervals, blocks with
 expected to have them in later bands, and the side information is refined and fused with the initial one.
 Bands between two refinements are decoded in parallel: bits of bins of equal width are requested together, if
 the coder can.
+
+Frames of a level do not depend on each other and are decoded in step: their next bits are one run. They share
+check bits and rounds of requests; the cost of a run is divided by the ideal code lengths of the bits.
 """
 
-from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from decoder.frame_state import Band, Blocks, FrameState
-from decoder.group_tasks import BandCost, DecodedFrame
-from decoder.level import Decoded, FrameCoroutine, Wish
+from decoder.frame_state import Band, FrameState
+from decoder.group_tasks import BandCost, Bits, DecodedFrame
 from decoder.plane_choice import Allowance, Asking, Choice, Learned, Wanted
 from decoder.side_information.protocol import Prediction
 from dvc import slepian_wolf
+from dvc.arrays import Floats, Integers
 from dvc.config import CodecConfig
+from dvc.slepian_wolf import MAX_RUN_BITS, NeighbourCoupling, Part, PlaneDecoder, PlaneResult, Round
+from dvc.slepian_wolf.coupling import bounded_llr, ideal_bits
 from dvc.wynerziv import noise
 from dvc.wynerziv.areas import Areas
 from dvc.wynerziv.priors import LearnedPriors, PlanePrior
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
-
-Array = NDArray[np.float64]
 
 REFINE_AFTER = (0, 1, 2, 4, 8)
 """Positions in coding order of the bands after which the side information is refined, besides the last."""
 REFINING_WIDTH = 4.0
 """Mean interval of the first band, in scales, below which each of its planes refines the side information."""
 
+Prior = NeighbourCoupling | Floats
+"""Prior of the bits of a plane: a coupling of neighbours, or LLRs."""
 
+
+class Wish(NamedTuple):
+    """Bits that a frame needs next, of some planes in some of its areas."""
+
+    planes: tuple[int, ...]
+    areas: bytes
+    llr: Floats  # LLRs of all bits, one plane after the other
+    priors: Sequence[Prior]  # prior of each plane
+
+
+class Decoded(NamedTuple):
+    """The bits of a plane that a frame wished for."""
+
+    bits: Bits
+    ideal_bits: float  # their ideal code length
+    paid_bits: float  # their share of the received bits
+
+
+FrameCoroutine = Generator[Sequence[Wish], Sequence[Sequence[Decoded]], DecodedFrame]
+"""Yields wishes and is sent what came of each; at last none, and is sent all again if some were wrong."""
 StageCoroutine = Generator[Sequence[Wish], Sequence[Sequence[Decoded]], None]
 
 
@@ -107,7 +132,7 @@ class _Frame:
     choose: Callable[[Sequence[Band], int], list[Choice]]
     allowance: Allowance
     bands: dict[int, Band] = field(default_factory=dict)
-    taken: list[tuple[Band, Blocks]] = field(default_factory=list)  # received planes, in order
+    taken: list[tuple[Band, Integers]] = field(default_factory=list)  # received planes, in order
     costs: dict[int, list[float]] = field(default_factory=dict)  # ideal and received bits of bands
 
     def decode(self, quantization: Quantization) -> FrameCoroutine:
@@ -169,7 +194,7 @@ class _Frame:
                 cost[:] = cost[0] + ideal, cost[1] + paid
                 self.learned.worth.learn(wanted.band.number, missing, wanted.expected, (saved, paid))
 
-    def _prior(self, wanted: Wanted, missing: int) -> PlanePrior | Array:
+    def _prior(self, wanted: Wanted, missing: int) -> PlanePrior | Floats:
         """Return the prior of bits; plain LLRs without learned priors."""
         band, borders = wanted.band, wanted.band.borders(missing)
         if not self.has_learned_priors:
@@ -192,8 +217,139 @@ class _Frame:
             self.state.correct(number, self.bands[number].lower, self.bands[number].upper)
 
 
-def _wish(choice: Choice, priors: Sequence[PlanePrior | Array]) -> Wish:
+def _wish(choice: Choice, priors: Sequence[PlanePrior | Floats]) -> Wish:
     """Return the wish for a choice of planes."""
     llr = np.concatenate([prior.llr if isinstance(prior, PlanePrior) else prior for prior in priors])
     couplings = [prior.coupling if isinstance(prior, PlanePrior) else prior for prior in priors]
     return Wish(choice.planes, choice.areas, llr, couplings)
+
+
+class _Run:
+    """Bits of a run, and the frames that they belong to."""
+
+    def __init__(self, wishes: Sequence[tuple[int, Wish]], first_frame: int, number: int) -> None:
+        self.wishes, self._position = wishes, (first_frame, number)
+        self.result: PlaneResult | None = None
+        self.decoded: list[list[Decoded]] = []  # results of each wish
+
+    def decode(self, decoder: PlaneDecoder) -> Generator[slepian_wolf.ParityRequest, Bits, None]:
+        """Decode its bits."""
+        first, wishes = self._position[0], [wish for _, wish in self.wishes]
+        priors = [prior for wish in wishes for prior in wish.priors]
+        couplings = [prior for prior in priors if isinstance(prior, NeighbourCoupling)]
+        coupling = NeighbourCoupling.stacked(couplings) if couplings else None
+        parts = tuple(Part(index - first, wish.planes, wish.areas) for index, wish in self.wishes)
+        llr = np.concatenate([wish.llr for wish in wishes])
+        steps = decoder.decode(llr, self._position, coupling)
+        self.take((yield from slepian_wolf.beginning(parts, steps)))
+
+    def take(self, result: PlaneResult) -> None:
+        """Divide the result among the wishes."""
+        self.result = result
+        paid_bits, start, found = result.parity_bits + result.crc_bits, 0, []
+        for _, wish in self.wishes:
+            own = []
+            for prior in wish.priors:
+                size = prior.places.size if isinstance(prior, NeighbourCoupling) else prior.size
+                bits = result.bits[start : start + size]
+                llr = prior.llr_in_sequence(bits) if isinstance(prior, NeighbourCoupling) else prior
+                own.append((bits, ideal_bits(bounded_llr(llr), bits)))
+                start += size
+            found.append(own)
+        whole = sum(ideal for own in found for _, ideal in own)
+        equal = 1.0 / sum(map(len, found))
+        shares = [[ideal / whole if whole > 0.0 else equal for _, ideal in own] for own in found]
+        self.decoded = [
+            [Decoded(*one, paid_bits * share) for one, share in zip(*pair, strict=True)]
+            for pair in zip(found, shares, strict=True)
+        ]
+
+
+def decode_level(
+    frames: Mapping[int, FrameCoroutine], decoder: PlaneDecoder, joins: bool
+) -> Generator[Round, Sequence[Bits], list[DecodedFrame]]:
+    """Decode frames in step; the first one names all runs; `joins`: whether wishes share runs."""
+    started, runs = time.perf_counter(), list[_Run]()
+    first = min(frames)
+    wishes = {index: next(frame) for index, frame in frames.items()}
+    while any(wishes.values()):
+        asked = [(index, wish) for index, own in wishes.items() for wish in own]
+        begun = [_Run(own, first, len(runs) + number) for number, own in enumerate(_divided(asked, joins))]
+        runs += begun
+        yield from slepian_wolf.side_by_side([run.decode(decoder) for run in begun])
+        decoded = _by_frames(begun)
+        for index in decoded:
+            wishes[index] = frames[index].send(decoded[index])
+    (check,) = yield from slepian_wolf.side_by_side([decoder.check(first)])
+    for number, result in check.corrected.items():
+        runs[number].take(result)
+    again = _by_frames(runs) if check.corrected else {}
+    found = [_last(frame, again.get(index, ())) for index, frame in frames.items()]
+    decode_s = (time.perf_counter() - started) / len(found)
+    num_failed, costs = int(not check.success), _costs(runs, check, [*frames]).tolist()
+    return [
+        replace(
+            frame,
+            num_requests=num_requests,
+            crc_bits=crc_bits,
+            parity_bits=parity_bits,
+            num_failed_planes=num_failed,
+            decode_s=decode_s,
+        )
+        for frame, (num_requests, crc_bits, parity_bits) in zip(found, costs, strict=True)
+    ]
+
+
+def _last(frame: FrameCoroutine, again: Sequence[Sequence[Decoded]]) -> DecodedFrame:
+    """Finish a frame."""
+    try:
+        frame.send(again)
+    except StopIteration as stop:
+        decoded: DecodedFrame = stop.value
+        return decoded
+    raise AssertionError("a frame wishes for more after the check")
+
+
+def _divided(asked: Sequence[tuple[int, Wish]], joins: bool) -> list[list[tuple[int, Wish]]]:
+    """Divide wishes into runs, one frame after the other."""
+    runs: list[list[tuple[int, Wish]]] = []
+    for index, wish in asked:
+        fits = joins and runs and runs[-1][-1][0] < index
+        if fits and sum(other.llr.size for _, other in runs[-1]) + wish.llr.size <= MAX_RUN_BITS:
+            runs[-1].append((index, wish))
+        else:
+            runs.append([(index, wish)])
+    return runs
+
+
+def _by_frames(runs: Sequence[_Run]) -> dict[int, list[list[Decoded]]]:
+    """Return the decoded bits of each frame."""
+    found: dict[int, list[list[Decoded]]] = {}
+    for run in runs:
+        for (index, _), decoded in zip(run.wishes, run.decoded, strict=True):
+            found.setdefault(index, []).append(decoded)
+    return found
+
+
+def _costs(runs: Sequence[_Run], check: slepian_wolf.FrameCheck, frames: Sequence[int]) -> Integers:
+    """Return requests, check bits and parity of each frame, in whole numbers that add up to all."""
+    costs = np.zeros((len(frames), 3), np.int64)
+    total = np.array([check.num_requests, check.crc_bits, 0])
+    costs += _shares(total, np.ones(len(frames)))
+    for run in runs:
+        assert run.result is not None
+        paid = dict.fromkeys(frames, 0.0)
+        for (index, _), decoded in zip(run.wishes, run.decoded, strict=True):
+            paid[index] += sum(one.paid_bits for one in decoded)
+        total = np.array([run.result.num_requests, run.result.crc_bits, run.result.parity_bits])
+        costs += _shares(total, np.array([*paid.values()]))
+    return costs
+
+
+def _shares(totals: Integers, weights: Floats) -> Integers:
+    """Divide whole numbers in some proportion; shape (weights, totals)."""
+    ends = np.cumsum(weights)
+    ends = ends / ends[-1] if ends[-1] > 0.0 else np.arange(1, weights.size + 1) / weights.size
+    rounded = np.rint(np.outer(ends, totals)).astype(np.int64)
+    rounded[1:] -= rounded[:-1].copy()
+    return rounded

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn, Protocol
+from typing import Any, NamedTuple, NoReturn, Protocol
 
 from dvc.environment import COMPILATION_NOTICE
 from dvc.errors import ConfigError, DvcError, PartialOutputError
@@ -336,6 +336,34 @@ def check_live(arguments: argparse.Namespace, live: str, *options: str) -> None:
     for option in options:
         if given[option] and not given[live]:
             raise ConfigError(f"{option} requires {live}")
+
+
+class Constraint(NamedTuple):
+    """Options that a given option requires or excludes."""
+
+    option: str
+    needs: tuple[str, ...] = ()
+    excludes: tuple[str, ...] = ()
+    why: str = ""
+
+
+def check_constraints(arguments: argparse.Namespace, constraints: Sequence[Constraint]) -> None:
+    """Refuse given options without the options that they require, or with one that they exclude."""
+
+    def _is_given(option: str) -> bool:
+        value = getattr(arguments, option[2:].replace("-", "_"))
+        return value is not None and value is not False
+
+    for option, needs, excludes, why in constraints:
+        if not _is_given(option):
+            continue
+        reason = f": {why}" if why else ""
+        for other in needs:
+            if not _is_given(other):
+                raise ConfigError(f"{option} requires {other}{reason}")
+        for other in excludes:
+            if _is_given(other):
+                raise ConfigError(f"{option} excludes {other}{reason}")
 
 
 def write_json(path: str | Path, values: object) -> None:

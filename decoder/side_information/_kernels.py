@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.arrays import Bytes
 
 
 class Blocks(NamedTuple):
-    """Where blocks are, and what is compared of each, in whole samples."""
+    """Positions of blocks, and their compared squares, in whole samples."""
 
     margin: int  # around the frame in its planes
     block: int  # side of a block
@@ -32,14 +33,14 @@ class Steps(NamedTuple):
 class Pair(NamedTuple):
     """Phase planes of the two frames around the missing one."""
 
-    before: NDArray[np.uint8]
-    after: NDArray[np.uint8]
+    before: Bytes
+    after: Bytes
 
 
 class Searched(NamedTuple):
     """Phase planes to compare, one or sixteen, and their sums over all squares of half the window."""
 
-    samples: NDArray[np.uint8]
+    samples: Bytes
     sums: NDArray[np.uint16]
 
 
@@ -114,9 +115,9 @@ def quarter_samples(padded, planes):
 
 @inlined_kernel
 def _square_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
-    """SAD of two squares of 8 to 15 samples; the side is a constant where it is called.
+    """SAD of two squares of 8 to 15 samples; the side is a constant of the caller.
 
-    So there are no loops around vectors of 8 samples: those on the left of a row, and others on the right.
+    Rows are compared as two vectors of 8 samples: those on the left of a row, and those on the right.
     """
     phase_a, phase_b = (
         (np.uintp(row_a & 3), np.uintp(column_a & 3)),
@@ -241,7 +242,7 @@ def neighbourhood(field, i, j, vectors):
 
 @kernel
 def vector_median(field, median):
-    """Write the vector of each 3x3 neighbourhood that has the least sum of distances to the others."""
+    """Write the vector of each 3x3 neighbourhood with the least sum of distances to the other ones."""
     vectors = np.empty((9, 2), np.int64)
     for i in range(field.shape[0]):
         for j in range(field.shape[1]):
@@ -337,7 +338,7 @@ def quarter_sums(sums, row, column, half):
 
 @kernel
 def search_target(searched, reference, blocks, steps, offsets, costs):
-    """Move offsets of blocks that do not match well `enough` to where they do best, within `radius` steps.
+    """Move offsets of blocks that do not match well `enough` to the best match within `radius` steps.
 
     The differences of the sums of quarters bound the SAD from below.
     """
@@ -374,28 +375,6 @@ def search_target(searched, reference, blocks, steps, offsets, costs):
 
 
 @kernel
-def block_offsets(positions, block, limit, offsets):
-    """Write the median displacement of every block, in quarter samples; the border of the frame repeats."""
-    height, width = positions.shape[:2]
-    down, across = np.empty(block * block), np.empty(block * block)
-    half = block * block // 2
-    for i in range(offsets.shape[0]):
-        for j in range(offsets.shape[1]):
-            for k in range(block * block):
-                y, x = min(i * block + k // block, height - 1), min(j * block + k % block, width - 1)
-                down[k] = min(max(positions[y, x, 1] - y, -limit), limit)
-                across[k] = min(max(positions[y, x, 0] - x, -limit), limit)
-            for axis, values in enumerate((down, across)):
-                for k in range(1, block * block):
-                    value, m = values[k], k
-                    while m > 0 and values[m - 1] > value:
-                        values[m] = values[m - 1]
-                        m -= 1
-                    values[m] = value
-                offsets[i, j, axis] = np.int64(np.floor(2.0 * (values[half - 1] + values[half]) + 0.5))
-
-
-@kernel
 def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, total_weight):
     """Add blocks' displaced reference into `total`, tapered by an overlapping window twice their side."""
     height, width = planes.shape[2], planes.shape[3]
@@ -411,128 +390,3 @@ def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, tot
                     weight = taper[y, x] * weights[i, j]
                     total[i * block + y, j * block + x] += weight * plane[y0 + y, x0 + x]
                     total_weight[i * block + y, j * block + x] += weight
-
-
-@kernel
-def error_moments(hypotheses, bands, decoded, usual, moments):
-    """Add up products of errors of hypotheses (N, B, rows, columns) in decoded bands, as shares of `usual`.
-
-    Moments (N (N + 1) / 2, rows, columns) are those of each hypothesis with those before it, and itself.
-    """
-    moments[:] = 0.0
-    for k in range(bands.size):
-        pair = 0
-        for a in range(hypotheses.shape[0]):
-            for b in range(a + 1):
-                for i in range(decoded.shape[1]):
-                    for j in range(decoded.shape[2]):
-                        first = hypotheses[a, bands[k], i, j] - decoded[k, i, j]
-                        second = hypotheses[b, bands[k], i, j] - decoded[k, i, j]
-                        moments[pair, i, j] += first * second / usual[k]
-                pair += 1
-
-
-@kernel
-def weighted_mean(hypotheses, weights, mean, spread):
-    """Write the mean of hypotheses by weights (N, rows, columns), and their weighted standard deviation."""
-    mean[:] = 0.0
-    spread[:] = 0.0
-    for band in range(mean.shape[0]):
-        for i in range(mean.shape[1]):
-            for n in range(weights.shape[0]):
-                for j in range(mean.shape[2]):
-                    mean[band, i, j] += weights[n, i, j] * hypotheses[n, band, i, j]
-            for n in range(weights.shape[0]):
-                for j in range(mean.shape[2]):
-                    difference = hypotheses[n, band, i, j] - mean[band, i, j]
-                    spread[band, i, j] += weights[n, i, j] * (difference * difference)
-            for j in range(mean.shape[2]):
-                spread[band, i, j] = np.sqrt(spread[band, i, j])
-
-
-@kernel
-def fusion_weights(moments, ridge, floor, weights):
-    """Write non-negative weights (N, rows, columns), of sum 1, of the mean of least expected square."""
-    count = weights.shape[0]
-    matrix = np.empty((count, count))
-    vector = np.empty(count)
-    for i in range(moments.shape[1]):
-        for j in range(moments.shape[2]):
-            trace, pair = 0.0, 0
-            for a in range(count):
-                vector[a] = 1.0
-                for b in range(a + 1):
-                    matrix[a, b] = matrix[b, a] = moments[pair, i, j]
-                    pair += 1
-                trace += matrix[a, a]
-            for a in range(count):
-                matrix[a, a] += ridge * trace / count + floor
-            for a in range(count):
-                for c in range(a + 1, count):
-                    factor = matrix[c, a] / matrix[a, a]
-                    for b in range(a, count):
-                        matrix[c, b] -= factor * matrix[a, b]
-                    vector[c] -= factor * vector[a]
-            total = 0.0
-            for a in range(count - 1, -1, -1):
-                for b in range(a + 1, count):
-                    vector[a] -= matrix[a, b] * vector[b]
-                vector[a] /= matrix[a, a]
-            for a in range(count):
-                vector[a] = max(vector[a], 0.0)
-                total += vector[a]
-            for a in range(count):
-                weights[a, i, j] = vector[a] / total
-
-
-@kernel
-def correction_field(points, residuals, reach, prior, noise_px2, field):
-    """Write what residuals at scattered points tell of each place of a lattice: `field` (H, W, 2), pixels."""
-    near = np.empty(points.shape[0], np.int64)
-    for y in range(field.shape[0]):
-        count = 0
-        for n in range(points.shape[0]):
-            near[count] = n
-            count += abs(points[n, 1] - y) < reach
-        for x in range(field.shape[1]):
-            total, squares = 0.0, 0.0
-            sum_x, sum_y, sum_of_squares = 0.0, 0.0, 0.0
-            for k in range(count):
-                n = near[k]
-                dx, dy = points[n, 0] - x, points[n, 1] - y
-                rest = max(1.0 - (dx * dx + dy * dy) / (reach * reach), 0.0)
-                weight = rest * rest * rest
-                u, v = residuals[n, 0], residuals[n, 1]
-                total += weight
-                squares += weight * weight
-                sum_x += weight * u
-                sum_y += weight * v
-                sum_of_squares += weight * (u * u + v * v)
-            field[y, x, 0] = 0.0
-            field[y, x, 1] = 0.0
-            if total <= 0.0:
-                continue
-            mean_x, mean_y = sum_x / total, sum_y / total
-            signal = mean_x * mean_x + mean_y * mean_y
-            scatter = max(sum_of_squares / total - signal, 0.0) + noise_px2
-            chance = scatter * squares / (total * total)
-            if signal > chance:
-                share = total / (total + prior) * (1.0 - chance / signal)
-                field[y, x, 0] = share * mean_x
-                field[y, x, 1] = share * mean_y
-
-
-@kernel
-def add_between_nodes(nodes, step, positions):
-    """Add a field that is given every `step` pixels, and bilinear between, to `positions` (H, W, 2)."""
-    last_row, last_column = nodes.shape[0] - 1, nodes.shape[1] - 1
-    for y in range(positions.shape[0]):
-        i, below = y // step, (y % step) / step
-        upper, lower = nodes[i], nodes[min(i + 1, last_row)]
-        for x in range(positions.shape[1]):
-            j, right = x // step, (x % step) / step
-            k = min(j + 1, last_column)
-            for axis in range(2):
-                first = upper[j, axis] + below * (lower[j, axis] - upper[j, axis])
-                second = upper[k, axis] + below * (lower[k, axis] - upper[k, axis])
-                positions[y, x, axis] += first + right * (second - first)

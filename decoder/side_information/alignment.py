@@ -8,17 +8,14 @@ turns, and complements the model if the scene is not static.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
+from dvc.arrays import Bytes, Floats
 from dvc.geometry.cameras import homogeneous
 from dvc.geometry.warping import sample
 from dvc.video import Frame
 from sfm.decompositions import right_singular
-
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
 
 MIN_NUM_POINTS = 12
 """Points that a homography is fitted to at least."""
@@ -95,7 +92,7 @@ def warp_frame(frame: Frame, homography: Floats) -> Frame:
     return Frame(luma, (_warp(frame.chroma[0], halved), _warp(frame.chroma[1], halved)))
 
 
-def _warp(plane: Luma, homography: Floats) -> Luma:
+def _warp(plane: Bytes, homography: Floats) -> Bytes:
     return np.floor(sample(plane, homography_positions(homography, plane.shape)) + 0.5).astype(np.uint8)
 
 

@@ -28,17 +28,15 @@ from decoder.side_information.protocol import (
     references_around,
     temporal_position,
 )
+from dvc.arrays import Bytes, Floats, Integers
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 
 MARGIN = 40
 """Padding of planes on each side, by replication."""
 
-Offsets = NDArray[np.int64]
-Luma = NDArray[np.uint8]
 
-
-def phase_planes(plane: Luma, margin: int = MARGIN) -> NDArray[np.uint8]:
+def phase_planes(plane: Bytes, margin: int = MARGIN) -> Bytes:
     """Interpolate a plane at quarter samples as H.264 does: six taps for half samples, then means of two."""
     padded = np.pad(plane, ((margin + 2, margin + 4), (margin + 2, margin + 4)), mode="edge")
     planes = np.empty((4, 4, plane.shape[0] + 2 * margin, plane.shape[1] + 2 * margin), np.uint8)
@@ -46,16 +44,16 @@ def phase_planes(plane: Luma, margin: int = MARGIN) -> NDArray[np.uint8]:
     return planes
 
 
-def low_pass(plane: Luma) -> Luma:
+def low_pass(plane: Bytes) -> Bytes:
     """Average over 3x3 samples, as motion search does before it compares noisy or quantised frames."""
     padded = np.pad(plane.astype(np.int32), 1, mode="edge")
     columns = padded[:-2] + padded[1:-1] + padded[2:]
     total = columns[:, :-2] + columns[:, 1:-1] + columns[:, 2:]
-    smooth: Luma = ((total + 4) // 9).astype(np.uint8)
+    smooth: Bytes = ((total + 4) // 9).astype(np.uint8)
     return smooth
 
 
-def halve(plane: Luma) -> Luma:
+def halve(plane: Bytes) -> Bytes:
     """Average 2x2 samples into one; odd sides are padded by replication."""
     padded = np.pad(plane.astype(np.int32), ((0, plane.shape[0] & 1), (0, plane.shape[1] & 1)), mode="edge")
     total = padded[::2, ::2] + padded[1::2, ::2] + padded[::2, 1::2] + padded[1::2, 1::2]
@@ -63,12 +61,12 @@ def halve(plane: Luma) -> Luma:
 
 
 def compensate(
-    references: list[NDArray[np.uint8]],
-    offsets: list[Offsets],
-    weights: list[NDArray[np.float64]],
+    references: list[Bytes],
+    offsets: list[Integers],
+    weights: list[Floats],
     block: int,
     shape: tuple[int, int],
-) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+) -> tuple[Floats, list[Floats]]:
     """Predict a plane from displaced overlapping blocks of several references."""
     rows, columns = offsets[0].shape[:2]
     ramp = (np.minimum(np.arange(2 * block) + 0.5, 2 * block - 0.5 - np.arange(2 * block))) / block
@@ -87,10 +85,10 @@ def compensate(
 
 def compensate_chroma(
     references: Sequence[Frame],
-    offsets: Sequence[Offsets],
-    weights: Sequence[NDArray[np.float64]],
+    offsets: Sequence[Integers],
+    weights: Sequence[Floats],
     block: int,
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+) -> tuple[Bytes, Bytes] | None:
     """Predict the chroma planes with the offsets of the luma blocks."""
     chroma = [frame.chroma for frame in references]
     halved = [offset >> 1 for offset in offsets]
@@ -106,7 +104,7 @@ def compensate_chroma(
     return predicted[0], predicted[1]
 
 
-def resize_field(field: Offsets, rows: int, columns: int, factor: int) -> Offsets:
+def resize_field(field: Integers, rows: int, columns: int, factor: int) -> Integers:
     """Repeat each vector of a field on a finer grid."""
     row = np.minimum(np.arange(rows) // factor, field.shape[0] - 1)
     column = np.minimum(np.arange(columns) // factor, field.shape[1] - 1)
@@ -148,7 +146,7 @@ SEARCHES = (
 class _Image:
     """Planes to be searched."""
 
-    def __init__(self, planes: NDArray[np.uint8]) -> None:
+    def __init__(self, planes: Bytes) -> None:
         self.planes = planes
 
     @lru_cache(NUM_SUMS)  # noqa: B019 - it is bounded
@@ -161,14 +159,14 @@ class _Image:
         return sums
 
 
-def _padded(plane: NDArray[np.uint8]) -> _Image:
+def _padded(plane: Bytes) -> _Image:
     return _Image(np.pad(plane, MARGIN, mode="edge")[None, None])
 
 
 class _Reference:
     """A reference at full and at half the resolution."""
 
-    def __init__(self, luma: NDArray[np.uint8]) -> None:
+    def __init__(self, luma: Bytes) -> None:
         self.luma = luma
         self.image = _Image(phase_planes(luma))
         self.halved = _Image(phase_planes(halve(luma)))
@@ -179,7 +177,7 @@ _in_use: "WeakValueDictionary[int, _Reference]" = WeakValueDictionary()
 takes, and the same for all frames that are decoded side by side."""
 
 
-def _reference(luma: NDArray[np.uint8]) -> _Reference:
+def _reference(luma: Bytes) -> _Reference:
     found = _in_use.get(id(luma))
     if found is None:
         found = _in_use[id(luma)] = _Reference(luma)
@@ -189,7 +187,7 @@ def _reference(luma: NDArray[np.uint8]) -> _Reference:
 class BlockRefiner:
     """Refines block offsets into several references."""
 
-    def __init__(self, references: Sequence[Frame], offsets: Sequence[Offsets], method: str) -> None:
+    def __init__(self, references: Sequence[Frame], offsets: Sequence[Integers], method: str) -> None:
         self.references = references
         self._searched = [_reference(frame.luma) for frame in references]
         self.offsets = [offset.copy() for offset in offsets]
@@ -197,7 +195,7 @@ class BlockRefiner:
         self._weights = [np.ones(offset.shape[:2]) for offset in offsets]
         self._num_calls = 0
 
-    def refine(self, partial: NDArray[np.uint8]) -> Prediction:
+    def refine(self, partial: Bytes) -> Prediction:
         """Search every block again around its current offsets; see `Refiner.refine`."""
         target, halved_target = _padded(partial), _padded(halve(partial))
         searches = SEARCHES[min(self._num_calls, len(SEARCHES) - 1)]
@@ -212,14 +210,14 @@ class BlockRefiner:
         luma, compensated = compensate(planes, self.offsets, self._weights, BLOCK, partial.shape)
         return Prediction(luma, None, tuple(compensated), self._method, refiner=self)
 
-    def chroma(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+    def chroma(self) -> tuple[Bytes, Bytes] | None:
         """Predict chroma with the current offsets; see `Refiner.chroma`."""
         return compensate_chroma(self.references, self.offsets, self._weights, BLOCK)
 
 
 def _search(
-    target: _Image, reference: _Image, offsets: Offsets, search: Search
-) -> tuple[Offsets, NDArray[np.int64]]:
+    target: _Image, reference: _Image, offsets: Integers, search: Search
+) -> tuple[Integers, Integers]:
     """Return improved offsets of the 4x4 blocks, and the cost of each block that was searched."""
     scale = 2 if search.halved else 1
     factor = scale * search.block // BLOCK
@@ -277,64 +275,57 @@ class BlockMotionInterpolation:
         )
 
 
-def estimate_motion(before: Luma, after: Luma, position: Fraction) -> Offsets:
+def estimate_motion(before: Bytes, after: Bytes, position: Fraction) -> Integers:
     """Estimate the block motion between two frames, on the grid of a frame between them."""
     pyramid = [(low_pass(before), low_pass(after))]
     for _ in range(NUM_COARSE_LEVELS):
         pyramid.append((halve(pyramid[-1][0]), halve(pyramid[-1][1])))
-    planes = [(phase_planes(first), phase_planes(second)) for first, second in pyramid]
-    search = _LevelSearch(position)
-    field = _forward_field(*planes[-1], pyramid[-1][0].shape, SEARCH_RADIUS_PX)
+    pairs = [_kernels.Pair(phase_planes(first), phase_planes(second)) for first, second in pyramid]
+    field = _forward_field(pairs[-1], pyramid[-1][0].shape, SEARCH_RADIUS_PX)
     for level in range(NUM_COARSE_LEVELS, 0, -1):
-        field = search.run(*planes[level], field, block=8, window=16, step=4, smoothness=4 * SMOOTHNESS)
+        steps = _kernels.Steps(2, 4, 4 * SMOOTHNESS)
+        field = _bilateral_field(pairs[level], position, field, _kernels.Blocks(MARGIN, 8, 16), steps)
         finer = pyramid[level - 1][0].shape
         side = 8 if level > 1 else 16
         field = resize_field(2 * field, -(-finer[0] // side), -(-finer[1] // side), 2 if level > 1 else 1)
-    field = search.run(*planes[0], field, block=16, window=24, step=2, smoothness=4 * SMOOTHNESS)
+    steps = _kernels.Steps(2, 2, 4 * SMOOTHNESS)
+    field = _bilateral_field(pairs[0], position, field, _kernels.Blocks(MARGIN, 16, 24), steps)
     rows, columns = -(-before.shape[0] // BLOCK_PX), -(-before.shape[1] // BLOCK_PX)
     field = resize_field(field, rows, columns, 16 // BLOCK_PX)
+    blocks = _kernels.Blocks(MARGIN, BLOCK_PX, BLOCK_PX + 4)
     for step in (2, 1):
-        field = search.run(*planes[0], field, BLOCK_PX, window=BLOCK_PX + 4, step=step, smoothness=SMOOTHNESS)
+        field = _bilateral_field(pairs[0], position, field, blocks, _kernels.Steps(2, step, SMOOTHNESS))
     return vector_median(field)
 
 
-def split_field(field: Offsets, position: Fraction) -> tuple[Offsets, Offsets]:
+def split_field(field: Integers, position: Fraction) -> tuple[Integers, Integers]:
     """Split displacements at the missing frame into offsets towards both references."""
-    to_before = _kernels.split_vector(field, position.numerator, position.denominator)
+    to_before = -((2 * position.numerator * field + position.denominator) // (2 * position.denominator))
     return to_before, to_before + field
 
 
-def vector_median(field: Offsets) -> Offsets:
+def vector_median(field: Integers) -> Integers:
     """Replace each vector by the one of its 3x3 neighbourhood with the least sum of distances."""
     median = np.empty_like(field)
     _kernels.vector_median(field, median)
     return median
 
 
-def _forward_field(before: Luma, after: Luma, shape: tuple[int, ...], radius: int) -> Offsets:
+def _forward_field(pair: _kernels.Pair, shape: tuple[int, ...], radius: int) -> Integers:
     """Full search at the coarsest level of the pyramid, between phase planes of frames of a shape."""
-    rows, columns = -(-shape[0] // 8), -(-shape[1] // 8)
-    field = np.zeros((rows, columns, 2), dtype=np.int64)
-    starts = np.zeros_like(field)
-    radius = min(radius, max(shape) // 4)
-    blocks, steps = _kernels.Blocks(MARGIN, 8, 16), _kernels.Steps(radius, 4, 0.02)
-    _kernels.forward_search(_kernels.Pair(before, after), blocks, steps, starts, field)
+    field = np.zeros((-(-shape[0] // 8), -(-shape[1] // 8), 2), dtype=np.int64)
+    steps = _kernels.Steps(min(radius, max(shape) // 4), 4, 0.02)
+    _kernels.forward_search(pair, _kernels.Blocks(MARGIN, 8, 16), steps, np.zeros_like(field), field)
     return field
 
 
-class _LevelSearch:
-    """Bilateral search between the phase planes of one pyramid level, around the vectors of a field."""
-
-    def __init__(self, position: Fraction) -> None:
-        self._position = (position.numerator, position.denominator)
-
-    def run(
-        self, before: Luma, after: Luma, field: Offsets, block: int, window: int, step: int, smoothness: int
-    ) -> Offsets:
-        blocks, steps = _kernels.Blocks(MARGIN, block, window), _kernels.Steps(2, step, smoothness)
-        pair = _kernels.Pair(before, after)
-        for _ in range(2):
-            found, median = np.empty_like(field), vector_median(field)
-            _kernels.refine_bilateral(pair, self._position, blocks, steps, (field, median), found)
-            field = found
-        return field
+def _bilateral_field(
+    pair: _kernels.Pair, position: Fraction, field: Integers, blocks: _kernels.Blocks, steps: _kernels.Steps
+) -> Integers:
+    """Bilateral search at one level of the pyramid, around the vectors of a field."""
+    instant = position.numerator, position.denominator
+    for _ in range(2):
+        found, median = np.empty_like(field), vector_median(field)
+        _kernels.refine_bilateral(pair, instant, blocks, steps, (field, median), found)
+        field = found
+    return field

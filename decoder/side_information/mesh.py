@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.synthesis import render_between
+from dvc.arrays import Bytes, Floats, Integers, Mask
 from dvc.geometry.cameras import homogeneous
 from dvc.geometry.continuation import Visibility
 from dvc.geometry.depth_maps import DepthMap, DepthView, Known
@@ -26,8 +26,6 @@ from dvc.geometry.rendering import fill_holes, render_grid
 from dvc.geometry.triangulation import inverse_depths
 from dvc.geometry.warping import EMPTY, inverse_warp, sample, warp_grid, warp_matrix
 from sfm.scene_model import Model
-
-Floats = NDArray[np.float64]
 
 
 def epipolar_lines(warp: Floats, points: Floats) -> tuple[Floats, Floats]:
@@ -44,9 +42,9 @@ def epipolar_lines(warp: Floats, points: Floats) -> tuple[Floats, Floats]:
 class Barycentric(NamedTuple):
     """Positions of points in a mesh."""
 
-    vertices: NDArray[np.int64]  # corners of the triangle
+    vertices: Integers  # corners of the triangle
     weights: Floats  # their weights, which sum to 1
-    triangle: NDArray[np.int64]  # the triangle: two a cell, upper left before lower right
+    triangle: Integers  # the triangle: two a cell, upper left before lower right
 
     def interpolate(self, values: Floats) -> Floats:
         """Interpolate values (V,) or (V, 2) of the vertices."""
@@ -94,13 +92,10 @@ def _second_difference(count: int) -> Any:
     return sparse.diags_array([sides[1:], inner, sides[:-1]], offsets=[-1, 0, 1]).tocsr()
 
 
-Luma = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
-
 RIDGE = 1e-9
 """Weight that holds vertices which neither data nor smoothness determine."""
 EPIPOLE_MARGIN_PX = 4.0
-"""Vertices closer than this to the epipole say nothing about depth."""
+"""Distance from the epipole below which vertices have no information about depth."""
 NO_PARALLAX = 1e-9
 """Least squared motion, in pixels per unit of inverse depth, of an informative vertex."""
 
@@ -135,8 +130,8 @@ class MeshInterpolator:
     def __init__(
         self,
         model: Model,
-        first: Luma,
-        second: Luma,
+        first: Bytes,
+        second: Bytes,
         known: Known = (None, None),
         settings: MeshSettings = MeshSettings(),
     ) -> None:
@@ -149,7 +144,7 @@ class MeshInterpolator:
         return render_between(self.views, camera, temporal_position, self._frame)
 
 
-def fit_mesh(model: Model, first: Luma, second: Luma, settings: MeshSettings) -> Mesh:
+def fit_mesh(model: Model, first: Bytes, second: Bytes, settings: MeshSettings) -> Mesh:
     """Fit the mesh to correspondences, and drop outliers until none is left."""
     warp = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
     cell = settings.cell_px
@@ -205,7 +200,7 @@ def _vertex_depths(second: Floats, warp: Floats, cell: float) -> Floats:
     return fill_holes(np.where(near | (third <= 1e-6), EMPTY, depth).reshape(second.shape[:2]))
 
 
-def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, NDArray[np.int64]]:
+def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, Integers]:
     """Interpolate the mesh at every pixel of the first key frame."""
     rows, columns = np.indices(shape)
     points = np.stack([columns.ravel(), rows.ravel()], axis=-1).astype(np.float64)
@@ -213,7 +208,7 @@ def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, NDArray[np.i
     return where.interpolate(mesh.inverse_depth.ravel()).reshape(shape), where.triangle.reshape(shape)
 
 
-def _bad_triangles(mesh: Mesh, warp: Floats, first: Luma, second: Luma, max_error: float) -> Mask:
+def _bad_triangles(mesh: Mesh, warp: Floats, first: Bytes, second: Bytes, max_error: float) -> Mask:
     """Return a mask of the triangles that turn over or compensate badly."""
     depth, triangle = mesh_depth(mesh, first.shape)
     moved = warp_grid(warp, depth)
@@ -238,7 +233,7 @@ def _area(a: Floats, b: Floats, c: Floats) -> Floats:
     return area
 
 
-def mesh_views(mesh: Mesh, model: Model, first: Luma, second: Luma) -> tuple[DepthView, DepthView]:
+def mesh_views(mesh: Mesh, model: Model, first: Bytes, second: Bytes) -> tuple[DepthView, DepthView]:
     """Turn the mesh into the depth of both key frames: one piece, all of it trusted."""
     there = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
     in_first, _ = mesh_depth(mesh, first.shape)

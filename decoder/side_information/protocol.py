@@ -9,18 +9,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from dvc.arrays import Bytes, Floats
 from dvc.video import Frame
 
 if TYPE_CHECKING:  # frames go from process to process without what makes them
     from dvc.geometry.depth_maps import DepthMap, DepthView, Known
     from dvc.tracks import FeaturePoints, PointTracks
     from sfm.scene_model import Model
-
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -82,7 +77,7 @@ def temporal_position(before: ReferenceFrame, after: ReferenceFrame, instant: in
 class Refiner(Protocol):
     """Improves a prediction by the decoded part of the frame."""
 
-    def refine(self, partial: NDArray[np.uint8]) -> "Prediction":
+    def refine(self, partial: Bytes) -> "Prediction":
         """Predict again, guided by a partly decoded frame.
 
         Parameters
@@ -96,7 +91,7 @@ class Refiner(Protocol):
             Better prediction of luma; its chroma is None, ask `chroma` for it.
         """
 
-    def chroma(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+    def chroma(self) -> tuple[Bytes, Bytes] | None:
         """Predict chroma with all that has been learnt.
 
         Returns
@@ -136,17 +131,17 @@ class Prediction:
         Camera of the frame, in the basis of its group's model, if it is known.
     """
 
-    luma: NDArray[np.float64]
-    chroma: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None
-    compensated: tuple[NDArray[np.float64], ...]
+    luma: Floats
+    chroma: tuple[Bytes, Bytes] | None
+    compensated: tuple[Floats, ...]
     method: str
     success: bool = True
     reason: str = ""
-    expected_error: NDArray[np.float64] | None = None
+    expected_error: Floats | None = None
     refiner: Refiner | None = None
-    alternatives: tuple[NDArray[np.float64], ...] = ()
-    inverse_depth: NDArray[np.float64] | None = None
-    camera: NDArray[np.float64] | None = None
+    alternatives: tuple[Floats, ...] = ()
+    inverse_depth: Floats | None = None
+    camera: Floats | None = None
 
 
 class SideInformationMethod(Protocol):
@@ -187,7 +182,7 @@ class Interpolation(NamedTuple):
     luma : ndarray of shape (H, W), float64
         Prediction.
     compensated : tuple of ndarray of shape (H, W), float64
-        What each key frame says, whether it sees the point or not.
+        Prediction from each key frame, even if it does not see the point.
     weights : tuple of ndarray of shape (H, W), float64
         Share of each key frame in the prediction; they sum to 1.
     positions : tuple of ndarray of shape (H, W, 2), float64
@@ -241,6 +236,6 @@ class SceneInterpolatorType(Protocol):
         """Name of the method."""
 
     def __call__(
-        self, model: "Model", first: Luma, second: Luma, known: "Known" = (None, None)
+        self, model: "Model", first: Bytes, second: Bytes, known: "Known" = (None, None)
     ) -> SceneInterpolator:
         """Build it from a model, the luma of its two key frames, and their known depths."""

@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.protocol import Interpolation
-from decoder.side_information.synthesis import interpolate, render_between
+from decoder.side_information.synthesis import block_medians, interpolate, render_between
 from decoder.side_information.weighting import neighbourhood
+from dvc.arrays import Bytes, Floats
 from dvc.geometry.block_sweep import VirtualView, block_costs, refine_blocks
 from dvc.geometry.cameras import homogeneous, inverse_depth_range
 from dvc.geometry.depth_maps import DepthMap, DepthView, Known, estimate_depths
@@ -23,9 +24,6 @@ from dvc.geometry.rendering import render_depth
 from dvc.geometry.warping import warp_matrix
 from sfm.scene_model import Model
 
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
-
 
 class DepthInterpolator:
     """Predicts frames between two key frames by their depth; see `SceneInterpolator`."""
@@ -35,8 +33,8 @@ class DepthInterpolator:
     def __init__(
         self,
         model: Model,
-        first: Luma,
-        second: Luma,
+        first: Bytes,
+        second: Bytes,
         known: Known = (None, None),
         settings: SweepSettings = GRADIENT_SWEEP,
     ) -> None:
@@ -60,8 +58,8 @@ class AveragedDepthInterpolator:
     def __init__(
         self,
         model: Model,
-        first: NDArray[np.uint8],
-        second: NDArray[np.uint8],
+        first: Bytes,
+        second: Bytes,
         known: Known = (None, None),
     ) -> None:
         self._fine = DepthInterpolator(model, first, second, known)
@@ -117,8 +115,8 @@ class BlockInterpolator:
     def __init__(
         self,
         model: Model,
-        first: Luma,
-        second: Luma,
+        first: Bytes,
+        second: Bytes,
         known: Known = (None, None),
         views: tuple[DepthView, DepthView] | None = None,
     ) -> None:
@@ -148,8 +146,8 @@ class BlockInterpolator:
             SWEEP,
         )
         cost = block_costs(view, hypotheses, SPACING_PX)
-        start = _block_medians(rendered.inverse_depth, BLOCK_PX)
-        visible = _block_medians(rendered.reliable.astype(np.float64), BLOCK_PX) >= 0.5
+        start = block_medians(rendered.inverse_depth, BLOCK_PX)
+        visible = block_medians(rendered.reliable.astype(np.float64), BLOCK_PX) >= 0.5
         cost[~visible] = 0
         cost += _start_cost(start, hypotheses)
         plain = np.zeros(cost.shape[:2], np.uint8)
@@ -183,15 +181,6 @@ def _start_cost(start: Floats, hypotheses: DepthHypotheses) -> NDArray[np.int16]
     )
     cost = np.minimum(START_WEIGHT * distance / hypotheses.step, START_LIMIT)
     return np.floor(cost + 0.5).astype(np.int16)
-
-
-def _block_medians(plane: Floats, block_px: int) -> Floats:
-    """Median of each block; blocks beyond the frame repeat its last pixels."""
-    height, width = plane.shape
-    padded = np.pad(plane, ((0, -height % block_px), (0, -width % block_px)), mode="edge")
-    cells = padded.reshape(padded.shape[0] // block_px, block_px, padded.shape[1] // block_px, block_px)
-    medians: Floats = np.median(cells, axis=(1, 3))
-    return medians
 
 
 def spread_blocks(depth: Floats, block_px: int, shape: tuple[int, ...]) -> Floats:
@@ -229,8 +218,8 @@ class FusedInterpolator:
     def __init__(
         self,
         model: Model,
-        first: NDArray[np.uint8],
-        second: NDArray[np.uint8],
+        first: Bytes,
+        second: Bytes,
         known: Known = (None, None),
     ) -> None:
         self._depth = DepthInterpolator(model, first, second, known)

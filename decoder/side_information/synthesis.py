@@ -9,21 +9,16 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from decoder.side_information import _kernels
 from decoder.side_information.block_motion import BLOCK, BlockRefiner
 from decoder.side_information.protocol import Interpolation, Prediction
 from decoder.side_information.track_interpolation import NEAR, Field, corrected_positions
+from dvc.arrays import Bytes, Floats, Integers, Mask
 from dvc.geometry.cameras import PixelFrame
 from dvc.geometry.depth_maps import DepthMap, DepthView
 from dvc.geometry.rendering import OCCLUDED_WEIGHT, render_depth, visibility_weights
 from dvc.geometry.warping import inverse_warp, sample, warp_grid, warp_matrix
 from dvc.video import Frame
-
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 SOFTENING = 0.3
 """Share of the 3x3 mean where depth is not reliable: blur costs less there than a sharp misplaced edge."""
@@ -78,8 +73,8 @@ def _box(plane: Floats, side: int) -> Floats:
 
 
 def warp_chroma(
-    interpolation: Interpolation, chroma: Sequence[tuple[Luma, Luma] | None]
-) -> tuple[Luma, Luma] | None:
+    interpolation: Interpolation, chroma: Sequence[tuple[Bytes, Bytes] | None]
+) -> tuple[Bytes, Bytes] | None:
     """Predict the chroma planes of a predicted frame."""
     # A chroma sample lies half a pixel right of and below its luma sample, in all three frames alike.
     halved = [np.ascontiguousarray(position[::2, ::2]) / 2.0 for position in interpolation.positions]
@@ -96,16 +91,32 @@ def warp_chroma(
     return predicted[0], predicted[1]
 
 
-def block_offsets(interpolation: Interpolation, block: int = 4) -> tuple[NDArray[np.int64], ...]:
-    """Summarise the positions as block offsets, for methods that refine by blocks."""
-    return tuple(_offsets(position, block) for position in interpolation.positions)
+def block_offsets(interpolation: Interpolation, block: int = BLOCK) -> tuple[Integers, ...]:
+    """Return the median displacement of every block, in quarter samples, (vertical, horizontal)."""
+    height, width = interpolation.luma.shape
+    limit, pixels = 4.0 * max(height, width), np.indices((height, width))
+    return tuple(
+        np.stack(
+            [
+                np.floor(
+                    4.0 * block_medians(np.clip(position[..., 1 - axis] - pixels[axis], -limit, limit), block)
+                    + 0.5
+                )
+                for axis in (0, 1)
+            ],
+            axis=-1,
+        ).astype(np.int64)
+        for position in interpolation.positions
+    )
 
 
-def _offsets(position: Floats, block: int) -> NDArray[np.int64]:
-    height, width = position.shape[:2]
-    offsets = np.empty((-(-height // block), -(-width // block), 2), np.int64)
-    _kernels.block_offsets(position, block, 4.0 * max(height, width), offsets)
-    return offsets
+def block_medians(plane: Floats, block: int) -> Floats:
+    """Return the median of each block; blocks beyond the frame repeat its last pixels."""
+    height, width = plane.shape
+    padded = np.pad(plane, ((0, -height % block), (0, -width % block)), mode="edge")
+    cells = padded.reshape(padded.shape[0] // block, block, padded.shape[1] // block, block)
+    medians: Floats = np.median(cells, axis=(1, 3))
+    return medians
 
 
 def completed(
@@ -116,14 +127,14 @@ def completed(
         prediction,
         chroma=warp_chroma(rendered, [frame.chroma for frame in frames]),
         method=method,
-        refiner=BlockRefiner(frames, block_offsets(rendered, BLOCK), method),
+        refiner=BlockRefiner(frames, block_offsets(rendered), method),
         inverse_depth=None if rendered.depth is None else rendered.depth.inverse_depth,
     )
 
 
 def corrected(
     rendered: Interpolation,
-    keys: tuple[Luma, Luma],
+    keys: tuple[Bytes, Bytes],
     tracks: tuple[Floats, Floats, Floats],
     fields: Sequence[Field] = NEAR,
 ) -> Interpolation:

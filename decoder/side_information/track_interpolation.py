@@ -1,9 +1,9 @@
-"""Prediction between two references that tracked points alone bring into place, without a model of the scene.
+"""Prediction between two references that are aligned by tracked points only, without a model of the scene.
 
-Each reference is warped for itself and has its say by what it covers and by how far it has moved: one that
-the camera has hardly left is nearly the frame itself. What differs between them still is left to block
-motion, which counts only where it makes them agree. This serves where there is no model of the scene, and
-beside the model where the scene is not static.
+Each reference is warped separately. References are weighted by coverage and displacement: one that is close
+to the camera of the frame is nearly the frame itself. Block motion compensates the remaining differences, but
+counts only if it makes the references agree. This predicts frames without a model of the scene, and
+complements the model if the scene is not static.
 """
 
 from collections.abc import Sequence
@@ -11,10 +11,8 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, uniform_filter
 
-from decoder.side_information import _kernels
 from decoder.side_information.alignment import homography_positions, whole_frame_motion
 from decoder.side_information.block_motion import (
     BLOCK_PX,
@@ -25,36 +23,36 @@ from decoder.side_information.block_motion import (
 )
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from decoder.side_information.weighting import neighbourhood
+from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Integers
 from dvc.geometry.warping import sample
 from dvc.wynerziv.transform import to_uint8
 
-Floats = NDArray[np.float64]
-
 
 class Field(NamedTuple):
-    """What residuals a field is made of, and how smooth it is."""
+    """Residuals of a correction field, and its smoothness."""
 
-    reach_px: float  # distance from which a residual says nothing
+    reach_px: float  # distance beyond which a residual has no influence
     max_residual_px: float  # residuals beyond it are lost tracks, or points at a step of depth
-    noise_px2: float  # squared error of a residual that rounded tracks make
+    noise_px2: float  # squared error of residuals by the rounding of tracks
 
 
 NEAR = (Field(80.0, 6.0, 0.1),)
-"""What cameras and depths of a scene that was seen from both sides leave."""
+"""Fields after a model of the scene from frames on both sides."""
 WIDE_TO_NARROW = tuple(Field(reach_px, 12.0, 0.2) for reach_px in (160.0, 80.0, 40.0))
-"""What a homography leaves, or a scene that was seen from one side."""
+"""Fields after a homography, or a model from frames on one side."""
 PRIOR = 0.3
-"""Weight of a residual of zero, relative to that of a point at the very place."""
+"""Weight of a residual of zero, relative to that of a point at the same position."""
 LATTICE_PX = 4
-"""Distance of the places where a field is computed."""
+"""Distance of the nodes of a field."""
 MIN_NUM_POINTS = 3
-"""Points of which residuals can agree."""
+"""Least number of points with residuals that can agree."""
 
 
 def corrected_positions(
     positions: Floats, wanted: Floats, reference: Floats, fields: Sequence[Field] = NEAR
 ) -> Floats:
-    """Add to positions in a reference what residuals of tracks agree on, in one field after the other."""
+    """Correct positions in a reference by residuals of tracks, in one field after the other."""
     for field in fields:
         found = track_residuals(wanted, reference, positions, field.max_residual_px)
         positions = add_correction(positions, *found, field)
@@ -64,7 +62,7 @@ def corrected_positions(
 def track_residuals(
     wanted: Floats, reference: Floats, positions: Floats, max_residual_px: float
 ) -> tuple[Floats, Floats]:
-    """Compare where tracks are in a reference with where a rendered frame looks for them."""
+    """Return points, and the difference of their tracks in a reference from the rendered positions."""
     size = np.array(positions.shape[1::-1], dtype=np.float64)
     known = np.flatnonzero(np.isfinite(np.column_stack([wanted, reference])).all(axis=1))
     known = known[((wanted[known] >= 0.0) & (wanted[known] <= size - 1.0)).all(axis=1)]
@@ -77,18 +75,62 @@ def track_residuals(
 
 
 def add_correction(positions: Floats, points: Floats, residuals: Floats, field: Field) -> Floats:
-    """Add to positions what residuals at scattered points agree on, bilinear between places of a lattice."""
-    moved = positions.copy()
-    if len(points) >= MIN_NUM_POINTS:
-        rows, columns = (-(-(side - 1) // LATTICE_PX) + 1 for side in positions.shape[:2])
-        nodes = np.empty((rows, columns, 2))
-        arguments = np.ascontiguousarray(points / LATTICE_PX), np.ascontiguousarray(residuals)
-        _kernels.correction_field(*arguments, field.reach_px / LATTICE_PX, PRIOR, field.noise_px2, nodes)
-        _kernels.add_between_nodes(nodes, LATTICE_PX, moved)
+    """Add the correction by residuals at scattered points, bilinear between nodes of a lattice."""
+    if len(points) < MIN_NUM_POINTS:
+        return positions.copy()
+    (i, below, k), (j, right, m) = (_between_nodes(side) for side in positions.shape[:2])
+    nodes = np.empty((k[-1] + 1, m[-1] + 1, 2))
+    arguments = np.ascontiguousarray(points / LATTICE_PX), np.ascontiguousarray(residuals)
+    correction_field(*arguments, field.reach_px / LATTICE_PX, PRIOR, field.noise_px2, nodes)
+    lines = nodes[i] + below[:, None, None] * (nodes[k] - nodes[i])
+    moved: Floats = positions + (lines[:, j] + right[:, None] * (lines[:, m] - lines[:, j]))
     return moved
 
 
-Luma = NDArray[np.uint8]
+def _between_nodes(side: int) -> tuple[Integers, Floats, Integers]:
+    """Return the node before each pixel of a line, the distance from it in nodes, and the node behind."""
+    first, rest = np.divmod(np.arange(side), LATTICE_PX)
+    return first, rest / LATTICE_PX, np.minimum(first + 1, -(-(side - 1) // LATTICE_PX))
+
+
+@kernel
+def correction_field(
+    points: Floats, residuals: Floats, reach: float, prior: float, noise_px2: float, field: Floats
+) -> None:
+    """Write the correction at each node of a lattice: `field` (H, W, 2), pixels."""
+    near = np.empty(points.shape[0], np.int64)
+    for y in range(field.shape[0]):
+        count = 0
+        for n in range(points.shape[0]):
+            near[count] = n
+            count += abs(points[n, 1] - y) < reach
+        for x in range(field.shape[1]):
+            total, squares = 0.0, 0.0
+            sum_x, sum_y, sum_of_squares = 0.0, 0.0, 0.0
+            for k in range(count):
+                n = near[k]
+                dx, dy = points[n, 0] - x, points[n, 1] - y
+                rest = max(1.0 - (dx * dx + dy * dy) / (reach * reach), 0.0)
+                weight = rest * rest * rest
+                u, v = residuals[n, 0], residuals[n, 1]
+                total += weight
+                squares += weight * weight
+                sum_x += weight * u
+                sum_y += weight * v
+                sum_of_squares += weight * (u * u + v * v)
+            field[y, x, 0] = 0.0
+            field[y, x, 1] = 0.0
+            if total <= 0.0:
+                continue
+            mean_x, mean_y = sum_x / total, sum_y / total
+            signal = mean_x * mean_x + mean_y * mean_y
+            scatter = max(sum_of_squares / total - signal, 0.0) + noise_px2
+            chance = scatter * squares / (total * total)
+            if signal > chance:
+                share = total / (total + prior) * (1.0 - chance / signal)
+                field[y, x, 0] = share * mean_x
+                field[y, x, 1] = share * mean_y
+
 
 DISPLACEMENT_WINDOW = 33
 """Side of the neighbourhood in which displacements are averaged, in pixels."""
@@ -99,26 +141,26 @@ DETAIL_WINDOW = 5
 BASE_ERROR = 1.5
 """Expected absolute error of a flat region that has not moved, in luma levels."""
 DETAIL_ERROR = 0.25
-"""Of one that has not moved, relative to its detail."""
+"""Expected absolute error of a region that has not moved, relative to its detail."""
 MOTION_ERROR = (0.08, 0.05)
-"""Growth of either with the displacement, per pixel."""
+"""Growth of both errors with the displacement, per pixel."""
 UNSEEN_ERROR = 3.0
-"""How many times larger the error is where the reference does not reach."""
+"""Factor on the error outside the coverage of the reference."""
 
 
 class TrackedWarp(NamedTuple):
-    """What a reference says of a frame."""
+    """A reference, warped on to a frame."""
 
     luma: Floats  # warped reference; the border repeats beyond it
-    positions: Floats  # where each pixel lies in the reference, (x, y) in pixels; may be outside
-    coverage: Floats  # 1 where that is inside the reference, 0 where it is outside by a pixel or more
-    displacement_px: Floats  # how far the neighbourhood of each pixel has moved
-    # expected absolute error, in luma levels: larger where there is detail, where much has moved, and outside
+    positions: Floats  # position of each pixel in the reference, (x, y) in pixels; may be outside
+    coverage: Floats  # 1 inside the reference, 0 outside by a pixel or more
+    displacement_px: Floats  # displacement of the neighbourhood of each pixel
+    # expected absolute error, in luma levels: larger with detail, with displacement, and outside
     expected_error: Floats
 
 
-def warp_by_tracks(reference: Luma, points: Floats, matches: Floats) -> TrackedWarp:
-    """Warp a reference on to a frame, of which only points are known."""
+def warp_by_tracks(reference: Bytes, points: Floats, matches: Floats) -> TrackedWarp:
+    """Warp a reference on to a frame with known points."""
     shape = reference.shape
     positions = homography_positions(whole_frame_motion(points, matches), shape)
     positions = corrected_positions(positions, points, matches, WIDE_TO_NARROW)
@@ -157,22 +199,21 @@ METHOD = "tracks"
 PACE_PX = 0.3
 """Displacement that counts as much as one frame of time."""
 NOISE = 4.0
-"""Squared error of a reference at the very place of the frame."""
+"""Squared error of a reference at the instant of the frame."""
 USUAL_MISFIT = 1.5
-"""Part of their difference that references must lose by block motion for it to count at all: it is made to
-find what agrees."""
+"""Share of their difference that references must lose by block motion before it counts."""
 MEAN_ERROR = 0.8
 """Mean absolute error relative to the root of the mean squared one."""
 MIN_PACE_PX = 0.1
-"""Least displacement for each frame of time, where block motion is shared out."""
+"""Least displacement for each frame of time in the division of block motion."""
 POSITION_STEPS = 16
-"""Steps in which the place between the references is told to block motion."""
+"""Number of steps of the temporal position that block motion gets."""
 UNSEEN = 1e-6
 """Weight of a reference outside its coverage, so that the sum is never zero."""
 
 
 class _Weighted(NamedTuple):
-    """The weighted mean of two references in place."""
+    """Weighted mean of two aligned references."""
 
     luma: Floats
     weights: tuple[Floats, Floats]

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.side_information.alignment import AlignedBlockMotion
 from decoder.side_information.protocol import (
@@ -30,6 +29,7 @@ from decoder.side_information.synthesis import completed, corrected
 from decoder.side_information.track_interpolation import METHOD, interpolate_by_tracks
 from decoder.side_information.untracked_scene import SceneInterpolation
 from decoder.side_information.weighting import blend_tracked
+from dvc.arrays import Bytes, Floats
 from dvc.config import CodecConfig
 from dvc.geometry.cameras import oriented
 from dvc.geometry.depth_maps import DepthMap, KnownDepth
@@ -37,9 +37,6 @@ from dvc.geometry.triangulation import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased, rebase
 from sfm.scene_model import Correspondences, Model, Reconstruction
-
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
 
 MAX_TRACK_RMS_PX = 1.5
 """Largest distance of a track from the projection of its point; tracks beyond are wrong or move."""
@@ -102,7 +99,7 @@ class GroupGeometry:
 
 def estimate_geometry(
     reconstruction: Reconstruction,
-    keys: tuple[Luma, Luma],
+    keys: tuple[Bytes, Bytes],
     points: PointTracks | FeaturePoints,
     first_index: int,
     path_regularity: float = 0.0,

@@ -14,9 +14,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import (
     Prediction,
@@ -28,13 +25,12 @@ from decoder.side_information.protocol import (
 )
 from decoder.side_information.synthesis import completed
 from decoder.side_information.weighting import blend_guessed
+from dvc.arrays import Floats
 from dvc.config import CodecConfig
 from dvc.geometry.cameras import oriented
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased
 from sfm.scene_model import Model
-
-Floats = NDArray[np.float64]
 
 
 class _Scene(NamedTuple):

@@ -1,9 +1,9 @@
-"""Weighting of several predictions of one frame: before anything of it is decoded, and by what is decoded.
+"""Weighting of several predictions of one frame: before it is decoded, and by its decoded bands.
 
-A prediction from the scene is blended with that of block motion pixel by pixel, each where it is consistent.
-While the frame is being decoded, all predictions are fused block by block by their errors in the bands so
-far: the errors of predictions from the same references resemble each other, so the weights of the best linear
-mean follow from the whole matrix of their second moments, not from each error alone.
+A prediction from the scene is blended with that of block motion pixel by pixel, by their consistency.
+While the frame is being decoded, all predictions are fused block by block by their errors in the decoded
+bands: the errors of predictions from the same references resemble each other, so the weights of the best
+linear mean follow from the whole matrix of their second moments, not from each error separately.
 
 References
 ----------
@@ -15,57 +15,85 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, uniform_filter
 
-from decoder.side_information import _kernels
 from decoder.side_information.protocol import Interpolation, Prediction
-
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
 
 FUSION_BLOCKS = 5
-"""Side of the square of blocks whose errors are taken together."""
+"""Side of the square of blocks with joint errors."""
 RIDGE = 0.3
-"""Part of the mean squared error that is added to that of each hypothesis, as if it were independent."""
+"""Share of the mean squared error that is added to that of each hypothesis, as an independent error."""
 MIN_MOMENT = 0.02
-"""Added to every squared error, relative to that of the best hypothesis over the frame."""
+"""Squared error that is added to all, relative to that of the best hypothesis over the frame."""
 ROUNDING = 1.0
-"""Squared error of a coefficient that rounding alone makes."""
+"""Squared error of a coefficient by rounding."""
 CONSISTENCY_WINDOW = 9
-"""Side of the neighbourhood in which references are compared, in pixels."""
+"""Side of the neighbourhood for comparing references, in pixels."""
 USUAL_DISAGREEMENT = 2.0
 """Squared difference from the scene that block motion may have, in units of its own squared error."""
 PATH_UNCERTAINTY = 0.3
-"""How far a fast camera may be off its guessed path, as a share of the motion between the references."""
+"""Deviation of a fast camera from its guessed path, as a share of the motion between the references."""
 STEADY_MOTION_PX = 10.0
 """Median motion between the references at which that share is halved: slow cameras are steady."""
 MAX_GUESSED_SHARE = 0.5
-"""Of the scene in the prediction where its camera is a guess."""
+"""Largest share of the scene in the prediction if its camera is a guess."""
 TRUST = 2.0
-"""How much larger the scene's expected error may be than what block motion finds, for equal shares, where
-tracks tell the camera."""
+"""Ratio of the scene's expected error to that of block motion at equal shares, if tracks give the camera."""
 DISAGREEMENT_WEIGHT = 0.25
-"""How much aligned block motion is distrusted where it is far from several hypotheses of the scene."""
+"""Weight of the distance of aligned block motion from several hypotheses of the scene."""
 
 
 def fuse(hypotheses: Floats, decoded: Mapping[int, Floats]) -> tuple[Floats, Floats]:
     """Fuse predictions of a frame."""
     count, _, rows, columns = hypotheses.shape
-    bands, known = np.array(list(decoded)), np.stack(list(decoded.values()))
+    bands, known = list(decoded), np.stack(list(decoded.values()))
     least = np.abs(hypotheses[:, bands] - known).min(axis=0)
     usual = np.array([float(np.mean(band)) ** 2 + ROUNDING for band in least])
-    moments = np.empty((count * (count + 1) // 2, rows, columns))
-    _kernels.error_moments(hypotheses, bands, known, usual, moments)
+    pairs = [(a, b) for a in range(count) for b in range(a + 1)]
+    moments = np.zeros((len(pairs), rows, columns))
+    for band, truth, scale in zip(bands, known, usual, strict=True):
+        errors = hypotheses[:, band] - truth
+        for number, (a, b) in enumerate(pairs):
+            moments[number] += errors[a] * errors[b] / scale
     local = uniform_filter(moments / len(decoded), (1, FUSION_BLOCKS, FUSION_BLOCKS), mode="nearest")
-    weights = np.empty((count, rows, columns))
-    _kernels.fusion_weights(local, RIDGE, MIN_MOMENT, weights)
-    fused, spread = np.empty(hypotheses.shape[1:]), np.empty(hypotheses.shape[1:])
-    _kernels.weighted_mean(hypotheses, weights, fused, spread)
-    return fused, spread
+    weights = fusion_weights(dict(zip(pairs, local, strict=True)), count)
+    mean = np.zeros(hypotheses.shape[1:])
+    for weight, hypothesis in zip(weights, hypotheses, strict=True):
+        mean += weight * hypothesis
+    variance = np.zeros_like(mean)
+    for weight, hypothesis in zip(weights, hypotheses, strict=True):
+        variance += weight * (hypothesis - mean) ** 2
+    return mean, np.sqrt(variance)
+
+
+def fusion_weights(moments: Mapping[tuple[int, int], Floats], count: int) -> Floats:
+    """Return the non-negative weights, of sum 1, of the mean of least expected square in each block.
+
+    `moments` are those of the errors of hypotheses `a` with hypotheses `b <= a`.
+    """
+    matrix = [[moments[max(a, b), min(a, b)].copy() for b in range(count)] for a in range(count)]
+    trace = sum((matrix[a][a] for a in range(1, count)), matrix[0][0].copy())
+    weights = np.ones((count, *trace.shape))
+    for a in range(count):
+        matrix[a][a] += RIDGE * trace / count + MIN_MOMENT
+    for a in range(count):  # Gaussian elimination
+        for c in range(a + 1, count):
+            factor = matrix[c][a] / matrix[a][a]
+            for b in range(a, count):
+                matrix[c][b] -= factor * matrix[a][b]
+            weights[c] -= factor * weights[a]
+    for a in reversed(range(count)):
+        for b in range(a + 1, count):
+            weights[a] -= matrix[a][b] * weights[b]
+        weights[a] /= matrix[a][a]
+    weights = np.maximum(weights, 0.0)
+    shares: Floats = weights / sum(weights[1:], weights[0])
+    return shares
 
 
 def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_position: float) -> Prediction:
-    """Blend block motion with a scene whose camera is a guess."""
+    """Blend block motion with a scene if the camera is a guess."""
     share = scene_share(block_motion, rendered, bound=MAX_GUESSED_SHARE)
     return replace(
         block_motion,
@@ -77,7 +105,7 @@ def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_po
 
 
 def blend_tracked(block_motion: Prediction, rendered: Interpolation) -> Prediction:
-    """Blend a prediction from tracks alone with a scene whose camera they tell, by their expected errors."""
+    """Blend a prediction from tracks with a scene from their cameras, by their expected errors."""
     share = scene_share(
         block_motion, rendered, TRUST, disagreement_weight=DISAGREEMENT_WEIGHT if rendered.hypotheses else 0.0
     )
@@ -92,7 +120,7 @@ def blend_tracked(block_motion: Prediction, rendered: Interpolation) -> Predicti
 
 
 def hedged(rendered: Interpolation, temporal_position: float) -> Floats:
-    """Average a prediction along its motion, because the camera's place on its path is a guess."""
+    """Average a prediction along its motion, because the position of the camera is a guess."""
     motion = rendered.positions[1] - rendered.positions[0]
     speed_px = float(np.median(np.hypot(motion[..., 0], motion[..., 1])))
     between = np.sqrt(4.0 * temporal_position * (1.0 - temporal_position))
@@ -107,13 +135,13 @@ def hedged(rendered: Interpolation, temporal_position: float) -> Floats:
 
 
 def neighbourhood(plane: Floats) -> Floats:
-    """Average a plane over the neighbourhood in which references are compared."""
+    """Average a plane over the neighbourhood for comparing references."""
     mean: Floats = uniform_filter(plane, CONSISTENCY_WINDOW, mode="nearest")
     return mean
 
 
 def inconsistency(block_motion: Prediction) -> Floats:
-    """Measure how far the references of a prediction by block motion are from each other."""
+    """Return the difference of the references of a prediction by block motion."""
     found: Floats = neighbourhood(np.abs(block_motion.compensated[0] - block_motion.compensated[1])) + 1.0
     return found
 

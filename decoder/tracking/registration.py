@@ -16,13 +16,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter
 
+from dvc.arrays import Floats, Integers
 from sfm.least_squares import solve_damped
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 NUM_TERMS = 5
 """Terms of the affine map: a constant, x and y of the place, x and y of the motion."""
@@ -62,7 +59,7 @@ class ReceivedPoints:
         """Return the number of corners."""
         return len(self.points)
 
-    def match(self, predicted: Floats, radius_px: float) -> tuple[Indices, Indices, Floats]:
+    def match(self, predicted: Floats, radius_px: float) -> tuple[Integers, Integers, Floats]:
         """Match each corner with at most one of the places that it is the nearest corner to."""
         if self._tree is None or not len(predicted):
             return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
@@ -174,7 +171,7 @@ class _FrameSearch:
             deviation = shift + np.einsum("ni,ik->nk", self._terms, fitted)
         return _Hypothesis(deviation, float(self._match(deviation, settings.radii_px[-1])[2].sum()))
 
-    def _match(self, deviation: Floats, radius: float) -> tuple[Indices, Indices, Floats]:
+    def _match(self, deviation: Floats, radius: float) -> tuple[Integers, Integers, Floats]:
         """Match points, and weigh the pairs."""
         chosen, found, distance = self._received.match(self._even + deviation, radius)
         return chosen, found, 1.0 / (1.0 + (distance / self._settings.distance_px) ** 2)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.decoded_pictures import DecodedPicture
+from decoder.report import DecodedPicture
 from dvc.config import CodecConfig
 from dvc.video.pixels import rgb_from_frame
 from dvc.web.drawing import colour_disparity

@@ -1,6 +1,5 @@
 """Groups of pictures decoded in memory."""
 
-import io
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,22 +9,21 @@ import pytest
 from decoder import group
 from decoder.group import GroupDecoder, LevelBegins, RecordedGroup, single_prediction
 from decoder.group_tasks import DecodedGroup, GroupTask
-from decoder.session import stream_tasks
 from decoder.side_information.protocol import Prediction
 from dvc.config import CODERS, CodecConfig, Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError, DvcError
 from dvc.slepian_wolf import Round, drive
-from dvc.stream import Form, StreamReader
+from dvc.stream import Form
 from dvc.video import Frame
 from dvc.wynerziv.quantizer import FrameLayout
-from encoder.session import EncoderSession
 from tests.clips import moving_texture
+from tests.streams import config_of, encoded, tasks_of
 
 
 def test_unknown_methods_are_refused() -> None:
     """A stream that names a method of the future is refused by name."""
     config = codec_config(VideoConfig(16, 16, 25, 1), side_information={"method": "magic"})
-    with pytest.raises(BitstreamError, match="'magic' is not installed; there are mci"):
+    with pytest.raises(BitstreamError, match="'magic' is not installed; available: mci"):
         GroupDecoder(config)
 
 
@@ -63,13 +61,10 @@ def config_and_task(request: pytest.FixtureRequest) -> tuple[CodecConfig, GroupT
     video, gop = VideoConfig(32, 24, 25, 1, luma_only=True), {"length": 8, "references": "hierarchical"}
     coder = CODERS[request.param]()
     config = codec_config(video, "2d", Qp(32), gop=gop, key={"qp": 36}, coder=coder)
-    file = io.BytesIO()
-    session = EncoderSession(config)
-    session.write([Frame(frame.luma) for frame in moving_texture(9, 24, 32)], file, lambda _: None)
-    with StreamReader(io.BytesIO(file.getvalue())) as reader:
-        *_, task = stream_tasks(reader.config, reader)
-        assert len(task.record.wyner_ziv) == 7
-        return reader.config, task
+    stream = encoded(config, [Frame(frame.luma) for frame in moving_texture(9, 24, 32)])
+    *_, task = tasks_of(stream)
+    assert len(task.record.wyner_ziv) == 7
+    return config_of(stream), task
 
 
 def levels_of(config: CodecConfig, task: GroupTask) -> tuple[DecodedGroup, list[tuple[int, ...]]]:

@@ -21,9 +21,8 @@ from dvc.config import GopConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord, StreamReader
 from dvc.video import Frame
-from encoder.session import EncoderSession
 from tests.clips import moving_texture
-from tests.streams import decoded, written
+from tests.streams import decoded, encoded, written
 
 
 def frame_of(level: int, colour: bool = False) -> Frame:
@@ -85,9 +84,7 @@ CONFIG = codec_config(VideoConfig(48, 32, 25, 1), "2d", gop=GopConfig(3), key={"
 @pytest.fixture(scope="module")
 def stream() -> bytes:
     """Return a buffered stream of three chains."""
-    file = io.BytesIO()
-    EncoderSession(CONFIG).write(moving_texture(30, 32, 48, (0.5, 0.5)), file, lambda _: None)
-    return file.getvalue()
+    return encoded(CONFIG, moving_texture(30, 32, 48, (0.5, 0.5)))
 
 
 def flipped(stream: bytes, *numbers: int) -> bytes:

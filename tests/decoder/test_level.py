@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from decoder import level
+from decoder import wyner_ziv
 from decoder.group_tasks import DecodedFrame
-from decoder.level import Decoded, FrameCoroutine, Prior, Wish, decode_level
+from decoder.wyner_ziv import Decoded, FrameCoroutine, Prior, Wish, decode_level
 from dvc.config import CascadeConfig
 from dvc.contracts.plane_coders import noisy
 from dvc.slepian_wolf import (
@@ -256,7 +256,7 @@ def test_wishes_that_are_too_long_together_are_divided(
     monkeypatch: pytest.MonkeyPatch, most: int, runs: list[list[tuple[int, tuple[int, ...]]]]
 ) -> None:
     """Into runs of so many bits, or one wish; they go on side by side."""
-    monkeypatch.setattr(level, "MAX_RUN_BITS", most)
+    monkeypatch.setattr(wyner_ziv, "MAX_RUN_BITS", most)
     frames = Frames.drawn({4: 3, 5: 1, 6: 2}, 100)
     encoder, rounds = Encoder(frames), list[int]()
 

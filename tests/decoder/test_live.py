@@ -1,6 +1,5 @@
 """Live decoding with many groups in flight: the same as from a file, and clean ends where the peer is bad."""
 
-import io
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,18 +16,19 @@ from benchmarks.loopback import accepted, accepting
 from benchmarks.slow_link import slow_link
 from decoder.group_tasks import DecodedGroup, GroupTask
 from decoder.live import HELD_SHARE, HeldRequests, LiveGroups, LiveSource
-from decoder.session import decode_live, decode_stream
+from decoder.session import decode_live
 from dvc.config import CascadeConfig, CodecConfig, Delivery, Live, Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError, ConnectionLostError, FeedbackError
 from dvc.feedback import MAX_OPEN_GOPS, Dialler, max_open_gops
 from dvc.limits import Limits
 from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.slepian_wolf.requests import FRAME
-from dvc.stream import GopRecord, StreamReader
+from dvc.stream import GopRecord
 from dvc.video import Frame
 from encoder.acceptor import AcceptedPeer, PeerAcceptor
 from encoder.live import DecoderPace, serve
 from encoder.session import EncoderSession
+from tests import streams
 from tests.clips import moving_texture
 
 PATIENCE_S = 20.0
@@ -60,10 +60,7 @@ def session(config: CodecConfig = CONFIG, delivery: Delivery | None = None) -> E
 @pytest.fixture(scope="module")
 def offline(frames: list[Frame]) -> list[DecodedGroup]:
     """Return what a file of the same video decodes to."""
-    file = io.BytesIO()
-    session().write(frames, file, lambda _: None)
-    with StreamReader(io.BytesIO(file.getvalue())) as reader:
-        return list(decode_stream(reader.config, reader))
+    return streams.decoded(streams.encoded(CONFIG, frames))
 
 
 Work = Callable[[PeerAcceptor, AcceptedPeer], object]
@@ -140,10 +137,7 @@ def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
     """Frames of QCIF size over a link with delay and little bandwidth are those of a file."""
     config = replace(CONFIG, video=replace(CONFIG.video, width=176, height=144))
     video = [Frame(frame.luma) for frame in moving_texture(6, 144, 176)]
-    file = io.BytesIO()
-    session(config).write(video, file, lambda _: None)
-    with StreamReader(io.BytesIO(file.getvalue())) as reader:
-        wanted = list(decode_stream(reader.config, reader))
+    wanted = streams.decoded(streams.encoded(config, video))
     with serving(encoding(video, None, config), config) as address:
         host, _, port = address.rpartition(":")
         with slow_link(host, int(port), delay_s=0.004, bits_per_second=5e5) as link:
@@ -157,21 +151,10 @@ def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
 
 def test_predicted_key_frames_are_those_of_a_file(frames: list[Frame]) -> None:
     """Chains of them, in however many processes the groups between are decoded."""
-    file = io.BytesIO()
-    session(CHAINED).write(frames, file, lambda _: None)
-    with StreamReader(io.BytesIO(file.getvalue())) as reader:
-        wanted = list(decode_stream(reader.config, reader))
+    wanted = streams.decoded(streams.encoded(CHAINED, frames))
     assert [group.record.predicted for group in wanted] == [False, True, True, False, True, True, True]
     with serving(encoding(frames, None, CHAINED), CHAINED) as address:
         assert_same(list(decoded(address, 2)), wanted)
-
-
-def file_of(config: CodecConfig, frames: list[Frame]) -> list[DecodedGroup]:
-    """Return what a file decodes to."""
-    file = io.BytesIO()
-    session(config).write(frames, file, lambda _: None)
-    with StreamReader(io.BytesIO(file.getvalue())) as reader:
-        return list(decode_stream(reader.config, reader))
 
 
 @pytest.mark.parametrize("config", [CONFIG, CHAINED], ids=["intra", "predicted"])
@@ -191,7 +174,7 @@ def test_lost_connections_change_neither_frames_nor_bits(frames: list[Frame], co
                 found.append(group)
                 if number in (0, 2, 3):
                     source.connection.break_off("the cable was pulled")
-    assert_same(found, file_of(config, frames))
+    assert_same(found, streams.decoded(streams.encoded(config, frames)))
     assert source.report.num_reconnections >= 3
     assert source.report.groups_sent_again > 0
     assert reports[0]["num_reconnections"] == source.report.num_reconnections
@@ -226,7 +209,7 @@ def test_another_sequence_is_not_continued(frames: list[Frame], other: CodecConf
         groups = LiveGroups(source, lambda gop: cast(GroupTask, SimpleNamespace(record=gop.record)))
         while not source.tasks:
             list(groups.wait([]))
-            list(groups.received())
+            list(groups.poll())
         source._dialler = Dialler(host, int(port), timeout_s=PATIENCE_S)
         with closing(source), pytest.raises((FeedbackError, BitstreamError), match=words):
             _receive_again(source)
@@ -238,7 +221,7 @@ def _receive_again(source: LiveSource) -> None:
     groups = LiveGroups(source, lambda gop: cast(GroupTask, None))
     while True:
         list(groups.wait([]))
-        for task in groups.received():
+        for task in groups.poll():
             if isinstance(task, BitstreamError):
                 raise task
 

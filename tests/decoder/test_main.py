@@ -50,7 +50,7 @@ def test_a_map_is_made_of_what_was_decoded(
     [
         ("out.mp4", ["--scene", "map"], "it must be .y4m or .mkv, got out.mp4"),
         ("out.mkv", ["--scene", str(Path(__file__).parent)], "it exists and is not an empty folder"),
-        ("out.mkv", ["--mapper", "native"], "--mapper is for --scene"),
+        ("out.mkv", ["--mapper", "native"], "--mapper requires --scene"),
     ],
 )
 def test_maps_that_cannot_be_made_are_refused_at_once(

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
@@ -24,7 +24,6 @@ from dvc.errors import BitstreamError, DvcError
 from dvc.stream import Form, GopRecord, StreamReader
 from dvc.video import Frame
 from tests.clips import moving_texture
-from tests.waiting import wait_until
 
 STREAM = Path(__file__).parents[1] / "golden" / "streams" / "3d-td-all-punctured.dvc"
 
@@ -73,14 +72,6 @@ def test_idle_processes_are_lent_again() -> None:
         assert again is first
         assert other is not first
         assert other.alive
-
-
-def test_no_more_processes_wait_than_are_worth_it() -> None:
-    """Many processes of one run do not stay for the life of the program."""
-    with ExitStack() as stack:
-        lent = [stack.enter_context(decoding_process()) for _ in range(4)]
-    assert len(processes._idle) == 2
-    assert sum(process.alive for process in lent) == 2
 
 
 def test_busy_processes_do_not_come_back() -> None:
@@ -162,15 +153,6 @@ def test_a_user_that_is_collected_gives_its_process_back(monkeypatch: pytest.Mon
         assert outcome_of(process, task).record.digest == task.record.digest
     finally:
         process.stop()
-
-
-def test_threads_of_a_process_share_what_they_have_freed() -> None:
-    """A heap for each thread would keep what another could use."""
-    with decoding_process() as process:
-        path = Path(f"/proc/{process._process.pid}/environ")
-        wait_until(path.read_bytes)  # there is none between the start of a process and that of its program
-        environment = path.read_bytes().split(b"\0")
-    assert b"MALLOC_ARENA_MAX=1" in environment
 
 
 def test_features_that_are_not_there_are_no_news(

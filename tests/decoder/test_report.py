@@ -1,6 +1,5 @@
 """PSNRs of a report: of luma, of chroma, and in colour."""
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +8,10 @@ import pytest
 
 from decoder.group_tasks import DecodedGroup
 from decoder.report import DecodeReport
-from decoder.session import decode_stream
 from dvc.config import CodecConfig, DiscoverMatrix, VideoConfig, codec_config
-from dvc.stream import StreamReader
 from dvc.video import create_video, open_video
-from encoder.session import EncoderSession
 from tests.clips import moving_texture, write_clip
+from tests.streams import decoded, encoded
 
 FRAMES = moving_texture(3, 16, 24)
 
@@ -24,10 +21,7 @@ def _config(*, luma_only: bool) -> CodecConfig:
 
 
 def _decoded(config: CodecConfig) -> list[DecodedGroup]:
-    file = io.BytesIO()
-    EncoderSession(config).write(FRAMES, file, lambda _: None)
-    reader = StreamReader(io.BytesIO(file.getvalue()))
-    return list(decode_stream(reader.config, reader))
+    return decoded(encoded(config, FRAMES))
 
 
 def _totals(config: CodecConfig, originals: Path | None) -> dict[str, Any]:

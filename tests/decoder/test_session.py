@@ -23,11 +23,12 @@ from dvc.config import (
 )
 from dvc.errors import BitstreamError, ConfigError, VideoError
 from dvc.metrics import psnr_db
-from dvc.stream import StreamReader, StreamWriter
+from dvc.stream import Form, StreamReader
 from dvc.tracks import PointTracks, encode_tracks
 from dvc.video import Frame, VideoInfo
 from encoder.session import EncoderSession
 from tests.clips import moving_texture, same_frame
+from tests.streams import config_of, decoded, encoded, written
 
 CONFIG = codec_config(VideoConfig(24, 16, 25, 1), "2d", DiscoverMatrix(2), gop={"length": 3}, key={"qp": 30})
 
@@ -41,28 +42,17 @@ def frames() -> list[Frame]:
 @pytest.fixture(scope="module")
 def stream(frames: list[Frame]) -> bytes:
     """Return its buffered stream."""
-    file = io.BytesIO()
-    EncoderSession(CONFIG).write(frames, file, lambda _: None)
-    return file.getvalue()
-
-
-def decoded_groups(stream: bytes) -> list[DecodedGroup]:
-    reader = StreamReader(io.BytesIO(stream))
-    return list(decode_stream(reader.config, reader))
+    return encoded(CONFIG, frames)
 
 
 @pytest.fixture(scope="module")
 def groups(stream: bytes) -> list[DecodedGroup]:
     """Return the decoded groups of the stream."""
-    return decoded_groups(stream)
+    return decoded(stream)
 
 
 def punctured_stream(groups: list[DecodedGroup], config: CodecConfig) -> bytes:
-    file = io.BytesIO()
-    with StreamWriter(file, config, "punctured") as writer:
-        for group in groups:
-            writer.write_gop(group.record)
-    return file.getvalue()
+    return written(config, [group.record for group in groups], Form.PUNCTURED)
 
 
 def frames_of(groups: list[DecodedGroup]) -> list[Frame]:
@@ -73,19 +63,19 @@ def test_groups_come_in_display_order(groups: list[DecodedGroup], frames: list[F
     """Every frame of the original is decoded once, in place, and resembles it."""
     assert [group.first_index for group in groups] == [0, 1, 4]
     assert [wz.index for group in groups for wz in group.wyner_ziv] == [1, 2, 4]
-    decoded = frames_of(groups)
-    assert len(decoded) == len(frames)
-    quality = [psnr_db(a.luma, b.luma) for a, b in zip(decoded, frames, strict=True)]
+    found = frames_of(groups)
+    assert len(found) == len(frames)
+    quality = [psnr_db(a.luma, b.luma) for a, b in zip(found, frames, strict=True)]
     assert min(quality) > 26
     assert sorted(quality)[1] > 33
 
 
 def test_punctured_records_decode_to_the_same_frames(stream: bytes, groups: list[DecodedGroup]) -> None:
     """The records of what was needed make a smaller stream with the same frames, and reproduce themselves."""
-    config = StreamReader(io.BytesIO(stream)).config
+    config = config_of(stream)
     punctured = punctured_stream(groups, config)
     assert len(punctured) < len(stream)
-    again = decoded_groups(punctured)
+    again = decoded(punctured)
     assert all(same_frame(a, b) for a, b in zip(frames_of(groups), frames_of(again), strict=True))
     assert punctured_stream(again, config) == punctured
 
@@ -108,13 +98,10 @@ def test_groups_before_damage_are_decoded(stream: bytes, groups: list[DecodedGro
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_nothing_after_damage_is_decoded(stream: bytes, jobs: int) -> None:
     """A group whose contents make no sense ends the sequence, however many are decoded at a time."""
-    config, records = StreamReader(io.BytesIO(stream)).config, list(StreamReader(io.BytesIO(stream)))
+    config, records = config_of(stream), list(StreamReader(io.BytesIO(stream)))
     bad = replace(records[1], wyner_ziv=(b"", records[1].wyner_ziv[1]))
-    file = io.BytesIO()
-    with StreamWriter(file, config, "buffered") as writer:
-        for record in (*records[:2], bad, *records[1:], *records[1:]):
-            writer.write_gop(record)
-    reader = StreamReader(io.BytesIO(file.getvalue()))
+    sent = [*records[:2], bad, *records[1:], *records[1:]]
+    reader = StreamReader(io.BytesIO(written(config, sent, Form.BUFFERED)))
     found: list[int] = []
     with pytest.raises(BitstreamError, match="group of pictures 2: "):
         found.extend(group.first_index for group in decode_stream(config, reader, jobs))
@@ -128,46 +115,36 @@ def test_payloads_of_the_wrong_size_are_refused(stream: bytes, length: int) -> N
     config, records = reader.config, list(reader)
     payloads = (bytes(length), records[1].wyner_ziv[1])
     records[1] = replace(records[1], wyner_ziv=payloads)
-    file = io.BytesIO()
-    with StreamWriter(file, config, "buffered") as writer:
-        for record in records:
-            writer.write_gop(record)
     with pytest.raises(BitstreamError, match="group of pictures 1: "):
-        decoded_groups(file.getvalue())
+        decoded(written(config, records, Form.BUFFERED))
 
 
 def test_bits_of_a_punctured_payload_may_be_anything(stream: bytes, groups: list[DecodedGroup]) -> None:
     """Random bits with a correct checksum around them decode to something or are refused, never crash."""
-    config = StreamReader(io.BytesIO(stream)).config
-    rng = np.random.default_rng(1)
+    config, rng = config_of(stream), np.random.default_rng(1)
     for _ in range(6):
         record = groups[1].record
         payloads = tuple(rng.bytes(max(len(payload), 40)) for payload in record.wyner_ziv)
-        file = io.BytesIO()
-        with StreamWriter(file, config, "punctured") as writer:
-            writer.write_gop(groups[0].record)
-            writer.write_gop(replace(record, wyner_ziv=payloads))
-        reader = StreamReader(io.BytesIO(file.getvalue()))
+        records = [groups[0].record, replace(record, wyner_ziv=payloads)]
         with suppress(BitstreamError):
-            assert len(list(decode_stream(reader.config, reader))) == 2
+            assert len(decoded(written(config, records, Form.PUNCTURED))) == 2
 
 
 def test_punctured_payload_with_bytes_left_over_is_refused(stream: bytes, groups: list[DecodedGroup]) -> None:
     """No encoder writes more than the bits that were asked for."""
-    reader = StreamReader(io.BytesIO(stream))
     record = groups[1].record
     longer = replace(record, wyner_ziv=(record.wyner_ziv[0], record.wyner_ziv[1] + b"\0"))
     with pytest.raises(BitstreamError, match=r"group of pictures 1: .*other predictions.* are needed"):
-        decoded_groups(punctured_stream([groups[0], replace(groups[1], record=longer)], reader.config))
+        decoded(punctured_stream([groups[0], replace(groups[1], record=longer)], config_of(stream)))
 
 
 def test_punctured_group_with_another_digest_is_refused(stream: bytes, groups: list[DecodedGroup]) -> None:
     """Where this decoder makes other frames than the one that asked for the bits, the stream says so."""
-    config, record = StreamReader(io.BytesIO(stream)).config, groups[1].record
+    config, record = config_of(stream), groups[1].record
     assert record.digest is not None
     other = replace(groups[1], record=replace(record, digest=record.digest ^ 1))
     with pytest.raises(BitstreamError, match=r"group of pictures 1: .*other predictions.*digest"):
-        decoded_groups(punctured_stream([groups[0], other], config))
+        decoded(punctured_stream([groups[0], other], config))
 
 
 class Reference:
@@ -221,10 +198,11 @@ def test_report_without_reference_has_no_quality(groups: list[DecodedGroup]) -> 
 
 def test_a_report_that_nobody_reads_keeps_nothing(groups: list[DecodedGroup]) -> None:
     """It tells of frames all the same, as of those of a run that has no end."""
-    kept, told = DecodeReport(CONFIG, None), DecodeReport(CONFIG, None, kept=False)
-    assert [told.add(group) for group in groups] == [kept.add(group) for group in groups]
+    full, short = DecodeReport(CONFIG, None), DecodeReport(CONFIG, None, kept=False)
+    for group in groups:
+        assert [p.report for p in short.add(group)] == [p.report for p in full.add(group)]
     with pytest.raises(IndexError):
-        told.to_dict(100)
+        short.to_dict(100)
 
 
 def test_report_refuses_a_reference_that_does_not_fit(
@@ -252,14 +230,12 @@ STILL = PointTracks(np.tile(np.array([[[4.0, 4.0]], [[16.0, 8.0]]]), (1, 4, 1)))
 
 def with_tracks(config: CodecConfig, tracks: bytes, position: int) -> bytes:
     """Return a stream of three groups, of which one carries these tracks."""
-    session, file = EncoderSession(replace(config, codec="2d", tracks=CONFIG.tracks)), io.BytesIO()
-    config = replace(config, key=session.config.key)
-    with StreamWriter(file, config, "buffered") as writer:
-        for number, group in enumerate(session.groups(moving_texture(6, 16, 24))):
-            encoded = session.encode(group)
-            sent = tracks if number == position else b""
-            writer.write_gop(replace(encoded.record, tracks=sent))
-    return file.getvalue()
+    session = EncoderSession(replace(config, codec="2d", tracks=CONFIG.tracks))
+    records = [
+        replace(session.encode(group).record, tracks=tracks if number == position else b"")
+        for number, group in enumerate(session.groups(moving_texture(6, 16, 24)))
+    ]
+    return written(replace(config, key=session.config.key), records, Form.BUFFERED)
 
 
 @pytest.mark.parametrize(
@@ -276,13 +252,13 @@ def test_tracks_that_cannot_be_are_refused(
 ) -> None:
     """Tracks where there should be none, and damaged ones, end in an error that names the group."""
     with pytest.raises(BitstreamError, match=message):
-        decoded_groups(with_tracks(config, tracks, position))
+        decoded(with_tracks(config, tracks, position))
 
 
 def test_tracks_are_read_and_kept() -> None:
     """A group with tracks decodes, says which method served it, and hands the tracks on."""
     payload = encode_tracks(STILL, TRACKED)
-    groups = decoded_groups(with_tracks(TRACKED, payload, 1))
+    groups = decoded(with_tracks(TRACKED, payload, 1))
     assert groups[1].record.tracks == payload
     assert all(wz.method == "mci" and wz.reason for wz in groups[1].wyner_ziv)
     assert frames_of(groups)[0].luma.shape == (16, 24)

@@ -1,6 +1,5 @@
 """Groups of a live encoder in a decoding process: the same for any order of answers."""
 
-import io
 import multiprocessing
 import random
 import subprocess
@@ -17,18 +16,17 @@ from decoder import worker
 from decoder.group import GroupCoroutine, GroupDecoder, LevelBegins, RecordedGroup
 from decoder.group_tasks import Answered, DecodedGroup, GroupTask
 from decoder.processes import DecodingProcess, Outcome, decoding_process
-from decoder.session import stream_tasks
-from dvc.config import CascadeConfig, CodecConfig, Qp, VideoConfig, codec_config, encode_config
+from dvc.config import CascadeConfig, CodecConfig, Qp, VideoConfig, codec_config
 from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import Answer, ParityRequest, Round, drive, plane_coder
-from dvc.stream import GopRecord, StreamReader
+from dvc.stream import GopRecord
 from dvc.video import Frame
 from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout
-from encoder.session import EncoderSession
 from tests.clips import moving_texture
+from tests.streams import config_of, encoded, tasks_of
 from tests.waiting import PATIENCE_S
 
 
@@ -79,13 +77,8 @@ def config_and_tasks() -> tuple[CodecConfig, list[GroupTask]]:
     """Return groups that begin with a key frame."""
     video, gop = VideoConfig(32, 24, 25, 1, luma_only=True), {"length": 8, "references": "hierarchical"}
     config = codec_config(video, "2d", Qp(32), gop=gop, key={"qp": 36}, coder=CascadeConfig(20))
-    file = io.BytesIO()
-    EncoderSession(config).write(
-        [Frame(frame.luma) for frame in moving_texture(30, 24, 32)], file, lambda _: None
-    )
-    with StreamReader(io.BytesIO(file.getvalue())) as reader:
-        tasks = list(stream_tasks(reader.config, reader))
-    return reader.config, [task for task in tasks if task.before is not None]
+    stream = encoded(config, [Frame(frame.luma) for frame in moving_texture(30, 24, 32)])
+    return config_of(stream), [task for task in tasks_of(stream) if task.before is not None]
 
 
 @pytest.mark.parametrize("seed", [1, 3])
@@ -235,13 +228,13 @@ class Scene:
         self._levels = levels
         self.worker._decoders = self  # type: ignore[assignment]
 
-    def taken(self, config: bytes) -> Scripted:
+    def acquire(self, config: bytes) -> Scripted:
         if config:
             raise KeyError(config)
         self.decoders.append(Scripted(self._levels))
         return self.decoders[-1]
 
-    def give_back(self, decoder: Scripted, config: bytes) -> None:
+    def release(self, decoder: Scripted, config: bytes) -> None:
         self.given_back.append(decoder)
 
     def begin(self, *numbers: int, config: bytes = b"") -> list[tuple[int, object]]:
@@ -258,7 +251,7 @@ class Scene:
     def _settled(self, *messages: GroupTask | Answered) -> list[tuple[int, object]]:
         known = len(self.pipe.sent)
         self.pipe.coming.append(messages)
-        self.worker.take(wait=True)
+        self.worker.receive(wait=True)
         while not self.worker.is_idle:
             self.worker.step()
         assert self.pipe.counts[-1][0] == 0
@@ -329,22 +322,3 @@ def test_a_group_that_fails_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> 
     assert (number, type(refused)) == (4, RuntimeError)
     assert ended(scene.answer(2)) == [2]
     assert scene.given_back == [scene.decoders[1]]
-
-
-def test_decoders_are_kept_for_groups_of_their_configuration(
-    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
-) -> None:
-    """Nobody else has one that is lent; another configuration has others."""
-    config, _ = config_and_tasks
-    ours, others = encode_config(config), encode_config(replace(config, seed=2))
-    decoders = worker._Decoders()
-    first, second = decoders.taken(ours), decoders.taken(ours)
-    assert first is not second
-    assert first._decoder is second._decoder
-    decoders.give_back(first, ours)
-    assert decoders.taken(ours) is first
-    other = decoders.taken(others)
-    decoders.give_back(first, ours)
-    assert decoders.taken(others) not in (first, other)
-    decoders.give_back(other, others)
-    assert decoders.taken(others) is other

@@ -10,9 +10,8 @@ import pytest
 
 from decoder.frame_state import FrameState, KnownBand
 from decoder.group_tasks import DecodedFrame
-from decoder.level import FrameCoroutine, decode_level
 from decoder.side_information.protocol import Prediction
-from decoder.wyner_ziv import WynerZivDecoder
+from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder, decode_level
 from dvc.config import (
     CODERS,
     NOISE_MODELS,

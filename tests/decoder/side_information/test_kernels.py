@@ -76,20 +76,6 @@ def test_vector_median(choose: Choose) -> None:
     np.testing.assert_array_equal(median, np.take_along_axis(vectors, best[..., None, None], axis=2)[:, :, 0])
 
 
-def test_block_offsets(choose: Choose) -> None:
-    """Blocks move by the median of their pixels, in quarters; the border of the frame repeats."""
-    rng = np.random.default_rng(3)
-    rows, columns = np.indices((10, 14))
-    motion = rng.uniform(-9.0, 9.0, (10, 14, 2))
-    positions = np.stack([columns, rows], axis=-1) + motion
-    offsets = np.empty((3, 4, 2), np.int64)
-    choose(_kernels.block_offsets)(positions, 4, 56.0, offsets)
-    spare = np.pad(np.arange(10), (0, 2), mode="edge"), np.pad(np.arange(14), (0, 2), mode="edge")
-    at = positions[spare[0]][:, spare[1]][..., ::-1] - np.stack(np.meshgrid(*spare, indexing="ij"), axis=-1)
-    cells = at.reshape(3, 4, 4, 4, 2)
-    np.testing.assert_array_equal(offsets, np.floor(4.0 * np.median(cells, axis=(1, 3)) + 0.5))
-
-
 def _sums_of_quarters(choose: Choose, planes: np.ndarray) -> np.ndarray:
     """Sum up all squares of 5 x 5 samples, and check that against numpy's windows."""
     windows = np.lib.stride_tricks.sliding_window_view(planes, (5, 5), (2, 3))

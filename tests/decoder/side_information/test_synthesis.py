@@ -1,16 +1,19 @@
 """Residuals of tracks as local corrections of what is rendered."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from decoder.side_information import _kernels
 from decoder.side_information.protocol import Interpolation
-from decoder.side_information.synthesis import corrected
-from decoder.side_information.track_interpolation import NEAR, PRIOR, add_correction, track_residuals
+from decoder.side_information.synthesis import block_offsets, corrected
+from decoder.side_information.track_interpolation import (
+    NEAR,
+    PRIOR,
+    add_correction,
+    correction_field,
+    track_residuals,
+)
 from dvc._jit import python_twin
 from dvc.geometry.warping import sample
 from tests.clips import moving_texture
@@ -49,9 +52,8 @@ def plain_field(points: Floats, residuals: Floats, reach: float) -> Floats:
 def test_the_kernel_is_its_twin(compiled: bool, reach: float) -> None:
     """The loops and the arrays give one field, zeros far from all points included."""
     points, residuals = points_and_residuals(1, 12)
-    kernel: Any = _kernels.correction_field
     field = np.empty((*SHAPE, 2))
-    run = kernel if compiled else python_twin(kernel)
+    run = correction_field if compiled else python_twin(correction_field)
     run(points, residuals, reach, PRIOR, FIELD.noise_px2, field)
     np.testing.assert_allclose(field, plain_field(points, residuals, reach), atol=1e-9)
     assert (field[:, -1] == 0.0).any() == (reach == 15.0)
@@ -69,20 +71,25 @@ def test_what_neighbours_agree_on_is_corrected() -> None:
         assert not add_correction(nowhere, points[:few], residuals[:few], FIELD).any()
 
 
-@pytest.mark.nojit
-@pytest.mark.parametrize("compiled", [True, False])
-def test_a_field_is_bilinear_between_its_nodes(compiled: bool) -> None:
-    """At nodes it is what they are, and beyond the last one it goes on; it is added."""
-    rng = np.random.default_rng(4)
-    nodes, shape = rng.normal(size=(3, 4, 2)), (11, 13)
-    kernel: Any = _kernels.add_between_nodes
-    start = rng.normal(size=(*shape, 2))
-    moved = start.copy()
-    (kernel if compiled else python_twin(kernel))(nodes, 4, moved)
-    rows, columns = np.minimum(np.arange(11) / 4, 2.0), np.minimum(np.arange(13) / 4, 3.0)
-    at = np.stack(np.meshgrid(rows, columns, indexing="ij"))
-    field = np.stack([map_coordinates(nodes[..., axis], at, order=1) for axis in (0, 1)], axis=-1)
-    np.testing.assert_allclose(moved, start + field, atol=1e-12)
+def test_a_correction_is_bilinear_between_nodes() -> None:
+    """It is added to the positions."""
+    points, residuals = points_and_residuals(4, 12)
+    start = np.random.default_rng(4).normal(size=(*SHAPE, 2))
+    field = add_correction(start, points, residuals, FIELD) - start
+    at = np.mgrid[:37, :53] / 4
+    bilinear = [map_coordinates(field[::4, ::4, axis], at, order=1) for axis in (0, 1)]
+    np.testing.assert_allclose(field[:37, :53], np.stack(bilinear, axis=-1), atol=1e-12)
+    assert np.abs(field).max() > 0.5
+
+
+def test_block_offsets() -> None:
+    """Blocks move by the median of their pixels, in quarters; the border of the frame repeats."""
+    motion = np.random.default_rng(3).uniform(-9.0, 9.0, (10, 14, 2))
+    positions = np.stack(np.mgrid[:10, :14][::-1], axis=-1) + motion
+    plane = np.zeros((10, 14))
+    (offsets,) = block_offsets(Interpolation(plane, (plane,), (plane,), (positions,), plane))
+    cells = np.pad(motion[..., ::-1], ((0, 2), (0, 2), (0, 0)), mode="edge").reshape(3, 4, 4, 4, 2)
+    np.testing.assert_array_equal(offsets, np.floor(4.0 * np.median(cells, axis=(1, 3)) + 0.5))
 
 
 def test_only_points_that_tell_something_count() -> None:

@@ -1,15 +1,11 @@
 """Weighting of predictions: fusion against a plain solution, hedging, and the share of the scene."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from decoder.side_information import _kernels
 from decoder.side_information.protocol import Interpolation, Prediction
-from decoder.side_information.weighting import MAX_GUESSED_SHARE, fuse, hedged, scene_share
-from dvc._jit import python_twin
+from decoder.side_information.weighting import MAX_GUESSED_SHARE, fuse, fusion_weights, hedged, scene_share
 
 
 def _moments(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
@@ -19,7 +15,7 @@ def _moments(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_weights_solve_the_system_of_second_moments(count: int) -> None:
-    """Compiled and as Python, weights are those of a general solver, without the negative ones."""
+    """Weights are those of a general solver, without the negative ones."""
     moments = _moments(np.random.default_rng(count), count)
     expected = np.empty((count, 2, 3))
     for i, j in np.ndindex(2, 3):
@@ -27,38 +23,29 @@ def test_weights_solve_the_system_of_second_moments(count: int) -> None:
         ridge = 0.3 * np.trace(matrix) / count + 0.02
         solved = np.maximum(np.linalg.solve(matrix + ridge * np.eye(count), np.ones(count)), 0.0)
         expected[:, i, j] = solved / solved.sum()
-    kernels: list[Any] = [_kernels.fusion_weights, python_twin(_kernels.fusion_weights)]
-    for kernel in kernels:
-        weights = np.empty((count, 2, 3))
-        kernel(moments[np.tril_indices(count)], 0.3, 0.02, weights)
-        np.testing.assert_allclose(weights, expected, rtol=1e-10)
+    pairs = zip(*np.tril_indices(count), strict=True)
+    weights = fusion_weights({pair: moments[pair] for pair in pairs}, count)
+    np.testing.assert_allclose(weights, expected, rtol=1e-10)
 
 
-def test_moments_and_means_are_those_of_whole_arrays() -> None:
-    """Compiled and as Python, products of errors and weighted means are those of NumPy."""
-    rng = np.random.default_rng(3)
-    hypotheses, known = rng.normal(0.0, 9.0, (3, 5, 2, 4)), rng.normal(0.0, 9.0, (2, 2, 4))
-    bands, usual, weights = np.array([0, 3]), np.array([2.0, 5.0]), rng.dirichlet(np.ones(3), (2, 4))
-    errors = (hypotheses[:, bands] - known) / np.sqrt(usual)[:, None, None]
-    products = np.einsum("akij,bkij->abij", errors, errors)[np.tril_indices(3)]
-    means = np.einsum("ijn,nkij->kij", weights, hypotheses)
-    squares = np.einsum("ijn,nkij->kij", weights, (hypotheses - means) ** 2)
-    for choose in (lambda kernel: kernel, python_twin):
-        moments, mean, spread = np.empty((6, 2, 4)), np.empty(means.shape), np.empty(means.shape)
-        choose(_kernels.error_moments)(hypotheses, bands, known, usual, moments)
-        choose(_kernels.weighted_mean)(
-            hypotheses, np.ascontiguousarray(weights.transpose(2, 0, 1)), mean, spread
-        )
-        np.testing.assert_allclose(moments, products)
-        np.testing.assert_allclose(mean, means)
-        np.testing.assert_allclose(spread, np.sqrt(squares))
-
-
-def test_weights_exist_where_no_hypothesis_errs() -> None:
+def test_weights_exist_if_no_hypothesis_errs() -> None:
     """Without errors all hypotheses weigh the same."""
-    weights = np.empty((4, 1, 1))
-    _kernels.fusion_weights(np.zeros((10, 1, 1)), 0.3, 0.02, weights)
-    np.testing.assert_allclose(weights, 0.25)
+    pairs = zip(*np.tril_indices(4), strict=True)
+    np.testing.assert_allclose(fusion_weights(dict.fromkeys(pairs, np.zeros((1, 1))), 4), 0.25)
+
+
+def test_mean_and_spread_follow_from_the_weights() -> None:
+    """The spread is the weighted standard deviation about the weighted mean."""
+    rng = np.random.default_rng(3)
+    hypotheses = rng.normal(0.0, 9.0, (3, 5, 6, 7))
+    fused, spread = fuse(hypotheses, {0: rng.normal(0.0, 9.0, (6, 7)), 3: rng.normal(0.0, 9.0, (6, 7))})
+    assert ((fused >= hypotheses.min(axis=0)) & (fused <= hypotheses.max(axis=0))).all()
+    assert (spread <= np.ptp(hypotheses, axis=0)).all()
+    squares = np.stack([hypotheses, hypotheses**2, np.ones_like(hypotheses)])
+    weights = np.linalg.lstsq(hypotheses[:, :, 2, 3].T, fused[:, 2, 3], rcond=None)[0]
+    mean, square, total = np.einsum("n,snb->sb", weights, squares[..., 2, 3])
+    np.testing.assert_allclose(total, 1.0)
+    np.testing.assert_allclose(spread[:, 2, 3], np.sqrt(square - mean**2))
 
 
 def test_fused_prediction_follows_the_better_hypothesis_in_each_region() -> None:

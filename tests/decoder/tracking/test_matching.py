@@ -10,11 +10,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from decoder.tracking import TrackingSettings, match_points
+from decoder.tracking.matching import choose_paired_corners, strongest_nearby
+from dvc.corners import corner_response
 from dvc.tracks.points import FeaturePoints
 from sfm.scene_model import Correspondences, Reconstruction
 
 Floats = NDArray[np.float64]
 WIDTH, HEIGHT = 352, 288
+MOTION, ASIDE = np.array([4.0, 2.0]), np.array([1.0, 0.0])
 
 
 class Clip(NamedTuple):
@@ -27,10 +30,10 @@ class Clip(NamedTuple):
     points: FeaturePoints
 
 
-def dotted(points: Floats) -> NDArray[np.uint8]:
+def dotted(points: Floats, shape: tuple[int, int] = (HEIGHT, WIDTH)) -> NDArray[np.uint8]:
     """Draw a luma plane with a round spot at each point."""
-    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
-    luma = np.full((HEIGHT, WIDTH), 60.0)
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    luma = np.full(shape, 60.0)
     for x, y in points:
         luma += 120.0 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 3.0)
     drawn: NDArray[np.uint8] = np.clip(np.rint(luma), 0, 255).astype(np.uint8)
@@ -157,3 +160,57 @@ def test_points_that_lie_anywhere_give_no_tracks(seed: int) -> None:
     rng = np.random.default_rng(seed)
     anywhere = [np.rint(rng.uniform(0, [WIDTH - 1, HEIGHT - 1], (176, 2))) for _ in range(9)]
     assert len(track(hand_held_clip(11), FeaturePoints(tuple(anywhere)))) == 0
+
+
+def test_peaks_of_a_parabola_are_exact() -> None:
+    """The peak of a quadratic response is found between pixels, from a pixel beside it."""
+    rows, columns = np.mgrid[:40, :50]
+    centre = np.array([20.3, 15.8])
+    response = 100.0 - (columns - centre[0]) ** 2 - 2.0 * (rows - centre[1]) ** 2
+    peaks, strength = strongest_nearby(response, np.array([[21.0, 15.0], [19.4, 17.2]]), 2)
+    np.testing.assert_allclose(peaks, [centre, centre], atol=1e-12)
+    assert (strength > 99).all()
+
+
+def test_a_slope_has_no_peak() -> None:
+    """Where the response rises out of the neighbourhood, or out of the frame, there is no strength."""
+    response = np.add.outer(np.arange(30.0), np.arange(40.0)) + 1.0
+    places = np.array([[20.0, 10.0], [39.0, 29.0], [-5.0, 90.0]])
+    assert (strongest_nearby(response, places, 2)[1] == 0).all()
+    assert strongest_nearby(response, np.empty((0, 2)), 2)[0].shape == (0, 2)
+
+
+def test_the_peak_of_a_spot_is_found() -> None:
+    """A spot is a corner where it is."""
+    place = np.array([[60.4, 40.7]])
+    peaks, _ = strongest_nearby(corner_response(dotted(place, (96, 128)), np.ones(5)), np.rint(place), 2)
+    np.testing.assert_allclose(peaks, place, atol=0.15)
+
+
+def test_corners_are_followed_not_points() -> None:
+    """Points beside a spot are replaced by the spot, one point for each, and flat places are left out."""
+    centres = np.array([[30.3, 30.6], [80.0, 40.2], [60.5, 70.0]])
+    beside = np.concatenate([np.rint(centres), np.rint(centres) + ASIDE, [[15.0, 80.0]]])
+    moved = beside + MOTION
+    pairs = Correspondences(beside, moved, np.zeros(len(beside)))
+    chosen = choose_paired_corners(
+        pairs, dotted(centres, (96, 128)), dotted(centres + MOTION, (96, 128)), 10, 3.0
+    )
+    order = np.argsort(chosen.first[:, 0])
+    np.testing.assert_allclose(chosen.first[order], centres[[0, 2, 1]], atol=0.15)
+    np.testing.assert_allclose(chosen.second - chosen.first, np.tile(MOTION, (3, 1)), atol=0.1)
+    middle = np.array([0.5])
+    np.testing.assert_allclose(
+        (chosen.corners(middle) - chosen.offsets(middle))[:, 0],
+        0.5 * (chosen.pairs.first + chosen.pairs.second),
+        atol=1e-9,
+    )
+
+
+def test_a_corner_that_wanders_is_no_pair() -> None:
+    """A corner that is not at the same place relative to its point in both key frames is not followed."""
+    centre = np.array([[30.0, 30.0]])
+    pairs = Correspondences(centre - ASIDE, centre + ASIDE, np.zeros(1))
+    assert (
+        len(choose_paired_corners(pairs, dotted(centre, (96, 128)), dotted(centre, (96, 128)), 10, 3.0)) == 0
+    )

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decoder.decoded_pictures import DecodedPicture
+from decoder.report import DecodedPicture
 from decoder.view import decoding_view
 from decoder.view.decoding_view import KINDS, DecodingView, Facts, facts_of
 from dvc.config import Qp, VideoConfig, codec_config
