@@ -1,21 +1,22 @@
 # ruff: noqa: RUF009 -- sections are frozen, so that they may be shared
-"""The whole configuration of the codec: what an encoder writes into a stream for any decoder to go by.
+"""The whole configuration of the codec, as an encoder writes it into a stream.
 
-It travels as JSON-safe dictionaries (`CodecConfig.to_dict`, `CodecConfig.from_dict`) in results, and as bytes
-(`dvc.config.header`) in streams.
+Results hold it as JSON-safe dictionaries (`CodecConfig.to_dict`, `CodecConfig.from_dict`), streams as bytes
+(`dvc.config.header`).
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from dvc.config.coders import CascadeConfig, CoderConfig
 from dvc.config.fields import Section, check_choice, check_range, shown
 from dvc.config.sections import (
     DEFAULT_QP,
     DISCOVER_LEVELS,
     MAX_QP,
     ZIGZAG,
+    CascadeConfig,
+    CoderConfig,
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
@@ -30,21 +31,20 @@ from dvc.errors import ConfigError
 
 @dataclass(frozen=True)
 class ParityBuffer:
-    """A file with all planes, from which a decoder takes the bits that it needs."""
+    """A file with all planes; a decoder takes the bits that it needs."""
 
 
 @dataclass(frozen=True)
 class Live:
-    """A feedback channel, over which a decoder requests the bits that it needs."""
+    """A feedback channel; a decoder requests the bits that it needs."""
 
 
 @dataclass(frozen=True)
 class NoFeedback:
-    """No feedback channel: nothing is sent for Wyner-Ziv frames, and there are fewer of them."""
+    """No feedback channel: nothing is sent for Wyner-Ziv frames, and groups have fewer of them."""
 
 
 Delivery = ParityBuffer | Live | NoFeedback
-"""One of the three."""
 
 
 _KEY_QP = (40, 39, 38, 34, 34, 32, 29, 25)  # for Q1 to Q8: the published choice for the foreman sequence
@@ -57,7 +57,7 @@ class Qp:
     Attributes
     ----------
     qp : int
-        From 1 to `MAX_QP`; that of the key frames.
+        Quantisation parameter of the key frames, from 1 to `MAX_QP`.
     """
 
     qp: int = DEFAULT_QP
@@ -134,7 +134,7 @@ class CodecConfig(Section):
     tracks : TracksConfig
         Points that are sent.
     seed : int
-        Of everything random.
+        Seed of all random numbers.
     """
 
     video: VideoConfig
@@ -170,8 +170,8 @@ def codec_config(
     quality : Qp or DiscoverMatrix, optional
         `Qp()` by default.
     **overrides
-        By names of sections, sections that take the place of the default ones, or tables of the fields that
-        differ from these; and the seed.
+        Sections by name that replace the default ones, or tables of the fields that differ from these; also
+        the seed.
 
     Returns
     -------
@@ -197,16 +197,18 @@ def codec_config(
         "tracks": variant.tracks,
         "seed": 0,
     }
-    for name, given in overrides.items():
-        sections[name] = replace(sections[name], **given) if isinstance(given, Mapping) else given
+    for name, override in overrides.items():
+        sections[name] = replace(sections[name], **override) if isinstance(override, Mapping) else override
     return CodecConfig(video, codec, **sections)
 
 
 def _gop_config(variant: CodecVariant, key: KeyFrameConfig, overrides: Mapping[str, Any]) -> GopConfig:
-    """Return the groups of pictures that suit a variant, with references and key frames that are given."""
-    gop, given = overrides.get("gop"), overrides.get("key")
+    """Return the default groups of pictures for a variant and overrides of its references and key frames."""
+    gop, key_override = overrides.get("gop"), overrides.get("key")
     references = str(gop.get("references", variant.references)) if isinstance(gop, Mapping) else None
-    if isinstance(given, KeyFrameConfig):
-        key = given
-    period = given.get("intra_period", key.intra_period) if isinstance(given, Mapping) else key.intra_period
+    period = key.intra_period
+    if isinstance(key_override, KeyFrameConfig):
+        period = key_override.intra_period
+    elif isinstance(key_override, Mapping):
+        period = key_override.get("intra_period", period)
     return GopConfig(variant.groups(references, period).length, references or variant.references)

@@ -6,11 +6,9 @@ from typing import Any
 import msgspec
 
 from dvc.config.codec import CodecConfig
-from dvc.config.coders import CODERS, DEFAULT_CODER, CoderConfig
-from dvc.config.fields import Section, check_choice, is_section, type_hints_of
+from dvc.config.fields import Section, check_choice, field_types, is_section, shown
+from dvc.config.sections import CODERS, DEFAULT_CODER, CoderConfig
 from dvc.errors import BitstreamError, ConfigError
-
-_NIL = msgspec.msgpack.encode(None)
 
 
 def encode_config(config: CodecConfig) -> bytes:
@@ -38,7 +36,7 @@ def _values(section: Section) -> list[Any] | None:
     values: list[Any] = []
     if isinstance(section, CoderConfig):
         values.append(None if section.name == DEFAULT_CODER else section.name)
-    for field in fields(section):  # type: ignore[arg-type]
+    for field in fields(section):
         value = getattr(section, field.name)
         values.append(
             _values(value) if isinstance(value, Section) else None if value == field.default else value
@@ -67,26 +65,30 @@ def decode_config(data: bytes) -> CodecConfig:
         If the bytes are damaged, of a newer program, or hold values that make no sense.
     """
     try:
-        config = CodecConfig.from_dict(_table(CodecConfig, data, "configuration"))
-    except (ConfigError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as err:
+        values = msgspec.msgpack.decode(data)
+        config = CodecConfig.from_dict(_table(CodecConfig, values, "configuration"))
+    except (ConfigError, msgspec.DecodeError, TypeError, UnicodeDecodeError, RecursionError) as err:
         raise BitstreamError(f"configuration: {err}") from err
     if encode_config(config) != data:
         raise BitstreamError("configuration: not in its one form")
     return config
 
 
-def _table(section: Any, data: bytes | msgspec.Raw, name: str) -> dict[str, Any]:
-    """Return the fields of a section that are not left out, for `Section.build`."""
-    values = msgspec.msgpack.decode(data, type=list[msgspec.Raw])
-    hints = type_hints_of(section)
+def _table(section: type[Section], values: Any, name: str) -> dict[str, Any]:
+    """Return the fields of a section that are not left out, for `Section.from_dict`."""
+    if not isinstance(values, list):
+        raise ConfigError(f"`{name}` must be an array, got {shown(values)}")
+    types = field_types(section)
     if section is CoderConfig:
-        coder = (msgspec.msgpack.decode(values[0], type=str | None) if values else None) or DEFAULT_CODER
+        coder = (values or [None])[0] or DEFAULT_CODER
+        if not isinstance(coder, str):
+            raise ConfigError(f"`name` of a coder must be a string, got {shown(coder)}")
         check_choice("coder", coder, CODERS)
-        hints = {"name": str, **type_hints_of(CODERS[coder])}
-    if len(values) > len(hints):
-        raise ConfigError(f"`{name}` has {len(values)} values, {len(hints)} known: made by a newer program?")
+        types = {"name": str, **field_types(CODERS[coder])}
+    if len(values) > len(types):
+        raise ConfigError(f"`{name}` has {len(values)} values, {len(types)} known: made by a newer program?")
     return {
-        field: _table(hint, value, field) if is_section(hint) else msgspec.msgpack.decode(value, type=hint)
-        for (field, hint), value in zip(hints.items(), values, strict=False)
-        if bytes(value) != _NIL
+        field: _table(hint, value, field) if is_section(hint) else value
+        for (field, hint), value in zip(types.items(), values, strict=False)
+        if value is not None
     }

@@ -62,7 +62,7 @@ def test_frames_must_follow_each_other(late_ticks: list[int], number: int) -> No
     config, coded = records(3)
     reader = StreamReader(io.BytesIO(with_times(config, coded, late_ticks)))
     groups = []
-    with pytest.raises(BitstreamError, match=f"group of pictures {number}: a time stamp is not after"):
+    with pytest.raises(BitstreamError, match=f"group of pictures {number}: a time stamp is not later"):
         groups += decode_stream(config, reader)
     reader = StreamReader(io.BytesIO(with_times(config, coded, [0, -32, 5])))
     assert len(list(decode_stream(config, reader))) == 3

@@ -116,7 +116,7 @@ def test_limits_of_a_record() -> None:
         (b"\x84\x10\x00\x02k", "0 ticks a second"),
         (b"\x84\x10\xc1\x84\x3d\x02k", "1000001 ticks a second"),
         (b"\x84\x10\x01", "data end within an integer"),
-        (b"\x84\x10\x01\x00k", "are those of the constant frame rate"),
+        (b"\x84\x10\x01\x00k", "equal those of the constant frame rate"),
         (b"\x84\x10\x01\x80\x80\x80\x80\x40k", "a time stamp is more than 8589934591 ticks off"),
         (b"\x84\x10\x01\xff\xff\xff\xff\x7fk", "a time stamp is more than 8589934591 ticks off"),
     ],

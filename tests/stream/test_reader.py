@@ -28,8 +28,7 @@ from dvc.stream import (
     encode_gop,
     gop_bits,
 )
-from dvc.stream.index import encode_end
-from dvc.stream.records import frame_record
+from dvc.stream.records import encode_end, frame_record
 
 CONFIG = codec_config(VideoConfig(176, 144, 15, 1), "2d", gop={"length": 4}, key={"intra_period": 16})
 RECORDS = [
@@ -358,11 +357,11 @@ def head(form: Form) -> bytes:
         (lambda start, gop, end: start + b"\x02", "length: data end"),
         (
             lambda start, gop, end: start + frame_record(RecordType.GOP, encode_gop(RECORDS[1])) + end,
-            "4 frames where at most 1 are allowed",
+            "4 frames, at most 1 are allowed",
         ),
         (
             lambda start, gop, end: start + gop + frame_record(RecordType.GOP, b"\x14" + bytes(9)) + end,
-            "5 frames where at most 4 are allowed",
+            "5 frames, at most 4 are allowed",
         ),
         (
             lambda start, gop, end: start + gop + frame_record(RecordType.END, b"\x01\x00"),
@@ -370,15 +369,15 @@ def head(form: Form) -> bytes:
         ),
         (
             lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b"\x03"),
-            "record 0 .*no form",
+            "record 0 .*unknown form",
         ),
         (
             lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b""),
-            "record 0 .*no form",
+            "record 0 .*unknown form",
         ),
         (
             lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b"\x01\x7f"),
-            r"record 0 \(configuration\) at byte 5: configuration: Expected `array`, got `int`",
+            r"record 0 \(configuration\) at byte 5: configuration: `configuration` must be an array",
         ),
     ],
 )
