@@ -281,8 +281,8 @@ class CascadeConfig(CoderConfig):
 
     # Information of the answers to a request, in percent of the unknown bits of the run; 0: the least
     # information and the fewest bits. 12 and 6 save .3 and .5 % of the rate for 1.3 and 2.1 times the
-    # requests (`benchmarks.searches.settings coder.batch_percent=6 --qp 28 36 --frames 33 --clips box desk tree
-    # stone river street`).
+    # requests (`benchmarks.searches.settings coder.batch_percent=6 --qp 28 36 --frames 33 --clips box desk
+    # tree stone river street`).
     batch_percent: int = 20
 
     def _check_values(self) -> None:
