@@ -18,7 +18,7 @@ from sequences.scene_layouts import VIDEO_SCENES
 
 
 class RenderedSequence(Closing):
-    """Frames of a rendered scene, a `dvc.video.VideoReader`; the scene is built for the first frame.
+    """Frames of a rendered scene, read as a `dvc.video.VideoReader`; the scene is built for the first frame.
 
     Parameters
     ----------
