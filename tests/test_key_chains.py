@@ -16,7 +16,7 @@ from tests.key_pictures import SliceHead, Sps, coded_qps, join_sets, slice_head,
 
 SIZE = WIDTH, HEIGHT = 64, 48
 NUM_FRAMES = 20  # more than frame numbers of four bits count
-MISSING = "key frame: the picture that it is predicted from is missing"
+MISSING = "key frame: its reference picture is missing"
 FRAMES = moving_texture(NUM_FRAMES, HEIGHT, WIDTH, (0.5, 1.0))
 
 
@@ -130,7 +130,7 @@ def test_an_idr_picture_may_not_pass_for_a_predicted_one() -> None:
 @pytest.mark.parametrize(
     ("number", "changes", "message"),
     [
-        (2, {"slice_type": 1}, "a slice of type 1 that is not of a key picture"),
+        (2, {"slice_type": 1}, "a slice of type 1, which key pictures do not have"),
         (2, {"slice_type": 6}, "a slice of type 6"),
         (2, {"slice_type": 3}, "a slice of type 3"),
         (2, {"slice_type": 9}, "a slice of type 9"),
