@@ -90,9 +90,7 @@ def test_unfinished_segments_are_read_as_far_as_they_go(folder: Path) -> None:
 def test_segments_of_other_recordings_are_refused(folder: Path, other: dict[str, int]) -> None:
     """All have one configuration; that of the first is said to be another one."""
     write(folder / "day-8.dvc", b"8:", **other)  # type: ignore[arg-type]
-    with pytest.raises(
-        BitstreamError, match=r"^day-9\.dvc: its configuration differs from that of day-8"
-    ):
+    with pytest.raises(BitstreamError, match=r"^day-9\.dvc: its configuration differs from that of day-8"):
         RecordingReader(folder)
 
 
