@@ -248,16 +248,10 @@ def test_longer_forms_are_refused(longer: bytes) -> None:
 
 def test_damaged_headers_raise_only_bitstream_errors() -> None:
     """Every cut and changes of every byte of a header is refused, or reads as another valid configuration."""
-    config = codec_config(QCIF, "2d", key=KeyFrameConfig(25, True, 8, b"\x01\x02"), seed=7)
-    config = replace(
-        config, wyner_ziv=DiscoverMatrix(8).wyner_ziv, side_information=SideInformationConfig("x", True)
-    )
+    key, side_information = KeyFrameConfig(25, True, 8, b"\x01\x02"), SideInformationConfig("x")
+    config = codec_config(QCIF, "2d", DiscoverMatrix(8), key=key, side_information=side_information, seed=7)
     header = encode_config(config)
-    cuts = [header[:size] for size in range(len(header))]
-    changes = [
-        header[:position] + bytes([value]) + header[position + 1 :]
-        for position in range(len(header))
-        for value in range(0, 256, 5)
-    ]
-    for damaged in cuts + changes:
-        check_header(damaged)
+    for position in range(len(header)):
+        check_header(header[:position])
+        for value in range(0, 256, 5):
+            check_header(header[:position] + bytes([value]) + header[position + 1 :])
