@@ -10,8 +10,9 @@ from dvc.config.codec import (
     Qp,
     Quality,
     codec_config,
+    decode_config,
+    encode_config,
 )
-from dvc.config.header import decode_config, encode_config
 from dvc.config.sections import (
     CODERS,
     DEFAULT_CODER,

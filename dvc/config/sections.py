@@ -266,11 +266,8 @@ class CoderConfig(Section):
         """Build the settings of the coder that is named, by default `DEFAULT_CODER`."""
         if cls is not CoderConfig or not isinstance(values, dict):
             return super().from_dict(values, name)
-        coder = values.get("name", DEFAULT_CODER)
-        if not isinstance(coder, str):
-            raise ConfigError(f"`name` of a coder must be a string, got {shown(coder)}")
-        check_choice("coder", coder, CODERS)
-        settings = CODERS[coder].from_dict({k: v for k, v in values.items() if k != "name"}, name)
+        kind = coder_type(values.get("name", DEFAULT_CODER))
+        settings = kind.from_dict({key: value for key, value in values.items() if key != "name"}, name)
         assert isinstance(settings, cls)
         return settings
 
@@ -309,3 +306,11 @@ CODERS: Registry[type[CoderConfig]] = Registry(
 )
 """All coders by name."""
 DEFAULT_CODER = "cascade"
+
+
+def coder_type(name: object) -> type[CoderConfig]:
+    """Return the type of the settings of a coder, one of `CODERS`."""
+    if not isinstance(name, str):
+        raise ConfigError(f"`name` of a coder must be a string, got {shown(name)}")
+    check_choice("coder", name, CODERS)
+    return CODERS[name]

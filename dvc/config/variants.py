@@ -14,7 +14,7 @@ MAX_NEW_TRACKS = 48
 
 @dataclass(frozen=True)
 class KeyFrameRule:
-    """Conditions under which the tracks request a key frame."""
+    """Conditions for a key frame that the tracks request."""
 
     longest_track_px: float = 40.0  # distance that a point has moved since the key frame
     lost_share: float = 0.5  # share of the points lost since then

@@ -67,7 +67,7 @@ def frame_times_s(
 
 
 def planned_tick(index: int, ticks_per_frame: Fraction) -> int:
-    """Return the tick closest to a frame at the constant frame rate, from which deviations are counted."""
+    """Return the tick closest to a frame at the constant frame rate; deviations are relative to it."""
     ticks, num_frames = ticks_per_frame.as_integer_ratio()
     return (2 * index * ticks + num_frames) // (2 * num_frames)
 

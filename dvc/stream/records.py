@@ -31,7 +31,7 @@ class RecordType(IntEnum):
 class Form(StrEnum):
     """Data of Wyner-Ziv frames in a stream."""
 
-    BUFFERED = "buffered"  # all planes, from which any parity is computed
+    BUFFERED = "buffered"  # all planes: any parity can be computed
     PUNCTURED = "punctured"  # only the requested bits: the size of the stream is the rate
     NO_FEEDBACK = "no-feedback"  # no data: a decoder shows its predictions
 
