@@ -342,7 +342,7 @@ def test_unfinished_stream_is_decoded_with_a_word_of_what_is_missing(
 
 
 def test_stream_without_finished_group_is_refused(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Where no group of pictures is finished there is nothing to write, with --unfinished either."""
+    """Without a finished group of pictures nothing is written, even with --unfinished."""
     with StreamReader(desk / "s.dvc") as reader:
         first = reader.index.entries[0]
     for cut in (3, first.offset - 1, first.offset, first.offset + first.size - 1):
@@ -375,7 +375,7 @@ def test_json_goes_to_standard_output(desk: Path, capsys: pytest.CaptureFixture[
 
 
 def test_messages_have_nothing_that_a_terminal_obeys(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A name with an escape or a line feed is told in one line of printable characters."""
+    """A name with an escape or a line feed is shown in one line of printable characters."""
     assert decode("\x1b[31mno\nsuch\u202e.dvc", "o.y4m") == 2
     assert "?[31mno such?.dvc" in one_line_of(capsys)
 
@@ -401,28 +401,28 @@ def test_help_is_quick_and_has_examples(module: str) -> None:
 
 
 def test_version_tells_the_libraries(capsys: pytest.CaptureFixture[str]) -> None:
-    """Programs say what they rest on; subcommands leave it to their command."""
+    """Programs report the versions of their libraries."""
     with pytest.raises(SystemExit) as ended:
         encoder.__main__.main(["--version"])
-    told = capsys.readouterr().out
+    text = capsys.readouterr().out
     assert not ended.value.code
-    assert told.startswith(f"dvc-encode of dvc3d {dvc.__version__}; av ")
-    assert f"numpy {np.__version__}" in told
+    assert text.startswith(f"dvc-encode of dvc3d {dvc.__version__}; av ")
+    assert f"numpy {np.__version__}" in text
 
 
 def test_help_tells_the_defaults_of_the_variants(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What an option is by default is told codec by codec, out of the presets."""
+    """The defaults of options are listed by codec, out of the presets."""
     monkeypatch.setenv("COLUMNS", "1000")  # no word is broken
     with pytest.raises(SystemExit):
         encoder.__main__.main(["--help"])
-    told = " ".join(capsys.readouterr().out.split())
+    text = " ".join(capsys.readouterr().out.split())
     for name, variant in VARIANTS.items():
-        assert f"{name}: {variant.summary}" in told
-    assert f"default: {DEFAULT_CODEC}" in told
-    assert "2 with 2d and 3d; 10 with 3d-td; 8 (16 with --key-frames intra) with 3d-te" in told
-    assert "default: 64 (40 if only key frames are references)" in told
+        assert f"{name}: {variant.summary}" in text
+    assert f"default: {DEFAULT_CODEC}" in text
+    assert "2 with 2d and 3d; 10 with 3d-td; 8 (16 with --key-frames intra) with 3d-te" in text
+    assert "default: 64 (40 if only key frames are references)" in text
 
 
 def test_expected_errors_become_one_line(capsys: pytest.CaptureFixture[str]) -> None:
@@ -452,7 +452,7 @@ def test_check_outputs_accepts_what_can_be_written(tmp_path: Path) -> None:
 
 
 def test_files_in_folders_that_are_inputs_are_no_outputs(tmp_path: Path) -> None:
-    """Beside them there is room; a link to such a file is it."""
+    """New names next to them are accepted; a link to such a file is refused."""
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder" / "index.json").touch()
     (tmp_path / "link").symlink_to(tmp_path / "folder" / "index.json")

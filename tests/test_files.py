@@ -87,7 +87,7 @@ def another_writer(*arguments: object) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.mark.parametrize("visible", [(), ("visible",)])
 def test_termination_leaves_nothing(tmp_path: Path, visible: tuple[str, ...]) -> None:
-    """SIGTERM removes what is being written, and has a line and a status of its own."""
+    """SIGTERM removes the unfinished file, and has its own line and status."""
     with another_writer(tmp_path / "out.bin", *visible) as process:
         assert len(os.listdir(tmp_path)) == 1
         process.send_signal(signal.SIGTERM)
@@ -181,7 +181,7 @@ def test_synced_writes_to_what_cannot_be_synced() -> None:
 def test_synced_waits_for_the_disk_where_it_shall(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waits: bool
 ) -> None:
-    """What was written shows in any case."""
+    """The file has the data in both cases."""
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", synced.append)
     with SyncedFile(tmp_path / "out.bin", waits=waits) as file:
@@ -204,7 +204,7 @@ def test_full_disk_is_one_clear_error(
 
 
 def test_missing_folder_and_folder_as_target_are_refused(tmp_path: Path) -> None:
-    """Neither a folder nor a name in a folder that does not exist can be written."""
+    """A folder, and a file in a missing folder, cannot be written."""
     with pytest.raises(DvcError, match="does not exist"), atomic_output(tmp_path / "absent" / "x"):
         pass
     with pytest.raises(DvcError, match="is a folder"), atomic_output(tmp_path):
@@ -282,7 +282,7 @@ def test_folder_without_a_name_is_refused(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_what_never_ends_is_not_read_whole(tmp_path: Path) -> None:
-    """A file is read whole, a pipe as far as it goes, and an endless device is refused."""
+    """A file is read whole, a pipe to its end, and an endless device is refused."""
     path = tmp_path / "some"
     path.write_bytes(b"content")
     assert read_whole(path) == b"content"

@@ -31,7 +31,7 @@ FRAMES = moving_texture(NUM_FRAMES, HEIGHT, WIDTH, (0.5, 1.0))
 def coded(
     encoder: KeyFrameEncoder, frames: Sequence[Frame], begins: Sequence[int] = (0,)
 ) -> list[KeyPicture]:
-    """Code pictures, of which some begin a chain."""
+    """Code pictures; some begin a chain."""
     return [encoder.encode(frame, begins_chain=number in begins) for number, frame in enumerate(frames)]
 
 
@@ -98,7 +98,7 @@ def test_pictures_of_any_size_come_back(
 
 
 def test_intra_pictures_decode_in_any_order() -> None:
-    """Each is decoded in a fresh decoder as in one that has decoded others."""
+    """A fresh decoder gives the same pictures as a used one."""
     used = KeyFrameDecoder(*SIZE, INTRA_ENCODER.parameter_sets)
     for index in (2, 0, 3, 1):
         fresh = KeyFrameDecoder(*SIZE, INTRA_ENCODER.parameter_sets)

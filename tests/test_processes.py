@@ -157,7 +157,7 @@ def live(folder: Path, clip: Path) -> Run:
 def test_punctured_stream_decodes_without_feedback_to_the_same_frames(
     folder: Path, clip: Path, buffered: Run
 ) -> None:
-    """A fresh process gets the same video, bits and stream from what the first decoder really needed."""
+    """A fresh process gets the same video, bits and stream from the bits that the first decoder requested."""
     again = decode(folder, "again", clip, buffered.punctured)
     assert again.contents == buffered.contents
 
@@ -326,7 +326,7 @@ STRANGERS = [b"", b"GET / HTTP/1.1\r\n\r\n" * 1000, b"\x01\x01\x05", b"\x01\x05\
 
 
 def test_strangers_end_nothing(folder: Path, clip: Path, buffered: Run) -> None:
-    """Whoever connects first and says what is no hello is turned away; the encoder waits on."""
+    """Connections without a valid hello are rejected; the encoder keeps waiting."""
     with serving(clip, *CODING) as (encoder, address):
         for said in STRANGERS:
             with (
@@ -378,7 +378,7 @@ def test_a_token_is_required_inside_tls(clip: Path, buffered: Run, tmp_path: Pat
 
 
 def test_a_token_without_tls_is_refused(clip: Path, tmp_path: Path) -> None:
-    """At both ends, before anything is sent."""
+    """Both ends refuse it before they connect."""
     (tmp_path / "token").write_text("a secret of both ends")
     for words in (("encoder", clip, "--serve"), ("decoder", tmp_path / "out.y4m", "--connect")):
         end = start(*words, "127.0.0.1:0", "--token-file", tmp_path / "token")
@@ -412,7 +412,7 @@ def test_a_network_is_not_served_without_tls(clip: Path) -> None:
 
 @contextmanager
 def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
-    """Encoder and decoder of a live run whose source halts after four frames; the first is decoded.
+    """Start encoder and decoder of a live run with a source that halts after four frames; decode the first.
 
     The fourth is a Wyner-Ziv frame; its group has no end yet.
     """
@@ -432,7 +432,7 @@ def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], s
 
 
 def is_waiting_for_more(reader: subprocess.Popen[str]) -> bool:
-    """Tell whether a process has taken all bytes of its standard input, and all its threads sleep."""
+    """Return whether a process has read all of its standard input, and all its threads sleep."""
     assert reader.stdin is not None
     num_unread = int.from_bytes(fcntl.ioctl(reader.stdin, termios.FIONREAD, bytes(4)), sys.byteorder)
     threads = Path(f"/proc/{reader.pid}/task").glob("*/stat")
@@ -440,7 +440,7 @@ def is_waiting_for_more(reader: subprocess.Popen[str]) -> bool:
 
 
 def frames_of(path: Path) -> list[Frame]:
-    """Return the frames of a video, whatever its name."""
+    """Return the frames of a video with any name."""
     whole = path.with_name("look.y4m")
     whole.write_bytes(path.read_bytes())
     try:
@@ -467,7 +467,7 @@ def test_interrupted_encoder_sends_its_end(tmp_path: Path, buffered: Run, number
 
 
 def test_frames_that_a_decoder_cannot_take_are_left_out_and_counted(tmp_path: Path) -> None:
-    """A pipe that brings all at once: whole groups reach the decoder, at their times; others are reported."""
+    """A pipe delivers all at once: whole groups reach the decoder, at their times; the rest is reported."""
     options = (*RAW, *CODING, "--leave-out", "--queue", 16, "--json", tmp_path / "report.json")
     with serving("-", *options, stdin=subprocess.PIPE) as (encoder, address):
         assert encoder.stdin is not None
@@ -498,17 +498,17 @@ def raw_bytes(frames: Iterable[Frame]) -> bytes:
 
 @pytest.mark.parametrize("cause", ["SIGINT", "SIGTERM", "death"])
 def test_decoded_frames_of_a_broken_live_run_are_kept(tmp_path: Path, buffered: Run, cause: str) -> None:
-    """Whatever ends a live run early, whole groups stay as .part, with a line and status of its own."""
+    """After an early end of a live run, whole groups stay as .part, with their own line and status."""
     names = ("out.y4m", "--punctured", "small.dvc", "--json", "report.json")
     with halted(tmp_path, *names) as (encoder, decoder):
         encoder.kill() if cause == "death" else decoder.send_signal(signal.Signals[cause])
         status, stderr = finish(decoder)
-        _, told = encoder.communicate(timeout=PATIENCE_S)  # closes its input
+        _, encoder_stderr = encoder.communicate(timeout=PATIENCE_S)  # closes its input
     assert status == 3, stderr
     frames = frames_of(tmp_path / "out.y4m.part")
     assert frames
     assert stderr.splitlines()[-1].endswith(f"(frames kept: {len(frames)}, as {tmp_path}/out.y4m.part)")
-    assert cause == "death" or told.splitlines()[-1].startswith("dvc-encode: the other side")
+    assert cause == "death" or encoder_stderr.splitlines()[-1].startswith("dvc-encode: the other side")
     left = sorted(path.name for path in tmp_path.iterdir())
     assert left == ["out.y4m.part", "report.json.part", "small.dvc.part"]
     assert all(same_frame(*pair) for pair in zip(frames, frames_of(buffered.video), strict=False))
@@ -541,7 +541,7 @@ def test_interrupt_leaves_nothing(tmp_path: Path, clip: Path) -> None:
 
 
 def test_termination_leaves_nothing(tmp_path: Path, stream: Path) -> None:
-    """A decoder that is ended in the middle of a stream removes what it has written."""
+    """A decoder that is terminated within a stream removes its output."""
     (tmp_path / "out").mkdir()
     os.mkfifo(tmp_path / "pipe.dvc")
     decoder = start("decoder", tmp_path / "pipe.dvc", tmp_path / "out" / "out.mkv")
@@ -559,7 +559,7 @@ Served = tuple[subprocess.Popen[str], Connection, DecoderEndpoint]
 
 
 def next_event(connection: Connection, endpoint: DecoderEndpoint | EncoderEndpoint) -> object:
-    """Send what there is to send, and return the next event."""
+    """Send pending bytes, and return the next event."""
     connection.send(endpoint.bytes_to_send())
     while not (events := endpoint.receive(connection.receive(PATIENCE_S))):
         continue
@@ -579,7 +579,7 @@ def served(clip: Path) -> Iterator[Served]:
 
 
 def test_encoder_ends_with_a_babbling_decoder(served: Served) -> None:
-    """A decoder that says hello, then what is no message, ends the run with one line."""
+    """A decoder that sends a hello, then other bytes, ends the run with one line."""
     encoder, connection, _ = served
     connection.send(b"GET / HTTP/1.1\r\n\r\n" * 1000)
     assert_refused(finish(encoder), "broke the feedback protocol")
@@ -757,7 +757,7 @@ class FirstUnharmed:
 def test_a_decoder_keeps_its_frames_if_another_encoder_comes(
     tmp_path: Path, long_clip: Path, unbroken: Run
 ) -> None:
-    """It is refused, long before its patience ends."""
+    """It is refused long before its patience ends."""
     words = (tmp_path / "out.y4m", "--patience", 10 * PATIENCE_S)
     with (
         serving(long_clip, *CODING) as (encoder, address),
@@ -770,9 +770,9 @@ def test_a_decoder_keeps_its_frames_if_another_encoder_comes(
         with start("encoder", long_clip, *CODING, "--serve", address) as another:
             status, stderr = finish(decoder)
             another.kill()
-            _, told = another.communicate()
+            _, another_stderr = another.communicate()
     assert status == 3, stderr
     assert "no decoder can continue here after" in stderr
-    assert "no decoder can continue here after" in told
+    assert "no decoder can continue here after" in another_stderr
     frames = frames_of(video)
     assert all(same_frame(*pair) for pair in zip(frames, frames_of(unbroken.video), strict=False))

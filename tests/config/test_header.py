@@ -92,7 +92,7 @@ def test_bytes_and_dictionary_give_back_any_configuration(config: CodecConfig) -
     ],
 )
 def test_headers_are_small(config: CodecConfig, num_bytes: int) -> None:
-    """What a header costs beside the parameter sets."""
+    """Size of a header without the parameter sets."""
     sets = replace(config, key=replace(config.key, parameter_sets=bytes(30)))
     assert len(encode_config(config)) <= num_bytes
     assert len(encode_config(sets)) <= num_bytes + 30 + 8
@@ -189,7 +189,7 @@ def test_changed_values_raise_only_bitstream_errors(config: CodecConfig, data: s
     ],
 )
 def test_hostile_headers_are_refused(header: bytes, message: str) -> None:
-    """Lengths that are promised, deep nesting, numbers of 64 bits and what is left out cost nothing."""
+    """Long lengths, deep nesting, numbers of 64 bits and missing values are refused at no cost."""
     with pytest.raises(BitstreamError, match=f"^configuration: .*({message})"):
         decode_config(header)
     check_header(header)
@@ -229,7 +229,7 @@ def test_hostile_headers_are_refused(header: bytes, message: str) -> None:
     ],
 )
 def test_other_forms_and_kinds_are_refused(values: list[Any], message: str) -> None:
-    """What stands for a configuration in another form, and values of the wrong type, after `video`."""
+    """Other forms of a configuration, and values of the wrong type, after `video`."""
     with pytest.raises(BitstreamError, match=message):
         decode_config(header_of(*values))
     check_header(header_of(*values))

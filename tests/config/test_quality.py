@@ -23,7 +23,7 @@ from encoder.options import parser, session
 
 
 def test_steps_double_every_six_qps() -> None:
-    """As those of H.264 do; a bit must save six times what it must there, in the mean over roundings."""
+    """They follow those of H.264; a bit must save six times as much, in the mean over roundings."""
     fine, coarse = Qp(24), Qp(30)
     assert (fine.key_qp, coarse.key_qp) == (24, 30)
     assert coarse.wyner_ziv.step(2) == pytest.approx(2 * fine.wyner_ziv.step(2))
@@ -36,7 +36,7 @@ def test_steps_double_every_six_qps() -> None:
 
 @pytest.mark.parametrize("qp", [1, 30, MAX_QP])
 def test_every_quality_makes_a_stream(qp: int) -> None:
-    """The configuration survives its header, and steps can be told."""
+    """The configuration survives its header, and steps can be coded."""
     config = codec_config(VideoConfig(16, 16, 25, 1), "2d", Qp(qp))
     assert decode_config(encode_config(config)) == config
     step = config.wyner_ziv.step(2)

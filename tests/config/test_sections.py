@@ -54,7 +54,7 @@ def test_a_coder_has_its_own_settings_only() -> None:
 
 
 def test_key_qp_follows_the_quantiser() -> None:
-    """Eight quantisers have their key QP, others are refused."""
+    """Eight quantisers have their key QP; all other numbers are refused."""
     assert [DiscoverMatrix(q).key_qp for q in range(1, 9)] == [40, 39, 38, 34, 34, 32, 29, 25]
     for q in (0, 9, -1, True, 2.0, "4"):
         with pytest.raises(ConfigError, match="from 1 to 8"):
@@ -151,7 +151,7 @@ def test_importing_the_configuration_is_quick() -> None:
 
 
 def test_the_default_of_the_library_is_the_codec_that_is_advertised() -> None:
-    """What is not said is the best codec at the usual quality, in a file with all planes."""
+    """The default is the best codec at the usual quality, in a file with all planes."""
     assert CodecConfig(QCIF) == codec_config(QCIF) == codec_config(QCIF, "3d-te", Qp(30))
 
 
@@ -173,7 +173,7 @@ def test_the_default_of_the_library_is_the_codec_that_is_advertised() -> None:
 def test_groups_of_pictures_follow_from_codec_and_quality(
     codec: str, quality: Quality, given: dict[str, Any], gop: GopConfig, intra_period: int
 ) -> None:
-    """Codecs have their own groups, longer ones if key frames are costly; what is given goes before."""
+    """Codecs have their own groups, longer ones if key frames are costly; overrides take precedence."""
     config = codec_config(QCIF, codec, quality, **given)
     assert (config.gop, config.key.intra_period) == (gop, intra_period)
     assert config.key.predicted is (intra_period > 0)

@@ -82,7 +82,7 @@ def test_the_first_field_tells_what_follows(record: GopRecord, payload: bytes) -
 
 
 def test_limits_of_a_record() -> None:
-    """As many payloads as there are Wyner-Ziv frames, and no more frames than a GOP may have."""
+    """A record has one payload for each Wyner-Ziv frame, and a limited number of frames."""
     longest = GopRecord(MAX_GOP_LENGTH, b"k", True, b"", (b"",) * (MAX_GOP_LENGTH - 1))
     assert decode_gop(encode_gop(longest)) == longest
     for num_frames, num_payloads in (

@@ -43,7 +43,7 @@ forms = pytest.mark.parametrize("form", list(Form))
 
 
 def in_form(form: Form | str, records: list[GopRecord]) -> list[GopRecord]:
-    """Return records as they stand in a form of stream: punctured ones have digests."""
+    """Return records in a form of stream: punctured ones have digests."""
     if Form(form) is not Form.PUNCTURED:
         return records
     return [replace(r, digest=zlib.crc32(r.key)) if r.wyner_ziv else r for r in records]
@@ -73,7 +73,7 @@ def read_before_error(source: bytes | BinaryIO) -> tuple[list[GopRecord], str]:
 @forms
 @pytest.mark.parametrize("piped", [False, True])
 def test_unfinished_streams_give_their_finished_groups(form: Form, piped: bool) -> None:
-    """Cut anywhere, a stream has the groups that are whole before the cut, and says what is missing."""
+    """Cut anywhere, a stream has the whole groups before the cut, and reports the missing part."""
     data, records = write(form, RECORDS), in_form(form, RECORDS)
     entries = StreamReader(io.BytesIO(data)).index.entries
     for cut in range(entries[0].offset, len(data) + 1):
@@ -151,7 +151,7 @@ def test_streams_come_back(form: Form, lengths: list[int], rng: np.random.Genera
 
 @forms
 def test_seeking_before_and_while_reading(form: Form, tmp_path: Path) -> None:
-    """Reading goes on from the GOP that was asked for; looking at the index moves nothing."""
+    """Reading continues from the requested GOP; the index does not change the position."""
     path = tmp_path / "s.dvc"
     path.write_bytes(write(form, RECORDS))
     with StreamReader(path) as reader:
@@ -198,7 +198,7 @@ def test_predicted_key_frames_where_there_can_be_none_are_refused(intra_period: 
 
 
 def test_writer_refuses_what_readers_would() -> None:
-    """The first GOP is one key frame, others are no longer than configured, and nothing follows the end."""
+    """The first GOP is one key frame, the other ones have a largest length, and nothing follows the end."""
     writer = StreamWriter(io.BytesIO(), CONFIG, "buffered")
     with pytest.raises(ValueError, match="must add 1 frames or fewer"):
         writer.write_gop(RECORDS[1])
@@ -216,7 +216,7 @@ def test_writer_refuses_what_readers_would() -> None:
 
 
 def test_failed_writing_leaves_no_end() -> None:
-    """A stream whose writing failed is recognised as cut."""
+    """A stream is recognised as cut if writing failed."""
     file = io.BytesIO()
 
     def fail() -> None:
@@ -272,7 +272,7 @@ def test_short_reads_are_put_together() -> None:
 
 @forms
 def test_every_cut_is_noticed(form: Form) -> None:
-    """However much of a stream is there, its whole GOPs are read and then the error is raised."""
+    """The whole GOPs of a cut stream are read, then an error is raised."""
     data = write(form, RECORDS)
     entries = StreamReader(io.BytesIO(data)).index.entries
     for size in range(len(data)):
@@ -304,7 +304,7 @@ def test_every_changed_byte_is_noticed(form: Form) -> None:
 
 
 def test_messages_name_record_type_and_offset() -> None:
-    """A message says what is wrong with which record, and where it starts."""
+    """A message names the problem, the record and its offset."""
     data = write("buffered", RECORDS)
     offset = StreamReader(io.BytesIO(data)).index.entries[1].offset
     damaged = bytearray(data)
@@ -443,7 +443,7 @@ def test_random_mutations_raise_only_bitstream_errors() -> None:
 
 @given(st.binary(max_size=60))
 def test_arbitrary_payloads_behind_right_checksums(payload: bytes) -> None:
-    """What a hostile writer frames correctly raises only `BitstreamError`."""
+    """Any payload in a valid frame raises only `BitstreamError`."""
     for form in Form:
         for record_type in RecordType:
             read_outcome(head(form) + frame_record(record_type, payload))

@@ -117,7 +117,7 @@ def test_checksum_is_that_of_ffv1() -> None:
 
 
 def test_slices_are_split_from_the_end() -> None:
-    """Sizes stand behind their slices; what does not add up gives nothing."""
+    """Sizes follow their slices; sizes that do not add up give nothing."""
     first, second = b"abc" + b"\x00\x00\x03" + bytes(5), b"\x00\x00\x00" + bytes(5)
     assert ffv1_slices(first + second) == [second, first]
     assert ffv1_slices(b"x" + first) is None

@@ -307,7 +307,7 @@ def test_frame_rates_become_fractions(given: float | Fraction, expected: Fractio
 
 
 def test_rates_that_nothing_has_are_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """Unless the caller replaces what the file states."""
+    """They are accepted if the caller replaces them."""
     path = write_clip(tmp_path / "a.y4m", moving_frames(1, 16, 12))
     path.write_bytes(path.read_bytes().replace(b" F25:1 ", b" F2000000:1 ", 1))
     with pytest.raises(VideoError, match=r"a\.y4m: 2e\+06 frames per second are not supported"):

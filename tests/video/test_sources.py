@@ -1,4 +1,4 @@
-"""Pipes, devices and addresses as sources: what comes in whatever pieces, and what ends too early."""
+"""Pipes, devices and addresses as sources: data in pieces, and early ends."""
 
 import os
 import threading
@@ -62,7 +62,7 @@ class Feeder:
 
 
 def read(path: Path, parts: list[bytes], **options: Any) -> tuple[list[Frame], str]:
-    """Return the frames of a pipe that is fed with parts, and what is wrong in the end."""
+    """Return the frames of a pipe that is fed with parts, and the final error."""
     found: list[Frame] = []
     try:
         with Feeder(path, parts) as pipe, open_video(pipe, **options) as reader:
@@ -95,7 +95,7 @@ def test_frames_come_whole_from_pieces(
 
 
 def test_part_of_a_pipe_is_read(tmp_path: Path, frames: list[Frame], raw: bytes, y4m: bytes) -> None:
-    """Frames are skipped and counted as those of a file; the rest of the pipe is left alone."""
+    """Frames are skipped and counted as those of a file; the rest of the pipe is not read."""
     for name, data, options in (("a", raw, RAW), ("b", y4m, {})):
         found, problem = read(tmp_path / name, [data], start=1, num_frames=2, **options)
         assert problem == ""
@@ -106,7 +106,7 @@ def test_part_of_a_pipe_is_read(tmp_path: Path, frames: list[Frame], raw: bytes,
 def test_pipe_that_ends_within_a_frame_is_damaged(
     tmp_path: Path, frames: list[Frame], raw: bytes, y4m: bytes, missing: int
 ) -> None:
-    """The frames before a cut one are given, and a line names what is missing."""
+    """The frames before a cut one are returned, and one line names the cut."""
     for name, data, options, words in (
         ("a", raw, RAW, "ends within frame 4"),
         ("b", y4m, {}, "damaged after 4 frames"),
@@ -118,7 +118,7 @@ def test_pipe_that_ends_within_a_frame_is_damaged(
 
 
 def test_pipes_without_frames_are_refused(tmp_path: Path, raw: bytes) -> None:
-    """Nothing, too little, and what is no video are one line each."""
+    """Empty pipes, parts of frames, and other data are refused in one line each."""
     for name, data, options in (
         ("a", b"", RAW),
         ("b", b"", {}),
@@ -146,7 +146,7 @@ def test_size_change_in_a_pipe_is_refused(tmp_path: Path) -> None:
 
 
 def test_devices_are_opened_by_the_name_of_their_kind() -> None:
-    """What FFmpeg opens without a file takes size and rate as wishes; what it does not know is one line."""
+    """Devices take size and rate as requests; unknown ones are refused in one line."""
     with open_video("testsrc", input_format="lavfi", num_frames=2, frame_rate=25) as reader:
         assert reader.info.live
         assert len(list(reader)) == 2
@@ -172,7 +172,7 @@ def test_clock_of_a_source_tells_of_lost_frames() -> None:
 def test_time_stamps_of_a_pipe_are_compared_with_its_frames(
     tmp_path: Path, moving_frames: MakeFrames
 ) -> None:
-    """A gap in a Matroska file that comes through a pipe is told in seconds."""
+    """A gap in a Matroska file through a pipe is measured in seconds."""
     with create_video(tmp_path / "gap.mkv", (16, 16), 25) as writer:
         for time, frame in zip((0, 1, 52, 53), moving_frames(4, 16, 16), strict=True):
             writer.write(frame, Fraction(time, 25))
