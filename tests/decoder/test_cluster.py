@@ -29,20 +29,15 @@ from encoder.session import EncoderSession
 from tests.clips import moving_texture
 from tests.waiting import wait_until
 
-CONFIG = codec_config(
-    VideoConfig(96, 64, 25, 1),
-    "2d",
-    DiscoverMatrix(4),
-    gop={"length": 3},
-    key={"qp": 30, "intra_period": 8},
-)
+KEY = {"qp": 30, "intra_period": 8}
+CONFIG = codec_config(VideoConfig(96, 64, 25, 1), "2d", DiscoverMatrix(4), gop={"length": 3}, key=KEY)
 NUM_GROUPS = 9
 PATIENCE_S = 60
 
 
 @pytest.fixture(scope="module")
 def stream() -> bytes:
-    """Return a buffered stream of nine groups, of which some begin a chain of key frames."""
+    """Return a buffered stream of nine groups; some begin a chain of key frames."""
     file = io.BytesIO()
     EncoderSession(CONFIG).write(moving_texture(3 * NUM_GROUPS - 2, 64, 96), file, lambda _: None)
     return file.getvalue()
@@ -67,13 +62,13 @@ def workers() -> Iterator[LocalCluster]:
 
 
 def decoded(stream: bytes, client: object) -> Generator[DecodedGroup]:
-    """Decode a stream on a cluster, or what stands for one."""
+    """Decode a stream on a cluster or a stand-in."""
     reader = StreamReader(io.BytesIO(stream))
     return decode_on_cluster(reader.config, reader, cast(Client, client))
 
 
 def contents(groups: list[DecodedGroup]) -> list[bytes]:
-    """Return all that is decoded, without times."""
+    """Return all decoded data without times."""
     return [
         pickle.dumps([group.first_index, group.record, *(plane.tobytes() for plane in planes(group))])
         for group in groups
@@ -131,14 +126,8 @@ def test_a_recording_is_decoded_to_the_same_files(
 ) -> None:
     """Video, punctured stream and report of a folder of segments are those of two jobs."""
     for name, where in (("jobs", ("--jobs", 2)), ("dask", ("--dask", workers.scheduler_address))):
-        outputs = (
-            tmp_path / f"{name}.y4m",
-            "--punctured",
-            tmp_path / f"{name}.dvc",
-            "--json",
-            tmp_path / name,
-        )
-        assert run(recording, *outputs, *where) == 0
+        video, punctured = tmp_path / f"{name}.y4m", tmp_path / f"{name}.dvc"
+        assert run(recording, video, "--punctured", punctured, "--json", tmp_path / name, *where) == 0
     for suffix in (".y4m", ".dvc"):
         assert (tmp_path / f"dask{suffix}").read_bytes() == (tmp_path / f"jobs{suffix}").read_bytes()
     report = report_of(tmp_path / "dask")
@@ -153,7 +142,7 @@ def test_a_recording_is_decoded_to_the_same_files(
 
 
 def test_what_a_group_ends_with_has_its_place(stream: bytes, workers: LocalCluster) -> None:
-    """Damage that a worker meets is raised after all groups before it, and names its group."""
+    """Damage in a group is raised after all groups before it, and names the group."""
     reader = StreamReader(io.BytesIO(stream))
     records = list(reader)
     bad = replace(records[3], wyner_ziv=(records[3].wyner_ziv[0], b""))
@@ -169,49 +158,43 @@ def test_what_a_group_ends_with_has_its_place(stream: bytes, workers: LocalClust
     assert found == [0, 1, 4]
 
 
-class Kept:
-    """A cluster that notes what it is given, and decodes it when it is asked for."""
+class RecordingClient:
+    """A stand-in for a cluster that records groups, and decodes them on request."""
 
     class Future:
-        """One group."""
-
         def __init__(self, given: tuple[Any, ...]) -> None:
             self.given, self.asked = given, False
 
         def exception(self, timeout: float) -> None:
-            """Say that it went well."""
+            pass
 
         def result(self) -> DecodedGroup | Exception:
-            """Decode it."""
             self.asked = True
             return decode_group(*self.given)
 
     def __init__(self, num_threads: int) -> None:
         self.num_threads = num_threads
-        self.futures: list[Kept.Future] = []
-        self.cancelled: list[Kept.Future] = []
+        self.futures: list[RecordingClient.Future] = []
+        self.cancelled: list[RecordingClient.Future] = []
         self.most_open = 0
 
     def nthreads(self) -> dict[str, int]:
-        """Return threads of workers."""
         return {"one": self.num_threads - 1, "other": 1}
 
-    def submit(self, function: object, *given: Any, key: str) -> "Kept.Future":
-        """Take a group."""
+    def submit(self, function: object, *given: Any, key: str) -> "RecordingClient.Future":
         assert function is decode_group
         assert key
-        self.futures.append(Kept.Future(given))
+        self.futures.append(RecordingClient.Future(given))
         self.most_open = max(self.most_open, sum(not future.asked for future in self.futures))
         return self.futures[-1]
 
-    def cancel(self, futures: list["Kept.Future"]) -> None:
-        """Note what nobody wants."""
+    def cancel(self, futures: list["RecordingClient.Future"]) -> None:
         self.cancelled += futures
 
 
 def test_no_worker_gets_more_than_its_group(stream: bytes) -> None:
-    """A task is one group and a digest; there are no more than the threads have use for."""
-    client = Kept(3)
+    """A task is one group and a digest; the number of open tasks is limited by the threads."""
+    client = RecordingClient(3)
     groups = list(decoded(stream, client))
     assert client.most_open == 3 * GROUPS_PER_THREAD < NUM_GROUPS == len(groups)
     tasks = [future.given[0] for future in client.futures]
@@ -228,8 +211,8 @@ def test_no_worker_gets_more_than_its_group(stream: bytes) -> None:
 
 
 def test_what_is_given_up_is_cancelled(stream: bytes) -> None:
-    """Whoever takes no more groups leaves nothing on the cluster, and no more of the stream is read."""
-    client = Kept(1)
+    """A caller that stops leaves nothing on the cluster, and no more of the stream is read."""
+    client = RecordingClient(1)
     groups = decoded(stream, client)
     next(groups)
     groups.close()
@@ -242,17 +225,17 @@ def tasks_of(stream: bytes) -> list[GroupTask]:
     return list(stream_tasks(reader.config, reader))
 
 
-def test_a_group_that_nobody_wants_ends(stream: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cancelled_group_ends(stream: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker looks whether its task was cancelled while it waits for the decoding process."""
     monkeypatch.setattr(cluster, "POLL_S", 0.0)
     monkeypatch.setattr(cluster, "_is_wanted", lambda: lambda: False)
     ended = decode_group(tasks_of(stream)[-1], codec_digest())
     assert isinstance(ended, DvcError)
-    assert "nobody wants" in str(ended)
+    assert "the task was cancelled" in str(ended)
 
 
 def test_a_group_is_all_that_a_worker_needs(stream: bytes) -> None:
-    """Also if its key frame is predicted: that is decoded already."""
+    """A predicted key frame is already decoded."""
     reader = StreamReader(io.BytesIO(stream))
     expected = list(decode_stream(reader.config, reader))
     task = tasks_of(stream)[2]
@@ -263,7 +246,7 @@ def test_a_group_is_all_that_a_worker_needs(stream: bytes) -> None:
 
 
 def test_a_worker_with_other_code_decodes_nothing(stream: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither other code on its disk nor code that was changed since it was loaded will do."""
+    """Other code on its disk, and code that changed since it was loaded, are refused."""
     task, digest = tasks_of(stream)[0], codec_digest()
     assert "another version of the code" in str(decode_group(task, "f" * 32))
     assert isinstance(decode_group(task, digest), DecodedGroup)
@@ -321,7 +304,7 @@ def test_workers_with_other_code_are_refused(
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Workers whose code, or a library of which, is another one are named before anything is decoded."""
+    """Workers with other code or another version of a library are named before decoding starts."""
     arguments = (recording, tmp_path / "o.y4m", "--dask", workers.scheduler_address)
     with monkeypatch.context() as patch:
         patch.setattr("dvc.versions.codec_digest", lambda: "f" * 32)

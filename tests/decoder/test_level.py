@@ -1,4 +1,4 @@
-"""Frames decoded in step: bits that each wished for, and costs that add up to what came."""
+"""Frames decoded in step: each gets the requested bits, and costs add up to all answers."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +20,7 @@ from dvc.slepian_wolf import (
     Part,
     PlaneCoder,
     PlaneCost,
+    PlaneDecoder,
     PlaneResult,
     Round,
     Run,
@@ -37,20 +38,25 @@ CASCADE = CascadeCoder(CascadeConfig(), 1)
 AREAS = b"some areas"
 
 
+def blank(index: int) -> DecodedFrame:
+    luma = np.zeros((4, 4), np.uint8)
+    return DecodedFrame(index, Frame(luma), luma, luma, "test", "")
+
+
 @dataclass
 class Frames:
-    """Frames of so many planes each, as an encoder and a decoder know them, and what they go through."""
+    """Planes of frames and their predictions, and the results of decoding."""
 
     planes: dict[int, list[Bits]]
     llrs: dict[int, list[NDArray[np.float64]]]
     events: list[tuple[int, str]] = field(default_factory=list)
-    found: dict[int, list[Bits]] = field(default_factory=dict)  # by frames
+    decoded: dict[int, list[Bits]] = field(default_factory=dict)  # by frame
     paid: dict[int, float] = field(default_factory=dict)
     again: dict[int, list[Bits]] = field(default_factory=dict)
 
     @classmethod
     def drawn(cls, num_planes: dict[int, int], num_bits: int = 400) -> "Frames":
-        """Draw frames of which each plane differs from its prediction in a few bits, more in the second."""
+        """Draw frames; each plane differs from its prediction in a few bits, odd planes in more."""
         rng = np.random.default_rng(1)
         drawn = {
             frame: [noisy(rng, num_bits, 0.02 * (1 + plane % 2)) for plane in range(count)]
@@ -61,12 +67,12 @@ class Frames:
             {frame: [llr for _, llr in own] for frame, own in drawn.items()},
         )
 
-    def decode(self, steps: dict[int, list[list[tuple[int, ...]]]]) -> dict[int, FrameCoroutine]:
-        """Return coroutines that wish, in each step, for some planes together, or for several of such."""
+    def decode(self, steps: "Steps") -> dict[int, FrameCoroutine]:
+        """Return coroutines that request one or several runs of planes in each step."""
         return {frame: self._frame(frame, own) for frame, own in steps.items()}
 
     def _frame(self, frame: int, steps: list[list[tuple[int, ...]]]) -> FrameCoroutine:
-        self.found[frame], self.paid[frame], self.again[frame] = [], 0.0, []
+        self.decoded[frame], self.paid[frame], self.again[frame] = [], 0.0, []
         for step in steps:
             wishes = [
                 Wish(
@@ -80,20 +86,19 @@ class Frames:
             decoded = yield wishes
             assert [len(own) for own in decoded] == [len(planes) for planes in step]
             everything = [one for own in decoded for one in own]
-            self.found[frame] += [one.bits for one in everything]
+            self.decoded[frame] += [one.bits for one in everything]
             self.paid[frame] += sum(one.paid_bits for one in everything)
             self.events.append((frame, "step"))
         self.again[frame] += [one.bits for own in (yield ()) for one in own]
         self.events.append((frame, "end"))
-        luma = np.zeros((4, 4), np.uint8)
-        return DecodedFrame(frame, Frame(luma), luma, luma, "test", "")
+        return blank(frame)
 
     def _priors(self, frame: int, planes: tuple[int, ...]) -> list[NDArray[np.float64]]:
         return [self.llrs[frame][plane] for plane in planes]
 
 
 class Encoder:
-    """Answers requests for runs of frames, and counts what it answers."""
+    """Answers requests for runs of frames, and counts the bits."""
 
     def __init__(self, frames: Frames, coder: PlaneCoder = CASCADE) -> None:
         self._frames, self._coder = frames, coder
@@ -131,7 +136,7 @@ class Encoder:
         return parity.astype(np.uint8)
 
     def check_costs(self, decoded: Sequence[DecodedFrame]) -> None:
-        """Expect what frames paid to be what was answered, in whole numbers."""
+        """Expect the costs of frames to add up to the answers, in whole numbers."""
         costs = [(frame.num_requests, frame.crc_bits, frame.parity_bits) for frame in decoded]
         assert all(type(cost) is int and cost >= 0 for own in costs for cost in own)
         paid = self.num_bits
@@ -140,7 +145,7 @@ class Encoder:
 
 
 class Plain:
-    """Decodes runs by their bits themselves, some of which it takes down wrong until it checks them."""
+    """Decodes runs from uncoded bits; some results are wrong until they are checked."""
 
     cost = PlaneCost(1.0, 0.0)
 
@@ -171,41 +176,43 @@ class Plain:
         return FrameCheck(corrected, 1, 9, self._success)
 
 
+Steps = dict[int, list[list[tuple[int, ...]]]]
+
+
+def decode(
+    frames: Frames, steps: Steps, decoder: PlaneDecoder | None = None, share: bool = True
+) -> tuple[Encoder, list[DecodedFrame]]:
+    """Decode frames together; expect their costs to be those of all answers."""
+    encoder = Encoder(frames)
+    decoded = drive(decode_level(frames.decode(steps), decoder or Plain(), share), encoder.answer)
+    encoder.check_costs(decoded)
+    return encoder, decoded
+
+
 def test_frames_of_a_level_share_runs_and_costs() -> None:
-    """Each gets the bits that it wished for; with one check, they cost less than each alone."""
+    """Each gets its bits; with one check, they cost less than separate frames."""
     steps = {7: [[(0, 1)], [(2,)]], 9: [[(0,)], [(1, 2)]], 12: [[(1,)]]}
     frames = Frames.drawn({7: 3, 9: 3, 12: 2})
-    encoder = Encoder(frames)
-    decoded = drive(decode_level(frames.decode(steps), CASCADE.decoder(400), True), encoder.answer)
+    encoder, decoded = decode(frames, steps, CASCADE.decoder(400))
     assert encoder.begun == [
         (Part(0, (0, 1), AREAS), Part(2, (0,), AREAS), Part(5, (1,), AREAS)),
         (Part(0, (2,), AREAS), Part(2, (1, 2), AREAS)),
     ]
     for frame, own in steps.items():
         wished = [frames.planes[frame][plane] for step in own for planes in step for plane in planes]
-        known = frames.again[frame] or frames.found[frame]
+        known = frames.again[frame] or frames.decoded[frame]
         np.testing.assert_array_equal(np.concatenate(known), np.concatenate(wished))
     assert [frame.index for frame in decoded] == [7, 9, 12]
     assert not any(frame.num_failed_planes for frame in decoded)
-    encoder.check_costs(decoded)
-    alone = 0
-    for frame, own in steps.items():
-        other = Encoder(frames)
-        (single,) = drive(decode_level(frames.decode({frame: own}), CASCADE.decoder(400), True), other.answer)
-        other.check_costs([single])
-        alone += sum(other.num_bits.values())
-    assert sum(encoder.num_bits.values()) < alone
+    singles = [decode(frames, {frame: own}, CASCADE.decoder(400))[0] for frame, own in steps.items()]
+    assert sum(encoder.num_bits.values()) < sum(sum(single.num_bits.values()) for single in singles)
 
 
 def test_a_run_is_paid_for_by_ideal_code_lengths() -> None:
-    """Bits that were predicted badly bear more of it, and whoever has none in it bears nothing."""
+    """Badly predicted bits pay more, and a frame without bits in the run pays nothing."""
     frames = Frames.drawn({0: 2, 1: 1, 2: 1})
     frames.llrs[1][0] *= 3.0
-    encoder = Encoder(frames)
-    decoded = drive(
-        decode_level(frames.decode({0: [[(0,)], [(1,)]], 1: [[(0,)]], 2: []}), Plain(), True), encoder.answer
-    )
-    encoder.check_costs(decoded)
+    _, decoded = decode(frames, {0: [[(0,)], [(1,)]], 1: [[(0,)]], 2: []})
     assert [round(paid) for paid in frames.paid.values()] == [frame.parity_bits for frame in decoded]
     assert 400 < decoded[0].parity_bits < 1200
     assert decoded[2].parity_bits == 0
@@ -214,11 +221,9 @@ def test_a_run_is_paid_for_by_ideal_code_lengths() -> None:
 
 
 def test_a_frame_that_has_ended_waits_for_the_others() -> None:
-    """It is sent nothing until the check of all; what nobody else wishes for is a run of one frame."""
+    """It gets nothing until the check of all frames; other frames continue without it."""
     frames = Frames.drawn({3: 3, 4: 1, 5: 2})
-    encoder = Encoder(frames)
-    steps = {3: [[(0,)], [(1,)], [(2,)]], 4: [[(0,)]], 5: [[(0,)], [(1,)]]}
-    drive(decode_level(frames.decode(steps), Plain(), True), encoder.answer)
+    encoder, _ = decode(frames, {3: [[(0,)], [(1,)], [(2,)]], 4: [[(0,)]], 5: [[(0,)], [(1,)]]})
     assert frames.events[:3] == [(3, "step"), (4, "step"), (5, "step")]
     assert frames.events[3:6] == [(3, "step"), (5, "step"), (3, "step")]
     assert frames.events[6:] == [(3, "end"), (4, "end"), (5, "end")]
@@ -228,19 +233,17 @@ def test_a_frame_that_has_ended_waits_for_the_others() -> None:
 
 @pytest.mark.parametrize("success", [True, False])
 def test_wrong_runs_are_corrected_by_the_check(success: bool) -> None:
-    """All frames get all their bits again, in the order in which they came; a check that fails is told."""
+    """All frames get all their bits again, in the first order; a failed check is reported."""
     frames = Frames.drawn({3: 3, 4: 2, 6: 0})
-    encoder, plain = Encoder(frames), Plain(wrong=[1], success=success)
-    steps = {3: [[(0,)], [(1, 2)]], 4: [[(1,)], [(0,)]], 6: list[list[tuple[int, ...]]]()}
-    decoded = drive(decode_level(frames.decode(steps), plain, True), encoder.answer)
+    plain = Plain(wrong=[1], success=success)
+    _, decoded = decode(frames, {3: [[(0,)], [(1, 2)]], 4: [[(1,)], [(0,)]], 6: []}, plain)
     assert plain.positions == [(3, 0), (3, 1)]
     for frame, order in ((3, (0, 1, 2)), (4, (1, 0))):
         right = [frames.planes[frame][plane] for plane in order]
         np.testing.assert_array_equal(frames.again[frame], right)
-        np.testing.assert_array_equal(frames.found[frame], [right[0], *(1 - bits for bits in right[1:])])
+        np.testing.assert_array_equal(frames.decoded[frame], [right[0], *(1 - bits for bits in right[1:])])
     assert frames.again[6] == []
     assert [frame.num_failed_planes for frame in decoded] == [int(not success)] * 3
-    encoder.check_costs(decoded)
 
 
 @pytest.mark.parametrize(
@@ -255,7 +258,7 @@ def test_wrong_runs_are_corrected_by_the_check(success: bool) -> None:
 def test_wishes_that_are_too_long_together_are_divided(
     monkeypatch: pytest.MonkeyPatch, most: int, runs: list[list[tuple[int, tuple[int, ...]]]]
 ) -> None:
-    """Into runs of so many bits, or one wish; they go on side by side."""
+    """They are divided into runs of limited length, which are decoded in parallel."""
     monkeypatch.setattr(level, "MAX_RUN_BITS", most)
     frames = Frames.drawn({4: 3, 5: 1, 6: 2}, 100)
     encoder, rounds = Encoder(frames), list[int]()
@@ -272,29 +275,26 @@ def test_wishes_that_are_too_long_together_are_divided(
 
 
 def test_a_frame_has_one_part_in_a_run() -> None:
-    """Several wishes of a frame are in runs of their own, which others join in order of display."""
+    """Several requests of a frame are in separate runs, which other frames join in order of display."""
     frames = Frames.drawn({4: 2, 5: 2, 6: 1})
-    steps = {4: [[(0,), (1,)]], 5: [[(0,), (1,)]], 6: [[(0,)]]}
-    encoder = Encoder(frames)
-    drive(decode_level(frames.decode(steps), Plain(), True), encoder.answer)
+    encoder, _ = decode(frames, {4: [[(0,), (1,)]], 5: [[(0,), (1,)]], 6: [[(0,)]]})
     offsets = [[part.offset for part in run] for run in encoder.begun]
     assert all(own == sorted(set(own)) for own in offsets)
     assert sum(map(len, offsets)) == 5
     for frame in (4, 5, 6):
-        np.testing.assert_array_equal(frames.found[frame], frames.planes[frame])
+        np.testing.assert_array_equal(frames.decoded[frame], frames.planes[frame])
 
 
 def test_wishes_do_not_share_runs_unless_they_may() -> None:
-    """Coders of whole planes get each by itself."""
+    """Coders of whole planes get one at a time."""
     frames, plain = Frames.drawn({4: 2, 5: 1}), Plain()
-    encoder = Encoder(frames)
-    drive(decode_level(frames.decode({4: [[(0,)], [(1,)]], 5: [[(0,)]]}), plain, False), encoder.answer)
+    encoder, _ = decode(frames, {4: [[(0,)], [(1,)]], 5: [[(0,)]]}, plain, share=False)
     assert encoder.begun == [(Part(0, (0,), AREAS),), (Part(1, (0,), AREAS),), (Part(0, (1,), AREAS),)]
     assert plain.positions == [(4, 0), (4, 1), (4, 2)]
 
 
 def test_couplings_of_frames_are_those_of_each() -> None:
-    """A run of two frames on lattices comes back, and what it costs is less than without neighbours."""
+    """A run of two frames on lattices comes back, and costs less than without neighbours."""
     rng, frames = np.random.default_rng(4), Frames.drawn({1: 1, 2: 1}, 24 * 30)
     for frame in (1, 2):
         patch = np.zeros((24, 30), np.uint8)
@@ -316,8 +316,7 @@ def test_couplings_of_frames_are_those_of_each() -> None:
             again = yield ()
             if again:
                 (found[index],) = again
-            luma = np.zeros((4, 4), np.uint8)
-            return DecodedFrame(index, Frame(luma), luma, luma, "test", "")
+            return blank(index)
 
         encoder = Encoder(frames)
         steps = decode_level({index: frame_of(index) for index in (1, 2)}, CASCADE.decoder(720), True)

@@ -1,4 +1,4 @@
-"""Processes that decode: what is lent comes back, and what dies is said."""
+"""Decoding processes: idle ones are reused, dead ones are reported and replaced."""
 
 import gc
 import os
@@ -40,12 +40,12 @@ with StreamReader({path!r}) as reader:
 
 
 def digests(reader: StreamReader) -> list[str]:
-    """Return what the program above prints."""
+    """Return the lines that the program above prints."""
     return [f"{group.first_index} {group.record.digest}" for group in decode_stream(reader.config, reader)]
 
 
 def outcome_of(process: DecodingProcess, task: GroupTask) -> DecodedGroup:
-    """Let a process decode a group."""
+    """Decode a group in a process."""
     process.submit(task)
     number, outcome = process.receive()
     assert number == task.number
@@ -84,7 +84,7 @@ def test_no_more_processes_wait_than_are_worth_it() -> None:
 
 
 def test_busy_processes_do_not_come_back() -> None:
-    """A process that is in the middle of something when its user leaves is stopped."""
+    """A process is stopped if it is busy when its user leaves."""
     with decoding_process() as process:
         process.num_running = 1
     assert not process.alive
@@ -103,8 +103,8 @@ def test_a_killed_process_is_said_and_replaced() -> None:
         assert len(digests(reader)) == 2
 
 
-def test_a_fault_is_told_with_its_place() -> None:
-    """What nobody foresaw arrives as an exception that says where it came from, and the process goes on."""
+def test_a_fault_is_reported_with_its_origin() -> None:
+    """An unexpected exception arrives with its origin, and the process continues."""
     with StreamReader(STREAM) as reader:
         _, task = stream_tasks(reader.config, reader)
     with decoding_process() as process:
@@ -115,7 +115,7 @@ def test_a_fault_is_told_with_its_place() -> None:
 
 
 def test_processes_end_with_the_program() -> None:
-    """Where a program is killed, what it started does not live on, even in the middle of a group."""
+    """The processes of a killed program end, even within a group."""
     program = (
         "import os, signal, time\n"
         "from decoder.processes import DecodingProcess, decoding_process\n"
@@ -133,7 +133,7 @@ def test_processes_end_with_the_program() -> None:
 
 
 def test_leaving_early_ends_what_is_running() -> None:
-    """Who takes one group and goes does not wait for the others."""
+    """A caller that takes one group does not wait for the other groups."""
     with StreamReader(STREAM) as reader:
         groups = decode_stream(reader.config, reader)
         assert next(groups).first_index == 0
@@ -142,7 +142,7 @@ def test_leaving_early_ends_what_is_running() -> None:
 
 
 def test_a_user_that_is_collected_gives_its_process_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was lent to a generator in a cycle of garbage decodes on, for the next one."""
+    """The process of a generator in a cycle of garbage is reused."""
     gc.collect()  # what other tests have left
     monkeypatch.setattr(processes, "_idle", [])
     with StreamReader(STREAM) as reader:
@@ -168,7 +168,7 @@ def test_threads_of_a_process_share_what_they_have_freed() -> None:
     """A heap for each thread would keep what another could use."""
     with decoding_process() as process:
         path = Path(f"/proc/{process._process.pid}/environ")
-        wait_until(path.read_bytes)  # there is none between the start of a process and that of its program
+        wait_until(path.read_bytes)  # empty until the program of the process starts
         environment = path.read_bytes().split(b"\0")
     assert b"MALLOC_ARENA_MAX=1" in environment
 
@@ -176,7 +176,7 @@ def test_threads_of_a_process_share_what_they_have_freed() -> None:
 def test_features_that_are_not_there_are_no_news(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What OpenCV says of features that it is to do without, but does not have, reaches no terminal."""
+    """Warnings of OpenCV about missing features that it must not use reach no terminal."""
     environment = processes.baseline_environment() | {"OPENCV_CPU_DISABLE": "AVX,NO-SUCH-FEATURE"}
     monkeypatch.setattr(processes, "baseline_environment", lambda: environment)
     monkeypatch.setattr(processes, "_idle", [])
@@ -191,27 +191,27 @@ KEY: Frame = moving_texture(1, 16, 16)[0]
 
 
 def task_of(number: int, payloads: tuple[bytes, ...] = ()) -> GroupTask:
-    """Return a group that is a key frame, or has others before it."""
+    """Return a group of a key frame, with or without frames before it."""
     record = GopRecord(1 + len(payloads), b"x", wyner_ziv=payloads)
     return GroupTask(b"", number, number, None, KEY, record, Form.BUFFERED)
 
 
 def damaged(count: int, seen: list[int]) -> Iterator[GroupTask]:
-    """Give some groups, and then what is wrong with the stream; note what was given."""
+    """Yield some groups, then raise an error; record the yielded numbers."""
     for number in range(count):
         seen.append(number)
         yield task_of(number)
     raise BitstreamError("broken")
 
 
-def test_nothing_is_decoded_where_there_is_nothing() -> None:
-    """No process is started for that."""
+def test_an_empty_stream_needs_no_process() -> None:
+    """No process is started."""
     assert list(GroupsInFlight(StreamGroups([], 1), 1).decode()) == []
 
 
 @pytest.mark.parametrize("jobs", [1, 3])
 def test_damage_comes_after_the_groups_before_it(jobs: int) -> None:
-    """And no more is read of a stream than there is room for."""
+    """The stream is read only as far as groups are decoded."""
     seen: list[int] = []
     groups = GroupsInFlight(StreamGroups(damaged(20, seen), jobs), jobs).decode()
     assert next(groups).first_index == 0
@@ -231,7 +231,7 @@ class Interrupted(StreamGroups):
 
 
 def test_what_is_decoded_comes_before_an_interrupt() -> None:
-    """Whatever waits is given up."""
+    """Open groups are aborted."""
     tasks = [task_of(0), task_of(1), task_of(2, (b"x",))]
     groups = GroupsInFlight(Interrupted(tasks, 2), 2).decode()
     assert [next(groups).first_index, next(groups).first_index] == [0, 1]
@@ -240,32 +240,32 @@ def test_what_is_decoded_comes_before_an_interrupt() -> None:
 
 
 class Immediate:
-    """A process that has decoded a group as soon as it gets it."""
+    """A process that decodes each group at once."""
 
     began_s = 0.0
 
     def __init__(self, most_running: list[int]) -> None:
         self._most_running = most_running
-        self.told: list[DecodedGroup] = []
+        self.results: list[DecodedGroup] = []
 
     @property
     def num_running(self) -> int:
-        return len(self.told)
+        return len(self.results)
 
     def submit(self, task: GroupTask) -> None:
-        self.told.append(DecodedGroup(task.first_index, (), task.key, task.record))
+        self.results.append(DecodedGroup(task.first_index, (), task.key, task.record))
         self._most_running.append(self.num_running)
 
     def receive(self) -> tuple[int, DecodedGroup]:
-        group = self.told.pop(0)
+        group = self.results.pop(0)
         return group.first_index, group
 
 
-class Told(StreamGroups):
-    """A source of whose processes all has come."""
+class Finished(StreamGroups):
+    """A source with processes that have all results."""
 
     def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
-        """Name those that have something to tell, the last of them first."""
+        """Return the processes with results, the last one first."""
         return [process for process in reversed(processes) if process.num_running]
 
 
@@ -273,7 +273,7 @@ class Told(StreamGroups):
 def test_groups_come_in_order_and_wait_for_an_idle_process(
     monkeypatch: pytest.MonkeyPatch, jobs: int
 ) -> None:
-    """However many there are; each process has one group of a stream at a time."""
+    """They do so for any number of processes; each has one group of a stream at a time."""
     lent: list[Immediate] = []
     most_running: list[int] = []
 
@@ -283,7 +283,7 @@ def test_groups_come_in_order_and_wait_for_an_idle_process(
 
     monkeypatch.setattr("decoder.processes.decoding_process", lend)
     tasks = [task_of(number, (b"x",) * (number % 3 > 0)) for number in range(20)]
-    found = [group.first_index for group in GroupsInFlight(Told(tasks, jobs), jobs).decode()]
+    found = [group.first_index for group in GroupsInFlight(Finished(tasks, jobs), jobs).decode()]
     assert found == list(range(20))
     assert set(most_running) == {1}
     assert len(lent) == jobs

@@ -33,7 +33,7 @@ from tests.waiting import PATIENCE_S
 
 
 def answering(task: GroupTask, config: CodecConfig) -> Answer:
-    """Return what answers for all frames of a group, as a live encoder does."""
+    """Return a function that answers requests of all frames of a group, as a live encoder does."""
     layout = FrameLayout.of(config)
     buffer = EncoderBuffer(layout, plane_coder(config), len(task.record.wyner_ziv))
     for slot, payload in enumerate(task.record.wyner_ziv):
@@ -42,7 +42,7 @@ def answering(task: GroupTask, config: CodecConfig) -> Answer:
 
 
 class Answering:
-    """A process that decodes groups as those of a live encoder, and the records that answer in its place."""
+    """A process that decodes groups of a live encoder, and records that answer."""
 
     def __init__(self, process: DecodingProcess, config: CodecConfig, tasks: list[GroupTask]) -> None:
         self.process = process
@@ -52,7 +52,7 @@ class Answering:
         process.submit(*(replace(task, form=None) for task in tasks))
 
     def receive(self) -> tuple[int, Outcome]:
-        """Take what comes next."""
+        """Receive the next message."""
         number, outcome = self.process.receive()
         if number not in self._answers:
             return number, outcome
@@ -65,7 +65,7 @@ class Answering:
         return number, outcome
 
     def answer_some(self, shuffled: random.Random) -> bool:
-        """Answer some of what waits, in any order; tell whether there was anything."""
+        """Answer some of the open requests, in any order; return whether any were answered."""
         shuffled.shuffle(self._waiting)
         count = shuffled.randint(min(1, len(self._waiting)), len(self._waiting))
         chosen, self._waiting = self._waiting[:count], self._waiting[count:]
@@ -130,7 +130,7 @@ def test_what_most_levels_depend_on_comes_first(
 
 
 def test_wrong_answers_end_the_group_alone(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:
-    """Bits that are too few for what a frame asked end its group; the process goes on with others."""
+    """Too few bits for a request end its group; the process continues with the other groups."""
     (config, (task, *others)) = config_and_tasks
     with decoding_process() as process:
         live = Answering(process, config, others)
@@ -164,10 +164,10 @@ def test_a_group_without_a_frame_before_it_is_refused(
     assert f"group of pictures {tasks[1].number}: Wyner-Ziv frames without a frame" in str(outcome)
 
 
-def test_a_process_that_nobody_wants_ends_without_a_word(
+def test_a_process_without_parent_ends_silently(
     config_and_tasks: tuple[CodecConfig, list[GroupTask]],
 ) -> None:
-    """Whatever it is at when the other end is gone."""
+    """It ends silently in any state when the connection closes."""
     ours, theirs = multiprocessing.Pipe()
     command = [sys.executable, "-P", "-m", "decoder.worker", str(theirs.fileno())]
     process = subprocess.Popen(
@@ -185,12 +185,12 @@ def test_a_process_that_nobody_wants_ends_without_a_word(
 
 
 class Pipe:
-    """The end of a connection that a worker has, in one process with all else."""
+    """The end of a worker's connection, in the process of the test."""
 
     def __init__(self) -> None:
         self.coming: deque[tuple[GroupTask | Answered, ...]] = deque()
         self.sent: list[tuple[int, object]] = []
-        self.counts: list[tuple[int, int]] = []  # of what is to be done, and of messages that were taken
+        self.counts: list[tuple[int, int]] = []  # open tasks, and received messages
 
     def poll(self) -> bool:
         return bool(self.coming)
@@ -205,11 +205,11 @@ class Pipe:
 
 
 Level = tuple[int, int]
-"""How many levels follow, negative, and pixels."""
+"""Minus the number of levels that follow, and pixels."""
 
 
 class Scripted:
-    """A decoder of groups that have levels as they are told, of which each asks once."""
+    """A decoder of groups with scripted levels; each level sends one request."""
 
     def __init__(self, levels: Mapping[int, Sequence[Level | Exception]]) -> None:
         self._levels = levels
@@ -225,7 +225,7 @@ class Scripted:
 
 
 class Scene:
-    """A worker that decodes scripted groups, by number, and what it does."""
+    """A worker with scripted groups, and a record of its messages."""
 
     def __init__(self, levels: Mapping[int, Sequence[Level | Exception]]) -> None:
         self.pipe = Pipe()
@@ -245,14 +245,14 @@ class Scene:
         self.given_back.append(decoder)
 
     def begin(self, *numbers: int, config: bytes = b"") -> list[tuple[int, object]]:
-        """Hand over groups, and return what the worker sends until it waits."""
+        """Submit groups, and return the messages of the worker until it is idle."""
         frame, record = Frame(np.zeros((8, 8), np.uint8)), GopRecord(2, b"", wyner_ziv=(b"",))
         return self._settled(
             *(GroupTask(config, number, 10 * number, None, frame, record, None) for number in numbers)
         )
 
     def answer(self, *numbers: int) -> list[tuple[int, object]]:
-        """Answer groups, and return what the worker sends until it waits, but where it asks for nothing."""
+        """Answer groups, and return the messages of the worker until it is idle, except empty ones."""
         return self._settled(*(Answered(number, (np.zeros(8, np.uint8),)) for number in numbers))
 
     def _settled(self, *messages: GroupTask | Answered) -> list[tuple[int, object]]:
@@ -265,17 +265,17 @@ class Scene:
         return [sent for sent in self.pipe.sent[known:] if sent[1] != ()]
 
     def asked(self, found: Sequence[tuple[int, object]]) -> list[int]:
-        """Return which groups ask for something, in order."""
+        """Return the numbers of the groups with requests, in order."""
         return [number for number, outcome in found if isinstance(outcome, tuple)]
 
 
 def ended(found: Sequence[tuple[int, object]]) -> list[int]:
-    """Return which groups are decoded, in order."""
+    """Return the numbers of the decoded groups, in order."""
     return [number for number, outcome in found if isinstance(outcome, DecodedGroup)]
 
 
 def test_groups_of_a_lower_rank_go_first() -> None:
-    """Those with the most levels to come, whoever is answered first; then the first in display order."""
+    """The group with the most levels to come is first, in any order of answers; then display order."""
     scene = Scene({1: [(-2, 1), (-1, 1)], 2: [(-3, 1), (-2, 1), (-1, 1)], 3: [(-3, 1), (-2, 1), (-1, 1)]})
     assert sorted(scene.asked(scene.begin(1, 2, 3))) == [1, 2, 3]
     assert scene.pipe.counts[-1] == (0, 3)
@@ -291,7 +291,7 @@ def test_groups_of_a_lower_rank_go_first() -> None:
 
 
 def test_levels_wait_for_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As long as others have it; the lowest rank that waits is the next, and nobody overtakes it."""
+    """They start when memory is free, in order of rank; no later rank overtakes."""
     monkeypatch.setattr(worker, "MAX_ACTIVE_PX", 10)
     scene = Scene({1: [(-2, 6), (-1, 4)], 2: [(-2, 6)], 3: [(-1, 2)], 4: [(-3, 30)], 5: [(-4, 3)]})
     assert scene.asked(scene.begin(1)) == [1]
@@ -311,8 +311,8 @@ def test_levels_wait_for_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     assert scene.worker._used_px == 0
 
 
-def test_a_group_that_fails_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Memory that it had goes to others; its decoder serves no other group."""
+def test_a_failed_group_blocks_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its memory is released; its decoder serves no other group."""
     monkeypatch.setattr(worker, "MAX_ACTIVE_PX", 10)
     scene = Scene({1: [(-2, 9), BitstreamError("damage")], 2: [(-1, 8)], 3: [ValueError("of a method")]})
     assert scene.asked(scene.begin(1, 2)) == [1]
@@ -334,7 +334,7 @@ def test_a_group_that_fails_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> 
 def test_decoders_are_kept_for_groups_of_their_configuration(
     config_and_tasks: tuple[CodecConfig, list[GroupTask]],
 ) -> None:
-    """Nobody else has one that is lent; another configuration has others."""
+    """A decoder serves one group at a time; another configuration has its own decoders."""
     config, _ = config_and_tasks
     ours, others = encode_config(config), encode_config(replace(config, seed=2))
     decoders = worker._Decoders()
