@@ -115,7 +115,15 @@ class IndexEntry:
 
 @dataclass(frozen=True)
 class StreamIndex:
-    """All GOP records of a stream."""
+    """All GOP records of a stream.
+
+    Attributes
+    ----------
+    num_frames : int
+        Number of frames of the stream.
+    entries : tuple of IndexEntry
+        Position, size and number of frames of each record.
+    """
 
     num_frames: int
     entries: tuple[IndexEntry, ...]
