@@ -1,4 +1,4 @@
-"""Bits, and integers of variable length, written to and read from bytes."""
+"""Bits, and integers of variable length, in bytes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,20 +40,20 @@ def decode_bytes(data: bytes, position: int, max_bytes: int) -> tuple[bytes, int
     """Read bytes that follow their number as a varint."""
     size, position = decode_varint(data, position)
     if size > max_bytes:
-        raise BitstreamError(f"{size} bytes where at most {max_bytes} are allowed")
+        raise BitstreamError(f"{size} bytes, at most {max_bytes} are allowed")
     if size > len(data) - position:
         raise BitstreamError(f"{size} bytes promised, {len(data) - position} left")
     return data[position : position + size], position + size
 
 
 def pack_digits(digits: str) -> bytes:
-    """Write bits that are spelled as digits."""
+    """Return bytes of the bits of a string of digits."""
     size = -(-len(digits) // 8)
     return int(digits.ljust(8 * size, "0") or "0", 2).to_bytes(size, "big")
 
 
 class BitReader:
-    """Reads bits from bytes, from the top bit of the first byte on."""
+    """Reads bits of bytes, top bits first."""
 
     def __init__(self, data: bytes) -> None:
         self._octets = np.frombuffer(data, np.uint8)

@@ -1,4 +1,4 @@
-"""Corners: the detector of Harris and Stephens, for those that are sent and those that are looked for again.
+"""Corners: the detector of Harris and Stephens, for encoder and decoder.
 
 The response to corners is ``det(A) - k trace(A)^2`` of the structure tensor A: products of the gradients by
 Sobel's operator, summed over a window.
@@ -21,7 +21,7 @@ SENSITIVITY = 0.04
 """Usual value of k."""
 
 SENT_WINDOW_PX = 5
-"""Side of the window under which corners that are sent are found: the decoder looks for the same corners."""
+"""Side of the detection window for transmitted corners, which the decoder detects again."""
 
 SOBEL_GAIN = 8.0
 """Response of the 3x3 operator to a slope of one luma level per pixel."""
@@ -58,21 +58,21 @@ def is_local_max(response: NDArray[np.floating], radius_px: int) -> NDArray[np.b
 
 
 def spaced(points: NDArray[np.int64] | Floats, max_points: int, min_distance_px: float) -> Indices:
-    """Take points in order, except those that are too near to one taken before."""
+    """Return indices of points in order, except those that are too close to an earlier one."""
     taken = np.empty(max_points, np.int64)
     return taken[: _take_spaced(points.astype(np.float64), min_distance_px**2, taken)]
 
 
 @kernel
 def _take_spaced(points: Floats, min_distance_px2: float, taken: Indices) -> int:
-    """Fill `taken`, and return the number of entries."""
+    """Fill `taken`; return the number of its entries."""
     count = 0
     x, y = np.empty(taken.size), np.empty(taken.size)
     for i in range(points.shape[0]):
         if count == taken.size:
             break
         num_near = 0
-        for j in range(count):  # to stop at the first that is near takes longer than vectors do
+        for j in range(count):  # vectorised, which is quicker than an early exit
             dx, dy = x[j] - points[i, 0], y[j] - points[i, 1]
             num_near += dx * dx + dy * dy < min_distance_px2
         if num_near == 0:

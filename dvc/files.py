@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all, and files that keep their finished parts."""
+"""Output files that appear complete or not at all, and files that keep their finished parts."""
 
 import errno
 import fcntl
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 
 PARTIAL_SUFFIX = ".part"
 MAX_NAME_BYTES = 200
-"""Longer names are shortened for the time of writing, which takes some more characters."""
+"""Longest file name that is not shortened while the file is written under a longer name."""
 MAX_ENDLESS_BYTES = 1 << 26
-"""Largest content read from a pipe or a device, which may never end."""
+"""Largest content that is read from a pipe or a device, which may never end."""
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 _CANNOT_LOCK = frozenset({errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP})  # some network file systems
 _CANNOT_SYNC = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP})  # pipes and some file systems
 
 
 class Closing(ABC):
-    """Closes itself at the end of a `with` block."""
+    """Object that a `with` block closes."""
 
     @abstractmethod
     def close(self) -> None:
@@ -49,10 +49,7 @@ class Closing(ABC):
 
 
 class SyncedFile(io.BufferedWriter):
-    """A file to write from its beginning; written data are in the file when a write returns.
-
-    It is on the disk, too, unless that is not to be waited for.
-    """
+    """A new file; each write returns when the file or, if `waits`, the disk has the data."""
 
     def __init__(self, path: Path, mode: str = "w", *, waits: bool = True) -> None:
         super().__init__(io.FileIO(os.fspath(path), mode))
@@ -79,7 +76,7 @@ class SyncedFile(io.BufferedWriter):
 
 @contextmanager
 def growing_output(path: Path) -> Iterator[SyncedFile]:
-    """Give a new file to write to, ``path`` with ``.part`` after it; rename it to `path` on success."""
+    """Open a new file, ``path`` with ``.part`` after it; rename it to `path` on success."""
     partial = path.with_name(path.name + PARTIAL_SUFFIX)
     try:
         with SyncedFile(partial, "x") as file:
@@ -96,14 +93,14 @@ def growing_output(path: Path) -> Iterator[SyncedFile]:
 
 
 def _concerns(err: OSError, temporary: Path) -> bool:
-    """Return whether an error is about a file or folder that is being written."""
+    """Return whether an error is about an unfinished file or folder."""
     return err.errno in _NO_ROOM or any(
         str(name).startswith(str(temporary)) for name in (err.filename, err.filename2)
     )
 
 
 def read_whole(path: str | Path) -> bytes:
-    """Read a file whole; of a pipe or a device no more than is bounded."""
+    """Read a whole file; a pipe or a device up to a limit."""
     with open(path, "rb") as file:
         if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             return file.read()
@@ -114,13 +111,13 @@ def read_whole(path: str | Path) -> bytes:
 
 
 def natural_key(path: Path) -> list[tuple[int, int, str]]:
-    """Order names with the numbers in them as numbers: ``2.png`` before ``10.png``."""
+    """Return a sort key that compares numbers in names by value: ``2.png`` before ``10.png``."""
     parts = re.split(r"(\d+)", path.name)
     return [(0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts]
 
 
 def sync(path: Path) -> None:
-    """Wait until the disk has a file, or the names of a folder."""
+    """Wait until the disk has a file, or the entries of a folder."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
@@ -134,8 +131,8 @@ def sync(path: Path) -> None:
 class OutputFile:
     """A file that is written under another name in its folder, locked against other writers.
 
-    The other name is hidden, or visible (`path` with ``.part`` after it) if its remains are useful. The
-    remains of an earlier run are then kept under a name of their own.
+    The other name is hidden, or visible (`path` with ``.part`` after it) if partial data are useful; those of
+    an earlier run are then renamed.
     """
 
     def __init__(self, path: str | Path, error: type[DvcError] = DvcError, *, visible: bool = False) -> None:
@@ -152,7 +149,7 @@ class OutputFile:
             self._descriptor = self._locked()
 
     def _locked(self) -> int:
-        """Create the temporary file and lock it; a lock ends with its owner, however that ends."""
+        """Create the temporary file and lock it; the lock ends with the process."""
         while True:
             descriptor = os.open(self.temporary, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
             try:
@@ -172,7 +169,7 @@ class OutputFile:
 
     @contextmanager
     def naming(self) -> Iterator[None]:
-        """Name the file in errors of the system that are about it."""
+        """Name the file in errors of the system that concern it."""
         try:
             yield
         except OSError as err:
@@ -208,14 +205,14 @@ class OutputFile:
 
 
 def _shortened(name: str) -> str:
-    """Return a name that leaves room for more characters."""
+    """Return a name short enough to append characters."""
     if len(os.fsencode(name)) <= MAX_NAME_BYTES:
         return name
     return f"{name[: MAX_NAME_BYTES // 8]}.{zlib.crc32(os.fsencode(name)):08x}"
 
 
 def lock(descriptor: int) -> None:
-    """Lock a file until it is closed; `BlockingIOError` where another program has locked it."""
+    """Lock a file until it is closed; `BlockingIOError` if another program has locked it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as err:
@@ -224,7 +221,7 @@ def lock(descriptor: int) -> None:
 
 
 def _is_still(descriptor: int, path: Path) -> bool:
-    """Return whether a name leads to an open file, and no other process has renamed or removed it."""
+    """Return whether a path still refers to an open file."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except FileNotFoundError:
@@ -232,7 +229,7 @@ def _is_still(descriptor: int, path: Path) -> bool:
 
 
 def _put_aside(partial: Path) -> None:
-    """Rename what an earlier run has left."""
+    """Rename the partial file of an earlier run."""
     for number in count(1):
         aside = partial.with_name(f"{partial.stem}.{number}{PARTIAL_SUFFIX}")
         if not aside.exists():
@@ -242,9 +239,9 @@ def _put_aside(partial: Path) -> None:
 
 @contextmanager
 def atomic_output(path: str | Path, *, visible: bool = False, kept: bool = False) -> Iterator[Path]:
-    """Give a temporary name to write to; rename it to `path` on success, remove it on any exception.
+    """Yield a temporary path; rename it to `path` on success, remove it on any exception.
 
-    What is to be kept has a name that shows, and stays there on an exception unless it is empty.
+    If `kept`, the temporary name is visible, and the file stays on an exception unless it is empty.
     """
     path = Path(path)
     if path.exists() and not path.is_file() and not path.is_dir():
@@ -276,7 +273,7 @@ def check_folder(path: str | Path) -> None:
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Give a temporary folder that is renamed to `path` on success and removed on any exception."""
+    """Yield a temporary folder; rename it to `path` on success, remove it on any exception."""
     target = Path(path)
     check_folder(target)
     temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.tmp")
@@ -295,7 +292,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 
 def same_file(a: str | Path, b: str | Path) -> bool:
-    """Return whether two names lead to one file, also through links."""
+    """Return whether two paths refer to one file, also through links."""
     try:
         return os.path.samefile(a, b)
     except OSError:

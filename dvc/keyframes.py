@@ -1,13 +1,12 @@
-"""Key pictures: H.264 pictures that other frames are predicted from (libx264 and FFmpeg's decoder).
+"""Key pictures: H.264 pictures, the references of all other frames (libx264 and FFmpeg's decoder).
 
-They are intra pictures, or each is predicted from those before it, in a closed loop: a chain, which begins
-with an IDR picture. A record leaves out the start codes, the parameter sets (kept once, in the header of the
-stream), the version message of x264, and the NAL unit header, which the type of the picture gives.
+They are intra pictures, or chains: an IDR picture, then pictures that are predicted from those before in a
+closed loop. A record leaves out the start codes, the parameter sets (stored once, in the header of the
+stream), the version message of x264, and the NAL unit header, which follows from the type of the picture.
 """
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple
@@ -41,9 +40,9 @@ _PROFILES = (100, 244)
 """High, and High 4:4:4 Predictive, which lossless pictures need."""
 
 MAX_REFERENCES: Final = 4
-"""Pictures that a decoder keeps to predict the next one."""
+"""Largest number of pictures that a decoder keeps to predict the next one."""
 INTRA_QP_OFFSET: Final = -3
-"""QP of IDR pictures over that of predicted ones, which rest on them. On the nine clips of the results -2
+"""QP of IDR pictures minus that of predicted ones, which depend on them. On the nine clips of the results -2
 costs the same within .6 % (`benchmarks.searches.settings dvc.keyframes.INTRA_QP_OFFSET=-2 --qp 28 36`)."""
 _X264_PARAMETERS = {
     "psy": 0,
@@ -70,12 +69,12 @@ _PREDICTED: dict[str, object] = {
     "subme": 6,
     "dct-decimate": 0,
 }
-"""On the front of rate and time that `benchmarks.searches.key_pictures` finds on box, cube, desk, river,
-stone and tree: the next slower ones save 2 % of these pictures for a third more time."""
+"""Settings on the front of rate and time that `benchmarks.searches.key_pictures` finds on box, cube, desk,
+river, stone and tree: the next slower ones save 2 % of these pictures for a third more time."""
 _RATE_FACTOR = 30
 CHROMA_QP_OFFSET = -2
-"""QP of chroma over that of luma: chroma of all frames between rests on it, where luma does not. With 0 each
-of the nine clips of the results but cube, which is grey, takes 1.3 to 8.4 % more at equal PSNR in colour
+"""QP of chroma minus that of luma: chroma of all frames between depends on it, unlike luma. With 0 each of
+the nine clips of the results except cube, which is grey, takes 1.3 to 8.4 % more at equal PSNR in colour
 (`benchmarks.searches.settings dvc.keyframes.CHROMA_QP_OFFSET=0 --colour --qp 28 36 --frames 33`)."""
 # Nothing may be concealed: any syntax error ends the decoding of the picture.
 _DECODER_OPTIONS = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}
@@ -88,12 +87,12 @@ Qp = int | Literal["lossless"]
 class KeyPicture(NamedTuple):
     """One coded key picture."""
 
-    data: bytes  # its slice, without the header of the NAL unit
-    predicted: bool  # from earlier pictures; else it is an IDR picture
+    data: bytes  # slice without the header of the NAL unit
+    predicted: bool  # from earlier pictures; otherwise an IDR picture
 
 
 class KeyFrameEncoder:
-    """Code key pictures, one in and one out, each at a quality of its own if it is to."""
+    """Codes key pictures, one in and one out, at the usual quality or at one per picture."""
 
     def __init__(
         self,
@@ -119,7 +118,7 @@ class KeyFrameEncoder:
         self._count = 0
         units = _nal_units(self._context.extradata or b"")
         sps, pps = (next(u for u in units if u[0] == header) for header in (_SPS_HEADER, _PPS_HEADER))
-        self._parameter_sets = _join_parameter_sets(_without_vui(sps), pps)
+        self._parameter_sets = _join_parameter_sets(_without_vui(sps, size), pps)
 
     @property
     def parameter_sets(self) -> bytes:
@@ -150,9 +149,9 @@ class KeyFrameEncoder:
 
 
 class KeyFrameDecoder:
-    """Decode pictures of `KeyFrameEncoder`, each chain in its order; the result is the same everywhere.
+    """Decodes pictures of `KeyFrameEncoder`, each chain in order; the result is the same on all machines.
 
-    A picture that is damaged or missing costs its chain: what follows is refused up to the next IDR picture.
+    After a damaged or missing picture, the rest of its chain is refused.
     """
 
     def __init__(self, width: int, height: int, parameter_sets: bytes, *, luma_only: bool = False) -> None:
@@ -162,10 +161,10 @@ class KeyFrameDecoder:
         self._luma_only = luma_only
         sps, _ = _split_parameter_sets(parameter_sets)
         try:
-            self._frame_num_bits = _SequenceParameters.read(sps).check(self._coded_size).frame_num_bits
+            self._frame_num_bits, _ = _read_sps(sps, self._coded_size)
         except BitstreamError as err:
             raise BitstreamError(f"key frames: the parameter sets are damaged: {err}") from err
-        self._num_decoded: int | None = None  # frames of the chain so far; None before it or after damage
+        self._num_decoded: int | None = None  # decoded frames of the chain; None before it or after damage
         self._parameter_sets = parameter_sets
         self._open()
 
@@ -188,7 +187,7 @@ class KeyFrameDecoder:
         """Decode one picture, the next of its chain or, unless it is predicted, the first of another."""
         number, self._num_decoded = self._num_decoded if predicted else 0, None
         if number is None:
-            raise BitstreamError("key frame: the picture that it is predicted from is missing")
+            raise BitstreamError("key frame: its reference picture is missing")
         self._check_slice(data, predicted, number)
         if not predicted:
             self._open()
@@ -206,17 +205,17 @@ class KeyFrameDecoder:
         return _crop(frame_from_picture(picture), *self._size, self._luma_only)
 
     def _check_slice(self, data: bytes, predicted: bool, number: int) -> None:
-        """Refuse a slice that is not the whole of the picture that comes next in its chain."""
+        """Refuse a slice that is not the whole of the next picture of the chain."""
         reader = _SyntaxReader(data[:32])
         try:
             first_macroblock, slice_type, pps = (reader.unsigned() for _ in range(3))
             frame_num = reader.read_number(self._frame_num_bits)
         except BitstreamError as err:
-            raise BitstreamError("key frame: no slice") from err
+            raise BitstreamError("key frame: not a slice") from err
         if first_macroblock or pps or slice_type not in (*_I_SLICES, *(_P_SLICES if predicted else ())):
-            raise BitstreamError(f"key frame: a slice of type {slice_type} that is not of a key picture")
+            raise BitstreamError(f"key frame: a slice of type {slice_type}, which key pictures do not have")
         if frame_num != number % (1 << self._frame_num_bits):
-            raise BitstreamError("key frame: the picture that it is predicted from is missing")
+            raise BitstreamError("key frame: its reference picture is missing")
 
     def _decode_picture(self, unit: bytes) -> "av.VideoFrame":
         import av
@@ -290,7 +289,7 @@ def _qp_filter(width: int, height: int, pixel_format: str, offset: int) -> "av.f
 
 
 def _crop(frame: Frame, width: int, height: int, luma_only: bool) -> Frame:
-    """Cut off what `pad_frame` added; the inverse of it."""
+    """Crop a picture; inverse of `pad_frame`."""
     luma = frame.luma[:height, :width].copy()
     if luma_only:
         return Frame(luma)
@@ -318,18 +317,18 @@ def _split_parameter_sets(data: bytes) -> tuple[bytes, bytes]:
 
 
 def _decoder_configuration(parameter_sets: bytes) -> bytes:
-    """Write an AVC decoder configuration record: from then on NAL units have 4-byte lengths."""
+    """Write an AVC decoder configuration record: NAL units after it have 4-byte lengths."""
     sps, pps = _split_parameter_sets(parameter_sets)
     head = bytes([1]) + sps[1:4] + bytes([0xFF, 0xE1])
     return head + struct.pack(">H", len(sps)) + sps + b"\x01" + struct.pack(">H", len(pps)) + pps
 
 
-def _without_vui(sps: bytes) -> bytes:
+def _without_vui(sps: bytes, coded_size: tuple[int, int]) -> bytes:
     """Leave out the usability information (timing, aspect), which ends a sequence parameter set."""
-    bits = np.unpackbits(np.frombuffer(_unescaped(sps), np.uint8))
-    end = _SequenceParameters.read(sps).num_bits
-    plain = np.packbits(np.append(bits[:end], [0, 1])).tobytes()
-    # If the shorter form needs escaping again, the long one serves as well.
+    _, end = _read_sps(sps, coded_size)
+    bits = np.unpackbits(np.frombuffer(_unescaped(sps), np.uint8))[:end]
+    plain = np.packbits(np.append(bits, [0, 1])).tobytes()  # no VUI, stop bit
+    # If the shorter form requires escaping again, the long one is valid as well.
     return sps if any(bytes((0, 0, low)) in plain for low in range(4)) else plain
 
 
@@ -354,48 +353,31 @@ class _SyntaxReader(BitReader):
         return (1 << num_zeros) - 1 + self.read_number(num_zeros)
 
 
-@dataclass(frozen=True)
-class _SequenceParameters:
-    """Fields of a sequence parameter set ([H264] 7.3.2.1.1) up to `vui_parameters_present_flag`."""
+def _read_sps(sps: bytes, coded_size: tuple[int, int]) -> tuple[int, int]:
+    """Return the bits of `frame_num`, and the number of bits before `vui_parameters_present_flag`.
 
-    chroma_format: int
-    frame_num_bits: int
-    order_type: int
-    num_references: int
-    macroblocks: tuple[int, int]
-    plain: bool  # 8 bits, no scaling matrices, no gaps, frames only, no cropping
-    num_bits: int  # before the flag
-
-    @classmethod
-    def read(cls, sps: bytes) -> "_SequenceParameters":
-        """Read a parameter set of one of the High profiles."""
-        reader = _SyntaxReader(sps)
-        reader.read(8)
-        if (profile := reader.read_number(8)) not in _PROFILES:
-            raise BitstreamError(f"profile {profile}")
-        reader.read(16)  # constraints and level
-        reader.unsigned()  # seq_parameter_set_id
-        chroma_format = reader.unsigned()
-        depths = reader.unsigned(), reader.unsigned()
-        reader.read(1)  # qpprime_y_zero_transform_bypass_flag
-        scaled = reader.read_number(1)
-        frame_num_bits, order_type = reader.unsigned() + 4, reader.unsigned()
-        num_references = reader.unsigned()
-        gaps = reader.read_number(1)
-        macroblocks = reader.unsigned() + 1, reader.unsigned() + 1
-        frames_only, _, cropped = (reader.read_number(1) for _ in range(3))
-        plain = not any((*depths, scaled, gaps, cropped)) and bool(frames_only)
-        num_bits = 8 * len(_unescaped(sps)) - reader.num_left
-        return cls(chroma_format, frame_num_bits, order_type, num_references, macroblocks, plain, num_bits)
-
-    def check(self, coded_size: tuple[int, int]) -> "_SequenceParameters":
-        """Refuse what `KeyFrameEncoder` does not write; return the parameters."""
-        usual = self.plain and self.chroma_format in {0, 1} and self.order_type == 2
-        if not usual or self.frame_num_bits > 16:
-            raise BitstreamError("pictures of a kind that is not used here")
-        if self.num_references > MAX_REFERENCES:
-            raise BitstreamError(f"{self.num_references} references, at most {MAX_REFERENCES} are used")
-        width, height = (MACROBLOCK_PX * count for count in self.macroblocks)
-        if (width, height) != coded_size:
-            raise BitstreamError(f"pictures of {width}x{height} pixels, not {coded_size[0]}x{coded_size[1]}")
-        return self
+    Refuse a sequence parameter set ([H264] 7.3.2.1.1) that `KeyFrameEncoder` does not write.
+    """
+    reader = _SyntaxReader(sps)
+    reader.read(8)
+    if (profile := reader.read_number(8)) not in _PROFILES:
+        raise BitstreamError(f"profile {profile}")
+    reader.read(16)  # constraints and level
+    reader.unsigned()  # seq_parameter_set_id
+    chroma_format = reader.unsigned()
+    depths = reader.unsigned(), reader.unsigned()
+    reader.read(1)  # qpprime_y_zero_transform_bypass_flag
+    scaled = reader.read_number(1)
+    frame_num_bits, order_type = reader.unsigned() + 4, reader.unsigned()
+    num_references = reader.unsigned()
+    gaps = reader.read_number(1)
+    width, height = (MACROBLOCK_PX * (reader.unsigned() + 1) for _ in range(2))
+    frames_only, _, cropped = (reader.read_number(1) for _ in range(3))
+    unusual = any((*depths, scaled, gaps, cropped)) or not frames_only or chroma_format > 1
+    if unusual or order_type != 2 or frame_num_bits > 16:
+        raise BitstreamError("pictures of a kind that is not used here")
+    if num_references > MAX_REFERENCES:
+        raise BitstreamError(f"{num_references} references, at most {MAX_REFERENCES} are used")
+    if (width, height) != coded_size:
+        raise BitstreamError(f"pictures of {width}x{height} pixels, not {coded_size[0]}x{coded_size[1]}")
+    return frame_num_bits, 8 * len(_unescaped(sps)) - reader.num_left

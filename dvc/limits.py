@@ -14,21 +14,22 @@ MAX_TICKS_PER_SECOND = 10**6
 """Finest clock of time stamps."""
 
 MAX_FRAMES = 1_000_000
-"""Nine hours at 30 frames a second."""
+"""Largest number of frames of a file: nine hours at 30 frames a second."""
 MAX_MEMORY_MIB = 8192
-"""Pictures of 3840x2160 pixels, in one process."""
+"""Largest memory by default: enough for pictures of 3840x2160 pixels in one process."""
 MAX_PX_PER_BYTE = 8192
+"""Largest number of pixels per byte of a stream."""
 BYTES2_PER_PX = 1200
-"""The largest number of pixels per byte is the square of the bytes of the stream over this, and at most that.
+"""Divisor of the square of a stream's bytes, which limits its pixels per byte together with MAX_PX_PER_BYTE.
 
 Frames of 176x144 take a fifth of a second each, so that 600 bytes, which may be seven of them, are decoded in
 three seconds. Frames that move have 1 to 100 pixels a byte, identical ones at the coarsest quality 1,000 in
 1 kB, and those without any plane, which can be predicted from anything, have 5 bytes.
 """
 FREE_PX = 100_000
-"""Pixels that any stream may declare: decoding them takes little, and flat pictures hardly have a byte."""
+"""Pixels that any stream may declare: their decoding is quick, and flat pictures have hardly a byte."""
 DECODER_BYTES = 250 * 2**20
-"""Memory of a decoder with its process, for pictures of any size."""
+"""Memory of a decoder process before any picture."""
 DECODING_BYTES_PER_PX = 400
 """Memory for each pixel of a frame while it is decoded: planes, priors, geometry."""
 REFERENCE_BYTES_PER_PX = 6
@@ -37,7 +38,7 @@ REFERENCE_BYTES_PER_PX = 6
 
 @dataclass(frozen=True)
 class Limits:
-    """Most that a decoder spends; the number of frames goes by the size of the stream where none is given."""
+    """Resources of a decoder; by default the number of frames is limited by the size of the stream."""
 
     max_frames: int | None = None
     max_memory_mib: int = MAX_MEMORY_MIB
@@ -51,7 +52,7 @@ class Limits:
         _check_frames(num_frames, limit, f" of {video.width}x{video.height} in {num_bytes} bytes")
 
     def check_live_frames(self, num_frames: int) -> None:
-        """Refuse more frames of an encoder than allowed; by default it may never end."""
+        """Refuse more frames than allowed; by default a live encoder may never end."""
         _check_frames(num_frames, num_frames if self.max_frames is None else self.max_frames)
 
     def check_memory(self, video: "VideoConfig", num_waiting: int, jobs: int) -> None:

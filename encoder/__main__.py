@@ -11,8 +11,7 @@ from dvc.files import PARTIAL_SUFFIX
 from encoder import options
 
 if TYPE_CHECKING:
-    from dvc.video import VideoInfo
-    from dvc.video.sources import FrameStream
+    from dvc.video import VideoInfo, VideoReader
     from encoder.frame_queue import FrameQueue, PacedFrames
     from encoder.segments import InputFrames, Segment
     from encoder.session import EncoderSession, Progress
@@ -46,7 +45,7 @@ def _encode(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progress") -> None:
+def _run(reader: "VideoReader", arguments: argparse.Namespace, progress: "Progress") -> None:
     """Encode what comes from a reader, and report; what is live, or recorded as segments, may be stopped."""
     from dvc.memory import resident_bytes
     from encoder.frame_queue import PacedFrames
@@ -90,7 +89,7 @@ def _load_libraries() -> None:
     cv2.setNumThreads(1)
 
 
-def _pace(reader: "FrameStream", frames: "PacedFrames") -> dict[str, object]:
+def _pace(reader: "VideoReader", frames: "PacedFrames") -> dict[str, object]:
     """Say how far the encoder fell behind a live source, and the source behind its own clock."""
     lead_s = reader.clock.lead_s
     if frames.behind_s > MIN_REPORTED_LAG_S:

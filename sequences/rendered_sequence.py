@@ -8,16 +8,16 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from dvc.errors import ConfigError
-from dvc.files import Closing, atomic_folder, atomic_output, same_file
+from dvc.files import atomic_folder, atomic_output, same_file
 from dvc.picture_files import write_pfm
-from dvc.video import Frame, VideoInfo, create_video
+from dvc.video import VideoInfo, VideoReader, create_video
 from dvc.video.frames import check_size
 from sequences.rendered_scenes import scene
 from sequences.renderer import RenderedFrame, render_frame
 from sequences.scene_layouts import VIDEO_SCENES
 
 
-class RenderedSequence(Closing):
+class RenderedSequence(VideoReader):
     """Frames of a rendered scene, a `dvc.video.VideoReader`; the scene is built for the first frame.
 
     Parameters
@@ -72,33 +72,24 @@ class RenderedSequence(Closing):
         self.name, self.start, self.num_frames, self.seed, self.jobs = name, start, count, seed, jobs
         self.noise_sigma = noise_sigma
         notices = ("rendered, BT.601 limited range",)
-        self._info = VideoInfo(width, height, description.frame_rate, count, notices)
-        self._frames: Iterator[RenderedFrame] | None = None
-
-    @property
-    def info(self) -> VideoInfo:
-        """Size, frame rate and length."""
-        return self._info
+        info = VideoInfo(width, height, description.frame_rate, count, notices)
+        self._rendered = self._render()
+        super().__init__(info, (rendered.frame for rendered in self._rendered), lambda: None)
 
     def rendered(self) -> Iterator[RenderedFrame]:
         """Yield the frames not read yet with depth and camera; at most `jobs` are rendered at once."""
-        if self._frames is None:
-            self._frames = self._render()
-        return self._frames
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Yield the pictures not read yet."""
-        return (rendered.frame for rendered in self.rendered())
+        return self._rendered
 
     def close(self) -> None:
         """Stop rendering; a second call has no effect."""
-        self._frames = iter(())
+        super().close()
+        self._rendered = iter(())
 
     def _render(self) -> Iterator[RenderedFrame]:
         built = scene(self.name, self.seed)
 
         def make(index: int) -> RenderedFrame:
-            return render_frame(built, index, *self._info.size, noise_sigma=self.noise_sigma)
+            return render_frame(built, index, *self.info.size, noise_sigma=self.noise_sigma)
 
         indices = range(self.start, self.start + self.num_frames)
         if self.jobs == 1:

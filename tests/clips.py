@@ -1,7 +1,8 @@
 """Small synthetic videos whose motion is known exactly."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,12 @@ from dvc.contracts.side_information import moving_texture
 from dvc.video import Frame, create_video
 from dvc.video.frames import Plane
 
-__all__ = ["moving_texture", "odd_frames", "same_frame", "write_clip"]
+__all__ = ["moving_texture", "odd_frames", "same_frame", "same_frames", "write_clip"]
 
 
-def write_clip(path: Path, frames: Sequence[Frame]) -> Path:
-    """Write frames as a video of 25 frames per second."""
-    with create_video(path, (frames[0].width, frames[0].height), Fraction(25)) as writer:
+def write_clip(path: Path, frames: Sequence[Frame], rate: Fraction | int = 25, **options: bool) -> Path:
+    """Write frames as a video, with options of `create_video`."""
+    with create_video(path, (frames[0].width, frames[0].height), rate, **options) as writer:
         for frame in frames:
             writer.write(frame)
     return path
@@ -37,8 +38,13 @@ def odd_frames() -> dict[str, Plane]:
 
 
 def same_frame(a: Frame, b: Frame) -> bool:
-    """Tell whether two pictures are equal sample for sample; grey never equals colour."""
+    """Return whether two pictures are equal sample for sample; grey never equals colour."""
     if (a.chroma is None) != (b.chroma is None):
         return False
     pairs = zip((a.luma, *(a.chroma or ())), (b.luma, *(b.chroma or ())), strict=True)
     return all(np.array_equal(x, y) for x, y in pairs)
+
+
+def same_frames(a: Iterable[Frame], b: Iterable[Frame]) -> bool:
+    """Return whether two sequences have the same pictures."""
+    return all(x and y and same_frame(x, y) for x, y in zip_longest(a, b))

@@ -5,8 +5,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
@@ -35,22 +35,27 @@ def test_file_appears_only_after_success(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["out.bin"]
 
 
-@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit])
-def test_failure_leaves_nothing(tmp_path: Path, error: type[BaseException]) -> None:
-    """An exception of any kind removes the temporary file and passes through."""
+def fail_in(output: AbstractContextManager[Path | SyncedFile], error: type[BaseException]) -> None:
+    """Expect an exception to pass through after half of a file was written."""
 
     def write_half() -> None:
-        with atomic_output(tmp_path / "out.bin") as temporary:
-            temporary.write_bytes(b"half")
+        with output as target:
+            (target.write_bytes if isinstance(target, Path) else target.write)(b"half")
             raise error
 
     with pytest.raises(error):
         write_half()
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit])
+def test_failure_leaves_nothing(tmp_path: Path, error: type[BaseException]) -> None:
+    """An exception of any kind removes the temporary file and passes through."""
+    fail_in(atomic_output(tmp_path / "out.bin"), error)
     assert os.listdir(tmp_path) == []
 
 
 def test_visible_output_shows_while_it_is_written(tmp_path: Path) -> None:
-    """What a killed process leaves has a name that shows and says of what it is a part."""
+    """The remains of a killed process have a visible name after that of the file."""
     with atomic_output(tmp_path / "out.dvc", visible=True) as temporary:
         assert temporary == tmp_path / "out.dvc.part"
     assert os.listdir(tmp_path) == ["out.dvc"]
@@ -82,7 +87,7 @@ def another_writer(*arguments: object) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.mark.parametrize("visible", [(), ("visible",)])
 def test_termination_leaves_nothing(tmp_path: Path, visible: tuple[str, ...]) -> None:
-    """SIGTERM removes what is being written, and has a line and a status of its own."""
+    """SIGTERM removes the unfinished file, and has its own line and status."""
     with another_writer(tmp_path / "out.bin", *visible) as process:
         assert len(os.listdir(tmp_path)) == 1
         process.send_signal(signal.SIGTERM)
@@ -93,7 +98,7 @@ def test_termination_leaves_nothing(tmp_path: Path, visible: tuple[str, ...]) ->
 
 @pytest.mark.parametrize("visible", [False, True])
 def test_second_writer_is_refused(tmp_path: Path, visible: bool) -> None:
-    """While somebody writes a file nobody else does, and the first goes on undisturbed."""
+    """A file has one writer at a time; the first continues undisturbed."""
     target = tmp_path / "out.bin"
 
     def write() -> None:
@@ -109,8 +114,8 @@ def test_second_writer_is_refused(tmp_path: Path, visible: bool) -> None:
     assert target.read_bytes() == b"second"
 
 
-def test_dead_writers_are_in_nobodys_way(tmp_path: Path) -> None:
-    """What a kill leaves is hidden and written over, or shows and is kept under a name of its own."""
+def test_dead_writers_block_no_other(tmp_path: Path) -> None:
+    """Remains of a killed writer are hidden and overwritten, or visible and renamed."""
     target = tmp_path / "out.bin"
     for visible in ((), ("visible",), ("visible",)):
         with another_writer(target, *visible) as process:
@@ -152,14 +157,7 @@ def test_growing_file_is_renamed_when_it_is_finished(tmp_path: Path) -> None:
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, OSError])
 def test_failure_leaves_what_was_written(tmp_path: Path, error: type[BaseException]) -> None:
     """An exception of any kind passes through, and the partial file stays."""
-
-    def write_half() -> None:
-        with growing_output(tmp_path / "out.bin") as file:
-            file.write(b"half")
-            raise error
-
-    with pytest.raises(error):
-        write_half()
+    fail_in(growing_output(tmp_path / "out.bin"), error)
     assert os.listdir(tmp_path) == ["out.bin.part"]
     assert (tmp_path / "out.bin.part").read_bytes() == b"half"
 
@@ -167,14 +165,9 @@ def test_failure_leaves_what_was_written(tmp_path: Path, error: type[BaseExcepti
 @pytest.mark.parametrize("name", ["out.bin", "out.bin.part"])
 def test_growing_file_replaces_nothing(tmp_path: Path, name: str) -> None:
     """A file that has one of the names stays as it was."""
-
-    def write() -> None:
-        with growing_output(tmp_path / "out.bin") as file:
-            file.write(b"new")
-
     (tmp_path / name).write_bytes(b"old")
-    with pytest.raises(DvcError, match="exists"):
-        write()
+    with pytest.raises(DvcError, match="exists"), growing_output(tmp_path / "out.bin") as file:
+        file.write(b"new")
     assert (tmp_path / name).read_bytes() == b"old"
 
 
@@ -188,7 +181,7 @@ def test_synced_writes_to_what_cannot_be_synced() -> None:
 def test_synced_waits_for_the_disk_where_it_shall(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waits: bool
 ) -> None:
-    """What was written shows in any case."""
+    """The file has the data in both cases."""
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", synced.append)
     with SyncedFile(tmp_path / "out.bin", waits=waits) as file:
@@ -197,28 +190,21 @@ def test_synced_waits_for_the_disk_where_it_shall(
         assert len(synced) == waits
 
 
-def test_full_disk_is_one_clear_error(tmp_path: Path) -> None:
-    """A full disk names the target, not the temporary file."""
-    message = r"^cannot write .*out\.bin: No space left on device$"
-    with pytest.raises(DvcError, match=message), atomic_output(tmp_path / "out.bin"):
+@pytest.mark.parametrize("output", [atomic_output, atomic_folder])
+def test_full_disk_is_one_clear_error(
+    tmp_path: Path, output: Callable[[Path], AbstractContextManager[Path]]
+) -> None:
+    """A full disk names the target, not the temporary file; an error about another file keeps its type."""
+    message = r"^cannot write .*/out: No space left on device$"
+    with pytest.raises(DvcError, match=message), output(tmp_path / "out"):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    message = message.replace(r"out\.bin", "folder")
-    with pytest.raises(DvcError, match=message), atomic_folder(tmp_path / "folder"):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    assert os.listdir(tmp_path) == []
-
-
-def test_foreign_system_errors_pass_through(tmp_path: Path) -> None:
-    """An error about another file keeps its type."""
-    with pytest.raises(FileNotFoundError), atomic_output(tmp_path / "out.bin"):
-        (tmp_path / "absent").read_bytes()
-    with pytest.raises(FileNotFoundError), atomic_folder(tmp_path / "folder"):
+    with pytest.raises(FileNotFoundError), output(tmp_path / "out"):
         (tmp_path / "absent").read_bytes()
     assert os.listdir(tmp_path) == []
 
 
 def test_missing_folder_and_folder_as_target_are_refused(tmp_path: Path) -> None:
-    """Neither a folder nor a name in a folder that does not exist can be written."""
+    """A folder, and a file in a missing folder, cannot be written."""
     with pytest.raises(DvcError, match="does not exist"), atomic_output(tmp_path / "absent" / "x"):
         pass
     with pytest.raises(DvcError, match="is a folder"), atomic_output(tmp_path):
@@ -251,7 +237,7 @@ def test_device_is_written_to_directly() -> None:
 
 
 def test_same_file_sees_through_names(tmp_path: Path) -> None:
-    """Links and detours lead to the same file, also where it does not exist yet."""
+    """Links and detours lead to the same file, also if it does not exist yet."""
     real = tmp_path / "real"
     real.touch()
     (tmp_path / "link").symlink_to(real)
@@ -264,39 +250,31 @@ def test_same_file_sees_through_names(tmp_path: Path) -> None:
 
 
 def test_folders_appear_whole(tmp_path: Path) -> None:
-    """A folder in use is refused, an empty one taken; after an exception nothing is left."""
+    """A folder in use is refused, before any work as well; after an exception nothing is left."""
     (tmp_path / "used").mkdir()
-    (tmp_path / "used" / "x").touch()
-    with pytest.raises(DvcError, match="empty"), atomic_folder(tmp_path / "used"):
-        pass
-    with pytest.raises(DvcError, match="cannot write"), atomic_folder(tmp_path / "none" / "here"):
-        pass
+    (tmp_path / "used" / "file").touch()
     (tmp_path / "empty").mkdir()
-    with atomic_folder(tmp_path / "empty") as folder:
-        (folder / "y").touch()
-    assert (tmp_path / "empty" / "y").exists()
+    for name, message in (
+        ("used", "not an empty folder"),
+        ("used/file", "not an empty folder"),
+        ("none/here", "does not exist"),
+    ):
+        for use in (check_folder, lambda path: atomic_folder(path).__enter__()):
+            with pytest.raises(DvcError, match=f"cannot write .*{message}"):
+                use(tmp_path / name)
+    for name in ("empty", "new"):
+        check_folder(tmp_path / name)
+        with atomic_folder(tmp_path / name) as folder:
+            (folder / "y").touch()
+        assert (tmp_path / name / "y").exists()
     with pytest.raises(KeyError), atomic_folder(tmp_path / "failed"):
         raise KeyError
     assert not list(tmp_path.glob("*failed*"))
 
 
-def test_folder_is_refused_before_any_work(tmp_path: Path) -> None:
-    """What `atomic_folder` would refuse is known without it; an empty folder and a new name are taken."""
-    (tmp_path / "used").mkdir()
-    (tmp_path / "used" / "file").touch()
-    (tmp_path / "empty").mkdir()
-    for name in ("used", "used/file"):
-        with pytest.raises(DvcError, match="not an empty folder"):
-            check_folder(tmp_path / name)
-    with pytest.raises(DvcError, match="does not exist"):
-        check_folder(tmp_path / "none" / "here")
-    check_folder(tmp_path / "empty")
-    check_folder(tmp_path / "new")
-
-
 @pytest.mark.parametrize("name", [".", "", "..", "/", "empty/.."])
 def test_folder_without_a_name_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Where one is, even if that is empty, no folder can be put in its place."""
+    """No folder can replace the current or a parent folder, even if that is empty."""
     (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path / "empty")
     with pytest.raises(DvcError, match="it has no name"):
@@ -304,7 +282,7 @@ def test_folder_without_a_name_is_refused(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_what_never_ends_is_not_read_whole(tmp_path: Path) -> None:
-    """A file is read whole, a pipe as far as it goes, and a device that goes on for ever is refused."""
+    """A file is read whole, a pipe to its end, and an endless device is refused."""
     path = tmp_path / "some"
     path.write_bytes(b"content")
     assert read_whole(path) == b"content"

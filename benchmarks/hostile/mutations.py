@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from dvc.bits import decode_varint, encode_varint
-from dvc.config import MAX_AREA_PX, MAX_GOP_LENGTH, MAX_POINTS
+from dvc.config import MAX_GOP_LENGTH, MAX_POINTS
+from dvc.config.sections import MAX_AREA_PX
 from dvc.feedback.messages import TYPES
 from dvc.limits import MAX_SIDE_PX
 from dvc.stream import RecordType, StreamReader, StreamWriter

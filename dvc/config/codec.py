@@ -1,21 +1,25 @@
 # ruff: noqa: RUF009 -- sections are frozen, so that they may be shared
-"""The whole configuration of the codec: what an encoder writes into a stream for any decoder to go by.
+"""The whole configuration of the codec, as an encoder writes it into a stream.
 
-It travels as JSON-safe dictionaries (`CodecConfig.to_dict`, `CodecConfig.from_dict`) in results, and as bytes
-(`dvc.config.header`) in streams.
+Results hold it as JSON-safe dictionaries (`CodecConfig.to_dict`, `CodecConfig.from_dict`), streams as bytes
+(`encode_config`, `decode_config`): MessagePack arrays of the values that differ from the defaults.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from dvc.config.coders import CascadeConfig, CoderConfig
-from dvc.config.fields import Section, check_choice, check_range, shown
+import msgspec
+
+from dvc.config.fields import Section, check_choice, check_range, field_types, is_section, shown
 from dvc.config.sections import (
+    DEFAULT_CODER,
     DEFAULT_QP,
     DISCOVER_LEVELS,
     MAX_QP,
     ZIGZAG,
+    CascadeConfig,
+    CoderConfig,
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
@@ -23,28 +27,28 @@ from dvc.config.sections import (
     TracksConfig,
     VideoConfig,
     WynerZivConfig,
+    coder_type,
 )
 from dvc.config.variants import DEFAULT_CODEC, VARIANTS, CodecVariant, variant_of
-from dvc.errors import ConfigError
+from dvc.errors import BitstreamError, ConfigError
 
 
 @dataclass(frozen=True)
 class ParityBuffer:
-    """A file with all planes, from which a decoder takes the bits that it needs."""
+    """A file with all planes; a decoder takes the bits that it needs."""
 
 
 @dataclass(frozen=True)
 class Live:
-    """A feedback channel, over which a decoder requests the bits that it needs."""
+    """A feedback channel; a decoder requests the bits that it needs."""
 
 
 @dataclass(frozen=True)
 class NoFeedback:
-    """No feedback channel: nothing is sent for Wyner-Ziv frames, and there are fewer of them."""
+    """No feedback channel: nothing is sent for Wyner-Ziv frames, and groups have fewer of them."""
 
 
 Delivery = ParityBuffer | Live | NoFeedback
-"""One of the three."""
 
 
 _KEY_QP = (40, 39, 38, 34, 34, 32, 29, 25)  # for Q1 to Q8: the published choice for the foreman sequence
@@ -57,7 +61,7 @@ class Qp:
     Attributes
     ----------
     qp : int
-        From 1 to `MAX_QP`; that of the key frames.
+        Quantisation parameter of the key frames, from 1 to `MAX_QP`.
     """
 
     qp: int = DEFAULT_QP
@@ -134,7 +138,7 @@ class CodecConfig(Section):
     tracks : TracksConfig
         Points that are sent.
     seed : int
-        Of everything random.
+        Seed of all random numbers.
     """
 
     video: VideoConfig
@@ -170,8 +174,8 @@ def codec_config(
     quality : Qp or DiscoverMatrix, optional
         `Qp()` by default.
     **overrides
-        By names of sections, sections that take the place of the default ones, or tables of the fields that
-        differ from these; and the seed.
+        Sections by name that replace the default ones, or tables of the fields that differ from these; also
+        the seed.
 
     Returns
     -------
@@ -197,16 +201,97 @@ def codec_config(
         "tracks": variant.tracks,
         "seed": 0,
     }
-    for name, given in overrides.items():
-        sections[name] = replace(sections[name], **given) if isinstance(given, Mapping) else given
+    for name, override in overrides.items():
+        sections[name] = replace(sections[name], **override) if isinstance(override, Mapping) else override
     return CodecConfig(video, codec, **sections)
 
 
 def _gop_config(variant: CodecVariant, key: KeyFrameConfig, overrides: Mapping[str, Any]) -> GopConfig:
-    """Return the groups of pictures that suit a variant, with references and key frames that are given."""
-    gop, given = overrides.get("gop"), overrides.get("key")
+    """Return the default groups of pictures for a variant and overrides of its references and key frames."""
+    gop, key_override = overrides.get("gop"), overrides.get("key")
     references = str(gop.get("references", variant.references)) if isinstance(gop, Mapping) else None
-    if isinstance(given, KeyFrameConfig):
-        key = given
-    period = given.get("intra_period", key.intra_period) if isinstance(given, Mapping) else key.intra_period
+    period = key.intra_period
+    if isinstance(key_override, KeyFrameConfig):
+        period = key_override.intra_period
+    elif isinstance(key_override, Mapping):
+        period = key_override.get("intra_period", period)
     return GopConfig(variant.groups(references, period).length, references or variant.references)
+
+
+def encode_config(config: CodecConfig) -> bytes:
+    """Write a configuration for a stream header; inverse of `decode_config`.
+
+    A section is an array of its values in the order of its dataclass, that of the coder after its name. Nil
+    denotes a default, and a section of defaults; arrays do not end in nil. A configuration
+    has exactly one such form, which `docs/bitstream.md` states.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        The configuration.
+
+    Returns
+    -------
+    bytes
+        About 10 bytes, and the values that differ from the defaults.
+    """
+    return msgspec.msgpack.encode(_values(config))
+
+
+def _values(section: Section) -> list[Any] | None:
+    """Return the values of a section's fields, `None` for defaults; `None` for a section of defaults."""
+    values: list[Any] = []
+    if isinstance(section, CoderConfig):
+        values.append(None if section.name == DEFAULT_CODER else section.name)
+    for field in fields(section):
+        value = getattr(section, field.name)
+        values.append(
+            _values(value) if isinstance(value, Section) else None if value == field.default else value
+        )
+    while values and values[-1] is None:
+        values.pop()
+    return values or None
+
+
+def decode_config(data: bytes) -> CodecConfig:
+    """Read a configuration from a stream header; inverse of `encode_config`.
+
+    Parameters
+    ----------
+    data : bytes
+        As `encode_config` returns it.
+
+    Returns
+    -------
+    CodecConfig
+        The configuration.
+
+    Raises
+    ------
+    BitstreamError
+        If the bytes are damaged, of a newer program, or hold values that make no sense.
+    """
+    try:
+        values = msgspec.msgpack.decode(data)
+        config = CodecConfig.from_dict(_table(CodecConfig, values, "configuration"))
+    except (ConfigError, msgspec.DecodeError, TypeError, UnicodeDecodeError, RecursionError) as err:
+        raise BitstreamError(f"configuration: {err}") from err
+    if encode_config(config) != data:
+        raise BitstreamError("configuration: not in its one form")
+    return config
+
+
+def _table(section: type[Section], values: Any, name: str) -> dict[str, Any]:
+    """Return the fields of a section that are not left out, for `Section.from_dict`."""
+    if not isinstance(values, list):
+        raise ConfigError(f"`{name}` must be an array, got {shown(values)}")
+    types = field_types(section)
+    if section is CoderConfig:
+        types = {"name": str, **field_types(coder_type((values or [None])[0] or DEFAULT_CODER))}
+    if len(values) > len(types):
+        raise ConfigError(f"`{name}` has {len(values)} values, {len(types)} known: made by a newer program?")
+    return {
+        field: _table(hint, value, field) if is_section(hint) else value
+        for (field, hint), value in zip(types.items(), values, strict=False)
+        if value is not None
+    }

@@ -1,13 +1,12 @@
 """Common part of all sections of a configuration: checked fields, and a form for JSON."""
 
-import base64
-import binascii
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import MISSING, fields
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import MISSING, dataclass, fields
 from functools import cache
-from types import MappingProxyType
 from typing import Any, Self, TypeGuard, get_type_hints
+
+import msgspec
 
 from dvc.errors import ConfigError
 from dvc.extensions import Registry
@@ -35,40 +34,35 @@ def check_choice(name: str, value: str, choices: Collection[str]) -> None:
         raise ConfigError(f"`{name}` must be one of {', '.join(choices)}, got {shown(value)}")
 
 
-def type_hints_of(section: Any) -> Mapping[str, Any]:
-    """Return the types of a section's fields."""
-    return _type_hints(section)
+field_types: Callable[[Any], Mapping[str, Any]] = cache(get_type_hints)
+"""Types of a section's fields by name."""
 
 
-@cache
-def _type_hints(section: Any) -> Mapping[str, Any]:
-    return MappingProxyType(get_type_hints(section))
+def is_section(hint: Any) -> "TypeGuard[type[Section]]":
+    """Return whether the type of a field is a section."""
+    return isinstance(hint, type) and issubclass(hint, Section)
 
 
-def _check_type(name: str, value: object, hint: Any) -> None:
-    if hint == tuple[int, ...]:
-        good = isinstance(value, tuple) and all(type(item) is int for item in value)
-        expected = "a sequence of integers"
-    elif hint is float:
-        good = type(value) is float and math.isfinite(value)
-        expected = "a finite number"
-    else:
-        good = isinstance(value, hint) if is_section(hint) else type(value) is hint
-        expected = f"of type {hint.__name__}"
-    if not good:
-        raise ConfigError(f"`{name}` must be {expected}, got {shown(value)}")
+def _converted(name: str, value: Any, hint: Any) -> Any:
+    """Return a value of the type of a field, made from its JSON form if need be."""
+    if is_section(hint):
+        return value if isinstance(value, hint) else hint.from_dict(value, name)
+    try:
+        result = msgspec.convert(value, hint)
+    except (msgspec.ValidationError, OverflowError) as err:
+        raise ConfigError(f"`{name}` is {shown(value)}: {err}") from err
+    if isinstance(result, float) and not math.isfinite(result):
+        raise ConfigError(f"`{name}` must be a finite number, got {shown(value)}")
+    return result
 
 
+@dataclass(frozen=True)
 class Section:
-    """Check the type of every field, then the conditions of the section."""
+    """Part of a configuration: each field has its type, and the values pass the checks of the section."""
 
     def __post_init__(self) -> None:
-        for name, hint in type_hints_of(type(self)).items():
-            value = getattr(self, name)
-            if hint is float and type(value) is int and abs(value) < 2**53:
-                value = float(value)
-                object.__setattr__(self, name, value)
-            _check_type(name, value, hint)
+        for name, hint in field_types(type(self)).items():
+            object.__setattr__(self, name, _converted(name, getattr(self, name), hint))
         self._check_values()
 
     def _check_values(self) -> None:
@@ -76,59 +70,24 @@ class Section:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the section as JSON-safe values; inverse of `from_dict`."""
-        return {name: _to_json(getattr(self, name)) for name in type_hints_of(type(self))}
+        return {name: _to_json(getattr(self, name)) for name in field_types(type(self))}
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Rebuild the section from JSON-safe values; fields that are left out take their defaults."""
-        return cls.build(values, "configuration")
-
-    @classmethod
-    def build(cls, values: Any, name: str) -> Self:
-        """Build the section from a dictionary of JSON values or of the fields themselves."""
-        built = _build(cls, values, name)
-        assert isinstance(built, cls)
-        return built
-
-
-def is_section(hint: Any) -> TypeGuard[type[Section]]:
-    """Return whether the type of a field is a section."""
-    return isinstance(hint, type) and issubclass(hint, Section)
+    def from_dict(cls, values: Any, name: str = "configuration") -> Self:
+        """Build the section from a table of fields; those that are left out take their defaults."""
+        if not isinstance(values, dict):
+            raise ConfigError(f"`{name}` must be a table of fields, got {shown(values)}")
+        defaults = {field.name: field.default for field in fields(cls)}
+        for key in values:
+            if key not in defaults:
+                raise ConfigError(f"`{name}` has no field {shown(key)}; fields are {', '.join(defaults)}")
+        for key, default in defaults.items():
+            if default is MISSING and key not in values:
+                raise ConfigError(f"`{name}` lacks the field `{key}`")
+        return cls(**values)
 
 
 def _to_json(value: Any) -> Any:
     if isinstance(value, Section):
         return value.to_dict()
-    if isinstance(value, bytes):
-        return base64.b64encode(value).decode("ascii")
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _from_json(name: str, value: Any, hint: Any) -> Any:
-    if hint is bytes and isinstance(value, str):
-        try:
-            return base64.b64decode(value, validate=True)
-        except (binascii.Error, ValueError) as err:
-            raise ConfigError(f"`{name}` must be base64, got {shown(value)}") from err
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _build(section: Any, values: Any, name: str) -> Any:
-    """Build a section from a dictionary of JSON values or of the fields themselves."""
-    if not isinstance(values, dict):
-        raise ConfigError(f"`{name}` must be a table of fields, got {shown(values)}")
-    hints = type_hints_of(section)
-    unknown = [key for key in values if key not in hints]
-    if unknown:
-        raise ConfigError(f"`{name}` has no field {shown(unknown[0])}; fields are {', '.join(hints)}")
-    arguments: dict[str, Any] = {}
-    for field in fields(section):
-        if field.name not in values:
-            if field.default is MISSING:
-                raise ConfigError(f"`{name}` lacks the field `{field.name}`")
-            continue
-        hint, value = hints[field.name], values[field.name]
-        arguments[field.name] = (
-            hint.build(value, field.name) if is_section(hint) else _from_json(field.name, value, hint)
-        )
-    return section(**arguments)
+    return list(value) if isinstance(value, tuple) else msgspec.to_builtins(value)

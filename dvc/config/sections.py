@@ -3,10 +3,13 @@
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
+from typing import Any, Self
 
 from dvc import extensions
 from dvc.config.fields import Section, check_choice, check_range, shown
 from dvc.errors import ConfigError
+from dvc.extensions import PLANE_CODERS, Registry
 from dvc.limits import MAX_SIDE_PX
 
 REFERENCES = ("keys", "hierarchical", "all")
@@ -26,18 +29,19 @@ MAX_PARAMETER_SETS_BYTES = 1024
 MAX_QP = 51
 DEFAULT_QP = 30
 LAMBDA_PER_KEY_LAMBDA = 6.0
-"""Lagrange multiplier of frames that predict no other over that of key frames: 4 and 9 change the rate at
-equal PSNR by -.3 and +1.2 %, and requests by +44 and -32 %. By `benchmarks.searches.settings --qp 28 36
---frames 33 dvc.config.sections.LAMBDA_PER_KEY_LAMBDA=9 --clips box desk river stone street tree`."""
+"""Lagrange multiplier of frames that predict no other, relative to that of key frames: 4 and 9 change the
+rate at equal PSNR by -.3 and +1.2 %, and requests by +44 and -32 %. By `benchmarks.searches.settings --qp 28
+36 --frames 33 dvc.config.sections.LAMBDA_PER_KEY_LAMBDA=9 --clips box desk river stone street tree`."""
 INTRA_PERIOD = 96
 """Largest number of frames from one IDR picture to the next: decoding can start every three seconds."""
 LAMBDA_PERCENT = (100, 60, 40, 30, 30)
-"""Percentage of that for frames with references up to 2, 4, 8, ... frames apart, which predict more frames;
-the last also beyond."""
+"""Percentage of that multiplier for frames with references up to 2, 4, 8, ... frames apart, which predict
+more frames; the last also beyond."""
 STEP_PER_ROOT_LAMBDA = 3.0
-"""Finest step: that of a fine uniform quantiser, in which a bit saves 2 ln 2 / 12 squared steps."""
+"""Finest step over the root of the multiplier: a bit of a fine uniform quantiser saves 2 ln 2 / 12 squared
+steps."""
 MAX_BAND_PLANES = 12
-"""Most bit planes of a band of an embedded quantiser: steps of 1 over the range of all coefficients."""
+"""Largest number of bit planes of an embedded quantiser: steps of 1 over the range of all coefficients."""
 
 ZIGZAG = (0, 1, 4, 8, 5, 2, 3, 6, 9, 12, 13, 10, 7, 11, 14, 15)
 """Raster position in the 4x4 block of each band, in zigzag order."""
@@ -57,13 +61,13 @@ DISCOVER_LEVELS = (
 
 @dataclass(frozen=True)
 class VideoConfig(Section):
-    """Format of the frames that are coded."""
+    """Format of the coded frames."""
 
     width: int  # in pixels
     height: int  # in pixels
     frame_rate_num: int  # frames per second, as a fraction
     frame_rate_den: int
-    luma_only: bool = False  # no chroma is coded
+    luma_only: bool = False  # whether chroma is left out
 
     def _check_values(self) -> None:
         check_range("width", self.width, 1, MAX_SIDE_PX)
@@ -90,9 +94,9 @@ class VideoConfig(Section):
 class GopConfig(Section):
     """Groups of pictures."""
 
-    length: int = 8  # frames of a group, or the most of them; 1: key frames only
-    # What frames are predicted from: the key frames; also the middle frame, decoded first, and so on; or
-    # every frame of the group that has been decoded, in the same order.
+    length: int = 8  # largest number of frames of a group; 1: key frames only
+    # Reference frames: the key frames; also the middle frame, decoded first, and so on; or all decoded frames
+    # of the group, in the same order.
     references: str = "hierarchical"
 
     def _check_values(self) -> None:
@@ -104,9 +108,9 @@ class GopConfig(Section):
 class KeyFrameConfig(Section):
     """H.264 coding of the key frames."""
 
-    qp: int = DEFAULT_QP  # quantisation parameter; that of predicted key frames, if any
+    qp: int = DEFAULT_QP  # quantisation parameter, of predicted key frames if any
     lossless: bool = False  # code the samples exactly; `qp` plays no part
-    intra_period: int = INTRA_PERIOD  # most frames from one IDR picture to the next; 0: all are such
+    intra_period: int = INTRA_PERIOD  # largest distance of IDR pictures; 0: all key frames are such
     parameter_sets: bytes = b""  # parameter sets that the H.264 decoder needs before the first key frame
 
     @property
@@ -147,15 +151,14 @@ class WynerZivConfig(Section):
     """Quantisation of the Wyner-Ziv frames and decoding of their bands."""
 
     # Levels that share the range of each band in its frame, as in the DISCOVER codec, in zigzag order; none:
-    # embedded quantisers; the frame states their step.
+    # embedded quantisers with steps that the frame states.
     levels: tuple[int, ...] = ()
-    noise_model: str = "local"  # how the scale of the correlation noise follows from the references
-    qp: int = DEFAULT_QP  # quality on H.264's scale, which determines the steps of embedded quantisers
-    # Priors of bits: by the correlation noise; or corrected by decoded bits and neighbours in
-    # the frame and in earlier frames that are not decoded in parallel.
+    noise_model: str = "local"  # model of the scale of the correlation noise
+    qp: int = DEFAULT_QP  # quality on H.264's scale: sets the steps of embedded quantisers
+    # Priors of bits: by the correlation noise, or corrected by decoded bits and neighbours in the frame and
+    # in earlier frames that are not decoded in parallel.
     priors: str = "learned"
-    # Whether each group states a limit of requests for its frames, for a bitrate.
-    limited: bool = False
+    limited: bool = False  # whether each group states a limit of requests for its frames, for a bitrate
 
     def _check_values(self) -> None:
         if self.levels and len(self.levels) != NUM_BANDS:
@@ -169,7 +172,7 @@ class WynerZivConfig(Section):
         check_choice("priors", self.priors, PRIORS)
         check_range("qp", self.qp, 1, MAX_QP)
         if self.limited and self.levels:
-            raise ConfigError("`limited` requires embedded quantisers, whose last planes can be left out")
+            raise ConfigError("`limited` requires embedded quantisers: their last planes can be left out")
 
     @property
     def embedded(self) -> bool:
@@ -178,7 +181,7 @@ class WynerZivConfig(Section):
 
     @property
     def max_planes(self) -> tuple[int, ...]:
-        """Most bit planes of each band; 0 for one that is not sent."""
+        """Largest number of bit planes of each band; 0 for one that is not sent."""
         if self.embedded:
             return (MAX_BAND_PLANES,) * NUM_BANDS
         return tuple(max(number.bit_length() - 1, 0) for number in self.levels)
@@ -189,7 +192,7 @@ class WynerZivConfig(Section):
         Parameters
         ----------
         distance : int
-            Frames from one to the other of the references around it, at least 2.
+            Number of frames between the references around it, at least 2.
 
         Returns
         -------
@@ -205,10 +208,10 @@ class WynerZivConfig(Section):
 class SideInformationConfig(Section):
     """Prediction of the Wyner-Ziv frames at the decoder."""
 
-    method: str = "depth"  # name of the method, among those of the decoder
+    method: str = "depth"  # name of a method of the decoder
     track_corrections: bool = True  # correct rendered positions by neighbouring tracks that agree
-    # Prediction next to a model of the scene, or without one, if points are sent: block motion
-    # after that of the whole frame; or references that are warped by the points, pixel by pixel.
+    # Prediction next to or without a model of the scene, if points are sent: block motion after that of the
+    # whole frame, or references that are warped by the points, pixel by pixel.
     fallback: str = "tracks"
 
     def _check_values(self) -> None:
@@ -223,8 +226,8 @@ class SideInformationConfig(Section):
 class GeometryConfig(Section):
     """Structure from motion at the decoder, for methods of side information that need it."""
 
-    backend: str = "native"  # estimators: native ones, COLMAP's, or those of the thesis as written
-    path_regularity: float = 0.0  # weight of second differences of the camera's path, with respect to tracks
+    backend: str = "native"  # estimators: native, of COLMAP, or of the thesis as written
+    path_regularity: float = 0.0  # weight of second differences of the camera's path, relative to tracks
 
     def _check_values(self) -> None:
         check_choice("backend", self.backend, SFM_BACKENDS)
@@ -235,13 +238,79 @@ class GeometryConfig(Section):
 class TracksConfig(Section):
     """Feature points that the encoder sends."""
 
-    kind: str = (
-        "encoder"  # nothing; tracks of points of the key frame; or points, to be matched at the decoder
-    )
-    num_points: int = 128  # most of them: tracks that begin with a group, or points of a frame
+    kind: str = "encoder"  # none; tracks of points of the key frame; or points, matched at the decoder
+    num_points: int = 128  # largest number of tracks that begin with a group, or of points of a frame
     subpixel_bits: int = 1  # binary digits of their coordinates after the point
 
     def _check_values(self) -> None:
         check_choice("kind", self.kind, TRACKS_KINDS)
         check_range("num_points", self.num_points, 1, MAX_POINTS)
         check_range("subpixel_bits", self.subpixel_bits, 0, 3)
+
+
+@dataclass(frozen=True)
+class CoderConfig(Section):
+    """Settings of the coder of bit planes; results and streams also hold its name."""
+
+    @property
+    def name(self) -> str:
+        """One of `CODERS`."""
+        return next(name for name, coder in CODERS.items() if type(self) is coder)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the name and the settings as JSON-safe values; inverse of `from_dict`."""
+        return {"name": self.name, **super().to_dict()}
+
+    @classmethod
+    def from_dict(cls, values: Any, name: str = "coder") -> Self:
+        """Build the settings of the coder that is named, by default `DEFAULT_CODER`."""
+        if cls is not CoderConfig or not isinstance(values, dict):
+            return super().from_dict(values, name)
+        kind = coder_type(values.get("name", DEFAULT_CODER))
+        settings = kind.from_dict({key: value for key, value in values.items() if key != "name"}, name)
+        assert isinstance(settings, cls)
+        return settings
+
+
+@dataclass(frozen=True)
+class CascadeConfig(CoderConfig):
+    """Parities of ranges that the decoder chooses."""
+
+    # Information of the answers to a request, in percent of the unknown bits of the run; 0: the least
+    # information and the fewest bits. 12 and 6 save .3 and .5 % of the rate for 1.3 and 2.1 times the
+    # requests (`benchmarks.searches.settings coder.batch_percent=6 --qp 28 36 --frames 33 --clips box desk
+    # tree stone river street`).
+    batch_percent: int = 20
+
+    def _check_values(self) -> None:
+        check_range("batch_percent", self.batch_percent, 0, 100)
+
+
+@dataclass(frozen=True)
+class TurboConfig(CoderConfig):
+    """The classical pair of recursive convolutional codes, punctured; it has no settings."""
+
+
+@cache
+def _extension(name: str) -> type[CoderConfig]:
+    """Return the settings of a coder that another package registers: none."""
+    return type(name, (CoderConfig,), {"__reduce__": lambda self: (_build_extension, (name,))})
+
+
+def _build_extension(name: str) -> CoderConfig:
+    return _extension(name)()
+
+
+CODERS: Registry[type[CoderConfig]] = Registry(
+    PLANE_CODERS, {"cascade": CascadeConfig, "turbo": TurboConfig}, _extension
+)
+"""All coders by name."""
+DEFAULT_CODER = "cascade"
+
+
+def coder_type(name: object) -> type[CoderConfig]:
+    """Return the type of the settings of a coder, one of `CODERS`."""
+    if not isinstance(name, str):
+        raise ConfigError(f"`name` of a coder must be a string, got {shown(name)}")
+    check_choice("coder", name, CODERS)
+    return CODERS[name]

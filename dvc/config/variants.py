@@ -7,14 +7,14 @@ from dvc.config.sections import INTRA_PERIOD, SideInformationConfig, TracksConfi
 from dvc.errors import ConfigError
 
 MAX_TRACKS_BPP = 0.01
-"""Most bits that tracks cost, per pixel of the Wyner-Ziv frames."""
+"""Largest cost of tracks, in bits per pixel of the Wyner-Ziv frames."""
 MAX_NEW_TRACKS = 48
-"""Most points of the key frame that closes a group which are followed back."""
+"""Largest number of points of the closing key frame that are tracked backwards."""
 
 
 @dataclass(frozen=True)
 class KeyFrameRule:
-    """When the tracks ask for a key frame."""
+    """Conditions for a key frame that the tracks request."""
 
     longest_track_px: float = 40.0  # distance that a point has moved since the key frame
     lost_share: float = 0.5  # share of the points lost since then
@@ -34,7 +34,7 @@ class KeyFrameRule:
 
 @dataclass(frozen=True)
 class GroupPreset:
-    """Groups of pictures of a variant: how long they are, and when tracks end one before that."""
+    """Groups of pictures of a variant: their largest length, and the rule that ends one earlier."""
 
     length: int
     key_frames: KeyFrameRule = KeyFrameRule()
@@ -47,21 +47,21 @@ class CodecVariant:
     Attributes
     ----------
     summary : str
-        What it predicts by, in a few words.
+        Short description of the prediction.
     side_information : SideInformationConfig
-        How the decoder predicts.
+        Prediction at the decoder.
     tracks : TracksConfig
-        What is sent of the geometry.
+        Transmitted geometry.
     references : str
-        What frames are predicted from, one of `dvc.config.REFERENCES`.
+        Kind of reference frames, one of `dvc.config.REFERENCES`.
     usual_groups : GroupPreset
-        Its groups of pictures.
+        Groups of pictures.
     groups_of_keys : GroupPreset or None
         Groups if only key frames are references; None: the same.
     intra_groups : GroupPreset or None
-        Those if no key frame is predicted, so that each costs more; None: the same.
+        Groups if no key frame is predicted, so that each costs more; None: the same.
     intra_period : int
-        Most frames from one IDR picture to the next; 0: no key frame is predicted.
+        Largest distance of IDR pictures in frames; 0: no key frame is predicted.
     """
 
     summary: str
@@ -74,20 +74,7 @@ class CodecVariant:
     intra_period: int = 0
 
     def groups(self, references: str | None = None, intra_period: int | None = None) -> GroupPreset:
-        """Return the groups of pictures that suit what frames are predicted from.
-
-        Parameters
-        ----------
-        references : str, optional
-            One of `dvc.config.REFERENCES`; the variant's own by default.
-        intra_period : int, optional
-            That of the key frames; the variant's own by default.
-
-        Returns
-        -------
-        GroupPreset
-            Shorter ones if only key frames are references, or if they are cheap because they are predicted.
-        """
+        """Return the groups for kinds of references and key frames, which are the variant's by default."""
         if (references or self.references) == "keys" and self.groups_of_keys is not None:
             return self.groups_of_keys
         intra_period = self.intra_period if intra_period is None else intra_period

@@ -1,27 +1,103 @@
-"""Syntax of a group of pictures (GOP): Wyner-Ziv frames and the key frame that ends it."""
+"""Syntax of a group of pictures (GOP): Wyner-Ziv frames, the key frame that ends it, and time stamps."""
 
 from dataclasses import dataclass
+from fractions import Fraction
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 from dvc.bits import decode_bytes, decode_varint, encode_varint
-from dvc.config import MAX_GOP_LENGTH
+from dvc.config import MAX_GOP_LENGTH, VideoConfig
 from dvc.errors import BitstreamError
-from dvc.stream.deviations import Deviations, decode_deviations, encode_deviations
+from dvc.limits import MAX_TICKS_PER_SECOND
 from dvc.stream.records import framed_size
 
+MAX_DEVIATION_TICKS = 2**33 - 1
 DIGEST_BYTES = 4
 _DEVIATIONS = 8 * MAX_GOP_LENGTH  # added to the first field, which is less than that otherwise
+
+
+class Deviations(NamedTuple):
+    """Deviations from the constant frame rate of the frames of a group of pictures, not all of them 0."""
+
+    ticks_per_second: int
+    ticks: tuple[int, ...]  # deviation of each frame, in display order
+
+    def of_last(self) -> "Deviations | None":
+        """Return the deviation of the last frame, None if it is 0."""
+        return Deviations(self.ticks_per_second, self.ticks[-1:]) if self.ticks[-1] else None
+
+
+def encode_deviations(deviations: Deviations) -> bytes:
+    """Write the ticks of a second, the first deviation, and differences; inverse of `decode_deviations`."""
+    differences = (after - before for before, after in pairwise((0, *deviations.ticks)))
+    numbers = (2 * value if value >= 0 else -2 * value - 1 for value in differences)
+    return b"".join(map(encode_varint, (deviations.ticks_per_second, *numbers)))
+
+
+def decode_deviations(payload: bytes, position: int, num_frames: int) -> tuple[Deviations, int]:
+    """Read the deviations of a number of frames; inverse of `encode_deviations`."""
+    ticks_per_second, position = decode_varint(payload, position)
+    if not 1 <= ticks_per_second <= MAX_TICKS_PER_SECOND:
+        raise BitstreamError(f"{ticks_per_second} ticks a second, 1 to {MAX_TICKS_PER_SECOND} are allowed")
+    differences = []
+    for _ in range(num_frames):
+        number, position = decode_varint(payload, position)
+        differences.append(-(number + 1 >> 1) if number & 1 else number >> 1)
+    ticks = tuple(accumulate(differences))
+    if not any(ticks):
+        raise BitstreamError("time stamps are announced, but equal those of the constant frame rate")
+    if max(map(abs, ticks)) > MAX_DEVIATION_TICKS:
+        raise BitstreamError(f"a time stamp is more than {MAX_DEVIATION_TICKS} ticks off")
+    return Deviations(ticks_per_second, ticks), position
+
+
+def frame_times_s(
+    video: VideoConfig, first_index: int, num_frames: int, deviations: Deviations | None
+) -> list[Fraction]:
+    """Return the display times of frames."""
+    interval_s = Fraction(video.frame_rate_den, video.frame_rate_num)
+    indices = range(first_index, first_index + num_frames)
+    if deviations is None:
+        return [index * interval_s for index in indices]
+    ticks_per_second, ticks = deviations
+    return [
+        Fraction(planned_tick(index, interval_s * ticks_per_second) + late, ticks_per_second)
+        for index, late in zip(indices, ticks, strict=True)
+    ]
+
+
+def planned_tick(index: int, ticks_per_frame: Fraction) -> int:
+    """Return the tick closest to a frame at the constant frame rate; deviations are relative to it."""
+    ticks, num_frames = ticks_per_frame.as_integer_ratio()
+    return (2 * index * ticks + num_frames) // (2 * num_frames)
+
+
+def check_times(times_s: list[Fraction], before_s: Fraction | None) -> None:
+    """Refuse display times that do not increase."""
+    times_s = times_s if before_s is None else [before_s, *times_s]
+    if any(after <= before for before, after in pairwise(times_s)):
+        raise BitstreamError("a time stamp is not later than that of the previous frame")
+
+
+def following(before: Deviations | None, deviations: Deviations | None, num_frames: int) -> Deviations | None:
+    """Return the deviations of frames of a segment, relative to the segment before."""
+    if before is None:
+        return deviations
+    ticks_per_second, ticks = deviations or Deviations(before.ticks_per_second, (0,) * num_frames)
+    delay = round(Fraction(before.ticks[-1] * ticks_per_second, before.ticks_per_second))
+    ticks = tuple(min(max(value + delay, -MAX_DEVIATION_TICKS), MAX_DEVIATION_TICKS) for value in ticks)
+    return Deviations(ticks_per_second, ticks) if any(ticks) else None
 
 
 @dataclass(frozen=True)
 class GopRecord:
     """Data that one group of pictures adds to a stream."""
 
-    num_frames: int  # its Wyner-Ziv frames and the key frame that closes it; 1 for the first key frame
+    num_frames: int  # Wyner-Ziv frames and the key frame that closes the group; 1 for the first key frame
     key: bytes  # the key frame
     predicted: bool = False  # whether the key frame is predicted from earlier ones; else it is an IDR picture
     tracks: bytes = b""  # point tracks; empty in codecs without geometry
-    wyner_ziv: tuple[bytes, ...] = ()  # one payload for each Wyner-Ziv frame, in order of display
+    wyner_ziv: tuple[bytes, ...] = ()  # payload of each Wyner-Ziv frame, in order of display
     digest: int | None = None  # CRC-32 of the decoded Wyner-Ziv frames; punctured form only
     deviations: Deviations | None = None  # only if frames are not at the constant frame rate
 
@@ -90,10 +166,10 @@ def encode_gop(record: GopRecord) -> bytes:
 class GopHead(NamedTuple):
     """First field of a GOP payload."""
 
-    num_frames: int  # that the GOP adds
+    num_frames: int  # frames that the GOP adds
     has_tracks: bool  # whether tracks follow
     predicted: bool  # whether its key frame is predicted
-    has_deviations: bool  # whether its frames have time stamps of their own
+    has_deviations: bool  # whether time stamps follow
     position: int  # offset of the byte after the field
 
 

@@ -11,17 +11,21 @@ from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.files import Closing
 from dvc.stream.gop import GopRecord, decode_gop, decode_head
-from dvc.stream.index import SIZE_BYTES, TRAILER_BYTES, IndexEntry, StreamIndex, decode_end
 from dvc.stream.records import (
     CRC_BYTES,
     FORMAT_VERSION,
     MAGIC,
     MAX_GOPS,
+    SIZE_BYTES,
+    TRAILER_BYTES,
     Form,
-    Place,
+    IndexEntry,
+    RecordPosition,
     RecordType,
+    StreamIndex,
     check_payload_size,
     decode_configuration,
+    decode_end,
     framed_size,
     record_crc,
 )
@@ -30,11 +34,11 @@ _CHUNK_BYTES = 2**20  # largest read before more memory is spent on a record
 
 
 class _StreamEnds(BitstreamError):
-    """The stream ends too early; the data before the end are right."""
+    """The stream ends too early; the data before the end are valid."""
 
 
 class _RecordSource:
-    """Reads records from a file that is only as seekable as it says."""
+    """Reads records from a file or a pipe."""
 
     def __init__(self, file: BinaryIO) -> None:
         self.file = file
@@ -63,17 +67,17 @@ class _RecordSource:
             self.position += len(part)
         return b"".join(parts)
 
-    def read_head(self, number: int | None) -> tuple[Place, int, bytes]:
-        """Read type and length of a record; return its place, the size of its payload, and the bytes read."""
-        place = Place(number, self.position)
+    def read_head(self, number: int | None) -> tuple[RecordPosition, int, bytes]:
+        """Return the position of a record, the size of its payload, and the bytes of its type and length."""
+        record_at = RecordPosition(number, self.position)
         head = self.read(1)
         if not head:
-            raise _StreamEnds(place.message("the stream ends without its end record"))
+            raise _StreamEnds(record_at.message("the stream ends without its end record"))
         try:
-            place = Place(number, place.offset, RecordType(head[0]))
+            record_at = RecordPosition(number, record_at.offset, RecordType(head[0]))
         except ValueError as err:
-            raise place.error(f"unknown type {head[0]}") from err
-        assert place.type is not None
+            raise record_at.error(f"unknown type {head[0]}") from err
+        assert record_at.type is not None
         while len(head) <= MAX_VARINT_BYTES:
             byte = self.read(1)
             head += byte
@@ -83,22 +87,22 @@ class _RecordSource:
             size, _ = decode_varint(head, 1)
         except BitstreamError as err:
             kind = BitstreamError if byte else _StreamEnds
-            raise kind(place.message(f"length: {err}")) from err
-        check_payload_size(place.type, size, place)
+            raise kind(record_at.message(f"length: {err}")) from err
+        check_payload_size(record_at.type, size, record_at)
         if self.size is not None and size + CRC_BYTES > self.size - self.position:
             left = max(self.size - self.position, 0)
-            raise _StreamEnds(place.message(f"{size + CRC_BYTES} bytes promised, {left} left"))
-        return place, size, head
+            raise _StreamEnds(record_at.message(f"{size + CRC_BYTES} bytes promised, {left} left"))
+        return record_at, size, head
 
-    def read_record(self, number: int | None) -> tuple[Place, bytes]:
+    def read_record(self, number: int | None) -> tuple[RecordPosition, bytes]:
         """Read the next record and check its CRC-32."""
-        place, size, head = self.read_head(number)
+        record_at, size, head = self.read_head(number)
         payload, crc = self.read(size), self.read(CRC_BYTES)
         if len(payload) < size or len(crc) < CRC_BYTES:
-            raise _StreamEnds(place.message("the stream ends within the record"))
+            raise _StreamEnds(record_at.message("the stream ends within the record"))
         if crc != record_crc(head, payload):
-            raise place.error("checksum mismatch")
-        return place, payload
+            raise record_at.error("checksum mismatch")
+        return record_at, payload
 
 
 class StreamReader(Closing):
@@ -123,7 +127,7 @@ class StreamReader(Closing):
 
     config: CodecConfig
     form: Form
-    missing: str | None  # what an unfinished stream lacks, once that was met
+    missing: str | None  # missing part of an unfinished stream, once it is reached
 
     def __init__(self, source: BinaryIO | str | os.PathLike[str], *, unfinished: bool = False) -> None:
         self.missing = None
@@ -132,7 +136,7 @@ class StreamReader(Closing):
         self._source = _RecordSource(_open(source))
         self._index: StreamIndex | None = None
         self._done = False
-        self._seen: list[IndexEntry] = []  # the GOPs before this point
+        self._seen: list[IndexEntry] = []  # GOPs before the current position
         try:
             self._read_header()
         except BaseException:
@@ -150,13 +154,13 @@ class StreamReader(Closing):
             raise BitstreamError(
                 f"format version {found}{maker}; this program reads version {FORMAT_VERSION}"
             )
-        place, payload = self._source.read_record(0)
-        if place.type is not RecordType.CONFIGURATION:
-            raise place.error("the first record must be the configuration")
+        record_at, payload = self._source.read_record(0)
+        if record_at.type is not RecordType.CONFIGURATION:
+            raise record_at.error("the first record must be the configuration")
         try:
             self.config, self.form = decode_configuration(payload)
         except BitstreamError as err:
-            raise place.error(str(err)) from err
+            raise record_at.error(str(err)) from err
 
     def __iter__(self) -> Iterator[GopRecord]:
         return self
@@ -167,39 +171,39 @@ class StreamReader(Closing):
         self._done = True  # unless this record is a GOP
         offset = self._source.position
         try:
-            place, payload = self._source.read_record(len(self._seen) + 1)
+            record_at, payload = self._source.read_record(len(self._seen) + 1)
         except _StreamEnds as err:
             self._miss(self._seen, err)
             raise StopIteration from err
         try:
-            if place.type is RecordType.END:
+            if record_at.type is RecordType.END:
                 self._check_end(payload)
                 raise StopIteration
-            record = self._accept_gop(place, payload)
+            record = self._accept_gop(record_at, payload)
         except BitstreamError as err:
-            raise place.error(str(err)) from err
+            raise record_at.error(str(err)) from err
         number, entry = len(self._seen), IndexEntry(offset, self._source.position - offset, record.num_frames)
         self._seen.append(entry)
         if self._index is not None and self._index.entries[number : number + 1] != (entry,):
-            raise place.error("the index does not agree with the record")
+            raise record_at.error("the index does not agree with the record")
         self._done = False
         return record
 
-    def _accept_gop(self, place: Place, payload: bytes) -> GopRecord:
-        if place.type is not RecordType.GOP:
+    def _accept_gop(self, record_at: RecordPosition, payload: bytes) -> GopRecord:
+        if record_at.type is not RecordType.GOP:
             raise BitstreamError("the configuration must come first and once")
         if len(self._seen) == MAX_GOPS:
             raise BitstreamError(f"more than {MAX_GOPS} groups of pictures")
         record = decode_gop(payload, self.form is Form.PUNCTURED)
         limit = self.config.gop.length if self._seen else 1
         if record.num_frames > limit:
-            raise BitstreamError(f"{record.num_frames} frames where at most {limit} are allowed")
+            raise BitstreamError(f"{record.num_frames} frames, at most {limit} are allowed")
         if record.predicted and not (self._seen and self.config.key.predicted):
             raise BitstreamError("a predicted key frame has no reference here")
         return record
 
     def _miss(self, finished: Sequence[IndexEntry], end: _StreamEnds) -> None:
-        """Note how an unfinished stream ends; anything else must not end so."""
+        """Record the missing end of an unfinished stream; raise it for any other stream."""
         if not (self._unfinished and finished):
             raise end
         num_frames = sum(entry.num_frames for entry in finished)
@@ -217,12 +221,12 @@ class StreamReader(Closing):
 
     @property
     def num_bytes(self) -> int:
-        """Size of the stream; for a pipe, of the data read so far."""
+        """Size of the stream; for a pipe, of the data already read."""
         return self._source.position if self._source.size is None else self._source.size
 
     @property
     def num_frames(self) -> int:
-        """Number of frames that the end of the stream states; else of those read so far."""
+        """Number of frames that the end of the stream states; otherwise of those already read."""
         if self._source.size is not None:
             with suppress(BitstreamError):
                 return self.index.num_frames
@@ -230,13 +234,7 @@ class StreamReader(Closing):
 
     @property
     def index(self) -> StreamIndex:
-        """Index of all GOPs: read from the end of a buffered stream, else by seeking from GOP to GOP.
-
-        Raises
-        ------
-        BitstreamError
-            If the stream is a pipe, or its end is damaged.
-        """
+        """Index of all GOPs: read from the end of a buffered stream, else by seeking from GOP to GOP."""
         if self._index is None:
             if self._source.size is None:
                 raise BitstreamError("a stream from a pipe has no index; it can only be read in order")
@@ -258,15 +256,15 @@ class StreamReader(Closing):
         if not self._first_offset <= end_offset <= source.size - TRAILER_BYTES:
             raise BitstreamError("the stream ends without its end record")
         source.seek(end_offset)
-        place, payload = source.read_record(None)
+        record_at, payload = source.read_record(None)
         try:
             max_gops = (end_offset - self._first_offset) // framed_size(1)
             num_frames, entries = decode_end(payload, self.form, self._first_offset, max_gops)
         except BitstreamError as err:
-            raise place.error(str(err)) from err
+            raise record_at.error(str(err)) from err
         assert entries is not None
         if self._first_offset + sum(entry.size for entry in entries) != end_offset:
-            raise place.error("the index does not agree with the records")
+            raise record_at.error("the index does not agree with the records")
         return StreamIndex(num_frames, entries)
 
     def _hop(self) -> StreamIndex:
@@ -276,38 +274,25 @@ class StreamReader(Closing):
         entries: list[IndexEntry] = []
         while True:
             try:
-                place, size, head = source.read_head(len(entries) + 1)
+                record_at, size, head = source.read_head(len(entries) + 1)
             except _StreamEnds as err:
                 self._miss(entries, err)
                 break
-            if place.type is not RecordType.GOP or len(entries) == MAX_GOPS:
+            if record_at.type is not RecordType.GOP or len(entries) == MAX_GOPS:
                 break
             beginning = source.read(min(size, MAX_VARINT_BYTES))
             try:
                 num_frames = decode_head(beginning).num_frames
             except BitstreamError as err:
-                raise place.error(str(err)) from err
-            entries.append(IndexEntry(place.offset, framed_size(size), num_frames))
-            source.seek(place.offset + len(head) + size + CRC_BYTES)
-        if not self.missing and place.type is not RecordType.END:
-            raise place.error(f"unexpected after {len(entries)} groups of pictures")
+                raise record_at.error(str(err)) from err
+            entries.append(IndexEntry(record_at.offset, framed_size(size), num_frames))
+            source.seek(record_at.offset + len(head) + size + CRC_BYTES)
+        if not self.missing and record_at.type is not RecordType.END:
+            raise record_at.error(f"unexpected after {len(entries)} groups of pictures")
         return StreamIndex(sum(entry.num_frames for entry in entries), tuple(entries))
 
     def seek_gop(self, number: int) -> None:
-        """Go on reading with a certain GOP.
-
-        Parameters
-        ----------
-        number : int
-            Number of the GOP, from 0 to the number of GOPs, which is the end of the stream.
-
-        Raises
-        ------
-        ValueError
-            If the GOP does not exist.
-        BitstreamError
-            If the stream is a pipe, or its end is damaged.
-        """
+        """Continue with a GOP by its number from 0; the number of GOPs is the end of the stream."""
         entries = self.index.entries
         if not 0 <= number <= len(entries):
             raise ValueError(f"`number` must be from 0 to {len(entries)}, got {number}")
@@ -316,7 +301,7 @@ class StreamReader(Closing):
         self._done = False
 
     def close(self) -> None:
-        """Close the file if it was opened here."""
+        """Close the file if the reader opened it."""
         if self._owned:
             self._source.file.close()
 

@@ -1,4 +1,4 @@
-"""A recording as one stream: what an encoder wrote as segments, read one after the other."""
+"""A recording as one stream: segments of an encoder, read one after the other."""
 
 import os
 from bisect import bisect_right
@@ -10,11 +10,9 @@ from pathlib import Path
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.files import PARTIAL_SUFFIX, Closing, natural_key
-from dvc.stream.deviations import Deviations, following
-from dvc.stream.gop import GopRecord
-from dvc.stream.index import IndexEntry, StreamIndex
+from dvc.stream.gop import Deviations, GopRecord, following
 from dvc.stream.reader import StreamReader
-from dvc.stream.records import Form
+from dvc.stream.records import Form, IndexEntry, StreamIndex
 
 STREAM_SUFFIX = ".dvc"
 
@@ -57,7 +55,7 @@ class RecordingReader(Closing):
         self._records = self._read()
 
     def _add(self, path: Path) -> None:
-        """Take a segment, unless it is one that was begun and has no group of pictures yet."""
+        """Add a segment, unless it is unfinished and has no group of pictures yet."""
         try:
             with StreamReader(path, unfinished=self._unfinished) as reader:
                 if path.suffix == PARTIAL_SUFFIX:
@@ -70,7 +68,7 @@ class RecordingReader(Closing):
         if not self._paths:
             self.config, self.form = reader.config, reader.form
         elif (reader.config, reader.form) != (self.config, self.form):
-            raise BitstreamError(f"coded otherwise than {self._paths[0].name}")
+            raise BitstreamError(f"its configuration differs from that of {self._paths[0].name}")
         self._paths.append(path)
         self.num_bytes += reader.num_bytes
 
@@ -93,25 +91,19 @@ class RecordingReader(Closing):
 
     @property
     def missing(self) -> str | None:
-        """Missing parts of unfinished segments, once they are met."""
+        """Missing parts of unfinished segments, once they are reached."""
         return "; ".join(self._missing) or None
 
     @property
     def num_frames(self) -> int:
-        """Number of frames that the end records of all segments state; None if one is damaged."""
+        """Number of frames that the end records of all segments state; 0 if one is damaged."""
         with suppress(BitstreamError):
             return self.index.num_frames
         return 0
 
     @property
     def index(self) -> StreamIndex:
-        """All groups of pictures; each has its offset in its own segment.
-
-        Raises
-        ------
-        BitstreamError
-            If the end of a segment is damaged.
-        """
+        """All groups of pictures, each with its offset in its segment."""
         if self._index is None:
             entries: list[IndexEntry] = []
             for path in self._paths:
@@ -122,20 +114,7 @@ class RecordingReader(Closing):
         return self._index
 
     def seek_gop(self, number: int) -> None:
-        """Go on reading with a certain GOP.
-
-        Parameters
-        ----------
-        number : int
-            Number of the GOP, from 0 to the number of GOPs, which is the end of the recording.
-
-        Raises
-        ------
-        ValueError
-            If the GOP does not exist.
-        BitstreamError
-            If the end of a segment is damaged.
-        """
+        """Continue with a GOP by its number from 0; the number of GOPs is the end of the recording."""
         num_gops = len(self.index.entries)
         if not 0 <= number <= num_gops:
             raise ValueError(f"`number` must be from 0 to {num_gops}, got {number}")
@@ -160,8 +139,8 @@ def _segments(folder: Path, unfinished: bool) -> list[Path]:
         entries = list(folder.iterdir())
     except OSError as err:
         raise BitstreamError(f"cannot be read ({err.strerror})") from err
-    found = [path for path in entries if path.name.endswith(suffixes) and not path.name.startswith(".")]
-    return sorted(found, key=natural_key)
+    segments = [path for path in entries if path.name.endswith(suffixes) and not path.name.startswith(".")]
+    return sorted(segments, key=natural_key)
 
 
 @contextmanager

@@ -6,15 +6,17 @@ from typing import BinaryIO, Self
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.stream.gop import GopRecord, encode_gop
-from dvc.stream.index import IndexEntry, StreamIndex, encode_end
 from dvc.stream.records import (
     FORMAT_VERSION,
     MAGIC,
     MAX_GOPS,
     MAX_RECORD_BYTES,
     Form,
+    IndexEntry,
     RecordType,
+    StreamIndex,
     encode_configuration,
+    encode_end,
     frame_record,
 )
 
@@ -27,7 +29,7 @@ class StreamWriter:
     Parameters
     ----------
     file : binary file
-        Where to write; it need not be seekable.
+        File to write to; it need not be seekable.
     config : CodecConfig
         The codec configuration.
     form : Form or str

@@ -4,13 +4,12 @@ from dvc.video.frames import (
     Frame,
     TimeStamp,
     VideoInfo,
-    VideoReader,
-    VideoWriter,
     chroma_shape,
     exact_frame_rate,
 )
 from dvc.video.readers import open_video
-from dvc.video.writers import check_suffix, create_video, pad_frame
+from dvc.video.sources import VideoReader
+from dvc.video.writers import VideoWriter, check_suffix, create_video, pad_frame
 
 __all__ = [
     "Frame",

@@ -6,21 +6,24 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from itertools import chain, islice
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc.errors import VideoError
-from dvc.video.damage import DamageCheck, FileSource, Source, UnknownSource
+from dvc.video.damage import DamageCheck, file_extent
 from dvc.video.frames import Frame, TimeStamp, VideoInfo, check_frame_rate, check_size
 from dvc.video.pixels import conversion_notices, frame_from_picture, is_full_range
-from dvc.video.sources import DEFAULT_FRAME_RATE, FrameStream, Pipe, PipeFeed, Request, SourceClock
+from dvc.video.sources import DEFAULT_FRAME_RATE, Pipe, PipeFeed, Request, SourceClock, VideoReader
 
 if TYPE_CHECKING:
     import av
     from av.container import InputContainer
     from av.video.stream import VideoStream
+
+Extent = Callable[[], tuple[int, bytes]]
 
 _STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
 # FFmpeg counts every tag that its TIFF decoder does not know as an error.
@@ -32,14 +35,14 @@ _LONGEST_S = 86400
 _VIDEO_DEVICE = "/dev/video"
 
 
-def open_container(request: Request, path: Path) -> FrameStream:
+def open_container(request: Request, path: Path) -> VideoReader:
     """Open a file through FFmpeg, and decode its first frame to learn its format."""
     container = _open(path, input_format=request.input_format)
-    return _frame_stream(request, container, FileSource(path))
+    return _frame_stream(request, container, partial(file_extent, path))
 
 
-def open_live(request: Request) -> FrameStream:
-    """Open a device or a network address through FFmpeg; its first frame is waited for."""
+def open_live(request: Request) -> VideoReader:
+    """Open a device or a network address through FFmpeg, and wait for its first frame."""
     import av
 
     name = str(request.path)
@@ -49,11 +52,11 @@ def open_live(request: Request) -> FrameStream:
         except av.error.ExitError as err:
             raise _silence(name, request.timeout_s or 0.0) from err
     _refuse_text(container, name)
-    return _frame_stream(request, container, UnknownSource(), live=True)
+    return _frame_stream(request, container, None, live=True)
 
 
-def open_pipe(request: Request, pipe: Pipe) -> FrameStream:
-    """Open a pipe through FFmpeg; its first frame is waited for."""
+def open_pipe(request: Request, pipe: Pipe) -> VideoReader:
+    """Open a pipe through FFmpeg, and wait for its first frame."""
     import av
 
     feed = PipeFeed(pipe)
@@ -61,7 +64,7 @@ def open_pipe(request: Request, pipe: Pipe) -> FrameStream:
         with _av_errors(pipe.name, "is not a video that FFmpeg can read"):
             container = av.open(feed, "r", format=request.input_format, options=_LOCAL)
         _refuse_text(container, pipe.name)
-        stream = _frame_stream(request, container, pipe, live=True)
+        stream = _frame_stream(request, container, pipe.extent, live=True)
 
     def _frames() -> Iterator[Frame]:
         with feed.raising():
@@ -71,7 +74,7 @@ def open_pipe(request: Request, pipe: Pipe) -> FrameStream:
         stream.close()
         pipe.close()
 
-    return FrameStream(stream.info, _frames(), _close, stream.clock)
+    return VideoReader(stream.info, _frames(), _close, stream.clock)
 
 
 def is_device(request: Request) -> bool:
@@ -107,19 +110,19 @@ def _open_address(request: Request, name: str) -> "InputContainer":
 
 
 def _listening_rtsp(timeout_s: float | None) -> dict[str, str]:
-    """Return the options of an RTSP server; FFmpeg's default of its patience is out of its own range."""
+    """Return the options of an RTSP server; FFmpeg's default timeout exceeds its range."""
     return {"rtsp_flags": "listen", "listen_timeout": str(ceil(timeout_s or _LONGEST_S))}
 
 
 def _frame_stream(
-    request: Request, container: "InputContainer", source: Source, *, live: bool = False
-) -> FrameStream:
-    """Decode the first frame, and give it back with those that come after it."""
+    request: Request, container: "InputContainer", extent: Extent | None, *, live: bool = False
+) -> VideoReader:
+    """Decode the first frame; return a reader of all requested frames."""
     try:
         stream = _video_stream(container, request.path)
         if live:
             stream.thread_type = "SLICE"  # threads for frames would hold some back
-        pictures = _decoded(container, stream, request.path, source, request.timeout_s if live else None)
+        pictures = _decoded(container, stream, request.path, extent, request.timeout_s if live else None)
         first = next(islice(pictures, request.start, None), None)
         if first is None:
             raise request.too_short()
@@ -132,9 +135,9 @@ def _frame_stream(
     chosen: Iterator[av.VideoFrame] = islice(chain([first], pictures), request.num_frames)
     if live:
         chosen = _ticking(chosen, clock, info.frame_rate)
-    timed = request.frame_rate is None or is_device(request)  # the rate of a device is a wish
+    timed = request.frame_rate is None or is_device(request)  # a device may ignore the requested rate
     frames = consistent_frames(((request.path, picture) for picture in chosen), info, timed=timed)
-    return FrameStream(info, frames, container.close, clock)
+    return VideoReader(info, frames, container.close, clock)
 
 
 def _ticking(
@@ -151,7 +154,7 @@ def read_image(path: Path) -> "av.VideoFrame":
     # By its name the file would be taken for a pattern of many names.
     container = _open(path, pattern_type="none")
     try:
-        pictures = _decoded(container, _video_stream(container, path), path, FileSource(path))
+        pictures = _decoded(container, _video_stream(container, path), path, partial(file_extent, path))
         picture = next(pictures, None)
     finally:
         container.close()
@@ -163,7 +166,7 @@ def read_image(path: Path) -> "av.VideoFrame":
 def consistent_frames(
     pictures: Iterable[tuple[Path | str, "av.VideoFrame"]], info: VideoInfo, *, timed: bool = False
 ) -> Iterator[Frame]:
-    """Convert pictures, with their times or without; refuse sizes and greys that are not the first's."""
+    """Convert pictures, with or without their times; refuse changes of size and of colour to grey."""
     is_grey: bool | None = None
     for path, picture in pictures:
         if (picture.width, picture.height) != info.size:
@@ -180,14 +183,14 @@ def consistent_frames(
 
 
 def _time_stamp(picture: "av.VideoFrame") -> TimeStamp | None:
-    """Return when a picture is shown, by the clock of its stream."""
+    """Return the display time of a picture by the clock of its stream."""
     if picture.pts is None or picture.time_base is None:
         return None
     return TimeStamp.nearest(picture.pts * picture.time_base, picture.time_base.denominator)
 
 
 def _open(path: Path, input_format: str | None = None, **options: str) -> "InputContainer":
-    """Open a local file; files that it refers to must be local as well."""
+    """Open a local file; it may refer to local files only."""
     import av
 
     with _av_errors(path, "is not a video that FFmpeg can read"):
@@ -206,7 +209,7 @@ def _refuse_text(container: "InputContainer", path: Path | str) -> None:
 
 
 def _video_stream(container: "InputContainer", path: Path | str) -> "VideoStream":
-    """Return the first video stream that is not a cover picture, with strict error detection."""
+    """Return the first video stream except cover pictures, with strict error detection."""
     from av.stream import Disposition
 
     for stream in container.streams.video:
@@ -225,13 +228,13 @@ def _decoded(
     container: "InputContainer",
     stream: "VideoStream",
     path: Path | str,
-    source: Source,
+    extent: Extent | None,
     timeout_s: float | None = None,
 ) -> Iterator["av.VideoFrame"]:
     """Yield the pictures of a stream; `VideoError` after the last one before any damage."""
     count = 0
     problem: str | None = None
-    check = DamageCheck(source, container, stream)
+    check = DamageCheck(extent, container, stream)
     with _av_errors(path, lambda: f"damaged after {count} frames" if count else "cannot be decoded"):
         for packet in _in_time(container.demux(stream), path, timeout_s):
             problem = check.packet(packet) if packet.size else check.end()
@@ -248,7 +251,7 @@ def _decoded(
 def _in_time(
     packets: Iterator["av.Packet[VideoStream]"], path: Path | str, timeout_s: float | None
 ) -> Iterator["av.Packet[VideoStream]"]:
-    """Yield packets; FFmpeg gives up waiting for one in many ways, as if there was an end or damage."""
+    """Yield packets; report a timeout, which FFmpeg returns as an end or as various errors."""
     import av
 
     while True:
@@ -302,7 +305,7 @@ def _has_variable_rate(stream: "VideoStream") -> bool:
 
 @contextmanager
 def _av_errors(path: Path | str, problem: str | Callable[[], str]) -> Iterator[None]:
-    """Turn what FFmpeg and the file system raise into one `VideoError`."""
+    """Convert errors of FFmpeg and the file system into `VideoError`."""
     import av
 
     try:

@@ -1,8 +1,10 @@
-"""Find damage that FFmpeg passes over: files that end too early, and FFV1 slices that fail their checksum."""
+"""Damage that FFmpeg ignores: files that end too early, and FFV1 slices that fail their checksums."""
 
+import os
 import zlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import av
@@ -17,49 +19,22 @@ _SLICE_TRAILER_BYTES = 8  # 24 bits of size, 8 of status, 32 of checksum
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
-class Source(Protocol):
-    """Bytes that FFmpeg reads."""
-
-    def num_bytes(self) -> int | None:
-        """Return the size, or that at the end; None if unknown."""
-
-    def head(self) -> bytes:
-        """Return the first `HEAD_BYTES`, if known."""
-
-
-class FileSource:
-    """Bytes of a file."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def num_bytes(self) -> int | None:
-        """Return the size of the file."""
-        return self._path.stat().st_size
-
-    def head(self) -> bytes:
-        """Return the first bytes."""
-        with self._path.open("rb") as file:
-            return file.read(HEAD_BYTES)
-
-
-class UnknownSource:
-    """Bytes of unknown number: those of a device or a network."""
-
-    def num_bytes(self) -> int | None:
-        """Return None."""
-        return None
-
-    def head(self) -> bytes:
-        """Return nothing."""
-        return b""
+def file_extent(path: Path) -> tuple[int, bytes]:
+    """Return the size of a file and its first `HEAD_BYTES`."""
+    with path.open("rb") as file:
+        return os.fstat(file.fileno()).st_size, file.read(HEAD_BYTES)
 
 
 class DamageCheck:
-    """Watch the packets of one video stream go by."""
+    """Checks the packets of one video stream; `extent` returns size and first bytes of the source."""
 
-    def __init__(self, source: Source, container: "InputContainer", stream: "VideoStream") -> None:
-        self._source = source
+    def __init__(
+        self,
+        extent: Callable[[], tuple[int, bytes]] | None,
+        container: "InputContainer",
+        stream: "VideoStream",
+    ) -> None:
+        self._extent = extent
         self._format = container.format.name
         self._declared_packets = stream.frames
         self._has_slice_checksums = stream.codec_context.name == "ffv1"
@@ -87,19 +62,19 @@ class DamageCheck:
         """Check that the file is complete."""
         if self._num_packets < self._declared_packets:
             return f"the file ends after {self._num_packets} of {self._declared_packets} frames"
-        file_bytes = self._source.num_bytes()
-        if file_bytes is None:
+        if self._extent is None:
             return None
+        file_bytes, head = self._extent()
         if self._format == "yuv4mpegpipe" and 0 < self._end_of_packets < file_bytes:
             return "the file ends within a frame"
-        declared_bytes = matroska_bytes(self._source.head()) if "matroska" in self._format else None
+        declared_bytes = matroska_bytes(head) if "matroska" in self._format else None
         if declared_bytes is not None and file_bytes < declared_bytes:
             return f"the file ends after {file_bytes} of {declared_bytes} bytes"
         return None
 
 
 def matroska_bytes(head: bytes) -> int | None:
-    """Return the length that a Matroska file should have by its own account."""
+    """Return the length of a Matroska file that its header states."""
     if not head.startswith(_EBML_ID):
         return None
     position, header_bytes = _ebml_size(head, len(_EBML_ID))

@@ -1,10 +1,8 @@
-"""Frames, properties of a video, and the protocols of readers and writers."""
+"""Frames, their times, and properties of a video."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from types import TracebackType
-from typing import NamedTuple, Protocol, Self, runtime_checkable
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +34,7 @@ def chroma_shape(height: int, width: int) -> tuple[int, int]:
 
 
 class TimeStamp(NamedTuple):
-    """When a frame is shown, by the clock of its source, which may begin with any number."""
+    """Display time of a frame by the clock of its source, which may begin with any number."""
 
     ticks: int
     ticks_per_second: int  # at most `MAX_TICKS_PER_SECOND`
@@ -67,7 +65,7 @@ class Frame:
     chroma : tuple of two ndarrays of shape ((H + 1) // 2, (W + 1) // 2), uint8, or None
         Cb and Cr samples; None for a grey picture.
     time : TimeStamp or None
-        When its source shows it; None: a frame interval after the frame before it.
+        Display time; None: a frame interval after the previous frame.
 
     Raises
     ------
@@ -103,23 +101,11 @@ class Frame:
         return int(self.luma.shape[1])
 
     def without_chroma(self) -> "Frame":
-        """Return the grey picture that has the same luma.
-
-        Returns
-        -------
-        Frame
-            Shares the luma plane; `chroma` is None.
-        """
+        """Return the grey picture with the same luma plane."""
         return Frame(self.luma)
 
     def with_chroma(self) -> "Frame":
-        """Return the picture itself if it has chroma, otherwise the same luma with neutral chroma.
-
-        Returns
-        -------
-        Frame
-            Shares the luma plane; new chroma planes hold 128 everywhere.
-        """
+        """Return the picture itself if it has chroma, otherwise the same luma plane with neutral chroma."""
         if self.chroma is not None:
             return self
         shape = chroma_shape(self.height, self.width)
@@ -127,12 +113,12 @@ class Frame:
 
 
 def neutral_plane(shape: tuple[int, int]) -> Plane:
-    """Return a chroma plane without colour."""
+    """Return a grey chroma plane."""
     return np.full(shape, NEUTRAL_CHROMA, np.uint8)
 
 
 def check_size(width: int, height: int, what: str) -> None:
-    """Refuse picture sizes that no array should be made for."""
+    """Refuse picture sizes beyond the limits."""
     if min(width, height) < 1 or max(width, height) > MAX_SIDE_PX or width * height > MAX_PIXELS:
         raise VideoError(
             f"{what}: {width}x{height} pictures are not supported "
@@ -141,7 +127,7 @@ def check_size(width: int, height: int, what: str) -> None:
 
 
 def check_frame_rate(frame_rate: Fraction | float, what: str) -> None:
-    """Refuse rates that files of this project do not have."""
+    """Refuse unsupported frame rates."""
     if not MIN_FRAME_RATE <= frame_rate <= MAX_FRAME_RATE:
         raise VideoError(
             f"{what}: {float(frame_rate):g} frames per second are not supported (10**-6 to 10**6)"
@@ -213,51 +199,3 @@ class VideoInfo:
     def size(self) -> tuple[int, int]:
         """Width and height in pixels, in the order of command lines."""
         return self.width, self.height
-
-
-@runtime_checkable
-class VideoReader(Protocol):
-    """A source of frames in display order, one in memory at a time, read once from front to back."""
-
-    @property
-    def info(self) -> VideoInfo:
-        """Properties of the video."""
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Yield the remaining frames; raise `VideoError` at damage."""
-
-    def close(self) -> None:
-        """Release the source; harmless when repeated."""
-
-    def __enter__(self) -> Self:
-        """Return the reader."""
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Close the reader."""
-
-
-@runtime_checkable
-class VideoWriter(Protocol):
-    """A video file in the making: it appears under its name when `close` succeeds, or not at all."""
-
-    def write(self, frame: Frame, time_s: Fraction | None = None) -> None:
-        """Append a frame; `time_s` is its time in the source, if that deviates from the constant rate.
-
-        `VideoError` if it cannot be stored, `ValueError` if its size differs.
-        """
-
-    def close(self) -> None:
-        """Finish the file and rename it into place; harmless when repeated."""
-
-    def abort(self) -> None:
-        """Discard the written data; harmless when repeated."""
-
-    def __enter__(self) -> Self:
-        """Return the writer."""
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Close the writer, or abort it if the block was left by an exception."""

@@ -3,9 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
-from itertools import chain
+from itertools import chain, count, islice
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -19,37 +18,23 @@ from dvc.video.containers import (
     open_pipe,
     read_image,
 )
-from dvc.video.frames import Frame, VideoInfo, VideoReader, check_size, exact_frame_rate
+from dvc.video.frames import Frame, TimeStamp, VideoInfo, check_size, exact_frame_rate
 from dvc.video.pixels import conversion_notices, is_full_range, planar_frame, planar_frame_bytes
 from dvc.video.sources import (
     DEFAULT_FRAME_RATE,
     STANDARD_INPUT,
-    FrameStream,
     Pipe,
     Request,
+    VideoReader,
     is_pipe,
-    open_raw_pipe,
 )
 
 RAW_FORMAT = "rawvideo"
 _ALIASES = {"y4m": "yuv4mpegpipe", "raw": RAW_FORMAT}
 RAW_SUFFIXES = frozenset({".yuv", ".raw"})
 IMAGE_SUFFIXES = frozenset(
-    {
-        ".png",
-        ".jpg",
-        ".jpeg",
-        ".tif",
-        ".tiff",
-        ".bmp",
-        ".pbm",
-        ".pgm",
-        ".ppm",
-        ".pnm",
-        ".webp",
-        ".tga",
-        ".jp2",
-    }
+    f".{name}"
+    for name in "png jpg jpeg jp2 tif tiff bmp pbm pgm ppm pnm webp tga".split()  # noqa: SIM905
 )
 
 
@@ -63,7 +48,7 @@ def open_video(
     input_format: str | None = None,
     timeout_s: float | None = None,
     listen: bool = False,
-) -> FrameStream:
+) -> VideoReader:
     """Open a video of any kind for reading; one frame at a time is held in memory.
 
     A folder is read as images in natural order (``2.png`` before ``10.png``); ``.yuv`` and ``.raw`` are
@@ -76,8 +61,8 @@ def open_video(
     had to conceal is not passed on. (A file without checksums can hide damage; a raw file of the wrong length
     is refused at once, since it most likely has another size.)
 
-    Of a pipe, a device or a network address frames are taken as they come, waiting for each as long as it
-    takes. What comes from a pipe is raw if `size` is given and `input_format` is not.
+    Frames of a pipe, a device or a network address are read as they arrive, without a limit of time. Those of
+    a pipe are raw if `size` is given and `input_format` is not.
 
     Parameters
     ----------
@@ -86,14 +71,14 @@ def open_video(
     size : tuple of int, optional
         Width and height; required for raw files, checked for all other files.
     frame_rate : Fraction or float, optional
-        Frames per second; needed for raw files, 25 by default for images, replaces the rate that any other
+        Frames per second; needed for raw files, 25 by default for images; replaces the rate that any other
         file declares, and the times of its frames.
     start : int, optional
         Number of frames to skip.
     num_frames : int, optional
         Largest number of frames to read; all if None.
     input_format : str, optional
-        FFmpeg's name of the format or device (``yuv4mpegpipe`` or ``y4m``, ``mjpeg``, ``v4l2``, ...), where
+        FFmpeg's name of the format or device (``yuv4mpegpipe`` or ``y4m``, ``mjpeg``, ``v4l2``, ...), if
         neither the name nor the beginning shows it; ``rawvideo`` or ``raw`` for planar 4:2:0.
     timeout_s : float, optional
         Patience with a silent network, in seconds.
@@ -102,7 +87,7 @@ def open_video(
 
     Returns
     -------
-    FrameStream
+    VideoReader
         A `VideoReader`, and a context manager; ``info.notices`` lists conversions and assumptions.
 
     Raises
@@ -130,7 +115,7 @@ def open_video(
     return _open_path(request, Path(path))
 
 
-def _open_path(request: Request, path: Path) -> FrameStream:
+def _open_path(request: Request, path: Path) -> VideoReader:
     """Open a file, a folder or a named pipe."""
     if not path.exists():
         raise VideoError(f"{path}: no such file or folder")
@@ -141,80 +126,86 @@ def _open_path(request: Request, path: Path) -> FrameStream:
     if request.input_format == RAW_FORMAT or (
         request.input_format is None and path.suffix.lower() in RAW_SUFFIXES
     ):
-        return _open_raw(request, path)
+        return _open_raw_file(request, path)
     return open_container(request, path)
 
 
-def _open_pipe(request: Request) -> FrameStream:
+def _open_pipe(request: Request) -> VideoReader:
     """Open a pipe: raw frames if their size is given without another format, else any format of FFmpeg."""
     pipe = Pipe(request.path)
     named = replace(request, path=pipe.name)
     is_raw = request.size is not None if request.input_format is None else request.input_format == RAW_FORMAT
     try:
-        if is_raw:
-            _check_raw(named)
-            return open_raw_pipe(named, pipe)
-        return open_pipe(named, pipe)
+        return _open_raw(named, pipe) if is_raw else open_pipe(named, pipe)
     except BaseException:
         pipe.close()
         raise
 
 
-def _check_raw(request: Request) -> tuple[int, int, Fraction]:
-    """Return width, height and frame rate of raw frames."""
-    if request.size is None or request.frame_rate is None:
-        raise VideoError(f"{request.path}: raw video requires the size of its pictures and the frame rate")
-    check_size(*request.size, str(request.path))
-    return *request.size, request.frame_rate
-
-
-def _open_raw(request: Request, path: Path) -> FrameStream:
+def _open_raw_file(request: Request, path: Path) -> VideoReader:
     """Open a headerless file of planar 4:2:0 frames."""
-    width, height, frame_rate = _check_raw(request)
-    frame_bytes = planar_frame_bytes(width, height)
+    file = Pipe(path)
     try:
-        file_bytes = path.stat().st_size
-        file = path.open("rb")
-    except OSError as err:
-        raise VideoError(f"{path}: cannot be read ({err.strerror})") from err
-    try:
-        if file_bytes % frame_bytes:
-            raise VideoError(
-                f"{path}: {file_bytes} bytes are not a whole number of {width}x{height} 4:2:0 frames "
-                f"({frame_bytes} bytes each)"
-            )
-        count = request.count_of(file_bytes // frame_bytes)
-        file.seek(request.start * frame_bytes)
+        return _open_raw(request, file, path.stat().st_size)
     except BaseException:
         file.close()
         raise
-    info = VideoInfo(width, height, frame_rate, count)
-    return FrameStream(info, _raw_frames(file, info, path), file.close)
 
 
-def _raw_frames(file: BinaryIO, info: VideoInfo, path: Path) -> Iterator[Frame]:
-    """Read planes one after the other; close the file at the end."""
+def _open_raw(request: Request, source: Pipe, file_bytes: int | None = None) -> VideoReader:
+    """Read planar 4:2:0 frames of a pipe, or of a file of a known size."""
+    if request.size is None or request.frame_rate is None:
+        raise VideoError(f"{request.path}: raw video requires the size of its pictures and the frame rate")
+    width, height = request.size
+    check_size(width, height, str(request.path))
+    frame_bytes = planar_frame_bytes(width, height)
+    num_frames, first = request.num_frames, 0
+    if file_bytes is not None:
+        if file_bytes % frame_bytes:
+            raise VideoError(
+                f"{request.path}: {file_bytes} bytes are not a whole number of {width}x{height} 4:2:0 frames "
+                f"({frame_bytes} bytes each)"
+            )
+        num_frames, first = request.count_of(file_bytes // frame_bytes), request.start
+        source.seek(first * frame_bytes)
+    info = VideoInfo(width, height, request.frame_rate, num_frames, live=file_bytes is None)
+    frames = _raw_frames(request, source, info, first)
+    num_skipped = request.start - first
+    end = None if num_frames is None else num_skipped + num_frames
+    return VideoReader(info, islice(frames, num_skipped, end), source.close)
+
+
+def _raw_frames(request: Request, source: Pipe, info: VideoInfo, first: int) -> Iterator[Frame]:
+    """Read frames from one on; those of a pipe have time stamps. Close the source at the end."""
     frame_bytes = planar_frame_bytes(info.width, info.height)
-    with file:
-        for index in range(info.num_frames or 0):
+    with source:
+        for index in count(first):
             try:
-                data = np.fromfile(file, np.uint8, frame_bytes)
+                data = source.read_fully(frame_bytes)
             except OSError as err:
-                raise VideoError(f"{path}: damaged after {index} frames ({err.strerror})") from err
-            if data.size != frame_bytes:
-                raise VideoError(f"{path}: damaged after {index} frames (the file ends within a frame)")
-            yield planar_frame(data, info.width, info.height)
+                message = f"damaged after {index - first} frames ({err.strerror})"
+                raise VideoError(f"{request.path}: {message}") from err
+            if len(data) < frame_bytes:
+                break
+            frame = planar_frame(np.frombuffer(data, np.uint8), info.width, info.height)
+            time = TimeStamp.nearest(index / info.frame_rate, info.frame_rate.numerator)
+            yield replace(frame, time=time) if info.live else frame
+    if data or not info.live:
+        message = f"ends within frame {index}, after {len(data)} of its {frame_bytes} bytes"
+        raise VideoError(f"{request.path}: damaged after {index - first} frames ({message})")
+    if index <= request.start:
+        raise request.too_short(total=index)
 
 
-def _open_folder(request: Request, folder: Path) -> FrameStream:
+def _open_folder(request: Request, folder: Path) -> VideoReader:
     """Open a folder of images."""
     try:
         entries = list(folder.iterdir())
     except OSError as err:
         raise VideoError(f"{folder}: cannot be read ({err.strerror})") from err
     images = [f for f in entries if f.suffix.lower() in IMAGE_SUFFIXES and not f.name.startswith(".")]
-    count = request.count_of(len(images), "images")
-    chosen = sorted(images, key=natural_key)[request.start : request.start + count]
+    num_frames = request.count_of(len(images), "images")
+    chosen = sorted(images, key=natural_key)[request.start : request.start + num_frames]
     first = read_image(chosen[0])
     notices = conversion_notices(first)
     if request.frame_rate is None:
@@ -223,13 +214,13 @@ def _open_folder(request: Request, folder: Path) -> FrameStream:
         width=first.width,
         height=first.height,
         frame_rate=request.frame_rate or DEFAULT_FRAME_RATE,
-        num_frames=count,
+        num_frames=num_frames,
         notices=notices,
         full_range=is_full_range(first),
     )
     request.check_size(info)
     pictures = chain([(chosen[0], first)], ((f, read_image(f)) for f in chosen[1:]))
-    return FrameStream(info, consistent_frames(pictures, info), lambda: None)
+    return VideoReader(info, consistent_frames(pictures, info), lambda: None)
 
 
 class FrameLookup(Closing):

@@ -1,4 +1,4 @@
-"""Common parts of all sources of frames: the request, the reader, and the errors."""
+"""Common parts of all sources of frames: the request, the reader, and pipes."""
 
 import io
 import os
@@ -6,18 +6,14 @@ import select
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
-from itertools import islice
 from pathlib import Path
-
-import numpy as np
 
 from dvc.errors import VideoError
 from dvc.files import Closing
 from dvc.video.damage import HEAD_BYTES
-from dvc.video.frames import Frame, TimeStamp, VideoInfo
-from dvc.video.pixels import planar_frame, planar_frame_bytes
+from dvc.video.frames import Frame, VideoInfo
 
 DEFAULT_FRAME_RATE = Fraction(25)
 
@@ -26,13 +22,12 @@ DEFAULT_FRAME_RATE = Fraction(25)
 class Request:
     """Part of a video that the caller requested, and its known properties."""
 
-    path: Path | str  # an existing file or folder; the name of a pipe in messages; a device or an address
+    path: Path | str  # file or folder; name of a pipe for messages; device or address
     size: tuple[int, int] | None = None  # width and height in pixels
     frame_rate: Fraction | None = None  # frames per second
     start: int = 0  # number of frames to skip
-    num_frames: int | None = None  # most frames to read
-    # FFmpeg's name of the format or device; it is found out by itself otherwise
-    input_format: str | None = None
+    num_frames: int | None = None  # largest number of frames to read
+    input_format: str | None = None  # FFmpeg's name of the format or device; None: detected
     timeout_s: float | None = None  # patience with a silent network, in seconds
     listen: bool = False  # wait at the address for the source to connect
 
@@ -51,14 +46,14 @@ class Request:
         return VideoError(f"{self.path}: has {number} {unit}, cannot start at frame {self.start}")
 
     def check_size(self, info: VideoInfo) -> None:
-        """Refuse pictures that are not of the size that was asked for."""
+        """Refuse pictures of another size than the requested one."""
         if self.size is not None and self.size != info.size:
             width, height = self.size
             raise VideoError(f"{self.path}: pictures are {info.width}x{info.height}, not {width}x{height}")
 
 
 class SourceClock:
-    """Compares the time stamps of a live source with the number of frames that came."""
+    """Compares the time stamps of a live source with the number of its frames."""
 
     def __init__(self) -> None:
         self._first_s: float | None = None
@@ -66,7 +61,7 @@ class SourceClock:
         self.lead_s: float | None = None  # largest lead of time stamps; None without time stamps
 
     def tick(self, time_s: float | None, frame_rate: Fraction) -> None:
-        """Take note of a frame."""
+        """Count a frame."""
         if time_s is not None:
             if self._first_s is None:
                 self._first_s = time_s - self._num_frames / float(frame_rate)
@@ -75,8 +70,8 @@ class SourceClock:
         self._num_frames += 1
 
 
-class FrameStream(Closing):
-    """The one `VideoReader` behind all files: information, an iterator of frames, something to close."""
+class VideoReader(Closing):
+    """A source of frames in display order, one in memory at a time, read once from front to back."""
 
     def __init__(
         self,
@@ -86,25 +81,20 @@ class FrameStream(Closing):
         clock: SourceClock | None = None,
     ) -> None:
         self.clock = clock or SourceClock()
-        self._info = info
+        self.info = info  # properties of the video
         self._frames = frames
         self._close = close
 
-    @property
-    def info(self) -> VideoInfo:
-        """Properties of the video."""
-        return self._info
-
     def __iter__(self) -> Iterator[Frame]:
-        """Yield the frames that have not been read yet."""
+        """Yield the remaining frames; raise `VideoError` at damage."""
         return self._frames
 
     def leave_open(self) -> None:
-        """Leave the source to the end of the process, because another thread reads it."""
+        """Leave the source open until the process ends, because another thread reads it."""
         self._close = lambda: None
 
     def close(self) -> None:
-        """Release the source; no frame comes after that."""
+        """Release the source, which has no more frames then; harmless when repeated."""
         self._frames = iter(())
         self._close()
 
@@ -113,7 +103,7 @@ STANDARD_INPUT = "-"
 
 
 class Pipe(Closing):
-    """A pipe that is read in order; a read waits for data without a limit."""
+    """A pipe or a file that is read in order; a read waits for data without a limit."""
 
     def __init__(self, path: Path | str) -> None:
         self.name = "standard input" if str(path) == STANDARD_INPUT else str(path)
@@ -126,13 +116,13 @@ class Pipe(Closing):
         except OSError as err:
             raise VideoError(f"{self.name}: cannot be read ({err.strerror})") from err
 
-    def num_bytes(self) -> int | None:
-        """Return how many bytes have come."""
-        return self._num_bytes
+    def extent(self) -> tuple[int, bytes]:
+        """Return the number of bytes that were read, and the first of them."""
+        return self._num_bytes, self._head
 
-    def head(self) -> bytes:
-        """Return the first bytes that came."""
-        return self._head
+    def seek(self, position: int) -> None:
+        """Continue at a position of a file."""
+        self._file.seek(position)
 
     def read(self, count: int) -> bytes:
         """Read available data, waiting for some."""
@@ -157,7 +147,7 @@ class Pipe(Closing):
 
 
 class PipeFeed:
-    """A pipe as FFmpeg reads it: its callbacks drop exceptions, which are kept here, and end the bytes."""
+    """A pipe for FFmpeg, which drops exceptions of callbacks: they end the data, and are raised later."""
 
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = pipe
@@ -189,36 +179,3 @@ def is_pipe(path: Path) -> bool:
     """Return whether a path is a pipe or a socket."""
     mode = path.stat().st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)
-
-
-def open_raw_pipe(request: Request, pipe: Pipe) -> FrameStream:
-    """Read planar 4:2:0 frames from a pipe; none is waited for before it is asked for."""
-    assert request.size is not None
-    assert request.frame_rate is not None
-    info = VideoInfo(*request.size, request.frame_rate, request.num_frames, live=True)
-    end = None if request.num_frames is None else request.start + request.num_frames
-    frames = islice(_raw_frames(request, pipe, info), request.start, end)
-    return FrameStream(info, frames, pipe.close)
-
-
-def _raw_frames(request: Request, pipe: Pipe, info: VideoInfo) -> Iterator[Frame]:
-    frame_bytes = planar_frame_bytes(info.width, info.height)
-    count = 0
-    while data := _read(pipe, frame_bytes, count):
-        if len(data) < frame_bytes:
-            raise VideoError(
-                f"{pipe.name}: ends within frame {count}, after {len(data)} of its {frame_bytes} bytes"
-                f" (frames before it: {count})"
-            )
-        frame = planar_frame(np.frombuffer(data, np.uint8), info.width, info.height)
-        yield replace(frame, time=TimeStamp.nearest(count / info.frame_rate, info.frame_rate.numerator))
-        count += 1
-    if count <= request.start:
-        raise request.too_short(total=count)
-
-
-def _read(pipe: Pipe, frame_bytes: int, count: int) -> bytearray:
-    try:
-        return pipe.read_fully(frame_bytes)
-    except OSError as err:
-        raise VideoError(f"{pipe.name}: damaged after {count} frames ({err.strerror})") from err

@@ -1,18 +1,19 @@
-"""Write videos: y4m and FFV1 without loss, H.264 for looking at."""
+"""Write videos: y4m and FFV1 without loss, H.264 for players."""
 
 import logging
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self, cast
+from typing import TYPE_CHECKING, Self, cast
 
 import numpy as np
 
 from dvc.errors import VideoError
 from dvc.files import OutputFile
-from dvc.video.frames import Frame, Plane, VideoWriter, check_frame_rate, check_size, exact_frame_rate
+from dvc.video.frames import Frame, Plane, check_frame_rate, check_size, exact_frame_rate
 from dvc.video.pixels import picture_from_frame
 
 if TYPE_CHECKING:
@@ -21,85 +22,88 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 SUFFIXES = (".y4m", ".mkv", ".mp4")
+_TICK_S = Fraction(1, 1000)
+"""Smallest distance of two frames that Matroska can resolve."""
+_MICROSECOND_S = Fraction(1, 10**6)
+_H264_OPTIONS = {"crf": "12", "preset": "medium"}
 
 
-class _Sink(Protocol):
-    """Stores frames in one format; knows nothing of names and renaming."""
-
-    def write(self, frame: Frame, time_s: Fraction | None) -> None:
-        """Append a frame, with its time if that deviates from the constant rate."""
-
-    def finish(self) -> None:
-        """Write pending data and close the file."""
-
-    def discard(self) -> None:
-        """Close the file, complete or not."""
-
-
-class _AtomicWriter:
-    """The one `VideoWriter`: checks frames, hands them to a sink, renames the file or removes it."""
+class VideoWriter(ABC):
+    """A video file in the making: it appears under its name when `close` succeeds, or not at all."""
 
     def __init__(
         self,
-        path: str | Path,
+        path: Path,
         output: OutputFile,
-        sink: _Sink,
         size: tuple[int, int],
-        interval_s: Fraction,
+        rate: Fraction,
         *,
+        luma_only: bool,
+        full_range: bool,
         kept: bool,
     ) -> None:
-        self._kept = kept
-        self._path = path
-        self._output = output
-        self._sink = sink
-        self._size = size
+        self._path, self._output, self._size, self._rate = path, output, size, rate
+        self._luma_only, self._kept = luma_only, kept
         self._open = True
         self._num_frames = 0
-        self._interval_s = interval_s
-        self._start_s, self._last_s = (
-            Fraction(0),
-            -interval_s,
-        )  # time of the first frame; of the last after it
+        self._start_s = Fraction(0)  # time of the first frame
+        self._last_s = -1 / rate  # time of the last frame, relative to the first
+        self._begin(full_range)
+
+    @abstractmethod
+    def _begin(self, full_range: bool) -> None:
+        """Open the file."""
+
+    @abstractmethod
+    def _store(self, frame: Frame, time_s: Fraction | None) -> None:
+        """Append a frame, with its time if that deviates from the constant rate."""
+
+    @abstractmethod
+    def _finish(self) -> None:
+        """Write pending data and close the file."""
+
+    def _discard(self) -> None:
+        """Close the file, complete or not."""
+        self._finish()
 
     def write(self, frame: Frame, time_s: Fraction | None = None) -> None:
-        """Append a frame of the size that was announced."""
+        """Append a frame of the announced size, with its time if that deviates from the constant rate."""
         if not self._open:
             raise ValueError("`frame` cannot be written: the video is closed")
         if (frame.width, frame.height) != self._size:
             raise ValueError(f"`frame` must be {self._size} pixels, got {(frame.width, frame.height)}")
         with self._cleaning_up():
-            self._sink.write(frame, self._own_time_s(time_s))
+            self._store(frame, self._deviating_time_s(time_s))
         self._num_frames += 1
 
-    def _own_time_s(self, time_s: Fraction | None) -> Fraction | None:
-        """Return how long after the first frame the next one is shown, if not at the constant rate."""
-        planned_s = self._num_frames * self._interval_s
+    def _deviating_time_s(self, time_s: Fraction | None) -> Fraction | None:
+        """Return the time of the next frame after the first one; None at the constant rate."""
+        planned_s = self._num_frames / self._rate
         if self._num_frames == 0:
             self._start_s = time_s or planned_s
         time_s = planned_s if time_s is None else time_s - self._start_s
-        self._last_s = max(time_s, self._last_s + min(self._interval_s, _TICK_S))
+        self._last_s = max(time_s, self._last_s + min(1 / self._rate, _TICK_S))
         return None if self._last_s == planned_s else self._last_s
 
     def close(self) -> None:
-        """Finish the file and rename it into place."""
+        """Finish the file and rename it into place; harmless when repeated."""
         if not self._open:
             return
         with self._cleaning_up():
             if self._num_frames == 0:
                 raise VideoError(f"cannot write {self._path}: the video has no frames")
-            self._sink.finish()
+            self._finish()
             self._output.commit()
         self._open = False
 
     def abort(self) -> None:
-        """Discard the written data unless it is to be kept."""
+        """Discard the written data unless they are to be kept; harmless when repeated."""
         if not self._open:
             return
         self._open = False
         kept = self._kept and self._num_frames > 0
         with suppress(OSError):
-            (self._sink.finish if kept else self._sink.discard)()
+            (self._finish if kept else self._discard)()
         with suppress(OSError, VideoError):
             if kept:
                 self._output.keep()
@@ -107,7 +111,7 @@ class _AtomicWriter:
 
     @contextmanager
     def _cleaning_up(self) -> Iterator[None]:
-        """Abort on any exception, and name the file in those of the system."""
+        """Abort on any exception, and name the file in errors of the system."""
         try:
             yield
         except OSError as err:
@@ -118,13 +122,11 @@ class _AtomicWriter:
             raise
 
     def __enter__(self) -> Self:
-        """Return the writer."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Close the writer, or abort it if the block was left by an exception."""
         if kind is None:
             self.close()
         else:
@@ -172,7 +174,7 @@ def create_video(
     size : tuple of int
         Width and height in pixels.
     frame_rate : Fraction or float
-        Frames per second, stored exactly (29.97 and its kin as the NTSC rates, see `exact_frame_rate`).
+        Frames per second, stored exactly (29.97 and similar ones as the NTSC rates, see `exact_frame_rate`).
         Frames may be written with times of their own, which ``.y4m`` cannot hold.
     luma_only : bool, optional
         Store grey pictures (in ``.mp4``, neutral chroma); chroma of the frames is left out. Otherwise frames
@@ -180,8 +182,8 @@ def create_video(
     full_range : bool, optional
         Mark the samples as using 0 to 255 (see `VideoInfo.full_range`).
     kept : bool, optional
-        Write to `path` with ``.part`` after it, and let frames that were written before `abort` stay there,
-        as a video that players read.
+        Write to `path` with ``.part`` after it; frames that were written before `abort` stay there as a video
+        that players read.
 
     Returns
     -------
@@ -198,52 +200,36 @@ def create_video(
     """
     check_suffix(path)
     path = Path(path)
-    suffix = path.suffix.lower()
     check_size(*size, str(path))
     if frame_rate > 0:
         check_frame_rate(frame_rate, str(path))
     rate = exact_frame_rate(frame_rate)
+    kind = _Y4mWriter if path.suffix.lower() == ".y4m" else _FfmpegWriter
     output = OutputFile(path, VideoError, visible=kept)
     try:
-        sink: _Sink
-        if suffix == ".y4m":
-            sink = _Y4mSink(output.temporary, size, rate, luma_only=luma_only, full_range=full_range)
-        else:
-            sink = _FfmpegSink(
-                output.temporary,
-                size,
-                rate,
-                luma_only=luma_only,
-                full_range=full_range,
-                lossless=suffix == ".mkv",
-                flushed=kept,
-            )
+        return kind(path, output, size, rate, luma_only=luma_only, full_range=full_range, kept=kept)
     except BaseException as err:
         output.discard()
         if isinstance(err, OSError):
             raise VideoError(f"cannot write {path}: {err.strerror}") from err
         raise
-    return _AtomicWriter(path, output, sink, size, 1 / rate, kept=kept)
 
 
-class _Y4mSink:
+class _Y4mWriter(VideoWriter):
     """YUV4MPEG2: a text header, then plain planes."""
 
-    def __init__(
-        self, path: Path, size: tuple[int, int], rate: Fraction, *, luma_only: bool, full_range: bool
-    ) -> None:
-        self._luma_only = luma_only
+    def _begin(self, full_range: bool) -> None:
         self._warned = False  # that times are lost
-        self._file = path.open("wb")
-        colour = "mono" if luma_only else "420mpeg2"
+        self._file = self._output.temporary.open("wb")
+        (width, height), rate = self._size, self._rate
+        colour = "mono" if self._luma_only else "420mpeg2"
         range_tag = "FULL" if full_range else "LIMITED"
         self._file.write(
-            f"YUV4MPEG2 W{size[0]} H{size[1]} F{rate.numerator}:{rate.denominator} Ip A1:1 C{colour} "
+            f"YUV4MPEG2 W{width} H{height} F{rate.numerator}:{rate.denominator} Ip A1:1 C{colour} "
             f"XCOLORRANGE={range_tag}\n".encode("ascii")
         )
 
-    def write(self, frame: Frame, time_s: Fraction | None) -> None:
-        """Append the planes of a frame; warn once if its time is lost."""
+    def _store(self, frame: Frame, time_s: Fraction | None) -> None:
         if time_s is not None and not self._warned:
             self._warned = True
             _LOG.warning("y4m holds no time stamps: frames with times of their own are at the constant rate")
@@ -253,49 +239,31 @@ class _Y4mSink:
             self._file.write(np.ascontiguousarray(plane).data)
         self._file.flush()  # concurrent readers see whole frames
 
-    def finish(self) -> None:
-        """Flush and close."""
-        self._file.close()
-
-    def discard(self) -> None:
-        """Close."""
+    def _finish(self) -> None:
         self._file.close()
 
 
-class _FfmpegSink:
+class _FfmpegWriter(VideoWriter):
     """FFV1 in Matroska, or H.264 in MP4."""
 
-    def __init__(
-        self,
-        path: Path,
-        size: tuple[int, int],
-        rate: Fraction,
-        *,
-        luma_only: bool,
-        full_range: bool,
-        lossless: bool,
-        flushed: bool,
-    ) -> None:
+    def _begin(self, full_range: bool) -> None:
         import av
 
-        self._lossless = lossless
-        self._pixel_format = "gray" if luma_only and lossless else "yuv420p"
-        self._luma_only = luma_only
+        self._lossless = self._path.suffix.lower() == ".mkv"
+        self._pixel_format = "gray" if self._luma_only and self._lossless else "yuv420p"
         # Without "bitexact" the muxers write random identifiers, and two runs would differ.
-        options = {"fflags": "+bitexact"} if lossless else {"fflags": "+bitexact", "movflags": "+faststart"}
-        options |= {"flush_packets": "1"} if flushed else {}  # all but the last frame
+        options = {"fflags": "+bitexact"} | ({} if self._lossless else {"movflags": "+faststart"})
+        options |= {"flush_packets": "1"} if self._kept else {}  # all but the last frame
         with _ffmpeg_errors():
-            self._container = av.open(
-                f"file:{path}", "w", format="matroska" if lossless else "mp4", container_options=options
-            )
-            self._stream = self._add_stream(size, rate, full_range=full_range)
-        self._rate = rate
-        self._num_frames = 0
+            path, muxer = f"file:{self._output.temporary}", "matroska" if self._lossless else "mp4"
+            self._container = av.open(path, "w", format=muxer, container_options=options)
+            self._stream = self._add_stream(full_range)
         # Times of frames with pending packets, without those at the constant rate.
         self._times_s: dict[int, Fraction] = {}
 
-    def _add_stream(self, size: tuple[int, int], rate: Fraction, *, full_range: bool) -> "VideoStream":
+    def _add_stream(self, full_range: bool) -> "VideoStream":
         """Set up the encoder."""
+        size, rate = self._size, self._rate
         codec, options = ("ffv1", _ffv1_options(size)) if self._lossless else ("libx264", _H264_OPTIONS)
         stream = cast("VideoStream", self._container.add_stream(codec, rate=rate, options=options))
         stream.width, stream.height = size if self._lossless else (side + side % 2 for side in size)
@@ -305,8 +273,7 @@ class _FfmpegSink:
         stream.time_base = stream.codec_context.time_base = 1 / rate
         return stream
 
-    def write(self, frame: Frame, time_s: Fraction | None) -> None:
-        """Encode a frame and store what comes out."""
+    def _store(self, frame: Frame, time_s: Fraction | None) -> None:
         if self._luma_only:
             frame = frame.without_chroma()
         if not self._lossless:
@@ -317,10 +284,9 @@ class _FfmpegSink:
         if time_s is not None:
             self._times_s[self._num_frames] = time_s
         self._encode(picture)
-        self._num_frames += 1
 
     def _encode(self, picture: "VideoFrame | None") -> None:
-        """Encode at the constant rate, and store what comes out at the times of its frames."""
+        """Encode at the constant rate, and store the packets at the times of their frames."""
         with _ffmpeg_errors():
             for packet in self._stream.encode(picture):
                 if self._times_s:
@@ -328,7 +294,7 @@ class _FfmpegSink:
                 self._container.mux(packet)
 
     def _set_times(self, packet: "Packet[VideoStream]") -> None:
-        """Give a packet the times of the frames with its numbers."""
+        """Replace the frame numbers of a packet by times."""
         numbers = cast("tuple[int, int]", (packet.pts, packet.dts))
         times_s = [self._times_s.get(number, number / self._rate) for number in numbers]
         packet.pts, packet.dts = (round(time_s / _MICROSECOND_S) for time_s in times_s)
@@ -337,21 +303,19 @@ class _FfmpegSink:
         for number in [number for number in self._times_s if number < numbers[1]]:
             del self._times_s[number]
 
-    def finish(self) -> None:
-        """Flush the encoder and write the index."""
+    def _finish(self) -> None:
         with _ffmpeg_errors():
             self._encode(None)
             self._container.close()
 
-    def discard(self) -> None:
-        """Close the container."""
+    def _discard(self) -> None:
         with _ffmpeg_errors():
             self._container.close()
 
 
 @contextmanager
 def _ffmpeg_errors() -> Iterator[None]:
-    """Turn all that FFmpeg raises into OSError; only some of it is one by itself."""
+    """Convert errors of FFmpeg into OSError; only some of them are of that type."""
     import av
 
     try:
@@ -360,14 +324,8 @@ def _ffmpeg_errors() -> Iterator[None]:
         raise OSError(err.errno, err.strerror) from err
 
 
-_TICK_S = Fraction(1, 1000)
-"""Least time between two frames that Matroska can resolve."""
-_MICROSECOND_S = Fraction(1, 10**6)
-_H264_OPTIONS = {"crf": "12", "preset": "medium"}
-
-
 def _ffv1_options(size: tuple[int, int]) -> dict[str, str]:
-    """Return FFV1 settings; one slice where FFmpeg cannot cut small pictures or odd chroma in four."""
+    """Return FFV1 settings; one slice if FFmpeg cannot divide small pictures or odd chroma by four."""
     slices = "4" if min(size) >= 16 and not any(side % 4 for side in size) else "1"
     return {"level": "3", "slicecrc": "1", "g": "1", "slices": slices}
 

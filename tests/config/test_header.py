@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 
 from dvc.config import (
     CODERS,
-    PRIORS,
     REFERENCES,
     SFM_BACKENDS,
-    TRACKS_KINDS,
     VARIANTS,
     CascadeConfig,
     CodecConfig,
@@ -33,6 +31,7 @@ from dvc.config import (
     decode_config,
     encode_config,
 )
+from dvc.config.sections import PRIORS, TRACKS_KINDS
 from dvc.errors import BitstreamError
 
 QCIF = VideoConfig(176, 144, 15, 1)
@@ -93,7 +92,7 @@ def test_bytes_and_dictionary_give_back_any_configuration(config: CodecConfig) -
     ],
 )
 def test_headers_are_small(config: CodecConfig, num_bytes: int) -> None:
-    """What a header costs beside the parameter sets."""
+    """Size of a header without the parameter sets."""
     sets = replace(config, key=replace(config.key, parameter_sets=bytes(30)))
     assert len(encode_config(config)) <= num_bytes
     assert len(encode_config(sets)) <= num_bytes + 30 + 8
@@ -108,7 +107,7 @@ def test_coders_have_settings_after_their_names(monkeypatch: pytest.MonkeyPatch)
         weights: tuple[int, ...] = ()
         patience: float = 0.5
 
-    monkeypatch.setitem(CODERS.own, "patient", Patient)  # type: ignore[attr-defined]
+    monkeypatch.setitem(CODERS._builtin, "patient", Patient)  # type: ignore[attr-defined]
     for coder, values in [
         (CascadeConfig(), None),
         (CascadeConfig(3), [None, 3]),
@@ -177,10 +176,10 @@ def test_changed_values_raise_only_bitstream_errors(config: CodecConfig, data: s
     [
         (b"", "truncated"),
         (b"\x90", "lacks the field `video`"),
-        (b"\xc0", "Expected `array`"),
+        (b"\xc0", "`configuration` must be an array, got None"),
         (b"\x91\x93\x01\x01\x01", "`video` lacks the field `frame_rate_den`"),
         (b"\x91\x94\x01\x01\x01\xc0", "`video` lacks the field `frame_rate_den`"),
-        (b"\x91\x80", "Expected `array`, got `object`"),
+        (b"\x91\x80", "`video` must be an array, got {}"),
         (b"\x91\x94\x01\x01\x01\xcf" + b"\xff" * 8, "`frame_rate_den` must be from 1 to 2147483647"),
         (b"\x91\x94\x01\x01\x01\xff", "`frame_rate_den` must be from 1 to 2147483647, got -1"),
         (b"\x91" * 4096, "recursion|Expected"),
@@ -190,7 +189,7 @@ def test_changed_values_raise_only_bitstream_errors(config: CodecConfig, data: s
     ],
 )
 def test_hostile_headers_are_refused(header: bytes, message: str) -> None:
-    """Lengths that are promised, deep nesting, numbers of 64 bits and what is left out cost nothing."""
+    """Long lengths, deep nesting, numbers of 64 bits and missing values are refused at no cost."""
     with pytest.raises(BitstreamError, match=f"^configuration: .*({message})"):
         decode_config(header)
     check_header(header)
@@ -212,12 +211,13 @@ def test_hostile_headers_are_refused(header: bytes, message: str) -> None:
         ([None, [2.0]], "Expected `int`, got `float`"),
         ([None, [True]], "Expected `int`, got `bool`"),
         ([None, None, [None, 1]], "Expected `bool`, got `int`"),
-        ([None, None, [*BEFORE_SETS, "30"]], "Expected `bytes`, got `str`"),
+        ([None, None, [*BEFORE_SETS, "30"]], "base64"),
+        ([None, None, [*BEFORE_SETS, "MzAw"]], "one form"),
         ([None, None, [*BEFORE_SETS, bytes(1025)]], "limited to 1024 bytes"),
         ([None, None, None, [[2**64 - 1] * 16]], "powers of two"),
         ([None, None, None, [[2] * 1000]], "16 entries"),
         ([None, None, None, None, ["turbo", 3]], "`coder` has 2 values, 1 known: made by a newer program"),
-        ([None, None, None, None, [["turbo"]]], r"Expected `str \| null`, got `array`"),
+        ([None, None, None, None, [["turbo"]]], r"must be a string, got \['turbo'\]"),
         ([None, None, None, None, ["t\u00fcrbo"]], "plane coder 't.rbo' is not installed"),
         ([None, None, None, None, None, ["\u20ac"]], "`method` must be"),
         ([None, None, None, None, None, None, [None, float("nan")]], "finite"),
@@ -229,7 +229,7 @@ def test_hostile_headers_are_refused(header: bytes, message: str) -> None:
     ],
 )
 def test_other_forms_and_kinds_are_refused(values: list[Any], message: str) -> None:
-    """What stands for a configuration in another form, and values of the wrong type, after `video`."""
+    """Other forms of a configuration, and values of the wrong type, after `video`."""
     with pytest.raises(BitstreamError, match=message):
         decode_config(header_of(*values))
     check_header(header_of(*values))
@@ -248,16 +248,10 @@ def test_longer_forms_are_refused(longer: bytes) -> None:
 
 def test_damaged_headers_raise_only_bitstream_errors() -> None:
     """Every cut and changes of every byte of a header is refused, or reads as another valid configuration."""
-    config = codec_config(QCIF, "2d", key=KeyFrameConfig(25, True, 8, b"\x01\x02"), seed=7)
-    config = replace(
-        config, wyner_ziv=DiscoverMatrix(8).wyner_ziv, side_information=SideInformationConfig("x", True)
-    )
+    key, side_information = KeyFrameConfig(25, True, 8, b"\x01\x02"), SideInformationConfig("x")
+    config = codec_config(QCIF, "2d", DiscoverMatrix(8), key=key, side_information=side_information, seed=7)
     header = encode_config(config)
-    cuts = [header[:size] for size in range(len(header))]
-    changes = [
-        header[:position] + bytes([value]) + header[position + 1 :]
-        for position in range(len(header))
-        for value in range(0, 256, 5)
-    ]
-    for damaged in cuts + changes:
-        check_header(damaged)
+    for position in range(len(header)):
+        check_header(header[:position])
+        for value in range(0, 256, 5):
+            check_header(header[:position] + bytes([value]) + header[position + 1 :])

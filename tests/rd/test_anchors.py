@@ -33,8 +33,7 @@ from dvc.rd.provenance import CodeVersion
 from dvc.rd.rd_results import POINTS_FOLDER, PointResult, read_results
 from dvc.rd.run_points import run_points
 from dvc.rd.specification import Point, Task
-from dvc.video import Frame, create_video, open_video
-from dvc.video.sources import FrameStream
+from dvc.video import Frame, VideoReader, create_video, open_video
 
 NUM_FRAMES = 5
 EVERY_CODEC = pytest.mark.parametrize("codec", ANCHOR_CODECS.values(), ids=lambda codec: codec.name)
@@ -119,7 +118,7 @@ def test_time_of_reading_is_not_that_of_coding(
     """Frames that take long to read make coding no dearer, however many are read at once."""
 
     class Slow:
-        def __init__(self, reader: FrameStream) -> None:
+        def __init__(self, reader: VideoReader) -> None:
             self.info, self._reader = reader.info, reader
 
         def __enter__(self) -> "Slow":

@@ -49,7 +49,7 @@ def field_rows(section: Any, place: str = "", path: str = "") -> Iterator[str]:
 
 
 def field_table() -> str:
-    """Return the table of all fields, with what they are when nothing is said."""
+    """Return the table of all fields with their defaults."""
     head = "| place | field | type | default |\n| --- | --- | --- | --- |\n"
     return head + "".join(field_rows(CodecConfig(VideoConfig(1, 1, 1, 1))))
 
@@ -92,7 +92,7 @@ SETS = b"any bytes" * 40
     ],
 )
 def test_another_reader_finds_all_fields(config: CodecConfig) -> None:
-    """A reader that was written from the description alone finds every value at its place."""
+    """A reader written only from the description finds every value at its position."""
     found = read_configuration(encode_configuration(config, Form.BUFFERED))
     sets = found["parameter_sets"]
     assert sets == config.key.parameter_sets

@@ -58,11 +58,11 @@ def with_times(
 
 @pytest.mark.parametrize(("late_ticks", "number"), [([0, -34, 0], 1), ([0, 40, 0], 2), ([34, 0, 0], 1)])
 def test_frames_must_follow_each_other(late_ticks: list[int], number: int) -> None:
-    """What is shown before or with the frame before it is refused, after all groups before."""
+    """Times that do not increase are refused, after all earlier groups."""
     config, coded = records(3)
     reader = StreamReader(io.BytesIO(with_times(config, coded, late_ticks)))
     groups = []
-    with pytest.raises(BitstreamError, match=f"group of pictures {number}: a time stamp is not after"):
+    with pytest.raises(BitstreamError, match=f"group of pictures {number}: a time stamp is not later"):
         groups += decode_stream(config, reader)
     reader = StreamReader(io.BytesIO(with_times(config, coded, [0, -32, 5])))
     assert len(list(decode_stream(config, reader))) == 3
@@ -81,7 +81,7 @@ def test_segments_go_on_where_the_one_before_ended(tmp_path: Path) -> None:
 
 
 def test_segments_do_not_add_up_to_more_than_a_stream_holds(tmp_path: Path) -> None:
-    """However many there are, the recording can be read."""
+    """The recording can be read with any number of segments."""
     config, coded = records(2)
     for number in range(2):
         (tmp_path / f"{number}.dvc").write_bytes(with_times(config, coded, [0, MAX_DEVIATION_TICKS], 1))

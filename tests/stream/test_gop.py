@@ -82,7 +82,7 @@ def test_the_first_field_tells_what_follows(record: GopRecord, payload: bytes) -
 
 
 def test_limits_of_a_record() -> None:
-    """As many payloads as there are Wyner-Ziv frames, and no more frames than a GOP may have."""
+    """A record has one payload for each Wyner-Ziv frame, and a limited number of frames."""
     longest = GopRecord(MAX_GOP_LENGTH, b"k", True, b"", (b"",) * (MAX_GOP_LENGTH - 1))
     assert decode_gop(encode_gop(longest)) == longest
     for num_frames, num_payloads in (
@@ -109,14 +109,14 @@ def test_limits_of_a_record() -> None:
         (b"\x84\x08", "257 frames"),
         (b"\xff\xff\xff\xff\x7f", "frames"),
         (b"\x05\x00", "announced, but empty"),
-        (b"\x05\x05abcd", "5 bytes where at most|5 bytes promised, 4 left"),
+        (b"\x05\x05abcd", "5 bytes, at most|5 bytes promised, 4 left"),
         (b"\x08", "data end within an integer"),
-        (b"\x08\xff\xff\xff\xff\x7f", "bytes where at most"),
+        (b"\x08\xff\xff\xff\xff\x7f", "bytes, at most"),
         (b"\x08\x03ab", "3 bytes promised, 2 left"),
         (b"\x84\x10\x00\x02k", "0 ticks a second"),
         (b"\x84\x10\xc1\x84\x3d\x02k", "1000001 ticks a second"),
         (b"\x84\x10\x01", "data end within an integer"),
-        (b"\x84\x10\x01\x00k", "are those of the constant frame rate"),
+        (b"\x84\x10\x01\x00k", "equal those of the constant frame rate"),
         (b"\x84\x10\x01\x80\x80\x80\x80\x40k", "a time stamp is more than 8589934591 ticks off"),
         (b"\x84\x10\x01\xff\xff\xff\xff\x7fk", "a time stamp is more than 8589934591 ticks off"),
     ],

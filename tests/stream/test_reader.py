@@ -5,8 +5,10 @@ import os
 import threading
 import tracemalloc
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -28,8 +30,7 @@ from dvc.stream import (
     encode_gop,
     gop_bits,
 )
-from dvc.stream.index import encode_end
-from dvc.stream.records import frame_record
+from dvc.stream.records import encode_end, frame_record
 
 CONFIG = codec_config(VideoConfig(176, 144, 15, 1), "2d", gop={"length": 4}, key={"intra_period": 16})
 RECORDS = [
@@ -42,12 +43,10 @@ forms = pytest.mark.parametrize("form", list(Form))
 
 
 def in_form(form: Form | str, records: list[GopRecord]) -> list[GopRecord]:
-    """Return records as they stand in a form of stream: punctured ones have digests."""
+    """Return records in a form of stream: punctured ones have digests."""
     if Form(form) is not Form.PUNCTURED:
         return records
-    return [
-        replace(record, digest=zlib.crc32(record.key)) if record.wyner_ziv else record for record in records
-    ]
+    return [replace(r, digest=zlib.crc32(r.key)) if r.wyner_ziv else r for r in records]
 
 
 def write(form: Form | str, records: list[GopRecord], config: CodecConfig = CONFIG) -> bytes:
@@ -74,7 +73,7 @@ def read_before_error(source: bytes | BinaryIO) -> tuple[list[GopRecord], str]:
 @forms
 @pytest.mark.parametrize("piped", [False, True])
 def test_unfinished_streams_give_their_finished_groups(form: Form, piped: bool) -> None:
-    """Cut anywhere, a stream has the groups that are whole before the cut, and says what is missing."""
+    """Cut anywhere, a stream has the whole groups before the cut, and reports the missing part."""
     data, records = write(form, RECORDS), in_form(form, RECORDS)
     entries = StreamReader(io.BytesIO(data)).index.entries
     for cut in range(entries[0].offset, len(data) + 1):
@@ -152,7 +151,7 @@ def test_streams_come_back(form: Form, lengths: list[int], rng: np.random.Genera
 
 @forms
 def test_seeking_before_and_while_reading(form: Form, tmp_path: Path) -> None:
-    """Reading goes on from the GOP that was asked for; looking at the index moves nothing."""
+    """Reading continues from the requested GOP; the index does not change the position."""
     path = tmp_path / "s.dvc"
     path.write_bytes(write(form, RECORDS))
     with StreamReader(path) as reader:
@@ -199,7 +198,7 @@ def test_predicted_key_frames_where_there_can_be_none_are_refused(intra_period: 
 
 
 def test_writer_refuses_what_readers_would() -> None:
-    """The first GOP is one key frame, others are no longer than configured, and nothing follows the end."""
+    """The first GOP is one key frame, the other ones have a largest length, and nothing follows the end."""
     writer = StreamWriter(io.BytesIO(), CONFIG, "buffered")
     with pytest.raises(ValueError, match="must add 1 frames or fewer"):
         writer.write_gop(RECORDS[1])
@@ -217,7 +216,7 @@ def test_writer_refuses_what_readers_would() -> None:
 
 
 def test_failed_writing_leaves_no_end() -> None:
-    """A stream whose writing failed is recognised as cut."""
+    """A stream is recognised as cut if writing failed."""
     file = io.BytesIO()
 
     def fail() -> None:
@@ -273,7 +272,7 @@ def test_short_reads_are_put_together() -> None:
 
 @forms
 def test_every_cut_is_noticed(form: Form) -> None:
-    """However much of a stream is there, its whole GOPs are read and then the error is raised."""
+    """The whole GOPs of a cut stream are read, then an error is raised."""
     data = write(form, RECORDS)
     entries = StreamReader(io.BytesIO(data)).index.entries
     for size in range(len(data)):
@@ -305,7 +304,7 @@ def test_every_changed_byte_is_noticed(form: Form) -> None:
 
 
 def test_messages_name_record_type_and_offset() -> None:
-    """A message says what is wrong with which record, and where it starts."""
+    """A message names the problem, the record and its offset."""
     data = write("buffered", RECORDS)
     offset = StreamReader(io.BytesIO(data)).index.entries[1].offset
     damaged = bytearray(data)
@@ -326,59 +325,40 @@ def head(form: Form) -> bytes:
     return data[: len(data) - (12 if form is Form.BUFFERED else 7)]
 
 
+READS = "this program reads version 2"
+group = partial(frame_record, RecordType.GOP)
+configuration = partial(frame_record, RecordType.CONFIGURATION)
+
+
 @pytest.mark.parametrize(
     ("build", "message"),
     [
         (lambda start, gop, end: b"", "not a dvc3d stream"),
         (lambda start, gop, end: b"RIFF" + start[4:], "not a dvc3d stream"),
         (lambda start, gop, end: start[:4], "format version missing"),
-        (
-            lambda start, gop, end: start[:4] + b"\x09" + start[5:],
-            "format version 9; this program reads version 2",
-        ),
-        (
-            lambda start, gop, end: start[:4] + b"\x01" + start[5:],
-            "format version 1, made by a version of dvc3d before 2; this program reads version 2",
-        ),
-        (
-            lambda start, gop, end: start[:5] + gop + end,
-            r"record 0 \(group of pictures\) .*must be the configuration",
-        ),
+        (lambda start, gop, end: start[:4] + b"\x09" + start[5:], f"version 9; {READS}"),
+        (lambda start, gop, end: start[:4] + b"\x01" + start[5:], f"1, made by .* dvc3d before 2; {READS}"),
+        (lambda start, gop, end: start[:5] + gop + end, r"record 0 \(group of pictures\) .*must be the conf"),
         (lambda start, gop, end: start + start[5:] + end, r"record 1 \(configuration\) .*first and once"),
         (lambda start, gop, end: start + gop + gop, "ends without its end record"),
         (lambda start, gop, end: start + gop + end[:-1], "bytes promised"),
         (lambda start, gop, end: start + end, "1 frames promised, 0 found"),
         (lambda start, gop, end: start + gop + gop + end, "1 frames promised, 2 found"),
         (lambda start, gop, end: start + gop + end + end, "bytes follow"),
+        (lambda start, gop, end: start + b"\2" + b"\xff" * 4 + b"\x7f", "bytes of payload, at most 67108864"),
+        (lambda start, gop, end: start + b"\2" + b"\x80" * 5 + b"\1", "length: integer"),
+        (lambda start, gop, end: start + b"\2", "length: data end"),
+        (lambda start, gop, end: start + group(encode_gop(RECORDS[1])) + end, "4 frames, at most 1 are"),
+        (lambda start, gop, end: start + gop + group(b"\x14" + bytes(9)) + end, "5 frames, at most 4 are"),
         (
-            lambda start, gop, end: start + b"\x02" + b"\xff" * 4 + b"\x7f",
-            "bytes of payload, at most 67108864",
-        ),
-        (lambda start, gop, end: start + b"\x02" + b"\x80" * 5 + b"\x01", "length: integer"),
-        (lambda start, gop, end: start + b"\x02", "length: data end"),
-        (
-            lambda start, gop, end: start + frame_record(RecordType.GOP, encode_gop(RECORDS[1])) + end,
-            "4 frames where at most 1 are allowed",
-        ),
-        (
-            lambda start, gop, end: start + gop + frame_record(RecordType.GOP, b"\x14" + bytes(9)) + end,
-            "5 frames where at most 4 are allowed",
-        ),
-        (
-            lambda start, gop, end: start + gop + frame_record(RecordType.END, b"\x01\x00"),
+            lambda start, gop, end: start + gop + frame_record(RecordType.END, b"\1\0"),
             "1 bytes are left over",
         ),
+        (lambda start, gop, end: start[:5] + configuration(b"\3"), "record 0 .*unknown form"),
+        (lambda start, gop, end: start[:5] + configuration(b""), "record 0 .*unknown form"),
         (
-            lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b"\x03"),
-            "record 0 .*no form",
-        ),
-        (
-            lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b""),
-            "record 0 .*no form",
-        ),
-        (
-            lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b"\x01\x7f"),
-            r"record 0 \(configuration\) at byte 5: configuration: Expected `array`, got `int`",
+            lambda start, gop, end: start[:5] + configuration(b"\x01\x7f"),
+            r"record 0 \(configuration\) at byte 5: configuration: `configuration` must be an array",
         ),
     ],
 )
@@ -392,20 +372,20 @@ def test_wrong_order_and_sizes_are_refused(
         list(StreamReader(io.BytesIO(data)))
 
 
-@pytest.mark.parametrize(
-    "payload",
-    [
-        b"",
-        b"\x01",
-        b"\x01\x01",
-        b"\x01\x01\x11\x01",
-        b"\x01\x01\x11\x01\x00\x00\x00\x00",
-        b"\x01\x01\x12\x01\x0e\x00\x00\x00",
-        b"\x01\x01\x11\x02\x0e\x00\x00\x00",
-        b"\x01\x02\x08\x01\x09\x00\x10\x00\x00\x00",
-        b"\x01\xff\xff\xff\xff\x7f" + bytes(30),
-    ],
+WRONG_INDICES = (
+    "",
+    "01",
+    "01 01",
+    "01 01 11 01",
+    "01 01 11 01 00 00 00 00",
+    "01 01 12 01 0e 00 00 00",
+    "01 01 11 02 0e 00 00 00",
+    "01 02 08 01 09 00 10 00 00 00",
+    "01 ff ff ff ff 7f" + 30 * " 00",
 )
+
+
+@pytest.mark.parametrize("payload", [bytes.fromhex(digits) for digits in WRONG_INDICES])
 def test_wrong_index_is_refused(payload: bytes) -> None:
     """An index that is cut or does not agree with the records is refused, read in order or from the end."""
     gop = frame_record(RecordType.GOP, encode_gop(RECORDS[0]))
@@ -463,7 +443,7 @@ def test_random_mutations_raise_only_bitstream_errors() -> None:
 
 @given(st.binary(max_size=60))
 def test_arbitrary_payloads_behind_right_checksums(payload: bytes) -> None:
-    """What a hostile writer frames correctly raises only `BitstreamError`."""
+    """Any payload in a valid frame raises only `BitstreamError`."""
     for form in Form:
         for record_type in RecordType:
             read_outcome(head(form) + frame_record(record_type, payload))
@@ -472,36 +452,36 @@ def test_arbitrary_payloads_behind_right_checksums(payload: bytes) -> None:
 
 def read_outcome(data: bytes) -> None:
     """Read a stream in order and its index; let only errors other than `BitstreamError` escape."""
-    try:
+    with suppress(BitstreamError):
         reader = StreamReader(io.BytesIO(data))
-    except BitstreamError:
-        return
-    for action in (lambda: list(reader), lambda: reader.index, lambda: reader.seek_gop(0)):
-        try:
-            action()
-        except BitstreamError:
-            continue
+        for action in (lambda: list(reader), lambda: reader.index, lambda: reader.seek_gop(0)):
+            with suppress(BitstreamError):
+                action()
+
+
+@contextmanager
+def allocating_at_most(max_bytes: int) -> Iterator[None]:
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < max_bytes
+    finally:
+        tracemalloc.stop()
 
 
 def test_promises_cost_no_memory() -> None:
     """A length that the file does not hold is refused before memory is spent on it, also from a pipe."""
     data = head(Form.BUFFERED) + b"\x02" + encode_varint(2**26 - 1) + b"short"
     index = frame_record(RecordType.END, b"\x01" + encode_varint(2**20) + bytes(100))
-    tracemalloc.start()
-    for file in (io.BytesIO(data), Dribble(data), io.BytesIO(head(Form.BUFFERED) + index)):
-        with pytest.raises(BitstreamError):
-            list(StreamReader(cast(BinaryIO, file)))
-    _, peak_bytes = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak_bytes < 2**20
+    with allocating_at_most(2**20):
+        for file in (io.BytesIO(data), Dribble(data), io.BytesIO(head(Form.BUFFERED) + index)):
+            with pytest.raises(BitstreamError):
+                list(StreamReader(cast(BinaryIO, file)))
 
 
 def test_memory_is_that_of_one_gop() -> None:
     """Reading a long stream holds one record at a time."""
     data = write("punctured", [GopRecord(1, bytes(2**18))] * 40)
-    tracemalloc.start()
-    for record in StreamReader(io.BytesIO(data)):
-        assert len(record.key) == 2**18
-    _, peak_bytes = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak_bytes < 2**21
+    with allocating_at_most(2**21):
+        for record in StreamReader(io.BytesIO(data)):
+            assert len(record.key) == 2**18

@@ -12,7 +12,7 @@ CONFIG = codec_config(VideoConfig(64, 48, 25, 1), gop={"length": 3})
 
 
 def write(path: Path, key: bytes, form: Form = Form.BUFFERED, width: int = 64) -> None:
-    """Write a segment of three groups whose key frames begin alike."""
+    """Write a segment of three groups with key frames that begin alike."""
     config = CONFIG if width == 64 else codec_config(VideoConfig(width, 48, 25, 1), gop={"length": 3})
     with path.open("wb") as file, StreamWriter(file, config, form) as writer:
         digest = 7 if form is Form.PUNCTURED else None
@@ -47,7 +47,7 @@ def test_segments_are_read_in_order(folder: Path) -> None:
 
 @pytest.mark.parametrize("number", range(10))
 def test_reading_goes_on_with_any_group(folder: Path, number: int) -> None:
-    """Groups are counted through all segments, whatever was read before."""
+    """Groups are counted through all segments, also after other reads."""
     with RecordingReader(folder) as reader:
         everything = keys(reader)
         reader.seek_gop(number)
@@ -55,7 +55,7 @@ def test_reading_goes_on_with_any_group(folder: Path, number: int) -> None:
 
 
 def test_there_are_no_groups_behind_the_end(folder: Path) -> None:
-    """As for a single stream."""
+    """A recording behaves like a single stream."""
     with RecordingReader(folder) as reader, pytest.raises(ValueError, match="from 0 to 9, got 10"):
         reader.seek_gop(10)
 
@@ -72,7 +72,7 @@ def test_damage_names_its_segment(folder: Path) -> None:
 
 
 def test_unfinished_segments_are_read_as_far_as_they_go(folder: Path) -> None:
-    """The one being written and one that was cut off are part of a recording, as far as they have groups."""
+    """An unfinished segment and a cut one belong to a recording if they have groups."""
     path = folder / "day-10.dvc"
     data = path.read_bytes()
     path.with_name("day-12.dvc.part").write_bytes(data[: data.index(b"10:2")])
@@ -90,12 +90,12 @@ def test_unfinished_segments_are_read_as_far_as_they_go(folder: Path) -> None:
 def test_segments_of_other_recordings_are_refused(folder: Path, other: dict[str, int]) -> None:
     """All have one configuration; that of the first is said to be another one."""
     write(folder / "day-8.dvc", b"8:", **other)  # type: ignore[arg-type]
-    with pytest.raises(BitstreamError, match=r"^day-9\.dvc: coded otherwise than day-8\.dvc"):
+    with pytest.raises(BitstreamError, match=r"^day-9\.dvc: its configuration differs from that of day-8"):
         RecordingReader(folder)
 
 
 def test_a_folder_without_segments_is_refused(tmp_path: Path) -> None:
-    """And so is what is no folder."""
+    """Files that are not folders are refused as well."""
     with pytest.raises(BitstreamError, match="without segments"):
         RecordingReader(tmp_path)
     with pytest.raises(BitstreamError, match="cannot be read"):
@@ -103,7 +103,7 @@ def test_a_folder_without_segments_is_refused(tmp_path: Path) -> None:
 
 
 def test_streams_and_folders_are_opened(folder: Path) -> None:
-    """What is no folder is a stream."""
+    """A file is opened as a stream."""
     with open_stream(str(folder)) as reader:
         assert isinstance(reader, RecordingReader)
     with open_stream(str(folder / "day-9.dvc")) as one:

@@ -67,7 +67,7 @@ def check_planes(config: CodecConfig, frame: reader.Frame) -> None:
 
 
 def check_bins(config: dict, frame: reader.Frame, original: Frame) -> None:
-    """Coefficients lie in the bins that the planes tell."""
+    """Coefficients lie in the bins that the planes encode."""
     coefficients = [reader.transform(block) for block in padded_blocks(original.luma)]
     first = 0
     for band, count in enumerate(frame.counts):
@@ -80,7 +80,7 @@ def check_bins(config: dict, frame: reader.Frame, original: Frame) -> None:
 
 @pytest.mark.parametrize("name", KINDS)
 def test_planes_are_those_of_the_frames(name: str, tmp_path: Path) -> None:
-    """All bits are found, and stand for what the frames are made of."""
+    """All bits are found, and encode the samples of the frames."""
     golden = golden_of(name)
     config, groups = reader.read_stream(golden.path("buffered").read_bytes())
     with open_video(source(golden, tmp_path)) as video, StreamReader(golden.path("buffered")) as stream:
@@ -100,7 +100,7 @@ def test_planes_are_those_of_the_frames(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("golden", BUFFERED, ids=lambda golden: golden.name)
 def test_key_frames_are_h264(golden: Golden) -> None:
-    """With headers and start codes put back any decoder reads them; what fills up the sides is cut off."""
+    """With headers and start codes added any decoder reads them; padding is cropped."""
     config, groups = reader.read_stream(golden.path("buffered").read_bytes())
     sets, height, width = config["parameter_sets"], config["height"], config["width"]
     end = 1 + sets[0]
@@ -131,7 +131,7 @@ def test_nothing_is_sent_of_frames_without_feedback() -> None:
 
 
 def test_points_are_read() -> None:
-    """As the decoder reads them."""
+    """They equal those of the decoder."""
     golden = golden_of("3d-td-luma")
     config, groups = reader.read_stream(golden.path("buffered").read_bytes())
     with StreamReader(golden.path("buffered")) as stream:
@@ -178,7 +178,7 @@ def positions(tracks: list, scale: float) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["3d-te-colour", "3d-te-odd", "3d-te-predicted"])
 def test_tracks_are_read(name: str) -> None:
-    """As the decoder reads them."""
+    """They equal those of the decoder."""
     golden = golden_of(name)
     config, groups = reader.read_stream(golden.path("buffered").read_bytes())
     scale = 2.0 ** config["subpixel_bits"]

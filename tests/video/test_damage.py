@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dvc.errors import VideoError
-from dvc.video import Frame, create_video, open_video
+from dvc.video import Frame, open_video
 from dvc.video.damage import HEAD_BYTES, checksum_is_valid, ffv1_slices, matroska_bytes
-from tests.clips import same_frame
+from tests.clips import same_frame, write_clip
 
 MakeFrames = Callable[..., list[Frame]]
 
@@ -34,10 +34,7 @@ def intact(tmp_path_factory: pytest.TempPathFactory, moving_frames: MakeFrames) 
     folder = tmp_path_factory.mktemp("intact")
     paths = {}
     for suffix in (".y4m", ".mkv", ".mp4"):
-        paths[suffix] = folder / f"a{suffix}"
-        with create_video(paths[suffix], (64, 48), 25) as writer:
-            for frame in moving_frames(12, 64, 48):
-                writer.write(frame)
+        paths[suffix] = write_clip(folder / f"a{suffix}", moving_frames(12, 64, 48))
     return paths
 
 
@@ -120,7 +117,7 @@ def test_checksum_is_that_of_ffv1() -> None:
 
 
 def test_slices_are_split_from_the_end() -> None:
-    """Sizes stand behind their slices; what does not add up gives nothing."""
+    """Sizes follow their slices; sizes that do not add up give nothing."""
     first, second = b"abc" + b"\x00\x00\x03" + bytes(5), b"\x00\x00\x00" + bytes(5)
     assert ffv1_slices(first + second) == [second, first]
     assert ffv1_slices(b"x" + first) is None

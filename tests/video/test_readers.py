@@ -13,10 +13,10 @@ import pytest
 from av.video.stream import VideoStream
 
 from dvc.errors import VideoError
-from dvc.video import Frame, create_video, exact_frame_rate, open_video
+from dvc.video import Frame, exact_frame_rate, open_video, readers
 from dvc.video.pixels import picture_from_frame
 from dvc.video.readers import FrameLookup
-from tests.clips import same_frame
+from tests.clips import same_frame, same_frames, write_clip
 
 MakeFrames = Callable[..., list[Frame]]
 
@@ -58,6 +58,12 @@ def write_container(
         container.mux(stream.encode(None))
 
 
+def silence() -> av.AudioFrame:
+    samples = av.AudioFrame.from_ndarray(np.zeros((1, 8000), np.int16), format="s16", layout="mono")
+    samples.sample_rate = 8000
+    return samples
+
+
 @pytest.mark.parametrize("size", [(16, 12), (7, 5), (1, 1)])
 @pytest.mark.parametrize("suffix", [".yuv", ".RAW"])
 def test_raw_files_need_size_and_rate(
@@ -68,13 +74,11 @@ def test_raw_files_need_size_and_rate(
     path = tmp_path / f"a{suffix}"
     write_raw(path, frames)
     with open_video(path, size=size, frame_rate=12.5) as reader:
-        assert reader.info.num_frames == 3
-        assert reader.info.frame_rate == Fraction(25, 2)
-        assert all(same_frame(a, b) for a, b in zip(reader, frames, strict=True))
-    with pytest.raises(VideoError, match="requires the size"):
-        open_video(path, size=size)
-    with pytest.raises(VideoError, match="requires the size"):
-        open_video(path, frame_rate=25)
+        assert (reader.info.num_frames, reader.info.frame_rate) == (3, Fraction(25, 2))
+        assert same_frames(reader, frames)
+    for missing in ({"size": size}, {"frame_rate": 25}):
+        with pytest.raises(VideoError, match="requires the size"):
+            open_video(path, **missing)  # type: ignore[arg-type]
 
 
 def test_raw_file_of_another_size_is_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
@@ -106,8 +110,7 @@ def test_images_come_in_natural_order(tmp_path: Path) -> None:
     (tmp_path / ".0.png").write_text("no image")
     with open_video(tmp_path) as reader:
         got = [int(frame.luma[0, 0]) for frame in reader]
-        assert reader.info.num_frames == 11
-        assert reader.info.frame_rate == 25
+        assert (reader.info.num_frames, reader.info.frame_rate) == (11, 25)
         assert reader.info.notices[0] == "RGB converted to YCbCr BT.601 limited range"
         assert reader.info.notices[-1] == "images have no frame rate: 25 frames per second assumed"
     assert got == sorted(got)
@@ -159,19 +162,17 @@ def test_image_names_are_taken_literally(tmp_path: Path) -> None:
 def test_bad_images_are_named(tmp_path: Path) -> None:
     """Another size, grey among colour, a broken file and an empty folder are refused."""
     colour, grey = np.full((6, 8, 3), 90, np.uint8), np.full((6, 8), 90, np.uint8)
-    cases = {"size": [colour, colour[:4]], "grey": [colour, grey]}
-    for name, images in cases.items():
+    for name, images, message in (
+        ("size", [colour, colour[:4]], r"2\.png: the picture size changes from 8x6 to 8x4"),
+        ("grey", [colour, grey], r"2\.png: grey and colour pictures are mixed"),
+        ("empty", [], "has no images"),
+    ):
         write_images(tmp_path / name, images)
-    with pytest.raises(VideoError, match=r"2\.png: the picture size changes from 8x6 to 8x4"):
-        list(open_video(tmp_path / "size"))
-    with pytest.raises(VideoError, match=r"2\.png: grey and colour pictures are mixed"):
-        list(open_video(tmp_path / "grey"))
+        with pytest.raises(VideoError, match=message):
+            list(open_video(tmp_path / name))
     (tmp_path / "size" / "1.png").write_bytes(b"\x89PNG\r\n\x1a\nbroken")
     with pytest.raises(VideoError, match=r"1\.png: "):
         open_video(tmp_path / "size")
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(VideoError, match="has no images"):
-        open_video(tmp_path / "empty")
 
 
 @pytest.mark.parametrize("kind", ["mkv", "y4m", "yuv", "folder"])
@@ -186,14 +187,10 @@ def test_start_and_count_choose_a_part(tmp_path: Path, moving_frames: MakeFrames
         size, rate = (16, 12), 25
         write_raw(path, frames)
     else:
-        with create_video(path, (16, 12), 25) as writer:
-            for frame in frames:
-                writer.write(frame)
+        write_clip(path, frames)
     for start, count in ((0, 2), (3, None), (4, 9), (5, 1)):
         with open_video(path, size=size, frame_rate=rate, start=start, num_frames=count) as reader:
-            got = list(reader)
-        expected = frames[start : None if count is None else start + count]
-        assert all(same_frame(a, b) for a, b in zip(got, expected, strict=True))
+            assert same_frames(reader, frames[start : None if count is None else start + count])
     for start in (6, 100):
         with pytest.raises(VideoError, match=f"cannot start at frame {start}"):
             open_video(path, size=size, frame_rate=rate, start=start)
@@ -207,13 +204,11 @@ def test_usual_containers_open(tmp_path: Path, moving_frames: MakeFrames, name: 
     write_container(tmp_path / name, frames, codec, pixel_format=pixel_format)
     with open_video(tmp_path / name) as reader:
         assert len(list(reader)) == 8
-        assert reader.info.size == (48, 32)
-        assert reader.info.frame_rate == Fraction(25)
-        assert reader.info.num_frames == 8
-        assert reader.info.full_range == (codec == "mjpeg")
+        info = reader.info
+        assert (info.size, info.frame_rate, info.num_frames) == ((48, 32), Fraction(25), 8)
+        assert info.full_range == (codec == "mjpeg")
     with open_video(tmp_path / name, frame_rate=29.97, start=5) as reader:
-        assert reader.info.frame_rate == Fraction(30000, 1001)
-        assert reader.info.num_frames == 3
+        assert (reader.info.frame_rate, reader.info.num_frames) == (Fraction(30000, 1001), 3)
     with pytest.raises(VideoError, match="pictures are 48x32, not 32x48"):
         open_video(tmp_path / name, size=(32, 48))
 
@@ -238,9 +233,7 @@ def test_variable_rate_and_odd_pixels_are_noted(tmp_path: Path, moving_frames: M
 def test_fields_and_rotation_are_noted(tmp_path: Path, moving_frames: MakeFrames) -> None:
     """Interlaced pictures and those to be shown turned come as they are stored, and the reader says so."""
     frame = moving_frames(1, 16, 12)[0]
-    with create_video(tmp_path / "a.y4m", (16, 12), 25) as writer:
-        writer.write(frame)
-    data = (tmp_path / "a.y4m").read_bytes()
+    data = write_clip(tmp_path / "a.y4m", [frame]).read_bytes()
     (tmp_path / "a.y4m").write_bytes(data.replace(b" Ip ", b" It ", 1))
     with open_video(tmp_path / "a.y4m") as reader:
         assert reader.info.notices[0].startswith("interlaced source")
@@ -259,26 +252,21 @@ def test_first_video_stream_is_taken(tmp_path: Path, moving_frames: MakeFrames) 
         streams = [container.add_stream("ffv1", rate=25) for _ in range(2)]
         for stream, frames in zip(streams, (first, second), strict=True):
             stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, "yuv420p"
-        samples = av.AudioFrame.from_ndarray(np.zeros((1, 8000), np.int16), format="s16", layout="mono")
-        samples.sample_rate = 8000
-        container.mux(sound.encode(samples))
+        container.mux(sound.encode(silence()))
         for stream, frames in zip(streams, (first, second), strict=True):
             for index, frame in enumerate(frames):
                 picture = picture_from_frame(frame, "yuv420p")
                 picture.pts = index
                 container.mux(stream.encode(picture))
             container.mux(stream.encode(None))
-    got = list(open_video(tmp_path / "a.mkv"))
-    assert all(same_frame(a, b) for a, b in zip(got, first, strict=True))
+    assert same_frames(open_video(tmp_path / "a.mkv"), first)
 
 
 def test_what_is_no_video_is_refused_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Absent, empty, text, sound and random files raise `VideoError`, and FFmpeg stays silent."""
     with av.open(str(tmp_path / "sound.wav"), "w") as container:
         stream = container.add_stream("pcm_s16le", rate=8000, layout="mono")
-        samples = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
-        samples.sample_rate = 8000
-        container.mux(stream.encode(samples))
+        container.mux(stream.encode(silence()))
     (tmp_path / "empty.mkv").touch()
     (tmp_path / "text.txt").write_text("hello\n" * 100)
     (tmp_path / "list.m3u8").write_text("#EXTM3U\n#EXTINF:1,\nhttp://127.0.0.1:9/a.ts\n#EXT-X-ENDLIST\n")
@@ -319,10 +307,8 @@ def test_frame_rates_become_fractions(given: float | Fraction, expected: Fractio
 
 
 def test_rates_that_nothing_has_are_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """Unless the caller replaces what the file states."""
-    path = tmp_path / "a.y4m"
-    with create_video(path, (16, 12), 25) as writer:
-        writer.write(moving_frames(1, 16, 12)[0])
+    """They are accepted if the caller replaces them."""
+    path = write_clip(tmp_path / "a.y4m", moving_frames(1, 16, 12))
     path.write_bytes(path.read_bytes().replace(b" F25:1 ", b" F2000000:1 ", 1))
     with pytest.raises(VideoError, match=r"a\.y4m: 2e\+06 frames per second are not supported"):
         open_video(path)
@@ -350,9 +336,7 @@ def test_memory_does_not_grow_with_the_video(tmp_path: Path, moving_frames: Make
     if suffix == ".yuv":
         write_raw(path, frames * 20)
     else:
-        with create_video(path, (128, 96), 25) as writer:
-            for frame in frames * 20:
-                writer.write(frame)
+        write_clip(path, frames * 20)
     with open_video(path, size=(128, 96), frame_rate=25) as reader:
         next(iter(reader))
     tracemalloc.start()
@@ -368,9 +352,8 @@ def test_real_sequences_open(shared_sequences: Path) -> None:
     expected = {"foreman_qcif15": ((176, 144), 15, 150), "stone": ((352, 288), 25, 83)}
     for name, (size, rate, count) in expected.items():
         with open_video(shared_sequences / f"{name}.mkv") as reader:
-            assert reader.info.size == size
-            assert reader.info.frame_rate == rate
-            assert reader.info.notices == ()
+            info = reader.info
+            assert (info.size, info.frame_rate, info.notices) == (size, rate, ())
             assert sum(1 for _ in reader) == count
 
 
@@ -378,10 +361,7 @@ def test_real_sequences_open(shared_sequences: Path) -> None:
 def clip(tmp_path: Path, moving_frames: Callable[..., list[Frame]]) -> tuple[Path, list[Frame]]:
     """Write a clip, and return its frames as well."""
     frames = moving_frames(6, 32, 24)
-    with create_video(tmp_path / "clip.mkv", (32, 24), 25) as writer:
-        for frame in frames:
-            writer.write(frame)
-    return tmp_path / "clip.mkv", frames
+    return write_clip(tmp_path / "clip.mkv", frames), frames
 
 
 def test_frames_are_found_in_any_order(clip: tuple[Path, list[Frame]]) -> None:
@@ -395,20 +375,15 @@ def test_frames_are_found_in_any_order(clip: tuple[Path, list[Frame]]) -> None:
 def test_rising_numbers_open_the_video_once(
     clip: tuple[Path, list[Frame]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each frame is decoded once; only to go back it is opened again."""
-    from dvc.video import readers as lookup
-
-    opened = []
-    open_video = lookup.open_video
+    """Each frame is decoded once; only to go back the video is opened again."""
+    starts = []
     monkeypatch.setattr(
-        lookup, "open_video", lambda path, start: opened.append(start) or open_video(path, start=start)
+        readers, "open_video", lambda path, start: starts.append(start) or open_video(path, start=start)
     )
     with FrameLookup(clip[0]) as frame:
-        for number in (1, 2, 2, 5):
+        for number in (1, 2, 2, 5, 3):
             frame(number)
-        assert opened == [1]
-        frame(3)
-    assert opened == [1, 3]
+    assert starts == [1, 3]
 
 
 def test_frames_that_are_not_there(clip: tuple[Path, list[Frame]]) -> None:

@@ -13,8 +13,8 @@ import pytest
 
 from dvc.errors import VideoError
 from dvc.metrics import psnr_db
-from dvc.video import Frame, VideoReader, VideoWriter, create_video, open_video
-from tests.clips import same_frame
+from dvc.video import Frame, create_video, open_video
+from tests.clips import same_frame, same_frames, write_clip
 
 MakeFrames = Callable[..., list[Frame]]
 
@@ -22,11 +22,7 @@ SIZES = [(48, 32), (33, 25), (1, 1), (2, 3), (17, 1), (1, 40), (19, 16), (20, 23
 RATES = [Fraction(25), Fraction(30000, 1001), Fraction(7, 3), Fraction(15)]
 
 
-def write_video(path: Path, frames: list[Frame], rate: Fraction = Fraction(25), **options: bool) -> None:
-    """Write all frames to a file."""
-    with create_video(path, (frames[0].width, frames[0].height), rate, **options) as writer:
-        for frame in frames:
-            writer.write(frame)
+every_format = pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])
 
 
 @pytest.mark.parametrize(("suffix", "grey"), [(".y4m", False), (".mkv", False), (".mkv", True)])
@@ -38,120 +34,97 @@ def test_lossless_formats_give_back_every_sample(
     frames = moving_frames(5, *size, grey=grey)
     for index, rate in enumerate(RATES):
         path = tmp_path / f"{index}{suffix}"
-        write_video(path, frames, rate, luma_only=grey)
+        write_clip(path, frames, rate, luma_only=grey)
         with open_video(path) as reader:
-            got = list(reader)
-            assert reader.info.size == size
-            assert reader.info.frame_rate == rate
-            assert reader.info.notices == ()
-            assert not reader.info.full_range
-        assert len(got) == len(frames)
-        assert all(same_frame(a, b) for a, b in zip(got, frames, strict=True))
+            info = reader.info
+            assert (info.size, info.frame_rate, info.notices, info.full_range) == (size, rate, (), False)
+            assert same_frames(reader, frames)
 
 
 @pytest.mark.parametrize("size", [(48, 32), (33, 25), (1, 1)])
 def test_mp4_is_near_to_the_source(tmp_path: Path, moving_frames: MakeFrames, size: tuple[int, int]) -> None:
     """H.264 keeps count, rate and the picture to within 38 dB; odd sides are padded by repetition."""
     frames = moving_frames(7, *size)
-    write_video(tmp_path / "a.mp4", frames, Fraction(30000, 1001))
+    write_clip(tmp_path / "a.mp4", frames, Fraction(30000, 1001))
     with open_video(tmp_path / "a.mp4") as reader:
         got = list(reader)
-        assert reader.info.frame_rate == Fraction(30000, 1001)
-        assert reader.info.num_frames == 7
-    assert len(got) == 7
+        assert (reader.info.frame_rate, reader.info.num_frames, len(got)) == (Fraction(30000, 1001), 7, 7)
     height, width = frames[0].luma.shape
     assert (got[0].height, got[0].width) == (height + height % 2, width + width % 2)
     assert min(psnr_db(a.luma[:height, :width].copy(), b.luma) for a, b in zip(got, frames, strict=True)) > 38
 
 
-def test_luma_only_drops_chroma(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """Grey files read back as grey; in MP4 chroma is neutral."""
+@every_format
+def test_chroma_is_left_out_or_made_neutral(tmp_path: Path, moving_frames: MakeFrames, suffix: str) -> None:
+    """Grey files come back grey, in MP4 with neutral chroma; grey frames in colour files get 128."""
     frames = moving_frames(3, 32, 16)
-    for suffix in (".y4m", ".mkv", ".mp4"):
-        write_video(tmp_path / f"a{suffix}", frames, luma_only=True)
-        got = list(open_video(tmp_path / f"a{suffix}"))
-        if suffix == ".mp4":
-            assert all(np.all(plane == 128) for plane in got[1].chroma or (np.zeros(1),))
-        else:
-            assert all(same_frame(a, b.without_chroma()) for a, b in zip(got, frames, strict=True))
+    got = list(open_video(write_clip(tmp_path / f"a{suffix}", frames, luma_only=True)))
+    if suffix == ".mp4":
+        assert all(np.all(plane == 128) for plane in got[1].chroma or (np.zeros(1),))
+        return
+    assert same_frames(got, [frame.without_chroma() for frame in frames])
+    grey = moving_frames(2, 9, 7, grey=True)
+    got = list(open_video(write_clip(tmp_path / f"b{suffix}", grey)))
+    assert same_frames(got, [frame.with_chroma() for frame in grey])
 
 
-def test_grey_frames_in_a_colour_file_get_neutral_chroma(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """A frame without chroma is written with 128."""
-    frames = moving_frames(2, 9, 7, grey=True)
-    for suffix in (".y4m", ".mkv"):
-        write_video(tmp_path / f"a{suffix}", frames)
-        got = list(open_video(tmp_path / f"a{suffix}"))
-        assert all(same_frame(a, b.with_chroma()) for a, b in zip(got, frames, strict=True))
-
-
-@pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])
+@every_format
 def test_full_range_mark_survives(tmp_path: Path, moving_frames: MakeFrames, suffix: str) -> None:
     """The reader learns that samples use 0 to 255, and keeps them."""
     frames = moving_frames(2, 16, 16)
-    write_video(tmp_path / f"a{suffix}", frames, full_range=True)
+    write_clip(tmp_path / f"a{suffix}", frames, full_range=True)
     with open_video(tmp_path / f"a{suffix}") as reader:
         assert reader.info.full_range
         assert reader.info.notices == ("full-range samples are kept as they are",)
         assert suffix == ".mp4" or same_frame(next(iter(reader)), frames[0])
 
 
-@pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])
+@every_format
 def test_two_runs_write_the_same_bytes(tmp_path: Path, moving_frames: MakeFrames, suffix: str) -> None:
     """No time, random number or name gets into a file."""
     frames = moving_frames(3, 32, 16)
     for name in ("a", "b"):
-        write_video(tmp_path / f"{name}{suffix}", frames)
+        write_clip(tmp_path / f"{name}{suffix}", frames)
     assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
 
-@pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])
+def interrupt(_: None) -> None:
+    raise KeyboardInterrupt
+
+
+@every_format
 def test_file_appears_only_when_it_is_complete(
     tmp_path: Path, moving_frames: MakeFrames, suffix: str
 ) -> None:
-    """Before `close` the name does not exist, after `abort` nothing is left."""
-    path = tmp_path / f"a{suffix}"
-    frame = moving_frames(1, 32, 16)[0]
+    """The name exists after `close`; nothing is left after `abort` or an exception, which passes through."""
+    path, (frame,) = tmp_path / f"a{suffix}", moving_frames(1, 32, 16)
     writer = create_video(path, (32, 16), 25)
-    assert isinstance(writer, VideoWriter)
     writer.write(frame)
     assert not path.exists()
     writer.abort()
     writer.abort()
     writer.close()
-    assert os.listdir(tmp_path) == []
     with pytest.raises(ValueError, match="closed"):
         writer.write(frame)
-
-
-@pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])
-def test_exception_in_the_block_aborts(tmp_path: Path, moving_frames: MakeFrames, suffix: str) -> None:
-    """An exception of the caller passes through, and no file stays."""
-    frame = moving_frames(1, 32, 16)[0]
-
-    def fail() -> None:
-        with create_video(tmp_path / f"a{suffix}", (32, 16), 25) as writer:
-            writer.write(frame)
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        fail()
+    writer = create_video(path, (32, 16), 25)
+    with pytest.raises(KeyboardInterrupt), writer:
+        interrupt(writer.write(frame))
     assert os.listdir(tmp_path) == []
 
 
 def test_wrong_arguments_are_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
     """Unknown suffixes, absent folders, giant pictures, no frames and frames of another size are named."""
-    with pytest.raises(VideoError, match=r"must end in \.y4m, \.mkv or \.mp4"):
-        create_video(tmp_path / "a.avi", (32, 16), 25)
-    with pytest.raises(VideoError, match="does not exist"):
-        create_video(tmp_path / "absent" / "a.mkv", (32, 16), 25)
-    with pytest.raises(VideoError, match="not supported"):
-        create_video(tmp_path / "a.mkv", (20000, 16), 25)
+    for name, size, rate, message in (
+        ("a.avi", (32, 16), 25, r"must end in \.y4m, \.mkv or \.mp4"),
+        ("absent/a.mkv", (32, 16), 25, "does not exist"),
+        ("a.mkv", (20000, 16), 25, "not supported"),
+        ("a.mkv", (32, 16), Fraction(2 * 10**6), "frames per second are not supported"),
+        ("a.mkv", (32, 16), Fraction(1, 2 * 10**6), "frames per second are not supported"),
+    ):
+        with pytest.raises(VideoError, match=message):
+            create_video(tmp_path / name, size, rate)
     with pytest.raises(ValueError, match="frame_rate"):
         create_video(tmp_path / "a.mkv", (32, 16), 0)
-    for rate in (Fraction(2 * 10**6), Fraction(1, 2 * 10**6)):
-        with pytest.raises(VideoError, match="frames per second are not supported"):
-            create_video(tmp_path / "a.mkv", (32, 16), rate)
     for suffix in (".y4m", ".mkv", ".mp4"):
         with pytest.raises(VideoError, match="no frames"):
             create_video(tmp_path / f"a{suffix}", (32, 16), 25).close()
@@ -189,11 +162,9 @@ def test_full_disk_is_one_clear_error(tmp_path: Path) -> None:
 
 
 def test_reader_keeps_its_protocol(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """A reader goes on where it stopped, and gives nothing once it is closed."""
+    """A reader continues where it stopped, and yields nothing once it is closed."""
     frames = moving_frames(4, 16, 16)
-    write_video(tmp_path / "a.mkv", frames)
-    reader = open_video(tmp_path / "a.mkv")
-    assert isinstance(reader, VideoReader)
+    reader = open_video(write_clip(tmp_path / "a.mkv", frames))
     assert same_frame(next(iter(reader)), frames[0])
     assert same_frame(next(iter(reader)), frames[1])
     reader.close()

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dvc._jit import python_twin
-from dvc.config import MAX_BAND_PLANES, DiscoverMatrix, VideoConfig, WynerZivConfig, codec_config
+from dvc.config import DiscoverMatrix, VideoConfig, WynerZivConfig, codec_config
+from dvc.config.sections import MAX_BAND_PLANES
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import ParityRequest, Round, drive
 from dvc.wynerziv import _kernels, quantizer, transform
