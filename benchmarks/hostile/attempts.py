@@ -9,12 +9,9 @@ from typing import cast
 
 import numpy as np
 
-from benchmarks.hostile import folders, recordings, tables
-from benchmarks.hostile.cameras import good_cameras, read_cameras
-from benchmarks.hostile.depth_images import damaged_depth_images, try_depth_images
-from benchmarks.hostile.files import Files, damaged_files, mutate_text, try_files
+from benchmarks.hostile import depth_streams, input_files
 from benchmarks.hostile.handshakes import damaged_handshake, try_handshake
-from benchmarks.hostile.layered_pieces import damaged_pieces, try_pieces
+from benchmarks.hostile.input_files import Files, damaged_files, mutate_text, try_files
 from benchmarks.hostile.material import (
     Luma,
     decoded_groups,
@@ -36,7 +33,6 @@ from benchmarks.hostile.mutations import (
     random_message,
     record_spans,
 )
-from benchmarks.hostile.pictures import damaged_pictures, try_pictures
 from benchmarks.hostile.workers import STREAMS
 from dvc.errors import BitstreamError, ConnectionLostError, FeedbackError
 from dvc.feedback import Connection, DecoderEndpoint, EncoderEndpoint
@@ -177,6 +173,12 @@ def _of_files(
     return Kind(lambda number: damaged_files(good(), number, change), partial(try_files, read))
 
 
+def _with_depth(
+    good: Callable[[], tuple[bytes, ...]], change: Change, outcome: Callable[[bytes], str]
+) -> Kind:
+    return Kind(partial(depth_streams.damaged_of, good, change), outcome)
+
+
 def _payloads() -> Kind:
     """Return streams of all kinds that are frozen, in one of whose parts is nothing."""
     names = sorted(path.stem for path in STREAMS.glob("*.dvc"))
@@ -220,16 +222,21 @@ def kinds() -> dict[str, Kind]:
         "to-encoder": _live(try_encoder, "2d"),
         "to-decoder-3d": _live(try_decoder, "3d-te"),
         "to-encoder-3d": _live(try_encoder, "3d-te"),
-        "pictures": Kind(damaged_pictures, try_pictures),
-        "depth-images": Kind(damaged_depth_images, try_depth_images),
-        "layers": Kind(damaged_pieces, try_pieces),
-        "cameras": _of_files(good_cameras, read_cameras),
-        "maps": _of_files(folders.good_maps, folders.read_maps),
-        "folders": _of_files(folders.good_folders, folders.read_folders),
-        "tables": _of_files(tables.good_tables, tables.read_tables),
-        "videos": _of_files(recordings.good_videos, recordings.read_videos),
+        "pictures": _with_depth(
+            depth_streams.good_views, depth_streams.mutate_pictures, depth_streams.try_pictures
+        ),
+        "depth-images": _with_depth(
+            depth_streams.good_depth_images, depth_streams.mutate_depth_image, depth_streams.try_depth_images
+        ),
+        "layers": _with_depth(
+            depth_streams.good_pieces, depth_streams.mutate_pieces, depth_streams.try_pieces
+        ),
+        **{
+            name: _of_files(getattr(input_files, f"good_{name}"), getattr(input_files, f"read_{name}"))
+            for name in ("cameras", "maps", "folders", "tables", "videos")
+        },
         "recordings": _of_files(
-            recordings.good_recordings, recordings.read_recordings, recordings.mutate_segment
+            input_files.good_recordings, input_files.read_recordings, input_files.mutate_segment
         ),
         "handshakes": Kind(damaged_handshake, try_handshake),
     }

@@ -1,5 +1,6 @@
 """Mutations in child processes, a batch at a time, so that a crash or a hang is counted and ends no run."""
 
+import os
 import resource
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from threading import Event, Timer
 from types import FrameType
 
 from benchmarks.hostile.attempts import Kind, kinds
+from benchmarks.hostile.bounds import BOUNDS, check_bounds
 from benchmarks.hostile.workers import forked_workers
 from decoder.processes import stop_idle_processes
 from dvc import cli
@@ -74,6 +76,8 @@ def _limited_memory(most: int) -> Iterator[None]:
 def run_batch(tries: Sequence[Try]) -> Iterator[str]:
     """Try mutations in this process, and tell what each does."""
     before = None
+    if os.environ.get(BOUNDS) == "1":
+        check_bounds()
     with forked_workers():
         for kind, number in tries:
             chosen = kinds()[kind]

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.hostile.bad_link import Faults
+from benchmarks.hostile.campaign import CUTS, Tried
 from benchmarks.hostile.lost_links import OPENED_BYTES, Decoded, Ends, cut_once, run_with_losses, uncut
-from benchmarks.hostile.parts import CUTS, Tried
 from benchmarks.results.harness import run_module
 
 OPTIONS: dict[str, tuple[str, ...]] = {

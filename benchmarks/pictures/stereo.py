@@ -4,7 +4,6 @@ Photographs of the real sets cannot be published here: `docs` only has maps of t
 """
 
 import shutil
-import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 
 from benchmarks.baselines.opencv_stereo import semi_global_baseline
 from benchmarks.pictures.calibrations import write_cameras
-from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
+from benchmarks.pictures.drawing import Picture, write_picture
 from benchmarks.results.harness import run_module
 from benchmarks.results.stereo import data_folder
 from benchmarks.thesis.scenes import PAIRS
@@ -23,11 +22,6 @@ from dvc.stereo.evaluation import disparity_error, read_mask
 from dvc.stereo.surfaces.surface_folder import read_reconstruction
 from dvc.web.drawing import colour_disparity, colour_error, in_rows, with_title
 
-PROG = "python -m benchmarks.pictures.stereo"
-EXAMPLES = """\
-  python -m benchmarks.pictures.stereo             all of them; minutes
-  python -m benchmarks.pictures.stereo --name toy  one
-"""
 FOLDER = Path("docs") / "stereo"
 RESULTS = Path("results") / "stereo"
 CALIBRATED = {"sport": 2, "ballet": 2, "fern": 3}
@@ -61,9 +55,8 @@ def draw_toy() -> list[Path]:
         for view, surface in zip(found.array, found.surfaces, strict=True)
     ]
     rows = [_maps(found, range(len(found.array))), in_rows(hidden, len(hidden))]
-    write_picture(FOLDER / "toy.jpg", in_rows(rows, 1))
-    write_picture(FOLDER / "toy-rectified.jpg", np.asarray(preview, np.uint8))
-    return [FOLDER / "toy-rectified.jpg", FOLDER / "toy.jpg"]
+    shown = {"toy-rectified": np.asarray(preview, np.uint8), "toy": in_rows(rows, 1)}
+    return [write_picture(FOLDER / f"{name}.jpg", picture) for name, picture in shown.items()]
 
 
 def draw_pairs() -> list[Path]:
@@ -84,8 +77,7 @@ def draw_pairs() -> list[Path]:
             error, counted = disparity_error(disparity, truth, mask)
             bad = 100.0 * float(np.mean(error[counted] > 1.0))
             panels.append(with_title(colour_error(error, counted), f"{title}: {bad:.2f} % bad"))
-    write_picture(FOLDER / "pairs.jpg", in_rows(panels, 3))
-    return [FOLDER / "pairs.jpg"]
+    return [write_picture(FOLDER / "pairs.jpg", in_rows(panels, 3))]
 
 
 def draw_calibrated() -> list[Path]:
@@ -102,8 +94,7 @@ def draw_calibrated() -> list[Path]:
             shutil.rmtree(RESULTS / name, ignore_errors=True)
             shutil.copytree(folder, RESULTS / name)
         chosen = [found.array.reference, *(k for k in range(len(found.array)) if k != found.array.reference)]
-        write_picture(FOLDER / f"{name}.jpg", _maps(found, chosen[:count]))
-        written.append(FOLDER / f"{name}.jpg")
+        written.append(write_picture(FOLDER / f"{name}.jpg", _maps(found, chosen[:count])))
     return written
 
 
@@ -125,9 +116,3 @@ PICTURES: dict[str, Callable[[], list[Path]]] = {
     "calibrated": draw_calibrated,
     "chapter": draw_chapter,
 }
-
-
-main = pictures_command(PROG, "Draw the pictures of docs/stereo.md.", EXAMPLES, PICTURES)
-
-if __name__ == "__main__":
-    sys.exit(main())

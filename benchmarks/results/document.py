@@ -129,7 +129,8 @@ _HEAD = """\
 # Results
 
 The {count} headline results, made by `make results`; nothing is typed in. All are of one code, or of earlier
-code whose canaries gave the same bytes; two sum up what `make fuzz` and `make cuts` have tried so far.
+code whose canaries gave the same bytes; `hostile/campaign` and `hostile/cuts` add up all runs of
+`python -m benchmarks.hostile --hours 2` and `python -m benchmarks.hostile.cuts`.
 Means over clips, least and largest clip in brackets. BD-rate: mean difference in rate at equal PSNR, negative
 is less; `dvc-rd compare` tells the same of the folders of `results/headline`. Clips: box, desk, river, stone,
 tree, cube (`../shared/sequences`) and the rendered scenes street, stairway, statue; CIF. Streams are in

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from benchmarks.hostile.attempts import kinds
 from benchmarks.hostile.batches import GOOD, outcome_of
-from benchmarks.hostile.parts import CUTS, FUZZING, Tried
+from benchmarks.hostile.campaign import CUTS, FUZZING, Tried
 from benchmarks.results.code import ROOT
 from benchmarks.results.harness import Measured, Missing, Setting
 from dvc.environment import child_environment, python_module

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from benchmarks.hostile.parts import CUTS, FUZZING
+from benchmarks.hostile.campaign import CUTS, FUZZING
 from benchmarks.results import curves, dibr, encoder, hostile, live, stereo
 from benchmarks.results.harness import Measured, Setting
 from benchmarks.thesis.scenes import PAIRS
@@ -160,7 +160,7 @@ ROWS = (
     ),
     Row(
         "encoding/operations",
-        "operations a pixel without feedback, but for key frames",
+        "operations a pixel without feedback, except key frames",
         encoder.operations,
         "{:.0f}",
         canaries=FEEDBACK_FREE,
@@ -275,7 +275,7 @@ ROWS = (
     ),
     Row(
         "hostile/campaign",
-        "hours of mutations that nobody had tried, by code that checks bounds (`make fuzz`)",
+        "hours of new mutations, by code that checks bounds",
         hostile.hours_fuzzed,
         "{:.1f} h",
         at_least=8.0,
@@ -284,7 +284,7 @@ ROWS = (
     ),
     Row(
         "hostile/finds",
-        "such mutations that did harm, and do so still",
+        "such mutations that did harm, and still do",
         hostile.finds_left,
         "{:.0f}",
         at_most=0.0,
@@ -292,7 +292,7 @@ ROWS = (
     ),
     Row(
         "hostile/cuts",
-        "live runs that were cut at a random moment and gave the same frames and bits (`make cuts`)",
+        "live runs that were cut at a random moment and gave the same frames and bits",
         hostile.same_after_cuts,
         "{:.0f}",
         at_least=1000.0,

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.hostile import campaign, cuts, parts
+from benchmarks.hostile import campaign, cuts
 from benchmarks.hostile.attempts import kinds
 from benchmarks.hostile.batches import Try
-from benchmarks.hostile.parts import FIRST, Tried
+from benchmarks.hostile.campaign import FIRST, Tried
 from benchmarks.results import hostile
 from benchmarks.results.harness import Missing, Setting
 from dvc.errors import DvcError
@@ -24,7 +24,7 @@ def test_parts_go_on_where_they_ended(tmp_path: Path, monkeypatch: pytest.Monkey
     again = Tried.read(tmp_path / "state.json")
     assert again == tried
     assert again.take(2).start == first.stop
-    monkeypatch.setattr(parts, "code_digest", lambda: "another")
+    monkeypatch.setattr(campaign, "code_digest", lambda: "another")
     monkeypatch.setenv("NUMBA_BOUNDSCHECK", "1")
     again.add("tables", 2, 900.0, {}, {"tables/9": "hang"})
     again.add("maps", 1, 900.0, {}, {})
