@@ -14,14 +14,15 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.hostile.bad_link import BITS_PER_SECOND, DELAY_S
 from benchmarks.hostile.lost_links import PATIENCE_S, Files, check_end, source_of, start
-from benchmarks.results.encoder import looped
+from benchmarks.memory import processes, resident_bytes
+from benchmarks.results.encoder import MIB, looped
 from benchmarks.results.harness import report_of
 from benchmarks.slow_link import SlowLink, slow_link
 from dvc.feedback import parse_address
@@ -41,15 +42,9 @@ class Sample(NamedTuple):
     decoder: float
 
 
-def resident_mib(process: int) -> float:
-    """Return what a process and those that it started hold."""
-    folder = Path(f"/proc/{process}")
-    with suppress(OSError, StopIteration):
-        lines = (folder / "status").read_text().splitlines()
-        own = next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
-        tasks = [path.read_text().split() for path in folder.glob("task/*/children")]
-        return own + sum(resident_mib(int(child)) for task in tasks for child in task)
-    return 0.0
+def resident_mib(pid: int) -> float:
+    """Return the resident memory of a process and of its descendants."""
+    return sum(resident_bytes(each)[0] for each in processes(pid)) / MIB
 
 
 def play(frames: Iterable[Frame], rate: Fraction, pipe: "subprocess.Popen[str]") -> None:

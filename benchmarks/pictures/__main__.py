@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from benchmarks.pictures import dibr, first, map_page, scene, stereo
+from benchmarks.pictures import dibr, rendered, scene, stereo
 from benchmarks.results.harness import Missing
 from dvc import cli
 
@@ -17,9 +17,9 @@ EXAMPLES = """\
   python -m benchmarks.pictures stereo-toy     one
 """
 PICTURES: dict[str, Callable[[], list[Path]]] = {
-    "first": first.draw,
+    "first": rendered.draw_first,
     **{f"scene-{clip}": partial(scene.draw, clip) for clip in scene.CLIPS},
-    "map": map_page.draw,
+    "map": rendered.draw_map,
     **{f"stereo-{name}": draw for name, draw in stereo.PICTURES.items()},
     **{f"dibr-{name}": draw for name, draw in dibr.PICTURES.items()},
 }

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.baselines.baseline import Quality, quality_of
+from benchmarks.baselines.picture_coders import Quality, quality_of
 from benchmarks.baselines.thesis_disparities import FixedQuadtreeCodec, LaplacianCodec
 from benchmarks.thesis.harness import Method
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
