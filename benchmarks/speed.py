@@ -76,6 +76,15 @@ def table(rows: Sequence[tuple[str, str]]) -> str:
     return "\n".join(f"  {name:<44} {value}" for name, value in rows)
 
 
+def usage_rows(name: str, usage: Usage, num_frames: int) -> list[tuple[str, str]]:
+    """Return the speed, processor time and memory of a command."""
+    return [
+        (f"{name}: frames a second", f"{num_frames / usage.wall_s:.2f}"),
+        ("  processor time a frame, s", f"{usage.cpu_s / num_frames:.2f}"),
+        ("  memory of a process, MiB", f"{usage.peak_bytes / MIB:.0f}"),
+    ]
+
+
 def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
     """Measure one clip."""
     folder: Path = arguments.out / Path(clip).stem
@@ -84,17 +93,11 @@ def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
     options = ["--qp", arguments.qp, "--frames", num]
     run_module("encoder", video, folder / "stream.dvc", *options, "--quiet")
     file, frames = decoding(folder / "stream.dvc", folder, "--jobs", jobs)
-    rows = [
-        (f"file, {jobs} jobs: frames a second", f"{num / file.wall_s:.2f}"),
-        ("  processor time a frame, s", f"{file.cpu_s / num:.2f}"),
-        ("  memory of a process, MiB", f"{file.peak_bytes / MIB:.0f}"),
-    ]
+    rows = usage_rows(f"file, {jobs} jobs", file, num)
     if not arguments.no_single:
         single, same = decoding(folder / "stream.dvc", folder, "--jobs", 1)
         rows += [
-            ("file, 1 job: frames a second", f"{num / single.wall_s:.2f}"),
-            ("  processor time a frame, s", f"{single.cpu_s / num:.2f}"),
-            ("  memory of a process, MiB", f"{single.peak_bytes / MIB:.0f}"),
+            *usage_rows("file, 1 job", single, num),
             (f"  time of 1 job over that of {jobs}", f"{single.wall_s / file.wall_s:.2f}"),
             ("  frames", "the same" if same == frames else "NOT THE SAME"),
         ]
@@ -105,9 +108,7 @@ def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
         usage, said, same = live(video, options, jobs, link, folder)
         least_s = file.wall_s + (said["bits"] / arguments.bandwidth if link else 0.0)
         rows += [
-            (f"live, {jobs} jobs: frames a second", f"{num / usage.wall_s:.2f}"),
-            ("  processor time a frame, s", f"{usage.cpu_s / num:.2f}"),
-            ("  memory of a process, MiB", f"{usage.peak_bytes / MIB:.0f}"),
+            *usage_rows(f"live, {jobs} jobs", usage, num),
             ("  delay of a frame: median, worst, s", f"{said['median']:.1f}, {said['worst']:.1f}"),
             ("  messages, requests a frame", f"{said['num_messages']:.1f}, {said['num_requests']:.0f}"),
             ("  time over bits / rate + decoding of the file", f"{usage.wall_s / least_s:.2f}"),

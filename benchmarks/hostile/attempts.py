@@ -101,20 +101,25 @@ class _Replay:
         raise ConnectionLostError("the other side closed the connection")
 
 
-def try_encoder(codec: str, number: bytes) -> str:
-    """Let the encoder of a live run receive a mutation of what it once received."""
-    seed = int(number)
-    damaged, rng = list(to_encoder(codec)), np.random.default_rng(seed)
-    position = int(rng.integers(len(damaged)))
+def _changed(chunks: Sequence[bytes], position: int, seed: int, rng: np.random.Generator) -> list[bytes]:
+    """Repeat an earlier chunk, drop one, put a random message before one, or damage it."""
     match seed % 8:
         case 0:
-            damaged.insert(position, damaged[int(rng.integers(len(damaged)))])
+            replaced = [chunks[int(rng.integers(len(chunks)))], chunks[position]]
         case 1:
-            del damaged[position]
+            replaced = []
         case 2 | 3:
-            damaged.insert(position, random_message(rng))
+            replaced = [random_message(rng), chunks[position]]
         case _:
-            damaged[position] = mutate(damaged[position], rng)
+            replaced = [mutate(chunks[position], rng)]
+    return [*chunks[:position], *replaced, *chunks[position + 1 :]]
+
+
+def try_encoder(codec: str, number: bytes) -> str:
+    """Feed the encoder of a live run a mutation of the messages that it once received."""
+    seed, chunks = int(number), to_encoder(codec)
+    rng = np.random.default_rng(seed)
+    damaged = _changed(chunks, int(rng.integers(len(chunks))), seed, rng)
     endpoint = EncoderEndpoint(session(material(codec)).config)
     endpoint.receive(DecoderEndpoint(bytes(16)).bytes_to_send())
     endpoint.send_welcome()
@@ -126,24 +131,18 @@ def try_encoder(codec: str, number: bytes) -> str:
 
 
 def try_decoder(codec: str, number: bytes) -> str:
-    """Let the decoder of a live run, with many requests in flight, receive a mutation of what was sent."""
+    """Feed the decoder of a live run, with many requests in flight, a mutation of the messages to it."""
     seed, passed = int(number), [b""]
     rng = np.random.default_rng(seed)
     position = int(rng.integers(1, len(to_encoder(codec))))
 
     def _change(data: bytes) -> bytes:
         passed.append(data)
-        if len(passed) != position + 1:
-            return data
-        match seed % 8:
-            case 0:
-                return data + passed[int(rng.integers(len(passed)))]
-            case 1:
-                return b""
-            case 2 | 3:
-                return random_message(rng) + data
-            case _:
-                return mutate(data, rng)
+        return (
+            data
+            if len(passed) != position + 1
+            else b"".join(_changed(passed, position, seed, rng)[position:])
+        )
 
     failure, _ = live_run(material(codec), (_change, lambda data: data))
     if failure is not None and not isinstance(failure, BitstreamError | FeedbackError):

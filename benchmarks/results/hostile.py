@@ -1,16 +1,12 @@
 """Mutated input and cut live runs: how much was tried, and how much of it did harm."""
 
-import re
-import subprocess
 from pathlib import Path
 
 from benchmarks.hostile.attempts import kinds
-from benchmarks.hostile.batches import GOOD, outcome_of
+from benchmarks.hostile.batches import GOOD, KINDS, outcome_of, run
 from benchmarks.hostile.campaign import CUTS, FUZZING, Tried
 from benchmarks.results.code import ROOT
 from benchmarks.results.harness import Measured, Missing, Setting
-from dvc.environment import child_environment, python_module
-from dvc.errors import DvcError
 
 COUNT, QUICK_COUNT = 400, 5
 """Mutations of each kind; issues ask for more, by `python -m benchmarks.hostile`."""
@@ -20,14 +16,9 @@ FINDS = ROOT / "tests" / "golden" / "finds"
 def harmful(setting: Setting) -> Measured:
     """Mutate what commands receive; count crashes, hangs, tracebacks and large allocations."""
     count = setting.choose(COUNT, QUICK_COUNT)
-    command = python_module("benchmarks.hostile", "--count", count)
-    done = subprocess.run(command, env=child_environment(), stdout=subprocess.PIPE, text=True, check=False)
-    kinds = re.findall(r"^([a-z][\w-]*): (.*)", done.stdout, flags=re.MULTILINE)
-    if not kinds or done.returncode not in (0, 2):
-        raise DvcError(f"the mutations ended with status {done.returncode}: {done.stdout[-300:]}")
-    bad = re.findall(r"^ +\d+: .*", done.stdout, flags=re.MULTILINE)
-    note = f"{count * len(kinds)} mutations of {len(kinds)} kinds: {', '.join(kind for kind, _ in kinds)}"
-    return Measured(float(len(bad)), {}, None, note)
+    outcomes = [text for kind in KINDS for text in run([(kind, number) for number in range(count)])]
+    note = f"{len(outcomes)} mutations of {len(KINDS)} kinds: {', '.join(KINDS)}"
+    return Measured(float(sum(text not in GOOD for text in outcomes)), {}, None, note)
 
 
 def hours_fuzzed(_: Setting) -> Measured:
@@ -40,14 +31,14 @@ def hours_fuzzed(_: Setting) -> Measured:
 
 
 def finds_left(_: Setting) -> Measured:
-    """Count what did harm in those hours and does so still."""
+    """Count mutations that did harm in those hours and still do."""
     tried = _tried(FUZZING)
     harmful = [name for name in tried.finds if not _is_mended(name)]
     return Measured(float(len(harmful)), {}, None, ", ".join(harmful) or f"of {len(tried.finds)}")
 
 
 def _is_mended(name: str) -> bool:
-    """Tell whether a find, which is kept as a file, is refused or decoded now."""
+    """Return whether a find, which is stored as a file, is refused or decoded now."""
     path = FINDS / f"{name}.bin"
     return path.exists() and outcome_of(kinds()[path.parent.name], path.read_bytes()) in GOOD
 

@@ -1,4 +1,4 @@
-"""Comparison of curves: is one codec better than another, by how much, and up to which rate."""
+"""Comparison of curves: differences of rate and PSNR, crossings, cost, and all pairs of curves."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -259,7 +259,7 @@ class VerdictRow:
     differences: tuple[str, ...]  # BD-rate, then BD-PSNR, by measure
     overlap: str  # range of PSNR that both curves cover
     points: str  # numbers of points of codec and anchor
-    crossings: str  # rates at which the codec is better
+    crossings: str  # ranges of rates with a better codec
 
 
 @dataclass(frozen=True)

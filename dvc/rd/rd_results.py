@@ -158,7 +158,7 @@ class Proof:
 
 @dataclass(frozen=True)
 class PointResult:
-    """A measured or imported point, as far as reports need it."""
+    """A measured or imported point, with the entries that reports need."""
 
     schema: Literal["dvc3d-rd-point/1"]
     identity: str

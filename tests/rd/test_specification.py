@@ -68,15 +68,12 @@ def test_options_of_the_experiment_itself_are_refused(word: str) -> None:
 
 def test_encoder_options_name_everything() -> None:
     """A point gives the encoder its options, flags without a value."""
-    point = Point("clip", "2d", 3, "auto", 4, 5, 7, options=(("adaptive", "true"), ("seed", "2")))
-    assert " ".join(point.encoder_options()) == (
-        "--codec 2d --gop 4 --key-qp auto --start 5 --wz-q 3 --frames 7 --adaptive --seed 2"
+    point = Point(
+        "clip", "2d", 3, "auto", 4, 5, 7, luma_only=True, options=(("adaptive", "true"), ("seed", "2"))
     )
-
-
-def test_luma_only_is_coded_with_the_flag() -> None:
-    """A point of luma asks for it."""
-    assert "--luma-only" in Point("clip", "2d", 3, "auto", 2, luma_only=True).encoder_options()
+    assert " ".join(point.encoder_options()) == (
+        "--codec 2d --gop 4 --key-qp auto --start 5 --wz-q 3 --frames 7 --luma-only --adaptive --seed 2"
+    )
 
 
 def test_anchor_has_the_qps_of_the_sweep_and_its_own() -> None:
