@@ -65,10 +65,10 @@ def live(
         address = between.address if between else served
         words = ["--connect", address, made, "--jobs", jobs, "--timeout", PATIENCE_S, "--json", report]
         usage = run_module("decoder", *words, "--quiet")
-    said, frames = report_of(report), made.read_bytes()
+    totals, frames = report_of(report), made.read_bytes()
     made.unlink()
-    figures = {name: said[name] / said["frames"] for name in ("num_messages", "num_requests")}
-    return usage, figures | said["delay_s"] | {"bits": 8.0 * said["stream_bytes"]}, frames
+    figures = {name: totals[name] / totals["frames"] for name in ("num_messages", "num_requests")}
+    return usage, figures | totals["delay_s"] | {"bits": 8.0 * totals["stream_bytes"]}, frames
 
 
 def table(rows: Sequence[tuple[str, str]]) -> str:
@@ -105,12 +105,12 @@ def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
         rows += cluster_rows(folder, jobs, file, frames)
     if not arguments.no_live:
         link = (arguments.delay, arguments.bandwidth) if arguments.delay or arguments.bandwidth else None
-        usage, said, same = live(video, options, jobs, link, folder)
-        least_s = file.wall_s + (said["bits"] / arguments.bandwidth if link else 0.0)
+        usage, totals, same = live(video, options, jobs, link, folder)
+        least_s = file.wall_s + (totals["bits"] / arguments.bandwidth if link else 0.0)
         rows += [
             *usage_rows(f"live, {jobs} jobs", usage, num),
-            ("  delay of a frame: median, worst, s", f"{said['median']:.1f}, {said['worst']:.1f}"),
-            ("  messages, requests a frame", f"{said['num_messages']:.1f}, {said['num_requests']:.0f}"),
+            ("  delay of a frame: median, worst, s", f"{totals['median']:.1f}, {totals['worst']:.1f}"),
+            ("  messages, requests a frame", f"{totals['num_messages']:.1f}, {totals['num_requests']:.0f}"),
             ("  time over bits / rate + decoding of the file", f"{usage.wall_s / least_s:.2f}"),
             ("  frames", "the same" if same == frames else "NOT THE SAME"),
         ]

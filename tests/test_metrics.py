@@ -88,7 +88,7 @@ def test_scaled_rates_give_their_factor(factor: float) -> None:
 
 
 def test_rates_times_1_1_give_10_per_cent() -> None:
-    """The result says on what it rests."""
+    """The result has its overlap and its numbers of points."""
     result = bd_rate(RATES, PSNRS_DB, [1.1 * rate for rate in RATES], PSNRS_DB)
     expected = BdResult(result.value, (28.1, 39.0), 1.0, (5, 5), (0, 0))
     assert result == expected

@@ -1,8 +1,8 @@
 """Hostile input: mutate streams and live messages, and watch for crashes, hangs, tracebacks and allocations.
 
 Mutations run in child processes, so that a crash or a hang is counted and does not end the run. Every
-mutation has a number, which is its seed: ``--kind KIND --first NUMBER --count 1`` repeats it. What did harm
-is written to a folder by ``--finds``; what lies in `tests/golden/finds` is tried by a test.
+mutation has a number, which is its seed: ``--kind KIND --first NUMBER --count 1`` repeats it. Inputs
+that did harm are written to the folder ``--finds``; a test tries those of `tests/golden/finds`.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from benchmarks.hostile.batches import KINDS, run, run_batch, stop
 from benchmarks.hostile.bounds import BOUNDS
-from benchmarks.hostile.campaign import FIRST, FUZZING, Tried, fuzz, keep, tell
+from benchmarks.hostile.campaign import FIRST, FUZZING, Tried, fuzz, keep, print_outcomes
 from dvc import cli
 
 PROG = "python -m benchmarks.hostile"
@@ -24,7 +24,7 @@ EXAMPLES = """\
   python -m benchmarks.hostile --kind buffered --first 4711 --count 1   one mutation again
 """
 _FEW = 100
-"""Mutations of a kind for which no process is worth its start."""
+"""Largest number of mutations of a kind that does not justify a process."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -66,7 +66,7 @@ def _run(arguments: argparse.Namespace) -> int:
         work = {pool.submit(run, part, progress): part for part in parts}
         try:
             for done in as_completed(work):
-                bad = tell(work[done], done.result())
+                bad = print_outcomes(work[done], done.result())
                 keep(bad, arguments.finds)
                 harmful += len(bad)
         except BaseException:

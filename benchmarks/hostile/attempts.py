@@ -1,4 +1,4 @@
-"""Who must bear mutations: the decoder of a stream, both ends of a live run, and readers of other files."""
+"""Kinds of mutated input: streams, messages of live runs, and files of all commands."""
 
 import io
 from collections.abc import Callable, Sequence
@@ -46,8 +46,8 @@ class Kind:
     """Something that can be mutated."""
 
     damaged: Callable[[int], bytes]  # a mutation by its number
-    outcome: Callable[[bytes], str]  # what it does
-    num_pixels: int = 32 * 24 * 7  # of the good input
+    outcome: Callable[[bytes], str]  # runs a mutation and returns its outcome
+    num_pixels: int = 32 * 24 * 7  # size of the good input
 
 
 Good = Callable[[], tuple[bytes, list[list[Luma]]]]
@@ -75,7 +75,7 @@ def try_stream(good: Good | None, damaged: bytes, jobs: int = 1) -> str:
                 done += 1
     except BitstreamError as err:
         outcome = "refused"
-        if "allows more" in str(err):  # before anything is decoded, for what is declared
+        if "allows more" in str(err):  # for declared sizes, before anything is decoded
             return outcome
     return outcome if done >= intact else f"an undamaged group is lost: {done} of {intact} decoded"
 
@@ -179,7 +179,7 @@ def _with_depth(
 
 
 def _payloads() -> Kind:
-    """Return streams of all kinds that are frozen, in one of whose parts is nothing."""
+    """Return frozen streams of all kinds with random bytes in one part."""
     names = sorted(path.stem for path in STREAMS.glob("*.dvc"))
 
     def _damaged(number: int) -> bytes:
@@ -200,7 +200,7 @@ def _headers() -> Kind:
 
 @cache
 def kinds() -> dict[str, Kind]:
-    """Return what can be mutated."""
+    """Return all kinds of input, by name."""
     small, scene = 48 * 32 * 9, 104 * 88 * 7
     return {
         "buffered": _made("2d", "buffered"),

@@ -1,4 +1,4 @@
-"""New mutations for hours: what was tried with each code, and what did harm."""
+"""New mutations for hours: inputs that were tried with each version of the code, and harm."""
 
 import json
 import os
@@ -21,25 +21,25 @@ from dvc.errors import DvcError
 FUZZING, CUTS = ROOT / "docs" / "fuzzing.json", ROOT / "docs" / "cuts.json"
 SCHEMA = "dvc3d-tried/1"
 FIRST = 10**9
-"""Numbers of inputs are drawn from here on; those below are for tries that are made again."""
+"""Smallest number of new inputs; smaller ones repeat inputs."""
 
 
 @dataclass
 class Part:
-    """What was tried with one code."""
+    """Inputs that were tried with one version of the code."""
 
     code: str
-    date: str  # of its last input
+    date: str  # date of the last input
     bounds: bool  # whether kernels checked bounds
     seconds: dict[str, float] = field(default_factory=dict)  # by kind, of one process
     inputs: dict[str, int] = field(default_factory=dict)  # by kind
     finds: dict[str, str] = field(default_factory=dict)  # outcome by kind and number
-    unsteady: dict[str, str] = field(default_factory=dict)  # what was not found a second time
+    unsteady: dict[str, str] = field(default_factory=dict)  # finds that were not repeated
 
 
 @dataclass
 class Tried:
-    """All parts; written in one piece after each addition, so that a kill loses what was not yet added."""
+    """All parts; written in one piece after each addition, so that a kill loses only later inputs."""
 
     path: Path
     next_number: int
@@ -47,7 +47,7 @@ class Tried:
 
     @classmethod
     def read(cls, path: Path) -> "Tried":
-        """Go on with a file, or begin one."""
+        """Read a file, or begin one."""
         if not path.exists():
             return cls(path, FIRST + secrets.randbelow(FIRST), [])
         try:
@@ -56,7 +56,7 @@ class Tried:
                 raise DvcError(f"{path}: not of schema {SCHEMA}")
             return cls(path, data["next_number"], [Part(**part) for part in data["parts"]])
         except (ValueError, KeyError, TypeError) as err:
-            raise DvcError(f"{path}: not what was written there: {err}") from err
+            raise DvcError(f"{path}: not a record of inputs: {err}") from err
 
     def add(
         self,
@@ -66,7 +66,7 @@ class Tried:
         finds: Mapping[str, str],
         unsteady: Mapping[str, str],
     ) -> None:
-        """Add inputs of a kind, with what the code is now."""
+        """Add inputs of a kind, tried with the present code."""
         code, bounds = code_digest(), os.environ.get(BOUNDS) == "1"
         if not self.parts or (self.parts[-1].code, self.parts[-1].bounds) != (code, bounds):
             self.parts.append(Part(code, "", bounds))
@@ -80,7 +80,7 @@ class Tried:
         cli.write_json(self.path, {"schema": SCHEMA, "next_number": self.next_number, "parts": parts})
 
     def take(self, count: int) -> range:
-        """Return numbers that nobody has had."""
+        """Return new numbers."""
         self.next_number += count
         return range(self.next_number - count, self.next_number)
 
@@ -90,7 +90,7 @@ class Tried:
         return sum((Counter(part.inputs) for part in self.parts), Counter[str]())
 
     def seconds(self, kind: str) -> float:
-        """Return what a kind has taken so far."""
+        """Return the time of a kind in all parts."""
         return sum(part.seconds.get(kind, 0.0) for part in self.parts)
 
     @property
@@ -100,11 +100,11 @@ class Tried:
 
     @property
     def hours(self) -> float:
-        """What all parts took."""
+        """Time of all parts."""
         return sum(sum(part.seconds.values()) for part in self.parts) / 3600.0
 
-    def told(self) -> str:
-        """Say with which code how much was tried."""
+    def summary(self) -> str:
+        """Return the number of inputs by version of the code."""
         return ", ".join(
             f"{sum(part.inputs.values())} with code {part.code}"
             + ("" if part.bounds else " without bounds checks")
@@ -115,11 +115,11 @@ class Tried:
 SLICE_S = 60.0
 """Time of one kind, before it is the next one's turn."""
 _FIRST, _FEWEST, _MOST = 40, 20, 20_000
-"""Mutations of a slice: where nothing is known of a kind, and bounds."""
+"""Mutations of the first slice of a kind, and bounds."""
 
 
-def tell(tries: Sequence[Try], outcomes: Sequence[str]) -> list[Try]:
-    """Print outcomes by kinds; return what did harm."""
+def print_outcomes(tries: Sequence[Try], outcomes: Sequence[str]) -> list[Try]:
+    """Print outcomes by kinds; return the mutations that did harm."""
     found = list(zip(tries, outcomes, strict=True))
     for chosen in dict.fromkeys(kind for kind, _ in tries):
         counts = Counter(text for (kind, _), text in found if kind == chosen and text in GOOD)
@@ -132,7 +132,7 @@ def tell(tries: Sequence[Try], outcomes: Sequence[str]) -> list[Try]:
 
 
 def keep(tries: Sequence[Try], finds: Path | None) -> None:
-    """Write what did harm into a folder."""
+    """Write mutations that did harm into a folder."""
     for kind, number in tries:
         if finds is not None:
             (finds / kind).mkdir(parents=True, exist_ok=True)
@@ -159,7 +159,7 @@ def fuzz(tried: Tried, chosen: Sequence[str], hours: float, jobs: int, finds: Pa
 
 
 def _count(tried: Tried, kind: str) -> int:
-    """Return how many mutations take a slice of time, told by those before."""
+    """Estimate how many mutations fill a slice of time."""
     inputs = tried.inputs[kind]
     return min(max(round(SLICE_S * inputs / tried.seconds(kind)), _FEWEST), _MOST) if inputs else _FIRST
 
@@ -173,16 +173,16 @@ def _slice(tries: Sequence[Try], ends_s: float) -> tuple[list[str], float]:
 def _add(
     tried: Tried, tries: Sequence[Try], outcomes: Sequence[str], taken_s: float, finds: Path | None
 ) -> int:
-    """Write down what was tried; what does harm must do so twice, since a busy machine is slow as well."""
-    bad = tell(tries, outcomes)
+    """Record a slice; harm must be repeatable, since a busy machine is slow as well."""
+    bad = print_outcomes(tries, outcomes)
     steady = [each for each, text in zip(bad, run(bad), strict=True) if text not in GOOD]
     keep(steady, finds)
     texts = dict(zip(tries, outcomes, strict=True))
     found, unsteady = (
-        {f"{kind}/{number}": texts[kind, number] for kind, number in which}
-        for which in (steady, [each for each in bad if each not in steady])
+        {f"{kind}/{number}": texts[kind, number] for kind, number in members}
+        for members in (steady, [each for each in bad if each not in steady])
     )
     tried.add(tries[0][0], len(tries), taken_s, found, unsteady)
-    told = f"{tried.hours:.2f} hours, {tried.inputs.total()} inputs, {len(tried.finds)} finds"
-    print(f"  {told}", flush=True)
+    line = f"{tried.hours:.2f} hours, {tried.inputs.total()} inputs, {len(tried.finds)} finds"
+    print(f"  {line}", flush=True)
     return len(steady)

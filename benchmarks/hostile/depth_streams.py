@@ -106,7 +106,7 @@ def mutate_pictures(stream: bytes, rng: np.random.Generator) -> bytes:
 
 
 def try_pictures(damaged: bytes) -> str:
-    """Decode a mutation of a stream, and render a view of what comes out."""
+    """Decode a mutation of a stream, and render a view from the result."""
     stream = nearest(good_views(), damaged)
     intact = _num_intact(stream, damaged)
     try:
@@ -152,8 +152,8 @@ def good_depth_images() -> tuple[bytes, ...]:
             EdgeCode.FIXED if number % 4 == 1 else EdgeCode.ADAPTIVE,
         )
         options = DepthOptions("5/3" if number % 4 == 2 else "9/7", 5, number % 4)
-        beside = PictureOptions(order=number % 3, depth_share=0.6)
-        streams.append(encode_map(image, _MAX_MAP_BYTES, chosen, options, beside).data)
+        options_of_picture = PictureOptions(order=number % 3, depth_share=0.6)
+        streams.append(encode_map(image, _MAX_MAP_BYTES, chosen, options, options_of_picture).data)
     return tuple(streams)
 
 
@@ -192,7 +192,7 @@ def mutate_depth_image(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def try_depth_images(damaged: bytes) -> str:
-    """Decode a mutation of a stream, and render a view of what comes out."""
+    """Decode a mutation of a stream, and render a view from the result."""
     data = nearest(good_depth_images(), damaged)
     start, stream = parts_of(data)
     must_decode = data.startswith(damaged) and len(damaged) >= start + len(stream.edges)
@@ -202,7 +202,7 @@ def try_depth_images(damaged: bytes) -> str:
         if decoded.pairs:
             shape = picture_of(render_pairs(decoded, LatticePosition(0.4, 0.0))).shape[:2]
     except BitstreamError:
-        return "refused, but whole up to where it ends" if must_decode else "refused"
+        return "refused, but its edges are whole" if must_decode else "refused"
     if shape != decoded.stream.shape or not np.isfinite(decoded.depth).all():
         return f"a map or a view of {shape}, not {decoded.stream.shape}, or not finite"
     return "decoded"
@@ -269,7 +269,7 @@ def mutate_pieces(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def try_pieces(damaged: bytes) -> str:
-    """Decode a mutation of a stream, and render a view of what comes out."""
+    """Decode a mutation of a stream, and render a view from the result."""
     data = nearest(good_pieces(), damaged)
     try:
         decoded = decode_layers(decode_pieces(damaged))
@@ -287,8 +287,8 @@ def try_pieces(damaged: bytes) -> str:
 
 
 def _has_a_piece(data: bytes, length: int) -> bool:
-    """Whether the first piece of a stream is whole where it is cut."""
+    """Return whether a cut stream has its whole first piece."""
     stream = decode_pieces(data)
-    alone = encode_pieces(stream.canvas, stream.kind, stream.rectangles[:1], stream.pieces[:1])
+    first = encode_pieces(stream.canvas, stream.kind, stream.rectangles[:1], stream.pieces[:1])
     header = encode_pieces(stream.canvas, stream.kind, stream.rectangles[:1], [None])
-    return length >= stream.num_header_bytes + len(alone) - len(header)
+    return length >= stream.num_header_bytes + len(first) - len(header)

@@ -50,7 +50,7 @@ _ODD += (b"[]", b"{}", b"[" * 40 + b"]" * 40, b'"\\ud800"', b'"\\u0000"')
 
 
 def mutate_text(data: bytes, rng: np.random.Generator) -> bytes:
-    """Put something odd in the place of a number or a quoted word, or damage bytes."""
+    """Replace a number or a quoted word, or damage bytes."""
     words = list(_WORD.finditer(data))
     if not words or rng.random() < 0.4:
         return mutate(data, rng)
@@ -59,7 +59,7 @@ def mutate_text(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def damaged_files(good: Sequence[Files], number: int, change: Change = mutate_text) -> bytes:
-    """Return files of which one is damaged, one after the other with their names."""
+    """Return the names and contents of files with damage in one of them."""
     rng, files = np.random.default_rng(number), dict(good[number % len(good)])
     chosen = sorted(files)[int(rng.integers(len(files)))]
     files[chosen] = change(files[chosen], rng)
@@ -68,7 +68,7 @@ def damaged_files(good: Sequence[Files], number: int, change: Change = mutate_te
 
 
 def try_files(read: Callable[[Path], bool], damaged: bytes) -> str:
-    """Read files; `read` gets their folder, and tells whether what it has read is as it must be."""
+    """Write files into a folder, and return the outcome of a reader, which checks its result."""
     with tempfile.TemporaryDirectory() as folder:
         position = 0
         while position < len(damaged):
@@ -76,13 +76,17 @@ def try_files(read: Callable[[Path], bool], damaged: bytes) -> str:
             data, position = decode_bytes(damaged, position, len(damaged))
             (Path(folder) / name.decode()).write_bytes(data)
         try:
-            return "decoded" if read(Path(folder)) else "what is read is not finite, or not what it says"
+            return (
+                "decoded"
+                if read(Path(folder))
+                else "the result is not finite, or differs from its declaration"
+            )
         except (DvcError, OSError):
             return "refused"
 
 
 def written(write: Callable[[Path], object]) -> Files:
-    """Return what something writes into a folder."""
+    """Return the files that a function writes into a folder."""
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder))
         return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir()) if path.is_file()}
@@ -121,7 +125,7 @@ def good_cameras() -> tuple[Files, ...]:
 
 
 def read_cameras(folder: Path) -> bool:
-    """Read cameras; tell whether they are finite."""
+    """Read cameras, and return whether they are finite."""
     paths = list(folder.iterdir())
     views = load_cameras(paths[0] if len(paths) == 1 else folder, _NAMES, [_PICTURE] * len(_NAMES))
     matrices = [(view.K, view.R, view.t) for view in views.cameras]
@@ -172,7 +176,7 @@ def _import(folder: Path, text: str) -> None:
 
 
 def read_tables(folder: Path) -> bool:
-    """Read the one that is there."""
+    """Read the only file."""
     (path,) = folder.iterdir()
     return _TABLE_READERS.get(path.name, _read_result)(path)
 
@@ -215,7 +219,7 @@ def good_maps() -> tuple[Files, ...]:
 
 
 def read_maps(folder: Path) -> bool:
-    """Read the one that is there."""
+    """Read the only file."""
     (path,) = folder.iterdir()
     if path.stem == "map":
         return bool(np.isfinite(read_depth_map(path, 0.0).depth).all())
@@ -243,7 +247,7 @@ def good_folders() -> tuple[Files, ...]:
 
 
 def read_folders(folder: Path) -> bool:
-    """Read what is there."""
+    """Read layers or a reconstruction."""
     if (folder / INDEX).exists():
         return all(np.isfinite(surface.disparity).all() for surface in read_reconstruction(folder).surfaces)
     return all(np.isfinite(piece.disparity).all() for piece in read_pieces(folder).pieces)
@@ -269,7 +273,7 @@ def _write_pictures(folder: Path, pictures: Planes) -> None:
 
 
 def read_videos(folder: Path) -> bool:
-    """Read all frames; those of a raw file and of pictures have the size that is said."""
+    """Read all frames, and return whether they have the declared size."""
     paths = sorted(folder.iterdir())
     size = {"size": (_SHAPE[1], _SHAPE[0]), "frame_rate": Fraction(25)} if paths[0].suffix == ".yuv" else {}
     with open_video(folder if len(paths) > 1 else paths[0], **size) as video:  # type: ignore[arg-type]
@@ -296,7 +300,7 @@ def mutate_segment(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def read_recordings(folder: Path) -> bool:
-    """Read all groups, then the last one alone, as of a recording and of its first segment."""
+    """Read all groups, then only the last one, of a recording and of its first segment."""
     for path in (folder, folder / "1.dvc"):
         for unfinished in (True, False):
             with open_stream(str(path), unfinished=unfinished) as reader:

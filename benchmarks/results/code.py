@@ -46,7 +46,7 @@ def tree_hash(folder: Path) -> str:
 
 
 def own_code(*modules: str, files: Sequence[bytes] = ()) -> str:
-    """Digest the modules that measure a result, whatever their comments, docstrings and layout; and files."""
+    """Digest files, and the modules that measure a result without comments, docstrings and layout."""
     parts = [hashlib.sha256(data).hexdigest() for data in files]
     for name in sorted(modules):
         tree = ast.parse(Path(str(sys.modules[name].__file__)).read_bytes())

@@ -14,7 +14,7 @@ FINDS = ROOT / "tests" / "golden" / "finds"
 
 
 def harmful(setting: Setting) -> Measured:
-    """Mutate what commands receive; count crashes, hangs, tracebacks and large allocations."""
+    """Mutate input of all commands; count crashes, hangs, tracebacks and large allocations."""
     count = setting.choose(COUNT, QUICK_COUNT)
     outcomes = [text for kind in KINDS for text in run([(kind, number) for number in range(count)])]
     note = f"{len(outcomes)} mutations of {len(KINDS)} kinds: {', '.join(KINDS)}"
@@ -24,9 +24,8 @@ def harmful(setting: Setting) -> Measured:
 def hours_fuzzed(_: Setting) -> Measured:
     """Return the time of mutations that were new when they were tried, in all parts."""
     tried = _tried(FUZZING)
-    note = (
-        f"{tried.inputs.total()} mutations, {len(tried.finds)} did harm when they were found: {tried.told()}"
-    )
+    found = f"{len(tried.finds)} did harm when they were found"
+    note = f"{tried.inputs.total()} mutations, {found}: {tried.summary()}"
     return Measured(tried.hours, {}, None, note)
 
 
@@ -47,7 +46,7 @@ def same_after_cuts(_: Setting) -> Measured:
     """Count live runs that were cut at a random moment and gave the same frames and bits as uncut ones."""
     tried = _tried(CUTS)
     runs = tried.inputs.total()
-    return Measured(float(runs - len(tried.finds)), {}, None, f"of {runs}: {tried.told()}")
+    return Measured(float(runs - len(tried.finds)), {}, None, f"of {runs}: {tried.summary()}")
 
 
 def _tried(path: Path) -> Tried:

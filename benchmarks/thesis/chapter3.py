@@ -77,7 +77,7 @@ class Measured(NamedTuple):
 
     scene: Scene
     multipliers: list[float]
-    middle: int  # index of the lambda at which the reference has about `MIDDLE_BPP`
+    middle: int  # index of the lambda for about `MIDDLE_BPP` of the reference
 
 
 @cache

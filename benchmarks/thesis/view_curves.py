@@ -93,7 +93,7 @@ Curves = Mapping[str, Sequence[Point]]
 
 
 def reference_multipliers(views: Views, rates_bpp: Sequence[float]) -> list[float]:
-    """Return the multipliers at which the reference view takes given rates."""
+    """Return the multipliers for given rates of the reference view."""
     code = picture_codec.encode(views.pictures[views.references[0]])
     multipliers = []
     for rate in rates_bpp:

@@ -1,4 +1,4 @@
-"""Changes of the packages that tests must notice: they apply, and are what they say."""
+"""Changes of the packages that tests must notice: they apply, and have the declared effect."""
 
 import pytest
 
@@ -30,7 +30,7 @@ CHANGED = {
 
 
 def test_sources_change_in_one_place() -> None:
-    """Where they compute: not in messages, types, and decorators."""
+    """Only code that computes changes: not messages, types, and decorators."""
     found = list(changes("clipped.py", SOURCE))
     assert {change.operator for change in found} == set(OPERATORS)
     sources = [change.applied(SOURCE).decode() for change in found]
@@ -44,7 +44,7 @@ def test_sources_change_in_one_place() -> None:
 
 @pytest.mark.parametrize("named", NAMED, ids=lambda named: named.line)
 def test_named_changes_apply(named: Named) -> None:
-    """To one line each, of a package whose tests are known."""
+    """Each changes one line of a package with tests."""
     change = named_change(named, ROOT)
     source = (ROOT / change.path).read_bytes()
     assert change.applied(source) != source
@@ -52,7 +52,7 @@ def test_named_changes_apply(named: Named) -> None:
 
 
 def test_draws_are_repeated() -> None:
-    """By their seed; every package has its tests."""
+    """Equal seeds give equal changes; every package has tests."""
     first = drawn(20, 1)
     assert first == drawn(20, 1)
     assert first != drawn(20, 2)

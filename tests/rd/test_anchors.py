@@ -169,7 +169,7 @@ def test_intra_frames_come_in_their_period(tmp_path: Path) -> None:
 
 
 def _frame_types(path: Path) -> str:
-    """Return I, P or B of each picture, in the order in which they are shown."""
+    """Return I, P or B of each picture, in the order of display."""
     with av.open(str(path)) as container:
         return "".join(
             av.video.frame.PictureType(frame.pict_type).name for frame in container.decode(video=0)

@@ -238,7 +238,7 @@ def test_frames_are_lines() -> None:
 
 
 def test_names_with_commas_and_quotes_survive() -> None:
-    """A name that has what separates cells is read back as it was."""
+    """A name with separators of cells is read back unchanged."""
     sequence = {**result_data(60.0, 30.0)["sequence"], "name": 'a, "b"\nc'}
     text = results_csv([parse_result("p", result_data(60.0, 30.0, sequence=sequence))])
     (row,) = csv.DictReader(io.StringIO(text, newline=""))

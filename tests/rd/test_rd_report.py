@@ -1,4 +1,4 @@
-"""Curves, tables, plots and comparisons from results alone."""
+"""Curves, tables, plots and comparisons from results."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -49,7 +49,7 @@ def test_other_frames_and_options_are_separated() -> None:
 
 
 def test_chosen_key_qps_make_another_curve() -> None:
-    """Points whose key frames do not follow from the preset do not join the curve of those that do."""
+    """Points with chosen QPs of key frames are a curve of their own."""
     data = result_data(70.0, 30.5)
     chosen = {**data, "options": {**data["options"], "key_qp": "30"}}
     (experiment,) = experiments([parse_result("a", result_data(60.0, 30.0)), parse_result("b", chosen)])
