@@ -213,7 +213,7 @@ def rate_costs(found: Sequence[Experiment], reference: str = ANCHOR_LABEL) -> li
     for one in found:
         anchor = one.anchor(reference)
         for curve in one.curves:
-            cost = mean(point.coding_ms for point in curve.points)
+            cost = mean(point.cpu_ms("coding") for point in curve.points)
             rate = _bd_rate_percent(anchor, curve, "luma")
             if cost and rate is not None:
                 row = cost, rate, _bd_rate_percent(anchor, curve, "colour")

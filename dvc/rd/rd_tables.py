@@ -192,7 +192,7 @@ COLUMNS: dict[str, Cell] = {
     "header %": _share("header"),
     "requests per WZ frame": _per_wyner_ziv("num_requests", 0),
     "decode s per WZ frame": _per_wyner_ziv("decode_s", 2),
-    "encode CPU ms per key frame": lambda point: number_text(point.type_ms("key"), 1),
-    "per WZ frame": lambda point: number_text(point.type_ms("wz"), 1),
+    "encode CPU ms per key frame": lambda point: number_text(point.cpu_ms("key_encode"), 1),
+    "per WZ frame": lambda point: number_text(point.cpu_ms("wz_encode"), 1),
 }
 """Columns of the table of a curve, by title."""
