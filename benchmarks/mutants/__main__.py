@@ -20,8 +20,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from benchmarks.mutants.named import NAMED, named_change
-from benchmarks.mutants.operators import OPERATORS, Change, changes
+from benchmarks.mutants.operators import NAMED, OPERATORS, Change, changes, named_change
 from dvc.environment import child_environment, python_module
 
 ROOT = Path(__file__).resolve().parents[2]

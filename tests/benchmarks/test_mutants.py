@@ -3,8 +3,7 @@
 import pytest
 
 from benchmarks.mutants.__main__ import ROOT, drawn, package_of, stages
-from benchmarks.mutants.named import NAMED, Named, named_change
-from benchmarks.mutants.operators import OPERATORS, changes
+from benchmarks.mutants.operators import NAMED, OPERATORS, Named, changes, named_change
 
 SOURCE = b"""
 @decorated(3)
