@@ -38,7 +38,7 @@ class GroupRate(NamedTuple):
 
 
 def group_rates(stream: Path) -> list[GroupRate]:
-    """Return what each group of a stream takes, with all that frames it."""
+    """Return the size of each group of a stream, framing included."""
     with StreamReader(stream) as reader, StreamWriter(io.BytesIO(), reader.config, reader.form) as writer:
         found, before = [], writer.num_bytes
         for record in reader:

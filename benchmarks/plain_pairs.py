@@ -52,7 +52,7 @@ MOST_FRAMES = 60
 """Largest number of frames between the two."""
 NUM_PAIRS = 10
 HIDDEN = 0.05
-"""Share of its depth by which a nearer point hides a point."""
+"""Least difference in depth, as a share, between a point and one that hides it."""
 JOBS = 2
 
 

@@ -1,7 +1,7 @@
-"""A link with delay and little bandwidth: what lies between two processes that are far apart.
+"""A link with delay and little bandwidth between two processes.
 
-``python -m benchmarks.slow_link HOST:PORT`` listens on any free port, which it prints, and passes what comes
-there on to HOST:PORT and back, until it is interrupted.
+``python -m benchmarks.slow_link HOST:PORT`` listens on any free port, which it prints, and relays
+it to HOST:PORT and back, until it is interrupted.
 """
 
 import argparse
@@ -25,21 +25,21 @@ _WAIT_S = 0.5
 
 @dataclass
 class Direction:
-    """One way of the link; what is sent comes out at the bandwidth, each byte after the delay, in order."""
+    """One way of the link; bytes leave it in order, at the bandwidth, each after the delay."""
 
     delay_s: float  # from the last bit in to the last bit out, in seconds
     bits_per_second: float  # bandwidth
-    num_bytes: int = 0  # bytes so far, without headers of transport and network
+    num_bytes: int = 0  # bytes that entered, without headers of transport and network
     _free_s: float = 0.0
     _chunks: deque[tuple[float, bytes]] = field(default_factory=deque)
     _changed: threading.Condition = field(default_factory=threading.Condition)
 
     def renewed(self) -> "Direction":
-        """Return the same way for another connection, which goes on counting."""
+        """Return the same way for another connection, with the count of bytes."""
         return Direction(self.delay_s, self.bits_per_second, self.num_bytes)
 
     def enter(self, data: bytes) -> None:
-        """Let bytes in; returns when the line is free again."""
+        """Send bytes; return when the line is free again."""
         now = time.monotonic()
         self._free_s = max(self._free_s, now) + 8 * len(data) / self.bits_per_second
         self.num_bytes += len(data)
@@ -49,7 +49,7 @@ class Direction:
         time.sleep(self._free_s - now)
 
     def leave(self) -> bytes:
-        """Wait for what comes out next."""
+        """Wait for the next bytes, and return them."""
         with self._changed:
             while not self._chunks:
                 self._changed.wait(_WAIT_S)
@@ -59,11 +59,11 @@ class Direction:
 
 
 Change = Callable[[bytes], Iterable[bytes]]
-"""What comes in place of some bytes."""
+"""Function that replaces received bytes."""
 
 
 class SlowLink:
-    """Connects whoever comes to a port with another one, both ways slowly, and maybe not faithfully."""
+    """Relays connections to another port, slowly both ways, with changes if `change` is given."""
 
     def __init__(
         self,
@@ -73,10 +73,10 @@ class SlowLink:
         bits_per_second: float = BITS_PER_SECOND,
         change: Change = lambda data: (data,),
     ) -> None:
-        self.forth = Direction(delay_s, bits_per_second)  # from the far end to who has connected last
+        self.forth = Direction(delay_s, bits_per_second)  # from the far end to the last peer
         self.back = Direction(delay_s, bits_per_second)
         self.num_connections = 0
-        self.is_down = False  # whoever connects is sent away
+        self.is_down = False  # new connections are closed at once
         self._change = change
         self._far = host, port
         self._ends: set[socket.socket] = set()
@@ -84,7 +84,7 @@ class SlowLink:
         self.address = f"127.0.0.1:{self._listening.getsockname()[1]}"
 
     def serve(self) -> None:
-        """Pass on what connections send and get, until it is closed."""
+        """Relay connections until the link is closed."""
         while True:
             try:
                 near, _ = self._listening.accept()
@@ -104,7 +104,7 @@ class SlowLink:
         self._listening.close()
 
     def cut(self) -> None:
-        """End all connections where they are."""
+        """End all connections."""
         for end in tuple(self._ends):
             _shut(end)
 
@@ -114,7 +114,7 @@ class SlowLink:
         self.cut()
 
     def _pass_on(self, near: socket.socket, forth: Direction, back: Direction) -> None:
-        """Pass on what one connection sends and gets, until both ends have said all."""
+        """Relay one connection until both ends have closed it."""
         with near, suppress(OSError), socket.create_connection(self._far) as far:
             ends = {near, far}
             self._ends |= ends
@@ -171,7 +171,7 @@ def slow_link(
     bits_per_second: float = BITS_PER_SECOND,
     change: Change = lambda data: (data,),
 ) -> Iterator[SlowLink]:
-    """Run a link beside a block."""
+    """Run a link during a block."""
     link = SlowLink(host, port, delay_s, bits_per_second, change)
     threading.Thread(target=link.serve, daemon=True).start()
     with closing(link):
@@ -179,7 +179,7 @@ def slow_link(
 
 
 def link_parser(prog: str, description: str | None) -> argparse.ArgumentParser:
-    """Return a parser of what a link needs."""
+    """Return a parser of the options of a link."""
     parser = argparse.ArgumentParser(prog=prog, description=description)
     parser.add_argument("address", metavar="HOST:PORT")
     parser.add_argument("--delay", type=float, default=DELAY_S, metavar="S", help="of each way")
@@ -188,7 +188,7 @@ def link_parser(prog: str, description: str | None) -> argparse.ArgumentParser:
 
 
 def serve_until_interrupted(link: SlowLink) -> None:
-    """Say where the link is, and pass on what comes."""
+    """Print the address of the link, and relay connections."""
     sys.stdout.write(f"{link.address}\n")
     sys.stdout.flush()
     with suppress(KeyboardInterrupt):

@@ -65,15 +65,24 @@ def live(
         address = between.address if between else served
         words = ["--connect", address, made, "--jobs", jobs, "--timeout", PATIENCE_S, "--json", report]
         usage = run_module("decoder", *words, "--quiet")
-    said, frames = report_of(report), made.read_bytes()
+    totals, frames = report_of(report), made.read_bytes()
     made.unlink()
-    figures = {name: said[name] / said["frames"] for name in ("num_messages", "num_requests")}
-    return usage, figures | said["delay_s"] | {"bits": 8.0 * said["stream_bytes"]}, frames
+    figures = {name: totals[name] / totals["frames"] for name in ("num_messages", "num_requests")}
+    return usage, figures | totals["delay_s"] | {"bits": 8.0 * totals["stream_bytes"]}, frames
 
 
 def table(rows: Sequence[tuple[str, str]]) -> str:
     """Return lines of names and values."""
     return "\n".join(f"  {name:<44} {value}" for name, value in rows)
+
+
+def usage_rows(name: str, usage: Usage, num_frames: int) -> list[tuple[str, str]]:
+    """Return the speed, processor time and memory of a command."""
+    return [
+        (f"{name}: frames a second", f"{num_frames / usage.wall_s:.2f}"),
+        ("  processor time a frame, s", f"{usage.cpu_s / num_frames:.2f}"),
+        ("  memory of a process, MiB", f"{usage.peak_bytes / MIB:.0f}"),
+    ]
 
 
 def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
@@ -84,17 +93,11 @@ def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
     options = ["--qp", arguments.qp, "--frames", num]
     run_module("encoder", video, folder / "stream.dvc", *options, "--quiet")
     file, frames = decoding(folder / "stream.dvc", folder, "--jobs", jobs)
-    rows = [
-        (f"file, {jobs} jobs: frames a second", f"{num / file.wall_s:.2f}"),
-        ("  processor time a frame, s", f"{file.cpu_s / num:.2f}"),
-        ("  memory of a process, MiB", f"{file.peak_bytes / MIB:.0f}"),
-    ]
+    rows = usage_rows(f"file, {jobs} jobs", file, num)
     if not arguments.no_single:
         single, same = decoding(folder / "stream.dvc", folder, "--jobs", 1)
         rows += [
-            ("file, 1 job: frames a second", f"{num / single.wall_s:.2f}"),
-            ("  processor time a frame, s", f"{single.cpu_s / num:.2f}"),
-            ("  memory of a process, MiB", f"{single.peak_bytes / MIB:.0f}"),
+            *usage_rows("file, 1 job", single, num),
             (f"  time of 1 job over that of {jobs}", f"{single.wall_s / file.wall_s:.2f}"),
             ("  frames", "the same" if same == frames else "NOT THE SAME"),
         ]
@@ -102,14 +105,12 @@ def measured(clip: str, arguments: argparse.Namespace) -> list[tuple[str, str]]:
         rows += cluster_rows(folder, jobs, file, frames)
     if not arguments.no_live:
         link = (arguments.delay, arguments.bandwidth) if arguments.delay or arguments.bandwidth else None
-        usage, said, same = live(video, options, jobs, link, folder)
-        least_s = file.wall_s + (said["bits"] / arguments.bandwidth if link else 0.0)
+        usage, totals, same = live(video, options, jobs, link, folder)
+        least_s = file.wall_s + (totals["bits"] / arguments.bandwidth if link else 0.0)
         rows += [
-            (f"live, {jobs} jobs: frames a second", f"{num / usage.wall_s:.2f}"),
-            ("  processor time a frame, s", f"{usage.cpu_s / num:.2f}"),
-            ("  memory of a process, MiB", f"{usage.peak_bytes / MIB:.0f}"),
-            ("  delay of a frame: median, worst, s", f"{said['median']:.1f}, {said['worst']:.1f}"),
-            ("  messages, requests a frame", f"{said['num_messages']:.1f}, {said['num_requests']:.0f}"),
+            *usage_rows(f"live, {jobs} jobs", usage, num),
+            ("  delay of a frame: median, worst, s", f"{totals['median']:.1f}, {totals['worst']:.1f}"),
+            ("  messages, requests a frame", f"{totals['num_messages']:.1f}, {totals['num_requests']:.0f}"),
             ("  time over bits / rate + decoding of the file", f"{usage.wall_s / least_s:.2f}"),
             ("  frames", "the same" if same == frames else "NOT THE SAME"),
         ]

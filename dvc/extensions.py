@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 NAME: Final = re.compile(r"[a-z0-9_-]{1,32}")
-"""Names that streams can hold; others are ignored, and the tests of `dvc.contracts` report them."""
+"""Names that streams can hold; the tests of `dvc.contracts` report all other names, which are ignored."""
 SIDE_INFORMATION = "dvc3d.side_information"
 PLANE_CODERS = "dvc3d.plane_coders"
 GROUPS = SIDE_INFORMATION, PLANE_CODERS
@@ -31,11 +31,7 @@ def installed(group: str) -> "Mapping[str, EntryPoint]":
 
 def make(group: str, name: str, *arguments: Any) -> Any:
     """Import the factory of a name, and call it."""
-    factory = _load(group, name)
-    try:
-        return factory(*arguments)
-    except Exception as err:  # an extension may raise anything
-        raise _unusable(group, name, "made", err) from err
+    return _guarded(group, name, "made", _load(group, name), *arguments)
 
 
 def maker(group: str, name: str) -> Callable[..., Any]:
@@ -45,17 +41,18 @@ def maker(group: str, name: str) -> Callable[..., Any]:
 
 
 def _load(group: str, name: str) -> Any:
+    return _guarded(group, name, "imported", installed(group)[name].load)
+
+
+def _guarded(group: str, name: str, done: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function of an extension; the error for any exception names it and its package."""
     try:
-        return installed(group)[name].load()
+        return function(*arguments)
     except Exception as err:  # an extension may raise anything
-        raise _unusable(group, name, "imported", err) from err
-
-
-def _unusable(group: str, name: str, done: str, err: Exception) -> ConfigError:
-    """Return the error that names an extension and its package."""
-    entry = installed(group)[name]
-    package = entry.dist.name if entry.dist else entry.value
-    return ConfigError(f"extension {name!r} of {package} cannot be {done}: {type(err).__name__}: {err}")
+        entry = installed(group)[name]
+        package = entry.dist.name if entry.dist else entry.value
+        problem = f"cannot be {done}: {type(err).__name__}: {err}"
+        raise ConfigError(f"extension {name!r} of {package} {problem}") from err
 
 
 class Registry(Mapping[str, T], Generic[T]):

@@ -40,7 +40,7 @@ def test_modules_are_subcommands(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize("arguments", [[], ["split"], ["merge"]])
 def test_wrong_use_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """No subcommand, one that does not exist, or one without what it needs: status 2."""
+    """No subcommand, one that does not exist, or one without a required argument: status 2."""
     main = subcommands.command("tool", "A tool.", "", subcommands.by_name([_module()]))
     with pytest.raises(SystemExit) as ended:
         main(arguments)

@@ -14,15 +14,18 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.baselines.baseline import Baseline, BaselineResult, best, quality_of
 from benchmarks.baselines.opencv_stereo import semi_global_baseline
 from benchmarks.baselines.picture_coders import (
     AVIF,
     PICTURE_CODERS,
+    Baseline,
+    BaselineResult,
     CodedPicture,
     Ladder,
     PictureCoder,
+    best,
     highest_fitting,
+    quality_of,
 )
 from dvc.dibr.view_rendering import PictureAndDisparity, picture_of, render_pairs
 from dvc.dibr.view_set import Views, views_of_array
@@ -30,6 +33,7 @@ from dvc.errors import ConfigError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.images.colour import Picture
 from dvc.metrics import PEAK
+from dvc.rd.anchors.anchor_files import without_overhead
 from dvc.stereo.surfaces.reconstruct import reconstruct
 from dvc.stereo.surfaces.stereo_settings import StereoSettings
 
@@ -42,8 +46,6 @@ LEVEL_OFFSETS = -6, -3, 0, 3, 6
 QP_OFFSETS = 0, 1, 2, 3, 4
 """QP of the P frame minus that of the I frame."""
 LOWEST_QP, HIGHEST_QP = 8, 51
-_MESSAGES = {"h264": (31, 0, {6}), "hevc": (63, 1, {39, 40})}
-"""Mask and shift of the type of a NAL unit, and types that no decoder needs."""
 
 
 def semi_global_disparity(array: CameraArray, labels: DisparityLabels) -> Floats:
@@ -234,7 +236,7 @@ def encode_frames(pictures: Sequence[Picture], coder: VideoCoder, qp: int, offse
     except (av.FFmpegError, ValueError) as err:
         raise ConfigError(f"{coder.name} does not code pictures of this size") from err
     for packet in packets:
-        yield without_messages(bytes(packet), coder.decoder)
+        yield without_overhead(bytes(packet), coder.decoder)
 
 
 def decode_frames(stream: Sequence[bytes], coder: VideoCoder) -> list[Picture]:
@@ -248,14 +250,6 @@ def decode_frames(stream: Sequence[bytes], coder: VideoCoder) -> list[Picture]:
         rows = np.frombuffer(bytes(plane), np.uint8).reshape(-1, plane.line_size)
         pictures.append(np.ascontiguousarray(rows[: plane.height, : plane.width]))
     return pictures
-
-
-def without_messages(stream: bytes, decoder: str) -> bytes:
-    """Remove units that no decoder needs: encoders write their options there."""
-    mask, shift, messages = _MESSAGES[decoder]
-    units = stream.split(b"\x00\x00\x01")[1:]
-    needed = [unit for unit in units if (unit[0] >> shift) & mask not in messages]
-    return b"".join(b"\x00\x00\x01" + unit.rstrip(b"\x00") for unit in needed)
 
 
 def baselines_of(array: CameraArray, labels: DisparityLabels) -> list[Baseline]:

@@ -1,1 +1,1 @@
-"""Hostile input: mutations of streams and live messages, and what they do."""
+"""Hostile input: mutations of streams and live messages, and their outcomes."""

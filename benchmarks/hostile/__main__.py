@@ -1,29 +1,30 @@
 """Hostile input: mutate streams and live messages, and watch for crashes, hangs, tracebacks and allocations.
 
 Mutations run in child processes, so that a crash or a hang is counted and does not end the run. Every
-mutation has a number, which is its seed: ``--kind KIND --first NUMBER --count 1`` repeats it. What did harm
-is written to a folder by ``--finds``; what lies in `tests/golden/finds` is tried by a test.
+mutation has a number, which is its seed: ``--kind KIND --first NUMBER --count 1`` repeats it. Inputs
+that did harm are written to the folder ``--finds``; a test tries those of `tests/golden/finds`.
 """
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 from benchmarks.hostile.batches import KINDS, run, run_batch, stop
-from benchmarks.hostile.campaign import fuzz, keep, tell
-from benchmarks.hostile.parts import FIRST, FUZZING, Tried
+from benchmarks.hostile.bounds import BOUNDS
+from benchmarks.hostile.campaign import FIRST, FUZZING, Tried, fuzz, keep, print_outcomes
 from dvc import cli
 
 PROG = "python -m benchmarks.hostile"
 EXAMPLES = """\
   python -m benchmarks.hostile                               3,000 mutations of each kind
-  python -m benchmarks.hostile --hours 2      others for two hours, and write down what was tried
+  python -m benchmarks.hostile --hours 2      new ones for two hours under bounds checks
   python -m benchmarks.hostile --kind buffered --first 4711 --count 1   one mutation again
 """
 _FEW = 100
-"""Mutations of a kind for which no process is worth its start."""
+"""Largest number of mutations of a kind that does not justify a process."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -31,13 +32,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = cli.ArgumentParser(PROG, "Mutate streams and live messages.", EXAMPLES)
     parser.add_argument("--kind", choices=KINDS, action="append", help="default: all")
     parser.add_argument("--first", type=cli.integer(0, 3 * FIRST), default=0, metavar="N", help="default: 0")
-    parser.add_argument("--hours", type=cli.parse_positive, metavar="H", help="try so long what is new")
+    parser.add_argument("--hours", type=cli.parse_positive, metavar="H", help="try new mutations for H hours")
     parser.add_argument("--state", type=Path, default=FUZZING, help=f"of --hours; default: {FUZZING.name}")
     parser.add_argument(
         "--count", type=cli.integer(1, 10**7), default=3000, metavar="N", help="of each kind; default: 3000"
     )
     parser.add_argument("--jobs", type=cli.integer(1, 64), default=1, help="kinds at a time; default: 1")
-    parser.add_argument("--finds", type=Path, metavar="FOLDER", help="write there what did harm")
+    parser.add_argument("--finds", type=Path, metavar="FOLDER", help="folder for inputs that did harm")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args(argv)
     if arguments.child:
@@ -51,6 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     harmful, chosen = 0, arguments.kind or KINDS
     if arguments.hours is not None:
+        os.environ.setdefault(BOUNDS, "1")
         tried = Tried.read(arguments.state)
         harmful = fuzz(tried, chosen, arguments.hours, arguments.jobs, arguments.finds)
         return cli.EXIT_BAD_INPUT if harmful else 0
@@ -64,7 +66,7 @@ def _run(arguments: argparse.Namespace) -> int:
         work = {pool.submit(run, part, progress): part for part in parts}
         try:
             for done in as_completed(work):
-                bad = tell(work[done], done.result())
+                bad = print_outcomes(work[done], done.result())
                 keep(bad, arguments.finds)
                 harmful += len(bad)
         except BaseException:

@@ -1,4 +1,4 @@
-"""Who must bear mutations: the decoder of a stream, both ends of a live run, and readers of other files."""
+"""Kinds of mutated input: streams, messages of live runs, and files of all commands."""
 
 import io
 from collections.abc import Callable, Sequence
@@ -9,12 +9,9 @@ from typing import cast
 
 import numpy as np
 
-from benchmarks.hostile import folders, recordings, tables
-from benchmarks.hostile.cameras import good_cameras, read_cameras
-from benchmarks.hostile.depth_images import damaged_depth_images, try_depth_images
-from benchmarks.hostile.files import Files, damaged_files, mutate_text, try_files
+from benchmarks.hostile import depth_streams, input_files
 from benchmarks.hostile.handshakes import damaged_handshake, try_handshake
-from benchmarks.hostile.layered_pieces import damaged_pieces, try_pieces
+from benchmarks.hostile.input_files import Files, damaged_files, mutate_text, try_files
 from benchmarks.hostile.material import (
     Luma,
     decoded_groups,
@@ -36,7 +33,6 @@ from benchmarks.hostile.mutations import (
     random_message,
     record_spans,
 )
-from benchmarks.hostile.pictures import damaged_pictures, try_pictures
 from benchmarks.hostile.workers import STREAMS
 from dvc.errors import BitstreamError, ConnectionLostError, FeedbackError
 from dvc.feedback import Connection, DecoderEndpoint, EncoderEndpoint
@@ -50,8 +46,8 @@ class Kind:
     """Something that can be mutated."""
 
     damaged: Callable[[int], bytes]  # a mutation by its number
-    outcome: Callable[[bytes], str]  # what it does
-    num_pixels: int = 32 * 24 * 7  # of the good input
+    outcome: Callable[[bytes], str]  # runs a mutation and returns its outcome
+    num_pixels: int = 32 * 24 * 7  # size of the good input
 
 
 Good = Callable[[], tuple[bytes, list[list[Luma]]]]
@@ -79,7 +75,7 @@ def try_stream(good: Good | None, damaged: bytes, jobs: int = 1) -> str:
                 done += 1
     except BitstreamError as err:
         outcome = "refused"
-        if "allows more" in str(err):  # before anything is decoded, for what is declared
+        if "allows more" in str(err):  # for declared sizes, before anything is decoded
             return outcome
     return outcome if done >= intact else f"an undamaged group is lost: {done} of {intact} decoded"
 
@@ -105,20 +101,25 @@ class _Replay:
         raise ConnectionLostError("the other side closed the connection")
 
 
-def try_encoder(codec: str, number: bytes) -> str:
-    """Let the encoder of a live run receive a mutation of what it once received."""
-    seed = int(number)
-    damaged, rng = list(to_encoder(codec)), np.random.default_rng(seed)
-    position = int(rng.integers(len(damaged)))
+def _changed(chunks: Sequence[bytes], position: int, seed: int, rng: np.random.Generator) -> list[bytes]:
+    """Repeat an earlier chunk, drop one, put a random message before one, or damage it."""
     match seed % 8:
         case 0:
-            damaged.insert(position, damaged[int(rng.integers(len(damaged)))])
+            replaced = [chunks[int(rng.integers(len(chunks)))], chunks[position]]
         case 1:
-            del damaged[position]
+            replaced = []
         case 2 | 3:
-            damaged.insert(position, random_message(rng))
+            replaced = [random_message(rng), chunks[position]]
         case _:
-            damaged[position] = mutate(damaged[position], rng)
+            replaced = [mutate(chunks[position], rng)]
+    return [*chunks[:position], *replaced, *chunks[position + 1 :]]
+
+
+def try_encoder(codec: str, number: bytes) -> str:
+    """Feed the encoder of a live run a mutation of the messages that it once received."""
+    seed, chunks = int(number), to_encoder(codec)
+    rng = np.random.default_rng(seed)
+    damaged = _changed(chunks, int(rng.integers(len(chunks))), seed, rng)
     endpoint = EncoderEndpoint(session(material(codec)).config)
     endpoint.receive(DecoderEndpoint(bytes(16)).bytes_to_send())
     endpoint.send_welcome()
@@ -130,24 +131,18 @@ def try_encoder(codec: str, number: bytes) -> str:
 
 
 def try_decoder(codec: str, number: bytes) -> str:
-    """Let the decoder of a live run, with many requests in flight, receive a mutation of what was sent."""
+    """Feed the decoder of a live run, with many requests in flight, a mutation of the messages to it."""
     seed, passed = int(number), [b""]
     rng = np.random.default_rng(seed)
     position = int(rng.integers(1, len(to_encoder(codec))))
 
     def _change(data: bytes) -> bytes:
         passed.append(data)
-        if len(passed) != position + 1:
-            return data
-        match seed % 8:
-            case 0:
-                return data + passed[int(rng.integers(len(passed)))]
-            case 1:
-                return b""
-            case 2 | 3:
-                return random_message(rng) + data
-            case _:
-                return mutate(data, rng)
+        return (
+            data
+            if len(passed) != position + 1
+            else b"".join(_changed(passed, position, seed, rng)[position:])
+        )
 
     failure, _ = live_run(material(codec), (_change, lambda data: data))
     if failure is not None and not isinstance(failure, BitstreamError | FeedbackError):
@@ -177,8 +172,14 @@ def _of_files(
     return Kind(lambda number: damaged_files(good(), number, change), partial(try_files, read))
 
 
+def _with_depth(
+    good: Callable[[], tuple[bytes, ...]], change: Change, outcome: Callable[[bytes], str]
+) -> Kind:
+    return Kind(partial(depth_streams.damaged_of, good, change), outcome)
+
+
 def _payloads() -> Kind:
-    """Return streams of all kinds that are frozen, in one of whose parts is nothing."""
+    """Return frozen streams of all kinds with random bytes in one part."""
     names = sorted(path.stem for path in STREAMS.glob("*.dvc"))
 
     def _damaged(number: int) -> bytes:
@@ -199,7 +200,7 @@ def _headers() -> Kind:
 
 @cache
 def kinds() -> dict[str, Kind]:
-    """Return what can be mutated."""
+    """Return all kinds of input, by name."""
     small, scene = 48 * 32 * 9, 104 * 88 * 7
     return {
         "buffered": _made("2d", "buffered"),
@@ -220,16 +221,21 @@ def kinds() -> dict[str, Kind]:
         "to-encoder": _live(try_encoder, "2d"),
         "to-decoder-3d": _live(try_decoder, "3d-te"),
         "to-encoder-3d": _live(try_encoder, "3d-te"),
-        "pictures": Kind(damaged_pictures, try_pictures),
-        "depth-images": Kind(damaged_depth_images, try_depth_images),
-        "layers": Kind(damaged_pieces, try_pieces),
-        "cameras": _of_files(good_cameras, read_cameras),
-        "maps": _of_files(folders.good_maps, folders.read_maps),
-        "folders": _of_files(folders.good_folders, folders.read_folders),
-        "tables": _of_files(tables.good_tables, tables.read_tables),
-        "videos": _of_files(recordings.good_videos, recordings.read_videos),
+        "pictures": _with_depth(
+            depth_streams.good_views, depth_streams.mutate_pictures, depth_streams.try_pictures
+        ),
+        "depth-images": _with_depth(
+            depth_streams.good_depth_images, depth_streams.mutate_depth_image, depth_streams.try_depth_images
+        ),
+        "layers": _with_depth(
+            depth_streams.good_pieces, depth_streams.mutate_pieces, depth_streams.try_pieces
+        ),
+        **{
+            name: _of_files(getattr(input_files, f"good_{name}"), getattr(input_files, f"read_{name}"))
+            for name in ("cameras", "maps", "folders", "tables", "videos")
+        },
         "recordings": _of_files(
-            recordings.good_recordings, recordings.read_recordings, recordings.mutate_segment
+            input_files.good_recordings, input_files.read_recordings, input_files.mutate_segment
         ),
         "handshakes": Kind(damaged_handshake, try_handshake),
     }

@@ -32,19 +32,19 @@ from dvc.feedback.protection import decoder_context
 
 _CLIENT_HELLO = b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"
 SILENT_EVERY = 200
-"""Hellos of which one is half a hello and then nothing, for as long as it is waited for."""
+"""Period of hellos that are cut and followed by silence."""
 _ANSWER_S = 2.0
 _HELLO_S = 10.0
 
-Say = Callable[[socket.socket, np.random.Generator], None]
+Send = Callable[[socket.socket, np.random.Generator], None]
 
 
-def _words(make: Callable[[np.random.Generator], bytes]) -> Say:
+def _words(make: Callable[[np.random.Generator], bytes]) -> Send:
     return lambda peer, rng: peer.sendall(make(rng))
 
 
 def _no_token(peer: socket.socket, rng: np.random.Generator) -> None:
-    """Say a good hello, inside TLS if the encoder uses it, without the token."""
+    """Send a good hello, inside TLS if the encoder uses it, without the token."""
     host, port = peer.getpeername()
     dialler = Dialler(host, port, Protection(decoder_context(None)), _ANSWER_S)
     with dialler.connect(_ANSWER_S) as own:
@@ -52,7 +52,7 @@ def _no_token(peer: socket.socket, rng: np.random.Generator) -> None:
         own.receive(_ANSWER_S)
 
 
-HELLOS: dict[str, Say] = {
+HELLOS: dict[str, Send] = {
     "nothing": _words(lambda _: b""),
     "random bytes": _words(lambda rng: rng.bytes(int(rng.integers(1, 2000)))),
     "another protocol": _words(lambda _: b"GET / HTTP/1.1\r\nHost: camera\r\n\r\n"),
@@ -64,7 +64,7 @@ HELLOS: dict[str, Say] = {
 
 
 def send_hellos(address: tuple[str, int], count: int, seconds: float, seed: int) -> dict[str, int]:
-    """Send hellos, spread over some time; return how many of each kind were sent before nobody listened."""
+    """Send hellos, spread over some time, until the port is closed; return the number of each kind."""
     rng, started_s = np.random.default_rng(seed), time.monotonic()
     sent, silent = dict.fromkeys((*HELLOS, "silence"), 0), list[socket.socket]()
     for number in range(count):
@@ -94,8 +94,8 @@ class Taken(NamedTuple):
     """What a run takes, in seconds."""
 
     wall: float
-    ends: float  # of the processor, with all that they load
-    coding: float  # of the encoder's thread
+    ends: float  # processor time of both ends, start-up included
+    coding: float  # processor time of the encoder's thread
 
 
 def _children_s() -> float:
@@ -106,7 +106,7 @@ def _children_s() -> float:
 def good_run(
     ends: Ends, files: Files, token: Sequence[object], hellos: Sequence[object]
 ) -> tuple[Decoded, Taken]:
-    """Run both ends, beside hellos if there are options for them."""
+    """Run both ends, while hellos are sent if options for them are given."""
     before_s, sender = _children_s(), None
     with ends.encoder() as (_, address):
         started_s = time.monotonic()
@@ -128,14 +128,16 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--clip", default="box", help="name of a clip, or a video file; default: box")
     parser.add_argument("--frames", type=int, default=100, help="it is played forwards and backwards")
     parser.add_argument("--count", type=int, default=10_000, help="of hellos; default: %(default)s")
-    parser.add_argument("--pairs", type=int, default=3, help="of runs, alone and not; default: %(default)s")
+    parser.add_argument(
+        "--pairs", type=int, default=3, help="pairs of runs without and with hellos; default: %(default)s"
+    )
     parser.add_argument("--send", type=parse_address, metavar="HOST:PORT", help="send hellos, no more")
     parser.add_argument("--seconds", type=float, default=0.0, help="over which hellos are spread")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("out/bad_hellos"), help="folder of what is written")
     arguments, options = parser.parse_known_args(words)
     if arguments.send is not None:
-        os.nice(19)  # others' machines do not take this one's time
+        os.nice(19)  # other machines would not take time of this one
         sent = send_hellos(arguments.send, arguments.count, arguments.seconds, arguments.seed)
         print(f"{sum(sent.values())} hellos: {sent}", flush=True)
         return 0
@@ -151,18 +153,18 @@ def _compare(arguments: argparse.Namespace, options: Sequence[str]) -> int:
     ends = Ends(video, folder, [*options, *token], tls=True)
     ratios, same = list[Taken](), True
     for pair in range(arguments.pairs):
-        wanted, alone = good_run(ends, Files.named(folder, "alone"), token, [])
+        expected, alone = good_run(ends, Files.named(folder, "alone"), token, [])
         hellos = ["--count", arguments.count, "--seconds", alone.wall, "--seed", arguments.seed + pair]
         found, beside = good_run(ends, Files.named(folder, "beside"), token, hellos)
-        same = same and found == wanted
+        same = same and found == expected
         ratios.append(Taken(*(b / a for a, b in zip(alone, beside, strict=True))))
-        print(f"alone {_told(alone)}; with hellos {_told(beside)}; ratio {_told(ratios[-1])}", flush=True)
+        print(f"alone {_text(alone)}; with hellos {_text(beside)}; ratio {_text(ratios[-1])}", flush=True)
     middle = Taken(*map(median, zip(*ratios, strict=True)))
-    print(f"same frames and bits: {'yes' if same else 'no'}; median ratio {_told(middle)}", flush=True)
+    print(f"same frames and bits: {'yes' if same else 'no'}; median ratio {_text(middle)}", flush=True)
     return 0 if same else 1
 
 
-def _told(taken: Taken) -> str:
+def _text(taken: Taken) -> str:
     return f"wall {taken.wall:.3f}, processor {taken.ends:.3f}, coding {taken.coding:.3f}"
 
 

@@ -1,6 +1,6 @@
-"""What a bad link does to the bytes that pass: it cuts, flips, leaves out, repeats, moves and trickles.
+"""A bad link: it cuts, flips, drops, repeats, moves and trickles bytes.
 
-``python -m benchmarks.hostile.bad_link HOST:PORT`` passes on what comes to a free port, which it prints.
+``python -m benchmarks.hostile.bad_link HOST:PORT`` relays a free port, which it prints.
 """
 
 import sys
@@ -20,7 +20,7 @@ _NUM_TRICKLED = 16
 
 
 class Faults:
-    """Does something to about every so many bytes; what was said is split there as often as not."""
+    """Makes a fault about every `bytes_apart` bytes; half of the faults affect only a part of a chunk."""
 
     def __init__(self, bytes_apart: float, seed: int, kinds: Sequence[str] = FAULTS) -> None:
         self.counts = dict.fromkeys(kinds, 0)
@@ -29,7 +29,7 @@ class Faults:
         self._lock = threading.Lock()
 
     def __call__(self, data: bytes) -> Iterator[bytes]:
-        """Return what comes in place of some bytes; a `ConnectionError` is a cut."""
+        """Yield the bytes that replace a chunk; a `ConnectionError` is a cut."""
         with self._lock:
             rng = np.random.default_rng(int(self._rng.integers(2**63)))
         if rng.random() * self._bytes_apart > len(data):
@@ -44,7 +44,7 @@ class Faults:
 
 
 def _pieces(kind: str, before: bytes, data: bytes, after: bytes, rng: np.random.Generator) -> Iterator[bytes]:
-    """Return what comes in place of three pieces, to the middle one of which something is done."""
+    """Yield the bytes that replace three pieces, with a fault in the middle one."""
     if kind == "flip" and data:
         changed = bytearray(data)
         changed[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))

@@ -1,5 +1,6 @@
 """Mutations in child processes, a batch at a time, so that a crash or a hang is counted and ends no run."""
 
+import os
 import resource
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from threading import Event, Timer
 from types import FrameType
 
 from benchmarks.hostile.attempts import Kind, kinds
+from benchmarks.hostile.bounds import BOUNDS, check_bounds
 from benchmarks.hostile.workers import forked_workers
 from decoder.processes import stop_idle_processes
 from dvc import cli
@@ -19,7 +21,7 @@ from dvc.errors import DvcError
 from dvc.memory import address_bytes
 
 COMPILING_S, STALLED_S = 900.0, 120.0
-"""How long a process may say nothing: at first, when it may compile all kernels, and later."""
+"""Longest silence of a process: at first, while it may compile all kernels, and later."""
 GOOD = frozenset({"refused", "decoded"})
 """Outcomes that are no failure."""
 
@@ -32,17 +34,17 @@ _stopping = Event()
 
 
 def max_seconds(num_pixels: int) -> float:
-    """Return how long a mutation may take, by the size of what was mutated."""
+    """Return the time limit of a mutation, by the size of its input."""
     return 5.0 + 200e-6 * num_pixels
 
 
 def max_bytes(num_pixels: int) -> int:
-    """Return how much memory it may take beyond what the process holds; volumes of depth are the most."""
+    """Return the limit of additional memory of a mutation; volumes of depth need most."""
     return (192 << 20) + (num_pixels << 10)
 
 
 class TooLong(BaseException):
-    """A block takes too long; nothing that takes errors for bad input takes this for one."""
+    """A block takes too long; not an `Exception`, so that no reader handles it as bad input."""
 
 
 @contextmanager
@@ -63,7 +65,7 @@ def _limited_time(seconds: float) -> Iterator[None]:
 
 @contextmanager
 def _limited_memory(most: int) -> Iterator[None]:
-    """Let a block, and processes that it starts, take so much memory beyond what is taken."""
+    """Limit the additional memory of a block and of processes that it starts."""
     resource.setrlimit(resource.RLIMIT_AS, (address_bytes() + most, resource.RLIM_INFINITY))
     try:
         yield
@@ -72,15 +74,17 @@ def _limited_memory(most: int) -> Iterator[None]:
 
 
 def run_batch(tries: Sequence[Try]) -> Iterator[str]:
-    """Try mutations in this process, and tell what each does."""
+    """Try mutations in this process, and yield the outcome of each."""
     before = None
+    if os.environ.get(BOUNDS) == "1":
+        check_bounds()
     with forked_workers():
         for kind, number in tries:
             chosen = kinds()[kind]
             if kind != before:
                 with suppress(Exception):
-                    chosen.outcome(chosen.damaged(number))  # loads kernels, and makes what is mutated
-                stop_idle_processes()  # others inherit the limit
+                    chosen.outcome(chosen.damaged(number))  # loads kernels, and makes the good input
+                stop_idle_processes()  # new processes inherit the limit
                 before = kind
             outcome = outcome_of(chosen, chosen.damaged(number))
             # Kernels that nothing has called before take time and memory as well: only once.
@@ -88,7 +92,7 @@ def run_batch(tries: Sequence[Try]) -> Iterator[str]:
 
 
 def outcome_of(kind: Kind, damaged: bytes) -> str:
-    """Tell what damaged input does, within limits that grow with its size."""
+    """Return the outcome of damaged input, within limits that grow with its size."""
     size = kind.num_pixels + len(damaged)  # every byte counts as a pixel
     seconds, most = max_seconds(size), max_bytes(size)
     try:
@@ -106,7 +110,7 @@ def outcome_of(kind: Kind, damaged: bytes) -> str:
 
 
 def run(tries: Sequence[Try], advance: Advance = lambda _: None) -> list[str]:
-    """Try mutations in a child process, and in another one where that does not survive them."""
+    """Try mutations in a child process, and in a new one after each that ends it."""
     outcomes: list[str] = []
     while len(outcomes) < len(tries) and not _stopping.is_set():
         found, ended = _child(tries[len(outcomes) :], advance)
@@ -118,14 +122,14 @@ def run(tries: Sequence[Try], advance: Advance = lambda _: None) -> list[str]:
 
 
 def _child(tries: Sequence[Try], advance: Advance) -> tuple[list[str], str]:
-    """Return outcomes of a process as far as it came, and how it ended."""
+    """Return the outcomes of a process, and the way in which it ended."""
     command = python_module("benchmarks.hostile", "--child")
     outcomes: list[str] = []
-    with TemporaryFile("w+") as asked, TemporaryFile() as said:
-        asked.writelines(f"{kind} {number}\n" for kind, number in tries)
-        asked.seek(0)
+    with TemporaryFile("w+") as tasks, TemporaryFile() as errors:
+        tasks.writelines(f"{kind} {number}\n" for kind, number in tries)
+        tasks.seek(0)
         with subprocess.Popen(
-            command, env=child_environment(), stdin=asked, stdout=subprocess.PIPE, stderr=said, text=True
+            command, env=child_environment(), stdin=tasks, stdout=subprocess.PIPE, stderr=errors, text=True
         ) as process:
             _running.append(process)
             assert process.stdout is not None
@@ -137,21 +141,21 @@ def _child(tries: Sequence[Try], advance: Advance) -> tuple[list[str], str]:
                 watchdog.feed(STALLED_S + 10 * max_seconds(kinds()[kind].num_pixels))
             watchdog.stop()
             _running.remove(process)
-        said.seek(0)
-        last = said.read().decode(errors="replace").strip().rpartition("\n")[2]
+        errors.seek(0)
+        last = errors.read().decode(errors="replace").strip().rpartition("\n")[2]
     hung = "hang: the process had to be killed"
     return outcomes, hung if watchdog.barked else f"crash: status {process.returncode} {last}"
 
 
 def stop() -> None:
-    """End all processes, and begin no others."""
+    """End all processes, and start no further ones."""
     _stopping.set()
     for process in list(_running):
         process.kill()
 
 
 class Watchdog:
-    """Does something unless it is fed in time."""
+    """Calls a function unless it is fed in time."""
 
     def __init__(self, bark: Callable[[], None]) -> None:
         self._bark = bark

@@ -1,4 +1,4 @@
-"""Bounds checks of compiled kernels: what shows that they are at work."""
+"""Proof that compiled kernels check bounds: `python -m benchmarks.hostile.bounds`."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.errors import DvcError
 
+BOUNDS = "NUMBA_BOUNDSCHECK"
+"""Variable of the environment that makes kernels check bounds."""
 _LENGTH = 3
 
 
@@ -21,8 +23,8 @@ def wrong_write(array: NDArray[np.int64], index: int) -> None:
     array.reshape(1, -1)[0, index] = 1
 
 
-def show_bounds() -> None:
-    """Show that a wrong index fails; otherwise no later result proves anything."""
+def check_bounds() -> None:
+    """Raise `DvcError` if kernels accept a wrong index, so that no later result would prove anything."""
     array = np.zeros(_LENGTH + 8, np.int64)[4 : 4 + _LENGTH]  # harmless if bounds are not checked
     for function in (wrong_read, wrong_write):
         for index in (_LENGTH, -_LENGTH - 1):
@@ -31,8 +33,8 @@ def show_bounds() -> None:
             except IndexError:
                 continue
             raise DvcError(f"{function.__name__} takes index {index} of {_LENGTH}: bounds are not checked")
-    print(f"indices {_LENGTH} and {-_LENGTH - 1} of an array of {_LENGTH} are refused in compiled code")
 
 
 if __name__ == "__main__":
-    show_bounds()
+    check_bounds()
+    print(f"indices {_LENGTH} and {-_LENGTH - 1} of an array of {_LENGTH} are refused in compiled code")

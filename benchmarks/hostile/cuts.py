@@ -1,7 +1,7 @@
-"""Live runs of a short clip, each cut at a random moment: as many as are wanted in all, in parts.
+"""Live runs of a short clip, each cut at a random moment, until a total number in all parts.
 
-``python -m benchmarks.hostile.cuts`` goes on where it ended, with moments that nobody has tried, and writes
-down how many gave the same frames and bits as uncut runs. ``--hours H`` ends it earlier.
+``python -m benchmarks.hostile.cuts`` continues where it ended, with new moments, and records how many gave
+the same frames and bits as uncut runs. ``--hours H`` ends it earlier.
 """
 
 import argparse
@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.hostile.bad_link import Faults
+from benchmarks.hostile.campaign import CUTS, Tried
 from benchmarks.hostile.lost_links import OPENED_BYTES, Decoded, Ends, cut_once, run_with_losses, uncut
-from benchmarks.hostile.parts import CUTS, Tried
 from benchmarks.results.harness import run_module
 
 OPTIONS: dict[str, tuple[str, ...]] = {
@@ -34,12 +34,12 @@ _SCENE, _SIZE = "street", "128x96"
 
 
 class Uncut(NamedTuple):
-    """What runs of a kind are compared with."""
+    """Reference of the runs of a kind."""
 
     ends: Ends
     folder: Path
-    wanted: Decoded
-    num_bytes: int  # of the link
+    expected: Decoded
+    num_bytes: int  # bytes that passed the link
 
 
 def prepared(video: Path, folder: Path) -> dict[str, Uncut]:
@@ -53,9 +53,9 @@ def prepared(video: Path, folder: Path) -> dict[str, Uncut]:
 
 
 def run_number(number: int, runs: dict[str, Uncut]) -> tuple[str, str]:
-    """Cut a run at the moment that its number says; return its kind, and what is wrong."""
+    """Cut a run at the moment of its number; return its kind, and the difference to an uncut run."""
     rng, kind = np.random.default_rng(number), list(runs)[number % len(runs)]
-    ends, folder, wanted, num_bytes = runs[kind]
+    ends, folder, expected, num_bytes = runs[kind]
     faults = Faults(FAULTS_APART_BYTES, number) if kind == "faults" else None
     try:
         found, _ = run_with_losses(ends, folder, cut_once(int(rng.integers(OPENED_BYTES, num_bytes))), faults)
@@ -63,11 +63,11 @@ def run_number(number: int, runs: dict[str, Uncut]) -> tuple[str, str]:
         return kind, f"hang: more than {ENDING_S:.0f} s"
     except SystemExit as err:
         return kind, str(err)
-    return kind, "" if found == wanted else "frames or bits are not those of an uncut run"
+    return kind, "" if found == expected else "frames or bits are not those of an uncut run"
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run what is missing."""
+    """Run the missing runs."""
     parser = argparse.ArgumentParser("python -m benchmarks.hostile.cuts", description=__doc__)
     parser.add_argument("--runs", type=int, default=1000, help="in all parts; default: %(default)s")
     parser.add_argument("--hours", type=float, default=math.inf, metavar="H", help="of this part")

@@ -1,4 +1,4 @@
-"""Beginnings of connections, plain or by TLS, with a token or without, of which one chunk is damaged."""
+"""Handshakes with a damaged chunk: plain or by TLS, with or without a token."""
 
 import socket
 import tempfile
@@ -48,7 +48,7 @@ def _pair() -> tuple[socket.socket, socket.socket]:
 
 
 def _pump(source: socket.socket, target: socket.socket, bad: int, rng: np.random.Generator) -> None:
-    """Pass on what comes; one chunk is damaged."""
+    """Relay bytes, and damage one chunk."""
     number = 0
     try:
         while data := source.recv(_READ_BYTES):

@@ -33,7 +33,7 @@ _COUNTS = ("num_reconnections", "groups_sent_again", "bits_asked_again")
 
 
 class Files(NamedTuple):
-    """What a decoder writes."""
+    """Files that a decoder writes."""
 
     video: Path
     punctured: Path
@@ -46,7 +46,7 @@ class Files(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """What a run came to."""
+    """Result of a run."""
 
     video: bytes
     punctured: bytes
@@ -104,7 +104,7 @@ class Ends:
     def encoder(
         self, status: int = 0, address: str = "127.0.0.1:0"
     ) -> "Iterator[tuple[subprocess.Popen[str], str]]":
-        """Run an encoder beside a block, which gets its address; it must end as it should."""
+        """Run an encoder during a block, which gets its address; require its exit status."""
         words = [self._video, *self._options, "--serve", address, "--json", self.encoder_report]
         with start("encoder", *words) as process, ThreadPoolExecutor(1) as listening:
             assert process.stderr is not None
@@ -112,7 +112,7 @@ class Ends:
                 address = process.stderr.readline().split()[-1]
                 end = listening.submit(
                     check_end, process, status, self.ending_s
-                )  # whatever it says meanwhile
+                )  # reads its messages meanwhile
                 yield process, address
                 end.result()
             finally:
@@ -133,15 +133,15 @@ class Ends:
 
 
 def check_end(process: "subprocess.Popen[str]", status: int, within_s: float = ENDING_S) -> str:
-    """Wait for the end of a process, which must be as it should; return what it said."""
-    _, said = process.communicate(timeout=within_s)
+    """Wait for the end of a process, and require its exit status; return its messages."""
+    _, messages = process.communicate(timeout=within_s)
     if process.returncode != status:
-        raise SystemExit(f"an end has status {process.returncode}, not {status}: {said.strip()[-500:]}")
-    return said
+        raise SystemExit(f"an end has status {process.returncode}, not {status}: {messages.strip()[-500:]}")
+    return messages
 
 
 def uncut(ends: Ends, folder: Path) -> tuple[Decoded, int]:
-    """Return what a run without losses comes to, and how many bytes pass."""
+    """Return the result of a run without losses, and the number of bytes that pass."""
     files = Files.named(folder, "uncut")
     with ends.encoder() as (_, address), _linked(address) as link:
         check_end(ends.decoder(link.address, files), 0)
@@ -159,7 +159,7 @@ def _passed(link: SlowLink) -> int:
 
 
 def _wait_for(link: SlowLink, num_bytes: int, decoder: "subprocess.Popen[str]") -> None:
-    """Wait until so many bytes have passed."""
+    """Wait until a number of bytes have passed."""
     while _passed(link) < num_bytes and decoder.poll() is None:
         time.sleep(0.001)
 
@@ -167,7 +167,7 @@ def _wait_for(link: SlowLink, num_bytes: int, decoder: "subprocess.Popen[str]") 
 def run_with_losses(
     ends: Ends, folder: Path, cut: Callable[[SlowLink, "subprocess.Popen[str]"], None], faults: Faults | None
 ) -> tuple[Decoded, dict[str, Any]]:
-    """Let something cut the connection; return what the run comes to, and what it costs."""
+    """Run both ends while a function cuts the connection; return the result and its costs."""
     files = Files.named(folder, "cut")
     with ends.encoder() as (_, address), _linked(address, faults) as link:
         decoder = ends.decoder(link.address, files)
@@ -182,7 +182,7 @@ def run_with_losses(
 
 
 def cut_once(num_bytes: int) -> Callable[[SlowLink, "subprocess.Popen[str]"], None]:
-    """Return what cuts a link when so many bytes have passed."""
+    """Return a function that cuts a link after a number of bytes."""
 
     def cut(link: SlowLink, decoder: "subprocess.Popen[str]") -> None:
         _wait_for(link, num_bytes, decoder)
@@ -192,7 +192,7 @@ def cut_once(num_bytes: int) -> Callable[[SlowLink, "subprocess.Popen[str]"], No
 
 
 def cut_every(pause_s: float) -> Callable[[SlowLink, "subprocess.Popen[str]"], None]:
-    """Return what cuts a link so often."""
+    """Return a function that cuts a link again and again."""
 
     def cut(link: SlowLink, decoder: "subprocess.Popen[str]") -> None:
         _wait_for(link, OPENED_BYTES, decoder)
@@ -223,8 +223,8 @@ def main(words: Sequence[str] | None = None) -> int:
     video = looped(source_of(arguments.clip), folder / "video.mkv", arguments.frames)
     ends = Ends(video, folder, options, tls=arguments.faults is not None)
     rng = np.random.default_rng(arguments.seed)
-    wanted, num_bytes = uncut(ends, folder)
-    print(f"uncut: {num_bytes} bytes of the link, {len(wanted.punctured)} of the file", flush=True)
+    expected, num_bytes = uncut(ends, folder)
+    print(f"uncut: {num_bytes} bytes of the link, {len(expected.punctured)} of the file", flush=True)
     cuts = [cut_once(moment) for moment in rng.integers(OPENED_BYTES, num_bytes, arguments.runs).tolist()]
     if arguments.cut_every:
         cuts.append(cut_every(arguments.cut_every))
@@ -234,7 +234,7 @@ def main(words: Sequence[str] | None = None) -> int:
         faults = None if arguments.faults is None else Faults(arguments.faults, arguments.seed + number)
         started_s = time.monotonic()
         found, counts = run_with_losses(ends, folder, cut, faults)
-        if found != wanted:
+        if found != expected:
             raise SystemExit(f"frames or bits of run {number} are not those of an uncut one")
         taken = {"seconds": round(time.monotonic() - started_s, 1)}
         _print_counts(number, {"same": True, **taken, **counts, **(faults.counts if faults else {})})

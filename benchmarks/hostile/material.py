@@ -1,4 +1,4 @@
-"""What hostile input is made of: good streams, and the messages of a live run."""
+"""Good streams, and the messages of a live run."""
 
 import io
 import threading
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from encoder.session import EncoderSession
 
 PATIENCE_S, COMPILING_S = 0.75, 300.0
-"""How long a silent peer is waited for: in attempts, and in the first run, which may compile kernels."""
+"""Patience with a silent peer: in attempts, and in the first run, which may compile kernels."""
 Luma = NDArray[np.uint8]
 Change = Callable[[bytes], bytes]
 
@@ -46,7 +46,7 @@ def _same(data: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class Material:
-    """A short sequence and what is made of it."""
+    """A short sequence and its streams."""
 
     frames: list[Frame]  # the sequence
     config: CodecConfig  # configuration of the encoder
@@ -119,7 +119,7 @@ def to_encoder(codec: str) -> list[bytes]:
 
 
 def decoded_groups(reader: StreamReader, jobs: int = 1) -> Iterator[tuple[list[Luma], GopRecord]]:
-    """Decode a stream: luma of the frames of each group, and its record with what was needed of it."""
+    """Decode a stream: luma of the frames of each group, and its punctured record."""
     from decoder.session import decode_stream
 
     for group in decode_stream(reader.config, reader, jobs):
@@ -131,7 +131,7 @@ def live_run(
     change: tuple[Change, Change] = (_same, _same),
     patience_s: float = PATIENCE_S,
 ) -> list[Exception | None]:
-    """Run decoder and encoder in two threads; what they receive is changed; return their errors."""
+    """Run decoder and encoder in two threads, with changes of received bytes; return their errors."""
     ended: list[Exception | None] = [None, None]
 
     def _changed(connection: Connection, number: int) -> None:

@@ -1,4 +1,4 @@
-"""Damage to streams and to what they are made of."""
+"""Damage to streams and to their parts."""
 
 import io
 from collections.abc import Callable, Sequence
@@ -29,7 +29,7 @@ def record_spans(stream: bytes) -> list[tuple[int, int, int]]:
 
 
 def nearest(streams: Sequence[bytes], damaged: bytes) -> bytes:
-    """Return the stream that a damaged one was made of: the one that it begins like for longest."""
+    """Return the stream with the longest common beginning with a damaged one."""
     return max(streams, key=lambda stream: num_equal(stream, damaged))
 
 
@@ -39,7 +39,7 @@ def num_equal(a: bytes, b: bytes) -> int:
 
 
 def mutate(data: bytes, rng: np.random.Generator) -> bytes:
-    """Damage bytes in one or more of the ways that happen, or that somebody thinks of."""
+    """Damage bytes in one or more of several ways."""
     while True:
         data = _mutated(data, rng)
         if rng.random() < 0.6:
@@ -68,12 +68,12 @@ def _mutated(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def random_bytes(data: bytes, rng: np.random.Generator) -> bytes:
-    """Return bytes that are nothing, up to twice as many."""
+    """Return random bytes, up to twice as many."""
     return rng.bytes(int(rng.integers(1, 2 + 2 * min(len(data), 2000))))
 
 
 def random_message(rng: np.random.Generator) -> bytes:
-    """Return a message of a type and a length that may be, and of bytes that are nothing."""
+    """Return a message of a valid type and length with random bytes."""
     payload = rng.bytes(int(2.0 ** rng.uniform(0.0, 11.0)) - 1)
     return bytes([int(rng.integers(1, 1 + len(TYPES)))]) + encode_varint(len(payload)) + payload
 
@@ -111,7 +111,7 @@ def mutate_part(stream: bytes, rng: np.random.Generator, change: Change = mutate
 
 
 def enlarge(stream: bytes, rng: np.random.Generator) -> bytes:
-    """Let the header say that frames, groups or numbers of points are other, most of them huge."""
+    """Declare other sizes of frames and groups and numbers of points in the header, most of them huge."""
     with StreamReader(io.BytesIO(stream)) as reader:
         config, form = reader.config, reader.form
     side = [1, 16, 640, 4096, MAX_SIDE_PX]

@@ -1,4 +1,4 @@
-"""A long live run whose connection is lost again and again: what both ends hold, and what is missing.
+"""A long live run that loses its connection again and again: memory of both ends, and missing frames.
 
 ``python -m benchmarks.hostile.soak`` plays a clip forwards and backwards to an encoder, at the pace of a
 camera by a pipe, and cuts the link every so often; with ``--away`` it is down for half of that time. Frames
@@ -14,14 +14,15 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.hostile.bad_link import BITS_PER_SECOND, DELAY_S
 from benchmarks.hostile.lost_links import PATIENCE_S, Files, check_end, source_of, start
-from benchmarks.results.encoder import looped
+from benchmarks.memory import processes, resident_bytes
+from benchmarks.results.encoder import MIB, looped
 from benchmarks.results.harness import report_of
 from benchmarks.slow_link import SlowLink, slow_link
 from dvc.feedback import parse_address
@@ -29,9 +30,9 @@ from dvc.video import Frame, open_video
 
 SAMPLE_S = 1.0
 MAX_LATE_S = 0.5
-"""Longest time whose frames come at once, where the pipe was full."""
+"""Largest delay of a frame that is caught up, after the pipe was full."""
 PARTS = 4
-"""Of a run, of which the first and the last are compared."""
+"""Number of parts of a run; the first and the last are compared."""
 
 
 class Sample(NamedTuple):
@@ -41,15 +42,9 @@ class Sample(NamedTuple):
     decoder: float
 
 
-def resident_mib(process: int) -> float:
-    """Return what a process and those that it started hold."""
-    folder = Path(f"/proc/{process}")
-    with suppress(OSError, StopIteration):
-        lines = (folder / "status").read_text().splitlines()
-        own = next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
-        tasks = [path.read_text().split() for path in folder.glob("task/*/children")]
-        return own + sum(resident_mib(int(child)) for task in tasks for child in task)
-    return 0.0
+def resident_mib(pid: int) -> float:
+    """Return the resident memory of a process and of its descendants."""
+    return sum(resident_bytes(each)[0] for each in processes(pid)) / MIB
 
 
 def play(frames: Iterable[Frame], rate: Fraction, pipe: "subprocess.Popen[str]") -> None:
@@ -68,7 +63,7 @@ def play(frames: Iterable[Frame], rate: Fraction, pipe: "subprocess.Popen[str]")
 
 @contextmanager
 def disturbed(link: SlowLink, every_s: float, away: bool) -> Iterator[None]:
-    """Cut a link beside a block, as often as said; it may be down for half of the time."""
+    """Cut a link periodically during a block; it may be down for half of the time."""
     ended = threading.Event()
 
     def cut() -> None:
@@ -88,7 +83,7 @@ def disturbed(link: SlowLink, every_s: float, away: bool) -> Iterator[None]:
 
 
 def run(arguments: argparse.Namespace, options: Sequence[str]) -> str:
-    """Run both ends; return what came of it."""
+    """Run both ends; return a report."""
     folder: Path = arguments.out
     files, report, samples = Files.named(folder, "soak"), folder / "encoder.json", list[Sample]()
     patience_s = max(PATIENCE_S, math.ceil(arguments.cut_every))
@@ -115,10 +110,10 @@ def run(arguments: argparse.Namespace, options: Sequence[str]) -> str:
                 for end in ends:
                     end.result()
     num_decoded = len(report_of(files.report)["per_frame"])
-    return _told(samples, report_of(report), num_decoded, arguments.frames)
+    return _report(samples, report_of(report), num_decoded, arguments.frames)
 
 
-def _told(samples: Sequence[Sample], report: dict[str, Any], num_decoded: int, num_frames: int) -> str:
+def _report(samples: Sequence[Sample], report: dict[str, Any], num_decoded: int, num_frames: int) -> str:
     quarter = max(len(samples) // PARTS, 1)
     first, last = (
         [max(values) for values in zip(*part, strict=True)]
@@ -138,7 +133,7 @@ def _told(samples: Sequence[Sample], report: dict[str, Any], num_decoded: int, n
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run what is asked for, and tell what it holds and loses."""
+    """Run the command, and print memory and losses."""
     parser = argparse.ArgumentParser("python -m benchmarks.hostile.soak", description=__doc__)
     parser.add_argument("--clip", default="box", help="name of a clip, or a video file; default: box")
     parser.add_argument("--frames", type=int, default=5000, help="default: %(default)s")

@@ -58,7 +58,7 @@ class _Child:
 
 
 def _serve(connection: "Connection[Any, Any]", most: int) -> None:
-    """Decode with as much memory beyond what this process has as the one that wants it may take."""
+    """Decode within the limit of additional memory of the process that starts this one."""
     if most != resource.RLIM_INFINITY:
         resource.setrlimit(resource.RLIMIT_AS, (address_bytes() + most, resource.RLIM_INFINITY))
     worker.serve(connection)
@@ -66,7 +66,7 @@ def _serve(connection: "Connection[Any, Any]", most: int) -> None:
 
 @contextmanager
 def forked_workers() -> Iterator[None]:
-    """Let decoding processes be forked while a block runs."""
+    """Fork decoding processes during a block."""
     with (
         patch.dict(os.environ, baseline_environment()),
         patch.object(decoder.processes, "DecodingProcess", ForkedProcess),
@@ -80,7 +80,7 @@ def forked_workers() -> Iterator[None]:
 
 
 def load_kernels() -> None:
-    """Decode in this process, so that those that are forked from it have all that this takes."""
+    """Decode in this process, so that forked ones have all kernels."""
     for name in _WARMING:
         with suppress(Exception), StreamReader(STREAMS / f"{name}.dvc") as reader:
             for task in stream_tasks(reader.config, reader):

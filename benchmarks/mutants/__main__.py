@@ -1,7 +1,7 @@
 """Change copies of the packages in random positions, and list the changes that no test notices.
 
 A change is noticed if the tests of its package, or the canaries of the codec, fail; they stop at the first
-failure, and after --limit seconds nothing counts. What is done is kept, so that a run that ended goes on.
+failure, and after --limit seconds nothing counts. Outcomes are stored, so that a new run continues.
 """
 
 import argparse
@@ -20,8 +20,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from benchmarks.mutants.named import NAMED, named_change
-from benchmarks.mutants.operators import OPERATORS, Change, changes
+from benchmarks.mutants.operators import NAMED, OPERATORS, Change, changes, named_change
 from dvc.environment import child_environment, python_module
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -139,7 +138,7 @@ class Copies:
                     raise SystemExit(f"{at} fails without any change")
 
     def notices(self, change: Change) -> tuple[bool, float, str]:
-        """Return whether a change is noticed, after how long, and by which tests."""
+        """Return whether tests notice a change, the time until then, and the tests."""
         started = time.monotonic()
         tree = self._folder / f"changed_{time.monotonic_ns()}"
         with self._lock:

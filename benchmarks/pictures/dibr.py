@@ -5,24 +5,18 @@ rendered scene.
 """
 
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from benchmarks.pictures.drawing import pictures_command, write_picture
+from benchmarks.pictures.drawing import write_picture
 from benchmarks.results.harness import run_module
 from benchmarks.results.stereo import data_folder
 from benchmarks.thesis.harness import Method, file_name
 from benchmarks.thesis.view_curves import CODERS
 
-PROG = "python -m benchmarks.pictures.dibr"
-EXAMPLES = """\
-  python -m benchmarks.pictures.dibr               all of them; many minutes
-  python -m benchmarks.pictures.dibr --name toy    one
-"""
 FOLDER, RESULTS = Path("docs") / "dibr", Path("results") / "dibr"
 MAP = "teddy"
 """Set with disparity maps that are shown."""
@@ -46,8 +40,7 @@ def _photograph(source: Path, target: str, num_rows: int = 0) -> Path:
     """Write a picture as JPEG, without the first of its rows of panels if their number is given."""
     picture = np.asarray(cv2.imread(str(source)), np.uint8)
     first = -(-picture.shape[0] // num_rows) if num_rows else 0
-    write_picture(FOLDER / target, picture[first:])
-    return FOLDER / target
+    return write_picture(FOLDER / target, picture[first:])
 
 
 def draw_toy() -> list[Path]:
@@ -78,9 +71,3 @@ PICTURES: dict[str, Callable[[], list[Path]]] = {
     MAP: draw_set,
     "chapter4": draw_chapter4,
 }
-
-
-main = pictures_command(PROG, "Draw pictures of docs/dibr.md.", EXAMPLES, PICTURES)
-
-if __name__ == "__main__":
-    sys.exit(main())

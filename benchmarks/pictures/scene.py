@@ -1,8 +1,5 @@
 """Draw every stage from a key pair to a predicted frame: figures 5.3, 5.7, 5.10."""
 
-import argparse
-import sys
-from collections.abc import Sequence
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -11,12 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.pictures.drawing import Picture, correlation_noise, draw_clips, panel, write_picture
+from benchmarks.pictures.drawing import Picture, correlation_noise, panel, write_picture
 from benchmarks.results.harness import SCENES, clip_source
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.methods import INTERPOLATORS
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
-from dvc import cli
 from dvc.geometry.depth_maps import estimate_depths
 from dvc.metrics import psnr_db
 from dvc.video import Frame, open_video
@@ -27,11 +23,6 @@ from sfm.output.model_files import draw_correspondences, side_by_side
 from sfm.pipeline import reconstruct
 from sfm.scene_model import Correspondences, Model, Reconstruction
 
-PROG = "python -m benchmarks.pictures.scene"
-EXAMPLES = """\
-  python -m benchmarks.pictures.scene              rendered scenes to docs/scene, real clips to results/scene
-  python -m benchmarks.pictures.scene --clip box   one sequence
-"""
 FOLDER = Path("docs") / "scene"
 FOLDER_OF_REAL_CLIPS = Path("results") / "scene"
 CLIPS = (*SCENES, "box", "desk", "tree")
@@ -126,7 +117,7 @@ def _motion_norms(found: Reconstruction, first: Luma, second: Luma) -> Picture:
     )
 
 
-def draw(clip: str, folder: Path) -> list[Path]:
+def draw(clip: str) -> list[Path]:
     """Draw the pictures of one sequence."""
     with open_video(clip_source(clip).path, start=GOP, num_frames=GOP + 1) as reader:
         frames = [frame.luma for frame in islice(reader, GOP + 1)]
@@ -138,28 +129,5 @@ def draw(clip: str, folder: Path) -> list[Path]:
         "stages": _stages(frames, found),
         "motion": _motion_norms(found, frames[0], frames[GOP]),
     }
-    paths = [folder / f"{clip}_{name}.jpg" for name in pictures]
-    for path, picture in zip(paths, pictures.values(), strict=True):
-        write_picture(path, picture)
-    return paths
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command."""
-    parser: argparse.ArgumentParser = cli.ArgumentParser(
-        PROG, "Draw every stage from a key pair to a predicted frame.", EXAMPLES
-    )
-    parser.add_argument("--clip", choices=CLIPS, help="only of this sequence")
-    parser.add_argument(
-        "--out", type=Path, help=f"folder; default: {FOLDER}, and for real clips {FOLDER_OF_REAL_CLIPS}"
-    )
-    arguments = parser.parse_args(argv)
-    draw_clips(
-        [arguments.clip] if arguments.clip else CLIPS,
-        lambda clip: draw(clip, arguments.out or (FOLDER if clip in SCENES else FOLDER_OF_REAL_CLIPS)),
-    )
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    folder = FOLDER if clip in SCENES else FOLDER_OF_REAL_CLIPS
+    return [write_picture(folder / f"{clip}_{name}.jpg", picture) for name, picture in pictures.items()]

@@ -3,18 +3,19 @@
 Photographs of the real sets cannot be published here: `docs` only has maps of them.
 """
 
+import json
+import re
 import shutil
-import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from benchmarks.baselines.opencv_stereo import semi_global_baseline
-from benchmarks.pictures.calibrations import write_cameras
-from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
+from benchmarks.pictures.drawing import Picture, write_picture
 from benchmarks.results.harness import run_module
 from benchmarks.results.stereo import data_folder
 from benchmarks.thesis.scenes import PAIRS
@@ -23,15 +24,57 @@ from dvc.stereo.evaluation import disparity_error, read_mask
 from dvc.stereo.surfaces.surface_folder import read_reconstruction
 from dvc.web.drawing import colour_disparity, colour_error, in_rows, with_title
 
-PROG = "python -m benchmarks.pictures.stereo"
-EXAMPLES = """\
-  python -m benchmarks.pictures.stereo             all of them; minutes
-  python -m benchmarks.pictures.stereo --name toy  one
-"""
+Rows = list[list[float]]
 FOLDER = Path("docs") / "stereo"
 RESULTS = Path("results") / "stereo"
 CALIBRATED = {"sport": 2, "ballet": 2, "fern": 3}
 """Sets that are not rectified, and how many maps of each are shown."""
+
+
+def write_cameras(folder: Path, path: Path) -> list[Path]:
+    """Write the cameras of a set as `dvc-stereo` reads them."""
+    cameras = {"sport": _sport, "ballet": _ballet, "fern": _fern}[folder.name](folder)
+    path.write_text(json.dumps(cameras), encoding="utf-8")
+    return sorted(folder.glob("*.png"))
+
+
+def _sport(folder: Path) -> list[dict[str, Any]]:
+    rows = _numbers(folder / "cameras.txt")
+    return [{"file": f"Sport{k}.png", "P": rows[3 * k : 3 * k + 3]} for k in range(2)]
+
+
+def _ballet(folder: Path) -> list[dict[str, Any]]:
+    """Rows of these cameras count from the lowest one."""
+    rows = _numbers(folder / "cameras.txt")
+    return [
+        {
+            "file": f"color-cam{k}-f000.png",
+            **_camera(rows[6 * k : 6 * k + 3], rows[6 * k + 3 : 6 * k + 6]),
+            "rows": "bottom-up",
+        }
+        for k in range(8)
+    ]
+
+
+def _fern(folder: Path) -> dict[str, Any]:
+    text = (folder / "cameras.txt").read_text(encoding="utf-8")
+    rows = _numbers(folder / "cameras.txt")
+    distortion = [float(number) for number in re.findall(r"k1 = ([\d.]+)", text)]
+    names = re.findall(r"# (image\d+\.png)", text)
+    cameras = [
+        {"file": name, **_camera(rows[:3], rows[3 + 3 * k : 6 + 3 * k]), "distortion": distortion}
+        for k, name in enumerate(names)
+    ]
+    return {"cameras": cameras, "points": [row[:3] for row in _numbers(folder / "points3d.txt")]}
+
+
+def _camera(K: Rows, pose: Rows) -> dict[str, Any]:
+    return {"K": K, "R": [row[:3] for row in pose], "t": [row[3] for row in pose]}
+
+
+def _numbers(path: Path) -> Rows:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [[float(word) for word in line.split()] for line in lines if line and not line.startswith("#")]
 
 
 def _maps(found: Reconstruction, indices: Sequence[int]) -> Picture:
@@ -61,9 +104,8 @@ def draw_toy() -> list[Path]:
         for view, surface in zip(found.array, found.surfaces, strict=True)
     ]
     rows = [_maps(found, range(len(found.array))), in_rows(hidden, len(hidden))]
-    write_picture(FOLDER / "toy.jpg", in_rows(rows, 1))
-    write_picture(FOLDER / "toy-rectified.jpg", np.asarray(preview, np.uint8))
-    return [FOLDER / "toy-rectified.jpg", FOLDER / "toy.jpg"]
+    shown = {"toy-rectified": np.asarray(preview, np.uint8), "toy": in_rows(rows, 1)}
+    return [write_picture(FOLDER / f"{name}.jpg", picture) for name, picture in shown.items()]
 
 
 def draw_pairs() -> list[Path]:
@@ -84,8 +126,7 @@ def draw_pairs() -> list[Path]:
             error, counted = disparity_error(disparity, truth, mask)
             bad = 100.0 * float(np.mean(error[counted] > 1.0))
             panels.append(with_title(colour_error(error, counted), f"{title}: {bad:.2f} % bad"))
-    write_picture(FOLDER / "pairs.jpg", in_rows(panels, 3))
-    return [FOLDER / "pairs.jpg"]
+    return [write_picture(FOLDER / "pairs.jpg", in_rows(panels, 3))]
 
 
 def draw_calibrated() -> list[Path]:
@@ -102,8 +143,7 @@ def draw_calibrated() -> list[Path]:
             shutil.rmtree(RESULTS / name, ignore_errors=True)
             shutil.copytree(folder, RESULTS / name)
         chosen = [found.array.reference, *(k for k in range(len(found.array)) if k != found.array.reference)]
-        write_picture(FOLDER / f"{name}.jpg", _maps(found, chosen[:count]))
-        written.append(FOLDER / f"{name}.jpg")
+        written.append(write_picture(FOLDER / f"{name}.jpg", _maps(found, chosen[:count])))
     return written
 
 
@@ -125,9 +165,3 @@ PICTURES: dict[str, Callable[[], list[Path]]] = {
     "calibrated": draw_calibrated,
     "chapter": draw_chapter,
 }
-
-
-main = pictures_command(PROG, "Draw the pictures of docs/stereo.md.", EXAMPLES, PICTURES)
-
-if __name__ == "__main__":
-    sys.exit(main())

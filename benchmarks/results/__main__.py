@@ -6,8 +6,7 @@ import time
 from pathlib import Path
 
 from benchmarks.results import document, fill, plot
-from benchmarks.results.code import code_digest
-from benchmarks.results.constraints import write_constraints
+from benchmarks.results.code import code_digest, write_constraints
 from benchmarks.results.harness import FOLDER, Missing, Setting
 from benchmarks.results.rows import BY_NAME, ROWS, Row
 from dvc import cli

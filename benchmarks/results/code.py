@@ -1,15 +1,23 @@
-"""Identity of the code of a result: hashes of the trees of packages, as git computes them."""
+"""Identity of the code of a result, by hashes as git computes them, and versions of installed packages."""
 
 import ast
 import hashlib
+import re
 import sys
 from collections.abc import Sequence
 from functools import cache
+from importlib import metadata
 from pathlib import Path
+
+from dvc.files import atomic_output
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("dvc", "encoder", "decoder", "sfm", "sequences", "benchmarks")
 _IGNORED = ("__pycache__", ".pyc", ".nbi", ".nbc", ".part")
+CONSTRAINTS = ROOT / "docs" / "constraints.txt"
+_HEAD = "# What results were measured with: pip install -c docs/constraints.txt '.[all]', by make results\n"
+_NAME = re.compile(r"[A-Za-z0-9._-]+")
+_FOR_DEVELOPERS = re.compile(r"extra == ['\"](docs|test|check)['\"]")
 
 
 @cache
@@ -38,7 +46,7 @@ def tree_hash(folder: Path) -> str:
 
 
 def own_code(*modules: str, files: Sequence[bytes] = ()) -> str:
-    """Digest the modules that measure a result, whatever their comments, docstrings and layout; and files."""
+    """Digest files, and the modules that measure a result without comments, docstrings and layout."""
     parts = [hashlib.sha256(data).hexdigest() for data in files]
     for name in sorted(modules):
         tree = ast.parse(Path(str(sys.modules[name].__file__)).read_bytes())
@@ -55,3 +63,28 @@ def _files(folder: Path) -> list[Path]:
 
 def _object_hash(kind: bytes, data: bytes) -> str:
     return hashlib.sha1(b"%s %d\0" % (kind, len(data)) + data, usedforsecurity=False).hexdigest()
+
+
+def constraints_text() -> str:
+    """Return a line for each installed package that this one needs, directly or not."""
+    found, names = dict[str, str](), ["dvc3d"]
+    while names:
+        name = names.pop()
+        for needed in metadata.requires(name) or ():
+            is_extra = "extra ==" in needed and (name != "dvc3d" or _FOR_DEVELOPERS.search(needed))
+            match = _NAME.match(needed)
+            if is_extra or match is None or (key := re.sub(r"[-_.]+", "-", match[0]).lower()) in found:
+                continue
+            try:
+                found[key] = metadata.version(key)
+            except metadata.PackageNotFoundError:  # a package for other systems
+                continue
+            names.append(key)
+    found.pop("dvc3d", None)
+    return _HEAD + "".join(f"{name}=={version}\n" for name, version in sorted(found.items()))
+
+
+def write_constraints(path: Path = CONSTRAINTS) -> None:
+    """Write the constraints."""
+    with atomic_output(path) as temporary:
+        temporary.write_text(constraints_text(), encoding="utf-8")

@@ -134,12 +134,12 @@ def decoding_cpu_s(setting: Setting) -> Measured:
 
 
 def requests_per_frame(setting: Setting) -> Measured:
-    """Count what the decoder asks for."""
+    """Count the requests of the decoder."""
     return of_points(setting, lambda point: (point.totals.num_requests or 0.0) / point.num_frames("wz"))
 
 
 def worst_frame_db(setting: Setting) -> Measured:
-    """Tell how far the worst frame is below the mean of all, at the worst quality of each clip."""
+    """Return the PSNR of the worst frame below the mean, at the worst quality of each clip."""
     below = {
         clip: max(point.psnr_y_db - (point.totals.worst_psnr_y_db or 0.0) for point in curve.points)
         for clip, curve in sweep(setting, DEFAULT).items()

@@ -30,7 +30,7 @@ def read_document(path: Path = DOCUMENT) -> dict[str, Entry]:
 
 
 def write_document(entries: dict[str, Entry], path: Path = DOCUMENT) -> None:
-    """Write results in the order in which they are defined; removed ones are dropped."""
+    """Write results in the order of their rows, without removed ones."""
     kept = [entries[row.name] for row in ROWS if row.name in entries]
     text = json.dumps({"schema": SCHEMA, "results": kept}, ensure_ascii=False, indent=1)
     with atomic_output(path) as temporary:
@@ -129,14 +129,15 @@ _HEAD = """\
 # Results
 
 The {count} headline results, made by `make results`; nothing is typed in. All are of one code, or of earlier
-code whose canaries gave the same bytes; two sum up what `make fuzz` and `make cuts` have tried so far.
+code with canaries of the same bytes; `hostile/campaign` and `hostile/cuts` add up all runs of
+`python -m benchmarks.hostile --hours 2` and `python -m benchmarks.hostile.cuts`.
 Means over clips, least and largest clip in brackets. BD-rate: mean difference in rate at equal PSNR, negative
-is less; `dvc-rd compare` tells the same of the folders of `results/headline`. Clips: box, desk, river, stone,
-tree, cube (`../shared/sequences`) and the rendered scenes street, stairway, statue; CIF. Streams are in
-colour unless a result says luma only; PSNRs are of luma unless it says colour, (6 Y + Cb + Cr) / 8. Rates are
-sizes of files. [Anchors](anchors.md) run at constant QP on the same frames. A missed target says that the
-project is not where it shall be; a document that tells another number than the result, a false claim, makes a
-test fail. `python -m benchmarks.results --check` tells which results are those of the code.
+is less; `dvc-rd compare` prints the same for the folders of `results/headline`. Clips: box, desk, river,
+stone, tree, cube (`../shared/sequences`) and the rendered scenes street, stairway, statue; CIF. Streams are
+in colour except for results of luma only; PSNRs are of luma, or of colour as (6 Y + Cb + Cr) / 8. Rates are
+sizes of files. [Anchors](anchors.md) run at constant QP on the same frames. A missed target
+is work to do; a document with another number than the result, a false claim, makes a test fail.
+`python -m benchmarks.results --check` lists the results that are those of the code.
 """
 
 
@@ -148,7 +149,7 @@ def _made_by(shown: dict[str, Entry]) -> str:
     wall_min = sum(entry["wall_s"] for entry in shown.values()) / 60.0
     text = f"\nCode {first['digest']}; {first['machine']}; {wall_min:.0f} min.\n"
     if carried:
-        text += f"{carried} of these were measured with earlier code whose canaries gave the same bytes.\n"
+        text += f"{carried} of these were measured with earlier code, with canaries of the same bytes.\n"
     return text
 
 

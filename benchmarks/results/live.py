@@ -1,4 +1,4 @@
-"""Live runs of both programs: what the encoder takes for all requests, and whether files say the same."""
+"""Live runs of both programs: costs of the encoder for all requests, and equality with files."""
 
 import subprocess
 from collections.abc import Iterator, Sequence

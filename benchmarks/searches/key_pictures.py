@@ -98,7 +98,7 @@ class Tried(NamedTuple):
 
 
 def tried(setting: str, found: dict[str, list[Coded]], reference: dict[str, list[Coded]]) -> Tried:
-    """Compare what a setting takes with what the reference takes, by place: a curve for each."""
+    """Compare the curves of a setting and of the reference for each clip and distance."""
     rates = {}
     for place, own in found.items():
         usual = reference[place]
@@ -117,7 +117,7 @@ def front(settings: Sequence[Tried]) -> list[Tried]:
 
 
 def _print_superfast(clips: Mapping[str, Sequence[Frame]], qps: Sequence[int], colour: bool) -> None:
-    """Print what all frames of each clip take, at each QP."""
+    """Print the time of all frames of each clip, at each QP."""
     codec = ANCHOR_CODECS["x264-superfast"]
     for clip, frames in clips.items():
         parameters = ({"preset": codec.preset, **codec.encoder_parameters(qp)} for qp in qps)

@@ -11,6 +11,7 @@ import argparse
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,11 +49,8 @@ def met(stream: bytes) -> dict[int, Samples]:
         own.append((prior.inputs[:, ::EVERY], prior.llr[::EVERY], bits[::EVERY]))
         usual(self, prior, bits)
 
-    priors.LearnedPriors.learn = noted  # type: ignore[method-assign]
-    try:
+    with mock.patch.object(priors.LearnedPriors, "learn", noted):
         decoded(stream)
-    finally:
-        priors.LearnedPriors.learn = usual  # type: ignore[method-assign]
     return found
 
 

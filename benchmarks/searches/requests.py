@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,10 +54,9 @@ def recorded(streams: list[bytes]) -> list[Run]:
         runs.extend(run._replace(bits=right.get(number, run.bits)) for number, run in own.items())
         return result
 
-    decoder.decode, decoder.check = recording, recording_check  # type: ignore[method-assign]
-    for stream in streams:
-        decoded(stream)
-    decoder.decode, decoder.check = usual, usual_check  # type: ignore[method-assign]
+    with mock.patch.multiple(decoder, decode=recording, check=recording_check):
+        for stream in streams:
+            decoded(stream)
     return runs
 
 

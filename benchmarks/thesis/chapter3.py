@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.baselines.baseline import Baseline, BaselineResult
+from benchmarks.baselines.picture_coders import Baseline, BaselineResult
 from benchmarks.baselines.thesis_disparities import LaplacianCodec, laplacian_costs
 from benchmarks.baselines.two_views import baselines_of
 from benchmarks.thesis.harness import Method, Step, StepResult, Task, Value, load_chapter
@@ -77,7 +77,7 @@ class Measured(NamedTuple):
 
     scene: Scene
     multipliers: list[float]
-    middle: int  # index of the lambda at which the reference has about `MIDDLE_BPP`
+    middle: int  # index of the lambda for about `MIDDLE_BPP` of the reference
 
 
 @cache

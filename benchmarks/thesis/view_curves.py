@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.baselines.baseline import Quality, quality_of
+from benchmarks.baselines.picture_coders import Quality, quality_of
 from benchmarks.baselines.thesis_disparities import FixedQuadtreeCodec, LaplacianCodec
 from benchmarks.thesis.harness import Method
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
@@ -93,7 +93,7 @@ Curves = Mapping[str, Sequence[Point]]
 
 
 def reference_multipliers(views: Views, rates_bpp: Sequence[float]) -> list[float]:
-    """Return the multipliers at which the reference view takes given rates."""
+    """Return the multipliers for given rates of the reference view."""
     code = picture_codec.encode(views.pictures[views.references[0]])
     multipliers = []
     for rate in rates_bpp:

@@ -47,14 +47,12 @@ class ProcessGroup:
             except BaseException:
                 _terminate(process.pid)
                 process.wait()
+                raise
+            finally:
                 with self._lock:
                     self._running.discard(process.pid)
-                raise
-            with self._lock:
-                self._running.discard(process.pid)
-                process.returncode = os.waitstatus_to_exitcode(status)
-                if self._stopped:
-                    raise Stopped
+            process.returncode = os.waitstatus_to_exitcode(status)
+            self.pause(0.0)
             if process.returncode != 0:
                 raise DvcError(_failure(process.returncode, errors))
             return ProcessTimes(usage.ru_utime + usage.ru_stime, time.perf_counter() - started)

@@ -1,4 +1,4 @@
-"""Comparison of curves: is one codec better than another, by how much, and up to which rate."""
+"""Comparison of curves: differences of rate and PSNR, crossings, cost, and all pairs of curves."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -65,57 +65,30 @@ def compare(
     against: str | None = None,
     curves: tuple[str, str] | None = None,
 ) -> list[Comparison]:
-    """Compare the curves of one or two experiments, as the command does."""
+    """Compare every curve with the one of its label in another experiment, or with one curve."""
+    if curves is not None and after is not None:
+        raise ConfigError("--curves compares within one experiment; give one folder")
+    label = only = None
+    reason = "the two experiments have no codec and sequence in common"
     if curves is not None:
-        if after is not None:
-            raise ConfigError("--curves compares within one experiment; give one folder")
-        return _compare_pair(before, *curves)
-    if after is not None and against is None:
-        return _compare_same(before, after)
-    return _compare_against(before, before if after is None else after, against or ANCHOR_LABEL)
-
-
-def _compare_same(before: Sequence[PointResult], after: Sequence[PointResult]) -> list[Comparison]:
-    """Compare every curve with the one of the same label in another experiment, if it has one."""
+        label, only = (find_label(before, text) for text in curves)
+        reason = f"no sequence has both {curves[0]!r} and {curves[1]!r}"
+        if label == only:
+            raise ConfigError(f"{curves[0]!r} and {curves[1]!r} are the same curve, {label!r}")
+    elif after is None or against is not None:
+        label = find_label(before, against or ANCHOR_LABEL)
+        reason = f"no curve on the same frames can be compared with {label!r}"
     references = {(one.key, curve.label): curve for one in experiments(before) for curve in one.curves}
-    rows = [
-        Comparison(one.name, references[one.key, curve.label], curve)
-        for one in experiments(after)
-        for curve in one.curves
-        if (one.key, curve.label) in references
-    ]
+    rows = []
+    for one in experiments(before if after is None else after):
+        for curve in one.curves:
+            reference = references.get((one.key, label or curve.label))
+            if label is not None and (curve.has_lossless_keys or (after is None and curve.label == label)):
+                continue
+            if reference is not None and only in (None, curve.label):
+                rows.append(Comparison(one.name, reference, curve))
     if not rows:
-        raise DvcError("the two experiments have no codec and sequence in common")
-    return rows
-
-
-def _compare_against(
-    before: Sequence[PointResult], after: Sequence[PointResult], against: str
-) -> list[Comparison]:
-    """Compare every curve of `after` with one curve of `before`, which may be the same experiment."""
-    label = find_label(before, against)
-    references = {one.key: one.anchor(label) for one in experiments(before)}
-    is_same = before is after
-    rows = [
-        Comparison(one.name, reference, curve)
-        for one in experiments(after)
-        for curve in one.curves
-        if (reference := references.get(one.key)) is not None
-        and not (curve.has_lossless_keys or (is_same and curve.label == label))
-    ]
-    if not rows:
-        raise DvcError(f"no curve on the same frames can be compared with {label!r}")
-    return rows
-
-
-def _compare_pair(results: Sequence[PointResult], reference: str, other: str) -> list[Comparison]:
-    """Compare two curves of an experiment."""
-    label = find_label(results, other)
-    if label == find_label(results, reference):
-        raise ConfigError(f"{reference!r} and {other!r} are the same curve, {label!r}")
-    rows = [row for row in _compare_against(results, results, reference) if row.other.label == label]
-    if not rows:
-        raise DvcError(f"no sequence has both {reference!r} and {other!r}")
+        raise DvcError(reason)
     return rows
 
 
@@ -240,7 +213,7 @@ def rate_costs(found: Sequence[Experiment], reference: str = ANCHOR_LABEL) -> li
     for one in found:
         anchor = one.anchor(reference)
         for curve in one.curves:
-            cost = mean(point.coding_ms for point in curve.points)
+            cost = mean(point.cpu_ms("coding") for point in curve.points)
             rate = _bd_rate_percent(anchor, curve, "luma")
             if cost and rate is not None:
                 row = cost, rate, _bd_rate_percent(anchor, curve, "colour")
@@ -286,7 +259,7 @@ class VerdictRow:
     differences: tuple[str, ...]  # BD-rate, then BD-PSNR, by measure
     overlap: str  # range of PSNR that both curves cover
     points: str  # numbers of points of codec and anchor
-    crossings: str  # rates at which the codec is better
+    crossings: str  # ranges of rates with a better codec
 
 
 @dataclass(frozen=True)

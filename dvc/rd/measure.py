@@ -13,7 +13,7 @@ from dvc.environment import python_module
 from dvc.errors import DvcError, VideoError
 from dvc.files import atomic_output
 from dvc.rd.anchors import ANCHOR_CODECS
-from dvc.rd.child_processes import ProcessGroup, ProcessTimes
+from dvc.rd.child_processes import ProcessGroup
 from dvc.rd.specification import SCHEMA, Task
 from dvc.versions import library_versions
 from dvc.video import open_video
@@ -30,18 +30,34 @@ _ENCODER_JSON, _DECODER_JSON = "encoder.json", "decoder.json"
 def measure(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]:
     """Measure one point in a scratch folder; its pictures are written next to that folder."""
     is_anchor = task.point.codec in ANCHOR_CODECS
-    measured = (_measure_anchor if is_anchor else _measure_codec)(task, folder, processes)
-    measured["pictures"] = _save_pictures(task, folder, measured["per_frame"])
-    return measured
+    commands_of, details_of = (
+        (_anchor_commands, _anchor_details) if is_anchor else (_commands, _codec_details)
+    )
+    commands = commands_of(task, str(task.source.path.absolute()), f"{folder}/")
+    encoding, decoding, *_ = (processes.run(_process(command)) for command in commands)
+    texts = [(folder / name).read_text(encoding="utf-8") for name in (_ENCODER_JSON, _DECODER_JSON)]
+    details = details_of(task, folder, *map(json.loads, texts))
+    times = {
+        "encode_cpu_s": round(encoding.cpu_s, 4),
+        "encode_wall_s": round(encoding.wall_s, 4),
+        "decode_cpu_s": round(decoding.cpu_s, 4),
+        "decode_wall_s": round(decoding.wall_s, 4),
+        **{name: round(value, 6) for name, value in details.pop("times").items()},
+    }
+    return {
+        **_provenance(task, *details.pop("video")),
+        "commands": [
+            shlex.join(["python", "-m", *words]) for words in commands_of(task, task.source.path.name)
+        ],
+        "times": times,
+        **details,
+        "pictures": _save_pictures(task, folder, details["per_frame"]),
+    }
 
 
-def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]:
-    encode, decode, *prove = _commands(task, str(task.source.path.absolute()), f"{folder}/")
-    encoding = processes.run(_process(encode))
-    decoding = processes.run(_process(decode))
-    for command in prove:
-        processes.run(_process(command))
-    coded, decoded = _reports(folder)
+def _codec_details(
+    task: Task, folder: Path, coded: dict[str, Any], decoded: dict[str, Any]
+) -> dict[str, Any]:
     proof = _proof(task, folder, decoded["stream_bytes"])
     config, per_frame = decoded.pop("config"), decoded.pop("per_frame")
     del decoded["version"]
@@ -52,17 +68,15 @@ def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[st
         rate_kbps = 8 * decoded["stream_bytes"] / duration_s / 1000
         decoded |= {"duration_s": duration_s, "rate_kbps": rate_kbps}
     return {
-        **_provenance(task, video["width"], video["height"], frames_per_s),
-        "commands": _shown(_commands(task, task.source.path.name)),
+        "video": (video["width"], video["height"], frames_per_s),
         "key": {"qp": config["key"]["qp"], "lossless": config["key"]["lossless"]},
         "totals": decoded,
         "times": {
-            **_process_times(encoding, decoding),
-            "coding_cpu_s": round(coded["coding_cpu_s"], 6),
-            "key_encode_cpu_s": round(coded["key_cpu_s"], 6),
-            "wz_encode_cpu_s": round(coded["wyner_ziv_cpu_s"], 6),
-            "tracking_cpu_s": round(coded["tracking"]["cpu_s"], 6),
-            "encode_start_up_cpu_s": round(coded["start_up_cpu_s"], 6),
+            "coding_cpu_s": coded["coding_cpu_s"],
+            "key_encode_cpu_s": coded["key_cpu_s"],
+            "wz_encode_cpu_s": coded["wyner_ziv_cpu_s"],
+            "tracking_cpu_s": coded["tracking"]["cpu_s"],
+            "encode_start_up_cpu_s": coded["start_up_cpu_s"],
         },
         "proof": proof,
         "config": config,
@@ -86,11 +100,9 @@ def _proof(task: Task, folder: Path, reported: int) -> dict[str, Any]:
     return {"punctured_bytes": num_bytes, "fresh_decode_equal": True}
 
 
-def _measure_anchor(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]:
-    encode, decode = _anchor_commands(task, str(task.source.path.absolute()), f"{folder}/")
-    encoding = processes.run(_process(encode))
-    decoding = processes.run(_process(decode))
-    coded, decoded = _reports(folder)
+def _anchor_details(
+    task: Task, folder: Path, coded: dict[str, Any], decoded: dict[str, Any]
+) -> dict[str, Any]:
     totals = decoded["totals"]
     num_bytes = (folder / _anchor_file(task)).stat().st_size
     if not num_bytes == coded["bytes"] == totals["stream_bytes"] or coded["frames"] != totals["frames"]:
@@ -99,11 +111,10 @@ def _measure_anchor(task: Task, folder: Path, processes: ProcessGroup) -> dict[s
             f"and {totals['stream_bytes']} for {totals['frames']}"
         )
     return {
-        **_provenance(task, decoded["width"], decoded["height"], decoded["frames_per_s"]),
-        "commands": _shown(_anchor_commands(task, task.source.path.name)),
+        "video": (decoded["width"], decoded["height"], decoded["frames_per_s"]),
         "key": {"qp": coded["config"]["qp"], "lossless": False},
         "totals": totals,
-        "times": {**_process_times(encoding, decoding), "coding_cpu_s": round(coded["coding_cpu_s"], 6)},
+        "times": {"coding_cpu_s": coded["coding_cpu_s"]},
         "proof": {"file_bytes": num_bytes, "decoded_by": "FFmpeg"},
         "config": coded["config"],
         "per_frame": decoded["per_frame"],
@@ -145,25 +156,6 @@ def _anchor_file(task: Task) -> str:
 
 def _process(arguments: list[str]) -> list[str]:
     return [*python_module(*arguments), "--quiet"]
-
-
-def _shown(commands: tuple[list[str], ...]) -> list[str]:
-    return [shlex.join(["python", "-m", *words]) for words in commands]
-
-
-def _reports(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Read the reports of encoder and decoder."""
-    texts = [(folder / name).read_text(encoding="utf-8") for name in (_ENCODER_JSON, _DECODER_JSON)]
-    return json.loads(texts[0]), json.loads(texts[1])
-
-
-def _process_times(encoding: ProcessTimes, decoding: ProcessTimes) -> dict[str, float]:
-    return {
-        "encode_cpu_s": round(encoding.cpu_s, 4),
-        "encode_wall_s": round(encoding.wall_s, 4),
-        "decode_cpu_s": round(decoding.cpu_s, 4),
-        "decode_wall_s": round(decoding.wall_s, 4),
-    }
 
 
 def _provenance(task: Task, width: int, height: int, frames_per_s: float) -> dict[str, Any]:

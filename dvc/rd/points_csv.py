@@ -2,13 +2,15 @@
 
 import csv
 import io
-import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Any, Final
+
+import msgspec
+from msgspec import Meta
 
 from dvc.errors import DvcError
 from dvc.rd.provenance import values_digest
@@ -28,13 +30,9 @@ OPENDVC: Final = "opendvc"
 """Name of the points of openDVC, which are part of this package."""
 MAX_CHARACTERS: Final = 2**24
 """Largest size of a file."""
-_IMPORTED_PSNRS: Final = (
-    *("psnr_y_db", "key_psnr_y_db", "wz_psnr_y_db", "si_psnr_y_db", "refined_si_psnr_y_db"),
-    *("psnr_cb_db", "psnr_cr_db", "psnr_yuv_db"),
-)
-_REQUIRED: Final = ("sequence", "codec", "rate_kbps", "psnr_y_db", "frames")
-_TRUTHS: Final = {"": False, "true": True, "false": False}
 _MAX_PX, _MAX_DB = 2**16, 1000.0
+_REQUIRED: Final = ("sequence", "codec", "rate_kbps", "psnr_y_db", "frames")
+_SIZE = ("width", "height", "frames_per_s")
 
 Column = Callable[[PointResult], object]
 
@@ -136,21 +134,52 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return text.getvalue()
 
 
-class _Frames(NamedTuple):
-    """Frames of a sequence: curves on the same frames can be compared."""
-
-    sequence: str
-    first_frame: int
-    frames: int
-    luma_only: bool
+Text = Annotated[str, Meta(min_length=1)]
+Decibels = Annotated[float, Meta(gt=0, le=_MAX_DB)]
+Pixels = Annotated[int, Meta(ge=1, le=_MAX_PX)]
 
 
-def _frames(result: PointResult) -> _Frames:
+class ImportedRow(msgspec.Struct, kw_only=True):
+    """Cells of a row that is imported; empty ones are absent."""
+
+    sequence: Text
+    codec: Text
+    rate_kbps: Annotated[float, Meta(gt=0, le=MAX_NUMBER / 1e6)]
+    psnr_y_db: Decibels
+    frames: Annotated[int, Meta(ge=1, le=10**9)]
+    first_frame: Annotated[int, Meta(ge=0, le=10**9)] = 0
+    luma_only: bool = False
+    qp: Annotated[int, Meta(ge=-100, le=10**9)] | None = None
+    width: Pixels | None = None
+    height: Pixels | None = None
+    frames_per_s: Annotated[float, Meta(gt=0, le=1e6)] | None = None
+    key_psnr_y_db: Decibels | None = None
+    wz_psnr_y_db: Decibels | None = None
+    si_psnr_y_db: Decibels | None = None
+    refined_si_psnr_y_db: Decibels | None = None
+    psnr_cb_db: Decibels | None = None
+    psnr_cr_db: Decibels | None = None
+    psnr_yuv_db: Decibels | None = None
+    sequence_digest: str = ""
+    curve: str = ""
+    point: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if not (self.sequence + self.codec).isprintable():
+            raise ValueError("sequence or codec has characters that cannot be shown")
+
+
+Frames = tuple[str, int, int, bool]
+"""Sequence, first frame, number of frames, luma only: curves with the same ones can be compared."""
+
+
+def _frames(result: PointResult) -> Frames:
     options = result.options
-    return _Frames(result.sequence.name, options.start, result.totals.frames, options.luma_only)
+    return result.sequence.name, options.start, result.totals.frames, options.luma_only
 
 
-def _curve(result: PointResult) -> tuple[_Frames, str]:
+def _curve(result: PointResult) -> tuple[Frames, str]:
     return _frames(result), result.options.options["curve"]
 
 
@@ -165,7 +194,8 @@ def import_points(path: Path, folder: Path) -> list[PointResult]:
         try:
             data = _point(row, name, measured)
         except ValueError as err:
-            raise DvcError(f"{name}: line {number}: {err}") from err
+            problem = str(err).replace("$.", "")
+            raise DvcError(f"{name}: line {number}: {problem}") from err
         stem = _stem(data)
         if stem in points:
             raise DvcError(f"{name}: line {number}: the same point a second time: give it a name in 'point'")
@@ -223,102 +253,57 @@ def _rows(text: str, name: str) -> list[tuple[int, Mapping[str, str]]]:
     return [(number, dict(zip(head, row, strict=True))) for number, row in rows[1:]]
 
 
-def _point(row: Mapping[str, str], source: str, measured: Mapping[_Frames, Any]) -> dict[str, Any]:
+def _point(cells: Mapping[str, str], source: str, measured: Mapping[Frames, Any]) -> dict[str, Any]:
     """Return the contents of a result."""
-    for name in ("sequence", "codec"):
-        if not row[name]:
-            raise ValueError(f"{name} is empty")
-        if not row[name].isprintable():
-            raise ValueError(f"{name} has characters that cannot be shown")
-    rate_kbps = _number(row, "rate_kbps", MAX_NUMBER / 1e6)
-    psnrs = [name for name in _IMPORTED_PSNRS if name == "psnr_y_db" or row.get(name)]
-    psnrs_db = {name: _number(row, name, _MAX_DB) for name in psnrs}
-    luma_only = row.get("luma_only", "").lower()
-    if luma_only not in _TRUTHS:
-        raise ValueError(f"luma_only must be true or false, got {luma_only!r}")
-    first, count = _whole(row, "first_frame", 0, 0), _whole(row, "frames", 1)
-    frames = _Frames(row["sequence"], first, count, _TRUTHS[luma_only])
-    sequence = measured.get(frames) or _sequence(row, frames)
-    qp = _whole(row, "qp", -100) if row.get("qp") else None
-    names = {
-        "curve": row.get("curve") or row["codec"],
-        "point": row.get("point") or f"{rate_kbps:g} kbit/s",
-    }
-    return {
-        "identity": values_digest(dict(row)),
-        "code": {"version": row.get("source") or source, "commit": None, "digest": ""},
-        **_result(frames, sequence, qp, names, {"rate_kbps": rate_kbps, **psnrs_db}),
-    }
-
-
-def _result(
-    frames: _Frames, sequence: dict[str, Any], qp: int | None, names: dict[str, str], totals: dict[str, float]
-) -> dict[str, Any]:
-    """Return the contents of a result, except its source."""
-    duration_s = frames.frames / sequence["frames_per_s"]
-    bits = 1000 * totals["rate_kbps"] * duration_s
+    given = {name: value.lower() if name == "luma_only" else value for name, value in cells.items() if value}
+    row = msgspec.convert(given, ImportedRow, strict=False)
+    frames = (row.sequence, row.first_frame, row.frames, row.luma_only)
+    sequence = measured.get(frames) or _sequence(row)
+    duration_s = row.frames / sequence["frames_per_s"]
+    bits = 1000 * row.rate_kbps * duration_s
     if not max(bits, duration_s) < MAX_NUMBER:
-        raise ValueError(f"{frames.frames} frames, {sequence['frames_per_s']:g} a second, last too long")
+        raise ValueError(f"{row.frames} frames, {sequence['frames_per_s']:g} a second, last too long")
     num_bits = max(8, round(bits))
+    psnrs = {name: value for name, value in msgspec.structs.asdict(row).items() if name.endswith("_db")}
     return {
         "schema": SCHEMA,
+        "identity": values_digest(dict(cells)),
+        "code": {"version": row.source or source, "commit": None, "digest": ""},
         "sequence": sequence,
         "codec": IMPORTED,
         "options": {
             "codec": IMPORTED,
             "wz_q": None,
-            "key_qp": "" if qp is None else str(qp),
+            "key_qp": "" if row.qp is None else str(row.qp),
             "gop": 0,
-            "start": frames.first_frame,
-            "frames": frames.frames,
-            "luma_only": frames.luma_only,
-            "options": names,
+            "start": row.first_frame,
+            "frames": row.frames,
+            "luma_only": row.luma_only,
+            "options": {
+                "curve": row.curve or row.codec,
+                "point": row.point or f"{row.rate_kbps:g} kbit/s",
+            },
         },
-        "key": {"qp": qp, "lossless": False},
+        "key": {"qp": row.qp, "lossless": False},
         "totals": {
-            "frames": frames.frames,
+            "frames": row.frames,
             "duration_s": duration_s,
             "stream_bytes": num_bits // 8,
-            **totals,
+            "rate_kbps": row.rate_kbps,
+            **{name: value for name, value in psnrs.items() if value is not None},
             "bits": {"stream": num_bits},
         },
         "times": {"encode_cpu_s": None, "decode_cpu_s": None},
     }
 
 
-def _sequence(row: Mapping[str, str], frames: _Frames) -> dict[str, Any]:
+def _sequence(row: ImportedRow) -> dict[str, Any]:
     """Return the description that a row gives of a sequence without measured points."""
-    if missing := [name for name in ("width", "height", "frames_per_s") if not row.get(name)]:
-        first, last = frames.first_frame, frames.first_frame + frames.frames - 1
-        where = f"frames {first} to {last} of {frames.sequence}"
-        raise ValueError(f"{', '.join(missing)} must be given, as nothing is measured here on {where}")
-    size = {name: _whole(row, name, 1, most=_MAX_PX) for name in ("width", "height")}
-    digest = row.get("sequence_digest") or values_digest([IMPORTED, row["sequence"]])
-    frames_per_s = _number(row, "frames_per_s", 1e6)
-    return {"name": row["sequence"], "digest": digest, **size, "frames_per_s": frames_per_s}
-
-
-def _number(row: Mapping[str, str], name: str, most: float) -> float:
-    """Return a number above 0."""
-    text = row.get(name, "")
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value <= most:
-        raise ValueError(f"{name} must be a number above 0, got {text!r}")
-    return value
-
-
-def _whole(
-    row: Mapping[str, str], name: str, least: int, default: int | None = None, *, most: int = 10**9
-) -> int:
-    text = row.get(name, "")
-    if not text and default is not None:
-        return default
-    if not re.fullmatch(r"-?[0-9]{1,9}", text) or not least <= int(text) <= most:
-        raise ValueError(f"{name} must be a whole number from {least} on, got {text!r}")
-    return int(text)
+    if missing := [name for name in _SIZE if getattr(row, name) is None]:
+        span = f"frames {row.first_frame} to {row.first_frame + row.frames - 1} of {row.sequence}"
+        raise ValueError(f"{', '.join(missing)} must be given, as nothing is measured here on {span}")
+    digest = row.sequence_digest or values_digest([IMPORTED, row.sequence])
+    return {"name": row.sequence, "digest": digest, **{name: getattr(row, name) for name in _SIZE}}
 
 
 def _stem(data: Mapping[str, Any]) -> str:

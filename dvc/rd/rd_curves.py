@@ -17,7 +17,7 @@ from dvc.rd.specification import ANCHORS, INTRA
 
 ANCHOR_LABEL = "H.264 intra"
 Measure = Literal["luma", "colour"]
-"""Quality at which curves are compared: PSNR of luma, or (6 Y + Cb + Cr) / 8."""
+"""Measure of quality: PSNR of luma, or (6 Y + Cb + Cr) / 8."""
 MEASURES: tuple[Measure, ...] = ("luma", "colour")
 NO_CHROMA = "no PSNR of chroma"
 NUM_SAMPLES = 2001
@@ -198,12 +198,12 @@ def table_measures(in_colour: bool) -> tuple[Measure, ...]:
 
 
 def crossings_kbps(reference: Curve, other: Curve) -> list[tuple[float, bool]]:
-    """Return the rates from which on a curve is better (True) or worse (False) than another."""
+    """Return the lower ends of the ranges of rates with a better (True) or worse (False) curve."""
     return _pieces(*_gains(reference, other))
 
 
 def crossing_text(reference: Curve, other: Curve) -> str:
-    """Return the rates at which a curve is better than another, as text."""
+    """Describe the ranges of rates with a better curve."""
     samples, gains_db = _gains(reference, other)
     if not samples.size:
         is_single = min(len(reference.points), len(other.points)) < 2

@@ -265,17 +265,17 @@ def cost_table(found: Sequence[Experiment]) -> Table:
     rows = []
     for one in found:
         anchor = one.anchor(ANCHOR_LABEL)
-        intra = None if anchor is None else mean(point.coding_ms for point in anchor.points)
+        intra = None if anchor is None else mean(point.cpu_ms("coding") for point in anchor.points)
         for curve in one.curves:
             points = curve.points
-            encode = mean(point.coding_ms for point in points)
+            encode = mean(point.cpu_ms("coding") for point in points)
             numbers = [
-                number_text(mean(point.type_ms("key") for point in points), 2),
-                number_text(mean(point.type_ms("wz") for point in points), 2),
+                number_text(mean(point.cpu_ms("key_encode") for point in points), 2),
+                number_text(mean(point.cpu_ms("wz_encode") for point in points), 2),
                 number_text(encode, 2),
                 number_text(None if encode is None or not intra else encode / intra, 2),
-                number_text(mean(point.process_ms("encode") for point in points), 1),
-                number_text(mean(point.process_ms("decode") for point in points), 1),
+                number_text(mean(point.cpu_ms("encode") for point in points), 1),
+                number_text(mean(point.cpu_ms("decode") for point in points), 1),
             ]
             rows.append((one.name, curve.label, *numbers))
     times = ("key frame [ms]", "WZ frame [ms]", "any frame [ms]", f"any frame / {ANCHOR_LABEL}")

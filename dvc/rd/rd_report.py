@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dvc.errors import DvcError
 from dvc.files import atomic_output
@@ -166,15 +166,9 @@ def render_experiment(
         axes = figure.add_subplot()
         for curve in curves:
             style = styles[curve.label]
-            axes.plot(
-                curve.rates_kbps,
-                curve.psnrs_y_db,
-                color=style.colour,
-                marker=style.marker,
-                markerfacecolor="none" if style.is_open else style.colour,
-                linestyle=MATPLOTLIB_DASHES[style.dash],
-                label=plain(_legend(curve, reference)),
-            )
+            dash = MATPLOTLIB_DASHES[style.dash]
+            options = _line_options(style, _legend(curve, reference))
+            axes.plot(curve.rates_kbps, curve.psnrs_y_db, linestyle=dash, **options)
         if any(len(curve.points) > 1 for curve in codecs):
             _zoom_to(axes, codecs)
         if codecs:
@@ -188,6 +182,12 @@ def render_experiment(
         return {suffix: contents(figure, suffix) for suffix in SUFFIXES}
 
 
+def _line_options(style: Style, label: str) -> dict[str, Any]:
+    """Return colour, markers and label of a line for matplotlib."""
+    face = "none" if style.is_open else style.colour
+    return {"color": style.colour, "marker": style.marker, "markerfacecolor": face, "label": plain(label)}
+
+
 def _name_points(axes: "Axes", curve: Curve, colour: str) -> None:
     """Write the levels next to the points of a curve if they have room."""
     last = (float("-inf"), float("-inf"))
@@ -196,15 +196,8 @@ def _name_points(axes: "Axes", curve: Curve, colour: str) -> None:
         if max(abs(x - last[0]), abs(y - last[1])) < LABEL_ROOM_PX:
             continue
         last = (x, y)
-        axes.annotate(
-            point.level,
-            (point.rate_kbps, point.psnr_y_db),
-            xytext=(-5, 6),
-            textcoords="offset points",
-            color=colour,
-            fontsize=8,
-            ha="right",
-        )
+        place: dict[str, Any] = {"xytext": (-5, 6), "textcoords": "offset points", "ha": "right"}
+        axes.annotate(point.level, (point.rate_kbps, point.psnr_y_db), color=colour, fontsize=8, **place)
 
 
 def _zoom_to(axes: "Axes", curves: list[Curve]) -> None:
@@ -237,17 +230,8 @@ def render_rate_cost(
 
         axes = figure.add_subplot()
         for point in points:
-            style = styles[point.label]
-            axes.plot(
-                [point.cost_ms],
-                [point.bd_rate_percent],
-                color=style.colour,
-                marker=style.marker,
-                markersize=8,
-                markerfacecolor="none" if style.is_open else style.colour,
-                linestyle="none",
-                label=plain(point.label),
-            )
+            options = _line_options(styles[point.label], point.label)
+            axes.plot([point.cost_ms], [point.bd_rate_percent], linestyle="none", markersize=8, **options)
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.xaxis.set_minor_formatter(FuncFormatter(_minor_label))

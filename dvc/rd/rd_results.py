@@ -158,7 +158,7 @@ class Proof:
 
 @dataclass(frozen=True)
 class PointResult:
-    """A measured or imported point, as far as reports need it."""
+    """A measured or imported point, with the entries that reports need."""
 
     schema: Literal["dvc3d-rd-point/1"]
     identity: str
@@ -223,20 +223,11 @@ class PointResult:
         """Count the frames of a type."""
         return sum(row.type == frame_type for row in self.per_frame)
 
-    @property
-    def coding_ms(self) -> float | None:
-        """Processor time of encoding a frame of any type, without loading of code."""
-        return _per_frame_ms(self.times.coding_cpu_s, self.totals.frames)
-
-    def process_ms(self, process: Literal["encode", "decode"]) -> float | None:
-        """Return the processor time of a whole process by frame."""
-        total = self.times.encode_cpu_s if process == "encode" else self.times.decode_cpu_s
-        return _per_frame_ms(total, self.totals.frames)
-
-    def type_ms(self, frame_type: Literal["key", "wz"]) -> float | None:
-        """Return the processor time of encoding a frame of one type."""
-        total = self.times.key_encode_cpu_s if frame_type == "key" else self.times.wz_encode_cpu_s
-        return _per_frame_ms(total, self.num_frames(frame_type))
+    def cpu_ms(self, part: Literal["coding", "encode", "decode", "key_encode", "wz_encode"]) -> float | None:
+        """Return the processor time of a part by frame; of `key_encode` and `wz_encode` by their frames."""
+        total_s, kind = getattr(self.times, f"{part}_cpu_s"), part.partition("_")[0]
+        count = self.num_frames(kind) if kind in ("key", "wz") else self.totals.frames
+        return None if total_s is None or not count else 1000 * total_s / count
 
     @property
     def bit_shares(self) -> dict[str, float]:
@@ -244,10 +235,6 @@ class PointResult:
         bits, total = self.totals.bits, sum(self.totals.bits.values())
         order = [*SHARES, *sorted(set(bits) - set(SHARES))]
         return {name: 100 * bits[name] / total for name in order if bits.get(name)}
-
-
-def _per_frame_ms(total_s: float | None, num_frames: int) -> float | None:
-    return None if total_s is None or not num_frames else 1000 * total_s / num_frames
 
 
 def mean(values: Iterable[float | None]) -> float | None:

@@ -38,17 +38,18 @@ def curve_styles(found: Sequence[Experiment]) -> dict[str, Style]:
     """Return the style of every label; curves with lossless key frames come last."""
     labels = {curve.label: curve.is_anchor for one in found for curve in one.curves}
     lossless = {curve.label for one in found for curve in one.curves if curve.has_lossless_keys}
-    codecs = sorted((label for label in labels if not labels[label]), key=lambda one: (one in lossless, one))
     styles = {}
-    for number, label in enumerate(codecs):
-        round_, i = divmod(number, len(COLOURS))
-        dash = DASHES[round_ % len(DASHES)]
-        styles[label] = Style(COLOURS[i], MARKERS[(i + round_) % len(MARKERS)], dash, False)
-    for number, label in enumerate(sorted(label for label in labels if labels[label])):
-        round_, i = divmod(number, len(ANCHOR_COLOURS))
-        marker = ANCHOR_MARKERS[(i + round_) % len(ANCHOR_MARKERS)]
-        dash = ANCHOR_DASHES[(i + 2 * round_) % len(ANCHOR_DASHES)]
-        styles[label] = Style(ANCHOR_COLOURS[i], marker, dash, True)
+    for is_anchor, colours, markers, dashes, dashes_per_round in (
+        (False, COLOURS, MARKERS, DASHES, 0),
+        (True, ANCHOR_COLOURS, ANCHOR_MARKERS, ANCHOR_DASHES, 2),
+    ):
+        members = [label for label in labels if labels[label] == is_anchor]
+        for number, label in enumerate(sorted(members, key=lambda one: (one in lossless, one))):
+            round_, i = divmod(number, len(colours))
+            dash = i + dashes_per_round * round_ if is_anchor else round_
+            styles[label] = Style(
+                colours[i], markers[(i + round_) % len(markers)], dashes[dash % len(dashes)], is_anchor
+            )
     return styles
 
 
@@ -114,7 +115,7 @@ def rates_text(results: Sequence[PointResult]) -> str:
 
 
 def measured_text(results: Sequence[PointResult]) -> str:
-    """Return the number of points, when they were measured, and by which code."""
+    """Return the number of points, their dates, and the versions of their code."""
     sources = [result.code.version for result in results if result.codec == IMPORTED]
     names = escaped(", ".join(sorted(set(sources))))
     imported = f"{len(sources)} points were not measured here: rates and PSNRs are those of {names}."
@@ -191,7 +192,7 @@ COLUMNS: dict[str, Cell] = {
     "header %": _share("header"),
     "requests per WZ frame": _per_wyner_ziv("num_requests", 0),
     "decode s per WZ frame": _per_wyner_ziv("decode_s", 2),
-    "encode CPU ms per key frame": lambda point: number_text(point.type_ms("key"), 1),
-    "per WZ frame": lambda point: number_text(point.type_ms("wz"), 1),
+    "encode CPU ms per key frame": lambda point: number_text(point.cpu_ms("key_encode"), 1),
+    "per WZ frame": lambda point: number_text(point.cpu_ms("wz_encode"), 1),
 }
 """Columns of the table of a curve, by title."""

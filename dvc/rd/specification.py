@@ -2,11 +2,14 @@
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
 
 from dvc.config import DEFAULT_CODEC, MAX_QP, DiscoverMatrix, Qp, Quality, variant_of
 from dvc.errors import ConfigError
@@ -30,23 +33,24 @@ _RANGE = re.compile(r"(\d{1,9})(?:-(\d{1,9})(?::(\d{1,9}))?)?")
 _OPTION_NAME = re.compile(r"[a-z][a-z0-9-]{0,40}")
 _RESERVED = frozenset(
     (
-        "codec",
-        "gop",
-        "qp",
-        "wz-q",
-        "key-qp",
-        "luma-only",
-        "start",
-        "frames",
-        "serve",
-        "timeout",
-        "json",
-        "quiet",
+        *("codec", "gop", "qp", "wz-q", "key-qp", "luma-only"),
+        *("start", "frames", "serve", "timeout", "json", "quiet"),
     )
 )
 """Options of the encoder that the experiment itself sets."""
 
 Options = tuple[tuple[str, str], ...]
+_BOUNDS = {"wz_q": (1, 8), "qp": (1, MAX_QP), "anchor_qp": (1, 51)}
+"""Smallest and largest number of lists of numbers."""
+_LISTS = {"sequences", "key_qp", "anchors", *_BOUNDS}
+Whole = Annotated[int, Meta(ge=0)]
+Positive = Annotated[int, Meta(ge=1)]
+
+
+def _arguments(options: Options) -> list[str]:
+    """Return options as arguments of a command."""
+    given = [[f"--{name}"] if value == "true" else [f"--{name}", value] for name, value in options]
+    return [word for words in given for word in words]
 
 
 @dataclass(frozen=True)
@@ -83,12 +87,12 @@ class Point:
         words += ["--gop", str(self.gop), "--key-qp", self.key_qp, "--start", str(self.start)]
         for name, value in (("wz-q", self.wz_q), ("qp", self.qp), ("frames", self.frames)):
             words += [] if value is None else [f"--{name}", str(value)]
-        return words + ["--luma-only"] * self.luma_only + _words(self.options)
+        return words + ["--luma-only"] * self.luma_only + _arguments(self.options)
 
     def decoder_options(self) -> list[str]:
         """Return the options of the decoder that make this point."""
         method = [] if self.side_information is None else ["--side-information", self.side_information]
-        return method + _words(self.decoder)
+        return method + _arguments(self.decoder)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all except the sequence as JSON-safe values, without entries that are rarely set."""
@@ -138,9 +142,9 @@ class Sweep:
     codec: str = DEFAULT_CODEC
     wz_q: tuple[int, ...] = ()  # DISCOVER quantisation matrices
     key_qp: tuple[str, ...] = ("auto",)  # one QP, or one for each matrix or quality
-    gop: int | None = None  # None: chosen by the codec
-    start: int = 0
-    frames: int | None = None
+    gop: Positive | None = None  # None: chosen by the codec
+    start: Whole = 0
+    frames: Positive | None = None
     luma_only: bool = False
     options: Options = ()
     side_information: str | None = None
@@ -273,71 +277,28 @@ def read_spec(path: Path) -> list[dict[str, Any]]:
     return merged
 
 
-def _names(name: str, value: object) -> tuple[str, ...]:
-    items = value if isinstance(value, (list, tuple)) else str(value).split(",")
-    if not items or not all(isinstance(item, (str, int)) and str(item) for item in items):
-        raise ConfigError(f"`{name}` must be a list of names or numbers, got {value!r}")
-    return tuple(str(item) for item in items)
-
-
-def _numbers(low: int, high: int) -> Callable[[str, object], object]:
-    return lambda name, value: parse_numbers(",".join(_names(name, value)), low, high)
-
-
-def _whole(low: int) -> Callable[[str, object], object]:
-    def _read(name: str, value: object) -> object:
-        if type(value) is not int or value < low:
-            raise ConfigError(f"`{name}` must be a whole number from {low}, got {value!r}")
-        return value
-
-    return _read
-
-
-def _typed(kind: type, noun: str) -> Callable[[str, object], object]:
-    def _read(name: str, value: object) -> object:
-        if not isinstance(value, kind):
-            raise ConfigError(f"`{name}` must be {noun}, got {value!r}")
-        return value
-
-    return _read
-
-
-def _options(name: str, value: object) -> object:
-    if isinstance(value, dict):
-        words = {
-            key: str(word).lower() if isinstance(word, bool) else str(word) for key, word in value.items()
-        }
-        return tuple(sorted(words.items()))
-    return _typed(tuple, "a table of options and values")(name, value)
-
-
-_FLAG, _NAME = _typed(bool, "true or false"), _typed(str, "a name")
-_READERS: dict[str, Callable[[str, object], object]] = {
-    **dict.fromkeys(("sequences", "key_qp", "anchors"), _names),
-    **dict.fromkeys(("codec", "side_information"), _NAME),
-    **dict.fromkeys(("luma_only", "no_feedback", "proof"), _FLAG),
-    **dict.fromkeys(("gop", "frames"), _whole(1)),
-    "start": _whole(0),
-    "wz_q": _numbers(1, 8),
-    "qp": _numbers(1, MAX_QP),
-    "anchor_qp": _numbers(1, 51),
-    "options": _options,
-}
-"""Functions that check and convert the fields of a sweep."""
-
-
 def build_sweep(values: dict[str, Any]) -> Sweep:
     """Build a sweep from plain values; None is a value that was not given."""
     given = {name: value for name, value in values.items() if value is not None}
-    return Sweep(**{name: _READERS[name](name, value) for name, value in given.items()})  # type: ignore[arg-type]
+    for name in _LISTS & given.keys():
+        value = given[name]
+        words = value if isinstance(value, (list, tuple)) else str(value).split(",")
+        if not words or not all(isinstance(word, (str, int)) and str(word) for word in words):
+            raise ConfigError(f"`{name}` must be a list of names or numbers, got {value!r}")
+        given[name] = tuple(map(str, words))
+        if name in _BOUNDS:
+            given[name] = parse_numbers(",".join(given[name]), *_BOUNDS[name])
+    if isinstance(options := given.get("options"), dict):
+        texts = {name: str(value) for name, value in options.items()}
+        flags = {name: texts[name].lower() for name, value in options.items() if isinstance(value, bool)}
+        given["options"] = tuple(sorted((texts | flags).items()))
+    try:
+        return msgspec.convert(given, Sweep)
+    except msgspec.ValidationError as err:
+        problem, _, name = str(err).partition(" - at `$.")
+        raise ConfigError(f"`{name.rstrip('`')}`: {problem}") from err
 
 
 def expand(sweeps: Sequence[Sweep]) -> list[Point]:
     """List the points of several sweeps."""
     return list(dict.fromkeys(point for sweep in sweeps for point in sweep.points()))
-
-
-def _words(options: Options) -> list[str]:
-    """Return options as arguments of a command."""
-    given = [[f"--{name}"] if value == "true" else [f"--{name}", value] for name, value in options]
-    return [word for words in given for word in words]

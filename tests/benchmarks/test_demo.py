@@ -1,4 +1,4 @@
-"""The demonstration: how rates are compared, and what its table says."""
+"""The demonstration: comparison of rates, and its table."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def curve(name: str, rates_kbps: list[float]) -> list[Row]:
 
 
 def test_rates_are_compared_at_equal_quality() -> None:
-    """Rates of a curve are interpolated between its points; beyond them nothing is said."""
+    """Rates of a curve are interpolated between its points; beyond them the cell is empty."""
     anchor = curve("anchor", [100.0, 400.0])
     between = Row("x", {"rate_kbps": 100.0, "psnr_y_db": 31.5})
     assert _saving(between, anchor) == "-50.0 %"
@@ -25,7 +25,7 @@ def test_rates_are_compared_at_equal_quality() -> None:
 
 
 def test_table_has_a_line_per_point(capsys: pytest.CaptureFixture[str]) -> None:
-    """The savings against each anchor stand beside each point of the codec."""
+    """Each point of the codec has its savings against each anchor."""
     own = curve("3d-te", [50.0, 90.0])
     anchors = {
         "x264 medium": curve("x264 medium", [100.0, 180.0]),

@@ -49,7 +49,7 @@ def test_every_second_frame_keeps_its_own_truth() -> None:
 
 
 def test_a_view_is_rendered_without_its_own_picture() -> None:
-    """Its neighbours on both sides, or the nearest alone, make it up."""
+    """Its neighbours on both sides, or only the nearest, determine it."""
     frames = [Frame(np.full((16, 16), 60 + k, np.uint8)) for k in range(17)]
     poses = {k: np.column_stack([np.eye(3), [0.001 * k, 0.0, 0.0]]) for k in range(17)}
     depths = {k: np.full((16, 16), 2.0, np.float32) for k in (0, 8, 16)}
@@ -61,7 +61,7 @@ def test_a_view_is_rendered_without_its_own_picture() -> None:
 
 
 def test_depth_of_another_camera_is_seen_through_the_own_one() -> None:
-    """Its picture is scaled by the focal lengths; what it has not seen is not known."""
+    """Its picture is scaled by the focal lengths; unseen pixels are unknown."""
     measured = np.full((20, 20), 3.0, np.float32)
     measured[10, 14] = 2.0
     clip = Clip([], {}, {0: measured}, np.array([[20.0, 0, 10], [0, 20, 10], [0, 0, 1]]))
@@ -71,7 +71,7 @@ def test_depth_of_another_camera_is_seen_through_the_own_one() -> None:
 
 
 def test_a_line_has_dashes_where_there_is_no_figure() -> None:
-    """COLMAP alone gives no depth."""
+    """COLMAP by itself gives no depth."""
     words = line({"clip": "a", "frames": "5 original", "mapper": "m", "located": 5, "wall_s": 2.0}).split()
     assert words == ["a", "5", "original", "m", "5", *["-"] * 6, "2"]
 
@@ -81,7 +81,7 @@ def _piece(depth: np.ndarray) -> MapPiece:
 
 
 def test_depth_is_compared_in_one_scale() -> None:
-    """The unit of the map does not count; what is not known is wrong, and what has no truth is left out."""
+    """The unit of the map does not count; unknown depth is wrong, and pixels without truth are left out."""
     true = np.full((10, 10), 2.0, np.float32)
     true[0] = np.inf
     own = 7.0 * true

@@ -1,4 +1,4 @@
-"""Memory of decoders and of what they start."""
+"""Memory of decoders and of their child processes."""
 
 import os
 import sys
@@ -19,14 +19,14 @@ START = "import subprocess, sys; subprocess.run([sys.executable, '-c', {code!r}]
 
 
 def test_memory_of_what_a_command_starts_counts() -> None:
-    """One process holds much, and the one that waits for it something beside it."""
+    """One process holds much memory, and its parent some more."""
     peak = watched([sys.executable, "-c", START.format(code=HOLD.format(mib=200))])
     assert 200 * MIB < peak.process < 260 * MIB
     assert peak.process < peak.tree < 2 * peak.process
 
 
 def test_a_command_that_fails_is_no_measurement() -> None:
-    """Its status is told."""
+    """The error has its status."""
     with pytest.raises(DvcError, match="ended with status 3"):
         watched([sys.executable, "-c", "raise SystemExit(3)"])
 
@@ -40,7 +40,7 @@ def test_a_process_that_is_gone_has_no_memory() -> None:
 
 
 def test_the_ratio_is_that_of_the_longest_to_the_shortest() -> None:
-    """Of both columns."""
+    """Both columns have a ratio."""
     lines = table({5: Peak(100 * MIB, 200 * MIB), 50: Peak(110 * MIB, 300 * MIB)}).splitlines()
     assert [line.split() for line in lines[1:]] == [
         ["5", "100", "200"],
@@ -50,7 +50,7 @@ def test_the_ratio_is_that_of_the_longest_to_the_shortest() -> None:
 
 
 def test_two_lengths_of_a_clip_are_decoded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Real processes, whatever order they are asked for in."""
+    """Real processes decode lengths in any order."""
     with create_video(tmp_path / "clip.mkv", (48, 32), Fraction(25)) as writer:
         for frame in moving_texture(3, 32, 48):
             writer.write(frame)

@@ -1,10 +1,9 @@
-"""Changes of the packages that tests must notice: they apply, and are what they say."""
+"""Changes of the packages that tests must notice: they apply, and have the declared effect."""
 
 import pytest
 
 from benchmarks.mutants.__main__ import ROOT, drawn, package_of, stages
-from benchmarks.mutants.named import NAMED, Named, named_change
-from benchmarks.mutants.operators import OPERATORS, changes
+from benchmarks.mutants.operators import NAMED, OPERATORS, Named, changes, named_change
 
 SOURCE = b"""
 @decorated(3)
@@ -30,7 +29,7 @@ CHANGED = {
 
 
 def test_sources_change_in_one_place() -> None:
-    """Where they compute: not in messages, types, and decorators."""
+    """Only code that computes changes: not messages, types, and decorators."""
     found = list(changes("clipped.py", SOURCE))
     assert {change.operator for change in found} == set(OPERATORS)
     sources = [change.applied(SOURCE).decode() for change in found]
@@ -44,7 +43,7 @@ def test_sources_change_in_one_place() -> None:
 
 @pytest.mark.parametrize("named", NAMED, ids=lambda named: named.line)
 def test_named_changes_apply(named: Named) -> None:
-    """To one line each, of a package whose tests are known."""
+    """Each changes one line of a package with tests."""
     change = named_change(named, ROOT)
     source = (ROOT / change.path).read_bytes()
     assert change.applied(source) != source
@@ -52,7 +51,7 @@ def test_named_changes_apply(named: Named) -> None:
 
 
 def test_draws_are_repeated() -> None:
-    """By their seed; every package has its tests."""
+    """Equal seeds give equal changes; every package has tests."""
     first = drawn(20, 1)
     assert first == drawn(20, 1)
     assert first != drawn(20, 2)

@@ -1,4 +1,4 @@
-"""Pairs of plain photographs: how they are chosen, what is counted, and the table of a rendered clip."""
+"""Pairs of plain photographs: their choice, counted pixels, and the table of a rendered clip."""
 
 import json
 from pathlib import Path
@@ -27,7 +27,7 @@ DEPTH_M, STEP_M = 2.0, 0.02
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write what a camera sees of a textured wall with a box before it, moving to the right."""
+    """Write pictures of a textured wall and a box before it, by a camera that moves to the right."""
     folder = tmp_path_factory.mktemp("clip")
     for name in ("color", "depth", "pose"):
         (folder / name).mkdir()
@@ -67,7 +67,7 @@ def test_pairs_are_a_tenth_of_the_depth_apart(folder: Path) -> None:
 
 
 def test_depth_is_that_of_the_photograph(folder: Path) -> None:
-    """Beside the camera that has measured it, a wall is as far away; what was not measured is not known."""
+    """Next to the camera of the depth, a wall is as far away; unmeasured depth is unknown."""
     clip = Clip(folder)
     depth = clip.depth(8)
     known = np.isfinite(depth)
@@ -80,7 +80,7 @@ def test_depth_is_that_of_the_photograph(folder: Path) -> None:
 
 
 def test_points_come_back_to_their_pixels() -> None:
-    """Projection is the inverse of what makes points of depth; what lies behind the camera is not inside."""
+    """Projection is the inverse of back-projection; points behind the camera are not inside."""
     depth = np.full((480, 640), np.inf)
     depth[[3, 200], [7, 600]] = 1.5, 4.0
     points = in_space(depth, COLOUR_K)
@@ -99,7 +99,7 @@ def test_depth_counts_in_one_scale() -> None:
 
 @pytest.mark.parametrize("step", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
 def test_first_view_is_turned_to_the_left_and_back(step: tuple[float, float]) -> None:
-    """The second shows a point farther to the left by its disparity, whatever the pair was."""
+    """The second shows a point farther to the left by its disparity, for pairs in any direction."""
     place, picture = np.array([20, 30]), np.zeros((2, 50, 60, 3), np.uint8)
     picture[0, place[1], place[0]] = picture[1, place[1] - int(4 * step[1]), place[0] - int(4 * step[0])] = (
         255
@@ -112,7 +112,7 @@ def test_first_view_is_turned_to_the_left_and_back(step: tuple[float, float]) ->
 
 @pytest.mark.slow
 def test_table_of_a_pair(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The commands find a wall and a box in textured photographs; the table and the figures tell it."""
+    """The commands find a wall and a box in textured photographs; the table and the figures show it."""
     file = tmp_path / "figures.json"
     assert main([str(folder), "--pairs", "1", "--json", str(file)]) == 0
     (figures,) = json.loads(file.read_text())

@@ -1,4 +1,4 @@
-"""The link with delay: what goes in comes out, in order, and not before its time."""
+"""The link with delay: bytes leave it in order, and not before their time."""
 
 import socket
 import threading
@@ -29,7 +29,7 @@ def linked() -> Iterator[tuple[SlowLink, socket.socket, socket.socket]]:
 
 
 def received(end: socket.socket, num_bytes: int) -> bytes:
-    """Read so many bytes."""
+    """Read a number of bytes."""
     data = b""
     while len(data) < num_bytes:
         piece = end.recv(2**16)
@@ -39,7 +39,7 @@ def received(end: socket.socket, num_bytes: int) -> bytes:
 
 
 def test_bytes_take_their_time_both_ways() -> None:
-    """The last byte comes when all have gone over the line, and the delay is over; each way is alone."""
+    """The last byte comes after the time of all bytes and the delay; both ways are independent."""
     data = np.random.default_rng(1).integers(0, 256, 20_000, np.uint8).tobytes()
     with linked() as (link, near, far):
         for sender, receiver in ((near, far), (far, near)):
@@ -62,7 +62,7 @@ def test_an_answer_waits_for_both_delays() -> None:
 
 
 def test_many_bytes_wait_for_one_delay(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What enters while others are on their way comes out as long after it as they do."""
+    """Bytes that enter while earlier ones are on their way have the same delay."""
     now_s = 0.0
 
     class Clock:
@@ -85,7 +85,7 @@ def test_many_bytes_wait_for_one_delay(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_ends_close_one_after_the_other() -> None:
-    """Where one end has said all, the other hears the end, and can still answer."""
+    """After one end has closed its way, the other sees the end, and can still answer."""
     with linked() as (_, near, far):
         near.shutdown(socket.SHUT_WR)
         assert far.recv(1) == b""

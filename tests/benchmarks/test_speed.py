@@ -1,4 +1,4 @@
-"""Speed of decoding: clips that are too short are played on, and a real run tells all that is asked."""
+"""Speed of decoding: clips that are too short are played on, and a real run prints all figures."""
 
 from collections.abc import Callable
 from fractions import Fraction

@@ -11,7 +11,7 @@ from benchmarks.stages import REST, STAGES, Clock, table, watch
 
 
 def test_time_counts_for_the_innermost_stage(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a stage calls of another counts there, and what is left for neither."""
+    """Calls of another stage count there, and the rest for neither."""
     now_s = 0.0
 
     def passing(seconds: float) -> Callable[[], None]:

@@ -50,14 +50,17 @@ def _leftovers(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
 
 
-def test_termination_leaves_whole_points_and_the_sweep_goes_on(clip: Path, tmp_path: Path) -> None:
-    """After SIGTERM no part of a point remains, and missing points can be measured."""
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signals_leave_whole_points_and_the_sweep_continues(
+    clip: Path, tmp_path: Path, number: signal.Signals
+) -> None:
+    """After a signal no part of a point remains, and missing points can be measured."""
     out = tmp_path / "out"
     with subprocess.Popen(_command(clip, out, range(20, 40)), stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60
         while not list(out.glob(".running-*")) and time.monotonic() < deadline:
             time.sleep(0.02)
-        process.send_signal(signal.SIGTERM)
+        process.send_signal(number)
         _, messages = process.communicate(timeout=60)
     assert process.returncode == 130
     assert messages.splitlines()[-1] == "dvc-rd: interrupted"

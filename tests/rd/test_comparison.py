@@ -169,9 +169,9 @@ def test_crossings_of_any_curves(a: list[tuple[float, float]], b: list[tuple[flo
 def test_csv_of_comparisons(tmp_path: Path) -> None:
     """A comparison is one line of numbers; a refused one says why and has none."""
     folder = write_results(tmp_path / "a")
-    alone = result_data(61.0, 30.0)
-    alone["options"] = {**alone["options"], "gop": 8}
-    add_result(folder, "alone", alone)
+    single = result_data(61.0, 30.0)
+    single["options"] = {**single["options"], "gop": 8}
+    add_result(folder, "single", single)
     rows = list(csv.DictReader(io.StringIO(comparison_csv(compare(read_results(folder))))))
     assert list(rows[0]) == list(CSV_COLUMNS)
     good, refused = rows

@@ -133,23 +133,23 @@ def test_importing_again_replaces(tmp_path: Path) -> None:
         (["sequence,codec,rate_kbps", "clip,A,1"], "no column psnr_y_db"),
         ([HEAD], "no points"),
         ([HEAD, "clip,A,1,30"], "line 2: 4 cells under 5 columns"),
-        ([HEAD, "# two", "clip,,1,30,3"], "line 3: codec is empty"),
-        ([HEAD, "clip,A,x,30,3"], "line 2: rate_kbps must be a number above 0, got 'x'"),
-        ([HEAD, "clip,A,nan,30,3"], "line 2: rate_kbps must be a number above 0, got 'nan'"),
-        ([HEAD, "clip,A,1,-3,3"], "line 2: psnr_y_db must be a number above 0, got '-3'"),
-        ([HEAD, "clip,A,1e300,30,3"], "line 2: rate_kbps must be a number above 0"),
-        ([HEAD, "clip,A,1,30,0"], "line 2: frames must be a whole number from 1 on, got '0'"),
+        ([HEAD, "# two", "clip,,1,30,3"], "line 3: Object missing required field `codec`"),
+        ([HEAD, "clip,A,x,30,3"], "line 2: Expected `float`, got `str` - at `rate_kbps`"),
+        ([HEAD, "clip,A,nan,30,3"], "line 2: Expected `float` > 0.0 - at `rate_kbps`"),
+        ([HEAD, "clip,A,1,-3,3"], "line 2: Expected `float` > 0.0 - at `psnr_y_db`"),
+        ([HEAD, "clip,A,1e300,30,3"], "line 2: Expected `float` <= 1000000000.0 - at `rate_kbps`"),
+        ([HEAD, "clip,A,1,30,0"], "line 2: Expected `int` >= 1 - at `frames`"),
         (["sequence,codec,rate_kbps,psnr_y_db", "clip,A,1,30"], "no column frames"),
-        ([HEAD, "clip,\x1b[31mA,1,30,3"], "line 2: codec has characters that cannot be shown"),
+        ([HEAD, "clip,\x1b[31mA,1,30,3"], "line 2: sequence or codec has characters that cannot be shown"),
         (
             [HEAD, "clip,A,1,30,3"],
             "line 2: width, height, frames_per_s must be given, as nothing is measured here",
         ),
         (
             [f"{HEAD},{SIZE}", "clip,A,1,30,3,64,x,25"],
-            "line 2: height must be a whole number from 1 on, got 'x'",
+            "line 2: Expected `int | null`, got `str` - at `height`",
         ),
-        ([f"{HEAD},luma_only", "clip,A,1,30,3,no"], "line 2: luma_only must be true or false, got 'no'"),
+        ([f"{HEAD},luma_only", "clip,A,1,30,3,no"], "line 2: Expected `bool`, got `str` - at `luma_only`"),
         ([f"{HEAD},{SIZE}", *["clip,A,1,30,3,64,48,25"] * 2], "line 3: the same point a second time"),
         (
             [f"{HEAD},{SIZE}", "clip,A,1,30,3,64,48,1e-308"],
@@ -238,7 +238,7 @@ def test_frames_are_lines() -> None:
 
 
 def test_names_with_commas_and_quotes_survive() -> None:
-    """A name that has what separates cells is read back as it was."""
+    """A name with separators of cells is read back unchanged."""
     sequence = {**result_data(60.0, 30.0)["sequence"], "name": 'a, "b"\nc'}
     text = results_csv([parse_result("p", result_data(60.0, 30.0, sequence=sequence))])
     (row,) = csv.DictReader(io.StringIO(text, newline=""))

@@ -52,7 +52,7 @@ def _points(clip: Path) -> list[Point]:
 
 
 def _results(folder: Path) -> list[dict[str, Any]]:
-    """Return results without what differs from run to run."""
+    """Return results without entries that differ from run to run."""
     found = [
         json.loads(path.read_text(encoding="utf-8")) for path in sorted((folder / POINTS_FOLDER).iterdir())
     ]

@@ -94,8 +94,8 @@ def test_curves_that_cannot_be_compared_say_why(tmp_path: Path) -> None:
     assert "not comparable: curve A: 1 useful points" in page
     assert "Curves of one point are shown as points, without BD figures: clip: 2D-DVC, GOP 2" in page
     assert "mean (sequences)" not in page.split("<script", maxsplit=1)[0]
-    alone = own_text(page_of(results[:1], tmp_path / "page.html"))
-    assert "No two curves on the same frames" in alone
+    single = own_text(page_of(results[:1], tmp_path / "page.html"))
+    assert "No two curves on the same frames" in single
 
 
 def test_frames_and_shares() -> None:

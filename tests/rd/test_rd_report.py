@@ -1,4 +1,4 @@
-"""Curves, tables, plots and comparisons from results alone."""
+"""Curves, tables, plots and comparisons from results."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -49,7 +49,7 @@ def test_other_frames_and_options_are_separated() -> None:
 
 
 def test_chosen_key_qps_make_another_curve() -> None:
-    """Points whose key frames do not follow from the preset do not join the curve of those that do."""
+    """Points with chosen QPs of key frames are a curve of their own."""
     data = result_data(70.0, 30.5)
     chosen = {**data, "options": {**data["options"], "key_qp": "30"}}
     (experiment,) = experiments([parse_result("a", result_data(60.0, 30.0)), parse_result("b", chosen)])
@@ -63,18 +63,6 @@ def test_bd_rate_is_that_of_the_rates(tmp_path: Path) -> None:
     assert bd_rate_text(compare_curves(intra, codec)) == "-20.0 % (29.0 to 35.0 dB, 3 and 3 points)"
 
 
-def test_one_point_cannot_be_compared() -> None:
-    """A curve of one point is not comparable, and the text has the reason."""
-    results = [
-        parse_result("a", result_data(60.0, 30.0)),
-        parse_result("b", result_data(70.0, 30.0, codec="h264-intra")),
-    ]
-    (experiment,) = experiments(results)
-    assert bd_rate_text(compare_curves(*experiment.curves)).startswith(
-        "not comparable: curve A: 1 useful points"
-    )
-
-
 def test_tables_leave_out_empty_columns(tmp_path: Path) -> None:
     """Columns about Wyner-Ziv frames are there for the codec, and not for the intra anchor."""
     (experiment,) = experiments(read_results(write_results(tmp_path / "a")))
@@ -86,15 +74,12 @@ def test_tables_leave_out_empty_columns(tmp_path: Path) -> None:
     assert "| 75.0 | 0.0 | 20.0 |" not in intra
 
 
-def test_cells_cannot_break_a_table() -> None:
-    """A bar within a cell is escaped."""
-    assert table(["a"], [["x|y"]]) == "| a |\n| --- |\n| x\\|y |\n"
-
-
-def test_cells_are_no_markup() -> None:
-    """A text that looks like a tag is shown, not obeyed."""
-    assert "&lt;script>" in table(["<script>"], [])
-    assert "<" not in table(["a"], [["<b>"]])
+@pytest.mark.parametrize(
+    ("cell", "shown"), [("x|y", "x\\|y"), ("<b>", "&lt;b>"), ("<script>", "&lt;script>"), ("a\nb", "a b")]
+)
+def test_cells_are_plain_text(cell: str, shown: str) -> None:
+    """Bars, tags and ends of lines are escaped."""
+    assert table([cell], [[cell]]) == f"| {shown} |\n| --- |\n| {shown} |\n"
 
 
 def test_report_has_tables_and_pictures(tmp_path: Path) -> None:

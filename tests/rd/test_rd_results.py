@@ -1,4 +1,4 @@
-"""Result files: reading what was written, refusing damaged files."""
+"""Result files: they are read as written, and damaged ones are refused."""
 
 import logging
 from pathlib import Path

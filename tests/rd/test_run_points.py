@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -27,7 +26,7 @@ from dvc.rd.rd_results import POINTS_FOLDER, read_results
 from dvc.rd.run_points import run_points
 from dvc.rd.specification import Point, Task
 from dvc.video import Frame, create_video, open_video
-from tests.rd.made_up import result_data, write_results
+from tests.rd.made_up import result_data
 
 NUM_FRAMES = 3
 POINTS = ("--codec", "2d", "--wz-q", "1", "--anchor", "intra", "--anchor-qp", "40")
@@ -167,21 +166,6 @@ def test_dishonest_rate_is_a_failure(clip: Path, tmp_path: Path, monkeypatch: py
     assert list((tmp_path / POINTS_FOLDER).iterdir()) == []
 
 
-def test_interrupt_stops_processes_and_leaves_nothing(clip: Path, tmp_path: Path) -> None:
-    """After an interrupt the command ends at once with status 130, and no half-written file is there."""
-    command = [sys.executable, "-m", "dvc.rd", "run", str(clip), "--out", str(tmp_path / "out")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + 30
-        while not list(tmp_path.glob("out/.running-*")) and time.monotonic() < deadline:
-            time.sleep(0.02)
-        process.send_signal(signal.SIGINT)
-        _, messages = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert "interrupted" in messages
-    assert not list(tmp_path.glob("out/.running-*"))
-    assert all(json.loads(path.read_text()) for path in tmp_path.glob("out/points/*"))
-
-
 def test_failed_process_is_named_by_its_last_line() -> None:
     """The error is the last line on standard error, or the status of a silent process."""
     processes = ProcessGroup()
@@ -195,14 +179,6 @@ def test_times_of_a_process() -> None:
     """A process that computes takes processor time, and not more than it was there for."""
     times = ProcessGroup().run([sys.executable, "-c", "sum(range(10**6))"])
     assert 0 < times.cpu_s <= times.wall_s + 0.1
-
-
-def test_stopped_group_starts_nothing() -> None:
-    """After `stop` no command is started."""
-    processes = ProcessGroup()
-    processes.stop()
-    with pytest.raises(Stopped):
-        processes.run([sys.executable, "-c", "pass"])
 
 
 def test_interrupted_process_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -277,16 +253,6 @@ def test_bad_input_is_one_line(arguments: list[str], message: str, capfd: pytest
     assert captured.out == ""
     assert captured.err.count("\n") == 1
     assert message in captured.err
-
-
-def test_report_and_compare_commands(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """`report` names the files that it wrote; `compare` prints a table."""
-    a, b = write_results(tmp_path / "a"), write_results(tmp_path / "b", 0.9)
-    assert main(["report", str(a)]) == 0
-    names = [Path(line).name for line in capfd.readouterr().out.splitlines()]
-    assert names[:2] == ["report.html", "report.md"]
-    assert main(["compare", str(a), str(b)]) == 0
-    assert "-10.0 %" in capfd.readouterr().out
 
 
 def test_made_up_results_are_of_the_schema(folder: Path) -> None:

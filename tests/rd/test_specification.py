@@ -68,15 +68,12 @@ def test_options_of_the_experiment_itself_are_refused(word: str) -> None:
 
 def test_encoder_options_name_everything() -> None:
     """A point gives the encoder its options, flags without a value."""
-    point = Point("clip", "2d", 3, "auto", 4, 5, 7, options=(("adaptive", "true"), ("seed", "2")))
-    assert " ".join(point.encoder_options()) == (
-        "--codec 2d --gop 4 --key-qp auto --start 5 --wz-q 3 --frames 7 --adaptive --seed 2"
+    point = Point(
+        "clip", "2d", 3, "auto", 4, 5, 7, luma_only=True, options=(("adaptive", "true"), ("seed", "2"))
     )
-
-
-def test_luma_only_is_coded_with_the_flag() -> None:
-    """A point of luma asks for it."""
-    assert "--luma-only" in Point("clip", "2d", 3, "auto", 2, luma_only=True).encoder_options()
+    assert " ".join(point.encoder_options()) == (
+        "--codec 2d --gop 4 --key-qp auto --start 5 --wz-q 3 --frames 7 --luma-only --adaptive --seed 2"
+    )
 
 
 def test_anchor_has_the_qps_of_the_sweep_and_its_own() -> None:
@@ -155,18 +152,18 @@ def test_key_frames_only_have_qualities() -> None:
         ({"sequences": []}, "`sequences` must be a list"),
         ({"sequences": ["a"], "key_qp": [30, 31, 32], "wz_q": [1, 2]}, "3 key QPs for 2 matrices"),
         ({"sequences": ["a"], "key_qp": [30, 31, 32], "qp": [1, 2]}, "3 key QPs for 2 qualities"),
-        ({"sequences": ["a"], "gop": 0}, "`gop` must be a whole number"),
-        ({"sequences": ["a"], "frames": True}, "`frames` must be a whole number"),
-        ({"sequences": ["a"], "luma_only": "yes"}, "`luma_only` must be true or false"),
+        ({"sequences": ["a"], "gop": 0}, "`gop`: Expected `int` >= 1"),
+        ({"sequences": ["a"], "frames": True}, "`frames`: Expected `int | null`, got `bool`"),
+        ({"sequences": ["a"], "luma_only": "yes"}, "`luma_only`: Expected `bool`, got `str`"),
         ({"sequences": ["a"], "anchors": ["jpeg"]}, "the anchor must be one of"),
         ({"sequences": ["a"], "options": {"wz-q": 3}}, "cannot be given"),
-        ({"sequences": ["a"], "options": 3}, "`options` must be a table"),
-        ({"sequences": ["a"], "codec": ["2d"]}, "`codec` must be a name"),
+        ({"sequences": ["a"], "options": 3}, "`options`: Expected `array`"),
+        ({"sequences": ["a"], "codec": ["2d"]}, "`codec`: Expected `str`, got `array`"),
     ],
 )
 def test_senseless_sweeps_are_refused(given_values: dict[str, object], message: str) -> None:
     """A wrong value raises ConfigError that names it."""
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(ConfigError, match=re.escape(message)):
         build_sweep(given_values)
 
 
@@ -259,12 +256,6 @@ def test_streams_without_feedback_are_options_of_points() -> None:
     assert all(point.no_feedback for point in sweep.points())
     assert "--no-feedback" in next(iter(sweep.points())).encoder_options()
     assert not any(point.no_feedback for point in Sweep(("clip",)).points())
-
-
-def test_whether_there_is_feedback_is_true_or_false() -> None:
-    """And no other word."""
-    with pytest.raises(ConfigError, match="`no_feedback` must be true or false"):
-        build_sweep({"sequences": ["clip"], "no_feedback": "yes"})
 
 
 def test_the_file_that_the_document_shows_is_read(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What our results are compared with: holes are filled, and the real sets give what is known of them."""
+"""Baseline of stereo: holes are filled, and real sets give published figures."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_planes_are_found() -> None:
 
 @pytest.mark.parametrize("name", PAIRS)
 def test_baseline_is_as_good_as_elsewhere(name: str) -> None:
-    """On the real pairs it is within half a per cent of what others measured."""
+    """On the real pairs it is within half a per cent of published figures."""
     real_set(name)
     one = PAIRS[name]
     left, right = one.pair(REAL_SETS)

@@ -6,8 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.baselines.baseline import quality_of
-from benchmarks.baselines.picture_coders import AVIF, JPEG2000
+from benchmarks.baselines.picture_coders import AVIF, JPEG2000, quality_of
 from benchmarks.baselines.two_views import (
     X264,
     X265,
@@ -16,7 +15,6 @@ from benchmarks.baselines.two_views import (
     baselines_of,
     decode_frames,
     encode_frames,
-    without_messages,
 )
 from dvc.dibr.view_set import views_of_array
 from dvc.geometry.camera_array import CameraArray, DisparityLabels
@@ -48,13 +46,6 @@ def test_video_codes_two_frames(coder: VideoCoder) -> None:
     found = decode_frames(list(encode_frames((first, second), coder, 12, 2)), coder)
     assert psnr_db(found[0], first) > 45.0
     assert 40.0 < psnr_db(found[1], second) < psnr_db(found[0], first) + 1.0
-
-
-def test_messages_do_not_count() -> None:
-    """Units of messages are removed, the other units stay."""
-    unit = bytes.fromhex("00000165aa")
-    message = bytes.fromhex("000001060580")
-    assert without_messages(b"\0" + unit + message + b"\0" + unit, "h264") == unit + unit
 
 
 def test_every_baseline_keeps_to_its_bytes() -> None:

@@ -1,4 +1,4 @@
-"""The bad link: what it does to bytes is what it says, and depends on its seed alone."""
+"""The bad link: its faults are of their kinds, and depend only on its seed."""
 
 import pytest
 
@@ -8,7 +8,7 @@ DATA = bytes(range(256)) * 4
 
 
 def passed(faults: Faults, times: int = 30) -> tuple[bytes, int]:
-    """Return what comes of so many pieces, and how many of them are cut."""
+    """Return the bytes that pass, and the number of cuts."""
     out, cuts = b"", 0
     for _ in range(times):
         try:
@@ -20,7 +20,7 @@ def passed(faults: Faults, times: int = 30) -> tuple[bytes, int]:
 
 
 def test_a_good_link_changes_nothing() -> None:
-    """Where faults are far apart."""
+    """Faults that are far apart leave all bytes."""
     faults = Faults(1e15, seed=1)
     assert passed(faults) == (30 * DATA, 0)
     assert not any(faults.counts.values())
@@ -46,7 +46,7 @@ def test_every_fault_is_what_it_says(kind: str) -> None:
 
 
 def test_faults_depend_on_the_seed() -> None:
-    """The same do the same, so that what was found is found again."""
+    """Equal seeds give equal faults, so that a find can be repeated."""
     kinds = [kind for kind in FAULTS if kind != "trickle"]
     first, second, other = (passed(Faults(3000.0, seed, kinds)) for seed in (1, 1, 2))
     assert first == second != other

@@ -1,4 +1,4 @@
-"""Campaigns: numbers are new, all is written down by code, and what does harm twice is kept."""
+"""Campaigns: numbers are new, inputs are recorded by code, and repeated harm is stored."""
 
 import json
 from collections.abc import Sequence
@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.hostile import campaign, cuts, parts
+from benchmarks.hostile import campaign, cuts
 from benchmarks.hostile.attempts import kinds
 from benchmarks.hostile.batches import Try
-from benchmarks.hostile.parts import FIRST, Tried
+from benchmarks.hostile.campaign import FIRST, Tried
 from benchmarks.results import hostile
 from benchmarks.results.harness import Missing, Setting
 from dvc.errors import DvcError
@@ -24,12 +24,12 @@ def test_parts_go_on_where_they_ended(tmp_path: Path, monkeypatch: pytest.Monkey
     again = Tried.read(tmp_path / "state.json")
     assert again == tried
     assert again.take(2).start == first.stop
-    monkeypatch.setattr(parts, "code_digest", lambda: "another")
+    monkeypatch.setattr(campaign, "code_digest", lambda: "another")
     monkeypatch.setenv("NUMBA_BOUNDSCHECK", "1")
     again.add("tables", 2, 900.0, {}, {"tables/9": "hang"})
     again.add("maps", 1, 900.0, {}, {})
     assert (again.hours, again.inputs, again.finds) == (1.0, {"tables": 5, "maps": 1}, {"tables/7": "hang"})
-    assert again.told().endswith("without bounds checks, 3 with code another")
+    assert again.summary().endswith("without bounds checks, 3 with code another")
 
 
 @pytest.mark.parametrize("text", ["[]", "{", '{"schema": "other"}', '{"schema": "dvc3d-tried/1"}'])
@@ -43,12 +43,12 @@ def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
 def test_what_does_harm_twice_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What does so once is only written down."""
+    """Harm that is not repeated is only recorded."""
 
     def run(tries: Sequence[Try]) -> list[str]:
-        alone = len(tries) < 9
+        is_repeated = len(tries) < 9
         return [
-            "hang" if (position == 0 if alone else number % 20 == 0) else "refused"
+            "hang" if (position == 0 if is_repeated else number % 20 == 0) else "refused"
             for position, (_, number) in enumerate(tries)
         ]
 
@@ -102,7 +102,7 @@ def test_cut_runs_are_counted(
 
 @pytest.mark.slow
 def test_cut_runs_are_those_of_uncut_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One without faults, one with them; and one that ends otherwise is told."""
+    """A run without faults, one with faults, and one with another result, which is reported."""
     options = {"2d": ("--codec", "2d"), "faults": ("--codec", "2d")}
     monkeypatch.setattr(cuts, "OPTIONS", options)
     words = ["--state", str(tmp_path / "cuts.json"), "--out", str(tmp_path / "out"), "--frames", "4"]
@@ -110,5 +110,5 @@ def test_cut_runs_are_those_of_uncut_ones(tmp_path: Path, monkeypatch: pytest.Mo
     tried = Tried.read(tmp_path / "cuts.json")
     assert (tried.inputs, tried.finds) == (dict.fromkeys(options, 1), {})
     runs = cuts.prepared(tmp_path / "out" / "video.mkv", tmp_path / "out")
-    other = {"2d": runs["2d"]._replace(wanted=runs["2d"].wanted._replace(video=b""))}
+    other = {"2d": runs["2d"]._replace(expected=runs["2d"].expected._replace(video=b""))}
     assert cuts.run_number(3, other) == ("2d", "frames or bits are not those of an uncut run")

@@ -1,4 +1,4 @@
-"""Losses of live runs: the program that makes them finds the same frames, and says so."""
+"""Losses of live runs: frames are the same, and the command prints it."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def test_runs_with_losses_give_the_same_frames(tmp_path: Path, capsys: pytest.Ca
 
 
 def test_ends_that_do_not_end_well_are_told() -> None:
-    """With what they said."""
+    """The error has the message of the process."""
     process = lost_links.start("encoder", "nothing.mkv", "out.dvc")
     with pytest.raises(SystemExit, match=r"status 2, not 0: .*nothing.mkv"):
         lost_links.check_end(process, 0)

@@ -1,4 +1,4 @@
-"""The soak of live runs: it loses the link, and tells what both ends hold and lose."""
+"""Long live runs: the link is lost, and memory and lost frames are printed."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which code a result is of."""
+"""Identity of the code of a result."""
 
 import shutil
 import subprocess
@@ -19,7 +19,7 @@ def _git(folder: Path, *words: str) -> str:
 
 
 def test_trees_are_hashed_as_git_does(tmp_path: Path) -> None:
-    """A package has the hash that git gives it, whatever lies beside its files and is ignored."""
+    """A package has the hash of git; ignored files do not count."""
     package = tmp_path / "sfm"
     shutil.copytree(ROOT / "sfm", package, ignore=shutil.ignore_patterns("__pycache__"))
     (package / "a.b").mkdir()
@@ -37,7 +37,7 @@ def test_trees_are_hashed_as_git_does(tmp_path: Path) -> None:
 
 
 def test_own_code_is_what_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Comments, docstrings and layout leave the digest of a module alone; what it does does not."""
+    """Comments, docstrings and layout do not change the digest of a module; code does."""
     monkeypatch.syspath_prepend(tmp_path)
     found = []
     for text in (

@@ -33,7 +33,7 @@ def commands(monkeypatch: pytest.MonkeyPatch) -> Iterator[Commands]:
 
 
 def test_anchors_are_compared_by_luma_and_in_colour(commands: Commands, tmp_path: Path) -> None:
-    """Both are of the same streams in colour; streams of luma only beside them have no part in it."""
+    """Both are of the same streams in colour; streams of luma only are ignored."""
     folder = write_colour_results(tmp_path / curves.DEFAULT)
     for number, rate_kbps in enumerate((6.0, 24.0)):
         data = result_data(rate_kbps, 29.0 + 6.0 * number)

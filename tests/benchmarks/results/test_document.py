@@ -34,13 +34,13 @@ def entries(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 
 def test_rows_are_few_and_have_names_of_their_own() -> None:
-    """There are at most 45 results, and each can be told from the others."""
+    """At most 45 results have distinct names and titles."""
     assert len(BY_NAME) == len(ROWS) <= 45
     assert len({row.title for row in ROWS}) == len(ROWS)
 
 
 def test_documents_are_read_as_they_were_written(entries: dict[str, Any], tmp_path: Path) -> None:
-    """Results come back in the order of the rows; what is defined no more is gone."""
+    """Results come back in the order of the rows; removed rows are dropped."""
     path = tmp_path / "results.json"
     document.write_document({"gone": {}, **dict(reversed(entries.items()))}, path)
     assert read_document(path) == entries
@@ -48,7 +48,7 @@ def test_documents_are_read_as_they_were_written(entries: dict[str, Any], tmp_pa
 
 
 def test_page_shows_missed_targets_first_and_what_is_absent(entries: dict[str, Any]) -> None:
-    """Missed, met and free results stand under headings of their own, in this order, absent ones last."""
+    """Missed, met and free results have headings of their own, in this order, absent ones last."""
     text = page_text(entries)
     places = [
         text.index(f"## {title}\n")
@@ -61,7 +61,7 @@ def test_page_shows_missed_targets_first_and_what_is_absent(entries: dict[str, A
 
 
 def test_page_never_mixes_codes(entries: dict[str, Any]) -> None:
-    """A result of other code is shown as not measured, whatever its value."""
+    """A result of other code is shown as not measured."""
     entries[MET] |= {"digest": "then"}
     assert "−80.0" not in page_text(entries)
     assert f"* `{MET}`" in page_text(entries)
@@ -70,7 +70,7 @@ def test_page_never_mixes_codes(entries: dict[str, Any]) -> None:
 def test_results_are_kept_as_long_as_bytes_and_their_own_code_are_the_same(
     entries: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """After a change, rows whose canaries agree are carried over, and told; others are dropped."""
+    """After a change, rows with equal canaries are carried over and counted; the rest is dropped."""
     monkeypatch.setattr(document, "code_digest", lambda: "later")
     entries[MET]["canaries"] = {"default": "other bytes"}
     entries[FREE]["own_code"] = "another measurement"
@@ -88,7 +88,7 @@ def test_results_are_kept_as_long_as_bytes_and_their_own_code_are_the_same(
 
 
 def test_page_is_that_of_the_document() -> None:
-    """What people read was made of the results; `--fill` makes it again."""
+    """The page is made from the results; `--fill` makes it again."""
     found = PAGE.read_text(encoding="utf-8")
     assert found == page_text(read_document(DOCUMENT)), "run python -m benchmarks.results --fill"
 

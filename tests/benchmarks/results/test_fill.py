@@ -22,12 +22,12 @@ def test_documents_tell_the_numbers_of_results(path: Path) -> None:
 
 @pytest.mark.parametrize("path", documents(), ids=lambda path: path.name)
 def test_documents_tell_no_other_measured_numbers(path: Path) -> None:
-    """What looks measured stands behind the mark of a result, or is marked as given."""
+    """Numbers that look measured have the mark of a result, or are marked as given."""
     assert list(unmarked(path.read_text(encoding="utf-8"))) == []
 
 
 def test_marks_are_filled_in_again_and_again() -> None:
-    """The value goes between the marks, of all clips or of one; what has no result says so."""
+    """The value goes between the marks, of all clips or of one; a missing result is named."""
     text = "a <!-- row:rate/intra --> x <!-- / --> b <!-- row:rate/intra:box --><!-- / --> "
     text += "<!-- row:rate/2d --> 1 % <!-- / -->"
     once = filled(text, ENTRIES)

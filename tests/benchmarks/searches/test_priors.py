@@ -1,4 +1,4 @@
-"""First weights of priors, found from what decoding has met."""
+"""First weights of priors, fitted to decoded planes."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from tests.golden_streams import FOLDER
 
 
 def test_weights_are_those_that_bits_were_drawn_by() -> None:
-    """Clips count the same, whatever their number of bits; a term that tells nothing gets no weight."""
+    """Clips of any length have equal weight; a term without information gets no weight."""
     rng = np.random.default_rng(1)
     clips = []
     for count in (20_000, 60_000):

@@ -1,4 +1,4 @@
-"""The comparison of surfaces: what is counted, and settings that are tried for a while alone."""
+"""The comparison of surfaces: counted pixels, and temporary settings."""
 
 from contextlib import ExitStack
 
@@ -12,7 +12,7 @@ from dvc.stereo.surfaces.stereo_settings import TEST_PAIRS, TUNING_PAIRS
 
 
 def test_bad_pixels_are_shares_of_what_counts() -> None:
-    """By both thresholds, of all pixels and of those that both views see."""
+    """Both thresholds, all pixels and those that both views see."""
     image = np.zeros((4, 10, 3), np.uint8)
     views = (
         ArrayView("left", image, LatticePosition(0.0, 0.0)),

@@ -1,4 +1,4 @@
-"""Chapter 2: the scene of figure 2.4, settings as they are written, and what steps make."""
+"""Chapter 2: the scene of figure 2.4, settings as they are written, and results of steps."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -37,7 +37,7 @@ SCENE = Scene(planes(64, 80), LABELS)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return what the command writes of two small views."""
+    """Return the folder that the command writes for two small views."""
     scratch = tmp_path_factory.mktemp("views")
     for view in planes(64, 80):
         write_png(scratch / f"{view.name}.png", np.ascontiguousarray(view.image[:, :, ::-1]))
@@ -98,7 +98,7 @@ def test_stopping_early_stores_more_roots(make: type[LaplacianCodec] | type[Wave
 
 
 def test_planes_are_rendered_far_to_near() -> None:
-    """A square covers the background, moves with its disparity, and its hole takes what surrounds it."""
+    """A square covers the background, moves with its disparity, and its hole takes the surrounding levels."""
     picture = np.full((20, 40), 50, np.uint8)
     disparity = np.full((20, 40), float(FAR))
     picture[5:15, 20:30], disparity[5:15, 20:30] = 200, NEAR

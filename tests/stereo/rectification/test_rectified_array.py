@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.pictures.calibrations import write_cameras
+from benchmarks.pictures.stereo import write_cameras
 from dvc.errors import ConfigError, DvcError
 from dvc.geometry.calibrated_cameras import Camera
 from dvc.geometry.camera_array import LatticePosition
