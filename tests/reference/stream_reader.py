@@ -1,4 +1,4 @@
-"""A reader of streams, written from docs/bitstream.md and docs/decoding.md; no package is imported."""
+"""A reader of streams, written from docs/spec/bitstream.md and docs/spec/decoding.md; no package is imported."""
 
 import struct
 import zlib

@@ -26,7 +26,7 @@ from dvc.stream import Form, GopRecord, StreamReader, StreamWriter
 from dvc.stream.records import encode_configuration
 from tests.reference.stream_reader import read_configuration
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "bitstream.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "spec" / "bitstream.md"
 BEGIN, END = "<!-- fields: begin -->\n", "<!-- fields: end -->\n"
 TYPES = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes", tuple: "integers"}
 CONFIG = CodecConfig(VideoConfig(176, 144, 15, 1), key=KeyFrameConfig(25))

@@ -1,4 +1,4 @@
-"""The format is what docs/bitstream.md and docs/decoding.md say: a reader written from them reads streams."""
+"""The format is what docs/spec/bitstream.md and docs/spec/decoding.md say: a reader written from them reads streams."""
 
 from functools import cache
 from pathlib import Path
