@@ -1,4 +1,4 @@
-"""Who may import whom: the layers of docs/structure.md."""
+"""Who may import whom: the layers of docs/tour.md."""
 
 import ast
 from functools import cache
@@ -122,7 +122,7 @@ def test_no_module_hides_one_of_the_standard_library() -> None:
 
 def test_a_frame_passes_few_modules() -> None:
     """At most 7 at the encoder and 13 at the decoder, all of which exist."""
-    text = (ROOT / "docs" / "structure.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "tour.md").read_text(encoding="utf-8")
     for side, most in (("encoder", 7), ("decoder", 13)):
         table = text.partition(f"| at the {side} |")[2].partition("\n\n")[0]
         modules = [line.split("`")[1] for line in table.splitlines()[2:]]

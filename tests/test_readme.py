@@ -163,9 +163,9 @@ def test_documented_fields_are_written() -> None:
     assert {field for field in fields - words if f"_{field.partition('_')[2]}" not in words} == set()
 
 
-def test_structure_has_every_package() -> None:
-    """Every package, and every one in it, is a row of docs/structure.md, and no others are."""
-    text = (ROOT / "docs" / "structure.md").read_text(encoding="utf-8")
+def test_tour_has_every_package() -> None:
+    """Every package, and every one in it, is a row of docs/tour.md, and no others are."""
+    text = (ROOT / "docs" / "tour.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([\w/]+)/` \|", text, flags=re.MULTILINE)
     folders = {
         "/".join(path.relative_to(ROOT).parts[:-1][:2])
