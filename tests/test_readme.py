@@ -178,7 +178,7 @@ def test_tour_has_every_package() -> None:
 def test_keys_of_references_are_listed() -> None:
     """Every key under References in a docstring and every key of the glossary is in docs/references.md."""
     listed = set(
-        re.findall(r"^\| \[(\S+)\] ", (ROOT / "docs" / "references.md").read_text(), flags=re.MULTILINE)
+        re.findall(r"^\* \[(\S+)\] ", (ROOT / "docs" / "references.md").read_text(), flags=re.MULTILINE)
     )
     used = set(re.findall(r"(?<!`)\[([A-Z]\S+)\](?!\()", (ROOT / "docs" / "glossary.md").read_text()))
     for package in ("dvc", "encoder", "decoder", "sequences"):

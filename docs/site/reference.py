@@ -9,18 +9,22 @@ from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 
-_ROW = re.compile(r"^\* `([\w.]+)`$", re.MULTILINE)
+_NAMES = re.compile(r"^```text\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
+
+
+def names(text: str) -> list[str]:
+    """Return the names that a document lists."""
+    return [name for block in _NAMES.findall(text) for name in block.split()]
 
 
 def with_docstrings(text: str) -> str:
-    """Add to each list the summaries of its names, and after it their docstrings."""
-    head, *sections = re.split(r"^(?=## )", text, flags=re.MULTILINE)
-    written = [head]
-    for section in sections:
-        names = _ROW.findall(section)
-        linked = _ROW.sub(lambda row: f"* {{py:obj}}`{row[1]}`: {_summary(row[1])}", section)
-        written.append(f"{linked}\n```{{reference}}\n" + "\n".join(names) + "\n```\n\n")
-    return "".join(written)
+    """Replace each block of names by links with summaries, and the docstrings."""
+    return _NAMES.sub(_documented, text)
+
+
+def _documented(block: re.Match[str]) -> str:
+    links = "".join(f"* {{py:obj}}`{name}`: {_summary(name)}\n" for name in block[1].split())
+    return f"{links}\n```{{reference}}\n{block[1]}```\n"
 
 
 def _named(name: str) -> Any:
