@@ -164,9 +164,9 @@ def test_documented_fields_are_written() -> None:
 
 
 def test_tour_has_every_package() -> None:
-    """Every package, and every one in it, is a row of docs/tour.md, and no others are."""
+    """Docs/tour.md lists all packages, to a depth of two."""
     text = (ROOT / "docs" / "tour.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `([\w/]+)/` \|", text, flags=re.MULTILINE)
+    rows = re.findall(r"^\* `([\w/]+)/`: ", text, flags=re.MULTILINE)
     folders = {
         "/".join(path.relative_to(ROOT).parts[:-1][:2])
         for package in ("dvc", "encoder", "decoder", "sfm", "sequences", "benchmarks")
