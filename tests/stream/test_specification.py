@@ -1,4 +1,4 @@
-"""The format is what docs/spec/bitstream.md and docs/spec/decoding.md say: a reader written from them reads streams."""
+"""A reader that was written from the bitstream and decoding pages of docs/spec reads frozen streams."""
 
 from functools import cache
 from pathlib import Path
