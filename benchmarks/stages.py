@@ -1,4 +1,4 @@
-"""Time of decoding by stage: `python -m benchmarks.stages [CLIP ...] [--write docs/decoding_time.md]`.
+"""Time of decoding by stage: `python -m benchmarks.stages [CLIP ...] [--write PAGE]`.
 
 Clips are coded with the default codec and decoded in one process, one frame after the other. What a stage
 calls of another stage is counted there.

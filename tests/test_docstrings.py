@@ -12,7 +12,7 @@ from numpydoc.validate import validate
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("dvc", "encoder", "decoder", "sfm", "sequences")
-LISTED = re.findall(r"^\| `([\w.]+)` \|", (ROOT / "docs" / "api.md").read_text(), flags=re.MULTILINE)
+LISTED = re.findall(r"^\w+(?:\.\w+)+$", (ROOT / "docs" / "api.md").read_text(), flags=re.MULTILINE)
 # RT01 takes properties for functions, PR03 refuses `a, b` in one entry.
 CHECKS = {"GL01", "GL02", "GL03", "GL05", "GL08", "SS02", "SS03", "PR01", "PR02", "YD01"}
 SECTION = re.compile(
@@ -64,15 +64,6 @@ def test_reference_is_documented(name: str) -> None:
         if isinstance(item, type) and ("Attributes\n" in str(item.__doc__) or "__init__" not in vars(item)):
             errors.pop("PR01", None)  # fields are documented as attributes
         assert {code: text for code, text in errors.items() if code in CHECKS} == {}
-
-
-def test_summaries_of_the_reference_are_those_of_the_docstrings() -> None:
-    """Each row of docs/api.md says what the docstring says."""
-    rows = re.findall(
-        r"^\| `([\w.]+)` \| (.*) \|$", (ROOT / "docs" / "api.md").read_text(), flags=re.MULTILINE
-    )
-    assert len(rows) == len(LISTED)
-    assert rows == [(name, (find(name).__doc__ or "").strip().splitlines()[0]) for name in LISTED]
 
 
 def test_all_else_has_short_docstrings() -> None:

@@ -10,19 +10,18 @@ from sources import DOCS
 from sphinx.application import Sphinx
 
 THESIS = "[Maitre2008]"
+_TERM = re.compile(r"^\* \*\*(.+?)\*\*: (.*) \((`.+`)\)(.*)$", re.MULTILINE)
 _PLACE = re.compile(r"(?<![\d.])(\d)\.(\d+)(?:\.(\d+))?")
 
 
 def terms(chapter: int) -> list[tuple[str, str, str, str]]:
     """Return place, term, meaning and modules of the entries of a chapter in the glossary."""
     rows = []
-    for line in (DOCS / "glossary.md").read_text(encoding="utf-8").splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split(" | ")]
-        if len(cells) == 4 and THESIS in cells[3]:
-            place = cells[3].partition(THESIS)[2].strip().rstrip("|").strip()
-            found = [(int(a), int(b), int(c or 0)) for a, b, c in _PLACE.findall(place)]
-            if found and found[0][0] == chapter:
-                rows.append(("Eq" in place[:2], found[0], (place, cells[0], cells[1], cells[2])))
+    for term, meaning, module, sources in _TERM.findall((DOCS / "glossary.md").read_text(encoding="utf-8")):
+        place = sources.partition(THESIS)[2].strip()
+        found = [(int(a), int(b), int(c or 0)) for a, b, c in _PLACE.findall(place)]
+        if found and found[0][0] == chapter:
+            rows.append(("Eq" in place[:2], found[0], (place, term, meaning, module)))
     return [row for _, _, row in sorted(rows)]
 
 

@@ -1,7 +1,7 @@
 """Every option of every command, from the parsers of the commands themselves."""
 
 import argparse
-import importlib
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,10 +33,10 @@ def parsers() -> dict[str, argparse.ArgumentParser]:
         patch.object(argparse.ArgumentParser, "parse_args", _catch),
         patch.object(argparse.ArgumentParser, "parse_intermixed_args", _catch),
     ):
-        for command, entry in sorted(scripts.items()):
-            module, _, function = entry.partition(":")
+        for command in sorted(scripts):
             try:
-                getattr(importlib.import_module(module), function)()
+                with patch.object(sys, "argv", [command]):
+                    dvc3d.main()
             except _Built as built:
                 found[command] = built.args[0]
     assert dvc3d.foreign_folder() is None

@@ -1,24 +1,41 @@
-"""What docs/api.md lists, with its whole docstrings: a page of each section."""
+"""Docstrings of the names of docs/api.md, section by section."""
 
+import importlib
 import re
+from typing import Any
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 
-_ROW = re.compile(r"^\| `([\w.]+)` \| ", re.MULTILINE)
+_NAMES = re.compile(r"^```text\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
+
+
+def names(text: str) -> list[str]:
+    """Return the names that a document lists."""
+    return [name for block in _NAMES.findall(text) for name in block.split()]
 
 
 def with_docstrings(text: str) -> str:
-    """Put the docstrings of the names of each table behind it."""
-    head, *sections = re.split(r"^(?=## )", text, flags=re.MULTILINE)
-    written = [head]
-    for section in sections:
-        names = _ROW.findall(section)
-        linked = _ROW.sub(r"| {py:obj}`\1` | ", section)
-        written.append(f"{linked}\n```{{reference}}\n" + "\n".join(names) + "\n```\n\n")
-    return "".join(written)
+    """Replace each block of names by links with summaries, and the docstrings."""
+    return _NAMES.sub(_documented, text)
+
+
+def _documented(block: re.Match[str]) -> str:
+    links = "".join(f"* {{py:obj}}`{name}`: {_summary(name)}\n" for name in block[1].split())
+    return f"{links}\n```{{reference}}\n{block[1]}```\n"
+
+
+def _named(name: str) -> Any:
+    """Import a name."""
+    module, _, attribute = name.rpartition(".")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def _summary(name: str) -> str:
+    """Return the first line of a docstring."""
+    return str(_named(name).__doc__).strip().splitlines()[0]
 
 
 class Reference(Directive):
@@ -28,13 +45,9 @@ class Reference(Directive):
 
     def run(self) -> list[nodes.Node]:
         """Document each name by autodoc."""
-        import importlib
-
         lines = []
         for name in self.content:
-            module, _, attribute = name.rpartition(".")
-            thing = getattr(importlib.import_module(module), attribute)
-            kind = "autoclass" if isinstance(thing, type) else "autofunction"
+            kind = "autoclass" if isinstance(_named(name), type) else "autofunction"
             lines += [f".. {kind}:: {name}", *(["   :members:"] if kind == "autoclass" else []), ""]
         node = nodes.container()
         self.state.nested_parse(StringList(["```{eval-rst}", *lines, "```"], "reference"), 0, node)

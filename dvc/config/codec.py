@@ -223,7 +223,7 @@ def encode_config(config: CodecConfig) -> bytes:
 
     A section is an array of its values in the order of its dataclass, that of the coder after its name. Nil
     denotes a default, and a section of defaults; arrays do not end in nil. A configuration
-    has exactly one such form, which `docs/bitstream.md` states.
+    has exactly one such form, which `docs/spec/bitstream.md` states.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The feedback channel between encoder and decoder: see `docs/feedback.md`.
+"""The feedback channel between encoder and decoder: see `docs/spec/feedback.md`.
 
 Messages and the two endpoints do no I/O; `dvc.feedback.transport` is the only module that moves bytes.
 """

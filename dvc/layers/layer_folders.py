@@ -1,6 +1,6 @@
 """Folders of layers and of sprites: pictures and disparities, and an index with the canvas.
 
-docs/layers.md describes the format.
+docs/stereo.md describes the format.
 """
 
 from pathlib import Path

@@ -36,7 +36,7 @@ _LAYERS_EXAMPLES = """\
 """
 _LAYERS_DESCRIPTION = """\
 Merge the surfaces of all views in the frame of the view nearest to (0, 0): several values of disparity and
-colour a pixel, from near to far. docs/layers.md describes the files.
+colour a pixel, from near to far. docs/stereo.md describes the files.
 """
 _SPRITES_EXAMPLES = """\
   dvc-stereo layers surfaces --out layers
@@ -44,7 +44,7 @@ _SPRITES_EXAMPLES = """\
   dvc-stereo sprites surfaces --out sprites --json - --glb sprites.glb
 """
 _SPRITES_DESCRIPTION = """\
-Cut the layered depth image of a scene into surfaces without discontinuities. docs/layers.md describes the
+Cut the layered depth image of a scene into surfaces without discontinuities. docs/stereo.md describes the
 files.
 """
 _EVALUATE_EXAMPLES = """\

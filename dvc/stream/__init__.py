@@ -1,4 +1,4 @@
-"""The container: header with the codec configuration, groups of pictures, end; see `docs/bitstream.md`."""
+"""The container: header with the codec configuration, groups of pictures, end; `docs/spec/bitstream.md`."""
 
 from dvc.stream.gop import (
     MAX_DEVIATION_TICKS,

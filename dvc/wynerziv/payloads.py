@@ -105,7 +105,7 @@ def disagreement(found: str) -> BitstreamError:
     """Return the error of a punctured stream with the requests of another decoder."""
     return BitstreamError(
         f"the punctured stream was made for other predictions than this decoder's: {found}"
-        " (are the libraries of the versions that docs/bitstream.md names?)"
+        " (are the libraries of the versions that docs/spec/bitstream.md names?)"
     )
 
 

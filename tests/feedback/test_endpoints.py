@@ -728,7 +728,7 @@ def test_any_messages_of_a_decoder_are_taken_or_refused(steps: list[Message]) ->
 
 def test_all_messages_are_described() -> None:
     """The document names every message with its type byte and its largest payload."""
-    text = (Path(__file__).parents[2] / "docs" / "feedback.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "spec" / "feedback.md").read_text()
     rows = re.findall(r"^\| (\d+) \| `(\w+)` \|.*\| ([^|]+) \|$", text, re.MULTILINE)
     limits = {name: limit.replace("2^18", str(2**18)) for _, name, limit in rows}
     assert [name for _, name, _ in rows] == [kind.__name__ for kind in TYPES]

@@ -1,4 +1,4 @@
-"""Plain twins of the track coder's kernels, written from docs/tracks.md."""
+"""Plain twins of the track coder's kernels, written from docs/spec/tracks.md."""
 
 from itertools import product
 

@@ -1,4 +1,4 @@
-"""A reader of streams, written from docs/bitstream.md and docs/decoding.md; no package is imported."""
+"""A reader of streams, written from the bitstream and decoding pages of docs/spec; it imports no package."""
 
 import struct
 import zlib

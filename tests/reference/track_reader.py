@@ -1,4 +1,4 @@
-"""A reader of point tracks, written from docs/decoding.md and docs/tracks.md; no package is imported."""
+"""A reader of point tracks, written from docs/spec/tracks.md; it imports no package."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Plain twins of kernels of track coding by regression, written from docs/tracks.md."""
+"""Plain twins of kernels of track coding by regression, written from docs/spec/tracks.md."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -26,7 +26,7 @@ from dvc.stream import Form, GopRecord, StreamReader, StreamWriter
 from dvc.stream.records import encode_configuration
 from tests.reference.stream_reader import read_configuration
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "bitstream.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "spec" / "bitstream.md"
 BEGIN, END = "<!-- fields: begin -->\n", "<!-- fields: end -->\n"
 TYPES = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes", tuple: "integers"}
 CONFIG = CodecConfig(VideoConfig(176, 144, 15, 1), key=KeyFrameConfig(25))
@@ -34,7 +34,7 @@ RECORDS = [GopRecord(1, b"K0"), GopRecord(2, b"K2", True, b"", (b"W1!",), 0x1357
 
 
 def field_rows(section: Any, place: str = "", path: str = "") -> Iterator[str]:
-    """Yield a row for each field of a section and of those in it."""
+    """Yield a line for each field of a section and of the sections in it."""
     values = [(field.name, field.default) for field in fields(section)]
     if isinstance(section, CoderConfig):
         values.insert(0, ("name", section.name))
@@ -44,14 +44,13 @@ def field_rows(section: Any, place: str = "", path: str = "") -> Iterator[str]:
             yield from field_rows(value, f"{number}.", f"{name}.")
             continue
         shown = value.hex() if isinstance(value, bytes) else json.dumps(value)
-        shown = "(none)" if default is MISSING else shown
-        yield f"| {place}{number} | `{path}{name}` | {TYPES[type(value)]} | {shown} |\n"
+        shown = "required" if default is MISSING else shown
+        yield f"{place + str(number):<5}{path + name:<36}{TYPES[type(value)]:<10}{shown}".rstrip() + "\n"
 
 
 def field_table() -> str:
-    """Return the table of all fields with their defaults."""
-    head = "| place | field | type | default |\n| --- | --- | --- | --- |\n"
-    return head + "".join(field_rows(CodecConfig(VideoConfig(1, 1, 1, 1))))
+    """Return the list of all fields with their defaults."""
+    return "```text\n" + "".join(field_rows(CodecConfig(VideoConfig(1, 1, 1, 1)))) + "```\n"
 
 
 def test_all_fields_of_the_configuration_are_described() -> None:
@@ -92,7 +91,7 @@ SETS = b"any bytes" * 40
     ],
 )
 def test_another_reader_finds_all_fields(config: CodecConfig) -> None:
-    """A reader written only from the description finds every value at its position."""
+    """A reader that was written from the description alone finds every value at its place."""
     found = read_configuration(encode_configuration(config, Form.BUFFERED))
     sets = found["parameter_sets"]
     assert sets == config.key.parameter_sets

@@ -1,4 +1,4 @@
-"""The format is what docs/bitstream.md and docs/decoding.md say: a reader written from them reads streams."""
+"""A reader that was written from the bitstream and decoding pages of docs/spec reads frozen streams."""
 
 from functools import cache
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Compiled loops of track coding by regression; described by their callers, and in `docs/tracks.md`.
+"""Compiled loops of track coding by regression; described by their callers, and in `docs/spec/tracks.md`.
 
 Products, sums, quotients and roots of double precision in a fixed order, the same on every processor. All is
 in units of the last digit of the positions.
