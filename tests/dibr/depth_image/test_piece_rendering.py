@@ -4,13 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from dvc.geometry.surfaces import Reconstruction
 
 from dvc.dibr.depth_image.piece_rendering import render, render_pieces
 from dvc.dibr.depth_image.piece_selection import reference_of, stack_of
 from dvc.dibr.depth_image.piece_stream import DecodedPieces
 from dvc.dibr.view_rendering import PictureAndDisparity, picture_of, render_pairs
-from dvc.geometry.camera_array import LatticePosition
+from dvc.geometry.camera_array import LatticePosition, Reconstruction
 from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
