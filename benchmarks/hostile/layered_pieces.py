@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from benchmarks.hostile.mutations import mutate, nearest
 from dvc.dibr.depth_image.piece_encoder import encode_to_size
-from dvc.dibr.depth_image.piece_rendering import render
 from dvc.dibr.depth_image.piece_stream import decode, decode_stream, encode_stream
-from dvc.dibr.depth_image.scene_pieces import Kind, Pieces
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, render_pieces
 from dvc.dibr.view_rendering import picture_of
 from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
@@ -100,7 +99,7 @@ def try_pieces(damaged: bytes) -> str:
         return "disparities that are not finite"
     height, width = decoded.shape
     if height * width <= _MOST_RENDERED_PX:
-        view = render(decoded, LatticePosition(0.4, 0.0))
+        view = render_pieces(decoded.scene, LatticePosition(0.4, 0.0))
         if picture_of(view).shape != (height, width, 3):
             return f"a view of {view.image.shape}, not {decoded.shape}"
     return "decoded"

@@ -7,12 +7,12 @@ import numpy as np
 
 from benchmarks.hostile.mutations import mutate, nearest
 from dvc.dibr.dibr_streams import BUILT_IN_CODECS
-from dvc.dibr.view_decoder import decode
 from dvc.dibr.view_encoder import ViewEncoder
 from dvc.dibr.view_rendering import picture_of, render
 from dvc.dibr.view_set import Views
 from dvc.dibr.view_stream import (
     PairLayer,
+    decode,
     decode_header,
     decode_stream,
     encode_layer,

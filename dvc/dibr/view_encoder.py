@@ -15,10 +15,18 @@ from dvc.dibr.dibr_streams import DEFAULT_CODEC
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
 from dvc.dibr.disparity.error_tensor import Holes, Plane, Tensor, error_tensor, subtract_hole_errors
 from dvc.dibr.disparity.integer_transforms import Labels
-from dvc.dibr.view_decoder import METHODS, significance_classes
 from dvc.dibr.view_rendering import PictureAndDisparity, picture_of, render_pairs
 from dvc.dibr.view_set import Views
-from dvc.dibr.view_stream import Header, Layer, PairLayer, decode_header, encode_header, encode_stream
+from dvc.dibr.view_stream import (
+    METHODS,
+    Header,
+    Layer,
+    PairLayer,
+    decode_header,
+    encode_header,
+    encode_stream,
+    significance_classes,
+)
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.viewpoints import Viewpoint, warp_between

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from dvc.dibr.view_decoder import decode
 from dvc.dibr.view_encoder import MAX_STEPS, TOLERANCE, Encoded, ViewEncoder
 from dvc.dibr.view_set import Views
-from dvc.dibr.view_stream import decode_stream
+from dvc.dibr.view_stream import decode, decode_stream
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dvc import cli
-from dvc.dibr import view_decoder
+from dvc.dibr import view_stream
 from dvc.dibr.commands.dibr_reports import (
     PSNR_NAMES,
     blue_first,
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _write_views(arguments: argparse.Namespace, stream: Stream) -> dict[str, Any]:
     """Decode views, write them, and return their figures."""
-    decoded = view_decoder.decode(stream, arguments.quality_layers, arguments.resolution)
+    decoded = view_stream.decode(stream, arguments.quality_layers, arguments.resolution)
     height, width = decoded.pairs[0].picture.shape[:2]
     suffixes = [f"-{number}" if number else "" for number in range(len(decoded.pairs))]
     figures = {

@@ -33,8 +33,7 @@ from dvc.dibr.depth_image import (
 )
 from dvc.dibr.depth_image.depth_image_encoder import CodedEdges, DepthOptions, code_edges
 from dvc.dibr.depth_image.depth_image_stream import MAX_BYTES
-from dvc.dibr.depth_image.piece_rendering import luma_from
-from dvc.dibr.depth_image.scene_pieces import read_pieces
+from dvc.dibr.depth_image.scene_pieces import luma_from, read_pieces
 from dvc.dibr.dibr_streams import DEFAULT_CODEC
 from dvc.dibr.view_encoder import ViewEncoder
 from dvc.dibr.view_set import Views

@@ -23,12 +23,12 @@ from dvc.dibr.commands.dibr_reports import (
     stream_figures,
     warn,
 )
-from dvc.dibr.depth_image import depth_image_stream, piece_rendering, piece_stream
+from dvc.dibr.depth_image import depth_image_stream, piece_stream
 from dvc.dibr.depth_image.depth_scale import default_hole, read_depth_map
 from dvc.dibr.depth_image.piece_stream import LayeredStream
-from dvc.dibr.view_decoder import decode
+from dvc.dibr.depth_image.scene_pieces import render_pieces
 from dvc.dibr.view_rendering import picture_of
-from dvc.dibr.view_stream import Stream
+from dvc.dibr.view_stream import Stream, decode
 from dvc.errors import ConfigError
 from dvc.files import atomic_folder, check_folder
 from dvc.images.colour import luma
@@ -91,8 +91,7 @@ def _reference_of(stream: Stream | LayeredStream) -> Any:
     """Return the decoded reference view of a stream."""
     if isinstance(stream, Stream):
         return decode(stream).pairs[0].picture
-    decoded = piece_stream.decode(stream)
-    return picture_of(piece_rendering.render(decoded, decoded.viewpoints[0]))
+    return picture_of(render_pieces(piece_stream.decode(stream).scene, depth_image_stream.ORIGIN))
 
 
 def _bits_of_views(figures: dict[str, Any]) -> dict[str, int]:

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from dvc import cli
 from dvc.dibr import view_stream
-from dvc.dibr.depth_image import depth_image_stream, piece_rendering, piece_stream
+from dvc.dibr.depth_image import depth_image_stream, piece_stream
 from dvc.dibr.depth_image.depth_image_stream import DecodedDepthImage, DepthImageStream
 from dvc.dibr.depth_image.depth_scale import DepthMap, default_hole, read_depth_map
 from dvc.dibr.depth_image.piece_stream import DecodedPieces, LayeredStream
+from dvc.dibr.depth_image.scene_pieces import render_pieces
 from dvc.dibr.dibr_streams import Body, body_of
-from dvc.dibr.view_decoder import decode
 from dvc.dibr.view_rendering import Blend, DecodedViews, picture_of, render
-from dvc.dibr.view_stream import Header, Stream, encode_layer
+from dvc.dibr.view_stream import Header, Stream, decode, encode_layer
 from dvc.errors import BitstreamError, ConfigError
 from dvc.files import read_whole
 from dvc.geometry.camera_array import LatticePosition
@@ -131,7 +131,8 @@ def shape_of(decoded: AnyDecoded) -> tuple[int, int]:
 def render_view(decoded: AnyDecoded, viewpoint: Viewpoint, blend: str = "distance") -> SynthesisedView:
     """Render a view of a decoded stream of any kind."""
     if isinstance(decoded, DecodedPieces):
-        return piece_rendering.render(decoded, viewpoint)
+        assert isinstance(viewpoint, LatticePosition), "layers and sprites are rectified"
+        return render_pieces(decoded.scene, viewpoint)
     return render(decoded, viewpoint, Blend(blend))
 
 
@@ -286,6 +287,7 @@ def layered_figures(stream: LayeredStream) -> dict[str, Any]:
 
 
 def run_info(arguments: argparse.Namespace) -> int:
+    """Print the header and sizes of a stream."""
     cli.check_outputs([arguments.path], json_files(arguments))
     stream, num_bytes = read_stream(arguments.path, arguments.max_memory)
     with naming(arguments.path):

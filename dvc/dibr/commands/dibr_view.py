@@ -23,9 +23,8 @@ from dvc.dibr.commands.dibr_reports import (
 )
 from dvc.dibr.depth_image.piece_stream import DecodedPieces
 from dvc.dibr.depth_image.scene_pieces import read_pieces
-from dvc.dibr.view_decoder import Decoded
-from dvc.dibr.viewer_page import Caption, write_page
-from dvc.dibr.viewer_scene import Scene, scene_of_pieces, scene_of_stream
+from dvc.dibr.view_stream import Decoded
+from dvc.dibr.viewer_page import Caption, Scene, scene_of_pieces, scene_of_stream, write_page
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.viewpoints import Viewpoint

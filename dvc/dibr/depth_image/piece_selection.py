@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.dibr.depth_image.piece_encoder import EncodedPieces, LayeredOptions, encode_to_size, mask_bytes
-from dvc.dibr.depth_image.piece_rendering import draw_pieces, filled, luma_from
 from dvc.dibr.depth_image.piece_stream import decode, decode_stream
-from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, bounds_of_pieces
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, bounds_of_pieces, draw_pieces, filled, luma_from
 from dvc.dibr.view_rendering import picture_of
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import LatticePosition

@@ -16,7 +16,7 @@ from dvc.dibr.disparity.integer_transforms import (
 )
 from dvc.dibr.disparity.square_codecs import QuadtreeCodec
 from dvc.dibr.disparity.tree_codec import WaveletCodec
-from dvc.dibr.view_decoder import METHODS
+from dvc.dibr.view_stream import METHODS
 from dvc.errors import BitstreamError
 from tests.dibr.disparity.codec_contract import NUM_LABELS, DisparityCodecContract, step_edge
 
