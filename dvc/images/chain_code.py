@@ -38,8 +38,9 @@ MAX_RUN = 11
 NUM_RUNS = (MAX_RUN + 1) * (MAX_RUN + 1) * 3
 
 # Contexts of three decisions: a chain ends, continues straight, turns left; three tables each.
-END, STRAIGHT, TURN = range(3)
+END, STRAIGHT, TURN = np.arange(3)  # no literals, for each of which numba compiles
 _SIZES = NUM_HISTORIES + NUM_RUNS + 81
+_OFF, _ON = np.arange(2, dtype=np.uint8)
 NUM_CONTEXTS = 3 * _SIZES
 NUM_MIXTURES = 6
 
@@ -217,10 +218,10 @@ _CODES = {EdgeCode.FIXED: _code_fixed, EdgeCode.ADAPTIVE: _code_adaptive}
 @kernel
 def follow(below: Flags, right: Flags, row: int, column: int, directions: Directions, count: int) -> Any:
     """Follow a chain from a vertex to its end, straight if possible, and erase it; return the count."""
-    last = -1
+    last = np.int64(-1)
     turn = 0
     while True:
-        chosen = -1
+        chosen = np.int64(-1)
         if last < 0:
             for direction in range(4):
                 if chosen < 0 and has_element(below, right, row, column, direction):
@@ -235,7 +236,7 @@ def follow(below: Flags, right: Flags, row: int, column: int, directions: Direct
                 chosen = (first + 2) % 4
         if chosen < 0:
             return count
-        set_element(below, right, row, column, chosen, 0)
+        set_element(below, right, row, column, chosen, _OFF)
         directions[count] = chosen
         count += 1
         if last >= 0 and chosen != last:
@@ -250,7 +251,7 @@ def trace_edges(
 ) -> Any:
     """Decompose edges, which are erased, into as few chains as possible; return their number."""
     height, width = below.shape
-    chains, count = 0, 0
+    chains, count = 0, np.int64(0)
     for closed in range(2):
         for row in range(height + 1):
             for column in range(width + 1):
@@ -273,7 +274,7 @@ def draw_chain(below: Flags, right: Flags, row: int, column: int, directions: Di
         direction: Any = np.int64(directions[k])
         if not is_inside(below, row, column, direction):
             return False
-        set_element(below, right, row, column, direction, 1)
+        set_element(below, right, row, column, direction, _ON)
         row, column = next_vertex(row, column, direction)
     return True
 
@@ -348,10 +349,11 @@ def code_chain(
     last: Any = np.int64(directions[0])
     if not _is_open(below, right, row, column, last):
         return -1
-    history, run, run_before, same, turn = NUM_HISTORIES // 2, 0, 0, 0, 0
+    history, zero = NUM_HISTORIES // 2, np.int64(0)
+    run, run_before, same, turn = zero, zero, zero, zero
     count = 1
     while True:
-        set_element(below, right, row, column, last, 1)
+        set_element(below, right, row, column, last, _ON)
         row, column = next_vertex(row, column, last)
         straight = _is_open(below, right, row, column, last)
         left = _is_open(below, right, row, column, (last + 1) % 4)
