@@ -38,9 +38,11 @@ MAX_RUN = 11
 NUM_RUNS = (MAX_RUN + 1) * (MAX_RUN + 1) * 3
 
 # Contexts of three decisions: a chain ends, continues straight, turns left; three tables each.
-END, STRAIGHT, TURN = np.arange(3)  # no literals, for each of which numba compiles
+_DECISIONS: Any = np.arange(3)  # no literals, for each of which numba compiles
+END, STRAIGHT, TURN = _DECISIONS
 _SIZES = NUM_HISTORIES + NUM_RUNS + 81
-_OFF, _ON = np.arange(2, dtype=np.uint8)
+_VALUES: Any = np.arange(2, dtype=np.uint8)
+_OFF, _ON = _VALUES
 NUM_CONTEXTS = 3 * _SIZES
 NUM_MIXTURES = 6
 
@@ -218,10 +220,10 @@ _CODES = {EdgeCode.FIXED: _code_fixed, EdgeCode.ADAPTIVE: _code_adaptive}
 @kernel
 def follow(below: Flags, right: Flags, row: int, column: int, directions: Directions, count: int) -> Any:
     """Follow a chain from a vertex to its end, straight if possible, and erase it; return the count."""
-    last = np.int64(-1)
+    last: Any = np.int64(-1)
     turn = 0
     while True:
-        chosen = np.int64(-1)
+        chosen: Any = np.int64(-1)
         if last < 0:
             for direction in range(4):
                 if chosen < 0 and has_element(below, right, row, column, direction):
@@ -251,7 +253,8 @@ def trace_edges(
 ) -> Any:
     """Decompose edges, which are erased, into as few chains as possible; return their number."""
     height, width = below.shape
-    chains, count = 0, np.int64(0)
+    chains = 0
+    count: Any = np.int64(0)
     for closed in range(2):
         for row in range(height + 1):
             for column in range(width + 1):
@@ -349,7 +352,8 @@ def code_chain(
     last: Any = np.int64(directions[0])
     if not _is_open(below, right, row, column, last):
         return -1
-    history, zero = NUM_HISTORIES // 2, np.int64(0)
+    history = NUM_HISTORIES // 2
+    zero: Any = np.int64(0)
     run, run_before, same, turn = zero, zero, zero, zero
     count = 1
     while True:

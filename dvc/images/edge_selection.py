@@ -208,7 +208,7 @@ def transform_cost(
 
 
 @kernel
-def _set_piece(below: Flags, right: Flags, elements: Integers, value: int) -> None:
+def _set_piece(below: Flags, right: Flags, elements: Integers, value: Any) -> None:
     for k in range(len(elements)):
         set_element(below, right, elements[k, 0], elements[k, 1], elements[k, 2], value)
 

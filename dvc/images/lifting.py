@@ -18,6 +18,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice, repeat
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,7 +37,7 @@ EXTRAPOLATION = np.array(
 
 _SAMPLES_AT_ONCE = 2**17  # samples of rows that are merged at once: planes may be large
 _BEFORE, _AFTER = np.array([-1, 1])  # no literals, for each of which numba compiles
-FORWARD = np.bool_(False)
+FORWARD: Any = np.bool_(False)
 MAX_ORDER = 3
 """Highest degree of the polynomials."""
 

@@ -32,7 +32,8 @@ Int = Any
 """Whole number of Python or numpy."""
 
 INF = np.float32(np.inf)
-ZERO_ERROR, ZERO_LABEL = np.float32(0.0), np.int64(0)  # no literals, for each of which numba compiles
+ZERO_LABEL: Any = np.int64(0)  # no literal, for which numba would compile
+ZERO_ERROR: Any = np.float32(0.0)
 ZERO, NONZERO, SLOPE, JUMP, TEAR = range(5)
 """Columns of `LevelCosts.coefficients`."""
 
