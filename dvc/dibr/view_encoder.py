@@ -167,7 +167,7 @@ class ViewEncoder:
         picture_bytes, growth = int(PICTURE_SHARE * max_bytes), 1.0 / PICTURE_SHARE
         tried: list[tuple[int, int]] = []
         for _ in range(MAX_STEPS):
-            encoded = self.encode(self.multiplier_of_pictures(picture_bytes), picture_bytes)
+            encoded = self.encode(self._multiplier_of_pictures(picture_bytes), picture_bytes)
             size = len(encoded.data)
             if size <= max_bytes and (best is None or size > len(best.data)):
                 best = encoded
@@ -189,20 +189,9 @@ class ViewEncoder:
             )
         return smallest
 
-    def multiplier_of_pictures(self, num_bytes: int) -> float:
-        """Return the multiplier at which the code of all pictures has a length.
-
-        Parameters
-        ----------
-        num_bytes : int
-            The length.
-
-        Returns
-        -------
-        float
-            From `SMALLEST_MULTIPLIER` to `LARGEST_MULTIPLIER`. Lengths jump at some multipliers, so it is a
-            mean over neighbouring lengths.
-        """
+    def _multiplier_of_pictures(self, num_bytes: int) -> float:
+        """Return the multiplier at which the code of all pictures has a length."""
+        # lengths jump at some multipliers, so it is a mean over neighbouring lengths
         plane = lowest_plane_at(LARGEST_MULTIPLIER)
         while True:
             self._code_pictures(plane, MULTIPLIER_SHARES[-1] * num_bytes)

@@ -57,35 +57,25 @@ class Kind(StrEnum):
     LAYERS = "a folder of layers or sprites"
 
 
-_MAPS, _PICTURES = (Kind.IMAGE, Kind.MAP), (Kind.IMAGE, Kind.LAYERS)
-KINDS = {
-    **dict.fromkeys(
-        ("lattice", "views", "disparities", "cameras", "depths", "multiplier", "disparity", "references"),
-        (Kind.VIEWS,),
-    ),
-    "quality_layers": (Kind.VIEWS,),
-    "gray": (Kind.VIEWS, *_PICTURES),
-    "depth": (Kind.IMAGE,),
-    **dict.fromkeys(("depth_scale", "near_far", "transform", "edges", "hole", "no_holes"), _MAPS),
-    **dict.fromkeys(("wavelet", "order_depth"), (*_MAPS, Kind.LAYERS)),
-    **dict.fromkeys(("order_image", "depth_share"), _PICTURES),
-    "keep": (Kind.LAYERS,),
+_VIEWS, _MAPS, _PICTURES = (Kind.VIEWS,), (Kind.IMAGE, Kind.MAP), (Kind.IMAGE, Kind.LAYERS)
+OPTIONS: dict[str, tuple[tuple[Kind, ...], Any]] = {
+    **dict.fromkeys(("lattice", "views", "disparities", "cameras", "depths", "multiplier"), (_VIEWS, None)),
+    "disparity": (_VIEWS, DEFAULT_CODEC),
+    "quality_layers": (_VIEWS, 1),
+    "references": (_VIEWS, ()),
+    "gray": ((Kind.VIEWS, *_PICTURES), False),
+    "depth": ((Kind.IMAGE,), None),
+    **dict.fromkeys(("near_far", "hole", "no_holes"), (_MAPS, None)),
+    "depth_scale": (_MAPS, 1.0),
+    "transform": (_MAPS, TRANSFORMS[0]),
+    "edges": (_MAPS, EDGES[0]),
+    "wavelet": ((*_MAPS, Kind.LAYERS), WAVELETS[0]),
+    "order_depth": ((*_MAPS, Kind.LAYERS), 1),
+    "order_image": (_PICTURES, 0),
+    "depth_share": (_PICTURES, 0.2),
+    "keep": ((Kind.LAYERS,), KEEP[0]),
 }
-"""Kinds of input that accept an option."""
-DEFAULTS = {
-    "disparity": DEFAULT_CODEC,
-    "quality_layers": 1,
-    "references": (),
-    "gray": False,
-    "depth_scale": 1.0,
-    "transform": TRANSFORMS[0],
-    "edges": EDGES[0],
-    "wavelet": WAVELETS[0],
-    "order_depth": 1,
-    "order_image": 0,
-    "depth_share": 0.2,
-    "keep": KEEP[0],
-}
+"""Kinds of input that accept an option, and its default."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -118,15 +108,14 @@ def kind_of(paths: list[str], arguments: argparse.Namespace) -> Kind:
 
 def _check_options(kind: Kind, arguments: argparse.Namespace) -> None:
     """Refuse options of other kinds of input, and set the defaults of the rest."""
-    for name, kinds in KINDS.items():
-        if getattr(arguments, name) is not None and kind not in kinds:
+    for name, (kinds, default) in OPTIONS.items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, default)
+        elif kind not in kinds:
             option = "--lambda" if name == "multiplier" else f"--{name.replace('_', '-')}"
             raise ConfigError(f"{option} requires {' or '.join(kinds)}; the input is {kind}")
     if (arguments.bpp is None) == (arguments.multiplier is None):
         raise ConfigError("expected --bpp, or --lambda for views")
-    for name, value in DEFAULTS.items():
-        if getattr(arguments, name) is None:
-            setattr(arguments, name, value)
 
 
 def _max_bytes(arguments: argparse.Namespace, num_pixels: int) -> int:
