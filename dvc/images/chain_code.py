@@ -21,8 +21,17 @@ from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
 from dvc.entropy.mixing import Mixture, code_mixed, new_mixture
 from dvc.entropy.range_coder import CoderState, code_decision
 from dvc.errors import BitstreamError, ConfigError
-from dvc.images.edge_maps import EdgeMaps, Flags, degree, has_element, is_inside, next_vertex, set_element
-from dvc.images.edge_masks import Mask, code_mask
+from dvc.images.edge_maps import (
+    EdgeMaps,
+    Flags,
+    Mask,
+    code_mask,
+    degree,
+    has_element,
+    is_inside,
+    next_vertex,
+    set_element,
+)
 
 _WEIGHT = 0.4
 _LENGTH_BITS = 24

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.images.chain_code import Chains, trace
 from dvc.images.edge_extraction import edges_of_jumps
-from dvc.images.edge_maps import DOWN, RIGHT, EdgeMaps, Flags, coarser, degree, next_vertex, set_element
-from dvc.images.edge_masks import Mask
+from dvc.images.edge_maps import DOWN, RIGHT, EdgeMaps, Flags, Mask, coarser, degree, next_vertex, set_element
 from dvc.images.lifting import FORWARD, WAVELETS, Plane, Wavelet, lift_columns
 
 CANDIDATE_STEPS = 0.5
