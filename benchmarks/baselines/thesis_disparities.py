@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.dibr.disparity import _kernels
-from dvc.dibr.disparity.disparity_codec import DisparityCodec, Known
+from dvc.dibr.disparity.disparity_codec import Classes, DisparityCodec, Known
 from dvc.dibr.disparity.error_tensor import Distortion, Tensor
 from dvc.dibr.disparity.integer_transforms import (
     L_TRANSFORM,
@@ -30,7 +30,6 @@ from dvc.dibr.disparity.integer_transforms import (
 )
 from dvc.dibr.disparity.square_codecs import Quadtree, bits_of_label, prune, square_sums
 from dvc.dibr.disparity.tree_codec import TreeCodec
-from dvc.dibr.disparity.tree_coding import Classes
 from dvc.dibr.disparity.tree_optimisation import LevelCosts, optimise_tree
 from dvc.entropy import RangeCoder, context_counts
 from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS

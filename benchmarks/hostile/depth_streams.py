@@ -18,19 +18,18 @@ from dvc.dibr.depth_image.depth_image_stream import decode_stream as decode_dept
 from dvc.dibr.depth_image.depth_image_stream import encode_stream as encode_depth_image
 from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.piece_encoder import encode_to_size as encode_layers
-from dvc.dibr.depth_image.piece_rendering import render as render_layers
 from dvc.dibr.depth_image.piece_stream import decode as decode_layers
 from dvc.dibr.depth_image.piece_stream import decode_stream as decode_pieces
 from dvc.dibr.depth_image.piece_stream import encode_stream as encode_pieces
 from dvc.dibr.depth_image.scene_pieces import Kind as PieceKind
-from dvc.dibr.depth_image.scene_pieces import Pieces
+from dvc.dibr.depth_image.scene_pieces import Pieces, render_pieces
 from dvc.dibr.dibr_streams import BUILT_IN_CODECS
-from dvc.dibr.view_decoder import decode as decode_pairs
 from dvc.dibr.view_encoder import ViewEncoder
 from dvc.dibr.view_rendering import picture_of
 from dvc.dibr.view_rendering import render as render_pairs
 from dvc.dibr.view_set import Views
 from dvc.dibr.view_stream import PairLayer, decode_header, encode_layer
+from dvc.dibr.view_stream import decode as decode_pairs
 from dvc.dibr.view_stream import decode_stream as decode_views
 from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
@@ -280,7 +279,7 @@ def try_pieces(damaged: bytes) -> str:
         return "disparities that are not finite"
     height, width = decoded.shape
     if height * width <= _MOST_RENDERED_PX:
-        view = render_layers(decoded, LatticePosition(0.4, 0.0))
+        view = render_pieces(decoded.scene, LatticePosition(0.4, 0.0))
         if picture_of(view).shape != (height, width, 3):
             return f"a view of {view.image.shape}, not {decoded.shape}"
     return "decoded"

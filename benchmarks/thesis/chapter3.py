@@ -30,15 +30,14 @@ from benchmarks.thesis.view_curves import (
     worst_loss,
 )
 from dvc.array_files import load_array, parse_disparities
+from dvc.dibr.disparity.disparity_codec import all_significant
 from dvc.dibr.disparity.error_tensor import error_tensor
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM
 from dvc.dibr.disparity.tree_codec import WaveletCodec
-from dvc.dibr.disparity.tree_coding import all_significant
 from dvc.dibr.disparity.tree_optimisation import optimise_tree
-from dvc.dibr.view_decoder import decode
 from dvc.dibr.view_encoder import ViewEncoder
 from dvc.dibr.view_set import Views, views_of_array
-from dvc.dibr.view_stream import decode_stream
+from dvc.dibr.view_stream import decode, decode_stream
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.viewpoints import warp_between

@@ -14,11 +14,10 @@ from benchmarks.thesis.harness import Method
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM
 from dvc.dibr.disparity.square_codecs import BlockCodec, QuadtreeCodec
-from dvc.dibr.view_decoder import METHODS, Decoded, decode
 from dvc.dibr.view_encoder import Encoded, ViewEncoder
 from dvc.dibr.view_rendering import PictureAndDisparity, picture_of, render
 from dvc.dibr.view_set import Views
-from dvc.dibr.view_stream import decode_stream, encode_layer
+from dvc.dibr.view_stream import METHODS, Decoded, decode, decode_stream, encode_layer
 from dvc.errors import RdCurveError
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.view_synthesis import poisson_filled

@@ -2,8 +2,8 @@
 
 import sys
 
-from dvc.dibr.commands import dibr_decode, dibr_encode, dibr_evaluate, dibr_render, dibr_view
-from dvc.subcommands import Subcommand, command
+from dvc.dibr.commands.dibr_options import SUBCOMMANDS
+from dvc.subcommands import command
 
 EXAMPLES = """\
   dvc-dibr encode left.png right.png pair.dibr --disparities 0:60 --bpp 0.5
@@ -16,15 +16,6 @@ EXAMPLES = """\
   dvc-dibr view pair.dibr --out pair.html
   dvc-dibr evaluate pair.dibr other.dibr --truth-image left.png
 """
-SUBCOMMANDS = {
-    "encode": Subcommand.of(dibr_encode),
-    "decode": Subcommand.of(dibr_decode),
-    "render": Subcommand.of(dibr_render),
-    "view": Subcommand.of(dibr_view),
-    "info": dibr_evaluate.INFO,
-    "evaluate": Subcommand.of(dibr_evaluate),
-}
-
 main = command(
     "dvc-dibr",
     "Views and their depth, coded together; any view rendered from them.",

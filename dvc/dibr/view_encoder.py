@@ -15,10 +15,18 @@ from dvc.dibr.dibr_streams import DEFAULT_CODEC
 from dvc.dibr.disparity.disparity_codec import DisparityCodec
 from dvc.dibr.disparity.error_tensor import Holes, Plane, Tensor, error_tensor, subtract_hole_errors
 from dvc.dibr.disparity.integer_transforms import Labels
-from dvc.dibr.view_decoder import METHODS, significance_classes
 from dvc.dibr.view_rendering import PictureAndDisparity, picture_of, render_pairs
 from dvc.dibr.view_set import Views
-from dvc.dibr.view_stream import Header, Layer, PairLayer, decode_header, encode_header, encode_stream
+from dvc.dibr.view_stream import (
+    METHODS,
+    Header,
+    Layer,
+    PairLayer,
+    decode_header,
+    encode_header,
+    encode_stream,
+    significance_classes,
+)
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.viewpoints import Viewpoint, warp_between
@@ -159,7 +167,7 @@ class ViewEncoder:
         picture_bytes, growth = int(PICTURE_SHARE * max_bytes), 1.0 / PICTURE_SHARE
         tried: list[tuple[int, int]] = []
         for _ in range(MAX_STEPS):
-            encoded = self.encode(self.multiplier_of_pictures(picture_bytes), picture_bytes)
+            encoded = self.encode(self._multiplier_of_pictures(picture_bytes), picture_bytes)
             size = len(encoded.data)
             if size <= max_bytes and (best is None or size > len(best.data)):
                 best = encoded
@@ -181,20 +189,9 @@ class ViewEncoder:
             )
         return smallest
 
-    def multiplier_of_pictures(self, num_bytes: int) -> float:
-        """Return the multiplier at which the code of all pictures has a length.
-
-        Parameters
-        ----------
-        num_bytes : int
-            The length.
-
-        Returns
-        -------
-        float
-            From `SMALLEST_MULTIPLIER` to `LARGEST_MULTIPLIER`. Lengths jump at some multipliers, so it is a
-            mean over neighbouring lengths.
-        """
+    def _multiplier_of_pictures(self, num_bytes: int) -> float:
+        """Return the multiplier at which the code of all pictures has a length."""
+        # lengths jump at some multipliers, so it is a mean over neighbouring lengths
         plane = lowest_plane_at(LARGEST_MULTIPLIER)
         while True:
             self._code_pictures(plane, MULTIPLIER_SHARES[-1] * num_bytes)

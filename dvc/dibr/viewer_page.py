@@ -1,24 +1,236 @@
-"""The page of the viewer: one file with a scene and the programs that draw it, which loads nothing."""
+"""The page of the viewer: one file with a scene and the programs that draw it, which loads nothing.
 
-from dataclasses import dataclass
+A scene has pictures with disparities and masks, their viewpoints, and bounds of the viewpoint. A *source* is
+the view of one viewpoint, in one piece or in several behind each other; several sources show the same scene.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Self
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.viewer_scene import Piece, Scene, Source, is_whole, positions_of, seen_of, unit_of
+from dvc.dibr.depth_image.scene_pieces import (
+    Bounds,
+    Kind,
+    Pieces,
+    bounds_around,
+    bounds_of_one,
+    bounds_of_pieces,
+    layers_of,
+)
+from dvc.dibr.view_rendering import DecodedViews, with_margin
 from dvc.geometry.camera_array import LatticePosition
-from dvc.geometry.viewpoints import CalibratedViewpoint
+from dvc.geometry.viewpoints import CalibratedViewpoint, Viewpoint, distance
+from dvc.layers.canvas import DEPTH_RANGE
+from dvc.layers.sprites import Sprite
 from dvc.web.document import data_uri
 from dvc.web.surfaces import StageFiles, camera_values, palette_text, surface_values, webp, write_stage
 
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 FILES = StageFiles(resources.files("dvc.dibr") / "templates", "viewer.html.j2", ("warps.js", "viewer.js"))
 STILL_QUALITY = 85
 """Quality of a picture that is only shown if nothing can be drawn."""
+
+
+class Piece(NamedTuple):
+    """A surface as one viewpoint sees it."""
+
+    picture: NDArray[np.uint8]  # red, green and blue; continued around the mask
+    disparity: Floats  # pixels per unit of m and n; inverse depth for calibrated cameras
+    mask: Mask  # pixels of the surface
+    left: int = 0  # column and row of its first pixel in the view
+    top: int = 0
+
+
+class Source(NamedTuple):
+    """The view of one viewpoint."""
+
+    viewpoint: Viewpoint
+    pieces: tuple[Piece, ...]  # surfaces, near before far if they overlap
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene."""
+
+    shape: tuple[int, int]  # height and width of a view, in pixels
+    # at least one, of viewpoints of one kind; a visit begins at the first
+    sources: tuple[Source, ...]
+    step: float  # neighbours whose disparities differ by at most 1.5 of it are one surface
+    viewpoints: tuple[Viewpoint, ...]  # viewpoints of all known views, that of the first source first
+    bounds: Bounds  # bounds of the viewpoint
+
+    @property
+    def num_pixels(self) -> int:
+        """Number of pixels of all pieces."""
+        return sum(piece.mask.size for source in self.sources for piece in source.pieces)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Least and largest disparity."""
+        values = [piece.disparity[piece.mask] for source in self.sources for piece in source.pieces]
+        known = [each for each in values if each.size]
+        if not known:
+            return 0.0, 0.0
+        return min(float(each.min()) for each in known), max(float(each.max()) for each in known)
+
+    @property
+    def extent(self) -> float:
+        """Range of disparities, at least a step; 1 if both are zero."""
+        lowest, highest = self.range
+        return max(highest - lowest, self.step) or 1.0
+
+    @property
+    def infinity(self) -> float:
+        """Disparity of infinity; if it is unknown, below all disparities."""
+        lowest, highest = self.range
+        is_calibrated = isinstance(self.viewpoints[0], CalibratedViewpoint)
+        if is_calibrated or (lowest > 0.0 and highest <= DEPTH_RANGE * lowest):
+            return 0.0
+        return lowest - self.extent / (DEPTH_RANGE - 1.0)
+
+
+def source_of(
+    picture: NDArray[np.uint8],
+    disparity: Floats,
+    mask: Mask | None = None,
+    viewpoint: Viewpoint | None = None,
+) -> Source:
+    """Return the source of a picture with its disparities."""
+    known = np.ones(disparity.shape, np.bool_) if mask is None else mask
+    return Source(viewpoint or LatticePosition(0.0, 0.0), (piece_of(picture, disparity, known),))
+
+
+def scene_of_picture(source: Source, step: float) -> Scene:
+    """Return the scene of a single picture with disparities."""
+    height, width = source.pieces[0].disparity.shape
+    scene = Scene((height, width), (source,), step, (source.viewpoint,), Bounds(0.0, 0.0, 0.0, 0.0))
+    return replace(scene, bounds=bounds_of_one(width, scene.extent))
+
+
+def scene_of_stream(decoded: DecodedViews) -> Scene:
+    """Return the scene of a decoded stream."""
+    sources = tuple(source_of(pair.picture, pair.disparity, None, pair.viewpoint) for pair in decoded.pairs)
+    step, viewpoints = decoded.step, decoded.viewpoints
+    if len(viewpoints) == 1:
+        return scene_of_picture(sources[0], step)
+    height, width = decoded.pairs[0].disparity.shape
+    across, down, _ = positions_of(viewpoints).T.tolist()
+    bounds = bounds_around(min(across), max(across), min(down), max(down))
+    return Scene((height, width), sources, step, viewpoints, bounds)
+
+
+def piece_of(picture: NDArray[np.uint8], disparity: NDArray[np.floating], mask: Mask) -> Piece:
+    """Return a picture as a piece, in three channels and with a margin around its mask."""
+    image = picture.reshape(*picture.shape[:2], -1)
+    image = np.repeat(image, 3, axis=2) if image.shape[2] == 1 else image
+    return Piece(with_margin(image, mask), disparity.astype(np.float64), mask)
+
+
+def is_whole(source: Source, shape: tuple[int, int]) -> bool:
+    """Return whether a source is one piece that fills its view."""
+    first = source.pieces[0]
+    position = first.left, first.top
+    return (
+        len(source.pieces) == 1
+        and first.mask.shape == shape
+        and position == (0, 0)
+        and bool(first.mask.all())
+    )
+
+
+def seen_of(source: Source, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return the view of a source at its own viewpoint."""
+    picture, nearest = np.zeros((*shape, 3), np.uint8), np.full(shape, -np.inf)
+    for piece in source.pieces:
+        y, x = (
+            index + first
+            for index, first in zip(np.nonzero(piece.mask), (piece.top, piece.left), strict=True)
+        )
+        inside = (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
+        y, x, disparity = y[inside], x[inside], piece.disparity[piece.mask][inside]
+        front = disparity > nearest[y, x]
+        nearest[y[front], x[front]] = disparity[front]
+        picture[y[front], x[front]] = piece.picture[piece.mask][inside][front]
+    return picture
+
+
+def positions_of(viewpoints: Sequence[Viewpoint]) -> Floats:
+    """Return the positions of viewpoints in coordinates of the viewer."""
+    first = viewpoints[0]
+    if isinstance(first, LatticePosition):
+        return np.array([[*view, 0.0] for view in viewpoints if isinstance(view, LatticePosition)])
+    views = [view for view in viewpoints if isinstance(view, CalibratedViewpoint)]
+    return np.asarray([view.centre - first.centre for view in views] @ first.pose[:, :3].T / unit_of(views))
+
+
+def unit_of(viewpoints: Sequence[CalibratedViewpoint]) -> float:
+    """Return the distance of the farthest camera from the first, which is a unit of m and n."""
+    return max(distance(viewpoints[0], view) for view in viewpoints) or 1.0
+
+
+def scene_of_pieces(scene: Pieces) -> Scene:
+    """Return the scene of layers or sprites, moved so that the reference view begins at (0, 0)."""
+    canvas, frame = scene.canvas, scene.canvas.frame
+    if scene.kind is Kind.LAYERS:
+        image = layers_of(scene)
+        planes = list(zip(image.colour, image.disparity, image.occupied, strict=True))
+    else:
+        planes = [plane[:3] for plane in _planes(scene.pieces, canvas.shape)]
+    placed = [
+        piece._replace(left=piece.left - frame.left, top=piece.top - frame.top)
+        for piece in (_cut(piece_of(*plane)) for plane in planes)
+        if piece.mask.any()
+    ]
+    source = Source(LatticePosition(0.0, 0.0), tuple(placed))
+    shape = frame.height, frame.width
+    return Scene(shape, (source,), canvas.resolution, (source.viewpoint,), bounds_of_pieces(scene))
+
+
+class _Plane(NamedTuple):
+    """Sprites that do not touch each other, and the pixels that no further one may have."""
+
+    colour: NDArray[np.uint8]
+    disparity: Floats
+    mask: Mask
+    taken: Mask
+
+    @classmethod
+    def empty(cls, shape: tuple[int, int]) -> Self:
+        """Return a plane without sprites."""
+        nowhere = np.zeros(shape, np.bool_)
+        return cls(np.zeros((*shape, 3), np.uint8), np.zeros(shape), nowhere, nowhere.copy())
+
+
+def _planes(sprites: Sequence[Sprite], shape: tuple[int, int]) -> list[_Plane]:
+    """Return sprites on few planes."""
+    planes: list[_Plane] = []
+    for sprite in sorted(sprites, key=lambda each: -each.num_values):
+        inside = sprite.slices
+        plane = next((each for each in planes if not (each.taken[inside] & sprite.mask).any()), None)
+        if plane is None:
+            plane = _Plane.empty(shape)
+            planes.append(plane)
+        plane.colour[inside][sprite.mask] = sprite.colour[sprite.mask]
+        plane.disparity[inside][sprite.mask] = sprite.disparity[sprite.mask]
+        plane.mask[inside] |= sprite.mask
+        around = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in inside)
+        plane.taken[around] |= cv2.dilate(plane.mask[around].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return planes
+
+
+def _cut(piece: Piece) -> Piece:
+    """Return a piece within the bounding rectangle of its mask."""
+    left, top, width, height = cv2.boundingRect(piece.mask.astype(np.uint8))
+    inside = slice(top, top + height), slice(left, left + width)
+    return Piece(piece.picture[inside], piece.disparity[inside], piece.mask[inside], left, top)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Compiled loops of the coder: passes over zerotrees, contexts, mixed probabilities.
 
 Each function codes in both directions: it writes the decisions that the target values lead to, or reads them.
+Constants that are arguments have types of numpy: numba compiles a function anew for each literal.
 """
 
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from dvc.entropy.range_coder import FAILED, POSITION, READING, CoderState, code_
 # Columns of `Run.marks`; the last two are what a writer knows.
 BAND, FLAGS, LAST_PLANE, PLANES_BELOW, PLANES_DEEPER = range(5)
 NUM_READER_MARKS, NUM_WRITER_MARKS = 3, 5
-EXISTS, HAS_CHILDREN, HAS_GRANDCHILDREN, OPENED = 1, 2, 4, 8
+EXISTS, HAS_CHILDREN, HAS_GRANDCHILDREN, OPENED = np.array([1, 2, 4, 8], np.uint8)
 
 # Columns of `Run.bands`: first node and size of a band, and the bands of its parents and children, or NONE.
 FIRST, STRIDE, ROWS, COLUMNS, KIND, LEVEL, COMPONENT, ABOVE, BELOW = range(9)
@@ -24,7 +25,7 @@ LOW_BAND, HORIZONTAL, VERTICAL, DIAGONAL = range(4)
 
 # `Run.fields`: ends of the two chains of `Run.links`, lengths of `Run.sets` and `Run.opening`, position,
 # how many decisions were coded.
-PENDING, PENDING_END, SIGNIFICANT, SIGNIFICANT_END, SETS, OPENING, STOPPED, PLANE, DECISIONS = range(9)
+PENDING, PENDING_END, SIGNIFICANT, SIGNIFICANT_END, SETS, OPENING, STOPPED, PLANE, DECISIONS = np.arange(9)
 NUM_FIELDS = 9
 MOST_CHILDREN = 9
 """Most children of a node: bands have up to one row and column more than twice those of the band above."""
@@ -34,13 +35,15 @@ _SIZES = (256, 256, 512, 24), (256, 256, 384, 32), (64, 64, 64, 4), (64, 64, 64,
 NUM_CONTEXTS, NUM_WEIGHTS = sum(sum(sizes[:3]) for sizes in _SIZES), sum(sizes[3] for sizes in _SIZES)
 
 
-def _starts(kind: int) -> tuple[int, int, int, int]:
+def _starts(kind: int) -> tuple[np.int64, ...]:
     """Return the first contexts of a kind of decision in each table, and its weights."""
     first, weights = sum(sum(sizes[:3]) for sizes in _SIZES[:kind]), sum(sizes[3] for sizes in _SIZES[:kind])
-    return first, first + _SIZES[kind][0], first + sum(_SIZES[kind][:2]), weights
+    return tuple(map(np.int64, (first, first + _SIZES[kind][0], first + sum(_SIZES[kind][:2]), weights)))
 
 
 _COEFFICIENT, _SET, _REFINEMENT, _SIGN = (_starts(kind) for kind in range(4))
+_SINGLE, _CHILD = np.arange(2)  # modes of coefficients
+_NO, _YES = np.array([False, True])
 
 FREE_DECISIONS, DECISIONS_PER_BYTE = 2**20, 1024
 """Most decisions of any stream, and of each byte. Ramps of 2048x2048 pixels take 20 to 160 a byte.
@@ -150,10 +153,11 @@ def code_planes(run, roots, num_planes, lowest_plane):
     """Code bit planes, the highest first, to a last one or until the data or the room are used up."""
     fields, links = run.fields, run.links
     for root in roots:
-        if _has(run, root, EXISTS):
-            _append(fields, links, PENDING, np.int64(root))
-        if _has(run, root, HAS_CHILDREN):
-            _append_set(run, np.int64(root))
+        node = np.int64(root)
+        if _has(run, node, EXISTS):
+            _append(fields, links, PENDING, node)
+        if _has(run, node, HAS_CHILDREN):
+            _append_set(run, node)
     for plane in range(num_planes - 1, lowest_plane - 1, -1):
         fields[PLANE] = plane
         last = fields[SIGNIFICANT_END]
@@ -191,7 +195,7 @@ def _pending_pass(run):
     before, i = 0, fields[PENDING]
     while i and not fields[STOPPED]:
         after = np.int64(links[i])
-        if not _code_coefficient(run, i, 0, False):
+        if not _code_coefficient(run, i, _SINGLE, _NO):
             before = i
         else:
             if before == 0:
@@ -251,12 +255,12 @@ def _code_children(run, node):
             if _has(run, child, EXISTS):
                 left -= 1
                 certain = left == 0 and not found and not _has(run, node, HAS_GRANDCHILDREN)
-                if _code_coefficient(run, child, 1, certain):
+                if _code_coefficient(run, child, _CHILD, certain):
                     found = True
                 else:
                     _append(fields, run.links, PENDING, child)
     if _has(run, node, HAS_GRANDCHILDREN):
-        if not found or _code_set(run, node, True):
+        if not found or _code_set(run, node, _YES):
             _split(run, node)
         else:
             _append_set(run, -node)
@@ -275,7 +279,7 @@ def _split(run, node):
             child = first + row * stride + column
             if _has(run, child, HAS_CHILDREN):
                 left -= 1
-                if (left == 0 and not found) or _code_set(run, child, False):
+                if (left == 0 and not found) or _code_set(run, child, _NO):
                     found = True
                     _open(run, child)
                 else:
@@ -396,7 +400,7 @@ def _code_sign(run, i, negative):
         h, v = v, h
     falling = _signs(values[i - s - 1], values[i + s + 1])
     rising = _signs(values[i - s + 1], values[i + s - 1])
-    parent = _signs(values[_parent(run, band, i)], 0)
+    parent = _signs(values[_parent(run, band, i)], np.int32(0))
     number = ((h * 3 + v) * 3 + falling) * 3 + rising
     flip = -1 if number < 0 else 1
     first = flip * (h * 3 + v) * 4 + kind

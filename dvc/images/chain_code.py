@@ -21,8 +21,17 @@ from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
 from dvc.entropy.mixing import Mixture, code_mixed, new_mixture
 from dvc.entropy.range_coder import CoderState, code_decision
 from dvc.errors import BitstreamError, ConfigError
-from dvc.images.edge_maps import EdgeMaps, Flags, degree, has_element, is_inside, next_vertex, set_element
-from dvc.images.edge_masks import Mask, code_mask
+from dvc.images.edge_maps import (
+    EdgeMaps,
+    Flags,
+    Mask,
+    code_mask,
+    degree,
+    has_element,
+    is_inside,
+    next_vertex,
+    set_element,
+)
 
 _WEIGHT = 0.4
 _LENGTH_BITS = 24
@@ -38,8 +47,11 @@ MAX_RUN = 11
 NUM_RUNS = (MAX_RUN + 1) * (MAX_RUN + 1) * 3
 
 # Contexts of three decisions: a chain ends, continues straight, turns left; three tables each.
-END, STRAIGHT, TURN = range(3)
+_DECISIONS: Any = np.arange(3)  # no literals, for each of which numba compiles
+END, STRAIGHT, TURN = _DECISIONS
 _SIZES = NUM_HISTORIES + NUM_RUNS + 81
+_VALUES: Any = np.arange(2, dtype=np.uint8)
+_OFF, _ON = _VALUES
 NUM_CONTEXTS = 3 * _SIZES
 NUM_MIXTURES = 6
 
@@ -217,10 +229,10 @@ _CODES = {EdgeCode.FIXED: _code_fixed, EdgeCode.ADAPTIVE: _code_adaptive}
 @kernel
 def follow(below: Flags, right: Flags, row: int, column: int, directions: Directions, count: int) -> Any:
     """Follow a chain from a vertex to its end, straight if possible, and erase it; return the count."""
-    last = -1
+    last: Any = np.int64(-1)
     turn = 0
     while True:
-        chosen = -1
+        chosen: Any = np.int64(-1)
         if last < 0:
             for direction in range(4):
                 if chosen < 0 and has_element(below, right, row, column, direction):
@@ -235,7 +247,7 @@ def follow(below: Flags, right: Flags, row: int, column: int, directions: Direct
                 chosen = (first + 2) % 4
         if chosen < 0:
             return count
-        set_element(below, right, row, column, chosen, 0)
+        set_element(below, right, row, column, chosen, _OFF)
         directions[count] = chosen
         count += 1
         if last >= 0 and chosen != last:
@@ -250,7 +262,8 @@ def trace_edges(
 ) -> Any:
     """Decompose edges, which are erased, into as few chains as possible; return their number."""
     height, width = below.shape
-    chains, count = 0, 0
+    chains = 0
+    count: Any = np.int64(0)
     for closed in range(2):
         for row in range(height + 1):
             for column in range(width + 1):
@@ -273,7 +286,7 @@ def draw_chain(below: Flags, right: Flags, row: int, column: int, directions: Di
         direction: Any = np.int64(directions[k])
         if not is_inside(below, row, column, direction):
             return False
-        set_element(below, right, row, column, direction, 1)
+        set_element(below, right, row, column, direction, _ON)
         row, column = next_vertex(row, column, direction)
     return True
 
@@ -348,10 +361,12 @@ def code_chain(
     last: Any = np.int64(directions[0])
     if not _is_open(below, right, row, column, last):
         return -1
-    history, run, run_before, same, turn = NUM_HISTORIES // 2, 0, 0, 0, 0
+    history = NUM_HISTORIES // 2
+    zero: Any = np.int64(0)
+    run, run_before, same, turn = zero, zero, zero, zero
     count = 1
     while True:
-        set_element(below, right, row, column, last, 1)
+        set_element(below, right, row, column, last, _ON)
         row, column = next_vertex(row, column, last)
         straight = _is_open(below, right, row, column, last)
         left = _is_open(below, right, row, column, (last + 1) % 4)

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.images.chain_code import Chains, trace
 from dvc.images.edge_extraction import edges_of_jumps
-from dvc.images.edge_maps import DOWN, RIGHT, EdgeMaps, Flags, coarser, degree, next_vertex, set_element
-from dvc.images.edge_masks import Mask
-from dvc.images.lifting import WAVELETS, Plane, Wavelet, lift_columns
+from dvc.images.edge_maps import DOWN, RIGHT, EdgeMaps, Flags, Mask, coarser, degree, next_vertex, set_element
+from dvc.images.lifting import FORWARD, WAVELETS, Plane, Wavelet, lift_columns
 
 CANDIDATE_STEPS = 0.5
 """Least difference of neighbours with a candidate edge, in steps."""
@@ -189,25 +188,26 @@ def transform_cost(
     for _ in range(num_levels):
         height, width = low.shape
         if height > 1:
-            lift_columns(low, below, weights, gain, order, False)
+            lift_columns(low, below, weights, gain, order, FORWARD)
+        across = np.ascontiguousarray(low.T)
         if width > 1:
-            lift_columns(low.T, right.T, weights, gain, order, False)
+            lift_columns(across, np.ascontiguousarray(right.T), weights, gain, order, FORWARD)
         half = np.empty(((height + 1) // 2, (width + 1) // 2))
         for i in range(height):
             row_scale = 1.0 if height == 1 else (low_scale if i % 2 == 0 else high_scale)
             for t in range(width):
                 scale = row_scale if width == 1 else row_scale * (low_scale if t % 2 == 0 else high_scale)
                 if i % 2 == 0 and t % 2 == 0:
-                    half[i // 2, t // 2] = low[i, t] * scale
+                    half[i // 2, t // 2] = across[t, i] * scale
                 else:
-                    total += coefficient_cost(abs(low[i, t]) * scale)
+                    total += coefficient_cost(abs(across[t, i]) * scale)
         below, right = coarser(below, right)
         low = half
     return total
 
 
 @kernel
-def _set_piece(below: Flags, right: Flags, elements: Integers, value: int) -> None:
+def _set_piece(below: Flags, right: Flags, elements: Integers, value: Any) -> None:
     for k in range(len(elements)):
         set_element(below, right, elements[k, 0], elements[k, 1], elements[k, 2], value)
 
@@ -268,7 +268,7 @@ def weigh_pieces(surroundings: Surroundings, below: Flags, right: Flags, pieces:
         cost = _window_cost(surroundings, below, right, window)
         ends = _odd_ends(below, right, piece)
         sign = -1 if present[k] else 1
-        _set_piece(below, right, piece, 1 - present[k])
+        _set_piece(below, right, piece, np.uint8(1 - present[k]))
         changed_cost = _window_cost(surroundings, below, right, window)
         changed_ends = _odd_ends(below, right, piece)
         bits = sign * ELEMENT_BITS * len(piece) + 0.5 * CHAIN_BITS * (changed_ends - ends)

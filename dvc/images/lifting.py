@@ -18,6 +18,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice, repeat
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +36,8 @@ EXTRAPOLATION = np.array(
 """Weights of (4.4) for polynomials of degrees 0 to 3."""
 
 _SAMPLES_AT_ONCE = 2**17  # samples of rows that are merged at once: planes may be large
+_BEFORE, _AFTER = np.array([-1, 1])  # no literals, for each of which numba compiles
+FORWARD: Any = np.bool_(False)
 MAX_ORDER = 3
 """Highest degree of the polynomials."""
 
@@ -232,11 +235,11 @@ def _predict(samples: Plane, edges: Flags, weight: float, order: int) -> None:
                 before = samples[i - 1, t]
                 after = samples[i + 1, t] if i < last else before
             else:
-                before = _beyond(samples, edges, i, t, -1, order) if cut_before else samples[i - 1, t]
+                before = _beyond(samples, edges, i, t, _BEFORE, order) if cut_before else samples[i - 1, t]
                 if i == last:
                     after = samples[i - 1, t]
                 else:
-                    after = _beyond(samples, edges, i, t, 1, order) if cut_after else samples[i + 1, t]
+                    after = _beyond(samples, edges, i, t, _AFTER, order) if cut_after else samples[i + 1, t]
             samples[i, t] += weight * (before + after)
 
 
@@ -257,13 +260,13 @@ def _update(samples: Plane, edges: Flags, weight: float, order: int, final: bool
             elif not cut_before:
                 before = samples[i - 1, t]
             elif not final:
-                before = _beyond(samples, edges, i, t, -1, order)
+                before = _beyond(samples, edges, i, t, _BEFORE, order)
             if i == last:
                 after = samples[i - 1, t]
             elif not cut_after:
                 after = samples[i + 1, t]
             elif not final:
-                after = _beyond(samples, edges, i, t, 1, order)
+                after = _beyond(samples, edges, i, t, _AFTER, order)
             samples[i, t] += weight * (before + after)
 
 

@@ -27,8 +27,16 @@ from dvc.images.lifting import (
     most_levels,
     scale_shapes,
 )
-from dvc.images.zerotree_coder import MAX_PLANES, DecodedCoefficients, significance_maps
-from dvc.images.zerotrees import Band, Forest, Shape, scatter, zerotrees
+from dvc.images.zerotree_coder import (
+    MAX_PLANES,
+    Band,
+    DecodedCoefficients,
+    Forest,
+    Shape,
+    scatter,
+    significance_maps,
+    zerotrees,
+)
 
 STEP = 0.25
 """Step of the quantiser after all bit planes, in steps of 8-bit intensities."""

@@ -25,9 +25,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage.feature import peak_local_max
-from skimage.measure import label as label_components
-from skimage.segmentation import watershed
 
 from dvc._jit import kernel
 from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
@@ -184,6 +181,10 @@ def extract_sprites(
 
 def _largest_region(depth: Floats, alpha: Mask, settings: SpriteSettings) -> Mask:
     """Return the largest region of a watershed between the edges of a layer."""
+    from skimage.feature import peak_local_max
+    from skimage.measure import label as label_components
+    from skimage.segmentation import watershed
+
     edge = ~alpha
     for axis in (0, 1):
         step = np.abs(np.diff(depth, axis=axis)) > SMOOTH

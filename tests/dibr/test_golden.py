@@ -24,10 +24,9 @@ from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.piece_encoder import encode_to_size as encode_pieces
 from dvc.dibr.depth_image.piece_stream import decode as decode_pieces
 from dvc.dibr.dibr_streams import BUILT_IN_CODECS
-from dvc.dibr.view_decoder import decode
 from dvc.dibr.view_encoder import ViewEncoder
 from dvc.dibr.view_set import Views, labels_of_depths, views_of_cameras, views_of_pictures
-from dvc.dibr.view_stream import decode_stream
+from dvc.dibr.view_stream import decode, decode_stream
 from dvc.environment import baseline_environment
 from dvc.geometry.calibrated_cameras import Camera
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition

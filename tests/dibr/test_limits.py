@@ -15,11 +15,11 @@ from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.piece_stream import Rectangle
 from dvc.dibr.depth_image.scene_pieces import Kind
 from dvc.dibr.dibr_streams import FREE_PIXELS, MAX_MIB, Extent, check_extent
-from dvc.dibr.view_decoder import decode
 from dvc.dibr.view_stream import (
     Header,
     PairLayer,
     Stream,
+    decode,
     decode_stream,
     encode_stream,
 )

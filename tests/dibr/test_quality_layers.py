@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from dvc.dibr.dibr_streams import BUILT_IN_CODECS
-from dvc.dibr.view_decoder import Decoded, decode
 from dvc.dibr.view_encoder import ViewEncoder, layer_multipliers
 from dvc.dibr.view_set import Views
 from dvc.dibr.view_stream import (
+    Decoded,
     PairLayer,
     Stream,
+    decode,
     decode_header,
     decode_stream,
     encode_layer,

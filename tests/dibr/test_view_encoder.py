@@ -1,12 +1,11 @@
-"""The search for the multiplier of a rate."""
+"""The encoder of views: the multiplier of a rate, and errors of rendered views."""
 
 import numpy as np
 import pytest
 
-from dvc.dibr.view_decoder import decode
-from dvc.dibr.view_encoder import MAX_STEPS, TOLERANCE, Encoded, ViewEncoder
+from dvc.dibr.view_encoder import MAX_STEPS, TOLERANCE, Encoded, ForwardErrors, ViewEncoder, parallax_px
 from dvc.dibr.view_set import Views
-from dvc.dibr.view_stream import decode_stream
+from dvc.dibr.view_stream import decode, decode_stream
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 
@@ -17,7 +16,7 @@ class _Encoder:
     def __init__(self, grain=1, share=0.15):
         self.count, self.grain, self.share = 0, grain, share
 
-    def multiplier_of_pictures(self, num_bytes):
+    def _multiplier_of_pictures(self, num_bytes):
         return min((900.0 / max(num_bytes, 1)) ** 2, 10.0)
 
     def encode(self, multiplier, picture_bytes=None):
@@ -56,7 +55,7 @@ def _views():
 
 def test_pictures_take_the_bytes_that_they_are_given():
     encoder = ViewEncoder(_views(), DisparityLabels(0.0, 1.0, 4), num_layers=2)
-    multiplier = encoder.multiplier_of_pictures(900)
+    multiplier = encoder._multiplier_of_pictures(900)
     assert 450 < sum(code.bytes_at_multiplier(multiplier) for code in encoder.codes) < 1400
     headers = 3 * 2 * 2  # of two pictures in two layers
     for given in (multiplier, 9.0 * multiplier):  # the last layer takes what is left
@@ -69,3 +68,58 @@ def test_a_stream_of_a_rate_is_decoded():
     assert 1400 <= len(found.data) <= 1500
     assert decode(decode_stream(found.data)).damage is None
     assert "4 bytes follow" in str(decode(decode_stream(found.data + b"more")).damage)
+
+
+SHAPE, SHIFT = (24, 32), 3
+LABELS = DisparityLabels(0.0, 1.0, 6)
+HERE, RIGHT = LatticePosition(0.0, 0.0), LatticePosition(1.0, 0.0)
+
+
+def shifted_views() -> Views:
+    """Return two views of a plane in a texture, at disparity `SHIFT`."""
+    rng = np.random.default_rng(0)
+    wall = rng.integers(0, 256, (SHAPE[0], SHAPE[1] + SHIFT)).astype(np.uint8)
+    left, right = wall[:, : SHAPE[1]].copy(), wall[:, SHIFT:].copy()
+    return Views((left, right), (HERE, RIGHT))
+
+
+def test_errors_are_those_of_holes_where_the_rest_is_right() -> None:
+    """With the true disparities, all errors are in the strip that the reference does not see."""
+    views = shifted_views()
+    errors = ForwardErrors(views.pictures[0], HERE, LABELS, [(views.pictures[1], RIGHT)])
+    total, (holes,) = errors.measure(np.full(SHAPE, SHIFT, np.int32))
+    assert not holes.errors[:, :-SHIFT].any()
+    assert holes.errors[:, -SHIFT:].any()
+    assert total == pytest.approx(float(holes.errors.sum()) / 2.0, rel=1e-5)
+    np.testing.assert_array_equal(holes.first_label[:, :-SHIFT], SHIFT - 1)  # 1.5 labels behind, rounded up
+    np.testing.assert_array_equal(holes.first_label[:, -SHIFT:], 0)
+    assert errors.parallax == pytest.approx(0.5)
+    assert errors.measure(np.zeros(SHAPE, np.int32))[0] > 2.0 * total
+
+
+def test_labels_that_lead_into_holes_are_credited() -> None:
+    """The last pixel of a row reaches the hole by labels below the true one."""
+    views = shifted_views()
+    errors = ForwardErrors(views.pictures[0], HERE, LABELS, [(views.pictures[1], RIGHT)])
+    holes = errors.measure(np.full(SHAPE, SHIFT, np.int32))[1]
+    tensor = np.ones((*SHAPE, LABELS.num_labels), np.float32)
+    credited = errors.claimed(tensor, holes, 0.5)
+    expected = 1.0 - 0.25 * holes[0].errors[:, ::-1][:, :SHIFT]
+    np.testing.assert_allclose(credited[:, -1, :SHIFT], expected, rtol=1e-5)
+    np.testing.assert_array_equal(credited[:, -1, SHIFT:], 1.0)
+    covered = [hole._replace(first_label=np.full(SHAPE, 2, np.int32)) for hole in holes]
+    hidden = errors.claimed(tensor, covered, 0.5)
+    np.testing.assert_array_equal(hidden[..., :2], 1.0)
+    np.testing.assert_array_equal(hidden[..., 2:], credited[..., 2:])
+
+
+def test_parallax_is_that_of_the_middle() -> None:
+    """From one label to the next, in a view that is turned, where it is not the same everywhere."""
+    warp = np.array([[1.0, 0.0, 0.0, 3.0], [0.0, 1.0, 0.0, 4.0], [0.01, 0.02, 1.0, 0.0]])
+    found = parallax_px(warp, (21, 41), np.array([0.0, 1.0, 2.0]))
+    assert found == pytest.approx(5.0 / (0.01 * 20.0 + 0.02 * 10.0 + 1.0))
+
+
+def test_parallax_of_one_label_is_none() -> None:
+    """Where nothing can move nothing does."""
+    assert parallax_px(np.eye(3, 4), SHAPE, np.array([2.0])) == 0.0

@@ -9,11 +9,9 @@ from playwright.sync_api import Browser, Page
 
 from dvc.dibr.__main__ import main
 from dvc.dibr.depth_image.scene_pieces import Bounds, pieces_of_layers, pieces_of_sprites
-from dvc.dibr.view_decoder import Decoded, decode
 from dvc.dibr.view_rendering import picture_of, render
-from dvc.dibr.view_stream import decode_stream
-from dvc.dibr.viewer_page import Caption, write_page
-from dvc.dibr.viewer_scene import Scene, scene_of_pieces, source_of
+from dvc.dibr.view_stream import Decoded, decode, decode_stream
+from dvc.dibr.viewer_page import Caption, Scene, scene_of_pieces, source_of, write_page
 from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.viewpoints import CalibratedViewpoint, Viewpoint
 from dvc.layers.layered_depth_image import layered_depth_image

@@ -1,14 +1,189 @@
-"""Pages of the viewer without a browser: what they hold once, and names that cannot run."""
+"""Pages of the viewer without a browser: sources of scenes, bounds, data of the page, hostile names."""
 
 import base64
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dvc.dibr.viewer_page import Caption, scene_values, write_page
-from dvc.dibr.viewer_scene import scene_of_picture, source_of
+from dvc.dibr.depth_image.scene_pieces import Bounds, pieces_of_layers, pieces_of_sprites
+from dvc.dibr.view_stream import decode, decode_stream
+from dvc.dibr.viewer_page import (
+    DEPTH_RANGE,
+    Caption,
+    _planes,
+    is_whole,
+    positions_of,
+    scene_of_picture,
+    scene_of_pieces,
+    scene_of_stream,
+    scene_values,
+    seen_of,
+    source_of,
+    unit_of,
+    write_page,
+)
 from dvc.errors import DvcError
+from dvc.geometry.camera_array import LatticePosition
+from dvc.geometry.viewpoints import CalibratedViewpoint
+from dvc.layers.layered_depth_image import layered_depth_image
+from dvc.layers.sprites import Sprite, extract_sprites
+from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
+
+GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "dibr"
+
+
+def test_references_of_a_stream_are_sources() -> None:
+    """Each reference is one whole piece at its viewpoint, and the bounds lie a bit beyond the views."""
+    decoded = decode(decode_stream((GOLDEN / "two-references.dibr").read_bytes()))
+    scene = scene_of_stream(decoded)
+    assert len(scene.sources) == 2
+    for source, pair in zip(scene.sources, decoded.pairs, strict=True):
+        assert source.viewpoint == pair.viewpoint
+        (piece,) = source.pieces
+        assert piece.mask.all()
+        np.testing.assert_array_equal(piece.disparity, pair.disparity)
+    lattice = np.array(decoded.header.viewpoints)
+    assert scene.bounds.left < lattice[:, 0].min()
+    assert scene.bounds.right > lattice[:, 0].max()
+    assert scene.infinity < scene.range[0]
+
+
+def test_calibrated_cameras_have_places_in_the_plane_of_the_first() -> None:
+    """The farthest camera is one unit away, and inverse depth at infinity is 0."""
+    decoded = decode(decode_stream((GOLDEN / "calibrated.dibr").read_bytes()))
+    scene = scene_of_stream(decoded)
+    positions = positions_of(scene.viewpoints)
+    np.testing.assert_allclose(positions[0], 0.0)
+    assert np.linalg.norm(positions, axis=1).max() == pytest.approx(1.0)
+    assert scene.infinity == 0.0
+    first = scene.viewpoints[0]
+    assert isinstance(first, CalibratedViewpoint)
+    assert unit_of([first]) == 1.0
+
+
+def test_places_are_along_the_axes_of_the_first_camera() -> None:
+    """Wherever it stands, and however it is turned."""
+    turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    centres = np.array([[3.0, 1.0, 2.0], [3.0, 3.0, 2.0], [2.0, 1.0, 2.0]])
+    poses = [np.column_stack([turned, -turned @ centre]) for centre in centres]
+    found = positions_of([CalibratedViewpoint(np.eye(3), pose) for pose in poses])
+    np.testing.assert_allclose(found, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("least", "is_at_zero"),
+    [(1.0, True), (9.0 / DEPTH_RANGE, True), (0.01, False), (0.0, False), (-2.0, False)],
+)
+def test_infinity_is_where_disparities_may_be_inverse_depths(least: float, is_at_zero: bool) -> None:
+    """Else it is a little below the least."""
+    disparity = np.linspace(least, 9.0, 12).reshape(3, 4)
+    scene = scene_of_picture(source_of(np.zeros((3, 4), np.uint8), disparity), 0.5)
+    expected = 0.0 if is_at_zero else least - (9.0 - least) / (DEPTH_RANGE - 1.0)
+    assert scene.infinity == pytest.approx(expected)
+
+
+def test_a_picture_alone_has_bounds_by_its_parallax() -> None:
+    """Gray becomes three channels; the bounds are wider the flatter the scene."""
+    picture = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    flat, deep = (
+        scene_of_picture(source_of(picture, np.linspace(2.0, high, 12).reshape(3, 4)), 0.5) for high in (3, 9)
+    )
+    assert flat.sources[0].pieces[0].picture.shape == (3, 4, 3)
+    assert flat.viewpoints == (LatticePosition(0.0, 0.0),)
+    assert flat.bounds.right > deep.bounds.right > 0.0
+    assert flat.bounds.left == -flat.bounds.right
+
+
+def test_layers_are_pieces_in_the_frame_of_the_reference() -> None:
+    """What other cameras see lies at negative positions, and colours go on a little beyond each mask."""
+    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
+    scene = scene_of_pieces(pieces_of_layers(image))
+    (source,) = scene.sources
+    assert len(source.pieces) == len(image.votes)
+    assert scene.shape == (40, 60)
+    first = source.pieces[0]
+    assert (first.left, first.top) == (-image.canvas.frame.left, -image.canvas.frame.top)
+    frame = image.canvas.frame.slices
+    np.testing.assert_array_equal(first.picture[frame], image.colour[0][frame])
+    hidden = source.pieces[1]
+    beside = ~hidden.mask & (np.roll(hidden.mask, 1, axis=1) | np.roll(hidden.mask, -1, axis=1))
+    assert (hidden.picture[beside][1:-1].max(axis=1) > 0).mean() > 0.9
+    assert -2.0 < scene.bounds.left < -1.0
+    assert 1.0 < scene.bounds.right < 2.0
+
+
+def test_sprites_share_pieces_without_touching() -> None:
+    """All values are there once, and sprites of one piece have a gap between them."""
+    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
+    sprites = extract_sprites(image)
+    scene = scene_of_pieces(pieces_of_sprites(sprites))
+    (source,) = scene.sources
+    num_values = sum(int(piece.mask.sum()) for piece in source.pieces)
+    assert num_values == sum(sprite.num_values for sprite in sprites.sprites)
+    assert len(source.pieces) <= len(sprites.sprites)
+    for piece in source.pieces:
+        for axis in (0, 1):
+            both = np.diff(piece.mask.astype(int), axis=axis) == 0
+            both &= np.take(piece.mask, range(1, piece.mask.shape[axis]), axis=axis)
+            jumps = np.abs(np.diff(piece.disparity, axis=axis))[both]
+            assert jumps.max(initial=0.0) <= 1.5 * scene.step
+
+
+@pytest.mark.parametrize(("gap", "num_pieces"), [(0, 2), (1, 1)])
+@pytest.mark.parametrize("step", [(0, 1), (0, -1), (1, 0), (-1, 0)])
+def test_sprites_share_a_piece_where_a_pixel_is_between_them(
+    step: tuple[int, int], gap: int, num_pieces: int
+) -> None:
+    """To any side."""
+    top, left = (10 + {1: 5 + gap, 0: 1, -1: -(3 + gap)}[k] for k in step)
+    sprites = [
+        Sprite(x, y, np.ones((n, n), np.bool_), np.full((n, n, 3), 9, np.uint8), np.ones((n, n), np.float32))
+        for x, y, n in ((10, 10, 5), (left, top, 3))
+    ]
+    assert len(_planes(sprites, (30, 30))) == num_pieces
+
+
+def test_holes_of_a_sprite_take_others() -> None:
+    """But for the pixels beside its own."""
+    ring = np.ones((9, 9), np.bool_)
+    ring[1:8, 1:8] = False
+    for size, num_pieces in ((5, 1), (6, 2)):
+        middle, levels = np.ones((size, size), np.bool_), np.full((9, 9, 3), 9, np.uint8)
+        sprites = [
+            Sprite(at, at, mask, levels[: len(mask), : len(mask)], np.ones(mask.shape, np.float32))
+            for at, mask in ((4, ring), (6, middle))
+        ]
+        assert len(_planes(sprites, (20, 20))) == num_pieces
+
+
+def test_first_view_is_what_its_pieces_show() -> None:
+    """Of layers and of sprites it is the reference; a picture that fills its view needs no drawing."""
+    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
+    for scene in (
+        scene_of_pieces(pieces_of_layers(image)),
+        scene_of_pieces(pieces_of_sprites(extract_sprites(image))),
+    ):
+        (source,) = scene.sources
+        assert not is_whole(source, scene.shape)
+        np.testing.assert_array_equal(
+            seen_of(source, scene.shape), image.colour[0][image.canvas.frame.slices]
+        )
+    alone = source_of(np.zeros((3, 4), np.uint8), np.zeros((3, 4)))
+    assert is_whole(alone, (3, 4))
+    assert not is_whole(alone, (3, 5))
+
+
+def test_an_empty_scene_has_a_range() -> None:
+    """A mask without anything leaves no disparity, and no error."""
+    nothing = source_of(np.zeros((3, 4), np.uint8), np.zeros((3, 4)), np.zeros((3, 4), np.bool_))
+    scene = scene_of_picture(nothing, 1.0)
+    assert scene.range == (0.0, 0.0)
+    assert isinstance(scene.bounds, Bounds)
+    assert (scene.extent, replace(scene, step=0.0).extent) == (1.0, 1.0)
+    assert replace(scene, step=0.25).extent == 0.25
+
 
 HOSTILE = '"></script><script>window.stolen = 1</script>'
 

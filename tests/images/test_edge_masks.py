@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from dvc.errors import BitstreamError
 from dvc.images import chain_code
 from dvc.images.chain_code import EdgeCode, trace
-from dvc.images.edge_maps import EdgeMaps
-from dvc.images.edge_masks import border, edges_inside, regions
+from dvc.images.edge_maps import EdgeMaps, border, edges_inside, regions
 
 
 def random_edges(rng, shape, share):

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.images.edge_maps import EdgeMaps
-from dvc.images.edge_masks import edges_inside
+from dvc.images.edge_maps import EdgeMaps, edges_inside
 from dvc.images.lifting import MAX_ORDER, WAVELETS, Transform, mask_pyramid
 from tests.images.columns import split
 from tests.reference import lifting

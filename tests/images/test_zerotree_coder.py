@@ -9,8 +9,7 @@ from dvc.errors import BitstreamError
 from dvc.images import _kernels as kernels
 from dvc.images import zerotree_coder as coder
 from dvc.images.lifting import Details, Pyramid, Transform, most_levels, scale_shapes
-from dvc.images.zerotree_coder import significance_maps
-from dvc.images.zerotrees import Forest, zerotrees
+from dvc.images.zerotree_coder import Forest, significance_maps, zerotrees
 from tests.reference import entropy as entropy_twin
 from tests.reference.spiht import SpihtTwin
 

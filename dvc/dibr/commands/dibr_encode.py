@@ -7,52 +7,45 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from dvc import array_files, cli
-from dvc.dibr.commands.dibr_options import (
+from dvc.dibr import view_set
+from dvc.dibr.commands.dibr_options import AUTOMATIC, EDGES, KEEP, TRANSFORMS, WAVELETS
+from dvc.dibr.commands.dibr_reports import (
     PSNR_NAMES,
     SUFFIX,
-    add_figures,
-    add_hole_options,
     check_size,
     depth_image_quality,
     in_decibels,
     json_files,
-    parse_multiplier,
-    parse_share,
     print_figures,
     read_with_holes,
 )
-from dvc.dibr.dibr_streams import CODEC_NUMBERS, DEFAULT_CODEC, MAX_LAYERS
+from dvc.dibr.depth_image import (
+    depth_image_encoder,
+    depth_image_stream,
+    piece_encoder,
+    piece_selection,
+    piece_stream,
+)
+from dvc.dibr.depth_image.depth_image_encoder import CodedEdges, DepthOptions, code_edges
+from dvc.dibr.depth_image.depth_image_stream import MAX_BYTES
+from dvc.dibr.depth_image.scene_pieces import luma_from, read_pieces
+from dvc.dibr.dibr_streams import DEFAULT_CODEC
+from dvc.dibr.view_encoder import ViewEncoder
+from dvc.dibr.view_set import Views
 from dvc.errors import ConfigError
-
-if TYPE_CHECKING:
-    from dvc.dibr.depth_image.depth_image_encoder import CodedEdges
-    from dvc.dibr.view_set import Views
-    from dvc.geometry.camera_array import DisparityLabels
-
-SUMMARY = "views, a picture with depth, a depth map, or layers to a stream"
-DESCRIPTION = """\
-Code one of these; the last name is that of the stream. Two or more pictures are views: the first is the
-reference, coded with the disparities that predict the other views best for their bits. One picture with
---depth is coded with its map, by wavelets that stop at the contours of the map; a file without --depth is a
-depth map. A folder of dvc-stereo layers or sprites is coded as pictures with disparities and masks.
-docs/dibr.md describes the streams.
-"""
-EXAMPLES = """\
-  dvc-dibr encode left.png right.png pair.dibr --disparities 0:60 --bpp 0.5
-  dvc-dibr encode *.png out.dibr --views views.csv --disparities -4:12 --bpp 0.3 --quality-layers 7
-  dvc-dibr encode a.png b.png c.png out.dibr --cameras cameras.json --depths 2:50 --lambda 2e-3
-  dvc-dibr encode left.png scene.dibr --depth disparity.pfm --bpp 0.5
-  dvc-dibr encode depth.png map.dibr --bpp 0.1 --no-holes
-  dvc-dibr encode layers layers.dibr --bpp 0.5
-"""
-TRANSFORMS = "shape-adaptive", "standard"
-EDGES = "auto", "canny", "none"
-WAVELETS = "9/7", "5/3"
-KEEP = "auto", "all"
-AUTOMATIC = "auto"
+from dvc.files import atomic_output
+from dvc.geometry.camera_array import DisparityLabels
+from dvc.geometry.camera_files import load_cameras
+from dvc.images.colour import luma
+from dvc.images.edge_extraction import canny_edges, read_edges
+from dvc.images.edge_maps import EdgeMaps
+from dvc.images.lifting import most_levels
+from dvc.picture_files import read_picture
 
 
 class Kind(StrEnum):
@@ -64,115 +57,25 @@ class Kind(StrEnum):
     LAYERS = "a folder of layers or sprites"
 
 
-_MAPS, _PICTURES = (Kind.IMAGE, Kind.MAP), (Kind.IMAGE, Kind.LAYERS)
-KINDS = {
-    **dict.fromkeys(
-        ("lattice", "views", "disparities", "cameras", "depths", "multiplier", "disparity", "references"),
-        (Kind.VIEWS,),
-    ),
-    "quality_layers": (Kind.VIEWS,),
-    "gray": (Kind.VIEWS, *_PICTURES),
-    "depth": (Kind.IMAGE,),
-    **dict.fromkeys(("depth_scale", "near_far", "transform", "edges", "hole", "no_holes"), _MAPS),
-    **dict.fromkeys(("wavelet", "order_depth"), (*_MAPS, Kind.LAYERS)),
-    **dict.fromkeys(("order_image", "depth_share"), _PICTURES),
-    "keep": (Kind.LAYERS,),
+_VIEWS, _MAPS, _PICTURES = (Kind.VIEWS,), (Kind.IMAGE, Kind.MAP), (Kind.IMAGE, Kind.LAYERS)
+OPTIONS: dict[str, tuple[tuple[Kind, ...], Any]] = {
+    **dict.fromkeys(("lattice", "views", "disparities", "cameras", "depths", "multiplier"), (_VIEWS, None)),
+    "disparity": (_VIEWS, DEFAULT_CODEC),
+    "quality_layers": (_VIEWS, 1),
+    "references": (_VIEWS, ()),
+    "gray": ((Kind.VIEWS, *_PICTURES), False),
+    "depth": ((Kind.IMAGE,), None),
+    **dict.fromkeys(("near_far", "hole", "no_holes"), (_MAPS, None)),
+    "depth_scale": (_MAPS, 1.0),
+    "transform": (_MAPS, TRANSFORMS[0]),
+    "edges": (_MAPS, EDGES[0]),
+    "wavelet": ((*_MAPS, Kind.LAYERS), WAVELETS[0]),
+    "order_depth": ((*_MAPS, Kind.LAYERS), 1),
+    "order_image": (_PICTURES, 0),
+    "depth_share": (_PICTURES, 0.2),
+    "keep": ((Kind.LAYERS,), KEEP[0]),
 }
-"""Kinds of input that accept an option."""
-DEFAULTS = {
-    "disparity": DEFAULT_CODEC,
-    "quality_layers": 1,
-    "references": (),
-    "gray": False,
-    "depth_scale": 1.0,
-    "transform": TRANSFORMS[0],
-    "edges": EDGES[0],
-    "wavelet": WAVELETS[0],
-    "order_depth": 1,
-    "order_image": 0,
-    "depth_share": 0.2,
-    "keep": KEEP[0],
-}
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the subcommand."""
-    files = (
-        "pictures (the reference first), a depth map (.pfm, or 8 or 16 bits of grey), or a folder; OUT.dibr"
-    )
-    parser.add_argument("paths", nargs="+", metavar="FILE", help=files)
-    bpp = "bits of the whole file per pixel of a view, at most"
-    parser.add_argument("--bpp", type=cli.parse_positive, metavar="R", help=bpp)
-    parser.add_argument("--gray", action="store_true", default=None, help="code only luma")
-    views = parser.add_argument_group("views")
-    array_files.add_array_options(parser)
-    array_files.add_camera_option(parser, refined=False)
-    depths = (
-        "nearest and farthest depth with --cameras; FAR may be inf; LABELS even in inverse depth, "
-        "by default at most a pixel apart; default: those of known points"
-    )
-    views.add_argument("--depths", type=parse_depths, metavar="NEAR:FAR[:LABELS]", help=depths)
-    multiplier = "instead of --bpp: squared error (intensities from 0 to 1) that a bit per pixel is worth"
-    views.add_argument("--lambda", dest="multiplier", type=parse_multiplier, metavar="L", help=multiplier)
-    method = f"codec of disparities; default: {DEFAULT_CODEC}"
-    views.add_argument("--disparity", choices=CODEC_NUMBERS, help=method)
-    cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), "layers that can be cut off; default: 1")
-    references = "further views with pictures and disparities of their own"
-    views.add_argument("--references", nargs="+", metavar="VIEW", help=references)
-    maps = parser.add_argument_group("depth maps, pictures with depth, layers")
-    text = "disparities of the picture, or inverse depth (--near-far), never distances"
-    maps.add_argument("--depth", metavar="MAP", help=text)
-    scale = "disparity in pixels per unit of m of 1 in the map, or in inverse depth (--near-far); default: 1"
-    maps.add_argument("--depth-scale", type=cli.parse_number, metavar="S", help=scale)
-    near_far = "depths of the largest number and of 0 in maps of 8 or 16 bits that are even in inverse depth"
-    maps.add_argument("--near-far", type=parse_near_far, metavar="NEAR:FAR", help=near_far)
-    transform = f"whether wavelets stop at edges; default: {TRANSFORMS[0]}"
-    maps.add_argument("--transform", choices=TRANSFORMS, help=transform)
-    maps.add_argument("--wavelet", choices=WAVELETS, help=f"default: {WAVELETS[0]}")
-    for name, planes in (("--order-depth", "maps; default: 1"), ("--order-image", "pictures; default: 0")):
-        text = f"degree, 0 to 3, of the polynomials that continue signals at edges in {planes}"
-        cli.add_integer(parser, name, (0, 3), text, metavar="K")
-    edges = (
-        "edges that are worth their bits (auto), of Canny's detector, none, or of a file of decode; "
-        "default: auto"
-    )
-    maps.add_argument("--edges", metavar="{auto,canny,none,FILE}", help=edges)
-    add_hole_options(parser, "0 in pictures without --near-far")
-    share = (
-        "share of the bits for edges and depth; auto: that with the best views near a picture; "
-        "default: 0.2, more if masks of layers need it"
-    )
-    maps.add_argument("--depth-share", type=parse_share_or_auto, metavar="S", help=share)
-    keep = (
-        "values of layers: those worth their bits in other views, at least the reference view with its "
-        "disparities, or all; default: auto"
-    )
-    maps.add_argument("--keep", choices=KEEP, help=keep)
-    add_figures(parser, "show no progress and print no summary")
-
-
-def parse_depths(text: str) -> tuple[float, float, int | None]:
-    """Parse a range of depths, and a number of labels."""
-    near, *rest = text.split(":")
-    if len(rest) not in (1, 2):
-        raise argparse.ArgumentTypeError(f"expected NEAR:FAR or NEAR:FAR:LABELS such as 2:50, got {text!r}")
-    labels = cli.integer(2, array_files.MAX_LABELS)(rest[1]) if len(rest) == 2 else None
-    return *parse_near_far(f"{near}:{rest[0]}"), labels
-
-
-def parse_near_far(text: str) -> tuple[float, float]:
-    """Parse a range of depths."""
-    near, _, far = text.partition(":")
-    closest = cli.parse_positive(near)
-    farthest = math.inf if far == "inf" else cli.parse_positive(far)
-    if closest >= farthest:
-        raise argparse.ArgumentTypeError(f"expected NEAR:FAR with NEAR < FAR, got {text!r}")
-    return closest, farthest
-
-
-def parse_share_or_auto(text: str) -> float | str:
-    """Parse a share, or `auto`."""
-    return text if text == AUTOMATIC else parse_share(text)
+"""Kinds of input that accept an option, and its default."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -187,7 +90,6 @@ def run(arguments: argparse.Namespace) -> int:
     cli.check_outputs(cli.with_contents(inputs), [out, *json_files(arguments)])
     encode = {Kind.VIEWS: _encode_views, Kind.LAYERS: _encode_layers}.get(kind, _encode_depth_image)
     data, figures, text = encode(arguments, paths)
-    from dvc.files import atomic_output
 
     with atomic_output(out) as temporary:
         temporary.write_bytes(data)
@@ -206,21 +108,18 @@ def kind_of(paths: list[str], arguments: argparse.Namespace) -> Kind:
 
 def _check_options(kind: Kind, arguments: argparse.Namespace) -> None:
     """Refuse options of other kinds of input, and set the defaults of the rest."""
-    for name, kinds in KINDS.items():
-        if getattr(arguments, name) is not None and kind not in kinds:
+    for name, (kinds, default) in OPTIONS.items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, default)
+        elif kind not in kinds:
             option = "--lambda" if name == "multiplier" else f"--{name.replace('_', '-')}"
             raise ConfigError(f"{option} requires {' or '.join(kinds)}; the input is {kind}")
     if (arguments.bpp is None) == (arguments.multiplier is None):
         raise ConfigError("expected --bpp, or --lambda for views")
-    for name, value in DEFAULTS.items():
-        if getattr(arguments, name) is None:
-            setattr(arguments, name, value)
 
 
 def _max_bytes(arguments: argparse.Namespace, num_pixels: int) -> int:
     """Return the largest file of the rate; none is larger than `MAX_BYTES`."""
-    from dvc.dibr.depth_image.depth_image_stream import MAX_BYTES
-
     return int(min(arguments.bpp * num_pixels / 8.0, MAX_BYTES))
 
 
@@ -238,8 +137,6 @@ Result = tuple[bytes, dict[str, Any], str]
 
 
 def _encode_views(arguments: argparse.Namespace, paths: list[str]) -> Result:
-    from dvc.dibr.view_encoder import ViewEncoder
-
     views, labels = _read_views(arguments, paths)
     num_layers, num_pixels = arguments.quality_layers, views.shape[0] * views.shape[1]
     by_rate = arguments.multiplier is None
@@ -274,11 +171,8 @@ def _encode_views(arguments: argparse.Namespace, paths: list[str]) -> Result:
     return encoded.data, figures, f"{figures['bpp']:.4f} bits per pixel, {share}"
 
 
-def _read_views(arguments: argparse.Namespace, paths: list[str]) -> tuple["Views", "DisparityLabels"]:
+def _read_views(arguments: argparse.Namespace, paths: list[str]) -> tuple[Views, DisparityLabels]:
     """Read views, and return them with their labels."""
-    from dvc.dibr import view_set
-    from dvc.geometry.camera_files import load_cameras
-
     references = _references(paths, arguments.references)
     if arguments.cameras is None:
         if arguments.depths is not None:
@@ -309,11 +203,6 @@ def _references(paths: list[str], names: list[str]) -> tuple[int, ...]:
 
 
 def _encode_depth_image(arguments: argparse.Namespace, paths: list[str]) -> Result:
-    from dvc.dibr.depth_image import depth_image_encoder, depth_image_stream
-    from dvc.images.colour import luma
-    from dvc.images.lifting import most_levels
-    from dvc.picture_files import read_picture
-
     picture = coded = None
     path, near_far = arguments.depth or paths[0], arguments.near_far
     if arguments.depth is not None:
@@ -372,12 +261,8 @@ def _warn_of_reach(path: str, reach_px: float, width: int) -> None:
         )
 
 
-def _edges(arguments: argparse.Namespace, depth: Any) -> "CodedEdges | None":
+def _edges(arguments: argparse.Namespace, depth: Any) -> CodedEdges | None:
     """Return the edges of the options; None: to be selected."""
-    from dvc.dibr.depth_image.depth_image_encoder import code_edges
-    from dvc.images.edge_extraction import canny_edges, read_edges
-    from dvc.images.edge_maps import EdgeMaps
-
     if arguments.transform == TRANSFORMS[1]:
         if arguments.edges != EDGES[0]:
             raise ConfigError("--edges requires the shape-adaptive transform")
@@ -389,13 +274,6 @@ def _edges(arguments: argparse.Namespace, depth: Any) -> "CodedEdges | None":
 
 
 def _encode_layers(arguments: argparse.Namespace, paths: list[str]) -> Result:
-    import numpy as np
-
-    from dvc.dibr.depth_image import piece_encoder, piece_selection, piece_stream
-    from dvc.dibr.depth_image.depth_image_encoder import DepthOptions
-    from dvc.dibr.depth_image.piece_rendering import luma_from
-    from dvc.dibr.depth_image.scene_pieces import read_pieces
-
     if arguments.depth_share == AUTOMATIC:
         raise ConfigError("--depth-share auto requires a picture with --depth")
     scene = read_pieces(paths[0])
@@ -423,7 +301,7 @@ def _encode_layers(arguments: argparse.Namespace, paths: list[str]) -> Result:
     known = [other.disparity[other.mask] for _, other in pairs]
     extent = float(np.ptp(np.concatenate(known))) if known else 0.0
     views = [luma_from(decoded, one) - luma_from(scene, one) for one in piece_selection.viewpoints_of(scene)]
-    figures = {
+    figures: dict[str, Any] = {
         "stream_bytes": len(encoded.data),
         "bpp": 8 * len(encoded.data) / num_pixels,
         "kind": scene.kind.name.lower(),
@@ -446,7 +324,5 @@ def _encode_layers(arguments: argparse.Namespace, paths: list[str]) -> Result:
 
 
 def _psnr(errors: list[Any], peak: float) -> float | None:
-    import numpy as np
-
     error = float(np.mean(np.concatenate(errors) ** 2)) if errors else 0.0
     return 10.0 * math.log10(peak**2 / error) if error and peak else None

@@ -1,39 +1,25 @@
-"""Shared parts of the subcommands: options, viewpoints, streams as files, rendering, and reports."""
+"""Options of the subcommands of `dvc-dibr`; their modules are imported when they run."""
 
 import argparse
 import math
 import re
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib import import_module
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dvc import array_files, cli
-from dvc.dibr.dibr_streams import MAX_LAYERS, MAX_MIB
-from dvc.errors import BitstreamError, ConfigError
-from dvc.files import read_whole
+from dvc.dibr.dibr_streams import CODEC_NUMBERS, DEFAULT_CODEC, MAX_LAYERS, MAX_MIB
+from dvc.subcommands import Subcommand
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from dvc.dibr.depth_image.depth_image_stream import DecodedDepthImage, DepthImageStream
-    from dvc.dibr.depth_image.depth_scale import DepthMap
-    from dvc.dibr.depth_image.piece_stream import DecodedPieces, LayeredStream
-    from dvc.dibr.view_rendering import DecodedViews
-    from dvc.dibr.view_stream import Stream
     from dvc.geometry.camera_array import LatticePosition
-    from dvc.geometry.view_synthesis import SynthesisedView
-    from dvc.geometry.viewpoints import Viewpoint
 
-    AnyStream = Stream | DepthImageStream | LayeredStream
-    AnyDecoded = DecodedViews | DecodedPieces
-
-SUFFIX = ".dibr"
-PSNR_NAMES = {"psnr_depth_db": "depth", "psnr_image_db": "image"}
-"""Names in text of qualities of a depth map and its picture."""
+TRANSFORMS = "shape-adaptive", "standard"
+EDGES = "auto", "canny", "none"
+WAVELETS = "9/7", "5/3"
+KEEP = "auto", "all"
+AUTOMATIC = "auto"
+BLENDS = "distance", "nearest"
 
 
 def add_stream(parser: argparse.ArgumentParser) -> None:
@@ -70,35 +56,138 @@ def add_figures(parser: argparse.ArgumentParser, quiet: str | None) -> None:
         parser.add_argument("--quiet", action="store_true", help=quiet)
 
 
-def print_figures(arguments: argparse.Namespace, figures: dict[str, Any], text: str) -> None:
-    """Write figures as JSON and text, as the options of reports specify."""
-    if arguments.json is not None:
-        cli.write_json(arguments.json, figures)
-    if arguments.json != "-" and not getattr(arguments, "quiet", False):
-        sys.stdout.write(text)
+def _add_encode_options(parser: argparse.ArgumentParser) -> None:
+    files = (
+        "pictures (the reference first), a depth map (.pfm, or 8 or 16 bits of grey), or a folder; OUT.dibr"
+    )
+    parser.add_argument("paths", nargs="+", metavar="FILE", help=files)
+    bpp = "bits of the whole file per pixel of a view, at most"
+    parser.add_argument("--bpp", type=cli.parse_positive, metavar="R", help=bpp)
+    parser.add_argument("--gray", action="store_true", default=None, help="code only luma")
+    views = parser.add_argument_group("views")
+    array_files.add_array_options(parser)
+    array_files.add_camera_option(parser, refined=False)
+    depths = (
+        "nearest and farthest depth with --cameras; FAR may be inf; LABELS even in inverse depth, "
+        "by default at most a pixel apart; default: those of known points"
+    )
+    views.add_argument("--depths", type=parse_depths, metavar="NEAR:FAR[:LABELS]", help=depths)
+    multiplier = "instead of --bpp: squared error (intensities from 0 to 1) that a bit per pixel is worth"
+    views.add_argument("--lambda", dest="multiplier", type=parse_multiplier, metavar="L", help=multiplier)
+    method = f"codec of disparities; default: {DEFAULT_CODEC}"
+    views.add_argument("--disparity", choices=CODEC_NUMBERS, help=method)
+    cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), "layers that can be cut off; default: 1")
+    references = "further views with pictures and disparities of their own"
+    views.add_argument("--references", nargs="+", metavar="VIEW", help=references)
+    maps = parser.add_argument_group("depth maps, pictures with depth, layers")
+    text = "disparities of the picture, or inverse depth (--near-far), never distances"
+    maps.add_argument("--depth", metavar="MAP", help=text)
+    scale = "disparity in pixels per unit of m of 1 in the map, or in inverse depth (--near-far); default: 1"
+    maps.add_argument("--depth-scale", type=cli.parse_number, metavar="S", help=scale)
+    near_far = "depths of the largest number and of 0 in maps of 8 or 16 bits that are even in inverse depth"
+    maps.add_argument("--near-far", type=parse_near_far, metavar="NEAR:FAR", help=near_far)
+    transform = f"whether wavelets stop at edges; default: {TRANSFORMS[0]}"
+    maps.add_argument("--transform", choices=TRANSFORMS, help=transform)
+    maps.add_argument("--wavelet", choices=WAVELETS, help=f"default: {WAVELETS[0]}")
+    for name, planes in (("--order-depth", "maps; default: 1"), ("--order-image", "pictures; default: 0")):
+        text = f"degree, 0 to 3, of the polynomials that continue signals at edges in {planes}"
+        cli.add_integer(parser, name, (0, 3), text, metavar="K")
+    edges = (
+        "edges that are worth their bits (auto), of Canny's detector, none, or of a file of decode; "
+        "default: auto"
+    )
+    maps.add_argument("--edges", metavar="{auto,canny,none,FILE}", help=edges)
+    add_hole_options(parser, "0 in pictures without --near-far")
+    share = (
+        "share of the bits for edges and depth; auto: that with the best views near a picture; "
+        "default: 0.2, more if masks of layers need it"
+    )
+    maps.add_argument("--depth-share", type=parse_share_or_auto, metavar="S", help=share)
+    keep = (
+        "values of layers: those worth their bits in other views, at least the reference view with its "
+        "disparities, or all; default: auto"
+    )
+    maps.add_argument("--keep", choices=KEEP, help=keep)
+    add_figures(parser, "show no progress and print no summary")
 
 
-def json_files(arguments: argparse.Namespace) -> list[str | Path]:
-    """Return the file of `--json` for `dvc.cli.check_outputs`."""
-    return [] if arguments.json in (None, "-") else [arguments.json]
+def _add_decode_options(parser: argparse.ArgumentParser) -> None:
+    add_stream(parser)
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
+    add_layers(parser)
+    text = "halve both sides J times"
+    cli.add_integer(parser, "--resolution", (0, 15), text, default=0, metavar="J")
+    truth = "original of a stream of one map; adds PSNR"
+    parser.add_argument("--truth-depth", metavar="MAP", help=f"{truth} of the map")
+    parser.add_argument("--truth-image", metavar="IMAGE", help=f"{truth} of the picture")
+    add_hole_options(parser, "0 in pictures")
+    add_figures(parser, "print no summary")
 
 
-def in_decibels(figures: dict[str, Any], names: dict[str, str]) -> list[str]:
-    """Return available figures with their names in text."""
-    return [f"{name} {figures[key]:.2f} dB" for key, name in names.items() if figures.get(key) is not None]
+def _add_render_options(parser: argparse.ArgumentParser) -> None:
+    add_stream(parser)
+    viewpoints = parser.add_mutually_exclusive_group(required=True)
+    view = "position on the lattice, or the number of a view of the stream"
+    viewpoints.add_argument("--view", type=parse_view, metavar="M,N|K", help=view)
+    path = "two or more views: render views between each and the next"
+    viewpoints.add_argument("--path", dest="route", nargs="+", type=parse_view, metavar="M,N|K", help=path)
+    cli.add_integer(parser, "--frames", (2, 100_000), "frames of the video", default=50)
+    rate = "frames per second; default: 25"
+    parser.add_argument("--frame-rate", type=cli.parse_frame_rate, default="25", metavar="F", help=rate)
+    out = "picture (.png), or video (.mp4, .mkv, .y4m) with --path"
+    parser.add_argument("--out", metavar="FILE", required=True, help=out)
+    add_layers(parser)
+    blend = "references that see a point: their mean by distance, or the nearest; default: %(default)s"
+    parser.add_argument("--blend", choices=BLENDS, default=BLENDS[0], help=blend)
+    truth = "picture taken from the viewpoint; adds PSNR and SSIM"
+    parser.add_argument("--truth", metavar="VIEW", help=truth)
+    add_figures(parser, "show no progress and print no summary")
 
 
-def warn(path: str, damage: str | None) -> None:
-    """Report the missing part of a stream on standard error."""
-    if damage is not None:
-        sys.stderr.write(f"dvc-dibr: {path}: {cli.one_line(damage)}; what precedes it is decoded\n")
+def _add_view_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("path", metavar="SCENE", help="stream, whole or cut, or folder of layers or sprites")
+    parser.add_argument("--out", metavar="PAGE.html", required=True, help="page to write")
+    add_memory(parser)
+    add_layers(parser)
+    truth = (
+        "pictures taken at the views of the stream, in their order, or at given positions; the page "
+        "shows their PSNR"
+    )
+    parser.add_argument("--truth", nargs="+", default=[], metavar="[M,N=|K=]VIEW", help=truth)
+    add_figures(parser, "show no progress and print no summary")
 
 
-def check_size(path: str, shape: Sequence[int], target: Sequence[int], label: str) -> None:
-    """Refuse a picture of another size than a target."""
-    if tuple(shape[:2]) != tuple(target):
-        sizes = [f"{size[1]}x{size[0]}" for size in (shape, target)]
-        raise ConfigError(f"{path}: {sizes[0]}, but {label} is {sizes[1]}")
+def _add_evaluate_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("streams", nargs="+", metavar="STREAM", help="whole or cut")
+    parser.add_argument("--truth-depth", metavar="MAP", help="original map of the streams")
+    parser.add_argument("--truth-image", metavar="IMAGE", help="original picture of the streams")
+    parser.add_argument("--out", metavar="DIR", help="folder to write curves to, new or empty")
+    add_memory(parser)
+    add_figures(parser, "print no table")
+
+
+def _add_info_options(parser: argparse.ArgumentParser) -> None:
+    add_stream(parser)
+    add_figures(parser, None)
+
+
+def parse_depths(text: str) -> tuple[float, float, int | None]:
+    """Parse a range of depths, and a number of labels."""
+    near, *rest = text.split(":")
+    if len(rest) not in (1, 2):
+        raise argparse.ArgumentTypeError(f"expected NEAR:FAR or NEAR:FAR:LABELS such as 2:50, got {text!r}")
+    labels = cli.integer(2, array_files.MAX_LABELS)(rest[1]) if len(rest) == 2 else None
+    return *parse_near_far(f"{near}:{rest[0]}"), labels
+
+
+def parse_near_far(text: str) -> tuple[float, float]:
+    """Parse a range of depths."""
+    near, _, far = text.partition(":")
+    closest = cli.parse_positive(near)
+    farthest = math.inf if far == "inf" else cli.parse_positive(far)
+    if closest >= farthest:
+        raise argparse.ArgumentTypeError(f"expected NEAR:FAR with NEAR < FAR, got {text!r}")
+    return closest, farthest
 
 
 def parse_share(text: str) -> float:
@@ -107,6 +196,11 @@ def parse_share(text: str) -> float:
     if share >= 1.0:
         raise argparse.ArgumentTypeError(f"expected a share between 0 and 1, got {text!r}")
     return share
+
+
+def parse_share_or_auto(text: str) -> float | str:
+    """Parse a share, or `auto`."""
+    return text if text == AUTOMATIC else parse_share(text)
 
 
 def parse_view(text: str) -> "LatticePosition | int":
@@ -131,146 +225,97 @@ def parse_multiplier(text: str) -> float:
     return multiplier
 
 
-def viewpoint_of(viewpoints: Sequence["Viewpoint"], view: "LatticePosition | int") -> "Viewpoint":
-    """Return a parsed viewpoint."""
-    from dvc.geometry.camera_array import LatticePosition
+def _runner(module: str, function: str = "run") -> Callable[[argparse.Namespace], int]:
+    """Return the action of a subcommand."""
 
-    if not isinstance(view, LatticePosition):
-        if view >= len(viewpoints):
-            raise ConfigError(f"view {view}: the stream has 0 to {len(viewpoints) - 1}")
-        return viewpoints[view]
-    if not isinstance(viewpoints[0], LatticePosition):
-        raise ConfigError(
-            f"view {view.m:g},{view.n:g}: the cameras of the stream are on no lattice; "
-            f"numbers from 0 to {len(viewpoints) - 1} are accepted"
-        )
-    return view
+    def _run(arguments: argparse.Namespace) -> int:
+        status: int = getattr(import_module(f"dvc.dibr.commands.{module}"), function)(arguments)
+        return status
+
+    return _run
 
 
-@contextmanager
-def naming(path: str) -> Iterator[None]:
-    """Prefix errors of a stream with its file."""
-    try:
-        yield
-    except BitstreamError as err:
-        raise BitstreamError(f"{path}: {err}") from None
-
-
-def read_stream(path: str, max_mib: int | None = None) -> "tuple[AnyStream, int]":
-    """Read a stream of any kind; return it and its size in bytes."""
-    from dvc.dibr.dibr_streams import Body, body_of
-
-    data = read_whole(path)
-    with naming(path):
-        modules = {
-            Body.VIEWS: "dvc.dibr.view_stream",
-            Body.DEPTH_IMAGE: "dvc.dibr.depth_image.depth_image_stream",
-            Body.PIECES: "dvc.dibr.depth_image.piece_stream",
-        }
-        return import_module(modules[body_of(data)]).decode_stream(data, max_mib), len(data)
-
-
-def decode_views(arguments: argparse.Namespace, stream: "AnyStream", resolution: int = 0) -> "AnyDecoded":
-    """Decode a stream of any kind, to be rendered."""
-    from dvc.dibr.depth_image import depth_image_stream, piece_stream
-    from dvc.dibr.view_decoder import decode
-    from dvc.dibr.view_stream import Stream
-
-    path, num_layers = arguments.path, arguments.quality_layers
-    with naming(path):
-        if isinstance(stream, Stream):
-            return decode(stream, num_layers, resolution)
-        if num_layers is not None:
-            raise ConfigError(f"--quality-layers: {path} has none, but can be cut anywhere")
-        if isinstance(stream, piece_stream.LayeredStream):
-            return piece_stream.decode(stream)
-        if stream.picture is None:
-            raise ConfigError(f"{path}: a depth map only, without a picture to render")
-        return depth_image_stream.decode(stream, resolution)
-
-
-def shape_of(decoded: "AnyDecoded") -> tuple[int, int]:
-    """Return the size of the pictures of a decoded stream."""
-    from dvc.dibr.depth_image.piece_stream import DecodedPieces
-
-    if isinstance(decoded, DecodedPieces):
-        return decoded.shape
-    height, width = decoded.pairs[0].disparity.shape
-    return height, width
-
-
-def render_view(decoded: "AnyDecoded", viewpoint: "Viewpoint", blend: str = "distance") -> "SynthesisedView":
-    """Render a view of a decoded stream of any kind."""
-    from dvc.dibr.depth_image import piece_rendering
-    from dvc.dibr.depth_image.piece_stream import DecodedPieces
-    from dvc.dibr.view_rendering import Blend, render
-
-    if isinstance(decoded, DecodedPieces):
-        return piece_rendering.render(decoded, viewpoint)
-    return render(decoded, viewpoint, Blend(blend))
-
-
-def read_truth(path: str, shape: tuple[int, int]) -> "NDArray[np.uint8]":
-    """Read a picture to compare with views."""
-    from dvc.picture_files import read_picture
-
-    truth = read_picture(path)
-    check_size(path, truth.shape, shape, "the stream")
-    return truth
-
-
-def read_with_holes(path: str, arguments: argparse.Namespace, has_holes: bool = True) -> "DepthMap":
-    """Read a depth map with the number of holes of the options."""
-    from dvc.dibr.depth_image.depth_scale import default_hole, read_depth_map
-
-    hole = arguments.hole
-    if hole is None and has_holes and not arguments.no_holes:
-        hole = default_hole(path)
-    return read_depth_map(path, hole)
-
-
-def view_quality(view: "SynthesisedView", truth: "NDArray[np.uint8]") -> dict[str, float | None]:
-    """Return the quality of a rendered view, compared with a picture of that viewpoint."""
-    from dvc.dibr.view_rendering import picture_of
-    from dvc.images.colour import luma
-    from dvc.metrics import SSIM_WINDOW_PX, ssim
-
-    rendered, target = luma(picture_of(view)), luma(truth)
-    return {
-        "psnr_db": finite_psnr(rendered.reshape(1, -1), target.reshape(1, -1)),
-        "ssim": ssim(rendered, target) if min(rendered.shape) >= SSIM_WINDOW_PX else None,
-        "psnr_visible_db": finite_psnr(rendered[None, view.drawn], target[None, view.drawn]),
-        "psnr_filled_db": finite_psnr(rendered[None, ~view.drawn], target[None, ~view.drawn]),
-    }
-
-
-def depth_image_quality(
-    decoded: "DecodedDepthImage", truth: "DepthMap | None", picture: Any = None
-) -> dict[str, float | None]:
-    """Return the quality of a decoded map, and of its picture."""
-    import numpy as np
-
-    from dvc.images.colour import luma
-
-    entries: dict[str, float | None] = {}
-    if truth is not None:
-        error = np.abs(decoded.depth - truth.depth)[truth.known]
-        peak, mse = float(np.ptp(truth.depth[truth.known])), float(np.mean(error**2))
-        entries["psnr_depth_db"] = 10.0 * math.log10(peak**2 / mse) if mse and peak else None
-        entries["largest_error_depth"] = float(error.max())
-    if picture is not None and decoded.picture is not None:
-        entries["psnr_image_db"] = finite_psnr(luma(decoded.picture), luma(picture))
-    return entries
-
-
-def finite_psnr(picture: "NDArray[np.uint8]", truth: "NDArray[np.uint8]") -> float | None:
-    """Return the PSNR; None without pixels or errors."""
-    from dvc.metrics import psnr_db
-
-    value = psnr_db(picture, truth) if picture.size else math.inf
-    return value if math.isfinite(value) else None
-
-
-def blue_first(picture: Any) -> Any:
-    """Return a picture as `dvc.picture_files.write_png` takes it."""
-    return picture if picture.ndim == 2 else picture[:, :, ::-1]
+SUBCOMMANDS = {
+    "encode": Subcommand(
+        "views, a picture with depth, a depth map, or layers to a stream",
+        """\
+Code one of these; the last name is that of the stream. Two or more pictures are views: the first is the
+reference, coded with the disparities that predict the other views best for their bits. One picture with
+--depth is coded with its map, by wavelets that stop at the contours of the map; a file without --depth is a
+depth map. A folder of dvc-stereo layers or sprites is coded as pictures with disparities and masks.
+docs/dibr.md describes the streams.
+""",
+        _add_encode_options,
+        _runner("dibr_encode"),
+        """\
+  dvc-dibr encode left.png right.png pair.dibr --disparities 0:60 --bpp 0.5
+  dvc-dibr encode *.png out.dibr --views views.csv --disparities -4:12 --bpp 0.3 --quality-layers 7
+  dvc-dibr encode a.png b.png c.png out.dibr --cameras cameras.json --depths 2:50 --lambda 2e-3
+  dvc-dibr encode left.png scene.dibr --depth disparity.pfm --bpp 0.5
+  dvc-dibr encode depth.png map.dibr --bpp 0.1 --no-holes
+  dvc-dibr encode layers layers.dibr --bpp 0.5
+""",
+    ),
+    "decode": Subcommand(
+        "a stream to pictures and disparities",
+        """\
+Decode a stream, or its whole part: reference.png, disparity.pfm (pixels per unit of m; inverse depth for
+calibrated cameras), preview-disparity.png, dibr.json. Further references are reference-1.png and so on. A
+depth map gives depth.pfm (numbers of the map), edges.png, disparity.pfm, and image.png if it has a picture.
+Layers and sprites give the folder of dvc-stereo layers or sprites.
+""",
+        _add_decode_options,
+        _runner("dibr_decode"),
+        """\
+  dvc-dibr decode pair.dibr --out decoded
+  dvc-dibr decode pair.dibr --out small --quality-layers 1 --resolution 2
+  dvc-dibr decode map.dibr --out decoded --truth-depth disparity.pfm --json -
+""",
+    ),
+    "render": Subcommand(
+        "any view of a stream",
+        "Render a view of a stream as a picture, or views along a path as a video.",
+        _add_render_options,
+        _runner("dibr_render"),
+        """\
+  dvc-dibr render pair.dibr --view 0.5,0 --out between.png
+  dvc-dibr render pair.dibr --view 1 --out right.png --truth right-original.png --json -
+  dvc-dibr render array.dibr --path -1,0 0,0 0,1 --frames 60 --out flight.mp4
+""",
+    ),
+    "view": Subcommand(
+        "a page to look around in a scene",
+        """\
+Write one HTML page in which the viewpoint is moved by mouse, touch or keys; it needs WebGL 2 and no network.
+The scene is a stream, or a folder that dvc-stereo layers or dvc-stereo sprites has written.
+""",
+        _add_view_options,
+        _runner("dibr_view"),
+        """\
+  dvc-dibr view pair.dibr --out pair.html
+  dvc-dibr view pair.dibr --out pair.html --truth left.png right.png
+  dvc-dibr view array.dibr --out array.html --truth 3=centre.png 0.5,0=between.png
+  dvc-dibr view layers --out layers.html
+""",
+    ),
+    "info": Subcommand(
+        "header and sizes of a stream",
+        "Print the header of a stream, and the sizes of its parts.",
+        _add_info_options,
+        _runner("dibr_reports", "run_info"),
+        """\
+  dvc-dibr info pair.dibr
+  dvc-dibr info pair.dibr --json -
+""",
+    ),
+    "evaluate": Subcommand(
+        "rates and quality of streams",
+        "Compare streams of any kind: rates, bits by part, and PSNR against originals.",
+        _add_evaluate_options,
+        _runner("dibr_evaluate"),
+        """\
+  dvc-dibr evaluate a.dibr b.dibr --truth-depth disparity.pfm
+  dvc-dibr evaluate layers-*.dibr --truth-image left.png --out curves
+""",
+    ),
+}

@@ -3,18 +3,15 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dvc import cli
-from dvc.dibr.commands.dibr_options import (
-    add_figures,
-    add_layers,
-    add_stream,
+from dvc.dibr.commands.dibr_reports import (
+    AnyDecoded,
     blue_first,
     decode_views,
     in_decibels,
     json_files,
-    parse_view,
     print_figures,
     read_stream,
     read_truth,
@@ -24,41 +21,13 @@ from dvc.dibr.commands.dibr_options import (
     viewpoint_of,
     warn,
 )
+from dvc.dibr.view_rendering import picture_of
 from dvc.errors import ConfigError
-
-if TYPE_CHECKING:
-    from dvc.dibr.commands.dibr_options import AnyDecoded
-    from dvc.geometry.viewpoints import Viewpoint
-
-SUMMARY = "any view of a stream"
-DESCRIPTION = "Render a view of a stream as a picture, or views along a path as a video."
-EXAMPLES = """\
-  dvc-dibr render pair.dibr --view 0.5,0 --out between.png
-  dvc-dibr render pair.dibr --view 1 --out right.png --truth right-original.png --json -
-  dvc-dibr render array.dibr --path -1,0 0,0 0,1 --frames 60 --out flight.mp4
-"""
-BLENDS = "distance", "nearest"
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the subcommand."""
-    add_stream(parser)
-    viewpoints = parser.add_mutually_exclusive_group(required=True)
-    view = "position on the lattice, or the number of a view of the stream"
-    viewpoints.add_argument("--view", type=parse_view, metavar="M,N|K", help=view)
-    path = "two or more views: render views between each and the next"
-    viewpoints.add_argument("--path", dest="route", nargs="+", type=parse_view, metavar="M,N|K", help=path)
-    cli.add_integer(parser, "--frames", (2, 100_000), "frames of the video", default=50)
-    rate = "frames per second; default: 25"
-    parser.add_argument("--frame-rate", type=cli.parse_frame_rate, default="25", metavar="F", help=rate)
-    out = "picture (.png), or video (.mp4, .mkv, .y4m) with --path"
-    parser.add_argument("--out", metavar="FILE", required=True, help=out)
-    add_layers(parser)
-    blend = "references that see a point: their mean by distance, or the nearest; default: %(default)s"
-    parser.add_argument("--blend", choices=BLENDS, default=BLENDS[0], help=blend)
-    truth = "picture taken from the viewpoint; adds PSNR and SSIM"
-    parser.add_argument("--truth", metavar="VIEW", help=truth)
-    add_figures(parser, "show no progress and print no summary")
+from dvc.files import atomic_output
+from dvc.geometry.viewpoints import Viewpoint, between
+from dvc.picture_files import write_png
+from dvc.video import check_suffix, create_video
+from dvc.video.pixels import frame_from_rgb
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -95,17 +64,11 @@ def _check(arguments: argparse.Namespace) -> None:
     elif len(arguments.route) < 2:
         raise ConfigError("--path needs at least two views")
     else:
-        from dvc.video import check_suffix
-
         check_suffix(arguments.out)
 
 
-def _render_picture(arguments: argparse.Namespace, decoded: "AnyDecoded") -> dict[str, Any]:
+def _render_picture(arguments: argparse.Namespace, decoded: AnyDecoded) -> dict[str, Any]:
     """Render one view into a file and return its figures."""
-    from dvc.dibr.view_rendering import picture_of
-    from dvc.files import atomic_output
-    from dvc.picture_files import write_png
-
     truth = None if arguments.truth is None else read_truth(arguments.truth, shape_of(decoded))
     view = render_view(decoded, viewpoint_of(decoded.viewpoints, arguments.view), arguments.blend)
     with atomic_output(arguments.out) as temporary:
@@ -114,12 +77,8 @@ def _render_picture(arguments: argparse.Namespace, decoded: "AnyDecoded") -> dic
     return figures if truth is None else figures | view_quality(view, truth)
 
 
-def _render_video(arguments: argparse.Namespace, decoded: "AnyDecoded") -> None:
+def _render_video(arguments: argparse.Namespace, decoded: AnyDecoded) -> None:
     """Render views along a path into a video."""
-    from dvc.dibr.view_rendering import picture_of
-    from dvc.video import create_video
-    from dvc.video.pixels import frame_from_rgb
-
     stops = [viewpoint_of(decoded.viewpoints, view) for view in arguments.route]
     height, width = shape_of(decoded)
     with (
@@ -132,10 +91,8 @@ def _render_video(arguments: argparse.Namespace, decoded: "AnyDecoded") -> None:
             advance(1)
 
 
-def along(stops: Sequence["Viewpoint"], num_frames: int) -> list["Viewpoint"]:
+def along(stops: Sequence[Viewpoint], num_frames: int) -> list[Viewpoint]:
     """Return viewpoints along a path."""
-    from dvc.geometry.viewpoints import between
-
     viewpoints = []
     for number in range(num_frames):
         way = number * (len(stops) - 1) / (num_frames - 1)

@@ -1,18 +1,17 @@
 """`dvc-dibr view`: a decoded scene as a page in which the viewpoint is moved by hand."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dvc import cli
-from dvc.dibr.commands.dibr_options import (
-    add_figures,
-    add_layers,
-    add_memory,
+from dvc.dibr.commands.dibr_options import parse_view
+from dvc.dibr.commands.dibr_reports import (
+    AnyDecoded,
     decode_views,
     json_files,
-    parse_view,
     print_figures,
     read_stream,
     read_truth,
@@ -22,52 +21,21 @@ from dvc.dibr.commands.dibr_options import (
     viewpoint_of,
     warn,
 )
+from dvc.dibr.depth_image.piece_stream import DecodedPieces
+from dvc.dibr.depth_image.scene_pieces import read_pieces
+from dvc.dibr.view_stream import Decoded
+from dvc.dibr.viewer_page import Caption, Scene, scene_of_pieces, scene_of_stream, write_page
 from dvc.errors import ConfigError
+from dvc.geometry.camera_array import LatticePosition
+from dvc.geometry.viewpoints import Viewpoint
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from dvc.dibr.commands.dibr_options import AnyDecoded
-    from dvc.dibr.viewer_page import Caption
-    from dvc.dibr.viewer_scene import Scene
-    from dvc.geometry.camera_array import LatticePosition
-    from dvc.geometry.viewpoints import Viewpoint
-
-    Truth = tuple[LatticePosition | int | None, str]
-
-SUMMARY = "a page to look around in a scene"
-DESCRIPTION = (
-    "Write one HTML page in which the viewpoint is moved by mouse, touch or keys; it needs WebGL 2 and no "
-    "network. The scene is a stream, or a folder that dvc-stereo layers or dvc-stereo sprites has written."
-)
-EXAMPLES = """\
-  dvc-dibr view pair.dibr --out pair.html
-  dvc-dibr view pair.dibr --out pair.html --truth left.png right.png
-  dvc-dibr view array.dibr --out array.html --truth 3=centre.png 0.5,0=between.png
-  dvc-dibr view layers --out layers.html
-"""
+Truth = tuple[LatticePosition | int | None, str]
 MAX_PIXELS = 1 << 23
 """Most pixels of all pictures of a page: browsers need some 50 bytes for each."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the subcommand."""
-    parser.add_argument("path", metavar="SCENE", help="stream, whole or cut, or folder of layers or sprites")
-    parser.add_argument("--out", metavar="PAGE.html", required=True, help="page to write")
-    add_memory(parser)
-    add_layers(parser)
-    truth = (
-        "pictures taken at the views of the stream, in their order, or at given positions; the page "
-        "shows their PSNR"
-    )
-    parser.add_argument("--truth", nargs="+", default=[], metavar="[M,N=|K=]VIEW", help=truth)
-    add_figures(parser, "show no progress and print no summary")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Write the page."""
-    from dvc.dibr.viewer_page import write_page
-
     if Path(arguments.out).suffix.lower() not in (".html", ".htm"):
         raise ConfigError(f"the name of a page must end in .html, got {arguments.out}")
     truths = [_parse_truth(text) for text in arguments.truth]
@@ -100,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _parse_truth(text: str) -> "Truth":
+def _parse_truth(text: str) -> Truth:
     """Return the position, if any, and the file of a picture; a file `K=NAME` needs its folder."""
     position, equals, path = text.partition("=")
     try:
@@ -109,13 +77,8 @@ def _parse_truth(text: str) -> "Truth":
         return None, text
 
 
-def _scene_of_stream(arguments: argparse.Namespace, truths: "list[Truth]") -> "tuple[Scene, Caption]":
+def _scene_of_stream(arguments: argparse.Namespace, truths: list[Truth]) -> tuple[Scene, Caption]:
     """Return the scene of a stream, and its caption with the quality of its views."""
-    from dvc.dibr.depth_image.piece_stream import DecodedPieces
-    from dvc.dibr.view_decoder import Decoded
-    from dvc.dibr.viewer_page import Caption
-    from dvc.dibr.viewer_scene import scene_of_pieces, scene_of_stream
-
     stream, num_bytes = read_stream(arguments.path, arguments.max_memory)
     decoded = shown = decode_views(arguments, stream)
     halvings = 0
@@ -152,14 +115,14 @@ def _scene_of_stream(arguments: argparse.Namespace, truths: "list[Truth]") -> "t
     )
 
 
-def _check_scene(scene: "Scene", path: str | Path) -> None:
+def _check_scene(scene: Scene, path: str | Path) -> None:
     if not scene.sources[0].pieces:
         raise ConfigError(f"{path}: nothing to be seen in it")
     if scene.num_pixels > MAX_PIXELS:
         raise ConfigError(f"{path}: {scene.num_pixels} pixels in all; a page takes {MAX_PIXELS} at most")
 
 
-def _placed(viewpoints: "Sequence[Viewpoint]", truths: "list[Truth]") -> "dict[Viewpoint, str]":
+def _placed(viewpoints: Sequence[Viewpoint], truths: list[Truth]) -> dict[Viewpoint, str]:
     """Return pictures by viewpoint; those without a position belong to the views in their order."""
     placed: dict[Viewpoint, str] = {}
     number = 0
@@ -175,8 +138,8 @@ def _placed(viewpoints: "Sequence[Viewpoint]", truths: "list[Truth]") -> "dict[V
 
 
 def _qualities(
-    decoded: "AnyDecoded", truths: "dict[Viewpoint, str]", quiet: bool
-) -> "dict[Viewpoint, float | None]":
+    decoded: AnyDecoded, truths: dict[Viewpoint, str], quiet: bool
+) -> dict[Viewpoint, float | None]:
     """Return the PSNR of views in dB; None without any error."""
     pictures = {viewpoint: read_truth(path, shape_of(decoded)) for viewpoint, path in truths.items()}
     qualities: dict[Any, float | None] = {}
@@ -187,12 +150,8 @@ def _qualities(
     return qualities
 
 
-def _scene_of_folder(folder: Path) -> "tuple[Scene, Caption]":
+def _scene_of_folder(folder: Path) -> tuple[Scene, Caption]:
     """Return the scene of a folder of layers or sprites, and its caption."""
-    from dvc.dibr.depth_image.scene_pieces import read_pieces
-    from dvc.dibr.viewer_page import Caption
-    from dvc.dibr.viewer_scene import scene_of_pieces
-
     pieces = read_pieces(folder)
     scene = scene_of_pieces(pieces)
     _check_scene(scene, folder)

@@ -23,8 +23,7 @@ from dvc.errors import ConfigError
 from dvc.images import chain_code, edge_selection, picture_codec
 from dvc.images.chain_code import EdgeCode, trace
 from dvc.images.colour import luma
-from dvc.images.edge_maps import EdgeMaps
-from dvc.images.edge_masks import Mask, edges_inside
+from dvc.images.edge_maps import EdgeMaps, Mask, edges_inside
 from dvc.images.lifting import WAVELETS
 from dvc.images.picture_codec import PictureCode, PictureHeader
 

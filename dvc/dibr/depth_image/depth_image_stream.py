@@ -21,8 +21,7 @@ from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.viewpoints import Viewpoint
 from dvc.images import chain_code, picture_codec
 from dvc.images.chain_code import EdgeCode
-from dvc.images.edge_maps import EdgeMaps
-from dvc.images.edge_masks import Mask, border
+from dvc.images.edge_maps import EdgeMaps, Mask, border
 from dvc.images.picture_codec import DecodedPicture, PictureHeader
 
 MAX_BYTES = 2**31

@@ -26,8 +26,7 @@ from dvc.geometry.rendering import fill_holes
 from dvc.geometry.warping import EMPTY
 from dvc.images.chain_code import EdgeCode
 from dvc.images.colour import luma
-from dvc.images.edge_maps import EdgeMaps
-from dvc.images.edge_masks import border
+from dvc.images.edge_maps import EdgeMaps, border
 from dvc.images.lifting import most_levels
 from dvc.images.picture_codec import PictureCode, PictureHeader, multipliers_around
 from dvc.layers.sprites import Sprite

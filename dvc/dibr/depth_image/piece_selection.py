@@ -15,12 +15,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from dvc.dibr.depth_image.piece_encoder import EncodedPieces, LayeredOptions, encode_to_size, mask_bytes
-from dvc.dibr.depth_image.piece_rendering import draw_pieces, filled, luma_from
 from dvc.dibr.depth_image.piece_stream import decode, decode_stream
-from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, bounds_of_pieces
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, bounds_of_pieces, draw_pieces, filled, luma_from
 from dvc.dibr.view_rendering import picture_of
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import LatticePosition
@@ -208,6 +206,8 @@ def price_of(coded: SelectedPieces) -> Price:
 
 def select(stack: Stack, kind: Kind, worth: Worth, price: Price) -> tuple[Pieces, list[float]]:
     """Return the scene of values that are worth their bits, and weights of its pieces by their visibility."""
+    from scipy.ndimage import distance_transform_edt
+
     cost = price.multiplier * price.bits_per_pixel
     profit = np.where(stack.occupied, worth.saved - price.squared_error * worth.seen, 0.0) - cost
     window = _window(stack.canvas, profit[0])

@@ -16,6 +16,8 @@ from dvc.entropy.mixing import Mixture, code_adaptive, code_mixed, learn
 from dvc.entropy.range_coder import FAILED, code_decision
 
 NUM_CANDIDATES = 2
+_ZERO, _ONE, _TWO = np.arange(3)  # no literals, for each of which numba compiles
+_NO_CONTEXT = np.int64(-1)
 NONE = -1  # label of a candidate that does not exist
 
 
@@ -48,7 +50,7 @@ NUM_CONTEXTS = MANTISSAS + NUM_EXPONENTS
 MAX_SYMBOLS = 1 + 4 * (2 + NUM_CANDIDATES + 2 * NUM_EXPONENTS)  # decisions of a node
 
 # Mixtures.
-MIX_FLAG, MIX_ZERO, MIX_MERGE, MIX_EXPONENT, MIX_SINGLE = range(5)
+MIX_FLAG, MIX_ZERO, MIX_MERGE, MIX_EXPONENT, MIX_SINGLE = np.arange(5)
 NUM_MIXTURES = 5
 
 # Columns of statistics, by level and kind of coefficient.
@@ -180,17 +182,17 @@ def kind_of_node(m, n, parents, splits, significance, is_open, around):
     if not is_open[m, n]:
         return 0
     clear(around)
-    before = 0
+    before, predicted = 0, np.int64(parents[m, n])
     if n > 0:
-        note(parents[m, n - 1], parents[m, n], around)
+        note(parents[m, n - 1], predicted, around)
         before += splits[m, n - 1]
     if m > 0:
-        note(parents[m - 1, n], parents[m, n], around)
+        note(parents[m - 1, n], predicted, around)
         before += splits[m - 1, n]
     if n + 1 < parents.shape[1]:
-        note(parents[m, n + 1], parents[m, n], around)
+        note(parents[m, n + 1], predicted, around)
     if m + 1 < parents.shape[0]:
-        note(parents[m + 1, n], parents[m, n], around)
+        note(parents[m + 1, n], predicted, around)
     return 1 + (significance[m, n] * NUM_SURROUNDINGS + summary(around)) * 3 + before
 
 
@@ -205,7 +207,7 @@ def code_rest(coder, model, level, sign, value):
         model,
         EXPONENTS + exponent,
         EXPONENTS + (1 + level) * NUM_EXPONENTS + exponent,
-        -1,
+        _NO_CONTEXT,
         MIX_EXPONENT,
         int(magnitude >> (exponent + 1) > 0),
     ):
@@ -227,7 +229,7 @@ def code_rest(coder, model, level, sign, value):
 def code_flag(coder, model, level, kind, split):
     """Code whether a node has coefficients below, and return it."""
     first = FLAGS + kind
-    return code_mixed(coder, model, first, first + (1 + level) * NUM_NODE_KINDS, -1, MIX_FLAG, split)
+    return code_mixed(coder, model, first, first + (1 + level) * NUM_NODE_KINDS, _NO_CONTEXT, MIX_FLAG, split)
 
 
 @kernel
@@ -248,7 +250,7 @@ def code_coefficient(coder, model, kind, before, predicted, value, around, stati
     first = ZEROS + kind * 3 + before
     second = first + (1 + level) * NUM_COEFFICIENT_KINDS * 3
     seen = statistics[kind]
-    if not code_mixed(coder, mixture, first, second, -1, MIX_ZERO, int(value != predicted)):
+    if not code_mixed(coder, mixture, first, second, _NO_CONTEXT, MIX_ZERO, int(value != predicted)):
         seen[SAME] += 1
         return predicted
     seen[OTHER] += 1
@@ -256,7 +258,9 @@ def code_coefficient(coder, model, kind, before, predicted, value, around, stati
         if candidates[c] != NONE:
             first = DISTANCES + c * NUM_DISTANCES + distance_class(candidates[c] - predicted)
             second = MERGES + ((1 + level) * NUM_CANDIDATES + c) * NUM_SURROUNDINGS + kind % NUM_SURROUNDINGS
-            merged = code_mixed(coder, mixture, first, second, -1, MIX_MERGE, int(value == candidates[c]))
+            merged = code_mixed(
+                coder, mixture, first, second, _NO_CONTEXT, MIX_MERGE, int(value == candidates[c])
+            )
             seen[(MERGED if merged else UNMERGED) + c] += 1
             if merged:
                 return candidates[c]
@@ -274,7 +278,7 @@ def code_split(coder, model, m, n, known, coded, flags, around):
     if known.alive[m, n]:
         kind = kind_of_node(m, n, known.parents, splits, known.significance, known.is_open, around)
         if kind > 0:
-            split = code_flag(coder, model.mixture, model.level, kind, int(splits[m, n]))
+            split = code_flag(coder, model.mixture, model.level, kind, np.int64(splits[m, n]))
             flags[kind, split] += 1
     splits[m, n] = split
     return split
@@ -289,7 +293,7 @@ def code_row_l(coder, model, m, known, coded, counts):
     around = new_around()
     for n in range(parents.shape[1]):
         split = code_split(coder, model, m, n, known, coded, counts.flags, around)
-        before = 0
+        before = _ZERO
         for i in range(2 * m, min(2 * m + 2, height)):
             for j in range(2 * n, min(2 * n + 2, width)):
                 predicted = np.int64(parents[m, n]) + predictions[i, j]
@@ -335,7 +339,7 @@ def code_row_s(coder, model, m, known, coded, counts):
     for n in range(parents.shape[1]):
         split = code_split(coder, model, m, n, known, coded, counts.flags, around)
         is_coded = split and known.significance[m, n]
-        before, horizontal = 0, np.int64(0)
+        before, horizontal = _ZERO, np.int64(0)
         mean = np.int64(parents[m, n])
         if 2 * n + 1 < width:
             i, j = 2 * m, 2 * n + 1
@@ -408,7 +412,7 @@ def code_differences(coder, counts, values, predictions):
         for j in range(values.shape[1]):
             difference = np.int64(values[i, j]) - predictions[i, j]
             values[i, j] = predictions[i, j] + code_exp_golomb(
-                coder, counts, 0, 1, 2, 2 + BINARY_EXPONENTS, difference
+                coder, counts, _ZERO, _ONE, _TWO, _TWO + BINARY_EXPONENTS, difference
             )
 
 

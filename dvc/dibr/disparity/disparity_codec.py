@@ -5,18 +5,25 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc.dibr.disparity.error_tensor import Distortion, Holes, Tensor
-from dvc.dibr.disparity.integer_transforms import Labels
-from dvc.dibr.disparity.tree_coding import Classes, all_significant
+from dvc.dibr.disparity.integer_transforms import Labels, level_shapes
 from dvc.entropy import RangeCoder
 
+Classes = NDArray[np.uint8]
+"""Classes of nodes: 1 if the reference is significant, else 0."""
 MAX_FAILURES = 2
 """Most steps in a row without a gain before a search ends."""
 CREDITS = 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5
 """Credits, in turn, of labels that would cover holes: shares of the errors in these."""
 _LEAST_GAIN_BITS = 1e-6
 """Least gain of a better map, in bits per pixel."""
+
+
+def all_significant(shape: tuple[int, int], num_levels: int | None = None) -> list[Classes]:
+    """Return classes of significance that forbid nothing."""
+    return [np.ones(size, np.uint8) for size in level_shapes(shape, num_levels)[1:]]
 
 
 class Known(NamedTuple):

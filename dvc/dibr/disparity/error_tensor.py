@@ -21,7 +21,7 @@ from dvc.dibr.disparity.integer_transforms import Labels
 
 Floats = NDArray[np.float64]
 Plane = NDArray[np.float32]
-Counts = NDArray[np.uint8] | NDArray[np.uint16]
+Counts = NDArray[np.uint8]
 Tensor = NDArray[np.float32]
 """Errors of shape (rows, columns, labels)."""
 
@@ -58,15 +58,13 @@ def error_tensor(
     inverse_depths: Floats,
 ) -> Tensor:
     """Return the squared error of each label at each pixel, per view."""
-    if not views or len(views) != len(warps):
-        raise ValueError(f"`views` must be at least one, with a warp each, got {len(views)}, {len(warps)}")
+    if not 0 < len(views) < 256 or len(views) != len(warps):
+        raise ValueError(f"`views` must be 1 to 255, with a warp each, got {len(views)}, {len(warps)}")
     planes, target = [_with_channels(view) for view in views], _with_channels(reference)
     if any(plane.shape[2] != target.shape[2] for plane in planes):
         raise ValueError("`views` must have the channels of the reference")
     tensor = np.zeros((*target.shape[:2], len(inverse_depths)), np.float32)
-    count: Counts = np.zeros(tensor.shape, np.uint8)
-    if len(views) > 255:
-        count = np.zeros(tensor.shape, np.uint16)
+    count = np.zeros(tensor.shape, np.uint8)
     for plane, warp in zip(planes, warps, strict=True):
         _add_squared_errors(target, plane, _homographies(warp, inverse_depths), tensor, count)
     _normalise_errors(tensor, count, len(views))

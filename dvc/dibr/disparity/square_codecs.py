@@ -174,7 +174,7 @@ def _code(coder: RangeCoder, tree: Quadtree) -> Quadtree:
     for level in reversed(range(len(shapes))):
         split = tree.splits[level - 1].copy() if level else np.zeros(alive.shape, np.bool_)
         step = 1 << level
-        given = tree.labels[::step, ::step]
+        given = np.ascontiguousarray(tree.labels[::step, ::step])
         for m in range(len(alive)):
             state = coder.room_for(alive.shape[1] * (num_digits + 1))
             _kernels.code_squares(state, counts, level, alphabet, alive[m], split[m], given[m], labels[m])

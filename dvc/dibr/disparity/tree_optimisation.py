@@ -32,6 +32,8 @@ Int = Any
 """Whole number of Python or numpy."""
 
 INF = np.float32(np.inf)
+ZERO_LABEL: Any = np.int64(0)  # no literal, for which numba would compile
+ZERO_ERROR: Any = np.float32(0.0)
 ZERO, NONZERO, SLOPE, JUMP, TEAR = range(5)
 """Columns of `LevelCosts.coefficients`."""
 
@@ -350,7 +352,12 @@ def columns_s(
         i, j = 2 * m, 2 * n + c
         if i + 1 < height:
             combine_s(
-                values[i, j], values[i + 1, j], predictions[i + 1, j], costs[kinds[i + 1, j]], 0.0, columns[c]
+                values[i, j],
+                values[i + 1, j],
+                predictions[i + 1, j],
+                costs[kinds[i + 1, j]],
+                ZERO_ERROR,
+                columns[c],
             )
         else:
             columns[c, :] = values[i, j]
@@ -387,7 +394,7 @@ def pass_up_s(errors: Errors, level: Costs, up: Float32s, flat_up: Float32s) -> 
     total = 0.0
     for m in range(up.shape[0]):
         for n in range(up.shape[1]):
-            flat_s(flat, predictions, m, n, 0, flat_up[m, n])
+            flat_s(flat, predictions, m, n, ZERO_LABEL, flat_up[m, n])
             if not flags[node_kinds[m, n], 1] < INF:
                 full[:] = INF
             elif columns_s(values, predictions, kinds, costs, m, n, columns) == 2:
@@ -410,7 +417,7 @@ def pass_down_s(errors: Errors, level: Costs, nodes: Nodes, highs: Labels, child
     columns, below = np.empty((2, num_labels), np.float32), np.empty(1, np.float32)
     for m in range(parents.shape[0]):
         for n in range(parents.shape[1]):
-            flag, low = flags[node_kinds[m, n]], parents[m, n]
+            flag, low = flags[node_kinds[m, n]], np.int64(parents[m, n])
             splits, horizontal = False, np.int64(0)
             if 2 * n + 1 < width:
                 horizontal = np.int64(predictions[2 * m, 2 * n + 1])

@@ -13,8 +13,8 @@ from benchmarks.baselines.thesis_disparities import (
     search_laplacian,
     significant_magnitudes,
 )
+from dvc.dibr.disparity.disparity_codec import all_significant
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform
-from dvc.dibr.disparity.tree_coding import all_significant
 
 
 @pytest.mark.parametrize("scale", [0.05, 0.4, 3.0, 50.0])

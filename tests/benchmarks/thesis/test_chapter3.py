@@ -23,10 +23,9 @@ from benchmarks.thesis.view_curves import (
 )
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM
 from dvc.dibr.disparity.tree_codec import WaveletCodec
-from dvc.dibr.view_decoder import decode
 from dvc.dibr.view_encoder import ViewEncoder
 from dvc.dibr.view_rendering import PictureAndDisparity
-from dvc.dibr.view_stream import decode_stream
+from dvc.dibr.view_stream import decode, decode_stream
 from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition
 from dvc.picture_files import write_png
 from tests.dibr.plane_views import FAR, LABELS, NEAR, planes

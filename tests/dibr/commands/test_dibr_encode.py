@@ -88,7 +88,10 @@ def test_processes_encode_decode_and_render(views: Path) -> None:
 
 def test_help_is_quick() -> None:
     """No numeric library is loaded to print help."""
-    for arguments in (["--help"], *([name, "--help"] for name in ("encode", "decode", "render", "info"))):
+    for arguments in (
+        ["--help"],
+        *([name, "--help"] for name in ("encode", "decode", "render", "info", "view", "evaluate")),
+    ):
         command = [sys.executable, "-X", "importtime", "-m", "dvc.dibr", *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         assert "examples:" in done.stdout
@@ -245,6 +248,8 @@ REFUSED = {
     "disparities": ("a.png b.png o.dibr --bpp 1", "--disparities"),
     "kinds": ("a.png b.png o.dibr --cameras x.json --disparities 0:8 --bpp 1", "--depths"),
     "depths": ("a.png b.png o.dibr --depths 2:1 --bpp 1", "NEAR < FAR"),
+    "small lambda": ("a.png b.png o.dibr --disparities 0:8 --lambda 1e-9", "lambda from 1e-08 to 10"),
+    "large lambda": ("a.png b.png o.dibr --disparities 0:8 --lambda 11", "lambda from 1e-08 to 10"),
     "depths of arrays": ("a.png b.png o.dibr --depths 1:2 --disparities 0:8 --bpp 1", "--cameras"),
 }
 

@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ from dvc.dibr.commands import dibr_view as view
 from dvc.layers.layer_folders import write_layers, write_sprites
 from dvc.layers.layered_depth_image import layered_depth_image
 from dvc.layers.sprites import extract_sprites
+from tests.dibr.running import answer, refusal, run
 from tests.dibr.scenes import write_views
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
@@ -28,27 +27,10 @@ def stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "pair.dibr"
 
 
-def run(*arguments: str) -> int:
-    try:
-        return main(list(arguments))
-    except SystemExit as err:
-        return int(err.code or 0)
-
-
 def scene_of(page: str) -> dict[str, Any]:
     text = Path(page).read_text(encoding="utf-8")
     found: dict[str, Any] = json.loads(text.split('id="scene">', 1)[1].split("</script>", 1)[0])
     return found
-
-
-def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    capsys.readouterr()
-    before = set(Path().iterdir())
-    assert run("view", *arguments) == 2
-    assert set(Path().iterdir()) == before, "nothing half-written"
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("dvc-dibr")
-    return line
 
 
 def test_summary_counts(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -59,8 +41,7 @@ def test_summary_counts(stream: str, capsys: pytest.CaptureFixture[str]) -> None
 
 def test_page_is_one_file_that_loads_nothing(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
     """It names no other place, its policy allows none, and the figures are those of the stream."""
-    assert run("view", stream, "--out", "page.html", "--json", "-") == 0
-    figures = json.loads(capsys.readouterr().out)
+    figures = answer(capsys, "view", stream, "--out", "page.html")
     text = Path("page.html").read_text(encoding="utf-8")
     assert figures["page_bytes"] == len(text.encode())
     assert figures["scene_bytes"] == Path(stream).stat().st_size
@@ -77,11 +58,8 @@ def test_quality_is_that_of_rendered_views(stream: str, capsys: pytest.CaptureFi
     """Pictures are those of the views in their order, or of the place before them."""
     wanted = []
     for place, truth in (("0", "a.png"), ("1", "b.png"), ("-1,0", "c.png")):
-        capsys.readouterr()
-        assert (
-            run("render", stream, "--view", place, "--out", "view.png", "--truth", truth, "--json", "-") == 0
-        )
-        wanted.append(json.loads(capsys.readouterr().out)["psnr_db"])
+        options = ("--view", place, "--out", "view.png", "--truth", truth)
+        wanted.append(answer(capsys, "render", stream, *options)["psnr_db"])
     truths = ("--truth", "a.png", "b.png", "-1,0=c.png")
     assert run("view", stream, "--out", "page.html", *truths, "--quiet") == 0
     assert capsys.readouterr().out == ""
@@ -102,8 +80,7 @@ def test_folders_of_layers_and_sprites(tmp_path: Path, capsys: pytest.CaptureFix
         folder.mkdir()
         write(folder, content)  # type: ignore[operator]
         page = str(tmp_path / f"{name}.html")
-        assert run("view", str(folder), "--out", page, "--json", "-") == 0
-        figures = json.loads(capsys.readouterr().out)
+        figures = answer(capsys, "view", str(folder), "--out", page)
         assert figures["sources"] == 1
         assert figures["pieces"] >= 2
         assert (figures["width"], figures["height"]) == (60, 40)
@@ -127,12 +104,10 @@ def test_large_streams_are_shown_smaller(
     stream: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Sides are halved until a page can bear them; rate and PSNR stay those of the whole."""
-    truth = ("--truth", "a.png", "--json", "-")
-    assert run("view", stream, "--out", "page.html", *truth) == 0
-    whole = json.loads(capsys.readouterr().out)
+    options = ("view", stream, "--out", "page.html", "--truth", "a.png")
+    whole = answer(capsys, *options)
     monkeypatch.setattr(view, "MAX_PIXELS", 32 * 48 // 4)
-    assert run("view", stream, "--out", "page.html", *truth) == 0
-    smaller = json.loads(capsys.readouterr().out)
+    smaller = answer(capsys, *options)
     assert (smaller["width"], smaller["height"]) == (24, 16)
     assert (smaller["bpp"], smaller["psnr_db"]) == (whole["bpp"], whole["psnr_db"])
     assert smaller["bounds"] == whole["bounds"]
@@ -149,7 +124,7 @@ def test_large_folders_are_refused(
     Path("layers").mkdir()
     write_layers(Path("layers"), layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS)))
     monkeypatch.setattr(view, "MAX_PIXELS", 1000)
-    assert "1000 at most" in refusal(capsys, "layers", "--out", "page.html")
+    assert "1000 at most" in refusal(capsys, "view", "layers", "--out", "page.html")
 
 
 def test_refusals(stream: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -159,27 +134,15 @@ def test_refusals(stream: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
     (tmp_path / "layers").mkdir()
     (tmp_path / "layers" / "layers.json").write_text("{}")
     page = ("--out", "page.html")
-    assert "nowhere.dibr" in refusal(capsys, "nowhere.dibr", *page)
-    assert "broken.dibr" in refusal(capsys, "broken.dibr", *page)
-    assert "layers.json" in refusal(capsys, "empty", *page)
-    assert "layers.json" in refusal(capsys, "layers", *page)
-    assert "folder" in refusal(capsys, stream, "--out", "missing/page.html")
-    assert ".html" in refusal(capsys, stream, "--out", "page.txt")
-    assert "require a stream" in refusal(capsys, "empty", *page, "--truth", "a.png")
-    assert "2 views" in refusal(capsys, stream, *page, "--truth", "a.png", "b.png", "c.png")
-    assert "two pictures" in refusal(capsys, stream, *page, "--truth", "a.png", "0,0=b.png")
-    assert "view 7" in refusal(capsys, stream, *page, "--truth", "7=a.png")
-    assert "nothing.png" in refusal(capsys, stream, *page, "--truth", "nothing.png")
-    assert "quality layers" in refusal(capsys, stream, *page, "--quality-layers", "9")
-
-
-def test_help_has_examples_and_loads_no_numpy() -> None:
-    """Help is there at once."""
-    script = (
-        "import sys; from dvc.dibr.__main__ import main\n"
-        "try: main(['view', '--help'])\n"
-        "except SystemExit: print('numpy' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert "dvc-dibr view layers --out" in done.stdout
-    assert done.stdout.rstrip().endswith("False")
+    assert "nowhere.dibr" in refusal(capsys, "view", "nowhere.dibr", *page)
+    assert "broken.dibr" in refusal(capsys, "view", "broken.dibr", *page)
+    assert "layers.json" in refusal(capsys, "view", "empty", *page)
+    assert "layers.json" in refusal(capsys, "view", "layers", *page)
+    assert "folder" in refusal(capsys, "view", stream, "--out", "missing/page.html")
+    assert ".html" in refusal(capsys, "view", stream, "--out", "page.txt")
+    assert "require a stream" in refusal(capsys, "view", "empty", *page, "--truth", "a.png")
+    assert "2 views" in refusal(capsys, "view", stream, *page, "--truth", "a.png", "b.png", "c.png")
+    assert "two pictures" in refusal(capsys, "view", stream, *page, "--truth", "a.png", "0,0=b.png")
+    assert "view 7" in refusal(capsys, "view", stream, *page, "--truth", "7=a.png")
+    assert "nothing.png" in refusal(capsys, "view", stream, *page, "--truth", "nothing.png")
+    assert "quality layers" in refusal(capsys, "view", stream, *page, "--quality-layers", "9")

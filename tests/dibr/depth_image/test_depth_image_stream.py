@@ -13,8 +13,6 @@ from dvc.dibr.depth_image.depth_image_stream import (
     PlaneCode,
     decode_stream,
     encode_stream,
-    header_bytes,
-    part_bytes,
 )
 from dvc.dibr.depth_image.depth_scale import DepthScale, decode_extent, encode_extent
 from dvc.errors import BitstreamError, ConfigError
@@ -47,15 +45,15 @@ def test_streams_come_back(picture, scale, flags):
     found = decode_stream(encode_stream(stream))
     assert_same(found, stream)
     assert found.damage is None
-    assert part_bytes(found) == part_bytes(stream)
+    assert found.part_bytes == stream.part_bytes
 
 
 def test_headers_are_at_most_32_bytes_beside_the_scale():
     long = PlaneCode(DEPTH.header, 1, bytes(10_000))
     picture = PlaneCode(PICTURE.header, 0, bytes(100_000))
     stream = DepthImageStream((375, 450), DepthScale(0, 1), bytes(300), EdgeCode.ADAPTIVE, long, picture)
-    assert header_bytes(stream) <= 32
-    assert header_bytes(stream_of(None)) <= 28
+    assert stream.part_bytes["header"] <= 32
+    assert stream_of(None).part_bytes["header"] <= 28
 
 
 def test_a_cut_leaves_both_the_same_share():
@@ -70,7 +68,7 @@ def test_a_cut_leaves_both_the_same_share():
             continue
         assert str(len(data)) in found.damage
         depth, picture = len(found.depth.data), len(found.picture.data)
-        assert sum(part_bytes(found).values()) == length
+        assert sum(found.part_bytes.values()) == length
         assert DEPTH.data.startswith(found.depth.data)
         assert PICTURE.data.startswith(found.picture.data)
         assert depth == (depth + picture) * 100 // 150

@@ -12,7 +12,6 @@ from dvc.dibr.depth_image.depth_image_encoder import encode_to_size as encode_im
 from dvc.dibr.depth_image.depth_image_stream import decode as decode_image
 from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.piece_encoder import encode_to_size
-from dvc.dibr.depth_image.piece_rendering import luma_from, render_pieces
 from dvc.dibr.depth_image.piece_selection import (
     MOST_TRIALS,
     Price,
@@ -29,7 +28,7 @@ from dvc.dibr.depth_image.piece_selection import (
     worth_of,
 )
 from dvc.dibr.depth_image.piece_stream import decode, decode_stream
-from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of, luma_from, render_pieces
 from dvc.dibr.view_rendering import picture_of, render
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import DisparityLabels

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from dvc._jit import python_twin
 from dvc.dibr.disparity import error_tensor
+from dvc.dibr.disparity.disparity_codec import all_significant
 from dvc.dibr.disparity.error_tensor import Holes, subtract_hole_errors
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform, WaveletTree
-from dvc.dibr.disparity.tree_codec import WaveletCodec, code_costs, kinds_of
-from dvc.dibr.disparity.tree_coding import Statistics, all_significant, encode_tree
+from dvc.dibr.disparity.tree_codec import Statistics, WaveletCodec, code_costs, encode_tree, kinds_of
 
 SHAPE, NUM_LABELS, MULTIPLIER = (24, 30), 20, 1e-4
 
