@@ -77,13 +77,6 @@ def test_options_say_whether_key_frames_are_predicted(
     assert (config.gop.length, config.key.intra_period) == (length, intra_period)
 
 
-def test_intra_pictures_have_no_period() -> None:
-    """All key frames are such."""
-    words = ["in.mkv", "out.dvc", "--key-frames", "intra", "--intra-period", "5"]
-    with pytest.raises(ConfigError, match="--intra-period is for --key-frames predicted"):
-        session(parser().parse_args(words), VideoInfo(16, 16, Fraction(25), None))
-
-
 def test_frames_that_predict_others_are_finer() -> None:
     """The farther the references, the more frames depend on a frame: less has to be saved by a bit."""
     shared = Qp(30).wyner_ziv
