@@ -21,11 +21,11 @@ QUARTER_HALF_BLOCK_PX = 4
 SAMPLED_PX = 8
 """Side of the blocks that are interpolated."""
 NUM_NEAREST, NEAR_PX2 = 3, 16.0
-"""Points whose motion is blended, and the squared distance up to which they count alike."""
+"""Number of points that blend their motion, and squared distance of points with half the largest weight."""
 
 
 class Matching(NamedTuple):
-    """Blocks of a key frame, and an image in which they are looked for."""
+    """Blocks of a key frame, and an image to search for them."""
 
     image: NDArray[np.uint8]
     blocks: NDArray[np.uint8]
@@ -35,12 +35,12 @@ class Matching(NamedTuple):
 class Points(NamedTuple):
     """Points of a key frame."""
 
-    first: NDArray[np.int64]  # where they are there
-    small: NDArray[np.int64]  # the largest SAD of each that is found
+    first: NDArray[np.int64]  # positions in the key frame
+    small: NDArray[np.int64]  # largest SAD of a match of each
 
 
 class Movement(NamedTuple):
-    """How points have moved so far."""
+    """Motion of points up to the last frame."""
 
     last: NDArray[np.int64]
     velocity: NDArray[np.int64]
@@ -48,11 +48,11 @@ class Movement(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What comes of a search for points in a frame."""
+    """Results of a search for points in a frame."""
 
     position: NDArray[np.int64]
     sads: NDArray[np.int64]
-    beside: NDArray[np.int64]  # SADs to the left, right, above and below
+    adjacent: NDArray[np.int64]  # SADs to the left, right, above and below
     found: NDArray[np.bool_]
 
 
@@ -61,7 +61,7 @@ class Found(NamedTuple):
 
 @kernel
 def cut_blocks(image, points, blocks):
-    """Copy the block around each point; what lies outside the image repeats its border."""
+    """Copy the block around each point; outside the image its border is repeated."""
     height, width = image.shape
     half = blocks.shape[1] // 2
     for i in range(points.shape[0]):
@@ -74,7 +74,7 @@ def cut_blocks(image, points, blocks):
 
 @kernel
 def min_shift_sads(matching, points, shift, min_sads):
-    """Smallest SAD of each block against itself, moved to the left, right, up and down; inside the image."""
+    """Compute the smallest SAD of each block against itself, moved in four directions inside the image."""
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
         min_sads[i] = UNKNOWN
@@ -86,7 +86,7 @@ def min_shift_sads(matching, points, shift, min_sads):
 
 @inlined_kernel
 def block_sad(matching, x, y, half, i):
-    """Sum of absolute differences (SAD) of block `i` about a position; `UNKNOWN` off the image."""
+    """Return the sum of absolute differences (SAD) of block `i` at a position; `UNKNOWN` off the image."""
     image, blocks, counts = matching
     if not is_within(image, x, y, half):
         return UNKNOWN
@@ -107,7 +107,7 @@ def block_sad(matching, x, y, half, i):
 
 @inlined_kernel
 def is_within(image, x, y, margin):
-    """Tell whether a point is so far inside the image that all places around it can be compared."""
+    """Return whether a point has at least this distance from the border of the image."""
     height, width = image.shape
     return margin <= x < width - margin and margin <= y < height - margin
 
@@ -131,7 +131,7 @@ def descend(matching, x, y, i, sad, max_steps, around):
 
 @inlined_kernel
 def spiral_search(matching, x, y, half, i, small, spiral):
-    """Compare along a spiral until the first small SAD; return where the least one is, and that SAD."""
+    """Compare along a spiral until the first small SAD; return the position of the least SAD, and it."""
     best, best_x, best_y = UNKNOWN, x, y
     for k in range(spiral.shape[0]):
         at_x, at_y = x + spiral[k, 0], y + spiral[k, 1]
@@ -148,7 +148,7 @@ def spiral_search(matching, x, y, half, i, small, spiral):
 
 @kernel
 def median_motion(velocity, alive, median):
-    """Median of each component over the live points, of which there is at least one."""
+    """Compute the median of each component over the live points, at least one."""
     for axis in range(2):
         ordered = np.sort(velocity[alive, axis])
         median[axis] = ordered[ordered.size // 2]
@@ -156,9 +156,7 @@ def median_motion(velocity, alive, median):
 
 @kernel
 def move_as_nearest(points, ends, squares, velocity):
-    """Squared distance of points from the last place of the nearest track, and its last motion, back in
-    time.
-    """
+    """Compute squared distances of points from the nearest track, and its last motion back in time."""
     count = points.shape[0]
     x, y = points[:, 0].astype(np.float64), points[:, 1].astype(np.float64)
     nearest = np.full(count, -1)
@@ -178,7 +176,7 @@ def move_as_nearest(points, ends, squares, velocity):
 
 @inlined_kernel
 def offer_motion(first_x, first_y, j, begin, nearest_found):
-    """Make point `j`, which was found, the nearest found of points from `begin` on, where it is."""
+    """Enter the match of point `j` as the nearest one of points from `begin` on that it is closest to."""
     for k in range(begin, nearest_found.size):
         i = np.uintp(k)
         dx, dy = np.int32(first_x[i] - first_x[j]), np.int32(first_y[i] - first_y[j])
@@ -188,7 +186,7 @@ def offer_motion(first_x, first_y, j, begin, nearest_found):
 
 @inlined_kernel
 def best_candidate(matching, i, candidates):
-    """Compare a block at several places; return the first of least SAD, and that SAD."""
+    """Compare a block at several positions; return the first with the least SAD, and that SAD."""
     best, best_x, best_y = UNKNOWN, candidates[0, 0], candidates[0, 1]
     for k in range(candidates.shape[0]):
         x, y, seen = candidates[k, 0], candidates[k, 1], False
@@ -203,7 +201,7 @@ def best_candidate(matching, i, candidates):
 
 @kernel
 def coarse_to_fine_search(matching, quarter, i, last, spirals, around):
-    """Search in images of a quarter of the size, around what was found there, and down to a local minimum."""
+    """Search in images of a quarter of the size, then around the result, and descend to a local minimum."""
     x, y, half = (last[i, 0] + 2) // 4, (last[i, 1] + 2) // 4, QUARTER_HALF_BLOCK_PX
     x, y, sad = spiral_search(quarter, x, y, half, i, -1, spirals[1])
     if sad < UNKNOWN:
@@ -225,9 +223,9 @@ def nearest_found_of(first_x, first_y, found):
 
 @kernel
 def track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search):
-    """Find each live point in a frame, and return how many are found."""
+    """Search for each live point in a frame, and return the number of matches."""
     image, (first, small), (last, velocity, alive) = matching.image, points, movement
-    position, sads, beside, found = search
+    position, sads, adjacent, found = search
     candidates = np.empty((3, 2), np.int64)
     around = np.empty(8, np.int64)
     first_x, first_y = first[:, 0].astype(np.int32), first[:, 1].astype(np.int32)
@@ -258,14 +256,14 @@ def track_frame(matching, quarter, points, movement, spirals, max_coarse_searche
             found[i] = True
             num_found += 1
             for k in range(4):
-                beside[i, k] = around[(3, 4, 1, 6)[k]]
+                adjacent[i, k] = around[(3, 4, 1, 6)[k]]
             offer_motion(first_x, first_y, i, i + 1, nearest_found)
     return num_found
 
 
 @inlined_kernel
 def offset_between(before, here, after):
-    """Place a minimum between pixels, where the two sides of a V through three SADs meet."""
+    """Return the offset of a minimum between pixels: the tip of a V through three SADs."""
     steepest = max(before, after) - here
     if min(before, after) >= here and steepest > 0:
         return 0.5 * (before - after) / steepest
@@ -274,11 +272,11 @@ def offset_between(before, here, after):
 
 @kernel
 def finish_frame(points, last, search, scale, velocity, path):
-    """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; nan for what is not found.
+    """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; nan for lost points.
 
-    Return the longest squared way of a point.
+    Return the largest squared distance of a point from its start.
     """
-    (first, _), (position, sads, beside, found) = points, search
+    (first, _), (position, sads, adjacent, found) = points, search
     longest = 0
     for i in range(found.size):
         square = 0
@@ -290,7 +288,7 @@ def finish_frame(points, last, search, scale, velocity, path):
             if found[i]:
                 offset = 0.0
                 if scale > 1.0:
-                    offset = offset_between(beside[i, 2 * axis], sads[i], beside[i, 2 * axis + 1])
+                    offset = offset_between(adjacent[i, 2 * axis], sads[i], adjacent[i, 2 * axis + 1])
                 path[i, axis] = np.rint((position[i, axis] + offset) * scale) / scale
         longest = max(longest, square if found[i] else 0)
     return longest
@@ -298,9 +296,9 @@ def finish_frame(points, last, search, scale, velocity, path):
 
 @kernel
 def follow(matching, quarter, points, movement, spirals, limits, search, ends):
-    """Find points that are not found yet, and finish the frame where enough are found.
+    """Search for points without a match, and finish the frame if enough have one.
 
-    Return how many are, and what `finish_frame` returns. `limits`: most coarse searches, and least number of
+    Return their number and the result of `finish_frame`. `limits`: most coarse searches, and least number of
     points; `ends`: `scale`, `velocity` and `path`.
     """
     (max_coarse_searches, least), (scale, velocity, path) = limits, ends
@@ -315,7 +313,7 @@ def follow(matching, quarter, points, movement, spirals, limits, search, ends):
 
 @inlined_kernel
 def sample_at(image, x, y):
-    """Interpolate an image bilinearly at a place; borders are repeated."""
+    """Interpolate an image bilinearly at a position; borders are repeated."""
     height, width = image.shape
     x, y = min(max(x, 0.0), width - 1.0), min(max(y, 0.0), height - 1.0)
     left, above = min(int(x), max(width - 2, 0)), min(int(y), max(height - 2, 0))
@@ -328,7 +326,7 @@ def sample_at(image, x, y):
 
 @kernel
 def blended_motion(x, y, positions, motion):
-    """Blend the motion of the points nearest to a place, from the first instant to each of the others."""
+    """Blend the motion of the points nearest to a position, from the first instant to each later one."""
     nearest, squares = np.full(NUM_NEAREST, -1), np.full(NUM_NEAREST, np.inf)
     for i in range(positions.shape[0]):
         square, number = (positions[i, 0, 0] - x) ** 2 + (positions[i, 0, 1] - y) ** 2, i
@@ -354,7 +352,7 @@ def blended_motion(x, y, positions, motion):
 
 @kernel
 def interpolation_error(frame, before, after, positions, spacing):
-    """Mean squared difference of blocks of a frame from the mean of two others, moved as points nearby."""
+    """Compute the mean squared difference of blocks of a frame from two frames moved as nearby points."""
     height, width = frame.shape
     motion = np.empty((2, 2))
     total, count = 0.0, 0

@@ -26,7 +26,7 @@ MAX_LINES = 5
 LINE_INTERVAL_S = 10.0
 
 FirstFrame = Callable[[int], int | None]
-"""Returns the frame with which a decoder continues after some groups of pictures, None if it cannot."""
+"""Returns the first frame after some groups of pictures; None if a decoder cannot continue there."""
 
 
 class AcceptedPeer(NamedTuple):
@@ -89,7 +89,7 @@ class PeerAcceptor(Closing):
 
     def _run(self) -> None:
         while not self._closed:
-            deadline_s = min((one.deadline_s for one in self._greetings.values()), default=None)
+            deadline_s = min((greeting.deadline_s for greeting in self._greetings.values()), default=None)
             left_s = None if deadline_s is None else max(deadline_s - time.monotonic(), 0.0)
             for key, _ in self._selector.select(left_s):
                 if key.fd in self._greetings:

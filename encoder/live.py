@@ -147,7 +147,7 @@ class _SentGroup:
     number: int  # in the sequence
     first_frame: int
     encoded: EncodedGroup
-    slots: range = range(0)  # of its Wyner-Ziv frames
+    slots: range = range(0)  # slots of its Wyner-Ziv frames
 
     @property
     def num_frames(self) -> int:
@@ -172,7 +172,7 @@ class _LiveEncoder:
         self._num_groups = self._num_frames = 0  # encoded
         self._lost_s = 0.0
         self._open: dict[int, _SentGroup] = {}  # by number
-        self._first_frames = {0: 0}  # by number, of groups with which the decoder may continue
+        self._first_frames = {0: 0}  # by number, if the decoder may continue there
         self._again: deque[_SentGroup] = deque()  # to be sent on this connection before further groups
         self._connect(peer)
 
@@ -241,7 +241,7 @@ class _LiveEncoder:
                 raise
 
     def _step(self, answering: ExitStack) -> None:
-        may_send = self._endpoint.num_credits > 0 and not self._ended and self._has_room()
+        may_send = self._endpoint.flow.num_credits > 0 and not self._ended and self._has_room()
         sends = may_send and (bool(self._again) or self._has_frames())
         if sends:
             answering.close()

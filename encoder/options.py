@@ -87,7 +87,7 @@ _RULE_FIELDS = {
     "min_gop": "min_length",
     "scene_change": "cut_share",
 }
-"""Fields of the rule by which tracks end a GOP, by option."""
+"""Fields of the rule that ends a GOP by its tracks, by option."""
 
 
 def _of_rule(option: str) -> Value:

@@ -1,7 +1,7 @@
 """Tracker of the points of key frames through groups of pictures, by sums of absolute differences of blocks.
 
 A search starts at the position of the point at rest, under its last motion, and under the motion of the
-nearest point located so far. It follows a spiral until a SAD is small, then the steepest path of SADs to a
+nearest point located before. It follows a spiral until a SAD is small, then the steepest path of SADs to a
 local minimum. A point without a small SAD is lost.
 """
 

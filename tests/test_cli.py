@@ -143,8 +143,8 @@ BAD_ENCODER_INPUT = {
     "a file that waits": (["clip.y4m", "--serve", ":0", "--leave-out"], "--leave-out requires a camera"),
     "token of a file": (["clip.y4m", "a.dvc", "--token-file", "token"], "--token-file requires --serve"),
     "one segment": (["clip.y4m", "a-%04d.dvc"], "a-%04d.dvc requires --segment"),
-    "tracks of no points": (["clip.y4m", "o.dvc", "--codec", "2d", "--points", "9"], "--codec 3d-td or --codec 3d-te"),
-    "key of no certificate": (["clip.y4m", "--serve", ":0", "--tls-key", "k"], "--tls-key requires --tls-cert"),
+    "tracks of no points": (["clip.y4m", "o.dvc", "--codec", "2d", "--points", "9"], "requires --codec 3d-td"),
+    "key of no certificate": (["clip.y4m", "--serve", ":0", "--tls-key", "k"], "requires --tls-cert"),
     "a queue for a file": (["clip.y4m", "out.dvc", "--queue", "16"], "--queue requires --serve"),
     "address of another machine": (["clip.y4m", "--serve", "192.0.2.1:0"], "cannot listen"),
 }  # fmt: skip
@@ -233,7 +233,7 @@ BAD_DECODER_INPUT = {
     "frames behind the end": (["s.dvc", "o.y4m", "--frames", "5:"], "--frames 5: holds no frame"),
     "frames and --punctured": (["s.dvc", "o.y4m", "--frames", "1:", "--punctured", "p.dvc"], "--punctured"),
     "frames and --connect": (["o.y4m", "--frames", "1:", "--connect", ":1"], "--connect"),
-    "nobody there": (["o.y4m", "--connect", "127.0.0.1:1", "--timeout", "1"], "nobody listens"),
+    "nobody there": (["o.y4m", "--connect", "127.0.0.1:1", "--timeout", "1"], "no program listens"),
 }  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from dvc.stream import GopRecord, decode_gop, encode_gop
 
 PROTOCOL_VERSION = 11
 DECODER_ID_BYTES = 16
-"""Length of the random number by which an encoder recognises its decoder after a lost connection."""
+"""Length of the random number that identifies a decoder after a lost connection."""
 MAX_TOKEN_BYTES = 4096
 """Longest token that a decoder may send."""
 MAX_HEADER_BYTES = 2**16
@@ -41,7 +41,7 @@ _SYNTAX_FAULTS = {
 class Hello:
     """Decoder to encoder, first on every connection."""
 
-    version: int  # of the protocol
+    version: int
     decoder_id: bytes = b""  # random, the same on all connections of a run
     num_groups: int = 0  # groups of pictures that the decoder has written
     token: bytes = b""
@@ -51,7 +51,7 @@ class Hello:
 class Welcome:
     """Encoder to decoder, in reply to `Hello`."""
 
-    version: int  # of the protocol
+    version: int
     config: bytes = b""  # as `encode_config` writes it
 
 
@@ -93,7 +93,7 @@ class GopDone:
 class End:
     """Encoder to decoder: no more groups of pictures follow."""
 
-    num_frames: int  # of the sequence
+    num_frames: int  # length of the sequence
 
 
 @dataclass(frozen=True)

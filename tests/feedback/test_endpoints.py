@@ -586,8 +586,6 @@ def test_size_of_a_gop_is_bounded_by_its_frames() -> None:
         (lambda encoder, decoder: [encoder.send_end() for _ in range(2)], "second end"),
         (lambda encoder, decoder: decoder.send_gop_done(2), "not open"),
         (lambda encoder, decoder: [decoder.send_next_gop() for _ in range(32)], "more than 32"),
-        (lambda encoder, decoder: DecoderEndpoint(ID).send_next_gop(), "Welcome has not come"),
-        (lambda encoder, decoder: DecoderEndpoint(ID).config, "Welcome has not come"),
     ],
 )
 def test_mistakes_of_the_caller_are_value_errors(

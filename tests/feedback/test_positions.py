@@ -381,7 +381,7 @@ def test_a_plane_is_in_one_run(more: Part) -> None:
     if more.offset:
         again.append(ParityRequest(2, 0, "crc", 0, 0, 1, (), (more._replace(offset=0),)))
     for request in again:
-        with pytest.raises(ValueError, match="some of which are in another run"):
+        with pytest.raises(ValueError, match="some already in another run"):
             enter(account, request)
     enter(account, ParityRequest(1, 1, "crc", 0, 0, 1, (), (Part(0, (0, 9)), Part(1, (2, 3)))))
 
