@@ -107,7 +107,7 @@ def _log(text: str) -> None:
 def _write(
     session: "EncoderSession", source: "InputFrames", output: str, progress: "Progress", live: bool
 ) -> None:
-    """Write a stream; if a live source fails, its earlier frames are kept, since they cannot be read again."""
+    """Write a stream; earlier frames of a live source that fails are kept, as it cannot be read again."""
     from dvc.files import SyncedFile, atomic_output
 
     with atomic_output(output, visible=True) as temporary, SyncedFile(temporary, waits=live) as file:

@@ -143,7 +143,7 @@ BAD_ENCODER_INPUT = {
     "a file that waits": (["clip.y4m", "--serve", ":0", "--leave-out"], "--leave-out requires a camera"),
     "token of a file": (["clip.y4m", "a.dvc", "--token-file", "token"], "--token-file requires --serve"),
     "one segment": (["clip.y4m", "a-%04d.dvc"], "a-%04d.dvc requires --segment"),
-    "tracks of no points": (["clip.y4m", "o.dvc", "--codec", "2d", "--points", "9"], "requires --codec 3d-td"),
+    "tracks of no points": (["clip.y4m", "o.dvc", "--codec", "2d", "--points", "9"], "requires --codec"),
     "key of no certificate": (["clip.y4m", "--serve", ":0", "--tls-key", "k"], "requires --tls-cert"),
     "a queue for a file": (["clip.y4m", "out.dvc", "--queue", "16"], "--queue requires --serve"),
     "address of another machine": (["clip.y4m", "--serve", "192.0.2.1:0"], "cannot listen"),
