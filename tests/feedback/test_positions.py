@@ -533,13 +533,3 @@ def test_any_number_of_parts_is_read_in_time() -> None:
     begun = tuple(Part(offset, (0,)) for offset in range(40000))
     with pytest.raises(FeedbackError, match="run 0 of frame 1 has frames"):
         encoder.receive(written(ranges(3, begun=begun)))
-
-
-def test_endpoint_breaks_off_at_hostile_positions() -> None:
-    """A request that account control refuses ends the channel, as any breach does."""
-    encoder, _ = opened_ends()
-    (table,) = encoder.receive(written(ranges(3, 9, begun=FIRST)))
-    assert isinstance(table, RequestTable)
-    assert table.requests() == [ranges(3, 9, begun=FIRST)]
-    with pytest.raises(FeedbackError, match="previous request"):
-        encoder.receive(written(ranges(3, 9)))
