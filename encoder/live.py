@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from fractions import Fraction
-from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from dvc.feedback import Event, GopDone
 from dvc.slepian_wolf import RequestTable
 from dvc.slepian_wolf.requests import COUNT, SLOT
 from dvc.video import Frame
-from encoder.acceptor import AcceptedPeer, FirstFrame
+from encoder.acceptor import AcceptedPeer, PeerAcceptor
 from encoder.frame_queue import LeftOut
 from encoder.session import EncodedGroup, EncoderSession, Progress
 
@@ -23,15 +22,6 @@ MAX_STALL_S = 3600.0
 """Longest time that a connected decoder may take without asking for anything or finishing a group."""
 LOOK_S = 0.02
 """Longest wait for the decoder while frames of the next group are awaited."""
-
-
-class Peers(Protocol):
-    """Connections of the decoder, one after the other; see `encoder.acceptor`."""
-
-    first_frame: FirstFrame
-
-    def next_peer(self, within_s: float | None = None) -> AcceptedPeer | None:
-        """Wait for a connection of the decoder; return None if there is none in time."""
 
 
 @dataclass
@@ -93,7 +83,7 @@ class DecoderPace:
 def serve(
     session: EncoderSession,
     frames: Iterable[Frame | None],
-    peers: Peers,
+    peers: PeerAcceptor,
     peer: AcceptedPeer,
     progress: Progress,
     pace: DecoderPace | None = None,
@@ -132,7 +122,7 @@ def serve(
     return asdict(live.report)
 
 
-def _next_peer(peers: Peers, patience_s: float) -> AcceptedPeer | None:
+def _next_peer(peers: PeerAcceptor, patience_s: float) -> AcceptedPeer | None:
     """Wait for the decoder to come back; of several connections only the last is in use."""
     peer = peers.next_peer(patience_s) if patience_s else None
     while peer is not None and (later := peers.next_peer(0.0)) is not None:

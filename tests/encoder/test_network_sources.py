@@ -124,7 +124,7 @@ def test_who_is_not_there_is_one_line(tmp_path: Path, scheme: str) -> None:
         assert (status, len(lines)) == (2, 1)
         assert problem in lines[0]
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(VideoError, match="is no address to which a source could connect"):
+    with pytest.raises(VideoError, match="--listen requires an address to which a source can connect"):
         open_video(tmp_path / "clip.mkv", listen=True)
 
 
