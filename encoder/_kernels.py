@@ -295,13 +295,13 @@ def finish_frame(points, last, search, scale, velocity, path):
 
 
 @kernel
-def follow(matching, quarter, points, movement, spirals, limits, search, ends):
-    """Search for points without a match, and finish the frame if enough have one.
+def follow(
+    matching, quarter, points, movement, spirals, max_coarse_searches, least, search, scale, velocity, path
+):
+    """Search for points without a match; return their number, and the result of `finish_frame`.
 
-    Return their number and the result of `finish_frame`. `limits`: most coarse searches, and least number of
-    points; `ends`: `scale`, `velocity` and `path`.
+    The frame is finished if at least `least` points have a match.
     """
-    (max_coarse_searches, least), (scale, velocity, path) = limits, ends
     num_found = track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search)
     if num_found < least:
         return num_found, 0

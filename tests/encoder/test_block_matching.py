@@ -139,13 +139,14 @@ def test_frames_are_finished_once_enough_points_are_found(twin: bool) -> None:
     search = _kernels.Found(
         np.zeros((3, 2), np.int64), np.zeros(3, np.int64), np.zeros((3, 4), np.int64), np.zeros(3, np.bool_)
     )
-    ends = 1.0, np.zeros((3, 2), np.int64), np.zeros((3, 2))
+    velocity, path = np.zeros((3, 2), np.int64), np.zeros((3, 2))
+    ends = search, 1.0, velocity, path
     given = matching, matching, _kernels.Points(points, np.full(3, 10)), movement, (spiral(5), spiral(5))
-    assert follow(*given, (0, 3.0), search, ends) == (2, 0)
-    assert not ends[1].any()
-    assert follow(*given, (0, 2.0), search, ends) == (2, 9)
-    assert ends[1][:2].tolist() == [[0, -3], [0, -3]]
-    np.testing.assert_array_equal(ends[2], [[30, 27], [60, 37], [np.nan, np.nan]])
+    assert follow(*given, 0, 3.0, *ends) == (2, 0)
+    assert not velocity.any()
+    assert follow(*given, 0, 2.0, *ends) == (2, 9)
+    assert velocity[:2].tolist() == [[0, -3], [0, -3]]
+    np.testing.assert_array_equal(path, [[30, 27], [60, 37], [np.nan, np.nan]])
 
 
 @pytest.mark.parametrize("twin", [False, True])
