@@ -47,13 +47,13 @@ class Movement(NamedTuple):
     alive: NDArray[np.bool_]
 
 
-class Found(NamedTuple):
+class Matches(NamedTuple):
     """Results of a search for points in a frame."""
 
     position: NDArray[np.int64]
     sads: NDArray[np.int64]
     adjacent: NDArray[np.int64]  # SADs to the left, right, above and below
-    found: NDArray[np.bool_]
+    matched: NDArray[np.bool_]
 
 
 # ---- blocks ----
@@ -97,9 +97,9 @@ def block_sad(matching, x, y, half, i):
         for row in range(side):
             at_x, at_y = np.uintp(x - half + column), np.uintp(y - half + row)
             sample, late = image[at_y, at_x], image[at_y, np.uintp(x + half - 7 + column)] & mask
-            known, known_late = blocks[i, row, column], blocks[i, row, side - 8 + column] & mask
-            total = np.int32(total + abs(np.int32(np.int32(sample) - np.int32(known))))
-            total = np.int32(total + abs(np.int32(np.int32(late) - np.int32(known_late))))
+            template, template_late = blocks[i, row, column], blocks[i, row, side - 8 + column] & mask
+            total = np.int32(total + abs(np.int32(np.int32(sample) - np.int32(template))))
+            total = np.int32(total + abs(np.int32(np.int32(late) - np.int32(template_late))))
     counts[0] += 1
     counts[1] += side * side
     return np.int64(total)
@@ -119,10 +119,10 @@ def descend(matching, x, y, i, sad, max_steps, around):
         best, step_x, step_y = sad, 0, 0
         for k in range(8):
             dx, dy = _AROUND[k, 0], _AROUND[k, 1]
-            found = block_sad(matching, x + dx, y + dy, HALF_BLOCK_PX, i)
-            around[k] = found
-            if found < best:
-                best, step_x, step_y = found, dx, dy
+            neighbour = block_sad(matching, x + dx, y + dy, HALF_BLOCK_PX, i)
+            around[k] = neighbour
+            if neighbour < best:
+                best, step_x, step_y = neighbour, dx, dy
         if (step_x == 0 and step_y == 0) or step == max_steps:
             break
         x, y, sad = x + step_x, y + step_y, best
@@ -175,13 +175,13 @@ def move_as_nearest(points, ends, squares, velocity):
 
 
 @inlined_kernel
-def offer_motion(first_x, first_y, j, begin, nearest_found):
+def offer_motion(first_x, first_y, j, begin, nearest_match):
     """Enter the match of point `j` as the nearest one of points from `begin` on that it is closest to."""
-    for k in range(begin, nearest_found.size):
+    for k in range(begin, nearest_match.size):
         i = np.uintp(k)
         dx, dy = np.int32(first_x[i] - first_x[j]), np.int32(first_y[i] - first_y[j])
         square = np.int32(np.int32(dx * dx) + np.int32(dy * dy))
-        nearest_found[i] = min(nearest_found[i], (np.int64(square) << 20) + j)
+        nearest_match[i] = min(nearest_match[i], (np.int64(square) << 20) + j)
 
 
 @inlined_kernel
@@ -212,30 +212,30 @@ def coarse_to_fine_search(matching, quarter, i, last, spirals, around):
 
 
 @kernel
-def nearest_found_of(first_x, first_y, found):
-    """Return the nearest found point of each, by squared distance and number."""
-    nearest_found = np.full(found.size, UNKNOWN << 20)
-    for j in range(found.size):
-        if found[j]:
-            offer_motion(first_x, first_y, j, 0, nearest_found)
-    return nearest_found
+def nearest_matches(first_x, first_y, matched):
+    """Return the nearest matched point of each, by squared distance and number."""
+    nearest_match = np.full(matched.size, UNKNOWN << 20)
+    for j in range(matched.size):
+        if matched[j]:
+            offer_motion(first_x, first_y, j, 0, nearest_match)
+    return nearest_match
 
 
 @kernel
 def track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search):
     """Search for each live point in a frame, and return the number of matches."""
     image, (first, small), (last, velocity, alive) = matching.image, points, movement
-    position, sads, adjacent, found = search
+    position, sads, adjacent, matched = search
     candidates = np.empty((3, 2), np.int64)
     around = np.empty(8, np.int64)
     first_x, first_y = first[:, 0].astype(np.int32), first[:, 1].astype(np.int32)
-    nearest_found = nearest_found_of(first_x, first_y, found)
-    num_found, coarse_searches = np.int64(found.sum()), 0
+    nearest_match = nearest_matches(first_x, first_y, matched)
+    num_matched, coarse_searches = np.int64(matched.sum()), 0
     for i in range(alive.size):
-        if found[i] or not alive[i]:
+        if matched[i] or not alive[i]:
             continue
-        has_neighbour = nearest_found[i] < UNKNOWN << 20
-        j = nearest_found[i] & (1 << 20) - 1
+        has_neighbour = nearest_match[i] < UNKNOWN << 20
+        j = nearest_match[i] & (1 << 20) - 1
         for axis in range(2):
             candidates[0, axis] = last[i, axis]
             candidates[1, axis] = last[i, axis] + velocity[i, axis]
@@ -253,12 +253,12 @@ def track_frame(matching, quarter, points, movement, spirals, max_coarse_searche
             x, y, sad = coarse_to_fine_search(matching, quarter, i, last, spirals, around)
         position[i, 0], position[i, 1], sads[i] = x, y, sad
         if sad <= small[i] and is_within(image, x, y, HALF_BLOCK_PX + 1):
-            found[i] = True
-            num_found += 1
+            matched[i] = True
+            num_matched += 1
             for k in range(4):
                 adjacent[i, k] = around[(3, 4, 1, 6)[k]]
-            offer_motion(first_x, first_y, i, i + 1, nearest_found)
-    return num_found
+            offer_motion(first_x, first_y, i, i + 1, nearest_match)
+    return num_matched
 
 
 @inlined_kernel
@@ -276,21 +276,21 @@ def finish_frame(points, last, search, scale, velocity, path):
 
     Return the largest squared distance of a point from its start.
     """
-    (first, _), (position, sads, adjacent, found) = points, search
+    (first, _), (position, sads, adjacent, matched) = points, search
     longest = 0
-    for i in range(found.size):
+    for i in range(matched.size):
         square = 0
         for axis in range(2):
             velocity[i, axis] = position[i, axis] - last[i, axis]
             moved = position[i, axis] - first[i, axis]
             square += moved * moved
             path[i, axis] = np.nan
-            if found[i]:
+            if matched[i]:
                 offset = 0.0
                 if scale > 1.0:
                     offset = offset_between(adjacent[i, 2 * axis], sads[i], adjacent[i, 2 * axis + 1])
                 path[i, axis] = np.rint((position[i, axis] + offset) * scale) / scale
-        longest = max(longest, square if found[i] else 0)
+        longest = max(longest, square if matched[i] else 0)
     return longest
 
 
@@ -302,10 +302,10 @@ def follow(
 
     The frame is finished if at least `least` points have a match.
     """
-    num_found = track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search)
-    if num_found < least:
-        return num_found, 0
-    return num_found, finish_frame(points, movement.last, search, scale, velocity, path)
+    num_matched = track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search)
+    if num_matched < least:
+        return num_matched, 0
+    return num_matched, finish_frame(points, movement.last, search, scale, velocity, path)
 
 
 # ---- interpolation ----
@@ -330,19 +330,19 @@ def blended_motion(x, y, positions, motion):
     nearest, squares = np.full(NUM_NEAREST, -1), np.full(NUM_NEAREST, np.inf)
     for i in range(positions.shape[0]):
         square, number = (positions[i, 0, 0] - x) ** 2 + (positions[i, 0, 1] - y) ** 2, i
-        for place in range(NUM_NEAREST):
-            if square < squares[place]:
-                squares[place], square = square, squares[place]
-                nearest[place], number = number, nearest[place]
+        for rank in range(NUM_NEAREST):
+            if square < squares[rank]:
+                squares[rank], square = square, squares[rank]
+                nearest[rank], number = number, nearest[rank]
     motion[:] = 0.0
     total = 0.0
-    for place in range(NUM_NEAREST):
-        if nearest[place] >= 0:
-            weight = 1.0 / (squares[place] + NEAR_PX2)
+    for rank in range(NUM_NEAREST):
+        if nearest[rank] >= 0:
+            weight = 1.0 / (squares[rank] + NEAR_PX2)
             total += weight
             for instant in range(motion.shape[0]):
                 for axis in range(2):
-                    moved = positions[nearest[place], instant + 1, axis] - positions[nearest[place], 0, axis]
+                    moved = positions[nearest[rank], instant + 1, axis] - positions[nearest[rank], 0, axis]
                     motion[instant, axis] += weight * moved
     if total > 0.0:
         for instant in range(motion.shape[0]):

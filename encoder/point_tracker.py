@@ -111,7 +111,7 @@ class BlockMatchingTracker:
         """Track the points into the next frame; return the numbers of compared blocks and samples."""
         count, points = len(self.alive), self.points
         operations = np.zeros(2, np.int64)
-        search = _kernels.Found(
+        search = _kernels.Matches(
             np.zeros((count, 2), np.int64),
             np.empty(count, np.int64),
             np.empty((count, 4), np.int64),
@@ -139,7 +139,7 @@ class BlockMatchingTracker:
             )
             if self.num_alive >= enough:
                 break
-        self._last, self.velocity, self.alive = search.position, velocity, search.found
+        self._last, self.velocity, self.alive = search.position, velocity, search.matched
         self.path.append(path)
         return operations
 

@@ -114,7 +114,7 @@ def test_frames_are_finished_as_their_twin_says(scale: float, twin: bool) -> Non
     small, sads = rng.integers(50, 60, 40), rng.integers(0, 12, 40)
     beside, found = rng.integers(8, 16, (40, 4)), rng.random(40) < 0.7
     velocity, path = np.empty((40, 2), np.int64), np.empty((40, 2))
-    points, search = _kernels.Points(first, small), _kernels.Found(position, sads, beside, found)
+    points, search = _kernels.Points(first, small), _kernels.Matches(position, sads, beside, found)
     longest = finish(points, last, search, scale, velocity, path)
     assert np.array_equal(velocity, position - last)
     assert longest == ((position - first) ** 2).sum(axis=1)[found].max()
@@ -136,7 +136,7 @@ def test_frames_are_finished_once_enough_points_are_found(twin: bool) -> None:
     blocks[2] = 255 - blocks[2]
     matching = _kernels.Matching(STILL_LIFE[3:], blocks, counts)
     movement = _kernels.Movement(points, np.zeros((3, 2), np.int64), np.ones(3, np.bool_))
-    search = _kernels.Found(
+    search = _kernels.Matches(
         np.zeros((3, 2), np.int64), np.zeros(3, np.int64), np.zeros((3, 4), np.int64), np.zeros(3, np.bool_)
     )
     velocity, path = np.zeros((3, 2), np.int64), np.zeros((3, 2))
