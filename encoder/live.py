@@ -83,7 +83,7 @@ class DecoderPace:
 def serve(
     session: EncoderSession,
     frames: Iterable[Frame | None],
-    peers: PeerAcceptor,
+    peers: PeerAcceptor | None,
     peer: AcceptedPeer,
     progress: Progress,
     pace: DecoderPace | None = None,
@@ -96,14 +96,15 @@ def serve(
     """
     quiet = DecoderPace(session.config.video.frame_rate, lambda _: None)
     live = _LiveEncoder(session, frames, peer, progress, pace or quiet, has_frames)
-    peers.first_frame = live.first_frame
+    if peers is not None:
+        peers.first_frame = live.first_frame
     try:
         with session.statistics.coding():
             while not live.finished:
                 try:
                     live.run()
                 except ConnectionLostError as err:
-                    returned = _next_peer(peers, patience_s)
+                    returned = None if peers is None or not patience_s else _next_peer(peers, patience_s)
                     if returned is not None:
                         live.resume(returned)
                     elif live.all_confirmed:
@@ -124,7 +125,7 @@ def serve(
 
 def _next_peer(peers: PeerAcceptor, patience_s: float) -> AcceptedPeer | None:
     """Wait for the decoder to come back; of several connections only the last is in use."""
-    peer = peers.next_peer(patience_s) if patience_s else None
+    peer = peers.next_peer(patience_s)
     while peer is not None and (later := peers.next_peer(0.0)) is not None:
         peer = later
     return peer
