@@ -11,7 +11,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from types import FrameType
@@ -324,22 +324,17 @@ def add_live(group: argparse._ActionsContainer, option: str, text: str) -> None:
     silence = "time after which the connection to a silent peer is lost, in seconds"
     add_integer(group, "--timeout", (1, 86400), silence, default=30, metavar="S")
     patience = (
-        "time in which the decoder may replace a lost connection, in seconds: the run continues after the"
-        " last group of pictures that is written; 0: a lost connection ends the run"
+        "time for the decoder to replace a lost connection, in seconds: the run continues after the last"
+        " group of pictures that is written; 0: a lost connection ends the run"
     )
     add_integer(group, "--patience", (0, 86400), patience, default=30, metavar="S")
 
 
-def check_live(arguments: argparse.Namespace, live: str, *options: str) -> None:
-    """Refuse options of the connection without a live run."""
-    given = {option: getattr(arguments, option[2:].replace("-", "_")) for option in (live, *options)}
-    for option in options:
-        if given[option] and not given[live]:
-            raise ConfigError(f"{option} requires {live}")
-
-
 class Constraint(NamedTuple):
-    """Options that a given option requires or excludes."""
+    """Requirements of an option: one of the options that it needs, none of those that it excludes.
+
+    A name such as "--codec 2d" means the option with this value.
+    """
 
     option: str
     needs: tuple[str, ...] = ()
@@ -347,23 +342,24 @@ class Constraint(NamedTuple):
     why: str = ""
 
 
-def check_constraints(arguments: argparse.Namespace, constraints: Sequence[Constraint]) -> None:
-    """Refuse given options without the options that they require, or with one that they exclude."""
+def is_given(arguments: argparse.Namespace, name: str) -> bool:
+    """Return whether an option is given, or has the value after its name."""
+    option, _, value = name.partition(" ")
+    given = getattr(arguments, option.strip("-").replace("-", "_").lower())
+    return str(given) == value if value else given is not None and given is not False
 
-    def _is_given(option: str) -> bool:
-        value = getattr(arguments, option[2:].replace("-", "_"))
-        return value is not None and value is not False
 
+def check_constraints(arguments: argparse.Namespace, constraints: Iterable[Constraint]) -> None:
+    """Refuse options that contradict each other, before any work is done."""
     for option, needs, excludes, why in constraints:
-        if not _is_given(option):
+        if not is_given(arguments, option):
             continue
         reason = f": {why}" if why else ""
-        for other in needs:
-            if not _is_given(other):
-                raise ConfigError(f"{option} requires {other}{reason}")
-        for other in excludes:
-            if _is_given(other):
-                raise ConfigError(f"{option} excludes {other}{reason}")
+        if needs and not any(is_given(arguments, name) for name in needs):
+            raise ConfigError(f"{option} requires {' or '.join(needs)}{reason}")
+        for name in excludes:
+            if is_given(arguments, name):
+                raise ConfigError(f"{option} excludes {name}{reason}")
 
 
 def write_json(path: str | Path, values: object) -> None:

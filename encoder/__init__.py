@@ -21,13 +21,13 @@ def encode(
     Parameters
     ----------
     frames : iterable of Frame
-        Of the size that the configuration tells; read once, a group of pictures at a time.
+        Frames of the size in the configuration; read once, a group of pictures at a time.
     config : CodecConfig
-        As `dvc.config.codec_config` makes it.
+        Configuration from `dvc.config.codec_config`.
     file : path
-        Where the stream goes; there is nothing until it is whole.
+        Stream to write, complete or not at all.
     delivery : ParityBuffer or NoFeedback, optional
-        All planes of Wyner-Ziv frames, of which a decoder takes what it needs, by default; or nothing.
+        All planes of Wyner-Ziv frames, by default, or none.
 
     Returns
     -------
@@ -37,7 +37,7 @@ def encode(
     Raises
     ------
     VideoError
-        If there are no frames, or one has another size.
+        If the sequence is empty, or a frame has another size.
     """
     from dvc.errors import VideoError
     from dvc.files import SyncedFile, atomic_output
@@ -55,5 +55,5 @@ def encode(
     with atomic_output(os.fspath(file)) as temporary, SyncedFile(temporary) as stream:
         session.write(checked(), stream, lambda _: None)
         if session.statistics.num_frames == 0:
-            raise VideoError("there are no frames")
+            raise VideoError("the sequence has no frames")
     return session.statistics

@@ -1,4 +1,4 @@
-"""Command `dvc-encode`: code a video into a stream, or serve it to a decoder that asks for parity."""
+"""Command `dvc-encode`: code a video into a stream, or serve it to a decoder that requests parity."""
 
 import argparse
 import sys
@@ -38,7 +38,7 @@ def _encode(arguments: argparse.Namespace) -> int:
     )
     with video as reader:
         for notice in reader.info.notices:
-            _say(notice)
+            _log(notice)
         total = arguments.frames if reader.info.num_frames is None else reader.info.num_frames
         with cli.progress_bar("encoding", total, arguments.quiet) as progress:
             _run(reader, arguments, progress)
@@ -46,63 +46,59 @@ def _encode(arguments: argparse.Namespace) -> int:
 
 
 def _run(reader: "VideoReader", arguments: argparse.Namespace, progress: "Progress") -> None:
-    """Encode what comes from a reader, and report; what is live, or recorded as segments, may be stopped."""
+    """Encode the frames of a reader, and report; a signal may end a live source or a recording."""
+    import cv2
+
     from dvc.memory import resident_bytes
     from encoder.frame_queue import PacedFrames
     from encoder.report import memory_report
     from encoder.segments import InputFrames
+    from encoder.session import EncoderSession  # noqa: F401  # loaded before the first frame
 
-    live = reader.info.live
+    cv2.setNumThreads(1)  # only the time of this thread is counted
+    live, segmented = reader.info.live, arguments.segment is not None
     segments: list[Segment] = []
-    decoder: dict[str, object] = {}
+    extra: dict[str, object] = {}
     frames = PacedFrames(reader, reader.info.frame_rate)
-    _load_libraries()
     baseline_bytes = resident_bytes()
     session = options.session(arguments, reader.info)
     queue = options.queue(frames, arguments, live, session.config)
     source = InputFrames(queue or frames)
     try:
         if arguments.serve is not None:
-            decoder = _serve(session, source, arguments, progress, queue)
+            extra = _serve(session, source, arguments, progress, queue)
         else:
-            with source.stopping_at_signals() if live or arguments.segment else nullcontext():
-                if arguments.segment is None:
-                    _write(session, source, arguments.output, progress, live)
-                else:
+            with source.stopping_at_signals() if live or segmented else nullcontext():
+                if segmented:
                     _write_segments(source, reader.info, arguments, progress, segments)
+                else:
+                    _write(session, source, arguments.output, progress, live)
     finally:
         if queue is not None and not queue.close():
             reader.leave_open()
-        pace = (_pace(reader, frames) if live else {}) | decoder
-    if arguments.json is not None and (segments or not arguments.segment):
+        if live:
+            extra = _pace(reader, frames) | extra
+    has_output = bool(segments) or not segmented
+    if arguments.json is not None and has_output:
         memory = {"memory": memory_report(baseline_bytes)}
-        cli.write_json(arguments.json, {**_report(session, segments), **memory, **pace})
-    source.raise_end(kept=live and arguments.serve is None and (bool(segments) or not arguments.segment))
-
-
-def _load_libraries() -> None:
-    """Load what coding takes before there are frames; OpenCV for the one thread whose time is counted."""
-    import cv2
-
-    import encoder.session  # noqa: F401
-
-    cv2.setNumThreads(1)
+        cli.write_json(arguments.json, {**_report(session, segments), **memory, **extra})
+    source.raise_end(kept=live and arguments.serve is None and has_output)
 
 
 def _pace(reader: "VideoReader", frames: "PacedFrames") -> dict[str, object]:
-    """Say how far the encoder fell behind a live source, and the source behind its own clock."""
+    """Report the lag of the encoder behind a live source, and the lead of its time stamps."""
     lead_s = reader.clock.lead_s
     if frames.behind_s > MIN_REPORTED_LAG_S:
-        _say(f"fell up to {frames.behind_s:.1f} s behind the source; one that cannot wait loses frames")
+        _log(f"fell up to {frames.behind_s:.1f} s behind the source; one that cannot wait loses frames")
     if lead_s is not None and lead_s > MIN_REPORTED_LAG_S:
-        _say(
-            f"time stamps ran up to {lead_s:.1f} s ahead of the frames: some were lost before they came here,"
-            f" or there are fewer than {float(reader.info.frame_rate):g} a second"
+        _log(
+            f"time stamps ran up to {lead_s:.1f} s ahead of the frames: the source lost some, or sends fewer"
+            f" than {float(reader.info.frame_rate):g} per second"
         )
     return {"behind_s": round(frames.behind_s, 3), "lead_s": None if lead_s is None else round(lead_s, 3)}
 
 
-def _say(text: str) -> None:
+def _log(text: str) -> None:
     sys.stderr.write(f"{options.PROG}: {cli.one_line(text)}\n")
     sys.stderr.flush()
 
@@ -110,7 +106,7 @@ def _say(text: str) -> None:
 def _write(
     session: "EncoderSession", source: "InputFrames", output: str, progress: "Progress", live: bool
 ) -> None:
-    """Write a stream; of a live source up to where it fails, and to the disk, for it cannot be read again."""
+    """Write a stream; earlier frames of a live source that fails are kept, as it cannot be read again."""
     from dvc.files import SyncedFile, atomic_output
 
     with atomic_output(output, visible=True) as temporary, SyncedFile(temporary, waits=live) as file:
@@ -134,7 +130,7 @@ def _write_segments(
     names, clock = segment_names(arguments.output), CodingClock(info.frame_rate)
     for path in names.existing().values():
         if path.suffix == PARTIAL_SUFFIX:
-            _say(f"{path} is left of an earlier recording: `dvc-decode --unfinished` reads it")
+            _log(f"{path} remains from an earlier recording: `dvc-decode --unfinished` reads it")
     length = max(1, round(min(arguments.segment * info.frame_rate, MAX_SEGMENT_FRAMES)))
     finished += write_segments(
         source, names, length, lambda: options.session(arguments, info, clock), progress
@@ -148,7 +144,7 @@ def _serve(
     progress: "Progress",
     queue: "FrameQueue | None",
 ) -> dict[str, object]:
-    """Answer a decoder, also after an interrupt, which ends the frames; return how late it was."""
+    """Serve a decoder, also after an interrupt, which ends the frames; return its lag and the lost links."""
     from dvc.feedback import listen, parse_address
     from encoder.acceptor import PeerAcceptor
     from encoder.frame_queue import LeftOut
@@ -158,23 +154,23 @@ def _serve(
         return queue is None or source.stopped or queue.holds(session.config.gop.length)
 
     left_out = queue.left_out if queue is not None else LeftOut()
-    pace = DecoderPace(session.config.video.frame_rate, _say, left_out)
+    pace = DecoderPace(session.config.video.frame_rate, _log, left_out)
     protection = options.protection(arguments)
     with ExitStack() as stack:
         listener = stack.enter_context(listen(*parse_address(arguments.serve)))
         protection.check_exposure(listener.host)
         if protection.insecure and protection.tls is None:
-            _say("the connection is not protected: anyone may connect, and read and change the data")
-        _say(f"waiting for a decoder on {listener.name}")
+            _log("the connection is not protected: anyone may connect, and read and change the data")
+        _log(f"waiting for a decoder on {listener.name}")
         acceptor = PeerAcceptor(
-            listener, session.config, protection, arguments.timeout, arguments.patience, _say
+            listener, session.config, protection, arguments.timeout, arguments.patience, _log
         )
         peer = stack.enter_context(acceptor).next_peer()
         assert peer is not None
         with source.stopping_at_signals():
             link = serve(session, source, acceptor, peer, progress, pace, arguments.patience, _has_frames)
     if left_out.frames:
-        _say(f"left out {left_out.frames} frames in {left_out.gaps} gap(s): the decoder is too slow")
+        _log(f"left out {left_out.frames} frames in {left_out.gaps} gap(s): the decoder is too slow")
     return {
         "decoder_behind_s": round(pace.behind_s, 3),
         "most_frames_open": pace.most_frames_open,

@@ -21,11 +21,11 @@ QUARTER_HALF_BLOCK_PX = 4
 SAMPLED_PX = 8
 """Side of the blocks that are interpolated."""
 NUM_NEAREST, NEAR_PX2 = 3, 16.0
-"""Points whose motion is blended, and the squared distance up to which they count alike."""
+"""Number of points that blend their motion, and squared distance of points with half the largest weight."""
 
 
 class Matching(NamedTuple):
-    """Blocks of a key frame, and an image in which they are looked for."""
+    """Blocks of a key frame, and an image to search for them."""
 
     image: NDArray[np.uint8]
     blocks: NDArray[np.uint8]
@@ -35,25 +35,25 @@ class Matching(NamedTuple):
 class Points(NamedTuple):
     """Points of a key frame."""
 
-    first: NDArray[np.int64]  # where they are there
-    small: NDArray[np.int64]  # the largest SAD of each that is found
+    first: NDArray[np.int64]  # positions in the key frame
+    small: NDArray[np.int64]  # largest SAD of a match of each
 
 
 class Movement(NamedTuple):
-    """How points have moved so far."""
+    """Motion of points up to the last frame."""
 
     last: NDArray[np.int64]
     velocity: NDArray[np.int64]
     alive: NDArray[np.bool_]
 
 
-class Found(NamedTuple):
-    """What comes of a search for points in a frame."""
+class Matches(NamedTuple):
+    """Results of a search for points in a frame."""
 
     position: NDArray[np.int64]
     sads: NDArray[np.int64]
-    beside: NDArray[np.int64]  # SADs to the left, right, above and below
-    found: NDArray[np.bool_]
+    adjacent: NDArray[np.int64]  # SADs to the left, right, above and below
+    matched: NDArray[np.bool_]
 
 
 # ---- blocks ----
@@ -61,7 +61,7 @@ class Found(NamedTuple):
 
 @kernel
 def cut_blocks(image, points, blocks):
-    """Copy the block around each point; what lies outside the image repeats its border."""
+    """Copy the block around each point; outside the image its border is repeated."""
     height, width = image.shape
     half = blocks.shape[1] // 2
     for i in range(points.shape[0]):
@@ -74,7 +74,7 @@ def cut_blocks(image, points, blocks):
 
 @kernel
 def min_shift_sads(matching, points, shift, min_sads):
-    """Smallest SAD of each block against itself, moved to the left, right, up and down; inside the image."""
+    """Compute the smallest SAD of each block against itself, moved in four directions inside the image."""
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
         min_sads[i] = UNKNOWN
@@ -86,7 +86,7 @@ def min_shift_sads(matching, points, shift, min_sads):
 
 @inlined_kernel
 def block_sad(matching, x, y, half, i):
-    """Sum of absolute differences (SAD) of block `i` about a position; `UNKNOWN` off the image."""
+    """Return the sum of absolute differences (SAD) of block `i` at a position; `UNKNOWN` off the image."""
     image, blocks, counts = matching
     if not is_within(image, x, y, half):
         return UNKNOWN
@@ -97,9 +97,9 @@ def block_sad(matching, x, y, half, i):
         for row in range(side):
             at_x, at_y = np.uintp(x - half + column), np.uintp(y - half + row)
             sample, late = image[at_y, at_x], image[at_y, np.uintp(x + half - 7 + column)] & mask
-            known, known_late = blocks[i, row, column], blocks[i, row, side - 8 + column] & mask
-            total = np.int32(total + abs(np.int32(np.int32(sample) - np.int32(known))))
-            total = np.int32(total + abs(np.int32(np.int32(late) - np.int32(known_late))))
+            template, template_late = blocks[i, row, column], blocks[i, row, side - 8 + column] & mask
+            total = np.int32(total + abs(np.int32(np.int32(sample) - np.int32(template))))
+            total = np.int32(total + abs(np.int32(np.int32(late) - np.int32(template_late))))
     counts[0] += 1
     counts[1] += side * side
     return np.int64(total)
@@ -107,7 +107,7 @@ def block_sad(matching, x, y, half, i):
 
 @inlined_kernel
 def is_within(image, x, y, margin):
-    """Tell whether a point is so far inside the image that all places around it can be compared."""
+    """Return whether a point has at least this distance from the border of the image."""
     height, width = image.shape
     return margin <= x < width - margin and margin <= y < height - margin
 
@@ -119,10 +119,10 @@ def descend(matching, x, y, i, sad, max_steps, around):
         best, step_x, step_y = sad, 0, 0
         for k in range(8):
             dx, dy = _AROUND[k, 0], _AROUND[k, 1]
-            found = block_sad(matching, x + dx, y + dy, HALF_BLOCK_PX, i)
-            around[k] = found
-            if found < best:
-                best, step_x, step_y = found, dx, dy
+            neighbour = block_sad(matching, x + dx, y + dy, HALF_BLOCK_PX, i)
+            around[k] = neighbour
+            if neighbour < best:
+                best, step_x, step_y = neighbour, dx, dy
         if (step_x == 0 and step_y == 0) or step == max_steps:
             break
         x, y, sad = x + step_x, y + step_y, best
@@ -131,7 +131,7 @@ def descend(matching, x, y, i, sad, max_steps, around):
 
 @inlined_kernel
 def spiral_search(matching, x, y, half, i, small, spiral):
-    """Compare along a spiral until the first small SAD; return where the least one is, and that SAD."""
+    """Compare along a spiral until the first small SAD; return the position of the least SAD, and it."""
     best, best_x, best_y = UNKNOWN, x, y
     for k in range(spiral.shape[0]):
         at_x, at_y = x + spiral[k, 0], y + spiral[k, 1]
@@ -148,7 +148,7 @@ def spiral_search(matching, x, y, half, i, small, spiral):
 
 @kernel
 def median_motion(velocity, alive, median):
-    """Median of each component over the live points, of which there is at least one."""
+    """Compute the median of each component over the live points, at least one."""
     for axis in range(2):
         ordered = np.sort(velocity[alive, axis])
         median[axis] = ordered[ordered.size // 2]
@@ -156,9 +156,7 @@ def median_motion(velocity, alive, median):
 
 @kernel
 def move_as_nearest(points, ends, squares, velocity):
-    """Squared distance of points from the last place of the nearest track, and its last motion, back in
-    time.
-    """
+    """Compute squared distances of points from the nearest track, and its last motion back in time."""
     count = points.shape[0]
     x, y = points[:, 0].astype(np.float64), points[:, 1].astype(np.float64)
     nearest = np.full(count, -1)
@@ -177,18 +175,18 @@ def move_as_nearest(points, ends, squares, velocity):
 
 
 @inlined_kernel
-def offer_motion(first_x, first_y, j, begin, nearest_found):
-    """Make point `j`, which was found, the nearest found of points from `begin` on, where it is."""
-    for k in range(begin, nearest_found.size):
+def offer_motion(first_x, first_y, j, begin, nearest_match):
+    """Enter the match of point `j` as the nearest one of points from `begin` on that it is closest to."""
+    for k in range(begin, nearest_match.size):
         i = np.uintp(k)
         dx, dy = np.int32(first_x[i] - first_x[j]), np.int32(first_y[i] - first_y[j])
         square = np.int32(np.int32(dx * dx) + np.int32(dy * dy))
-        nearest_found[i] = min(nearest_found[i], (np.int64(square) << 20) + j)
+        nearest_match[i] = min(nearest_match[i], (np.int64(square) << 20) + j)
 
 
 @inlined_kernel
 def best_candidate(matching, i, candidates):
-    """Compare a block at several places; return the first of least SAD, and that SAD."""
+    """Compare a block at several positions; return the first with the least SAD, and that SAD."""
     best, best_x, best_y = UNKNOWN, candidates[0, 0], candidates[0, 1]
     for k in range(candidates.shape[0]):
         x, y, seen = candidates[k, 0], candidates[k, 1], False
@@ -203,7 +201,7 @@ def best_candidate(matching, i, candidates):
 
 @kernel
 def coarse_to_fine_search(matching, quarter, i, last, spirals, around):
-    """Search in images of a quarter of the size, around what was found there, and down to a local minimum."""
+    """Search in images of a quarter of the size, then around the result, and descend to a local minimum."""
     x, y, half = (last[i, 0] + 2) // 4, (last[i, 1] + 2) // 4, QUARTER_HALF_BLOCK_PX
     x, y, sad = spiral_search(quarter, x, y, half, i, -1, spirals[1])
     if sad < UNKNOWN:
@@ -214,30 +212,30 @@ def coarse_to_fine_search(matching, quarter, i, last, spirals, around):
 
 
 @kernel
-def nearest_found_of(first_x, first_y, found):
-    """Return the nearest found point of each, by squared distance and number."""
-    nearest_found = np.full(found.size, UNKNOWN << 20)
-    for j in range(found.size):
-        if found[j]:
-            offer_motion(first_x, first_y, j, 0, nearest_found)
-    return nearest_found
+def nearest_matches(first_x, first_y, matched):
+    """Return the nearest matched point of each, by squared distance and number."""
+    nearest_match = np.full(matched.size, UNKNOWN << 20)
+    for j in range(matched.size):
+        if matched[j]:
+            offer_motion(first_x, first_y, j, 0, nearest_match)
+    return nearest_match
 
 
 @kernel
 def track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search):
-    """Find each live point in a frame, and return how many are found."""
+    """Search for each live point in a frame, and return the number of matches."""
     image, (first, small), (last, velocity, alive) = matching.image, points, movement
-    position, sads, beside, found = search
+    position, sads, adjacent, matched = search
     candidates = np.empty((3, 2), np.int64)
     around = np.empty(8, np.int64)
     first_x, first_y = first[:, 0].astype(np.int32), first[:, 1].astype(np.int32)
-    nearest_found = nearest_found_of(first_x, first_y, found)
-    num_found, coarse_searches = np.int64(found.sum()), 0
+    nearest_match = nearest_matches(first_x, first_y, matched)
+    num_matched, coarse_searches = np.int64(matched.sum()), 0
     for i in range(alive.size):
-        if found[i] or not alive[i]:
+        if matched[i] or not alive[i]:
             continue
-        has_neighbour = nearest_found[i] < UNKNOWN << 20
-        j = nearest_found[i] & (1 << 20) - 1
+        has_neighbour = nearest_match[i] < UNKNOWN << 20
+        j = nearest_match[i] & (1 << 20) - 1
         for axis in range(2):
             candidates[0, axis] = last[i, axis]
             candidates[1, axis] = last[i, axis] + velocity[i, axis]
@@ -255,17 +253,17 @@ def track_frame(matching, quarter, points, movement, spirals, max_coarse_searche
             x, y, sad = coarse_to_fine_search(matching, quarter, i, last, spirals, around)
         position[i, 0], position[i, 1], sads[i] = x, y, sad
         if sad <= small[i] and is_within(image, x, y, HALF_BLOCK_PX + 1):
-            found[i] = True
-            num_found += 1
+            matched[i] = True
+            num_matched += 1
             for k in range(4):
-                beside[i, k] = around[(3, 4, 1, 6)[k]]
-            offer_motion(first_x, first_y, i, i + 1, nearest_found)
-    return num_found
+                adjacent[i, k] = around[(3, 4, 1, 6)[k]]
+            offer_motion(first_x, first_y, i, i + 1, nearest_match)
+    return num_matched
 
 
 @inlined_kernel
 def offset_between(before, here, after):
-    """Place a minimum between pixels, where the two sides of a V through three SADs meet."""
+    """Return the offset of a minimum between pixels: the tip of a V through three SADs."""
     steepest = max(before, after) - here
     if min(before, after) >= here and steepest > 0:
         return 0.5 * (before - after) / steepest
@@ -274,40 +272,40 @@ def offset_between(before, here, after):
 
 @kernel
 def finish_frame(points, last, search, scale, velocity, path):
-    """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; nan for what is not found.
+    """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; nan for lost points.
 
-    Return the longest squared way of a point.
+    Return the largest squared distance of a point from its start.
     """
-    (first, _), (position, sads, beside, found) = points, search
+    (first, _), (position, sads, adjacent, matched) = points, search
     longest = 0
-    for i in range(found.size):
+    for i in range(matched.size):
         square = 0
         for axis in range(2):
             velocity[i, axis] = position[i, axis] - last[i, axis]
             moved = position[i, axis] - first[i, axis]
             square += moved * moved
             path[i, axis] = np.nan
-            if found[i]:
+            if matched[i]:
                 offset = 0.0
                 if scale > 1.0:
-                    offset = offset_between(beside[i, 2 * axis], sads[i], beside[i, 2 * axis + 1])
+                    offset = offset_between(adjacent[i, 2 * axis], sads[i], adjacent[i, 2 * axis + 1])
                 path[i, axis] = np.rint((position[i, axis] + offset) * scale) / scale
-        longest = max(longest, square if found[i] else 0)
+        longest = max(longest, square if matched[i] else 0)
     return longest
 
 
 @kernel
-def follow(matching, quarter, points, movement, spirals, limits, search, ends):
-    """Find points that are not found yet, and finish the frame where enough are found.
+def follow(
+    matching, quarter, points, movement, spirals, max_coarse_searches, least, search, scale, velocity, path
+):
+    """Search for points without a match; return their number, and the result of `finish_frame`.
 
-    Return how many are, and what `finish_frame` returns. `limits`: most coarse searches, and least number of
-    points; `ends`: `scale`, `velocity` and `path`.
+    The frame is finished if at least `least` points have a match.
     """
-    (max_coarse_searches, least), (scale, velocity, path) = limits, ends
-    num_found = track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search)
-    if num_found < least:
-        return num_found, 0
-    return num_found, finish_frame(points, movement.last, search, scale, velocity, path)
+    num_matched = track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search)
+    if num_matched < least:
+        return num_matched, 0
+    return num_matched, finish_frame(points, movement.last, search, scale, velocity, path)
 
 
 # ---- interpolation ----
@@ -315,7 +313,7 @@ def follow(matching, quarter, points, movement, spirals, limits, search, ends):
 
 @inlined_kernel
 def sample_at(image, x, y):
-    """Interpolate an image bilinearly at a place; borders are repeated."""
+    """Interpolate an image bilinearly at a position; borders are repeated."""
     height, width = image.shape
     x, y = min(max(x, 0.0), width - 1.0), min(max(y, 0.0), height - 1.0)
     left, above = min(int(x), max(width - 2, 0)), min(int(y), max(height - 2, 0))
@@ -328,23 +326,23 @@ def sample_at(image, x, y):
 
 @kernel
 def blended_motion(x, y, positions, motion):
-    """Blend the motion of the points nearest to a place, from the first instant to each of the others."""
+    """Blend the motion of the points nearest to a position, from the first instant to each later one."""
     nearest, squares = np.full(NUM_NEAREST, -1), np.full(NUM_NEAREST, np.inf)
     for i in range(positions.shape[0]):
         square, number = (positions[i, 0, 0] - x) ** 2 + (positions[i, 0, 1] - y) ** 2, i
-        for place in range(NUM_NEAREST):
-            if square < squares[place]:
-                squares[place], square = square, squares[place]
-                nearest[place], number = number, nearest[place]
+        for rank in range(NUM_NEAREST):
+            if square < squares[rank]:
+                squares[rank], square = square, squares[rank]
+                nearest[rank], number = number, nearest[rank]
     motion[:] = 0.0
     total = 0.0
-    for place in range(NUM_NEAREST):
-        if nearest[place] >= 0:
-            weight = 1.0 / (squares[place] + NEAR_PX2)
+    for rank in range(NUM_NEAREST):
+        if nearest[rank] >= 0:
+            weight = 1.0 / (squares[rank] + NEAR_PX2)
             total += weight
             for instant in range(motion.shape[0]):
                 for axis in range(2):
-                    moved = positions[nearest[place], instant + 1, axis] - positions[nearest[place], 0, axis]
+                    moved = positions[nearest[rank], instant + 1, axis] - positions[nearest[rank], 0, axis]
                     motion[instant, axis] += weight * moved
     if total > 0.0:
         for instant in range(motion.shape[0]):
@@ -354,7 +352,7 @@ def blended_motion(x, y, positions, motion):
 
 @kernel
 def interpolation_error(frame, before, after, positions, spacing):
-    """Mean squared difference of blocks of a frame from the mean of two others, moved as points nearby."""
+    """Compute the mean squared difference of blocks of a frame from two frames moved as nearby points."""
     height, width = frame.shape
     motion = np.empty((2, 2))
     total, count = 0.0, 0

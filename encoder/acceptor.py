@@ -21,12 +21,11 @@ MAX_GREETINGS = 64
 """Largest number of peers that have not said hello yet; beyond it the oldest is dropped."""
 PAUSE_S = 0.02
 """Pause after each peer, which bounds the share of the processor that strangers take."""
-MAX_LINES = 5
-"""Lines about rejected peers that are logged at once; one more every `LINE_INTERVAL_S`."""
-LINE_INTERVAL_S = 10.0
+MAX_LINES = 8
+"""Number of rejected peers that are all logged; later on only as their number doubles."""
 
 FirstFrame = Callable[[int], int | None]
-"""Returns the frame with which a decoder continues after some groups of pictures, None if it cannot."""
+"""Returns the first frame after some groups of pictures; None if a decoder cannot continue there."""
 
 
 class AcceptedPeer(NamedTuple):
@@ -64,7 +63,7 @@ class PeerAcceptor(Closing):
         self._greetings: dict[int, _Greeting] = {}  # by file descriptors, the oldest first
         self._decoder_id: bytes | None = None
         self._current: Connection | None = None
-        self._num_lines, self._logged_s, self._num_unlogged = float(MAX_LINES), time.monotonic(), 0
+        self._num_rejected = 0
         self._closed = False
         self._woken, self._waking = socket.socketpair()
         self._selector = selectors.DefaultSelector()
@@ -89,7 +88,7 @@ class PeerAcceptor(Closing):
 
     def _run(self) -> None:
         while not self._closed:
-            deadline_s = min((one.deadline_s for one in self._greetings.values()), default=None)
+            deadline_s = min((greeting.deadline_s for greeting in self._greetings.values()), default=None)
             left_s = None if deadline_s is None else max(deadline_s - time.monotonic(), 0.0)
             for key, _ in self._selector.select(left_s):
                 if key.fd in self._greetings:
@@ -168,17 +167,7 @@ class PeerAcceptor(Closing):
         with suppress(FeedbackError):
             connection.send(endpoint.bytes_to_send(), within_s=0.0)
         connection.close(0.0)
-        self._log_rejection(f"{connection.name}: {reason}")
-
-    def _log_rejection(self, text: str) -> None:
-        """Log that a peer was rejected, or count it if there are many."""
-        now_s = time.monotonic()
-        earned = (now_s - self._logged_s) / LINE_INTERVAL_S
-        self._num_lines, self._logged_s = min(self._num_lines + earned, MAX_LINES), now_s
-        if self._num_lines < 1.0:
-            self._num_unlogged += 1
-            return
-        self._num_lines -= 1.0
-        more = f" ({self._num_unlogged} more since the last line)" if self._num_unlogged else ""
-        self._num_unlogged = 0
-        self._log(f"not a decoder: {text}; still waiting{more}")
+        self._num_rejected += 1
+        if self._num_rejected <= MAX_LINES or self._num_rejected.bit_count() == 1:
+            text = f"not a decoder: {connection.name}: {reason}; still waiting"
+            self._log(f"{text} ({self._num_rejected} rejected)" if self._num_rejected > MAX_LINES else text)

@@ -15,8 +15,8 @@ from encoder.work import TrackingWork, coding_time_s
 Points = NDArray[np.int64]
 
 _CANDIDATES = 20  # candidates per corner: those too near to stronger ones are dropped
-_SPARSE_GRID_PX = 4  # grid on which every position is a candidate
-_MARGIN_PX = 3  # margin in which gradients see the repeated border
+_SPARSE_GRID_PX = 4  # grid with a candidate at every position
+_MARGIN_PX = 3  # margin of gradients that contain the repeated border
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class CornerDetector:
 
 
 def _response(luma: Plane, settings: CornerSettings) -> tuple[NDArray[np.float32], int]:
-    """Return the response to corners, and the factor by which it is smaller than the frame."""
+    """Return the response to corners, and the size of the frame over that of the response."""
     import cv2
 
     shrink = 2 if settings.grid_px >= _SPARSE_GRID_PX else 1

@@ -210,7 +210,7 @@ class LeakyBucket:
 
 
 class QualitySearch:
-    """Search for the quality closest to the usual one at which a group takes a target number of bits."""
+    """Search for the quality closest to the usual one that gives a group a target number of bits."""
 
     def __init__(self, target: float, bound: float, slope: float) -> None:
         self.tried: dict[int, float] = {}  # bits by number of the quality

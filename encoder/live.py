@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from fractions import Fraction
-from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from dvc.feedback import Event, GopDone
 from dvc.slepian_wolf import RequestTable
 from dvc.slepian_wolf.requests import COUNT, SLOT
 from dvc.video import Frame
-from encoder.acceptor import AcceptedPeer, FirstFrame
+from encoder.acceptor import AcceptedPeer, PeerAcceptor
 from encoder.frame_queue import LeftOut
 from encoder.session import EncodedGroup, EncoderSession, Progress
 
@@ -23,15 +22,6 @@ MAX_STALL_S = 3600.0
 """Longest time that a connected decoder may take without asking for anything or finishing a group."""
 LOOK_S = 0.02
 """Longest wait for the decoder while frames of the next group are awaited."""
-
-
-class Peers(Protocol):
-    """Connections of the decoder, one after the other; see `encoder.acceptor`."""
-
-    first_frame: FirstFrame
-
-    def next_peer(self, within_s: float | None = None) -> AcceptedPeer | None:
-        """Wait for a connection of the decoder; return None if there is none in time."""
 
 
 @dataclass
@@ -93,7 +83,7 @@ class DecoderPace:
 def serve(
     session: EncoderSession,
     frames: Iterable[Frame | None],
-    peers: Peers,
+    peers: PeerAcceptor | None,
     peer: AcceptedPeer,
     progress: Progress,
     pace: DecoderPace | None = None,
@@ -106,14 +96,15 @@ def serve(
     """
     quiet = DecoderPace(session.config.video.frame_rate, lambda _: None)
     live = _LiveEncoder(session, frames, peer, progress, pace or quiet, has_frames)
-    peers.first_frame = live.first_frame
+    if peers is not None:
+        peers.first_frame = live.first_frame
     try:
         with session.statistics.coding():
             while not live.finished:
                 try:
                     live.run()
                 except ConnectionLostError as err:
-                    returned = _next_peer(peers, patience_s)
+                    returned = None if peers is None or not patience_s else _next_peer(peers, patience_s)
                     if returned is not None:
                         live.resume(returned)
                     elif live.all_confirmed:
@@ -132,9 +123,9 @@ def serve(
     return asdict(live.report)
 
 
-def _next_peer(peers: Peers, patience_s: float) -> AcceptedPeer | None:
+def _next_peer(peers: PeerAcceptor, patience_s: float) -> AcceptedPeer | None:
     """Wait for the decoder to come back; of several connections only the last is in use."""
-    peer = peers.next_peer(patience_s) if patience_s else None
+    peer = peers.next_peer(patience_s)
     while peer is not None and (later := peers.next_peer(0.0)) is not None:
         peer = later
     return peer
@@ -147,7 +138,7 @@ class _SentGroup:
     number: int  # in the sequence
     first_frame: int
     encoded: EncodedGroup
-    slots: range = range(0)  # of its Wyner-Ziv frames
+    slots: range = range(0)  # slots of its Wyner-Ziv frames
 
     @property
     def num_frames(self) -> int:
@@ -172,7 +163,7 @@ class _LiveEncoder:
         self._num_groups = self._num_frames = 0  # encoded
         self._lost_s = 0.0
         self._open: dict[int, _SentGroup] = {}  # by number
-        self._first_frames = {0: 0}  # by number, of groups with which the decoder may continue
+        self._first_frames = {0: 0}  # by number, if the decoder may continue there
         self._again: deque[_SentGroup] = deque()  # to be sent on this connection before further groups
         self._connect(peer)
 
@@ -241,7 +232,7 @@ class _LiveEncoder:
                 raise
 
     def _step(self, answering: ExitStack) -> None:
-        may_send = self._endpoint.num_credits > 0 and not self._ended and self._has_room()
+        may_send = self._endpoint.flow.num_credits > 0 and not self._ended and self._has_room()
         sends = may_send and (bool(self._again) or self._has_frames())
         if sends:
             answering.close()

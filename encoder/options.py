@@ -1,4 +1,4 @@
-"""The options of `dvc-encode`: defaults are those of the codec's variant, and a session comes out of them."""
+"""Options of `dvc-encode`, and the encoder session that they describe."""
 
 import argparse
 from collections.abc import Callable, Iterable
@@ -24,11 +24,9 @@ from dvc.config import (
     VARIANTS,
     CodecConfig,
     CodecVariant,
-    CoderConfig,
     Delivery,
     DiscoverMatrix,
     GroupPreset,
-    KeyFrameRule,
     Live,
     NoFeedback,
     ParityBuffer,
@@ -53,7 +51,7 @@ EXAMPLES = """\
   dvc-encode street.mkv street.dvc                    the best codec at the usual quality
   dvc-encode street.mkv street.dvc --qp 24            finer; each 6 about halve the error
   dvc-encode video.mp4 out.dvc --gop 10 --points 100 --lost-tracks 0.4 --luma-only --frames 101
-  dvc-encode street.mkv street.dvc --no-feedback      a small file, where there is no feedback channel
+  dvc-encode street.mkv street.dvc --no-feedback      a small file, without a feedback channel
   dvc-encode video.mp4 out.dvc --codec 2d             every second frame predicted by block motion
   dvc-encode raw.yuv out.dvc --size 176x144 --frame-rate 15 --key-qp lossless
   dvc-encode rtsp://camera/main day-%04d.dvc --segment 60    a file a minute; Ctrl-C finishes the last
@@ -68,91 +66,121 @@ Value = Callable[[CodecVariant], object]
 """A setting of a variant."""
 
 
-class _TrackOption(NamedTuple):
-    """An option for codecs that send points of the geometry; where it is not given the variant decides."""
-
-    name: str
-    read: Callable[[str], object]
-    metavar: str
-    text: str
-    default: Value
-    of_rule: str = ""  # field of the rule by which tracks set key frames
-    tracked: bool = True  # only for codecs whose encoder tracks points
-
-
 def _of_groups(value: Callable[[GroupPreset], object]) -> Value:
-    """Return a setting that depends on references and key frames."""
+    """Return a setting that depends on references and key frames, as text."""
 
-    def _shown(variant: CodecVariant) -> str:
+    def _text(variant: CodecVariant) -> str:
         usual, keys, intra = (
             str(value(groups)).removesuffix(".0")
             for groups in (variant.groups(), variant.groups("keys"), variant.groups(intra_period=0))
         )
-        others = [f"{keys} if only key frames are references"] * (keys != usual)
-        others += [f"{intra} with --key-frames intra"] * (intra != usual)
-        return f"{usual} ({', '.join(others)})" if others else usual
+        exceptions = [f"{keys} if only key frames are references"] * (keys != usual)
+        exceptions += [f"{intra} with --key-frames intra"] * (intra != usual)
+        return f"{usual} ({', '.join(exceptions)})" if exceptions else usual
 
-    return _shown
-
-
-def _rule_option(
-    name: str, field: str, read: Callable[[str], object], metavar: str, text: str
-) -> _TrackOption:
-    return _TrackOption(
-        name, read, metavar, text, _of_groups(lambda groups: getattr(groups.key_frames, field)), field
-    )
+    return _text
 
 
+_RULE_FIELDS = {
+    "longest_track": "longest_track_px",
+    "lost_tracks": "lost_share",
+    "min_gop": "min_length",
+    "scene_change": "cut_share",
+}
+"""Fields of the rule that ends a GOP by its tracks, by option."""
+
+
+def _of_rule(option: str) -> Value:
+    return _of_groups(lambda groups: getattr(groups.key_frames, _RULE_FIELDS[option]))
+
+
+class _TrackOption(NamedTuple):
+    """An option of codecs that send points of the geometry; the variant sets its default."""
+
+    name: str
+    read: Callable[[str], object]
+    metavar: str
+    default: Value
+    text: str
+    tracked: bool = True  # requires a codec with an encoder that tracks points
+
+
+_POINTS, _LENGTH = cli.integer(1, MAX_POINTS), cli.integer(1, MAX_GOP_LENGTH)
 _TRACK_OPTIONS = (
     _TrackOption(
-        "points",
-        cli.integer(1, MAX_POINTS),
-        "N",
-        "most tracks of a GOP, or corners of a frame",
-        lambda variant: variant.tracks.num_points,
-        tracked=False,
+        "--points", _POINTS, "N", lambda variant: variant.tracks.num_points,
+        "most tracks of a GOP, or corners of a frame", tracked=False,
     ),
     _TrackOption(
-        "subpixel",
-        cli.integer(0, 3),
-        "BITS",
-        "track to 1/2, 1/4 or 1/8 of a pixel, or to whole ones (0)",
-        lambda variant: variant.tracks.subpixel_bits,
-        tracked=False,
+        "--subpixel", cli.integer(0, 3), "BITS", lambda variant: variant.tracks.subpixel_bits,
+        "track to 1/2, 1/4 or 1/8 of a pixel, or to whole ones (0)", tracked=False,
     ),
-    _rule_option("longest-track", "longest_track_px", float, "PX", "end a GOP when a point has moved so far"),
-    _rule_option(
-        "lost-tracks", "lost_share", float, "SHARE", "end a GOP when this share of the points is lost"
+    _TrackOption(
+        "--longest-track", float, "PX", _of_rule("longest_track"),
+        "end a GOP when a point has moved this distance",
     ),
-    _rule_option(
-        "min-gop",
-        "min_length",
-        cli.integer(1, MAX_GOP_LENGTH),
-        "N",
-        "least frames of a GOP, but where the scene changes",
+    _TrackOption(
+        "--lost-tracks", float, "SHARE", _of_rule("lost_tracks"),
+        "end a GOP when this share of the points is lost",
     ),
-    _rule_option(
-        "scene-change",
-        "cut_share",
-        float,
-        "SHARE",
+    _TrackOption(
+        "--min-gop", _LENGTH, "N", _of_rule("min_gop"),
+        "least frames of a GOP, unless the scene changes",
+    ),
+    _TrackOption(
+        "--scene-change", float, "SHARE", _of_rule("scene_change"),
         "points lost from one frame to the next that make both key frames, the second an IDR picture",
     ),
     _TrackOption(
-        "tracks-bpp",
-        float,
-        "BITS",
+        "--tracks-bpp", float, "BITS", lambda _: MAX_TRACKS_BPP,
         "most bits of tracks per pixel of the frames between the ends of a group: the best are kept",
-        lambda _: MAX_TRACKS_BPP,
     ),
     _TrackOption(
-        "new-tracks",
-        cli.integer(0, MAX_POINTS),
-        "N",
+        "--new-tracks", cli.integer(0, MAX_POINTS), "N", lambda _: MAX_NEW_TRACKS,
         "most new tracks: points that are followed back from the closing key frame of a GOP",
-        lambda _: MAX_NEW_TRACKS,
+    ),
+)  # fmt: skip
+
+
+def _with_points(tracked: bool) -> list[str]:
+    """List the codecs that send points, or only those with an encoder that tracks them."""
+    kinds = ("encoder",) if tracked else ("encoder", "decoder")
+    return [name for name, variant in VARIANTS.items() if variant.tracks.kind in kinds]
+
+
+_LIMITS = ("--bitrate", "--max-bits-per-frame")
+CONSTRAINTS = (
+    cli.Constraint("--segment", ("OUTPUT",)),
+    *(
+        cli.Constraint(option, ("--serve",))
+        for option in ("--token-file", "--insecure", "--tls-cert", "--tls-key", "--queue", "--leave-out")
+    ),
+    cli.Constraint("--tls-key", ("--tls-cert",)),
+    cli.Constraint("--no-feedback", excludes=("--serve",), why="a decoder that is served sends requests"),
+    cli.Constraint(
+        "--no-feedback",
+        excludes=tuple(f"--coder {name}" for name in CODERS if name != DEFAULT_CODER),
+        why="no bit planes are coded",
+    ),
+    *(
+        cli.Constraint(
+            option, ("--serve", "--no-feedback"), why="a file with all planes has no rate until it is decoded"
+        )
+        for option in _LIMITS
+    ),
+    *(
+        cli.Constraint(option, excludes=("--key-qp", "--wz-q"), why="it adapts the quality")
+        for option in _LIMITS
+    ),
+    cli.Constraint("--bitrate", excludes=("--qp",), why="it adapts the quality"),
+    cli.Constraint("--qp", excludes=("--wz-q",), why="both set the quality"),
+    cli.Constraint("--intra-period", excludes=("--key-frames intra",)),
+    *(
+        cli.Constraint(option.name, tuple(f"--codec {name}" for name in _with_points(option.tracked)))
+        for option in _TRACK_OPTIONS
     ),
 )
+"""Options that require or exclude other ones."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -168,9 +196,9 @@ def parser() -> argparse.ArgumentParser:
         "output",
         metavar="OUTPUT",
         nargs="?",
-        help="stream to write (.dvc), complete or not at all: unless --no-feedback, it holds all planes, a"
-        " few percent of the raw video, and `dvc-decode --punctured` keeps what is needed of it; a kill"
-        " leaves OUTPUT.part, for `dvc-decode --unfinished`",
+        help="stream to write (.dvc), complete or not at all: without --no-feedback it holds all planes, a"
+        " few percent of the raw video, and `dvc-decode --punctured` keeps the bits that a decoder needs; a"
+        " kill leaves OUTPUT.part, for `dvc-decode --unfinished`",
     )
     _add_coding(top.add_argument_group("coding"))
     _add_tracks(top.add_argument_group(f"points and tracks ({', '.join(_with_points(tracked=False))})"))
@@ -179,9 +207,9 @@ def parser() -> argparse.ArgumentParser:
         "--segment",
         type=cli.parse_positive,
         metavar="SECONDS",
-        help="write a stream for every so many seconds of video, each complete by itself: OUTPUT is a pattern"
-        " such as day-%%04d.dvc, numbers go on after those that exist; the one in the making has .part after"
-        " its name, and what is finished of it is on the disk",
+        help="write one complete stream for each segment of this length: OUTPUT is a pattern such as"
+        " day-%%04d.dvc, and numbers continue after those that exist; the unfinished segment has .part after"
+        " its name, and its finished groups of pictures are on the disk",
     )
     _add_live(top.add_argument_group("live"))
     top.add_argument(
@@ -191,20 +219,14 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-def _with_points(tracked: bool) -> list[str]:
-    """List the codecs that send points, or only those whose encoder tracks them."""
-    kinds = ("encoder",) if tracked else ("encoder", "decoder")
-    return [name for name, variant in VARIANTS.items() if variant.tracks.kind in kinds]
-
-
 def _defaults(value: Value, codecs: Iterable[str]) -> str:
-    """Tell the default of an option, codec by codec where they differ."""
+    """Return the text of the default of an option, for each codec if they differ."""
     names: dict[object, list[str]] = {}
     for codec in codecs:
         names.setdefault(value(VARIANTS[codec]), []).append(codec)
     if len(names) == 1:
         return f"default: {next(iter(names))}"
-    return "default: " + "; ".join(f"{default} with {' and '.join(of)}" for default, of in names.items())
+    return "default: " + "; ".join(f"{default} with {' and '.join(some)}" for default, some in names.items())
 
 
 def _add_coding(group: argparse._ArgumentGroup) -> None:
@@ -213,7 +235,7 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         "--codec",
         choices=VARIANTS,
         default=DEFAULT_CODEC,
-        help="what predicts frames: "
+        help="prediction of frames: "
         + "; ".join(f"{name}: {variant.summary}" for name, variant in VARIANTS.items())
         + "; default: %(default)s",
     )
@@ -223,8 +245,8 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         "--coder",
         choices=CODERS,
         default=DEFAULT_CODER,
-        help="codes of the bit planes, where a decoder asks: parities of ranges that it chooses, or punctured"
-        " turbo codes as in the thesis; default: %(default)s",
+        help="codes of the bit planes: parities of ranges that the decoder chooses, or punctured turbo codes"
+        " as in the thesis; default: %(default)s",
     )
     add("--luma-only", action="store_true", help="code no chroma")
     add(
@@ -242,21 +264,20 @@ def _add_groups(group: argparse._ArgumentGroup) -> None:
         group,
         "--gop",
         (1, MAX_GOP_LENGTH),
-        f"frames of a GOP, with {', '.join(_with_points(tracked=True))} the most; a key frame ends it; "
+        f"frames of a GOP, the most with {', '.join(_with_points(tracked=True))}; a key frame ends it; "
         + _defaults(_of_groups(lambda groups: groups.length), VARIANTS),
     )
     group.add_argument(
         "--references",
         choices=REFERENCES,
-        help="what frames are predicted from: the key frames; the middle one too, decoded first, and so on;"
-        " or all frames of the GOP that are decoded; "
+        help="references of predicted frames: the key frames; also the middle frame, which is decoded first,"
+        " and further middle frames; or all decoded frames of the GOP; "
         + _defaults(lambda variant: variant.references, VARIANTS),
     )
     group.add_argument(
         "--key-frames",
         choices=KEY_FRAMES,
-        help="H.264 pictures that are predicted from earlier ones, or intra pictures, each of which stands"
-        " alone; "
+        help="H.264 pictures that are predicted from earlier ones, or intra pictures; "
         + _defaults(lambda variant: KEY_FRAMES[not variant.intra_period], VARIANTS)
         + ", intra with --wz-q",
     )
@@ -264,27 +285,27 @@ def _add_groups(group: argparse._ArgumentGroup) -> None:
         group,
         "--intra-period",
         (1, MAX_INTRA_PERIOD),
-        "most frames from one IDR picture to the next if key frames are predicted: decoding can begin at any,"
-        f" and damage ends there; default: {INTRA_PERIOD}",
+        "most frames from one IDR picture to the next if key frames are predicted: decoding can begin at"
+        f" an IDR picture, and damage ends there; default: {INTRA_PERIOD}",
         metavar="N",
     )
 
 
 def _add_quality(group: argparse._ArgumentGroup) -> None:
     quality = (
-        "quality on H.264's scale, 1 (fine) to 51 (coarse): key frames, steps and what is asked for,"
-        f" set together for the least rate; default: {DEFAULT_QP}"
+        "quality on H.264's scale, 1 (fine) to 51 (coarse): sets key frames, steps and requested planes for"
+        f" the least rate; default: {DEFAULT_QP}"
     )
     cli.add_integer(group, "--qp", (1, MAX_QP), quality, metavar="QP")
     matrix = (
-        "in place of --qp, a DISCOVER quantisation matrix, 1 (coarse) to 8 (fine); all planes are asked for"
+        "instead of --qp, a DISCOVER quantisation matrix, 1 (coarse) to 8 (fine); all planes are requested"
     )
     cli.add_integer(group, "--wz-q", (1, 8), matrix, metavar="Q")
     group.add_argument(
         "--key-qp",
-        default="auto",
+        type=_parse_key_qp,
         metavar="QP",
-        help="1 to 51, lossless, or auto: whatever suits --qp or --wz-q; default: %(default)s",
+        help="1 to 51, lossless, or auto: the QP that suits --qp or --wz-q; default: auto",
     )
 
 
@@ -292,32 +313,30 @@ def _add_delivery(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--no-feedback",
         action="store_true",
-        help="for a camera without a feedback channel: frames between key frames are predicted, and nothing"
-        " is sent of them; with 3d-te key frames lie as close as prediction needs",
+        help="send only key frames and tracks, for a camera without a feedback channel: the decoder predicts"
+        " the other frames; with 3d-te key frames are as close as prediction needs",
     )
     group.add_argument(
         "--bitrate",
         type=cli.parse_bits,
         metavar="BITS",
-        help="in place of --qp, with --no-feedback or --serve: bits a second of video, such as 300k or 1.5M;"
-        f" groups of pictures that last {WINDOW_S:g} s take as much within {100 * TOLERANCE:g} percent where"
-        " quality can do that; what a decoder asks for is expected by what it did, and made up for later",
+        help="instead of --qp, with --no-feedback or --serve: bits per second of video, such as 300k or 1.5M;"
+        f" groups of pictures that last {WINDOW_S:g} s keep it within {100 * TOLERANCE:g} percent if some"
+        " quality does; requests of a decoder are forecast from earlier ones, and errors corrected later",
     )
     group.add_argument(
         "--max-bits-per-frame",
         type=cli.parse_bits,
         metavar="BITS",
-        help="with --no-feedback or --serve: key frames that take more are coded again, coarser; of the"
-        " others between two of them a decoder may ask for so much on the mean",
+        help="with --no-feedback or --serve: larger key frames are coded again, coarser; the limit also holds"
+        " for the mean of the bits that a decoder may request for the frames between two key frames",
     )
 
 
 def _add_tracks(group: argparse._ArgumentGroup) -> None:
-    for option in _TRACK_OPTIONS:
-        default = _defaults(option.default, _with_points(option.tracked))
-        group.add_argument(
-            f"--{option.name}", type=option.read, metavar=option.metavar, help=f"{option.text}; {default}"
-        )
+    for name, read, metavar, default, text, tracked in _TRACK_OPTIONS:
+        usual = _defaults(default, _with_points(tracked))
+        group.add_argument(name, type=read, metavar=metavar, help=f"{text}; {usual}")
 
 
 def _add_source(group: argparse._ArgumentGroup) -> None:
@@ -329,19 +348,19 @@ def _add_source(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--input-format",
         metavar="FORMAT",
-        help="what INPUT is, in FFmpeg's words, where that cannot be told from it: y4m, mjpeg, v4l2, ...;"
-        " raw: planar 4:2:0, which a pipe is taken for where --size is given",
+        help="format of INPUT, as FFmpeg names it, if it cannot be detected: y4m, mjpeg, v4l2, ...; raw:"
+        " planar 4:2:0, the default for a pipe if --size is given",
     )
     group.add_argument(
         "--listen",
         action="store_true",
-        help="INPUT is an address of this machine (rtsp, rtmp, http, tcp), to which the source connects",
+        help="INPUT is an address of this machine (rtsp, rtmp, http, tcp) that the source connects to",
     )
     group.add_argument(
         "--frame-rate",
         type=cli.parse_frame_rate,
         metavar="R",
-        help="frames per second, such as 30 or 30000/1001; needed for raw files; in place of the rate and the"
+        help="frames per second, such as 30 or 30000/1001; required for raw files; overrides the rate and the"
         " time stamps of other files",
     )
 
@@ -375,21 +394,16 @@ def _add_live(group: argparse._ArgumentGroup) -> None:
 
 
 def check(arguments: argparse.Namespace) -> None:
-    """Refuse outputs that make no sense, before anything is opened."""
+    """Refuse options that contradict each other, before anything is opened."""
+    from encoder.segments import CONVERSION, segment_names
+
     if (arguments.output is None) == (arguments.serve is None):
         raise ConfigError("give either OUTPUT or --serve HOST:PORT")
-    cli.check_live(arguments, "--serve", "--token-file", "--insecure", "--tls-cert", "--tls-key")
+    cli.check_constraints(arguments, CONSTRAINTS)
     if arguments.segment is not None:
-        if arguments.serve is not None:
-            raise ConfigError("--segment is for files, not for --serve")
-        from encoder.segments import segment_names
-
         segment_names(arguments.output)
-    elif arguments.output is not None and "%" in arguments.output:
-        from encoder.segments import CONVERSION
-
-        if CONVERSION.search(Path(arguments.output).name):
-            raise ConfigError(f"names such as {arguments.output} are for --segment")
+    elif arguments.output is not None and CONVERSION.search(Path(arguments.output).name):
+        raise ConfigError(f"an output such as {arguments.output} requires --segment")
 
 
 def protection(arguments: argparse.Namespace) -> "Protection":
@@ -397,23 +411,22 @@ def protection(arguments: argparse.Namespace) -> "Protection":
     from dvc.feedback import Protection, read_token
     from dvc.feedback.protection import encoder_context
 
-    if arguments.tls_key is not None and arguments.tls_cert is None:
-        raise ConfigError("--tls-key requires --tls-cert")
     token = b"" if arguments.token_file is None else read_token(arguments.token_file)
     tls = None if arguments.tls_cert is None else encoder_context(arguments.tls_cert, arguments.tls_key)
     return Protection(tls, token, insecure=arguments.insecure)
 
 
 def queue(
-    frames: "Iterable[Frame]", arguments: argparse.Namespace, live: bool, config: "CodecConfig"
+    frames: "Iterable[Frame]", arguments: argparse.Namespace, live: bool, config: CodecConfig
 ) -> "FrameQueue | None":
     """Return the queue of a live source for a slower decoder; a file waits by itself."""
     from encoder.frame_queue import FrameQueue, default_frames
 
-    if arguments.serve is None or not live:
-        for option, value in (("--leave-out", arguments.leave_out), ("--queue", arguments.queue)):
-            if value:
-                raise ConfigError(f"{option} requires --serve and a camera, a pipe or an address as INPUT")
+    if not live:
+        for option in ("--leave-out", "--queue"):
+            if cli.is_given(arguments, option):
+                raise ConfigError(f"{option} requires a camera, a pipe or an address as INPUT")
+    if not live or arguments.serve is None:
         return None
     length, video = config.gop.length, config.video
     max_frames = arguments.queue or default_frames(video.width * video.height, length)
@@ -425,98 +438,58 @@ def queue(
 def session(
     arguments: argparse.Namespace, info: "VideoInfo", clock: "CodingClock | None" = None
 ) -> "EncoderSession":
-    """Set up an encoder as the arguments say."""
+    """Set up an encoder for a video; the arguments have been checked."""
     from encoder.point_tracker import PointTrackerSettings
     from encoder.session import EncoderSession
 
-    for option in _TRACK_OPTIONS:
-        codecs = _with_points(option.tracked)
-        if _value(arguments, option) is not None and arguments.codec not in codecs:
-            raise ConfigError(f"--{option.name} is for {' and '.join(codecs)}, not {arguments.codec}")
     bits_per_pixel = MAX_TRACKS_BPP if arguments.tracks_bpp is None else arguments.tracks_bpp
     if not bits_per_pixel > 0:
         raise ConfigError(f"--tracks-bpp must be above 0, got {bits_per_pixel}")
-    tracking = PointTrackerSettings(**_given(max_new_tracks=arguments.new_tracks))
-    delivery = _delivery(arguments)
+    delivery: Delivery = ParityBuffer() if arguments.serve is None else Live()
     config = _configuration(arguments, info)
-    limits = RateLimits(arguments.bitrate, arguments.max_bits_per_frame)
-    rule = _rule(arguments, config)
-    return EncoderSession(config, delivery, rule, bits_per_pixel, tracking, clock, limits)
-
-
-def _quality(arguments: argparse.Namespace) -> Quality:
-    limited = arguments.bitrate is not None or arguments.max_bits_per_frame is not None
-    if limited and arguments.key_qp != "auto":
-        raise ConfigError("--bitrate and --max-bits-per-frame choose the QP of key frames: no --key-qp")
-    for option, value in (("--qp", arguments.qp), ("--wz-q", arguments.wz_q)):
-        if arguments.bitrate is not None and value is not None:
-            raise ConfigError(f"--bitrate chooses the quality: give it or {option}")
-    if arguments.wz_q is None:
-        return Qp(**_given(qp=arguments.qp))
-    if arguments.qp is not None:
-        raise ConfigError("--qp and --wz-q are two ways to set the quality: give one")
-    return DiscoverMatrix(arguments.wz_q)
-
-
-def _delivery(arguments: argparse.Namespace) -> Delivery:
-    if arguments.no_feedback:
-        if arguments.serve is not None:
-            raise ConfigError("--no-feedback and --serve exclude each other: a decoder that is served asks")
-        return NoFeedback()
-    return ParityBuffer() if arguments.serve is None else Live()
+    groups = VARIANTS[arguments.codec].groups(config.gop.references, config.key.intra_period)
+    rule = {field: getattr(arguments, option) for option, field in _RULE_FIELDS.items()}
+    return EncoderSession(
+        config,
+        NoFeedback() if arguments.no_feedback else delivery,
+        replace(groups.key_frames, **_given(**rule)),
+        bits_per_pixel,
+        PointTrackerSettings(**_given(max_new_tracks=arguments.new_tracks)),
+        clock,
+        RateLimits(arguments.bitrate, arguments.max_bits_per_frame),
+    )
 
 
 def _configuration(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
-    """Put options in the place of what codec and quality mean together."""
-    rate, quality = info.frame_rate, _quality(arguments)
+    """Return the configuration; options override the values that codec and quality imply."""
+    rate, period = info.frame_rate, arguments.intra_period
+    if arguments.key_frames is not None and period is None:
+        period = 0 if arguments.key_frames == "intra" else INTRA_PERIOD
+    quality: Quality = Qp(**_given(qp=arguments.qp))
+    if arguments.wz_q is not None:
+        quality = DiscoverMatrix(arguments.wz_q)
     return codec_config(
         VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
         arguments.codec,
         quality,
         gop=_given(length=arguments.gop, references=arguments.references),
-        key=_key(arguments) | _given(intra_period=_intra_period(arguments)),
+        key=(arguments.key_qp or {}) | _given(intra_period=period),
         wyner_ziv={"noise_model": arguments.noise_model},
-        coder=_coder(arguments),
+        coder=CODERS[arguments.coder](),
         tracks=_given(num_points=arguments.points, subpixel_bits=arguments.subpixel),
         seed=arguments.seed,
     )
 
 
-def _intra_period(arguments: argparse.Namespace) -> int | None:
-    period: int | None = arguments.intra_period
-    if period is not None and arguments.key_frames == "intra":
-        raise ConfigError("--intra-period is for --key-frames predicted")
-    if arguments.key_frames == "intra":
-        return 0
-    return INTRA_PERIOD if period is None and arguments.key_frames == "predicted" else period
-
-
-def _coder(arguments: argparse.Namespace) -> CoderConfig:
-    if arguments.no_feedback and arguments.coder != DEFAULT_CODER:
-        raise ConfigError("--coder is not for --no-feedback: nothing is coded by it")
-    return CODERS[arguments.coder]()
-
-
-def _key(arguments: argparse.Namespace) -> dict[str, Any]:
-    if arguments.key_qp == "auto":
-        return {}
-    if arguments.key_qp in ("lossless", "0"):
+def _parse_key_qp(text: str) -> dict[str, Any] | None:
+    """Read the quality of key frames as fields of their configuration; None: the one that suits the rest."""
+    if text == "auto":
+        return None
+    if text in ("lossless", "0"):
         return {"lossless": True}
-    if arguments.key_qp.isdecimal():
-        return {"qp": int(arguments.key_qp)}
-    raise ConfigError(f"--key-qp must be 1 to 51, lossless or auto, got {arguments.key_qp!r}")
-
-
-def _rule(arguments: argparse.Namespace, config: CodecConfig) -> KeyFrameRule:
-    given = _given(
-        **{option.of_rule: _value(arguments, option) for option in _TRACK_OPTIONS if option.of_rule}
-    )
-    groups = VARIANTS[arguments.codec].groups(config.gop.references, config.key.intra_period)
-    return replace(groups.key_frames, **given)
-
-
-def _value(arguments: argparse.Namespace, option: _TrackOption) -> object:
-    return getattr(arguments, option.name.replace("-", "_"))
+    if text.isdecimal() and int(text) <= MAX_QP:
+        return {"qp": int(text)}
+    raise argparse.ArgumentTypeError(f"expected 1 to {MAX_QP}, lossless or auto, got {text!r}")
 
 
 def _given(**options: Any) -> dict[str, Any]:

@@ -1,14 +1,14 @@
 """Tracker of the points of key frames through groups of pictures, by sums of absolute differences of blocks.
 
 A search starts at the position of the point at rest, under its last motion, and under the motion of the
-nearest point located so far. It follows a spiral until a SAD is small, then the steepest path of SADs to a
+nearest point located before. It follows a spiral until a SAD is small, then the steepest path of SADs to a
 local minimum. A point without a small SAD is lost.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Self
 
 import numpy as np
@@ -71,13 +71,6 @@ class KeyPoints:
     def find(cls, luma: Plane, num_points: int, settings: PointTrackerSettings, operations: Integers) -> Self:
         """Detect the corners of a key frame."""
         positions = find_corners(luma, num_points, _kernels.HALF_BLOCK_PX + 1, settings.corners)
-        return cls.at(luma, positions, settings, operations)
-
-    @classmethod
-    def at(
-        cls, luma: Plane, positions: Integers, settings: PointTrackerSettings, operations: Integers
-    ) -> Self:
-        """Return points at positions of a frame; their blocks lie inside it."""
         blocks = np.empty((len(positions), _SIDE_PX, _SIDE_PX), np.uint8)
         _kernels.cut_blocks(luma, positions, blocks)
         min_sads = np.empty(len(positions), np.int64)
@@ -109,62 +102,58 @@ class BlockMatchingTracker:
         self.path: list[Floats] = [points.positions.astype(np.float64)]
         self._last = points.positions
         self._longest_px2 = 0
-        self._quarter_blocks = np.empty((0, _QUARTER_SIDE_PX, _QUARTER_SIDE_PX), np.uint8)
         self._scale = 2.0**subpixel_bits
         self._settings = settings
         self._references = _kernels.Points(points.positions, points.small)
         self._spirals = spiral(settings.spiral_px), spiral(settings.coarse_reach_px // 4)
 
     def step(self, luma: Plane, max_coarse_searches: int) -> Integers:
-        """Track the points into the next frame."""
-        count = len(self.alive)
+        """Track the points into the next frame; return the numbers of compared blocks and samples."""
+        count, points = len(self.alive), self.points
         operations = np.zeros(2, np.int64)
-        search = _kernels.Found(
+        search = _kernels.Matches(
             np.zeros((count, 2), np.int64),
             np.empty(count, np.int64),
             np.empty((count, 4), np.int64),
             np.zeros(count, np.bool_),
         )
-        ends = self._scale, np.empty((count, 2), np.int64), np.empty((count, 2))
-        least = (1.0 - self._settings.coarse_search_share) * self.num_alive if max_coarse_searches else 0.0
-        if not self._search(luma, 0, least, search, ends, operations):
-            self._search(luma, max_coarse_searches, 0.0, search, ends, operations)
-        (self._last, _, _, self.alive), (_, self.velocity, path) = search, ends
+        velocity, path = np.empty((count, 2), np.int64), np.empty((count, 2))
+        matching = quarter = _kernels.Matching(luma, points.blocks, operations)
+        least = (1.0 - self._settings.coarse_search_share) * self.num_alive
+        attempts = ((0, least), (max_coarse_searches, 0.0)) if max_coarse_searches else ((0, 0.0),)
+        for num_coarse, enough in attempts:
+            if num_coarse:
+                quarter = _kernels.Matching(_quarter(luma), self._quarter_blocks, operations)
+            self.num_alive, self._longest_px2 = _kernels.follow(
+                matching,
+                quarter,
+                self._references,
+                _kernels.Movement(self._last, self.velocity, self.alive),
+                self._spirals,
+                num_coarse,
+                enough,
+                search,
+                self._scale,
+                velocity,
+                path,
+            )
+            if self.num_alive >= enough:
+                break
+        self._last, self.velocity, self.alive = search.position, velocity, search.matched
         self.path.append(path)
         return operations
+
+    @cached_property
+    def _quarter_blocks(self) -> NDArray[np.uint8]:
+        """Blocks around the points in the key frame at a quarter of its size."""
+        blocks = np.empty((len(self.alive), _QUARTER_SIDE_PX, _QUARTER_SIDE_PX), np.uint8)
+        _kernels.cut_blocks(_quarter(self.points.luma), self.points.positions // 4, blocks)
+        return blocks
 
     @property
     def longest_px(self) -> float:
         """Largest distance of a live point from its start, in pixels; 0 without live points."""
         return math.sqrt(self._longest_px2)
-
-    def _search(
-        self,
-        luma: Plane,
-        max_coarse_searches: int,
-        least: float,
-        search: _kernels.Found,
-        ends: tuple[float, Integers, Floats],
-        operations: Integers,
-    ) -> bool:
-        """Search for the points without a match; return whether enough are located to finish the frame."""
-        points, quarter = self.points, luma
-        if max_coarse_searches:
-            quarter = _quarter(luma)
-            if len(self._quarter_blocks) == 0:
-                self._quarter_blocks = np.empty((len(self.alive), *self._quarter_blocks.shape[1:]), np.uint8)
-                _kernels.cut_blocks(_quarter(points.luma), points.positions // 4, self._quarter_blocks)
-        self.num_alive, self._longest_px2 = _kernels.follow(
-            _kernels.Matching(luma, points.blocks, operations),
-            _kernels.Matching(quarter, self._quarter_blocks, operations),
-            self._references,
-            _kernels.Movement(self._last, self.velocity, self.alive),
-            self._spirals,
-            (max_coarse_searches, least),
-            search,
-            ends,
-        )
-        return self.num_alive >= least
 
 
 def _quarter(luma: Plane) -> Plane:

@@ -13,11 +13,7 @@ from dvc.stream import GopRecord
 from dvc.video import Frame
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.transform import NUM_BANDS, band_shape
-from encoder._kernels import HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX
-from encoder.work import TrackingWork, Workload, coding_time_s, stages
-
-BLOCK, QUARTER_BLOCK = ((2 * half + 1) ** 2 for half in (HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX))
-"""Samples of a block in images of full size, and of a quarter of it."""
+from encoder.work import TrackingWork, coding_time_s, stages
 
 TIMED_PARTS = ("key_cpu_s", "transform_cpu_s", "parity_cpu_s", "writing_cpu_s")
 """Fields with parts of the time of coding, besides tracking; the rest forms groups of pictures."""
@@ -26,13 +22,8 @@ TIMED_PARTS = ("key_cpu_s", "transform_cpu_s", "parity_cpu_s", "writing_cpu_s")
 def memory_report(baseline_bytes: int) -> dict[str, int]:
     """Return the peak memory of the encoder, and the shares of Python and of compiled code."""
     peak, loaded = peak_resident_bytes(), loaded_bytes()
-    own = max(peak - baseline_bytes - loaded, 0)
-    return {
-        "peak_bytes": peak,
-        "baseline_bytes": baseline_bytes,
-        "loaded_bytes": loaded,
-        "own_bytes": own,
-    }
+    sizes = {"peak_bytes": peak, "baseline_bytes": baseline_bytes, "loaded_bytes": loaded}
+    return {**sizes, "own_bytes": max(peak - baseline_bytes - loaded, 0)}
 
 
 @dataclass
@@ -41,7 +32,7 @@ class EncoderStatistics:
 
     num_key_frames: int = 0  # frames of each type
     num_wyner_ziv_frames: int = 0
-    # processor times in seconds, without reading of the input and loading of compiled code
+    # processor times in seconds, without reading the input and loading compiled code
     coding_cpu_s: float = 0.0
     key_cpu_s: float = 0.0  # part of it for key frames
     transform_cpu_s: float = 0.0  # part for transform, quantiser and bit planes
@@ -130,24 +121,13 @@ class EncoderStatistics:
 
     def operations_per_pixel(self, config: CodecConfig) -> dict[str, dict[str, float]]:
         """Count operations by the model of `encoder.work`."""
-        pixels = config.video.width * config.video.height
-        positions = math.prod(band_shape(config.video.height, config.video.width))
-        tracking = self.tracking
-        num_large = (tracking.num_samples - tracking.num_blocks * QUARTER_BLOCK) // (BLOCK - QUARTER_BLOCK)
-        work = Workload(
-            num_samples=positions * NUM_BANDS * self.num_transformed,
-            num_frames=self.num_transformed,
-            num_coded_bands=self.num_coded_bands,
-            num_blocks=num_large,
-            num_quarter_blocks=tracking.num_blocks - num_large,
-            num_pairs=tracking.num_pairs,
-            num_corner_samples=pixels * tracking.num_starts,
-            num_positions=tracking.num_positions,
-            num_interpolated=tracking.num_interpolated,
-            num_near=tracking.num_near,
+        height, width = config.video.height, config.video.width
+        frame_samples = math.prod(band_shape(height, width)) * NUM_BANDS
+        work = stages(
+            self.tracking, width * height, frame_samples, self.num_transformed, self.num_coded_bands
         )
-        share = 1.0 / max(pixels * self.num_frames, 1)
-        return {name: asdict(stage.times(share)) for name, stage in stages(work).items()}
+        share = 1.0 / max(width * height * self.num_frames, 1)
+        return {name: asdict(stage.times(share)) for name, stage in work.items()}
 
 
 def _added(parts: Sequence[Any]) -> Any:

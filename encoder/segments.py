@@ -1,4 +1,4 @@
-"""A recording as segments: streams of so many frames, each complete by itself, in numbered files."""
+"""A recording as segments: numbered files, each a complete stream with a fixed number of frames."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -24,7 +24,7 @@ CONVERSION = re.compile(r"%(0[1-9])?d")
 
 @dataclass(frozen=True)
 class SegmentNames:
-    """Names of segments: what stands before and after the number, and how many digits that has at least."""
+    """Names of segments: a number with a least count of digits between two texts."""
 
     folder: Path
     before: str
@@ -36,11 +36,11 @@ class SegmentNames:
         return self.folder / f"{self.before}{number:0{self.num_digits}d}{self.after}"
 
     def existing(self) -> dict[int, Path]:
-        """Find the segments that there are, finished ones and the remains of others."""
+        """Return existing segments by number, finished or not."""
         before, after = re.escape(self.before), re.escape(self.after)
         pattern = re.compile(f"{before}([0-9]{{{self.num_digits},9}}){after}({re.escape(PARTIAL_SUFFIX)})?")
-        found = ((pattern.fullmatch(path.name), path) for path in sorted(self.folder.iterdir()))
-        return {int(match[1]): path for match, path in found if match is not None}
+        matches = ((pattern.fullmatch(path.name), path) for path in sorted(self.folder.iterdir()))
+        return {int(match[1]): path for match, path in matches if match is not None}
 
 
 def segment_names(output: str) -> SegmentNames:
@@ -55,10 +55,10 @@ def segment_names(output: str) -> SegmentNames:
 
 
 class InputFrames:
-    """Frames of a recording up to its end, to where the source fails, or to where it is stopped."""
+    """Frames of a recording until it ends, the source fails, or a signal stops it."""
 
     def __init__(self, source: Iterable[Frame | None]) -> None:
-        self.failure: VideoError | None = None  # what ended the source, after all frames before
+        self.failure: VideoError | None = None  # failure of the source after its frames
         self.stopped = False
         self._source = iter(source)
         self._waiting = False
@@ -83,7 +83,7 @@ class InputFrames:
             self._waiting = False
 
     def stopping_at_signals(self) -> AbstractContextManager[None]:
-        """Let an interrupt or SIGTERM end the frames, as the end of the source does; a second breaks off."""
+        """End the frames at an interrupt or SIGTERM like at the end of the source; a second one aborts."""
         return cli.stopping_at_signals(self._stop)
 
     def _stop(self) -> None:
@@ -92,14 +92,14 @@ class InputFrames:
             raise KeyboardInterrupt
 
     def raise_failure(self) -> None:
-        """Raise what the source failed with, if it did."""
+        """Raise the failure of the source, if any."""
         if self.failure is not None:
             raise self.failure
 
     def raise_end(self, kept: bool = False) -> None:
-        """Raise what ended the frames before the end of the source; say so if those before are kept."""
+        """Raise the reason if the frames ended before the source; `kept`: earlier frames are written."""
         if kept and self.failure is not None:
-            raise PartialOutputError(f"{self.failure}; what came before is kept") from self.failure
+            raise PartialOutputError(f"{self.failure}; earlier frames are kept") from self.failure
         self.raise_failure()
         if self.stopped:
             raise KeyboardInterrupt
@@ -107,11 +107,11 @@ class InputFrames:
 
 @dataclass(frozen=True)
 class Segment:
-    """A segment that is finished."""
+    """A finished segment."""
 
     path: Path
     statistics: "EncoderStatistics"
-    limits: Mapping[str, int]  # how these were kept
+    limits: Mapping[str, int]  # report of the limiter
 
 
 def write_segments(

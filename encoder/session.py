@@ -126,17 +126,7 @@ class EncoderSession:
         return TrackedGroups(config, rule or preset.key_frames, max_tracks_bpp, tracker, self._spacing)
 
     def write(self, frames: Iterable[Frame | None], file: BinaryIO, progress: Progress) -> None:
-        """Encode a sequence into a stream of the form of its delivery.
-
-        Parameters
-        ----------
-        frames : iterable of Frame or None
-            The sequence as for `groups`; read once, one group of pictures at a time.
-        file : binary file
-            Output.
-        progress : callable
-            Function that is called with the number of frames just finished.
-        """
+        """Encode a sequence as `groups` reads it into a stream of the form of its delivery."""
         statistics = self.statistics
         with statistics.coding():
             form = Form.NO_FEEDBACK if self._layout is None else Form.BUFFERED
@@ -151,35 +141,13 @@ class EncoderSession:
         statistics.stream_bytes = writer.num_bytes
 
     def groups(self, frames: Iterable[Frame | None]) -> Iterator[Group]:
-        """Divide the sequence into groups of pictures.
-
-        Parameters
-        ----------
-        frames : iterable of Frame or None
-            The sequence; None marks dropped frames, after which a new group starts.
-
-        Yields
-        ------
-        Group
-            Frames and points of one group of pictures.
-        """
+        """Yield the groups of a sequence, read once; None marks dropped frames, and a new group follows."""
         for is_frames, run in groupby(self.statistics.reading(frames), lambda frame: frame is not None):
             if is_frames:
                 yield from self._group_coder.groups(cast("Iterator[Frame]", run))
 
     def encode(self, group: Group) -> EncodedGroup:
-        """Encode one group of pictures.
-
-        Parameters
-        ----------
-        group : Group
-            Original frames.
-
-        Returns
-        -------
-        EncodedGroup
-            Record of the group, and its Wyner-Ziv frames for a live decoder.
-        """
+        """Encode one group of pictures."""
         statistics, wyner_ziv = self.statistics, group.wyner_ziv
         started = coding_time_s()
         tracks = self._group_coder.payload(group) if wyner_ziv else b""
@@ -242,17 +210,6 @@ class EncoderSession:
             )
 
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
-        """Return an empty buffer that answers a live decoder.
-
-        Parameters
-        ----------
-        num_slots : int
-            Largest number of open frames.
-
-        Returns
-        -------
-        EncoderBuffer
-            Without any frame.
-        """
+        """Return an empty buffer for up to `num_slots` open frames of a live decoder."""
         assert self._layout is not None
         return EncoderBuffer(self._layout, slepian_wolf.plane_coder(self.config), num_slots)

@@ -22,8 +22,8 @@ SPACING_PX = 16
 MANY_BLOCKS = 900
 """Number of blocks that is enough: those of large pictures are farther apart."""
 ALONE_COST, SHORT_COST = 0.7, 0.7
-"""Least mean squared error of the middle frame, over step^2 times the bits per pixel of a key frame, at which
-a group of two frames becomes two key frames, and at which a group of four does not grow to eight. Chosen
+"""Largest mean squared error of the middle frame, over step^2 times the bits per pixel of a key frame, in a
+group of two frames, before it becomes two key frames, and in a group of four that grows to eight. Chosen
 among 0.6 to 1.1 and 0.5 to 0.9 on the nine clips of the results, 49 frames at QP 24 to 36;
 `benchmarks.searches.settings --no-feedback encoder.spacing.ALONE_COST=1.1` compares."""
 CLOSE_SHARE = 0.15

@@ -8,24 +8,24 @@ from dvc.video import Frame
 
 
 class CodingClock:
-    """Compares when frames are shown with how many were coded before them."""
+    """Compares the time stamps of frames with the number of coded frames before them."""
 
     def __init__(self, frame_rate: Fraction) -> None:
         self._interval_s = 1 / frame_rate
-        self._ticks_per_second = 0  # of the clock of the source, where it has one
+        self._ticks_per_second = 0  # clock of the source; 0 without one
         self._ticks_per_frame = Fraction(0)
-        self._num_frames = 0  # of the stream
+        self._num_frames = 0  # coded in the stream
         self._zero: int | None = None  # tick of the source that is tick 0 of the stream
-        self._last = 0  # tick of the stream at which the last frame is shown
+        self._last = 0  # tick of the stream when the last frame is shown
 
     def begin_stream(self) -> None:
-        """Let the next frame be the first of a stream, which goes on where the last one ended."""
+        """Start a stream at the next frame; it continues the clock of the last one."""
         if self._zero is not None:
             self._zero += self._last - self._planned(-1)
         self._num_frames = 0
 
     def deviations(self, frames: Sequence[Frame]) -> Deviations | None:
-        """Take the next frames; tell how much later each is, unless all are less than a tick off."""
+        """Return the delay of each of the next frames; None if all are less than a tick off."""
         self._find_clock(frames)
         first, self._num_frames = self._num_frames, self._num_frames + len(frames)
         if not self._ticks_per_second:
@@ -39,7 +39,7 @@ class CodingClock:
         return Deviations(self._ticks_per_second, tuple(late))
 
     def _find_clock(self, frames: Sequence[Frame]) -> None:
-        """Find the clock of the source, unless it is too coarse to tell frames apart."""
+        """Find the clock of the source, unless it is too coarse to separate frames."""
         if not self._ticks_per_second:
             clocks = (frame.time.ticks_per_second for frame in frames if frame.time is not None)
             fine = (clock for clock in clocks if clock * self._interval_s >= 1)
@@ -50,7 +50,7 @@ class CodingClock:
         return planned_tick(number, self._ticks_per_frame)
 
     def _tick(self, number: int, frame: Frame) -> int:
-        """Return when a frame is shown; where the source's clock jumps, a usual interval after the last."""
+        """Return the tick of a frame; if the clock of the source jumps, the usual interval after the last."""
         planned, before = self._planned(number), self._planned(number - 1)
         if number == 0 or self._zero is None:
             self._last = before

@@ -94,7 +94,7 @@ class TrackedGroups:
 
 
 def worthwhile(tracks: PointTracks, config: CodecConfig) -> PointTracks:
-    """Keep tracks that are farther apart at coarser qualities, at which a bit counts for more."""
+    """Keep tracks that are farther apart at coarser qualities: a bit costs more there."""
     qp, num_pixels = config.wyner_ziv.qp, config.video.width * config.video.height
     share = math.sqrt(num_pixels / FULL_PIXELS) * math.exp2((FULL_QP - qp) / 6)
     count = max(round(FULL_COUNT * share), MIN_TRACKS)

@@ -1,8 +1,8 @@
-"""What encoding takes in operations: a model of its stages, whatever processor runs them.
+"""Operations of the stages of encoding, independent of the processor.
 
-It counts what kernels do with samples, coefficients, words and other data, one by one, as they are written:
-vectors of a processor do many at once. Loops, addresses and conversions between types are not counted. What
-is moved are the bytes of all elements of arrays that are read or written, wherever a processor keeps them.
+The model counts operations of kernels on samples, coefficients, words and other data one by one, as the code
+has them; a processor does many at once in vectors. Loops, addresses and conversions between types do not
+count. Bytes are those of all elements of arrays that are read or written, in a cache or not.
 """
 
 import time
@@ -17,6 +17,8 @@ from dvc.tracks.regression.coding import NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATU
 from dvc.wynerziv.transform import BLOCK, NUM_BANDS
 from encoder._kernels import HALF_BLOCK_PX, NUM_NEAREST, QUARTER_HALF_BLOCK_PX, SAMPLED_PX
 
+LARGE_SAMPLES, SMALL_SAMPLES = ((2 * half + 1) ** 2 for half in (HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX))
+"""Samples of a block in images of full size, and of a quarter of it."""
 _VECTOR_PX = 8
 """Samples of a row of a block that are compared at once."""
 
@@ -34,7 +36,7 @@ class TrackingWork:
     num_blocks: int = 0  # SADs of blocks, and the samples in them
     num_samples: int = 0
     num_frames: int = 0  # frames that were searched
-    num_starts: int = 0  # frames in which points were detected for tracking
+    num_starts: int = 0  # frames with points that were detected for tracking
     num_pairs: int = 0  # pairs of points, one a possible spatial motion candidate of the other
     num_positions: int = 0  # coded positions of tracks, without the first of each track
     num_interpolated: int = 0  # blocks compared with their prediction by tracks, and pairs with nearby points
@@ -53,11 +55,11 @@ class Operations:
     bytes: float = 0  # read from arrays and written to them
 
     def __add__(self, other: "Operations") -> "Operations":
-        """Return what both take."""
+        """Return the sum."""
         return Operations(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     def times(self, factor: float) -> "Operations":
-        """Return what doing it several times takes."""
+        """Return the operations of several times the work."""
         return Operations(*(factor * number for number in astuple(self)))
 
     @property
@@ -66,29 +68,13 @@ class Operations:
         return self.adds + self.multiplies + self.logic + self.compares
 
 
-@dataclass(frozen=True)
-class Workload:
-    """How much there was to do in a run."""
-
-    num_samples: int  # samples of Wyner-Ziv frames, in whole 4x4 blocks
-    num_frames: int  # wyner-Ziv frames
-    num_coded_bands: int  # bands of them that have planes
-    num_blocks: int  # blocks that were compared with others, in images of full size and of a quarter of it
-    num_quarter_blocks: int
-    num_pairs: int  # pairs of points of which one may show the other where to look
-    num_corner_samples: int  # samples of frames in which corners were looked for
-    num_positions: int  # positions of tracks that were coded after their first
-    num_interpolated: int  # blocks that were compared with what tracks predict of them, and points nearby
-    num_near: int
-
-
 def butterfly() -> Operations:
     """Count one dimension of the 4x4 transform, for four samples ([Malvar2003]: doubling is a sum, too)."""
     return Operations(adds=8 + 2, bytes=2 * BLOCK * 2)
 
 
 def transform(num_samples: float, num_frames: float) -> Operations:
-    """Count the transform of frames, and finding the least and the greatest of each band."""
+    """Count the transform of frames, and the search for the extremes of each band."""
     unpacking = Operations(logic=6, bytes=BLOCK * (1 + 2)).times(num_samples / BLOCK)
     both = butterfly().times(2 * num_samples / BLOCK)
     extremes = Operations(compares=2, bytes=2 * 2).times(num_samples)
@@ -96,7 +82,7 @@ def transform(num_samples: float, num_frames: float) -> Operations:
 
 
 def quantisation(num_coefficients: float) -> Operations:
-    """Count embedded bins of coefficients, and entering their numbers into words of planes."""
+    """Count embedded bins of coefficients, and packing of their numbers into words of planes."""
     bins = Operations(multiplies=1, adds=1, compares=2, bytes=2 + 4)
     words = Operations(logic=2, bytes=4 + 8 + 8)
     return (bins + words).times(num_coefficients)
@@ -110,7 +96,7 @@ def block_comparison(half_side_px: int = HALF_BLOCK_PX) -> Operations:
 
 
 def spatial_candidates() -> Operations:
-    """Count whether a point that was found shows another one where to look."""
+    """Count the offer of the motion of a matched point to another one."""
     return Operations(adds=2 + 1 + 1, multiplies=2, logic=1, compares=1, bytes=4 * 4 + 2 * 8)
 
 
@@ -127,7 +113,7 @@ def corners(num_samples: float) -> Operations:
 
 
 def fit() -> Operations:
-    """Count where the motion that was found takes a track."""
+    """Count the position of a track by the fitted motion."""
     both = Operations(multiplies=2, adds=2, bytes=3 * 8)
     return both.times(NUM_FEATURES) + Operations(bytes=2 * 8)
 
@@ -142,7 +128,7 @@ def predicted_positions(tracks: PointTracks) -> int:
 
 
 def regression(num_positions: float) -> Operations:
-    """Count prediction of positions by recursive least squares, and what is learnt from each."""
+    """Count the prediction of positions by recursive least squares, and the update after each."""
     products = Operations(multiplies=1, adds=1, bytes=2 * 8)
     gain = products.times((ROW_FEATURES + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * ROW_FEATURES)
     bounded = Operations(multiplies=2, compares=1, bytes=3 * 8).times(NUM_FEATURES)
@@ -158,7 +144,7 @@ def regression(num_positions: float) -> Operations:
 
 
 def interpolation(num_blocks: float, num_near: float) -> Operations:
-    """Count what tracks predict of sampled blocks, and looking for the points nearest to each."""
+    """Count the prediction of sampled blocks by tracks, and the search for the nearest points."""
     bilinear = Operations(adds=10, multiplies=6, compares=4, bytes=4 + 2 * 8)
     sample = bilinear.times(2) + Operations(adds=3, multiplies=2, bytes=1)
     weighed = Operations(adds=10, multiplies=5, compares=1, bytes=26 * 8).times(NUM_NEAREST)
@@ -167,17 +153,25 @@ def interpolation(num_blocks: float, num_near: float) -> Operations:
     return block.times(num_blocks) + near.times(num_near)
 
 
-def stages(work: Workload) -> Mapping[str, Operations]:
-    """Count the stages of an encoder that are its own."""
-    per_band = work.num_samples / NUM_BANDS / max(work.num_frames, 1)
-    compared = block_comparison().times(work.num_blocks) + block_comparison(QUARTER_HALF_BLOCK_PX).times(
-        work.num_quarter_blocks
+def stages(
+    tracking: TrackingWork, frame_px: int, frame_samples: int, num_frames: int, num_coded_bands: int
+) -> Mapping[str, Operations]:
+    """Count the operations of the stages that belong to the encoder.
+
+    `frame_samples` is the size of a frame in whole 4x4 blocks; `num_frames` were transformed, and
+    `num_coded_bands` of their bands have planes.
+    """
+    num_large = (tracking.num_samples - tracking.num_blocks * SMALL_SAMPLES) // (
+        LARGE_SAMPLES - SMALL_SAMPLES
     )
+    num_small = tracking.num_blocks - num_large
+    compared = block_comparison().times(num_large)
+    compared += block_comparison(QUARTER_HALF_BLOCK_PX).times(num_small)
     return {
-        "transform": transform(work.num_samples, work.num_frames),
-        "quantiser and planes": quantisation(per_band * work.num_coded_bands),
-        "corners": corners(work.num_corner_samples),
-        "block matching": compared + spatial_candidates().times(work.num_pairs),
-        "coding of tracks": regression(work.num_positions),
-        "interpolation": interpolation(work.num_interpolated, work.num_near),
+        "transform": transform(frame_samples * num_frames, num_frames),
+        "quantiser and planes": quantisation(frame_samples / NUM_BANDS * num_coded_bands),
+        "corners": corners(frame_px * tracking.num_starts),
+        "block matching": compared + spatial_candidates().times(tracking.num_pairs),
+        "coding of tracks": regression(tracking.num_positions),
+        "interpolation": interpolation(tracking.num_interpolated, tracking.num_near),
     }

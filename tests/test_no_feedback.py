@@ -128,14 +128,14 @@ def test_short_clips(clip: Path, tmp_path: Path, num_frames: int) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--no-feedback", "--coder", "turbo"], "--coder is not for --no-feedback"),
-        (["--key-frames", "intra", "--intra-period", "9"], "--intra-period is for --key-frames predicted"),
+        (["--no-feedback", "--coder", "turbo"], "--no-feedback excludes --coder turbo"),
+        (["--key-frames", "intra", "--intra-period", "9"], "--intra-period excludes --key-frames intra"),
         (["--no-feedback", "--serve", "127.0.0.1:0"], "give either OUTPUT or --serve"),
-        (["--bitrate", "300k"], "--bitrate and --max-bits-per-frame are for --serve and --no-feedback"),
-        (["--max-bits-per-frame", "300k"], "--bitrate and --max-bits-per-frame are for --serve"),
-        (["--no-feedback", "--bitrate", "300k", "--qp", "30"], "give it or --qp"),
-        (["--bitrate", "300k", "--wz-q", "3"], "give it or --wz-q"),
-        (["--no-feedback", "--bitrate", "300k", "--key-qp", "20"], "no --key-qp"),
+        (["--bitrate", "300k"], "--bitrate requires --serve or --no-feedback"),
+        (["--max-bits-per-frame", "300k"], "--max-bits-per-frame requires --serve or --no-feedback"),
+        (["--no-feedback", "--bitrate", "300k", "--qp", "30"], "--bitrate excludes --qp"),
+        (["--no-feedback", "--bitrate", "300k", "--wz-q", "3"], "--bitrate excludes --wz-q"),
+        (["--no-feedback", "--bitrate", "300k", "--key-qp", "20"], "--bitrate excludes --key-qp"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(
@@ -155,7 +155,7 @@ def test_there_is_nothing_to_puncture(
     files = [str(stream), str(tmp_path / "v.y4m"), "--punctured", str(tmp_path / "p.dvc")]
     assert decoder.main([*files, "--quiet"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "not for no-feedback streams" in line
+    assert "not one without feedback" in line
 
 
 def test_a_cut_stream_is_told(stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

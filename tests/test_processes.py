@@ -625,7 +625,7 @@ def answer_until_the_first_request(
 ) -> tuple[Connection, EncoderEndpoint, RequestTable]:
     connection, endpoint, records = welcome(peer, stream)
     while True:
-        while endpoint.num_credits and records:
+        while endpoint.flow.num_credits and records:
             endpoint.send_gop(records.pop(0))
         event = next_event(connection, endpoint)
         if isinstance(event, RequestTable):

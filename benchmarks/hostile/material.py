@@ -29,7 +29,7 @@ from dvc.config import (
 from dvc.feedback import Connection, Dialler
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
-from encoder.acceptor import AcceptedPeer, FirstFrame
+from encoder.acceptor import AcceptedPeer
 
 if TYPE_CHECKING:
     from encoder.session import EncoderSession
@@ -173,17 +173,8 @@ def session(made: Material) -> "EncoderSession":
     return EncoderSession(made.config, Live())
 
 
-class _OnePeer:
-    """No further connection."""
-
-    first_frame: FirstFrame = {0: 0}.get
-
-    def next_peer(self, within_s: float | None = None) -> None:
-        """Return that there is none."""
-
-
 def serve(made: Material, peer: AcceptedPeer) -> None:
     """Run the encoder on a connection."""
     from encoder import live
 
-    live.serve(session(made), made.frames, _OnePeer(), peer, lambda _: None)
+    live.serve(session(made), made.frames, None, peer, lambda _: None)

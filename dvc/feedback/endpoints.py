@@ -57,13 +57,14 @@ class _Endpoint(ABC):
     """Splits the bytes of the peer into messages, and collects messages for the peer."""
 
     _accepted: tuple[type[Message], ...]
-    _config: CodecConfig | None = None
 
     def __init__(self) -> None:
+        self.config: CodecConfig  # the decoder has it from the welcome on, as both have the account
+        self.flow: FlowControl
+        self.finished = False  # whether both know that the decoder has written the whole sequence
         self._received = bytearray()
         self._outgoing: list[bytes] = []
         self._failed = False
-        self._limits: dict[type[Message], int] = {}
 
     def receive(self, data: bytes) -> list[Event]:
         """Process bytes from the peer."""
@@ -104,7 +105,7 @@ class _Endpoint(ABC):
         if len(length) < MAX_VARINT_BYTES and all(byte >= 0x80 for byte in length):
             return None
         size, start = decode_varint(received, 1)
-        limit = self._max_payload_bytes(message_type)
+        limit = max_payload_bytes(message_type, getattr(self, "config", None))
         if size > limit:
             raise BitstreamError(f"{message_type.__name__} of {size} bytes, at most {limit} are allowed")
         if len(received) < start + size:
@@ -116,14 +117,15 @@ class _Endpoint(ABC):
         except BitstreamError as err:
             raise BitstreamError(f"{message_type.__name__}: {err}") from err
 
-    def _max_payload_bytes(self, message_type: type[Message]) -> int:
-        if message_type not in self._limits:
-            self._limits[message_type] = max_payload_bytes(message_type, self._config)
-        return self._limits[message_type]
-
     @abstractmethod
     def _accept(self, message: Message) -> Sequence[Event]:
         """Check a message of the peer against the state and update it; return the events."""
+
+    def _finish(self) -> None:
+        """Accept that the whole sequence is written."""
+        if not self.flow.all_done:
+            raise ValueError("Finished before all groups of pictures are done")
+        self.finished, self._accepted = True, ()
 
     def _send(self, message: Message) -> None:
         self._outgoing.append(encode_message(message))
@@ -152,16 +154,9 @@ class EncoderEndpoint(_Endpoint):
 
     def __init__(self, config: CodecConfig) -> None:
         super().__init__()
-        self._config: CodecConfig = config
+        self.config = config
         self.hello: Hello | None = None
-        self.finished = False  # whether the decoder has written the whole sequence
-        self._flow: FlowControl  # with the welcome
-        self._requests: RequestAccount
-
-    @property
-    def num_credits(self) -> int:
-        """Number of groups of pictures that the decoder waits for."""
-        return self._flow.num_credits
+        self._requests: RequestAccount  # large, so only of a decoder that is accepted
 
     @property
     def num_slots(self) -> int:
@@ -178,34 +173,32 @@ class EncoderEndpoint(_Endpoint):
                 self._requests.request(table)
                 return [table]
             case NextGop():
-                self._flow.add_credit()
+                self.flow.add_credit()
                 return [message]
             case GopDone(number):
-                self._flow.close_gop(number)
+                self.flow.close_gop(number)
                 self._requests.close_gop(number)
                 return [message]
             case Finished():
-                if not self._flow.all_done:
-                    raise ValueError("Finished before all groups of pictures are done")
-                self.finished, self._accepted = True, ()
+                self._finish()
                 self._send(message)
         return []
 
     def send_welcome(self, first_frame: int = 0) -> None:
         """Accept the decoder, which continues with this frame after the groups that its hello names."""
         assert self.hello is not None
-        self._flow = FlowControl(self._config, self.hello.num_groups, first_frame)
-        self._requests = RequestAccount(self._config)
+        self.flow = FlowControl(self.config, self.hello.num_groups, first_frame)
+        self._requests = RequestAccount(self.config)
         self._accepted = (NextGop, ParityRequests, GopDone, Finished, Failure)
-        self._send(Welcome(PROTOCOL_VERSION, encode_config(self._config)))
+        self._send(Welcome(PROTOCOL_VERSION, encode_config(self.config)))
 
     def send_gop(self, record: GopRecord) -> tuple[int, int]:
         """Send the next group of pictures."""
-        number, first_frame = self._flow.num_groups, self._flow.num_frames
+        number, first_frame = self.flow.num_groups, self.flow.num_frames
         message = encode_message(Gop(number, record))
-        if len(message) > self._max_payload_bytes(Gop):
+        if len(message) > max_payload_bytes(Gop, self.config):
             raise ValueError(f"`record` takes {len(message)} bytes, more than a message may have")
-        self._flow.open_gop(number, record.num_frames, record.predicted)
+        self.flow.open_gop(number, record.num_frames, record.predicted)
         self._outgoing.append(message)
         return number, self._requests.open_gop(number, first_frame, record.num_frames - 1)
 
@@ -216,8 +209,8 @@ class EncoderEndpoint(_Endpoint):
 
     def send_end(self) -> None:
         """Announce that no more groups of pictures follow; requests may still come."""
-        self._flow.end(self._flow.num_frames)
-        self._send(End(self._flow.num_frames))
+        self.flow.end(self.flow.num_frames)
+        self._send(End(self.flow.num_frames))
 
 
 class DecoderEndpoint(_Endpoint):
@@ -239,30 +232,10 @@ class DecoderEndpoint(_Endpoint):
         self, decoder_id: bytes, num_groups: int = 0, num_frames: int = 0, token: bytes = b""
     ) -> None:
         super().__init__()
-        self.finished = False  # whether the encoder knows that the whole sequence is written
+        self.is_welcome = False  # whether the encoder has accepted the decoder
         self._first = num_groups, num_frames
-        self._flow: FlowControl | None = None
         self._waiting: deque[RequestTable] = deque()
         self._send(Hello(PROTOCOL_VERSION, decoder_id, num_groups, token))
-
-    @property
-    def config(self) -> CodecConfig:
-        """The codec configuration."""
-        if self._config is None:
-            raise ValueError("Welcome has not come yet")
-        return self._config
-
-    @property
-    def is_welcome(self) -> bool:
-        """Whether the encoder has accepted the decoder."""
-        return self._flow is not None
-
-    @property
-    def flow(self) -> FlowControl:
-        """The account of groups of pictures."""
-        if self._flow is None:
-            raise ValueError("Welcome has not come yet")
-        return self._flow
 
     def _accept(self, message: Message) -> Sequence[Event]:
         match message:
@@ -272,8 +245,8 @@ class DecoderEndpoint(_Endpoint):
                 return _answers(self._waiting.popleft(), packed)
             case Welcome(version, config):
                 _check_version(version)
-                self._config = decode_config(config)
-                self._flow = FlowControl(self._config, *self._first)
+                self.config = decode_config(config)
+                self.flow, self.is_welcome = FlowControl(self.config, *self._first), True
                 self._accepted = (Gop, ParityAnswers, End, Finished, Failure)
                 return [message]
             case Gop(number, record):
@@ -281,12 +254,10 @@ class DecoderEndpoint(_Endpoint):
                 return [message]
             case End(num_frames):
                 self.flow.end(num_frames)
-                self._finish()
+                self._send_finished()
                 return [message]
             case Finished():
-                if not self.flow.all_done:
-                    raise ValueError("Finished before all groups of pictures are done")
-                self.finished, self._accepted = True, ()
+                self._finish()
         return []
 
     def send_next_gop(self) -> None:
@@ -307,9 +278,9 @@ class DecoderEndpoint(_Endpoint):
         """Report that a group of pictures is written, so that the encoder may discard it."""
         self.flow.close_gop(number)
         self._send(GopDone(number))
-        self._finish()
+        self._send_finished()
 
-    def _finish(self) -> None:
+    def _send_finished(self) -> None:
         """Report that the whole sequence is written, as soon as it is."""
         if self.flow.all_done:
             self._send(Finished())

@@ -59,7 +59,7 @@ class FlowControl:
 
     def __init__(self, config: CodecConfig, first_group: int = 0, first_frame: int = 0) -> None:
         self.num_credits = 0  # groups of pictures that may be sent
-        self.num_groups, self.num_frames = first_group, first_frame  # of the sequence, up to the last group
+        self.num_groups, self.num_frames = first_group, first_frame  # before the next group
         self.ended = False
         self.open: set[int] = set()
         self._max_open, self._gop_length = max_open_gops(config), config.gop.length
@@ -139,7 +139,7 @@ class RequestAccount:
         )
         self._num_runs = [0] * self.num_slots
         self._begun = [0] * self.num_slots  # bit mask of the planes that are in a run
-        self._rows: dict[int, int] = {}  # of the table of open groups, by group number
+        self._rows: dict[int, int] = {}  # rows of the table of open groups, by group number
         self._waiting: deque[RequestTable] = deque()
 
     def open_gop(self, number: int, first_frame: int, num_frames: int) -> int:
@@ -196,7 +196,7 @@ class RequestAccount:
                 raise ValueError(f"{name} has planes {planes} of {self._num_planes}")
             begun = sum(1 << plane for plane in planes)
             if begun & self._begun[slot + part.offset]:
-                raise ValueError(f"{name} has planes {planes}, some of which are in another run")
+                raise ValueError(f"{name} has planes {planes}, some already in another run")
             self._begun[slot + part.offset] |= begun
         self._num_runs[slot] += 1
         self._frames.num_planes[slot, number] = sum(len(part.planes) for part in run)

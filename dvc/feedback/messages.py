@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from dvc.stream import GopRecord, decode_gop, encode_gop
 
 PROTOCOL_VERSION = 11
 DECODER_ID_BYTES = 16
-"""Length of the random number by which an encoder recognises its decoder after a lost connection."""
+"""Length of the random number that identifies a decoder after a lost connection."""
 MAX_TOKEN_BYTES = 4096
 """Longest token that a decoder may send."""
 MAX_HEADER_BYTES = 2**16
@@ -41,7 +42,7 @@ _SYNTAX_FAULTS = {
 class Hello:
     """Decoder to encoder, first on every connection."""
 
-    version: int  # of the protocol
+    version: int
     decoder_id: bytes = b""  # random, the same on all connections of a run
     num_groups: int = 0  # groups of pictures that the decoder has written
     token: bytes = b""
@@ -51,7 +52,7 @@ class Hello:
 class Welcome:
     """Encoder to decoder, in reply to `Hello`."""
 
-    version: int  # of the protocol
+    version: int
     config: bytes = b""  # as `encode_config` writes it
 
 
@@ -93,7 +94,7 @@ class GopDone:
 class End:
     """Encoder to decoder: no more groups of pictures follow."""
 
-    num_frames: int  # of the sequence
+    num_frames: int  # length of the sequence
 
 
 @dataclass(frozen=True)
@@ -111,61 +112,6 @@ class Failure:
 Message = (
     Hello | Welcome | NextGop | Gop | ParityRequests | ParityAnswers | GopDone | End | Finished | Failure
 )
-
-TYPES: tuple[type[Message], ...] = (
-    Hello, Welcome, NextGop, Gop, ParityRequests, ParityAnswers, GopDone, End, Finished, Failure
-)  # fmt: skip
-"""Message types; the type byte of a message is its index here plus one."""
-
-_MAX_PAYLOAD_BYTES: dict[type[Message], int] = {
-    Hello: 16 + DECODER_ID_BYTES + MAX_TOKEN_BYTES,
-    Welcome: 4096,
-    NextGop: 0,
-    ParityAnswers: MAX_ANSWER_BITS // 8,
-    GopDone: 5,
-    End: 5,
-    Finished: 0,
-    Failure: _MAX_FAILURE_BYTES,
-}
-
-
-def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -> int:
-    """Return the size of the largest valid payload of a message."""
-    if message_type in _MAX_PAYLOAD_BYTES:
-        return _MAX_PAYLOAD_BYTES[message_type]
-    if config is None:
-        raise ValueError(f"`config` bounds a {message_type.__name__}, got None")
-    if message_type is ParityRequests:
-        frame_bits = config.video.num_blocks * len(config.wyner_ziv.max_planes)
-        return MAX_REQUEST_BYTES + _MAX_POSITION_BYTES * min(frame_bits * config.gop.length, MAX_RUN_BITS)
-    area_px = (config.video.width + 15) * (config.video.height + 15)
-    return 4 * area_px + 2**20 + MAX_HEADER_BYTES * config.gop.length
-
-
-def encode_message(message: Message) -> bytes:
-    """Write a message as type, length of the payload, payload."""
-    payload = _encode_payload(message)
-    return bytes([TYPES.index(type(message)) + 1]) + encode_varint(len(payload)) + payload
-
-
-def _encode_payload(message: Message) -> bytes:
-    payload = b""
-    match message:
-        case Hello(version, decoder_id, num_groups, token):
-            payload = encode_varint(version) + decoder_id + encode_varint(num_groups) + token
-        case Welcome(version, config):
-            payload = encode_varint(version) + config
-        case Gop(number, record):
-            payload = encode_varint(number) + encode_gop(record)
-        case ParityRequests(table):
-            payload = _encode_requests(table)
-        case ParityAnswers(packed):
-            payload = packed
-        case GopDone(number) | End(number):
-            payload = encode_varint(number)
-        case Failure(text):
-            payload = _one_line(text).encode()[:_MAX_FAILURE_BYTES]
-    return payload
 
 
 def _encode_requests(table: RequestTable) -> bytes:
@@ -197,11 +143,6 @@ def _encode_part(step: int, part: Part) -> bytes:
     planes = (after - before for before, after in pairwise((-1, *part.planes)))
     numbers = (step, len(part.planes), *planes, len(part.areas))
     return b"".join(map(encode_varint, numbers)) + part.areas
-
-
-def decode_payload(message_type: type[Message], payload: bytes) -> Message:
-    """Read the payload of a message."""
-    return _DECODERS[message_type](payload)
 
 
 def _decode_hello(payload: bytes) -> Hello:
@@ -243,21 +184,6 @@ def _decode_requests(payload: bytes) -> ParityRequests:
     )
 
 
-# Messages without a decoded payload have none: its largest size is 0 bytes.
-_DECODERS: dict[type[Message], Callable[[bytes], Message]] = {
-    Hello: _decode_hello,
-    Welcome: _decode_welcome,
-    NextGop: lambda _: NextGop(),
-    Gop: _decode_gop_message,
-    ParityRequests: _decode_requests,
-    ParityAnswers: ParityAnswers,
-    GopDone: lambda payload: GopDone(_decode_number(payload)),
-    End: lambda payload: End(_decode_number(payload)),
-    Finished: lambda _: Finished(),
-    Failure: lambda payload: Failure(_one_line(payload.decode(errors="replace"))),
-}
-
-
 def _decode_number(payload: bytes) -> int:
     """Read a payload that is one integer."""
     value, position = decode_varint(payload, 0)
@@ -268,3 +194,64 @@ def _decode_number(payload: bytes) -> int:
 
 def _one_line(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text).strip()
+
+
+class _Syntax(NamedTuple):
+    """Syntax of the payload of a message."""
+
+    max_bytes: int | None  # None: depends on the configuration
+    encode: Callable[[Any], bytes]
+    decode: Callable[[bytes], Message]
+
+
+_SYNTAX: dict[type[Message], _Syntax] = {
+    Hello: _Syntax(
+        16 + DECODER_ID_BYTES + MAX_TOKEN_BYTES,
+        lambda hello: (
+            encode_varint(hello.version) + hello.decoder_id + encode_varint(hello.num_groups) + hello.token
+        ),
+        _decode_hello,
+    ),
+    Welcome: _Syntax(4096, lambda welcome: encode_varint(welcome.version) + welcome.config, _decode_welcome),
+    NextGop: _Syntax(0, lambda _: b"", lambda _: NextGop()),
+    Gop: _Syntax(None, lambda gop: encode_varint(gop.number) + encode_gop(gop.record), _decode_gop_message),
+    ParityRequests: _Syntax(None, lambda requests: _encode_requests(requests.table), _decode_requests),
+    ParityAnswers: _Syntax(MAX_ANSWER_BITS // 8, lambda answers: answers.packed, ParityAnswers),
+    GopDone: _Syntax(
+        5, lambda done: encode_varint(done.number), lambda payload: GopDone(_decode_number(payload))
+    ),
+    End: _Syntax(5, lambda end: encode_varint(end.num_frames), lambda payload: End(_decode_number(payload))),
+    Finished: _Syntax(0, lambda _: b"", lambda _: Finished()),
+    Failure: _Syntax(
+        _MAX_FAILURE_BYTES,
+        lambda failure: _one_line(failure.text).encode()[:_MAX_FAILURE_BYTES],
+        lambda payload: Failure(_one_line(payload.decode(errors="replace"))),
+    ),
+}
+TYPES = tuple(_SYNTAX)
+"""Message types; the type byte of a message is its index here plus one."""
+
+
+def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -> int:
+    """Return the size of the largest valid payload of a message."""
+    max_bytes = _SYNTAX[message_type].max_bytes
+    if max_bytes is not None:
+        return max_bytes
+    if config is None:
+        raise ValueError(f"`config` bounds a {message_type.__name__}, got None")
+    if message_type is ParityRequests:
+        frame_bits = config.video.num_blocks * len(config.wyner_ziv.max_planes)
+        return MAX_REQUEST_BYTES + _MAX_POSITION_BYTES * min(frame_bits * config.gop.length, MAX_RUN_BITS)
+    area_px = (config.video.width + 15) * (config.video.height + 15)
+    return 4 * area_px + 2**20 + MAX_HEADER_BYTES * config.gop.length
+
+
+def encode_message(message: Message) -> bytes:
+    """Write a message."""
+    payload = _SYNTAX[type(message)].encode(message)
+    return bytes([TYPES.index(type(message)) + 1]) + encode_varint(len(payload)) + payload
+
+
+def decode_payload(message_type: type[Message], payload: bytes) -> Message:
+    """Read the payload of a message."""
+    return _SYNTAX[message_type].decode(payload)

@@ -129,7 +129,7 @@ class Connection(Closing):
         protection.check_certificate(peer)
 
     def send(self, data: bytes, within_s: float | None = None) -> None:
-        """Send bytes, of which some are taken within each timeout; data that come are kept for `receive`."""
+        """Send bytes; the peer must take some within each timeout. Data that come are kept for `receive`."""
         rest = memoryview(data)
         patience_s = self.timeout_s if within_s is None else within_s
         deadline_s = time.monotonic() + patience_s
@@ -190,12 +190,12 @@ class Connection(Closing):
             if self._fd in ready:
                 return ready[self._fd] | select.POLLIN * bool(ready[self._fd] & ~events)
 
-    def wait(self, others: Sequence[Readable] = (), within_s: float | None = None) -> list[Any]:
+    def wait(self, more: Sequence[Readable] = (), within_s: float | None = None) -> list[Any]:
         """Wait until this connection or other objects are readable; return these."""
         pending = isinstance(self._socket, ssl.SSLSocket) and self._socket.pending()
         if self._inbox or pending or self._failure is not None:
-            return [self, *wait(list[Any](others), 0.0)]
-        objects: list[Any] = [self, *others]
+            return [self, *wait(list[Any](more), 0.0)]
+        objects: list[Any] = [self, *more]
         return wait(objects, within_s)
 
     def break_off(self, reason: str) -> None:
@@ -294,7 +294,7 @@ def listen(host: str = "localhost", port: int = 0) -> Listener:
     Parameters
     ----------
     host : str
-        Address of this machine on which to listen; the loopback by default.
+        Address of this machine to listen on; the loopback by default.
     port : int
         0 for any free one, see `Listener.port`.
 
@@ -338,7 +338,7 @@ class Dialler:
             peer = socket.create_connection((self.host, self.port), max(within_s, _RETRY_S))
         except (OSError, ValueError) as err:
             if isinstance(err, ConnectionRefusedError | TimeoutError):
-                raise NobodyListensError(f"nobody listens on {self.name}") from err
+                raise NobodyListensError(f"no program listens on {self.name}") from err
             raise NobodyListensError(
                 f"cannot connect to {self.name}: {getattr(err, 'strerror', None) or err}"
             ) from err

@@ -79,12 +79,6 @@ def test_options_say_whether_key_frames_are_predicted(options: str, length: int,
     assert (config.gop.length, config.key.intra_period) == (length, intra_period)
 
 
-def test_intra_pictures_have_no_period() -> None:
-    """All key frames are intra pictures."""
-    with pytest.raises(ConfigError, match="--intra-period is for --key-frames predicted"):
-        config_of("--key-frames", "intra", "--intra-period", "5")
-
-
 def test_frames_that_predict_others_are_finer() -> None:
     """The farther the references, the more frames depend on a frame: less has to be saved by a bit."""
     shared = Qp(30).wyner_ziv

@@ -272,7 +272,7 @@ class Liar:
         groups = own.groups(self._frames)
         number = 0
         while sum(len(table.rows) for table in self.waiting) < self._left:
-            for _ in range(self.endpoint.num_credits):
+            for _ in range(self.endpoint.flow.num_credits):
                 group = next(groups, None)
                 if group is None:
                     break
@@ -311,7 +311,7 @@ def answer_twice(liar: Liar) -> None:
 
 def send_more_groups(liar: Liar) -> None:
     """Send a group of pictures that was not asked for, though many others are open."""
-    while liar.endpoint.num_credits:
+    while liar.endpoint.flow.num_credits:
         liar.endpoint.send_gop(GopRecord(1, b"x"))
     data = liar.endpoint.bytes_to_send()
     liar.link.send(data * 2)

@@ -16,7 +16,7 @@ from dvc.errors import ConnectionLostError, NobodyListensError, RefusedError
 from dvc.feedback import Connection, DecoderEndpoint, Dialler, Protection
 from dvc.feedback.protection import decoder_context, encoder_context
 from encoder import acceptor
-from encoder.acceptor import MAX_GREETINGS, MAX_LINES, PeerAcceptor
+from encoder.acceptor import MAX_GREETINGS, PeerAcceptor
 from tests.waiting import wait_until
 
 CONFIG = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
@@ -112,9 +112,9 @@ def test_many_strangers_do_not_lock_a_decoder_out(protections: tuple[Protection,
 
 
 def test_rejections_are_counted_if_there_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first are logged one by one; later ones together now and then."""
-    monkeypatch.setattr(acceptor, "LINE_INTERVAL_S", 1e9)
-    with opened() as (peers, address, lines):
+    """The first are logged one by one; later ones as their number doubles."""
+    monkeypatch.setattr(acceptor, "MAX_LINES", 3)
+    with opened() as (_, address, lines):
 
         def stranger() -> None:
             with Dialler(*address).connect(5.0) as connection:
@@ -122,15 +122,11 @@ def test_rejections_are_counted_if_there_are_many(monkeypatch: pytest.MonkeyPatc
                 with pytest.raises(RefusedError, match=r"version 6; this program speaks"):
                     welcomed(connection, DecoderEndpoint(ID))
 
-        for _ in range(MAX_LINES + 3):
+        for _ in range(9):
             stranger()
-        wait_until(lambda: peers._num_unlogged == 3)
-        assert len(lines) == MAX_LINES
-        monkeypatch.setattr(acceptor, "LINE_INTERVAL_S", 0.01)
-        time.sleep(0.02)
-        stranger()
-        wait_until(lambda: len(lines) > MAX_LINES)
-    assert lines[-1].endswith("still waiting (3 more since the last line)")
+        wait_until(lambda: len(lines) == 5)
+    assert lines[2].endswith("still waiting")
+    assert all(line.endswith(f" ({n} rejected)") for n, line in zip((4, 8), lines[3:], strict=True))
 
 
 def test_a_hello_in_pieces_is_accepted() -> None:

@@ -114,7 +114,7 @@ def test_frames_are_finished_as_their_twin_says(scale: float, twin: bool) -> Non
     small, sads = rng.integers(50, 60, 40), rng.integers(0, 12, 40)
     beside, found = rng.integers(8, 16, (40, 4)), rng.random(40) < 0.7
     velocity, path = np.empty((40, 2), np.int64), np.empty((40, 2))
-    points, search = _kernels.Points(first, small), _kernels.Found(position, sads, beside, found)
+    points, search = _kernels.Points(first, small), _kernels.Matches(position, sads, beside, found)
     longest = finish(points, last, search, scale, velocity, path)
     assert np.array_equal(velocity, position - last)
     assert longest == ((position - first) ** 2).sum(axis=1)[found].max()
@@ -136,16 +136,17 @@ def test_frames_are_finished_once_enough_points_are_found(twin: bool) -> None:
     blocks[2] = 255 - blocks[2]
     matching = _kernels.Matching(STILL_LIFE[3:], blocks, counts)
     movement = _kernels.Movement(points, np.zeros((3, 2), np.int64), np.ones(3, np.bool_))
-    search = _kernels.Found(
+    search = _kernels.Matches(
         np.zeros((3, 2), np.int64), np.zeros(3, np.int64), np.zeros((3, 4), np.int64), np.zeros(3, np.bool_)
     )
-    ends = 1.0, np.zeros((3, 2), np.int64), np.zeros((3, 2))
+    velocity, path = np.zeros((3, 2), np.int64), np.zeros((3, 2))
+    ends = search, 1.0, velocity, path
     given = matching, matching, _kernels.Points(points, np.full(3, 10)), movement, (spiral(5), spiral(5))
-    assert follow(*given, (0, 3.0), search, ends) == (2, 0)
-    assert not ends[1].any()
-    assert follow(*given, (0, 2.0), search, ends) == (2, 9)
-    assert ends[1][:2].tolist() == [[0, -3], [0, -3]]
-    np.testing.assert_array_equal(ends[2], [[30, 27], [60, 37], [np.nan, np.nan]])
+    assert follow(*given, 0, 3.0, *ends) == (2, 0)
+    assert not velocity.any()
+    assert follow(*given, 0, 2.0, *ends) == (2, 9)
+    assert velocity[:2].tolist() == [[0, -3], [0, -3]]
+    np.testing.assert_array_equal(path, [[30, 27], [60, 37], [np.nan, np.nan]])
 
 
 @pytest.mark.parametrize("twin", [False, True])

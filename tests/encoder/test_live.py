@@ -16,7 +16,7 @@ from dvc.slepian_wolf import ParityRequest, Part
 from dvc.video import Frame
 from dvc.wynerziv.areas import Areas
 from encoder import live
-from encoder.acceptor import AcceptedPeer, FirstFrame
+from encoder.acceptor import AcceptedPeer, FirstFrame, PeerAcceptor
 from encoder.live import DecoderPace, serve
 from encoder.rate_limits import RateLimits
 from encoder.session import EncoderSession
@@ -84,7 +84,7 @@ class Asking(Decoder):
         return self._endpoint.bytes_to_send() or super().receive(within_s)
 
 
-class Peers:
+class Peers(PeerAcceptor):
     """Connections that come one after the other; each continues where the one before says."""
 
     def __init__(self, session: EncoderSession, decoders: Sequence[Decoder]) -> None:

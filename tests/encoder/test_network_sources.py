@@ -124,7 +124,7 @@ def test_who_is_not_there_is_one_line(tmp_path: Path, scheme: str) -> None:
         assert (status, len(lines)) == (2, 1)
         assert problem in lines[0]
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(VideoError, match="is no address to which a source could connect"):
+    with pytest.raises(VideoError, match="--listen requires an address to which a source can connect"):
         open_video(tmp_path / "clip.mkv", listen=True)
 
 
@@ -140,7 +140,7 @@ def test_frames_before_a_source_breaks_off_are_kept(
         status, lines = finish(start(tmp_path, address, "--timeout", 3 if stalls else PATIENCE_S, *segment))
     assert (status, len(lines)) == (3, 1)
     assert lines[0].startswith(f"dvc-encode: {address}: ")
-    assert lines[0].endswith("; what came before is kept")
+    assert lines[0].endswith("; earlier frames are kept")
     assert ("nothing came for 3 s" in lines[0]) == stalls
     streams = sorted(tmp_path.glob("*.dvc"))
     assert len(list(tmp_path.iterdir())) == len(streams) == (2 if segment else 1)
@@ -163,7 +163,7 @@ def test_a_source_that_connects_and_falls_silent_is_kept(tmp_path: Path) -> None
     with sending(address, "rtsp", [40 * number for number in range(100)], rtsp_transport="tcp"):
         status, lines = finish(process)
     assert status == 3
-    assert lines == [f"dvc-encode: {address}: nothing came for 5 s; what came before is kept"]
+    assert lines == [f"dvc-encode: {address}: nothing came for 5 s; earlier frames are kept"]
     assert len(decoded_times_ms(tmp_path)) in (99, 100)
 
 

@@ -16,9 +16,9 @@ from dvc.video import Frame, VideoInfo
 from encoder import options
 from encoder._kernels import QUARTER_HALF_BLOCK_PX
 from encoder.groups import FixedGroups, Group
-from encoder.report import BLOCK, QUARTER_BLOCK, TIMED_PARTS, memory_report
+from encoder.report import TIMED_PARTS, memory_report
 from encoder.session import EncoderSession
-from encoder.work import TrackingWork, block_comparison
+from encoder.work import LARGE_SAMPLES, SMALL_SAMPLES, TrackingWork, block_comparison
 from tests.clips import moving_texture
 
 FRAMES = moving_texture(8, 8, 12)
@@ -177,7 +177,7 @@ def test_blocks_of_both_sizes_are_counted() -> None:
     session = session_of(luma_only=True)
     session.write(FRAMES[:5], io.BytesIO(), lambda _: None)
     counted = session.statistics
-    counted.tracking = TrackingWork(num_blocks=5, num_samples=3 * BLOCK + 2 * QUARTER_BLOCK)
+    counted.tracking = TrackingWork(num_blocks=5, num_samples=3 * LARGE_SAMPLES + 2 * SMALL_SAMPLES)
     both = block_comparison().times(3) + block_comparison(QUARTER_HALF_BLOCK_PX).times(2)
     found = counted.operations_per_pixel(session.config)["block matching"]
     assert found["adds"] == pytest.approx(both.adds / (5 * 96))

@@ -233,17 +233,6 @@ def test_a_sequence_goes_through_in_pieces_of_any_size(to_decoder: int, to_encod
         assert all(np.array_equal(part, bits) for part, bits in zip(parts, expected, strict=True))
 
 
-def test_byte_by_byte() -> None:
-    """The smallest pieces give the same as the largest."""
-    whole, single = Decoder(), Decoder()
-    run(Encoder(), whole)
-    run(Encoder(), single, 1, 1)
-    assert single.records == whole.records
-    assert all(
-        np.array_equal(np.concatenate(single.bits[k]), np.concatenate(v)) for k, v in whole.bits.items()
-    )
-
-
 def test_empty_sequence() -> None:
     """An encoder without frames says so at once."""
     encoder, decoder = greeted()
@@ -251,11 +240,6 @@ def test_empty_sequence() -> None:
     assert decoder.receive(encoder.bytes_to_send()) == [End(0)]
     finish(encoder, decoder)
     assert encoder.bytes_to_send() == b""
-
-
-def test_nothing_is_no_event() -> None:
-    """A sign of life of the link changes nothing."""
-    assert [end.receive(b"") for end in opened()] == [[], []]
 
 
 def finish(encoder: EncoderEndpoint, decoder: DecoderEndpoint) -> None:
@@ -329,36 +313,23 @@ MORE = ParityRequest(1, 0, "crc", 0, 0, 8)
 FETCHED = [first(2, run, "uncoded", 0, 0, NUM_BITS) for run in range(30)]
 
 
-def beginning(*planes: int, areas: bytes = b"", kind: Kind = "parity", count: int = 9) -> ParityRequest:
+def beginning(*planes: int, kind: Kind = "parity", count: int = 9) -> ParityRequest:
     """Return the first request for a run of frame 1."""
-    return ParityRequest(1, 0, kind, 0, 0, count, begun=of_planes(*planes, areas=areas))
+    return ParityRequest(1, 0, kind, 0, 0, count, begun=of_planes(*planes))
 
 
 TO_ENCODER: list[tuple[list[Message], str]] = [
     ([asking(first(0, 0, "parity", 0, 0, 9))], "of frame 0: the frame is not a Wyner-Ziv frame"),
     ([asking(first(4, 0, "parity", 0, 0, 9))], "of frame 4: the frame is not a Wyner-Ziv frame"),
-    ([asking(first(5, 0, "parity", 0, 0, 9))], "of frame 5: the frame is not a Wyner-Ziv frame"),
-    ([asking(first(1, 30, "parity", 0, 0, 9))], "run 30 of frame 1 begins, expected 0 of at most 256"),
-    ([asking(first(1, 0, "parity", 99, 0, 9))], "no such code"),
+    ([asking(first(1, 0, "parity", 1, 0, 9))], "9 parity bits of run 0 of frame 1: no such code"),
+    ([asking(first(1, 0, "crc", 1, 0, 9))], "9 crc bits of run 0 of frame 1: no such code"),
     ([asking(first(1, 0, "parity", 0, 0, 0))], "0 parity bits"),
-    ([asking(first(1, 0, "parity", 0, 0, NUM_BITS + 1))], "1585 parity bits"),
-    ([asking(first(1, 0, "uncoded", 0, 0, NUM_BITS + 1))], "1585 uncoded bits"),
-    ([asking(first(1, 0, "crc", 0, 0, NUM_CRC_BITS + 1))], f"{NUM_CRC_BITS + 1} crc bits"),
     ([asking(beginning(0, 7, 9, count=3 * NUM_BITS + 1))], "4753 parity bits"),
     ([asking(beginning(0, 7, 9, kind="uncoded", count=3 * NUM_BITS + 1))], "4753 uncoded bits"),
     ([asking(beginning(0, 7, 9, kind="crc", count=NUM_CRC_BITS + 1))], f"{NUM_CRC_BITS + 1} crc bits"),
     ([asking(REQUEST), asking(MORE)], "run 0 of frame 1: the previous request"),
     ([asking(REQUEST, MORE)], "run 0 of frame 1: the previous request"),
     ([asking(MORE)], "crc bits of run 0 of frame 1: this run, or another"),
-    (
-        [asking(REQUEST), asking(replace(MORE, run=1))],
-        "run 1 of frame 1: this run, or another",
-    ),
-    (
-        [asking(REQUEST), asking(replace(MORE, frame=2))],
-        "run 0 of frame 2: this run, or another",
-    ),
-    ([asking(beginning(0, 3)), asking(replace(MORE, run=3))], "run 3 of frame 1: this run, or another"),
     ([asking(beginning(0)), asking(replace(MORE, run=256))], "run 256 of frame 1: this run, or another"),
     (
         [asking(beginning(0)), asking(replace(MORE, run=2**34))],
@@ -368,21 +339,8 @@ TO_ENCODER: list[tuple[list[Message], str]] = [
         [asking(replace(MORE, run=1), beginning(0, 3))],
         "run 1 of frame 1: this run, or another",
     ),
-    ([asking(beginning(0, 3)), asking(beginning(3))], "run 0 of frame 1 begins, expected 1 of at most 256"),
     ([asking(beginning(0, 3), beginning(2, 3, 4))], "run 0 of frame 1 begins, expected 1 of at most 256"),
-    ([asking(REQUEST), asking(REQUEST)], "run 0 of frame 1 begins, expected 1 of at most 256"),
-    (
-        [asking(beginning(0)), asking(first(1, 2, "parity", 0, 0, 9))],
-        "run 2 of frame 1 begins, expected 1 of at most 256",
-    ),
-    ([asking(beginning(0, 30))], r"run 0 of frame 1 has planes \[0, 30\] of 30"),
-    ([asking(beginning(29, 2**34))], rf"has planes \[29, {2**34}\] of 30"),
-    ([asking(beginning(*range(17)))], "has 17 planes, areas of 0 bytes"),
     ([asking(beginning(*range(10**4)))], "has 10000 planes"),
-    ([asking(beginning())], "run 0 of frame 1 has 0 planes"),
-    ([asking(beginning(0, areas=bytes(MAX_AREAS_BYTES + 1)))], f"1 planes, areas of {MAX_AREAS_BYTES + 1}"),
-    ([asking(replace(MORE, begun=()))], r"run 0 of frame 1 has frames at the offsets \[\]"),
-    ([asking(replace(MORE, begun=(Part(3, (0,)),)))], r"run 0 of frame 1 has frames at the offsets \[3\]"),
     (
         [asking(replace(MORE, frame=3, begun=(Part(1, (0,)),)))],
         r"run 0 of frame 3 has frames at the offsets \[1\]",
@@ -439,15 +397,6 @@ def test_decoder_refuses_a_breach_of_the_protocol(messages: list[Message], text:
     assert "\n" not in str(caught.value)
 
 
-def test_turbo_codes_are_one() -> None:
-    """Bits of another code are refused."""
-    kinds: tuple[Kind, ...] = ("crc", "parity")
-    for kind in kinds:
-        encoder, _ = opened()
-        with pytest.raises(FeedbackError, match=f"9 {kind} bits of run 0 of frame 1: no such code"):
-            encoder.receive(encode_message(asking(first(1, 0, kind, 1, 0, 9))))
-
-
 @pytest.mark.parametrize(
     ("data", "text"),
     [
@@ -482,42 +431,16 @@ def test_decoder_refuses_strangers(data: bytes, text: str) -> None:
         (b"\x05\x05\x01\x01\x00\x80\x00", "ParityRequests: integer is longer"),
         (b"\x05\x07\x01\x01\x80\x80\x80\x80\x80", "ParityRequests: integer is too long"),
         (b"\x05\x06\x05\x01\x00\x02\x01\x00", "ParityRequests: positions do not increase"),
-        (b"\x05\x05\x05\x01\x00\x02\x01", "ParityRequests: data end"),
-        (b"\x05\x05\x07\x01\x00\x02\x01", "ParityRequests: data end"),
-        (b"\x05\x04\x09\x01\x00\x01", "ParityRequests: data end"),
-        (b"\x05\x05\x09\x01\x00\x01\x01", "ParityRequests: data end"),
-        (b"\x05\x06\x09\x01\x00\x01\x01\x01", "ParityRequests: data end"),
-        (b"\x05\x07\x09\x01\x00\x01\x01\x01\x01", "ParityRequests: data end"),
-        (b"\x05\x08\x09\x01\x00\x01\x01\x01\x01\x01", "ParityRequests: data end"),
-        (b"\x05\x09\x09\x01\x00\x01\x01\x01\x01\x01\x01", "ParityRequests: data end"),
-        (b"\x05\x09\x09\x01\x00\x01\x02\x01\x01\x01\x00", "ParityRequests: data end"),
-        (b"\x05\x09\x09\x01\x00\x01\xff\xff\xff\xff\x7f", "ParityRequests: data end"),
-        (b"\x05\x0b\x09\x01\x00\x01\x01\x01\xff\xff\xff\xff\x7f", "ParityRequests: data end"),
         (b"\x05\x0d\x09\x01\x00\x01\x01\x01\x00\xff\xff\xff\xff\x7f\x61", "ParityRequests: data end"),
-        (b"\x05\x09\x09\x01\x00\x01\x01\x00\x01\x01\x00", "ParityRequests: positions do not increase"),
-        (
-            b"\x05\x0d\x09\x01\x00\x01\x02\x01\x01\x01\x00\x00\x01\x01\x00",
-            "ParityRequests: positions do not increase",
-        ),
         (b"\x05\x0a\x09\x01\x00\x01\x01\x01\x02\x01\x00\x00", "ParityRequests: positions do not increase"),
-        (b"\x05\x09\x09\x01\x00\x01\x01\x01\x01\x00\x00", "ParityRequests: positions do not increase"),
-        (b"\x05\x0a\x09\x01\x00\x01\x81\x00\x01\x01\x01\x00", "ParityRequests: integer is longer"),
-        (b"\x05\x0a\x09\x01\x00\x01\x01\x81\x00\x01\x01\x00", "ParityRequests: integer is longer"),
-        (b"\x05\x0a\x09\x01\x00\x01\x01\x01\x81\x00\x01\x00", "ParityRequests: integer is longer"),
-        (b"\x05\x0a\x09\x01\x00\x01\x01\x01\x01\x81\x00\x00", "ParityRequests: integer is longer"),
         (b"\x05\x09\x09\x01\x00\x01\x01\x01\x00\x80\x00", "ParityRequests: integer is longer"),
         (b"\x05\x0a\x09\x01\x00\x01\x80\x80\x80\x80\x80\x01", "ParityRequests: integer is too long"),
-        (b"\x05\x0b\x09\x01\x00\x01\x01\x80\x80\x80\x80\x80\x01", "ParityRequests: integer is too long"),
-        (
-            b"\x05\x0d\x09\x01\x00\x01\x01\x01\x01\x80\x80\x80\x80\x80\x01",
-            "ParityRequests: integer is too long",
-        ),
         (b"\x07\x00", "GopDone: data end"),
         (b"\x0a\xf5\x03", "Failure of 501 bytes"),
     ],
 )
 def test_encoder_refuses_malformed_messages(data: bytes, text: str) -> None:
-    """Lengths are judged before the bytes come, and payloads when they are complete."""
+    """Lengths are checked before the bytes come; the plain twin of requests checks other faults."""
     encoder, _ = opened()
     with pytest.raises(FeedbackError, match=text):
         encoder.receive(data)
@@ -586,8 +509,6 @@ def test_size_of_a_gop_is_bounded_by_its_frames() -> None:
         (lambda encoder, decoder: [encoder.send_end() for _ in range(2)], "second end"),
         (lambda encoder, decoder: decoder.send_gop_done(2), "not open"),
         (lambda encoder, decoder: [decoder.send_next_gop() for _ in range(32)], "more than 32"),
-        (lambda encoder, decoder: DecoderEndpoint(ID).send_next_gop(), "Welcome has not come"),
-        (lambda encoder, decoder: DecoderEndpoint(ID).config, "Welcome has not come"),
     ],
 )
 def test_mistakes_of_the_caller_are_value_errors(

@@ -208,7 +208,7 @@ def test_nobody_listens() -> None:
     """An error of its own, so that it can be tried again."""
     with listen() as listener:
         port = listener.port
-    with pytest.raises(NobodyListensError, match=r"nobody listens on 127.0.0.1"):
+    with pytest.raises(NobodyListensError, match=r"no program listens on 127.0.0.1"):
         Dialler("127.0.0.1", port).connect(0.3)
 
 
