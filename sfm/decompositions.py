@@ -65,7 +65,7 @@ def real_roots(coefficients: Floats) -> Floats:
 def _decomposed(matrices: Floats) -> tuple[Floats, Floats, Floats]:
     """Return orthogonal columns, the largest first, their lengths, and the rows that produce them."""
     height, width = matrices.shape[-2:]
-    columns = np.array(matrices, np.float64).reshape(-1, height, width)
+    columns = np.array(matrices, np.float64, order="C").reshape(-1, height, width)
     basis = np.broadcast_to(np.eye(width), (len(columns), width, width)).copy()
     orthogonalise(columns, basis)
     lengths = np.sqrt((columns * columns).sum(axis=1))

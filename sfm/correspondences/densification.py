@@ -188,7 +188,7 @@ def spread(
     """Follow open pixels around matched points until none is added; return the number of matched points."""
     first, second, errors = points
     owner = np.full(open_tries.shape, -1, dtype=np.int64)
-    distance_px2 = np.zeros(open_tries.shape, dtype=np.int64)
+    distance_px2 = np.empty(open_tries.shape, dtype=np.int64)
     columns, rows = np.empty(open_tries.size, dtype=np.int64), np.empty(open_tries.size, dtype=np.int64)
     near, position = np.empty(2), np.empty(2)
     radius = weights.shape[0] // 2
@@ -198,14 +198,12 @@ def spread(
         # List the open pixels within reach of the latest points, each owned by the nearest of them.
         count = 0
         for p in range(begin, end):
-            top, bottom = (
-                max(first[p, 1] - reach_px, radius),
-                min(first[p, 1] + reach_px + 1, height - radius),
-            )
-            left, right = max(first[p, 0] - reach_px, radius), min(first[p, 0] + reach_px + 1, width - radius)
+            column, row = first[p, 0], first[p, 1]
+            left, right = max(column - reach_px, radius), min(column + reach_px + 1, width - radius)
+            top, bottom = max(row - reach_px, radius), min(row + reach_px + 1, height - radius)
             for y in range(top, bottom):
                 for x in range(left, right):
-                    square = (x - first[p, 0]) ** 2 + (y - first[p, 1]) ** 2
+                    square = (x - column) ** 2 + (y - row) ** 2
                     if open_tries[y, x] <= 0 or square > reach_px * reach_px:
                         continue
                     if owner[y, x] < 0:

@@ -15,7 +15,7 @@ from sfm.correspondences.spline_sampling import (
     spline,
     spline_weights,
 )
-from sfm.correspondences.subpixel import Patch, check_pair, inside, window
+from sfm.correspondences.subpixel import check_pair, inside, window
 from sfm.estimation.epipolar import epipoles
 from sfm.scene_model import Correspondences
 
@@ -70,6 +70,14 @@ class KeyPair(NamedTuple):
     halves: Floats  # samples of the second frame, half a pixel apart
     fundamental: Floats
     epipole: Floats  # in the first frame
+
+
+class Patch(NamedTuple):
+    """A neighbourhood to look for."""
+
+    target: Floats  # its samples
+    weights: Floats
+    coefficients: Floats  # spline of the frame that is searched
 
 
 class Line(NamedTuple):
@@ -183,7 +191,7 @@ def follow_all(pair: KeyPair, points: Points, weights: Floats, search: LineSearc
     for i in range(first.shape[0]):
         x, y = first[i, 0], first[i, 1]
         errors[i] = np.inf
-        if fits(x, y, weights.shape[0] // 2, width, height):
+        if fits(float(x), float(y), weights.shape[0] // 2, width, height):
             errors[i] = follow(pair, x, y, second[i], weights, search, position)
         if errors[i] < np.inf:
             second[i, 0], second[i, 1] = position[0], position[1]
@@ -193,19 +201,30 @@ def follow_all(pair: KeyPair, points: Points, weights: Floats, search: LineSearc
 def follow(
     pair: KeyPair, x: int, y: int, near: Floats, weights: Floats, search: LineSearch, position: Floats
 ) -> float:
-    """Search the point at whole pixels (x, y) on its epipolar line, from the point nearest to `near`."""
-    image, coefficients, halves, fundamental, epipole = pair
-    radius = weights.shape[0] // 2
-    foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
-    line = Line(foot, direction, affine)
-    if not epipolar_frame(fundamental, epipole, x, y, near[0], near[1], line):
+    """Search the point at whole pixels (x, y) on its epipolar line, from the point nearest to `near`.
+
+    Steps around that point precede a golden-section search around the best step.
+    """
+    radius, step_px = weights.shape[0] // 2, search.step_px
+    line = Line(np.empty(2), np.empty(2), np.empty((2, 2)))
+    if not epipolar_frame(pair.fundamental, pair.epipole, float(x), float(y), near[0], near[1], line):
         return np.inf
-    target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
-    patch = Patch(target, weights, coefficients)
-    offset_px, error = search_line(patch, halves, line, search)
+    target = pair.image[y - radius : y + radius + 1, x - radius : x + radius + 1]
+    half, best = int(np.ceil(search.half_range_px / step_px)), 0
+    errors = np.empty(2 * half + 1)
+    for k in range(2 * half + 1):
+        errors[k] = rough_error(target, pair.halves, line, (k - half) * step_px, weights)
+        if errors[k] < errors[best]:
+            best = k
+    if best == 0 or best == 2 * half or not (errors[best - 1] < np.inf and errors[best + 1] < np.inf):
+        return np.inf
+    low, high = (best - half - 1) * step_px, (best - half + 1) * step_px
+    patch = Patch(target, weights, pair.coefficients)
+    offset_px, error = golden_section(patch, line, low, high, search.tolerance_px)
     if error > search.min_error + search.error_share * weighted_variance(target, weights):
         return np.inf
-    position[0], position[1] = foot[0] + offset_px * direction[0], foot[1] + offset_px * direction[1]
+    position[0] = line.foot[0] + offset_px * line.direction[0]
+    position[1] = line.foot[1] + offset_px * line.direction[1]
     return error
 
 
@@ -255,59 +274,37 @@ def similarities(
 
 
 @kernel
-def search_line(patch: Patch, halves: Floats, line: Line, search: LineSearch) -> tuple[float, float]:
-    """Search an epipolar line in steps around its foot, then by golden section around the best step."""
-    foot, direction, affine = line
-    step_px = search.step_px
-    half = int(np.ceil(search.half_range_px / step_px))
-    errors = np.empty(2 * half + 1)
-    for k in range(2 * half + 1):
-        position = (k - half) * step_px
-        x, y = foot[0] + position * direction[0], foot[1] + position * direction[1]
-        errors[k] = rough_error(patch.target, halves, x, y, affine, patch.weights)
-    best = np.argmin(errors)
-    if best in (0, 2 * half) or not max(errors[best - 1], errors[best + 1]) < np.inf:
-        return 0.0, np.inf
-    low, high = (best - half - 1) * step_px, (best - half + 1) * step_px
-    return golden_section(patch, line, low, high, search.tolerance_px)
-
-
-@kernel
 def golden_section(
     patch: Patch, line: Line, low: float, high: float, tolerance_px: float
 ) -> tuple[float, float]:
     """Find the least error on an epipolar line between two positions; return position and error."""
     ratio = 0.6180339887498949
     a, b = high - ratio * (high - low), low + ratio * (high - low)
-    error_a = error_on_line(patch, line, a)
-    error_b = error_on_line(patch, line, b)
+    error_a = neighbourhood_error(patch, line, a)
+    error_b = neighbourhood_error(patch, line, b)
     while high - low > tolerance_px:
         if error_a <= error_b:
             high, b, error_b = b, a, error_a
             a = high - ratio * (high - low)
-            error_a = error_on_line(patch, line, a)
+            error_a = neighbourhood_error(patch, line, a)
         else:
             low, a, error_a = a, b, error_b
             b = low + ratio * (high - low)
-            error_b = error_on_line(patch, line, b)
+            error_b = neighbourhood_error(patch, line, b)
     if error_a <= error_b:
         return a, error_a
     return b, error_b
 
 
 @kernel
-def error_on_line(patch: Patch, line: Line, position_px: float) -> float:
-    """Return the error at a position on an epipolar line."""
+def neighbourhood_error(patch: Patch, line: Line, position_px: float) -> float:
+    """Return the weighted mean squared error at a position on an epipolar line; inf outside the image.
+
+    The mean difference is free.
+    """
+    target, weights, coefficients = patch
     foot, direction, affine = line
     x, y = foot[0] + position_px * direction[0], foot[1] + position_px * direction[1]
-    return neighbourhood_error(patch.target, patch.coefficients, x, y, affine, patch.weights)
-
-
-@kernel
-def neighbourhood_error(
-    target: Floats, coefficients: Floats, x: float, y: float, affine: Floats, weights: Floats
-) -> float:
-    """Return the weighted mean squared error, the mean difference being free; inf outside the image."""
     height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN
     radius = target.shape[0] // 2
     if not is_inside(radius, x, y, affine, height, width):
@@ -326,8 +323,10 @@ def neighbourhood_error(
 
 
 @kernel
-def rough_error(target: Floats, halves: Floats, x: float, y: float, affine: Floats, weights: Floats) -> float:
+def rough_error(target: Floats, halves: Floats, line: Line, position_px: float, weights: Floats) -> float:
     """Return nearly the same error, from samples half a pixel apart and bilinear interpolation."""
+    foot, direction, affine = line
+    x, y = foot[0] + position_px * direction[0], foot[1] + position_px * direction[1]
     height, width = halves.shape[0] // 2, halves.shape[1] // 2
     radius = target.shape[0] // 2
     if not is_inside(radius, x, y, affine, height, width):
@@ -383,26 +382,26 @@ def disagreement(
     image, _, halves, fundamental, epipole = pair
     height, width = image.shape
     radius = weights.shape[0] // 2
-    foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
+    line = Line(np.empty(2), np.empty(2), np.empty((2, 2)))
+    foot, _, affine = line
     half = int(2 * half_range_px)
     for p in range(first.shape[0]):
         x, y = first[p, 0], first[p, 1]
-        line = Line(foot, direction, affine)
-        has_line = epipolar_frame(fundamental, epipole, x, y, second[p, 0], second[p, 1], line)
+        u, v = second[p, 0], second[p, 1]
+        has_line = epipolar_frame(fundamental, epipole, float(x), float(y), u, v, line)
         for side in range(2):
             sign = 1.0 - 2.0 * side
             dx = int(np.rint(sign * distance_px * normals[p, 0]))
             dy = int(np.rint(sign * distance_px * normals[p, 1]))
             scores[p, side] = np.nan
-            if not has_line or not fits(x + dx, y + dy, radius, width, height):
+            if not has_line or not fits(float(x + dx), float(y + dy), radius, width, height):
                 continue
             target = image[y + dy - radius : y + dy + radius + 1, x + dx - radius : x + dx + radius + 1]
-            u = second[p, 0] + affine[0, 0] * dx + affine[0, 1] * dy
-            v = second[p, 1] + affine[1, 0] * dx + affine[1, 1] * dy
+            foot[0] = u + affine[0, 0] * dx + affine[0, 1] * dy
+            foot[1] = v + affine[1, 0] * dx + affine[1, 1] * dy
             same, other = np.inf, np.inf
             for k in range(-half, half + 1):
-                moved_u, moved_v = u + 0.5 * k * direction[0], v + 0.5 * k * direction[1]
-                error = rough_error(target, halves, moved_u, moved_v, affine, weights)
+                error = rough_error(target, halves, line, 0.5 * k, weights)
                 if abs(k) <= 1:
                     same = min(same, error)
                 else:

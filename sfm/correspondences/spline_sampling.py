@@ -91,21 +91,15 @@ def sample_square(
 
 @kernel
 def sample_affine(
-    coefficients: Floats,
-    x: float,
-    y: float,
-    affine: Floats,
-    radius: int,
-    values: Floats,
-    dx: Floats,
-    dy: Floats,
+    coefficients: Floats, parameters: Floats, radius: int, values: Floats, dx: Floats, dy: Floats
 ) -> None:
-    """Interpolate the affine image of a square neighbourhood, and its gradient."""
+    """Interpolate an affine image of a square, and its gradient: x and y, then the rows of the matrix."""
+    x, y = parameters[0], parameters[1]
+    xx, xy, yx, yy = parameters[2], parameters[3], parameters[4], parameters[5]
     last_x, last_y = coefficients.shape[1] - 1.0 - 2 * MARGIN, coefficients.shape[0] - 1.0 - 2 * MARGIN
     for i in range(2 * radius + 1):
         for j in range(2 * radius + 1):
-            u = x + affine[0, 0] * (j - radius) + affine[0, 1] * (i - radius)
-            v = y + affine[1, 0] * (j - radius) + affine[1, 1] * (i - radius)
+            u, v = x + xx * (j - radius) + xy * (i - radius), y + yx * (j - radius) + yy * (i - radius)
             u, v = min(max(u, 0.0), last_x), min(max(v, 0.0), last_y)
             column, row = int(u), int(v)
             across, down = spline_weights(u - column), spline_weights(v - row)

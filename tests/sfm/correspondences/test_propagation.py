@@ -168,19 +168,22 @@ def run(kernel: object, compiled: bool) -> object:
 @pytest.mark.parametrize("compiled", [True, False])
 def test_errors_of_neighbourhoods(compiled: bool) -> None:
     """Errors are those of the twin, infinite outside."""
-    target, weights = SMALL[10:15, 12:17], window(2)
-    affine = np.array([[1.1, 0.2], [-0.1, 0.9]])
+    target, weights, affine = SMALL[10:15, 12:17], window(2), np.array([[1.1, 0.2], [-0.1, 0.9]])
+    patch, direction = epipolar_search.Patch(target, weights, SPLINE), np.array([0.6, -0.8])
+
+    def errors(x: float, y: float) -> Floats:
+        line = epipolar_search.Line(np.array([x - 0.3, y + 0.4]), direction, affine)
+        exact = run(epipolar_search.neighbourhood_error, compiled)(patch, line, 0.5)  # type: ignore[operator]
+        rough = run(epipolar_search.rough_error, compiled)(target, PAIR.halves, line, 0.5, weights)  # type: ignore[operator]
+        return np.array([exact, rough])
+
     for x, y in ((14.2, 12.7), (3.0, 2.9), (30.1, 26.0)):
-        error = run(epipolar_search.neighbourhood_error, compiled)(target, SPLINE, x, y, affine, weights)  # type: ignore[operator]
         values = sfm_neighbourhoods.neighbourhood(COEFFICIENTS, x, y, affine, 2)
-        assert error == pytest.approx(sfm_neighbourhoods.free_mean_error(target, values, weights), rel=1e-9)
-        rough = run(epipolar_search.rough_error, compiled)(target, PAIR.halves, x, y, affine, weights)  # type: ignore[operator]
-        assert rough == pytest.approx(error, rel=0.02)
+        exact, rough = errors(x, y)
+        assert exact == pytest.approx(sfm_neighbourhoods.free_mean_error(target, values, weights), rel=1e-9)
+        assert rough == pytest.approx(exact, rel=0.02)
     for x, y in ((1.0, 12.0), (34.0, 12.0), (14.0, 1.0), (14.0, 29.0)):
-        error = run(epipolar_search.neighbourhood_error, compiled)(target, SPLINE, x, y, affine, weights)  # type: ignore[operator]
-        assert error == np.inf
-        rough = run(epipolar_search.rough_error, compiled)(target, PAIR.halves, x, y, affine, weights)  # type: ignore[operator]
-        assert rough == np.inf
+        assert (errors(x, y) == np.inf).all()
 
 
 @pytest.mark.nojit
@@ -193,8 +196,8 @@ def test_epipolar_frames(compiled: bool, fundamental: Floats) -> None:
     arguments = (
         fundamental,
         epipoles(fundamental)[0],
-        15,
-        11,
+        15.0,
+        11.0,
         *near,
         epipolar_search.Line(foot, direction, affine),
     )
@@ -206,8 +209,8 @@ def test_epipolar_frames(compiled: bool, fundamental: Floats) -> None:
     at_epipole = (
         forwards((3.0, 4.0)),
         np.array([3.0, 4.0, 1.0]),
-        3,
-        4,
+        3.0,
+        4.0,
         *near,
         epipolar_search.Line(foot, direction, affine),
     )
