@@ -6,7 +6,7 @@ slow, so Levenberg-Marquardt steps on the camera, with the depths eliminated, fi
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,6 @@ from dvc.geometry.cameras import PixelFrame, homogeneous, project
 from dvc.geometry.triangulation import inverse_depths
 from sfm.cameras.projective_basis import (
     CAMERA_NORM,
-    FixedPointSettings,
     camera_basis,
     camera_from_coordinates,
     choose_fixed_points,
@@ -38,22 +37,9 @@ DAMPING = Damping(start=1e-4, min_factor=1e-12, num_tries=12)
 MIN_DEPTH = 1e-12
 
 
-@dataclass(frozen=True)
-class BundleAdjustmentSettings:
-    """Parameters of the bundle adjustment."""
-
-    num_alternations: int = 3  # largest number of the thesis's alternations before the joint steps
-    max_iterations: int = 100  # largest number of joint steps
-    tolerance: float = 1e-10  # relative decrease of the error at convergence
-    min_num_points: int = 9
-    fixed_points: FixedPointSettings = field(default_factory=FixedPointSettings)
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.num_alternations < 0 or self.max_iterations < 0:
-            raise ValueError("numbers of iterations must not be negative")
-        if self.min_num_points < 9:
-            raise ValueError(f"`min_num_points` must be at least 9, got {self.min_num_points}")
+TOLERANCE = 1e-10
+"""Relative decrease of the error at convergence."""
+MIN_NUM_POINTS = 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,29 +69,32 @@ def bundle_adjustment(
     depths: Floats,
     frame: PixelFrame,
     rng: np.random.Generator,
-    settings: BundleAdjustmentSettings | None = None,
+    num_alternations: int = 3,
+    max_iterations: int = 100,
 ) -> BundleAdjustment:
-    """Minimise the reprojection error over depths and camera."""
-    settings = settings or BundleAdjustmentSettings()
+    """Minimise the reprojection error over depths and camera.
+
+    At most `num_alternations` of the thesis precede at most `max_iterations` joint steps.
+    """
     num = len(correspondences)
     if depths.shape != (num,):
         raise ValueError(f"expected {num} depths, got {depths.shape}")
     first, second = frame.to_normalized(correspondences.first), frame.to_normalized(correspondences.second)
     usable = correspondences.finite & np.isfinite(depths) & (depths != 0)
     start = _State(normalized_camera(camera), 1.0 / np.where(usable, depths, np.inf))
-    if np.count_nonzero(usable) < settings.min_num_points or not usable.all():
+    if np.count_nonzero(usable) < MIN_NUM_POINTS or not usable.all():
         counts = f"{np.count_nonzero(usable)} of {num}"
-        reason = f"{counts} points are usable; all must be, and {settings.min_num_points} are needed"
+        reason = f"{counts} points are usable; all must be, and {MIN_NUM_POINTS} are needed"
         return _failure(start, correspondences, depths, reason)
     state = _triangulated(first, second, start)
-    problem = _Adjustment(first, second, np.ones(num, dtype=bool), np.eye(12), settings.tolerance)
+    problem = _Adjustment(first, second, np.ones(num, dtype=bool), np.eye(12))
     errors = np.sqrt((problem.errors(state) ** 2).sum(axis=1))
-    fixed = choose_fixed_points(first, second, state.camera, errors, rng, settings.fixed_points)
+    fixed = choose_fixed_points(first, second, state.camera, errors, rng)
     if fixed is None:
         return _failure(start, correspondences, depths, "no two points differ")
     problem, state = _fix_basis(problem, state, fixed)
-    state = _alternate(problem, state, settings.num_alternations)
-    state, num_iterations = levenberg_marquardt(problem, state, DAMPING, settings.max_iterations)
+    state = _alternate(problem, state, num_alternations)
+    state, num_iterations = levenberg_marquardt(problem, state, DAMPING, max_iterations)
     return _result(problem, start, state, frame, fixed, num_iterations)
 
 
@@ -137,7 +126,6 @@ class _Adjustment:
     observed: Floats
     free: Mask
     basis: Floats
-    tolerance: float
 
     def project(self, state: _State) -> Floats:
         """Return ``R x + inverse depth * t`` for all points, shape (N, 3)."""
@@ -156,7 +144,7 @@ class _Adjustment:
 
     def converged(self, before: _State, after: _State, decrease: float, cost: float) -> bool:
         del before, after
-        return decrease <= self.tolerance * cost
+        return decrease <= TOLERANCE * cost
 
     def linearize(self, state: _State, iteration: int) -> tuple[float, Callable[[float], _State]]:
         del iteration

@@ -1,7 +1,5 @@
 """The projective basis: a minimal parametrisation of cameras with constant projections of two points."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,19 +14,14 @@ CAMERA_NORM = 3.0**0.5
 """Frobenius norm of all projection matrices."""
 
 
-@dataclass(frozen=True)
-class FixedPointSettings:
-    """Requirements for the two points that fix the projective basis."""
-
-    error_quantile: float = 0.25  # quantile of the reprojection errors
-    epipole_distance: float = 0.15  # least distance to the epipoles, in extents of the points
-    mutual_distance: float = 0.4  # least distance from each other, in extents of the points
-    num_trials: int = 100  # number of random pairs before the required distances are halved
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if not 0 < self.error_quantile <= 1:
-            raise ValueError(f"`error_quantile` must be in (0, 1], got {self.error_quantile}")
+ERROR_QUANTILE = 0.25
+"""Quantile of the reprojection errors that bounds those of the two fixed points."""
+EPIPOLE_DISTANCE = 0.15
+"""Least distance of the fixed points from the epipoles, in extents of the points."""
+MUTUAL_DISTANCE = 0.4
+"""Least distance of the fixed points from each other, in extents of the points."""
+NUM_TRIALS = 100
+"""Number of random pairs before the required distances are halved."""
 
 
 def normalized_camera(camera: Floats) -> Floats:
@@ -76,14 +69,12 @@ def choose_fixed_points(
     camera: Floats,
     errors: Floats,
     rng: np.random.Generator,
-    settings: FixedPointSettings | None = None,
 ) -> Indices | None:
     """Draw two points with small errors, far from the epipoles and from each other."""
-    settings = settings or FixedPointSettings()
     finite = np.flatnonzero(np.isfinite(errors))
     if len(finite) < 2:
         return None
-    limit = np.quantile(errors[finite], settings.error_quantile)
+    limit = np.quantile(errors[finite], ERROR_QUANTILE)
     candidates = finite[errors[finite] <= limit]
     if len(candidates) < 2:
         candidates = finite
@@ -96,20 +87,18 @@ def choose_fixed_points(
     )
     share = 1.0
     for _ in range(8):
-        away = epipole_distances[candidates] >= share * settings.epipole_distance * extent
-        pair = _draw_pair(candidates[away], first, share * settings.mutual_distance * extent, rng, settings)
+        away = epipole_distances[candidates] >= share * EPIPOLE_DISTANCE * extent
+        pair = _draw_pair(candidates[away], first, share * MUTUAL_DISTANCE * extent, rng)
         if pair is not None:
             return pair
         share *= 0.5
     return _farthest_pair(finite, first)
 
 
-def _draw_pair(
-    candidates: Indices, first: Floats, least: float, rng: np.random.Generator, settings: FixedPointSettings
-) -> Indices | None:
+def _draw_pair(candidates: Indices, first: Floats, least: float, rng: np.random.Generator) -> Indices | None:
     if len(candidates) < 2:
         return None
-    pairs = rng.integers(0, len(candidates), (settings.num_trials, 2))
+    pairs = rng.integers(0, len(candidates), (NUM_TRIALS, 2))
     offset = first[candidates[pairs[:, 0]]] - first[candidates[pairs[:, 1]]]
     apart = np.flatnonzero(np.hypot(offset[:, 0], offset[:, 1]) >= least)
     return candidates[pairs[apart[0]]] if len(apart) else None

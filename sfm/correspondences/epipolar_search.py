@@ -1,6 +1,5 @@
 """Searches on epipolar lines: points of the first key frame in the second, and the surface of each."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,41 +24,30 @@ Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class SearchSettings:
-    """Parameters of the search on epipolar lines."""
-
-    radius_px: int = 3  # half size of the neighbourhoods compared
-    search_px: float = 2.0  # half range of the full search on the epipolar line
-    step_px: float = 0.5
-    tolerance_px: float = 0.02  # precision of the golden-section search
-    min_error: float = 8.0  # mean squared error due to noise and sampling, squared luma levels
-    error_share: float = 0.06  # largest additional error, as a share of the neighbourhood's variance
-    # distance of the two neighbourhoods that show an edge's surface from the edge
-    side_distance_px: float = 5.0
-    side_radius_px: int = 2  # half size of these neighbourhoods
-    side_search_px: float = 6.0  # half range of the search for a motion of their own
-    side_ratio: float = 1.2  # least quotient of the two sides' disagreement with the edge's motion
-    settling_px: float = 1.0  # half range of the search after a point has been moved to its side
-    # largest distance between the best positions of a corner's small and large neighbourhoods
-    confirmed_px: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if min(self.radius_px, self.side_radius_px) < 1:
-            raise ValueError(f"radii must be at least 1, got {self}")
-        if min(self.search_px, self.step_px, self.tolerance_px, self.settling_px) <= 0:
-            raise ValueError(f"ranges, step and tolerance of the search must be positive, got {self}")
+RADIUS_PX = 3
+"""Half size of the neighbourhoods compared."""
+SIDE_DISTANCE_PX = 5.0
+"""Distance from an edge of the two neighbourhoods that show its surface."""
+SIDE_RADIUS_PX = 2
+"""Half size of these neighbourhoods."""
+SIDE_SEARCH_PX = 6.0
+"""Half range of the search for a motion of these neighbourhoods."""
+SIDE_RATIO = 1.2
+"""Least quotient of the two sides' disagreement with the edge's motion."""
+SETTLING_PX = 1.0
+"""Half range of the search after a point has been moved to its side."""
+CONFIRMED_PX = 0.5
+"""Largest distance between the best positions of a corner's small and large neighbourhoods."""
 
 
 class LineSearch(NamedTuple):
     """Range and precision of a search on an epipolar line, and the largest error of a match."""
 
-    half_range_px: float
-    step_px: float
-    tolerance_px: float
-    min_error: float  # due to noise and sampling
-    error_share: float  # additional error, as a share of the neighbourhood's variance
+    half_range_px: float = 2.0
+    step_px: float = 0.5
+    tolerance_px: float = 0.02  # precision of the golden-section search
+    min_error: float = 8.0  # mean squared error due to noise and sampling, squared luma levels
+    error_share: float = 0.06  # largest additional error, as a share of the neighbourhood's variance
 
 
 class KeyPair(NamedTuple):
@@ -99,23 +87,14 @@ class Points(NamedTuple):
 class EpipolarSearch:
     """Two key frames and their epipolar geometry, ready to be searched."""
 
-    def __init__(
-        self, luma0: Image, luma1: Image, fundamental: Floats, settings: SearchSettings | None = None
-    ) -> None:
+    def __init__(self, luma0: Image, luma1: Image, fundamental: Floats) -> None:
         check_pair(luma0, luma1)
         self.luma0, self.luma1, self.fundamental = luma0, luma1, fundamental
-        self.settings = settings or SearchSettings()
         self.usable = bool(np.isfinite(fundamental).all() and np.abs(fundamental).max() > 0)
         self.epipole = epipoles(fundamental)[0] if self.usable else np.zeros(3)
         coefficients = spline(luma1)
         image, halves = luma0.astype(np.float64), half_pixel_samples(coefficients)
         self.pair = KeyPair(image, coefficients, halves, fundamental, self.epipole)
-
-    def line_search(self, half_range_px: float | None = None) -> LineSearch:
-        """Return the parameters of a search, with the usual range if none is given."""
-        s = self.settings
-        reach = s.search_px if half_range_px is None else half_range_px
-        return LineSearch(reach, s.step_px, s.tolerance_px, s.min_error, s.error_share)
 
     def inside_both(self, correspondences: Correspondences) -> Mask:
         """Return a mask of correspondences that are finite and inside both frames."""
@@ -134,27 +113,26 @@ class EpipolarSearch:
         if len(correspondences) == 0 or not self.usable:
             return correspondences
         first, again = np.rint(correspondences.first).astype(np.int64), correspondences.second.copy()
-        error, small = np.empty(len(first)), window(self.settings.side_radius_px)
-        any_error = self.line_search()._replace(min_error=np.inf, error_share=0.0)
+        error, small = np.empty(len(first)), window(SIDE_RADIUS_PX)
+        any_error = LineSearch(min_error=np.inf, error_share=0.0)
         follow_all(self.pair, Points(first, again, error), small, any_error)
         moved = np.sqrt(((again - correspondences.second) ** 2).sum(axis=1))
-        same = np.isfinite(error) & (moved <= self.settings.confirmed_px)
+        same = np.isfinite(error) & (moved <= CONFIRMED_PX)
         chosen = correspondences[same]
         return self.settle_sides(first[same], chosen.second, chosen.error)
 
     def settle_sides(self, first: Indices, second: Floats, error: Floats) -> Correspondences:
         """Move points next to the surface that they move with on to it by a pixel, and search them again."""
-        settings, scores = self.settings, np.empty((len(first), 2))
+        scores, small = np.empty((len(first), 2)), window(SIDE_RADIUS_PX)
         normals = gradient_directions(self.luma0)[first[:, 1], first[:, 0]]
-        reach, small = settings.side_distance_px, window(settings.side_radius_px)
-        disagreement(self.pair, first, second, normals, reach, small, settings.side_search_px, scores)
+        disagreement(self.pair, first, second, normals, SIDE_DISTANCE_PX, small, SIDE_SEARCH_PX, scores)
         plus, minus = np.nan_to_num(scores, nan=1.0).T
-        sign = np.where((minus > 1.0) & (minus > settings.side_ratio * plus), 1, 0)
-        sign -= (plus > 1.0) & (plus > settings.side_ratio * minus)
+        sign = np.where((minus > 1.0) & (minus > SIDE_RATIO * plus), 1, 0)
+        sign -= (plus > 1.0) & (plus > SIDE_RATIO * minus)
         moved = np.flatnonzero(sign)
         step = np.rint(1.2 * sign[moved, None] * normals[moved]).astype(np.int64)
         points = Points(first[moved] + step, second[moved] + step, np.empty(len(moved)))
-        follow_all(self.pair, points, window(settings.radius_px), self.line_search(settings.settling_px))
+        follow_all(self.pair, points, window(RADIUS_PX), LineSearch(SETTLING_PX))
         first, second, error = first.copy(), second.copy(), error.copy()
         first[moved], second[moved], error[moved] = points
         order = np.argsort(error, kind="stable")

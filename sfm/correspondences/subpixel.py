@@ -1,8 +1,5 @@
 """Sub-pixel positions of second points: least squares between neighbourhoods by Levenberg-Marquardt."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,30 +13,14 @@ Mask = NDArray[np.bool_]
 Row = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class RefinementSettings:
-    """Parameters of the refinement of second points."""
-
-    radius_px: int = 5  # half size of the neighbourhood
-    max_iterations: int = 12  # steps of Levenberg-Marquardt, rejected steps included
-    min_step_px: float = 2e-3  # the search ends with a step shorter than this
-    max_shift_px: float = 2.0  # points that move farther from their start are lost
-    affine: bool = False  # whether neighbourhoods may also turn, scale and shear
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.radius_px < 1 or self.max_iterations < 1:
-            raise ValueError(f"`radius_px` and `max_iterations` must be at least 1, got {self}")
-        if self.min_step_px <= 0 or self.max_shift_px <= 0:
-            raise ValueError(f"`min_step_px` and `max_shift_px` must be positive, got {self}")
-
-
-class Descent(NamedTuple):
-    """Limits of the search for the least error."""
-
-    max_iterations: int
-    min_step_px: float
-    max_shift_px: float
+RADIUS_PX = 5
+"""Half size of a neighbourhood."""
+MAX_STEPS = 12
+"""Largest number of steps of Levenberg-Marquardt, rejected steps included."""
+MIN_STEP_PX = 2e-3
+"""Length of a step below which the search ends."""
+MAX_SHIFT_PX = 2.0
+"""Largest distance of a point from its start."""
 
 
 def refine(
@@ -47,21 +28,22 @@ def refine(
     luma1: Image,
     first: Floats,
     second: Floats,
-    settings: RefinementSettings | None = None,
+    *,
+    affine: bool = False,
     shapes: Floats | None = None,
 ) -> tuple[Floats, Floats, Mask]:
     """Move second points to the neighbourhoods most like those of the first points, which are whole pixels.
 
-    Returns the positions, their mean squared errors (inf: failed), and a mask of successes.
+    Affine neighbourhoods may also turn, scale and shear, from `shapes` on if these are given. Returns the
+    positions, their mean squared errors (inf: failed), and a mask of successes.
     """
-    settings = settings or RefinementSettings()
     check_pair(luma0, luma1)
     if not np.array_equal(first, np.rint(first)):
         raise ValueError("`first` must be in whole pixels")
     refined, error = second.copy(), np.full(len(first), np.inf)
-    room = np.flatnonzero(inside(first, luma0, settings.radius_px))
+    room = np.flatnonzero(inside(first, luma0, RADIUS_PX))
     parameters = second[room]
-    if settings.affine:
+    if affine:
         start = np.tile(np.eye(2), (len(first), 1, 1)) if shapes is None else shapes
         parameters = np.column_stack([parameters, start[room].reshape(-1, 4)])
     least = np.empty(len(room))
@@ -70,8 +52,7 @@ def refine(
         spline(luma1),
         first[room].astype(np.int64),
         parameters,
-        window(settings.radius_px),
-        Descent(settings.max_iterations, settings.min_step_px, settings.max_shift_px),
+        window(RADIUS_PX),
         least,
     )
     good = least >= 0.0
@@ -106,14 +87,12 @@ def refine_points(
     first: Indices,
     parameters: Floats,
     weights: Floats,
-    descent: Descent,
     errors: Floats,
 ) -> None:
     """Minimise the neighbourhoods' errors over the rows of `parameters`, in place; error -1: failed.
 
     `first` are whole pixels of `image` with room around them.
     """
-    max_iterations, min_step_px, max_shift_px = descent
     height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN
     size, count = weights.shape[0], parameters.shape[1]
     radius = size // 2
@@ -130,7 +109,7 @@ def refine_points(
         sample_neighbourhood(coefficients, best, radius, values, dx, dy)
         error = normal_equations(target, values, dx, dy, weights, matrix, vector)
         damping = 1e-3
-        for _ in range(max_iterations):
+        for _ in range(MAX_STEPS):
             if not solve_damped(matrix, vector, damping, step):
                 error = -1.0
                 break
@@ -138,7 +117,7 @@ def refine_points(
                 trial[a] = best[a] + step[a]
             length = np.sqrt(step[0] * step[0] + step[1] * step[1])
             trial_error = np.inf
-            if fits(trial[0], trial[1], radius, width, height) and length <= 2.0 * max_shift_px:
+            if fits(trial[0], trial[1], radius, width, height) and length <= 2.0 * MAX_SHIFT_PX:
                 sample_neighbourhood(coefficients, trial, radius, values, dx, dy)
                 trial_error = normal_equations(target, values, dx, dy, weights, trial_matrix, trial_vector)
             if trial_error <= error:
@@ -150,9 +129,9 @@ def refine_points(
                 damping = max(damping * 0.1, 1e-7)
             else:
                 damping *= 10.0
-            if length < min_step_px or damping > 1e6:
+            if length < MIN_STEP_PX or damping > 1e6:
                 break
-        if (best[0] - x) ** 2 + (best[1] - y) ** 2 <= max_shift_px * max_shift_px:
+        if (best[0] - x) ** 2 + (best[1] - y) ** 2 <= MAX_SHIFT_PX * MAX_SHIFT_PX:
             errors[i] = error
 
 

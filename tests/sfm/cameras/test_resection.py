@@ -14,7 +14,7 @@ from sfm.cameras.camera_path import (
     linear_tracks,
     tracked_points,
 )
-from sfm.cameras.resection import PriorSettings, Resection, ResectionSettings, resection
+from sfm.cameras.resection import Resection, resection
 from tests.sfm.two_views import FRAME, TwoViews, camera_at, two_views
 
 TIME, SHAKE = 0.4, 0.012
@@ -192,11 +192,3 @@ def test_tracked_points_are_triangulated() -> None:
     np.testing.assert_allclose(placed.points[others], scene.model.points[others], rtol=1e-7)
     assert np.isnan(placed.positions[[3, 4]]).all()
     assert isinstance(placed, TrackedPoints)
-
-
-def test_wrong_settings_are_refused() -> None:
-    """Settings that make no sense name themselves."""
-    with pytest.raises(ValueError, match="min_num_points"):
-        ResectionSettings(min_num_points=5)
-    with pytest.raises(ValueError, match="min_sigma_px"):
-        PriorSettings(min_sigma_px=0.0)

@@ -5,7 +5,6 @@ import pytest
 
 from dvc.geometry.cameras import PixelFrame
 from sfm.cameras.resection import (
-    PriorSettings,
     ResectionProblem,
     image_distances,
     resection_problem,
@@ -20,7 +19,7 @@ def problem_of(num: int) -> ResectionProblem:
     """Return a problem whose camera is the identity, and that has no noise."""
     rng = np.random.default_rng(4)
     x = np.column_stack([rng.uniform(-0.4, 0.4, (num, 2)), np.ones(num), rng.uniform(0.1, 0.4, num)])
-    return resection_problem(x, x[:, :2], IDENTITY, FRAME, PriorSettings())
+    return resection_problem(x, x[:, :2], IDENTITY, FRAME)
 
 
 def test_weights_fall_with_the_distance_and_end() -> None:

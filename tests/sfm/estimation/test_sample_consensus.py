@@ -113,12 +113,3 @@ def test_noise_scale() -> None:
     assert 0.3 < sample_consensus.noise_scale(residuals) < 0.45
     assert sample_consensus.noise_scale(residuals[4000:]) == pytest.approx(0.3, rel=0.03)
     assert sample_consensus.noise_scale(np.ones(7), 7) == 0.0
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"threshold_px": 0.0}, {"confidence": 1.0}, {"min_num_trials": 10, "max_num_trials": 5}]
-)
-def test_wrong_settings_are_refused(wrong: dict[str, float]) -> None:
-    """Settings that make no sense name themselves."""
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        sample_consensus.RobustSettings(**wrong)  # type: ignore[arg-type]
