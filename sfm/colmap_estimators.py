@@ -6,8 +6,8 @@ COLMAP puts the centre of the first pixel at (0.5, 0.5); this module converts.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX, PixelFrame, homogeneous, project
 from dvc.geometry.triangulation import triangulate_depth
 from sfm.cameras.projective_basis import CAMERA_NORM
@@ -20,9 +20,6 @@ from sfm.estimation.epipolar import (
 )
 from sfm.estimation.weak_calibration import MIN_NUM_INLIERS, WeakCalibration
 from sfm.scene_model import CameraPair, Correspondences
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 9))
 """Focal lengths to try, in units of the longer side of the image."""

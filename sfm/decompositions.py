@@ -9,11 +9,9 @@ vol. 6, no. 1, 1958.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
-
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
 
 RANK = 1e-14
 """Share of the largest singular value below which singular values count as zero."""

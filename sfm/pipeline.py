@@ -6,8 +6,8 @@ References
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats
 from dvc.config import SFM_BACKENDS
 from dvc.geometry.cameras import PixelFrame
 from dvc.geometry.triangulation import triangulate_depth
@@ -21,9 +21,6 @@ from sfm.correspondences.epipolar_search import EpipolarSearch
 from sfm.estimation.degeneracy import classify_motion
 from sfm.estimation.weak_calibration import WeakCalibration, weak_calibration
 from sfm.scene_model import CameraPair, Correspondences, Model, Reconstruction
-
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 COVERAGE_CELLS = 8
 NUM_ADJUSTMENTS = 3
@@ -46,8 +43,8 @@ MIN_INLIER_SHARE = 0.4
 
 
 def reconstruct(
-    first: Image,
-    second: Image,
+    first: Bytes,
+    second: Bytes,
     *,
     backend: str = "native",
     seed: int = 0,

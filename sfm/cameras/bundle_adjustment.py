@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers, Mask
 from dvc.geometry.cameras import PixelFrame, homogeneous, project
 from dvc.geometry.triangulation import inverse_depths
 from sfm.cameras.projective_basis import (
@@ -27,10 +27,6 @@ from sfm.decompositions import least_singular
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix, solve_damped
 from sfm.scene_model import Correspondences
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 TINY = 1e-300
 DAMPING = Damping(start=1e-4, min_factor=1e-12, num_tries=12)
@@ -51,7 +47,7 @@ class BundleAdjustment:
     fundamental: Floats  # ``[t]x R`` in pixels, unit norm
     second: Floats  # the points projected into the second key frame, in pixels
     in_front: Mask  # points in front of both cameras
-    fixed: Indices  # two points that fix the projective basis
+    fixed: Integers  # two points that fix the projective basis
     rms_px: float  # root mean square of the reprojection errors of all points in the second key frame
     start_rms_px: float  # the same at the start
     num_iterations: int  # number of joint steps
@@ -174,7 +170,7 @@ class _Adjustment:
         return float((errors**2).sum()), stepped
 
 
-def _fix_basis(problem: _Adjustment, start: _State, fixed: Indices) -> tuple[_Adjustment, _State]:
+def _fix_basis(problem: _Adjustment, start: _State, fixed: Integers) -> tuple[_Adjustment, _State]:
     """Fix two points and their projections."""
     points = np.column_stack([homogeneous(problem.first[fixed]), start.inverse[fixed]])
     basis = camera_basis(points, project(start.camera, points)[0])
@@ -203,7 +199,12 @@ def _alternate(problem: _Adjustment, state: _State, count: int) -> _State:
 
 
 def _result(
-    problem: _Adjustment, start: _State, state: _State, frame: PixelFrame, fixed: Indices, num_iterations: int
+    problem: _Adjustment,
+    start: _State,
+    state: _State,
+    frame: PixelFrame,
+    fixed: Integers,
+    num_iterations: int,
 ) -> BundleAdjustment:
     rms, start_rms = (
         frame.scale_px * math.sqrt(problem.cost(s) / len(problem.first)) for s in (state, start)

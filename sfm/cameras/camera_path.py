@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.geometry.cameras import homogeneous, project
 from dvc.geometry.triangulation import inverse_depths
 from sfm.cameras.projective_basis import normalized_camera
 from sfm.cameras.resection import ExpectedPoints, Resection, resection
 from sfm.scene_model import Model
-
-Floats = NDArray[np.float64]
 
 NUM_SWEEPS = 12
 """Largest number of passes; each estimates every camera again with constant neighbours."""

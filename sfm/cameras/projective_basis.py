@@ -1,14 +1,10 @@
 """The projective basis: a minimal parametrisation of cameras with constant projections of two points."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers
 from sfm.decompositions import right_singular
 from sfm.estimation.epipolar import distances_to_epipole, epipoles, fundamental_from_camera
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 CAMERA_NORM = 3.0**0.5
 """Frobenius norm of all projection matrices."""
@@ -69,7 +65,7 @@ def choose_fixed_points(
     camera: Floats,
     errors: Floats,
     rng: np.random.Generator,
-) -> Indices | None:
+) -> Integers | None:
     """Draw two points with small errors, far from the epipoles and from each other."""
     finite = np.flatnonzero(np.isfinite(errors))
     if len(finite) < 2:
@@ -95,7 +91,9 @@ def choose_fixed_points(
     return _farthest_pair(finite, first)
 
 
-def _draw_pair(candidates: Indices, first: Floats, least: float, rng: np.random.Generator) -> Indices | None:
+def _draw_pair(
+    candidates: Integers, first: Floats, least: float, rng: np.random.Generator
+) -> Integers | None:
     if len(candidates) < 2:
         return None
     pairs = rng.integers(0, len(candidates), (NUM_TRIALS, 2))
@@ -104,10 +102,10 @@ def _draw_pair(candidates: Indices, first: Floats, least: float, rng: np.random.
     return candidates[pairs[apart[0]]] if len(apart) else None
 
 
-def _farthest_pair(candidates: Indices, first: Floats) -> Indices:
+def _farthest_pair(candidates: Integers, first: Floats) -> Integers:
     """Return the two extreme points along the axis of largest extent."""
     points = first[candidates]
     axis = int(np.argmax(np.ptp(points, axis=0)))
     ends = [int(np.argmin(points[:, axis])), int(np.argmax(points[:, axis]))]
-    pair: Indices = candidates[np.array(ends)]
+    pair: Integers = candidates[np.array(ends)]
     return pair

@@ -9,16 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import PixelFrame, homogeneous
 from sfm.cameras.bundle_adjustment import nonzero
 from sfm.cameras.projective_basis import CAMERA_NORM, normalized_camera, projection_equations
 from sfm.decompositions import least_singular
 from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix, solve_damped
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TINY = 1e-300
 NUM_PARAMETERS = 11

@@ -4,16 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import PixelFrame, homogeneous
 from dvc.geometry.triangulation import inverse_depths
 from sfm.decompositions import right_singular
 from sfm.estimation.epipolar import epipoles, fundamental_to_normalized, skew
 from sfm.scene_model import Correspondences
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 NUM_ENTRIES = 9
 """Number of entries of R; the absolute difference of each from I is a variable."""

@@ -3,18 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.arrays import Bytes, Floats, Integers, Mask
 from dvc.corners import SENSITIVITY, SOBEL_GAIN, corner_response, is_local_max
 from sfm.correspondences import outliers
 from sfm.correspondences.subpixel import check_pair, inside, refine
 from sfm.scene_model import Correspondences
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Image = NDArray[np.uint8]
-
 
 NUM_CORNERS = 2400
 """Largest number of corners."""
@@ -53,7 +48,7 @@ MAX_AMBIGUITY = 0.7
 """Largest quotient of the errors of the most similar corner and the next one, plus `MIN_ERROR` each."""
 
 
-def detect_corners(luma: Image, num_corners: int = NUM_CORNERS) -> Floats:
+def detect_corners(luma: Bytes, num_corners: int = NUM_CORNERS) -> Floats:
     """Detect Harris-Stephens corners (N, 2) by adaptive non-maximal suppression."""
     if luma.ndim != 2 or luma.dtype != np.uint8:
         raise ValueError(f"`luma` must have shape (H, W) and dtype uint8, got {luma.shape}, {luma.dtype}")
@@ -76,7 +71,7 @@ def detect_corners(luma: Image, num_corners: int = NUM_CORNERS) -> Floats:
 
 @kernel
 def suppression_radii(
-    x: Indices, y: Indices, strength: Floats, robustness: float, radii_px2: Indices
+    x: Integers, y: Integers, strength: Floats, robustness: float, radii_px2: Integers
 ) -> None:
     """Measure squared distances to the nearest clearly stronger maximum; `strength` is in falling order."""
     for i in range(x.size):
@@ -91,12 +86,12 @@ class DescribedCorners(NamedTuple):
     """Corners of a key frame with their descriptions."""
 
     positions: Floats  # (N, 2)
-    patches: Image  # (N, S), samples of the neighbourhoods
+    patches: Bytes  # (N, S), samples of the neighbourhoods
     means: Floats
     histograms: Floats
 
 
-def match_corners(luma0: Image, luma1: Image, corners0: Floats, corners1: Floats) -> Correspondences:
+def match_corners(luma0: Bytes, luma1: Bytes, corners0: Floats, corners1: Floats) -> Correspondences:
     """Match the corners of two key frames."""
     check_pair(luma0, luma1)
     corners0 = corners0[inside(corners0, luma0, RADIUS_PX)]
@@ -117,7 +112,7 @@ def match_corners(luma0: Image, luma1: Image, corners0: Floats, corners1: Floats
     return Correspondences(corners0[i[chosen]], second[chosen], error[chosen])
 
 
-def describe(luma: Image, corners: Floats) -> DescribedCorners:
+def describe(luma: Bytes, corners: Floats) -> DescribedCorners:
     """Cut out the neighbourhoods of corners, and compute their means and distributions of intensity.
 
     Densities of the deviations from the mean are sampled at the centres of bins, by triangular windows of
@@ -138,7 +133,7 @@ def describe(luma: Image, corners: Floats) -> DescribedCorners:
 
 def _candidates(
     first: DescribedCorners, second: DescribedCorners, max_motion_px: float
-) -> tuple[Indices, Indices, Floats]:
+) -> tuple[Integers, Integers, Floats]:
     """Return pairs of indices of similar corners, and the variance of each first neighbourhood."""
     num_samples = first.patches.shape[1]
     variance = first.patches.var(axis=1)
@@ -165,7 +160,7 @@ def best_candidates(
     max_brightness_change: float,
     max_chi_square: float,
     limits: Floats,
-    chosen: Indices,
+    chosen: Integers,
     errors: Floats,
 ) -> None:
     """Choose the most similar corners within the motion bound, by rising error; -1 fills the rows.
@@ -210,7 +205,7 @@ def chi_square(a: Floats, b: Floats) -> float:
 
 
 @inlined_kernel
-def sum_of_squares(a: Image, b: Image) -> float:
+def sum_of_squares(a: Bytes, b: Bytes) -> float:
     """Sum squared differences of samples; in 32 bits, so that the compiler vectorises the loop."""
     total = np.int32(0)
     for k in range(a.size):
@@ -219,7 +214,7 @@ def sum_of_squares(a: Image, b: Image) -> float:
     return np.float64(total)
 
 
-def _unambiguous(i: Indices, error: Floats) -> NDArray[np.bool_]:
+def _unambiguous(i: Integers, error: Floats) -> Mask:
     """Return a mask of pairs that are clearly more similar than any other pair of the same first corner."""
     order = np.lexsort((error, i))
     i, error = i[order], error[order] + MIN_ERROR

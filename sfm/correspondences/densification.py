@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Integers, Mask
 from sfm.correspondences import outliers
 from sfm.correspondences.epipolar_search import (
     RADIUS_PX,
@@ -21,12 +21,6 @@ from sfm.correspondences.subpixel import MAX_SHIFT_PX, inside, refine, window
 from sfm.correspondences.subpixel import RADIUS_PX as REFINED_RADIUS_PX
 from sfm.estimation.epipolar import distances_in_second
 from sfm.scene_model import Correspondences
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Image = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
-
 
 NUM_NEIGHBOURS = 8
 """Number of correspondences that predict a motion by their weighted median."""
@@ -83,7 +77,7 @@ def densify(
     return Correspondences.concatenate([correspondences, new])
 
 
-def _expected_pairs(free0: Floats, free1: Floats, matched: Correspondences) -> tuple[Indices, Indices]:
+def _expected_pairs(free0: Floats, free1: Floats, matched: Correspondences) -> tuple[Integers, Integers]:
     """Pair corners with corners around the position that the weighted median of motions predicts."""
     from scipy.spatial import cKDTree
 
@@ -105,7 +99,7 @@ def _expected_pairs(free0: Floats, free1: Floats, matched: Correspondences) -> t
     return i, j
 
 
-def neighbourhood_variances(luma: Image, points: Floats, radius_px: int) -> Floats:
+def neighbourhood_variances(luma: Bytes, points: Floats, radius_px: int) -> Floats:
     """Return the variances of neighbourhoods around whole pixels; zero if they leave the frame."""
     variances = np.zeros(len(points))
     room = inside(points, luma, radius_px)
@@ -135,7 +129,7 @@ def propagate(search: EpipolarSearch, correspondences: Correspondences) -> Corre
     return Correspondences.concatenate([correspondences, new])
 
 
-def find_edges(luma: Image) -> Mask:
+def find_edges(luma: Bytes) -> Mask:
     """Return a mask of edges by Canny's detector."""
     import cv2
 
@@ -158,7 +152,7 @@ def _crossing_edges(search: EpipolarSearch) -> Mask:
 @kernel
 def spread(
     pair: KeyPair,
-    open_tries: Indices,
+    open_tries: Integers,
     reach_px: int,
     weights: Floats,
     search: LineSearch,

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Integers, Mask
 from sfm.correspondences.spline_sampling import (
     MARGIN,
     fits,
@@ -17,12 +17,6 @@ from sfm.correspondences.spline_sampling import (
 from sfm.correspondences.subpixel import check_pair, inside, window
 from sfm.estimation.epipolar import epipoles
 from sfm.scene_model import Correspondences
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Image = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
-
 
 RADIUS_PX = 3
 """Half size of the neighbourhoods compared."""
@@ -79,7 +73,7 @@ class Line(NamedTuple):
 class Points(NamedTuple):
     """Whole pixels of the first key frame, points of the second, and their mean squared errors."""
 
-    first: NDArray[np.int64]
+    first: Integers
     second: Floats
     errors: Floats
 
@@ -87,7 +81,7 @@ class Points(NamedTuple):
 class EpipolarSearch:
     """Two key frames and their epipolar geometry, ready to be searched."""
 
-    def __init__(self, luma0: Image, luma1: Image, fundamental: Floats) -> None:
+    def __init__(self, luma0: Bytes, luma1: Bytes, fundamental: Floats) -> None:
         check_pair(luma0, luma1)
         self.luma0, self.luma1, self.fundamental = luma0, luma1, fundamental
         self.usable = bool(np.isfinite(fundamental).all() and np.abs(fundamental).max() > 0)
@@ -121,7 +115,7 @@ class EpipolarSearch:
         chosen = correspondences[same]
         return self.settle_sides(first[same], chosen.second, chosen.error)
 
-    def settle_sides(self, first: Indices, second: Floats, error: Floats) -> Correspondences:
+    def settle_sides(self, first: Integers, second: Floats, error: Floats) -> Correspondences:
         """Move points next to the surface that they move with on to it by a pixel, and search them again."""
         scores, small = np.empty((len(first), 2)), window(SIDE_RADIUS_PX)
         normals = gradient_directions(self.luma0)[first[:, 1], first[:, 0]]
@@ -142,7 +136,7 @@ class EpipolarSearch:
         return Correspondences(first[chosen].astype(np.float64), second[chosen], error[chosen])
 
 
-def gradient_directions(luma: Image) -> Floats:
+def gradient_directions(luma: Bytes) -> Floats:
     """Return the directions of the gradient of a blurred frame, shape (H, W, 2)."""
     import cv2
 
@@ -348,7 +342,7 @@ def weighted_variance(values: Floats, weights: Floats) -> float:
 @kernel
 def disagreement(
     pair: KeyPair,
-    first: Indices,
+    first: Integers,
     second: Floats,
     normals: Floats,
     distance_px: float,

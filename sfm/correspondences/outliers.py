@@ -7,14 +7,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers, Mask
 from sfm.estimation.epipolar import distances_to_epipole, epipoles, symmetric_distances
 from sfm.scene_model import Correspondences
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 MOTION_LIMIT_PX, MOTION_SPREADS = 2.0, 3.0
 """Allowed differences from the neighbours' median motion: in pixels, and in units of their spread."""
@@ -34,8 +30,8 @@ MOSTLY = 0.9
 class Neighbours:
     """Pairs of neighbouring points, as indices; every pair occurs in both directions, ordered by point."""
 
-    point: Indices
-    neighbour: Indices
+    point: Integers
+    neighbour: Integers
     weight: Floats  # inverse distances
 
 
@@ -44,7 +40,7 @@ def mse(error: Floats, limit: Floats | float) -> Mask:
     return np.asarray(error <= limit)
 
 
-def unicity(i: Indices, j: Indices, error: Floats, limit: Floats | float) -> Mask:
+def unicity(i: Integers, j: Integers, error: Floats, limit: Floats | float) -> Mask:
     """Keep the best pairs without repeated points, by the Hungarian algorithm."""
     from scipy.optimize import linear_sum_assignment
 
@@ -172,7 +168,7 @@ def delaunay_neighbours(points: Floats) -> Neighbours:
     return Neighbours(point, neighbour, 1.0 / np.maximum(np.sqrt((offset**2).sum(axis=1)), 1e-9))
 
 
-def weighted_median(values: Floats, point: Indices, weight: Floats, num_points: int) -> Floats:
+def weighted_median(values: Floats, point: Integers, weight: Floats, num_points: int) -> Floats:
     """Return weighted medians of values, each listed with the index of its point."""
     medians = np.full(num_points, np.nan)
     order = np.lexsort((values, point))

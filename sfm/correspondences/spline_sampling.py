@@ -6,12 +6,10 @@ Kernels take images as float64 arrays [row, column], points as (x, y), and the c
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.arrays import Bytes, Floats
 
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
 Weights = tuple[float, float, float, float]
 
 SPLINE_POLE = math.sqrt(3.0) - 2.0
@@ -22,7 +20,7 @@ MARGIN = 2
 _SIXTH = 1.0 / 6.0
 
 
-def spline(image: Image | Floats) -> Floats:
+def spline(image: Bytes | Floats) -> Floats:
     """Return the coefficients of `spline_coefficients` with a margin around them, as kernels take them."""
     return np.pad(spline_coefficients(image), MARGIN, "reflect")
 
@@ -38,7 +36,7 @@ def half_pixel_samples(spline: Floats) -> Floats:
     return spline
 
 
-def spline_coefficients(image: Image | Floats) -> Floats:
+def spline_coefficients(image: Bytes | Floats) -> Floats:
     """Compute the coefficients of the cubic B-spline that interpolates an image, mirrored at its edges."""
     along_columns = _filter_rows(np.asarray(image, dtype=np.float64))
     return np.ascontiguousarray(_filter_rows(np.ascontiguousarray(along_columns.T)).T)

@@ -1,15 +1,11 @@
 """Sub-pixel positions of second points: least squares between neighbourhoods by Levenberg-Marquardt."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.arrays import Bytes, Floats, Integers, Mask
 from sfm.correspondences.spline_sampling import MARGIN, fits, sample_affine, sample_square, spline
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Image = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 Row = tuple[float, float, float]
 
 
@@ -24,8 +20,8 @@ MAX_SHIFT_PX = 2.0
 
 
 def refine(
-    luma0: Image,
-    luma1: Image,
+    luma0: Bytes,
+    luma1: Bytes,
     first: Floats,
     second: Floats,
     *,
@@ -60,13 +56,13 @@ def refine(
     return refined, error, np.isfinite(error)
 
 
-def check_pair(luma0: Image, luma1: Image) -> None:
+def check_pair(luma0: Bytes, luma1: Bytes) -> None:
     """Raise `ValueError` unless both frames are planes of one size."""
     if luma0.ndim != 2 or luma0.shape != luma1.shape:
         raise ValueError(f"`luma0` and `luma1` must have one shape (H, W), got {luma0.shape}, {luma1.shape}")
 
 
-def inside(points: Floats, luma: Image, distance_px: float) -> Mask:
+def inside(points: Floats, luma: Bytes, distance_px: float) -> Mask:
     """Return a mask of the points that keep a distance from the frame's edge."""
     last = np.array([luma.shape[1] - 1, luma.shape[0] - 1])
     return np.asarray(((points >= distance_px) & (points <= last - distance_px)).all(axis=1))
@@ -84,7 +80,7 @@ def window(radius_px: int) -> Floats:
 def refine_points(
     image: Floats,
     coefficients: Floats,
-    first: Indices,
+    first: Integers,
     parameters: Floats,
     weights: Floats,
     errors: Floats,

@@ -5,15 +5,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from sfm.decompositions import right_singular
 from sfm.estimation.sample_consensus import RobustSettings, lo_ransac, mapsac, noise_scale
 from sfm.estimation.two_view_estimators import HomographyEstimator
 from sfm.estimation.weak_calibration import WeakCalibration
 from sfm.scene_model import Correspondences
 
-Floats = NDArray[np.float64]
 MotionKind = Literal["general", "rotation", "none", "unknown"]
 
 

@@ -5,11 +5,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from dvc.arrays import Floats, Integers, Mask
 
 CONFIDENCE = 0.9999
 """Probability of a sample without outliers that ends the search."""
@@ -39,7 +36,7 @@ class Estimator(Protocol):
     min_num_samples: int
     num_data: int
 
-    def estimate(self, samples: Indices) -> Floats:
+    def estimate(self, samples: Integers) -> Floats:
         """Return models (K, ...) from samples (S, m) of data, m >= `min_num_samples`; any number each."""
 
     def residuals(self, models: Floats) -> Floats:
@@ -69,14 +66,14 @@ class RobustResult:
     num_trials: int
 
 
-def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator) -> Indices:
+def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator) -> Integers:
     """Draw samples of distinct data."""
     if num_data <= SMALL_DATA:
         keys = rng.random((count, num_data))
         return np.argsort(keys, axis=1, kind="stable")[:, :size].astype(np.int64)
     samples = rng.integers(0, num_data, (count, size))
     ordered = np.sort(samples, axis=1)
-    distinct: Indices = samples[(ordered[:, 1:] != ordered[:, :-1]).all(axis=1)]
+    distinct: Integers = samples[(ordered[:, 1:] != ordered[:, :-1]).all(axis=1)]
     return distinct
 
 

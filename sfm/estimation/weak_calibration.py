@@ -5,15 +5,11 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from sfm.estimation.sample_consensus import RobustSettings, lo_ransac, mapsac
 from sfm.estimation.two_view_estimators import FundamentalEstimator
 from sfm.scene_model import Correspondences
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 
 SEARCH = RobustSettings()
 """Threshold on the Sampson distance, and length of the random search."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
+from dvc.arrays import Bytes
 from sfm.correspondences import corner_matching
 from sfm.correspondences.corner_matching import (
     best_candidates,
@@ -14,13 +15,13 @@ from sfm.correspondences.corner_matching import (
 )
 from sfm.scene_model import Correspondences
 from tests.reference import sfm_matching as reference
-from tests.sfm.textures import Image, picture, shifted, texture
+from tests.sfm.textures import picture, shifted, texture
 
 HEIGHT, WIDTH = 144, 176
 TEXTURE = texture(11)
 
 
-def matched(a: Image, b: Image) -> Correspondences:
+def matched(a: Bytes, b: Bytes) -> Correspondences:
     """Detect and match."""
     return match_corners(a, b, detect_corners(a, 200), detect_corners(b, 200))
 

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.arrays import Floats
 from sfm.correspondences import outliers
 from sfm.scene_model import Correspondences
 from tests.reference import sfm_matching as reference
-from tests.sfm.textures import Floats, forwards, sideways
+from tests.sfm.textures import forwards, sideways
 
 
 def scattered(count: int, seed: int) -> Floats:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
+from dvc.arrays import Bytes, Floats
 from sfm.correspondences import densification, epipolar_search
 from sfm.correspondences.densification import find_edges, propagate
 from sfm.correspondences.epipolar_search import EpipolarSearch
@@ -12,7 +13,7 @@ from sfm.correspondences.subpixel import window
 from sfm.estimation.epipolar import epipoles
 from sfm.scene_model import Correspondences
 from tests.reference import sfm_neighbourhoods, sfm_propagation
-from tests.sfm.textures import Floats, Image, forwards, picture, shifted, sideways, texture
+from tests.sfm.textures import forwards, picture, shifted, sideways, texture
 
 HEIGHT, WIDTH = 96, 128
 TEXTURE = texture(21, 6.0, 24.0, 40.0)
@@ -71,7 +72,7 @@ def test_edges_along_epipolar_lines_are_left_out() -> None:
     assert len(found) == len(SEEDS)
 
 
-def hidden_pair() -> tuple[Image, Image, Floats]:
+def hidden_pair() -> tuple[Bytes, Bytes, Floats]:
     """Return two frames of a square that moves by 12 before a texture that moves by 4, and its mask."""
     front, dim = texture(22, 6.0, 20.0, 40.0), texture(23, 5.0, 12.0, 6.0)
     y, x = np.mgrid[:HEIGHT, :WIDTH]

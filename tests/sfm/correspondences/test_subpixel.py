@@ -6,12 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc._jit import python_twin
+from dvc.arrays import Floats
 from sfm.correspondences import spline_sampling, subpixel
 from sfm.correspondences.corner_matching import detect_corners
 from sfm.correspondences.spline_sampling import half_pixel_samples, spline, spline_coefficients
 from sfm.correspondences.subpixel import refine, window
 from tests.reference import sfm_neighbourhoods as reference
-from tests.sfm.textures import Floats, picture, shifted, texture
+from tests.sfm.textures import picture, shifted, texture
 
 HEIGHT, WIDTH = 72, 96
 TEXTURE = texture(1)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.arrays import Floats, Integers, Mask
 from sfm.estimation import sample_consensus
-from sfm.estimation.sample_consensus import Floats, Indices, Mask
 
 
 class LineEstimator:
@@ -20,7 +20,7 @@ class LineEstimator:
         self.num_data = len(points)
         self.points = points
 
-    def estimate(self, samples: Indices) -> Floats:
+    def estimate(self, samples: Integers) -> Floats:
         """Join first and last point of each sample."""
         a, b = self.points[samples[:, 0]], self.points[samples[:, -1]]
         step = np.where(b[:, 0] == a[:, 0], 1e-9, b[:, 0] - a[:, 0])
