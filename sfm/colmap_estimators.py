@@ -6,8 +6,8 @@ COLMAP puts the centre of the first pixel at (0.5, 0.5); this module converts.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX, PixelFrame, homogeneous, project
 from dvc.geometry.triangulation import triangulate_depth
 from sfm.cameras.projective_basis import CAMERA_NORM
@@ -18,16 +18,14 @@ from sfm.estimation.epipolar import (
     sampson_distances,
     unit_norm,
 )
-from sfm.estimation.weak_calibration import WeakCalibration
-from sfm.reconstruction_settings import SfmSettings
+from sfm.estimation.weak_calibration import MIN_NUM_INLIERS, WeakCalibration
 from sfm.scene_model import CameraPair, Correspondences
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 9))
 """Focal lengths to try, in units of the longer side of the image."""
 MIN_NUM_POINTS = 8
+MAX_ERROR_PX = 1.0
+"""Largest error of an inlier."""
 
 
 def pinhole_camera(K: Floats) -> Any:
@@ -52,7 +50,7 @@ def relative_pose(camera: Any, first: Floats, second: Floats, ransac: Any) -> tu
     return np.asarray(rigid.matrix(), np.float64), np.asarray(mask, dtype=bool)
 
 
-def weak_calibration(matches: Correspondences, settings: SfmSettings, seed: int) -> WeakCalibration:
+def weak_calibration(matches: Correspondences, seed: int) -> WeakCalibration:
     """Estimate the fundamental matrix by COLMAP's LO-RANSAC."""
     import pycolmap
 
@@ -61,14 +59,14 @@ def weak_calibration(matches: Correspondences, settings: SfmSettings, seed: int)
     )
     if len(matches) < MIN_NUM_POINTS:
         return missing
-    ransac = _ransac(settings, seed)
+    ransac = _ransac(seed)
     answer = pycolmap.estimate_fundamental_matrix(matches.first, matches.second, ransac)
     if answer is None:
         return missing
     fundamental = np.asarray(answer["F"], dtype=np.float64)
     inliers = np.asarray(answer["inlier_mask"], dtype=bool)
     is_valid = np.isfinite(fundamental).all() and fundamental.any()
-    if not is_valid or np.count_nonzero(inliers) < settings.weak_calibration.min_num_inliers:
+    if not is_valid or np.count_nonzero(inliers) < MIN_NUM_INLIERS:
         return missing
     fundamental = unit_norm(fundamental)
     residuals = sampson_distances(fundamental, matches.first, matches.second)
@@ -76,27 +74,26 @@ def weak_calibration(matches: Correspondences, settings: SfmSettings, seed: int)
     return WeakCalibration(fundamental, inliers, residuals, noise_px, 0, "")
 
 
-def camera_pair(matches: Correspondences, frame: PixelFrame, settings: SfmSettings, seed: int) -> CameraPair:
+def camera_pair(matches: Correspondences, frame: PixelFrame, seed: int) -> CameraPair:
     """Estimate the relative pose with the focal length under which the points agree best."""
-    max_error_px = settings.colmap_max_error_px
     best, fundamental, best_cost = None, np.zeros((3, 3)), np.inf
     for ratio in FOCAL_LENGTHS:
-        camera = _camera(matches, frame, float(ratio), _ransac(settings, seed))
+        camera = _camera(matches, frame, float(ratio), _ransac(seed))
         if camera is None:
             continue
         candidate = unit_norm(fundamental_to_pixels(fundamental_from_camera(camera), frame))
         squared = sampson_distances(candidate, matches.first, matches.second) ** 2
-        cost = float(np.minimum(squared, max_error_px**2).sum())
+        cost = float(np.minimum(squared, MAX_ERROR_PX**2).sum())
         if cost < best_cost:
             best, fundamental, best_cost = camera, candidate, cost
     if best is None:
         return CameraPair.missing(len(matches), "COLMAP finds no relative pose")
     camera = best * (CAMERA_NORM / np.linalg.norm(best))
-    agreeing = _agreeing(matches, camera, frame, settings.outliers.max_reprojection_px)
+    agreeing = _agreeing(matches, camera, frame)
     return CameraPair(camera, fundamental, agreeing)
 
 
-def _agreeing(matches: Correspondences, camera: Floats, frame: PixelFrame, limit_px: float) -> Mask:
+def _agreeing(matches: Correspondences, camera: Floats, frame: PixelFrame) -> Mask:
     """Return a mask of points in front of both cameras that project near their image points."""
     first, second = frame.to_normalized(matches.first), frame.to_normalized(matches.second)
     depth_first, depth_second = triangulate_depth(first, camera, second)
@@ -105,13 +102,13 @@ def _agreeing(matches: Correspondences, camera: Floats, frame: PixelFrame, limit
     depths = np.where(in_front, depth_first, 1.0)
     points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(matches))])
     projected = frame.to_pixels(project(camera, points)[0])
-    return in_front & outliers.reprojection(matches.second, projected, limit_px)
+    return in_front & outliers.reprojection(matches.second, projected)
 
 
-def _ransac(settings: SfmSettings, seed: int) -> Any:
+def _ransac(seed: int) -> Any:
     import pycolmap
 
-    return pycolmap.RANSACOptions(max_error=settings.colmap_max_error_px, random_seed=seed, num_threads=1)
+    return pycolmap.RANSACOptions(max_error=MAX_ERROR_PX, random_seed=seed, num_threads=1)
 
 
 def _camera(matches: Correspondences, frame: PixelFrame, ratio: float, ransac: Any) -> Floats | None:

@@ -9,11 +9,9 @@ vol. 6, no. 1, 1958.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
-
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
 
 RANK = 1e-14
 """Share of the largest singular value below which singular values count as zero."""
@@ -65,7 +63,7 @@ def real_roots(coefficients: Floats) -> Floats:
 def _decomposed(matrices: Floats) -> tuple[Floats, Floats, Floats]:
     """Return orthogonal columns, the largest first, their lengths, and the rows that produce them."""
     height, width = matrices.shape[-2:]
-    columns = np.array(matrices, np.float64).reshape(-1, height, width)
+    columns = np.array(matrices, np.float64, order="C").reshape(-1, height, width)
     basis = np.broadcast_to(np.eye(width), (len(columns), width, width)).copy()
     orthogonalise(columns, basis)
     lengths = np.sqrt((columns * columns).sum(axis=1))

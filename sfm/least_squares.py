@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
 
 TINY = 1e-300
 MIN_PIVOT = 1e-13  # relative to the diagonal

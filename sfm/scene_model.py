@@ -4,12 +4,9 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers, Mask
 from dvc.geometry.cameras import PixelFrame, ViewPair, inverse_depth_range, oriented
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +39,7 @@ class Correspondences:
         """Mask of correspondences with two finite points, shape (N,)."""
         return np.asarray(np.isfinite(self.first).all(axis=1) & np.isfinite(self.second).all(axis=1))
 
-    def __getitem__(self, chosen: Mask | NDArray[np.int64]) -> Self:
+    def __getitem__(self, chosen: Mask | Integers) -> Self:
         """Return some of the correspondences, chosen by mask or by index."""
         return type(self)(self.first[chosen], self.second[chosen], self.error[chosen])
 

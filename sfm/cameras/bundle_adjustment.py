@@ -6,17 +6,16 @@ slow, so Levenberg-Marquardt steps on the camera, with the depths eliminated, fi
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers, Mask
 from dvc.geometry.cameras import PixelFrame, homogeneous, project
 from dvc.geometry.triangulation import inverse_depths
 from sfm.cameras.projective_basis import (
     CAMERA_NORM,
-    FixedPointSettings,
     camera_basis,
     camera_from_coordinates,
     choose_fixed_points,
@@ -29,31 +28,14 @@ from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixe
 from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix, solve_damped
 from sfm.scene_model import Correspondences
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
 TINY = 1e-300
 DAMPING = Damping(start=1e-4, min_factor=1e-12, num_tries=12)
 MIN_DEPTH = 1e-12
 
 
-@dataclass(frozen=True)
-class BundleAdjustmentSettings:
-    """Parameters of the bundle adjustment."""
-
-    num_alternations: int = 3  # largest number of the thesis's alternations before the joint steps
-    max_iterations: int = 100  # largest number of joint steps
-    tolerance: float = 1e-10  # relative decrease of the error at convergence
-    min_num_points: int = 9
-    fixed_points: FixedPointSettings = field(default_factory=FixedPointSettings)
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.num_alternations < 0 or self.max_iterations < 0:
-            raise ValueError("numbers of iterations must not be negative")
-        if self.min_num_points < 9:
-            raise ValueError(f"`min_num_points` must be at least 9, got {self.min_num_points}")
+TOLERANCE = 1e-10
+"""Relative decrease of the error at convergence."""
+MIN_NUM_POINTS = 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +47,7 @@ class BundleAdjustment:
     fundamental: Floats  # ``[t]x R`` in pixels, unit norm
     second: Floats  # the points projected into the second key frame, in pixels
     in_front: Mask  # points in front of both cameras
-    fixed: Indices  # two points that fix the projective basis
+    fixed: Integers  # two points that fix the projective basis
     rms_px: float  # root mean square of the reprojection errors of all points in the second key frame
     start_rms_px: float  # the same at the start
     num_iterations: int  # number of joint steps
@@ -83,29 +65,32 @@ def bundle_adjustment(
     depths: Floats,
     frame: PixelFrame,
     rng: np.random.Generator,
-    settings: BundleAdjustmentSettings | None = None,
+    num_alternations: int = 3,
+    max_iterations: int = 100,
 ) -> BundleAdjustment:
-    """Minimise the reprojection error over depths and camera."""
-    settings = settings or BundleAdjustmentSettings()
+    """Minimise the reprojection error over depths and camera.
+
+    At most `num_alternations` of the thesis precede at most `max_iterations` joint steps.
+    """
     num = len(correspondences)
     if depths.shape != (num,):
         raise ValueError(f"expected {num} depths, got {depths.shape}")
     first, second = frame.to_normalized(correspondences.first), frame.to_normalized(correspondences.second)
     usable = correspondences.finite & np.isfinite(depths) & (depths != 0)
     start = _State(normalized_camera(camera), 1.0 / np.where(usable, depths, np.inf))
-    if np.count_nonzero(usable) < settings.min_num_points or not usable.all():
+    if np.count_nonzero(usable) < MIN_NUM_POINTS or not usable.all():
         counts = f"{np.count_nonzero(usable)} of {num}"
-        reason = f"{counts} points are usable; all must be, and {settings.min_num_points} are needed"
+        reason = f"{counts} points are usable; all must be, and {MIN_NUM_POINTS} are needed"
         return _failure(start, correspondences, depths, reason)
     state = _triangulated(first, second, start)
-    problem = _Adjustment(first, second, np.ones(num, dtype=bool), np.eye(12), settings.tolerance)
+    problem = _Adjustment(first, second, np.ones(num, dtype=bool), np.eye(12))
     errors = np.sqrt((problem.errors(state) ** 2).sum(axis=1))
-    fixed = choose_fixed_points(first, second, state.camera, errors, rng, settings.fixed_points)
+    fixed = choose_fixed_points(first, second, state.camera, errors, rng)
     if fixed is None:
         return _failure(start, correspondences, depths, "no two points differ")
     problem, state = _fix_basis(problem, state, fixed)
-    state = _alternate(problem, state, settings.num_alternations)
-    state, num_iterations = levenberg_marquardt(problem, state, DAMPING, settings.max_iterations)
+    state = _alternate(problem, state, num_alternations)
+    state, num_iterations = levenberg_marquardt(problem, state, DAMPING, max_iterations)
     return _result(problem, start, state, frame, fixed, num_iterations)
 
 
@@ -137,7 +122,6 @@ class _Adjustment:
     observed: Floats
     free: Mask
     basis: Floats
-    tolerance: float
 
     def project(self, state: _State) -> Floats:
         """Return ``R x + inverse depth * t`` for all points, shape (N, 3)."""
@@ -156,7 +140,7 @@ class _Adjustment:
 
     def converged(self, before: _State, after: _State, decrease: float, cost: float) -> bool:
         del before, after
-        return decrease <= self.tolerance * cost
+        return decrease <= TOLERANCE * cost
 
     def linearize(self, state: _State, iteration: int) -> tuple[float, Callable[[float], _State]]:
         del iteration
@@ -186,7 +170,7 @@ class _Adjustment:
         return float((errors**2).sum()), stepped
 
 
-def _fix_basis(problem: _Adjustment, start: _State, fixed: Indices) -> tuple[_Adjustment, _State]:
+def _fix_basis(problem: _Adjustment, start: _State, fixed: Integers) -> tuple[_Adjustment, _State]:
     """Fix two points and their projections."""
     points = np.column_stack([homogeneous(problem.first[fixed]), start.inverse[fixed]])
     basis = camera_basis(points, project(start.camera, points)[0])
@@ -215,7 +199,12 @@ def _alternate(problem: _Adjustment, state: _State, count: int) -> _State:
 
 
 def _result(
-    problem: _Adjustment, start: _State, state: _State, frame: PixelFrame, fixed: Indices, num_iterations: int
+    problem: _Adjustment,
+    start: _State,
+    state: _State,
+    frame: PixelFrame,
+    fixed: Integers,
+    num_iterations: int,
 ) -> BundleAdjustment:
     rms, start_rms = (
         frame.scale_px * math.sqrt(problem.cost(s) / len(problem.first)) for s in (state, start)

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.geometry.cameras import homogeneous, project
 from dvc.geometry.triangulation import inverse_depths
 from sfm.cameras.projective_basis import normalized_camera
-from sfm.cameras.resection import ExpectedPoints, Resection, ResectionSettings, resection
+from sfm.cameras.resection import ExpectedPoints, Resection, resection
 from sfm.scene_model import Model
-
-Floats = NDArray[np.float64]
 
 NUM_SWEEPS = 12
 """Largest number of passes; each estimates every camera again with constant neighbours."""
@@ -67,32 +65,21 @@ def interpolated_camera(model: Model, temporal_position: float) -> Floats:
     return normalized_camera(first + second)
 
 
-def intermediate_cameras(
-    model: Model, instants: Sequence[TrackedPoints], settings: ResectionSettings | None = None
-) -> list[Resection]:
+def intermediate_cameras(model: Model, instants: Sequence[TrackedPoints]) -> list[Resection]:
     """Estimate the cameras of any instants, from tracked or interpolated points."""
-    return [
-        resection(
-            instant.points,
-            instant.positions,
-            model.pixel_frame,
-            prior=interpolated_camera(model, instant.temporal_position),
-            settings=settings,
-        )
-        for instant in instants
-    ]
+    return [_camera(model, instant) for instant in instants]
 
 
-def regular_cameras(
-    model: Model,
-    instants: Sequence[TrackedPoints],
-    regularity: float,
-    settings: ResectionSettings | None = None,
-) -> list[Resection]:
+def _camera(model: Model, instant: TrackedPoints, expected: ExpectedPoints | None = None) -> Resection:
+    prior = interpolated_camera(model, instant.temporal_position)
+    return resection(instant.points, instant.positions, model.pixel_frame, prior, expected)
+
+
+def regular_cameras(model: Model, instants: Sequence[TrackedPoints], regularity: float) -> list[Resection]:
     """Estimate the cameras of evenly spaced instants along a smooth path."""
     if not regularity >= 0:
         raise ValueError(f"`regularity` must not be negative, got {regularity}")
-    found = intermediate_cameras(model, instants, settings)
+    found = intermediate_cameras(model, instants)
     if regularity == 0 or not instants:
         return found
     path = _Path(model, instants[0].points, found)
@@ -104,15 +91,7 @@ def regular_cameras(
             expected = path.expected(t, regularity)
             if expected is None:
                 continue
-            prior = interpolated_camera(model, instant.temporal_position)
-            again = resection(
-                instant.points,
-                instant.positions,
-                model.pixel_frame,
-                prior=prior,
-                settings=settings,
-                expected=expected,
-            )
+            again = _camera(model, instant, expected)
             if again.success:
                 found[t - 1] = again
                 moved_px = max(moved_px, path.update(t, again.camera))

@@ -1,34 +1,23 @@
 """The projective basis: a minimal parametrisation of cameras with constant projections of two points."""
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers
 from sfm.decompositions import right_singular
 from sfm.estimation.epipolar import distances_to_epipole, epipoles, fundamental_from_camera
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 CAMERA_NORM = 3.0**0.5
 """Frobenius norm of all projection matrices."""
 
 
-@dataclass(frozen=True)
-class FixedPointSettings:
-    """Requirements for the two points that fix the projective basis."""
-
-    error_quantile: float = 0.25  # quantile of the reprojection errors
-    epipole_distance: float = 0.15  # least distance to the epipoles, in extents of the points
-    mutual_distance: float = 0.4  # least distance from each other, in extents of the points
-    num_trials: int = 100  # number of random pairs before the required distances are halved
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if not 0 < self.error_quantile <= 1:
-            raise ValueError(f"`error_quantile` must be in (0, 1], got {self.error_quantile}")
+ERROR_QUANTILE = 0.25
+"""Quantile of the reprojection errors that bounds those of the two fixed points."""
+EPIPOLE_DISTANCE = 0.15
+"""Least distance of the fixed points from the epipoles, in extents of the points."""
+MUTUAL_DISTANCE = 0.4
+"""Least distance of the fixed points from each other, in extents of the points."""
+NUM_TRIALS = 100
+"""Number of random pairs before the required distances are halved."""
 
 
 def normalized_camera(camera: Floats) -> Floats:
@@ -76,14 +65,12 @@ def choose_fixed_points(
     camera: Floats,
     errors: Floats,
     rng: np.random.Generator,
-    settings: FixedPointSettings | None = None,
-) -> Indices | None:
+) -> Integers | None:
     """Draw two points with small errors, far from the epipoles and from each other."""
-    settings = settings or FixedPointSettings()
     finite = np.flatnonzero(np.isfinite(errors))
     if len(finite) < 2:
         return None
-    limit = np.quantile(errors[finite], settings.error_quantile)
+    limit = np.quantile(errors[finite], ERROR_QUANTILE)
     candidates = finite[errors[finite] <= limit]
     if len(candidates) < 2:
         candidates = finite
@@ -96,8 +83,8 @@ def choose_fixed_points(
     )
     share = 1.0
     for _ in range(8):
-        away = epipole_distances[candidates] >= share * settings.epipole_distance * extent
-        pair = _draw_pair(candidates[away], first, share * settings.mutual_distance * extent, rng, settings)
+        away = epipole_distances[candidates] >= share * EPIPOLE_DISTANCE * extent
+        pair = _draw_pair(candidates[away], first, share * MUTUAL_DISTANCE * extent, rng)
         if pair is not None:
             return pair
         share *= 0.5
@@ -105,20 +92,20 @@ def choose_fixed_points(
 
 
 def _draw_pair(
-    candidates: Indices, first: Floats, least: float, rng: np.random.Generator, settings: FixedPointSettings
-) -> Indices | None:
+    candidates: Integers, first: Floats, least: float, rng: np.random.Generator
+) -> Integers | None:
     if len(candidates) < 2:
         return None
-    pairs = rng.integers(0, len(candidates), (settings.num_trials, 2))
+    pairs = rng.integers(0, len(candidates), (NUM_TRIALS, 2))
     offset = first[candidates[pairs[:, 0]]] - first[candidates[pairs[:, 1]]]
     apart = np.flatnonzero(np.hypot(offset[:, 0], offset[:, 1]) >= least)
     return candidates[pairs[apart[0]]] if len(apart) else None
 
 
-def _farthest_pair(candidates: Indices, first: Floats) -> Indices:
+def _farthest_pair(candidates: Integers, first: Floats) -> Integers:
     """Return the two extreme points along the axis of largest extent."""
     points = first[candidates]
     axis = int(np.argmax(np.ptp(points, axis=0)))
     ends = [int(np.argmin(points[:, axis])), int(np.argmax(points[:, axis]))]
-    pair: Indices = candidates[np.array(ends)]
+    pair: Integers = candidates[np.array(ends)]
     return pair

@@ -17,15 +17,13 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.geometry.cameras import oriented, project
 from dvc.geometry.triangulation import inverse_depths
 from sfm.decompositions import svd
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.scene_model import Correspondences, Model
-
-Floats = NDArray[np.float64]
 
 MIN_DETERMINANT = 1e-9
 """Least determinant of the left part of a finite camera, relative to its entries."""

@@ -6,19 +6,16 @@ camera contributes virtual points.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import PixelFrame, homogeneous
 from sfm.cameras.bundle_adjustment import nonzero
 from sfm.cameras.projective_basis import CAMERA_NORM, normalized_camera, projection_equations
 from sfm.decompositions import least_singular
 from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix, solve_damped
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TINY = 1e-300
 NUM_PARAMETERS = 11
@@ -29,38 +26,14 @@ DAMPING = Damping(start=1e-6, min_factor=1e-12, num_tries=8)
 TOLERANCE = 1e-12  # change of a camera of unit norm below which a minimum is reached
 
 
-@dataclass(frozen=True)
-class PriorSettings:
-    """Confidence in a prior camera."""
-
-    min_noise_px: float = 0.1  # lower bound on the standard deviation of a coordinate of a point
-    # bounds on the image error of the prior camera after it was moved to fit the points
-    min_sigma_px: float = 1.0
-    max_sigma_px: float = 10.0
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if not 0 < self.min_sigma_px <= self.max_sigma_px:
-            raise ValueError(f"`min_sigma_px` must be in (0, max], got {self.min_sigma_px}")
-
-
-@dataclass(frozen=True)
-class ResectionSettings:
-    """Parameters of the resection."""
-
-    min_num_points: int = 6  # six points determine a camera
-    num_linear_iterations: int = 5  # number of reweighted linear solutions
-    max_iterations: int = 30  # largest number of steps that minimise distances in the image
-    min_threshold_px: float = 1.0  # an outlier exceeds both thresholds
-    threshold_in_sigmas: float = 4.0
-    max_rms_px: float = 3.0  # largest error of a trusted camera
-    min_inlier_share: float = 0.5  # least share of points that agree with a trusted camera
-    prior: PriorSettings = field(default_factory=PriorSettings)
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.min_num_points < 6:
-            raise ValueError(f"`min_num_points` must be at least 6, got {self.min_num_points}")
+MIN_NUM_POINTS = 6  # number of points that determine a camera
+NUM_LINEAR_ITERATIONS = 5  # number of reweighted linear solutions
+MAX_ITERATIONS = 30  # largest number of steps that minimise distances in the image
+MIN_THRESHOLD_PX, THRESHOLD_IN_SIGMAS = 1.0, 4.0  # an outlier exceeds both thresholds
+MAX_RMS_PX = 3.0  # largest error of a trusted camera
+MIN_INLIER_SHARE = 0.5  # least share of points that agree with a trusted camera
+MIN_NOISE_PX = 0.1  # lower bound on the standard deviation of a coordinate of a point
+MIN_SIGMA_PX, MAX_SIGMA_PX = 1.0, 10.0  # bounds on the image error of a prior camera that fits the points
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,11 +92,9 @@ def resection(
     positions: Floats,
     frame: PixelFrame,
     prior: Floats | None = None,
-    settings: ResectionSettings | None = None,
     expected: ExpectedPoints | None = None,
 ) -> Resection:
     """Estimate the camera from points of the scene and their image positions, despite outliers."""
-    settings = settings or ResectionSettings()
     num = len(points)
     if points.shape != (num, 4) or positions.shape != (num, 2):
         raise ValueError(
@@ -134,55 +105,49 @@ def resection(
     used = np.flatnonzero(finite)
     residuals = np.full(num, np.inf)
     guess = np.eye(3, 4) if prior is None else normalized_camera(prior)
-    if len(used) < settings.min_num_points:
-        reason = f"{len(used)} points, {settings.min_num_points} are needed"
+    if len(used) < MIN_NUM_POINTS:
+        reason = f"{len(used)} points, {MIN_NUM_POINTS} are needed"
         return Resection(guess, np.zeros(num, dtype=bool), residuals, 0.0, reason)
     x, seen = points[used] / points[used, 2:3], frame.to_normalized(positions[used])
-    problem = resection_problem(x, seen, guess, frame, settings.prior)
+    problem = resection_problem(x, seen, guess, frame)
     if expected is not None:
         problem = problem.with_expected(expected, frame)
-    camera = linear_camera(problem, settings.num_linear_iterations)
-    camera = minimize_distances(problem, camera, settings.max_iterations)
+    camera = linear_camera(problem, NUM_LINEAR_ITERATIONS)
+    camera = minimize_distances(problem, camera, MAX_ITERATIONS)
     residuals[used] = image_distances(problem, camera)[: len(used)] * frame.scale_px
-    return _judge(camera, residuals, frame, problem, settings)
+    return _judge(camera, residuals, frame, problem)
 
 
 def _judge(
-    scaled_camera: Floats,
-    residuals_px: Floats,
-    frame: PixelFrame,
-    problem: ResectionProblem,
-    settings: ResectionSettings,
+    scaled_camera: Floats, residuals_px: Floats, frame: PixelFrame, problem: ResectionProblem
 ) -> Resection:
     camera = normalized_camera(scaled_camera @ problem.to_scaled)
     noise = robust_weights(problem, image_distances(problem, scaled_camera), redescending=True)[1]
-    limit = max(settings.min_threshold_px, settings.threshold_in_sigmas * noise * frame.scale_px)
+    limit = max(MIN_THRESHOLD_PX, THRESHOLD_IN_SIGMAS * noise * frame.scale_px)
     inliers = residuals_px < limit
     count = int(np.count_nonzero(inliers))
     rms = math.sqrt(float((residuals_px[inliers] ** 2).mean())) if count else 0.0
     ahead = np.count_nonzero(problem.x[: problem.num_real] @ scaled_camera[2] > 0)
     reason = ""
-    if count < max(settings.min_num_points, settings.min_inlier_share * problem.num_real):
+    if count < max(MIN_NUM_POINTS, MIN_INLIER_SHARE * problem.num_real):
         reason = f"only {count} of {problem.num_real} points agree with the camera"
-    elif rms > settings.max_rms_px:
-        reason = f"points are {rms:.1f} px from where the camera sees them"
+    elif rms > MAX_RMS_PX:
+        reason = f"points are {rms:.1f} px from their projections"
     elif ahead < 0.9 * problem.num_real:
         reason = f"{problem.num_real - ahead} of {problem.num_real} points are behind the camera"
     return Resection(camera, inliers, residuals_px, rms, reason)
 
 
-def resection_problem(
-    x: Floats, seen: Floats, prior: Floats, frame: PixelFrame, settings: PriorSettings
-) -> ResectionProblem:
+def resection_problem(x: Floats, seen: Floats, prior: Floats, frame: PixelFrame) -> ResectionProblem:
     """Scale the points, and add virtual points all over the image of a prior camera."""
-    min_noise = settings.min_noise_px / frame.scale_px
+    min_noise = MIN_NOISE_PX / frame.scale_px
     middle, spread = x.mean(axis=0), x.std(axis=0)
     size = np.maximum(spread, np.array([0.05, 0.05, 1.0, 1e-6 + 0.02 * abs(middle[3])]))
     to_scaled = np.diag(1.0 / size)
     to_scaled[[0, 1, 3], 2] = -middle[[0, 1, 3]] / size[[0, 1, 3]]
     to_scaled[2, 2] = 1.0
     moved, error = _moved_to_fit(prior, x, seen, min_noise)
-    sigma_px = float(np.clip(3.0 * error * frame.scale_px, settings.min_sigma_px, settings.max_sigma_px))
+    sigma_px = float(np.clip(3.0 * error * frame.scale_px, MIN_SIGMA_PX, MAX_SIGMA_PX))
     virtual = _virtual_points(x[:, 3], frame)
     p = virtual @ moved.T
     ahead = p[:, 2] > 1e-3 * CAMERA_NORM

@@ -4,16 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import PixelFrame, homogeneous
 from dvc.geometry.triangulation import inverse_depths
 from sfm.decompositions import right_singular
 from sfm.estimation.epipolar import epipoles, fundamental_to_normalized, skew
 from sfm.scene_model import Correspondences
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 NUM_ENTRIES = 9
 """Number of entries of R; the absolute difference of each from I is a variable."""
@@ -23,6 +20,12 @@ TOLERANCE = 1e-7
 """Tolerance of the linear program."""
 MIN_RANK = 1e-12
 """Least singular value of a matrix of full rank, relative to the largest."""
+DEPTH_RATIO_FACTOR = 2.0
+"""Growth of M, the ratio of the largest to the smallest depth, until a solution exists."""
+MAX_DEPTH_RATIO = 4096.0
+"""Largest M to try."""
+MIN_NUM_POINTS = 8
+"""Least number of remaining points."""
 OUTWEIGH = 3.0
 """Weight of the slack: a change of a by 1 changes R by up to sqrt(3), and an inverse depth by about 1."""
 
@@ -34,20 +37,10 @@ class SelfCalibrationSettings:
     # initial M, the ratio of the largest to the smallest depth, or its lower bound if that is more; None: the
     # ratio of all depths before
     first_depth_ratio: float | None = 16.0
-    depth_ratio_factor: float = 2.0  # growth of M until a solution exists
-    max_depth_ratio: float = 4096.0  # largest M to try
     dropped_share: float = 0.05  # largest share of points that are dropped instead of a growth of M
     max_dropped_share: float = 0.25  # largest share of dropped points
-    min_num_points: int = 8  # least number of remaining points
     # whether the unit of depth is free; else it is that of the fundamental matrix, for an R of unit size
     free_unit: bool = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if not self.depth_ratio_factor > 1:
-            raise ValueError(f"`depth_ratio_factor` must be above 1, got {self.depth_ratio_factor}")
-        if self.first_depth_ratio is not None and not 1 <= self.first_depth_ratio <= self.max_depth_ratio:
-            raise ValueError(f"`first_depth_ratio` must be in [1, max], got {self.first_depth_ratio}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +98,11 @@ def self_calibration(
     num = len(correspondences)
     if not np.isfinite(fundamental).all() or not _has_rank_two(fundamental):
         return _failure(num, "the fundamental matrix has not rank 2")
-    if num < settings.min_num_points:
-        return _failure(num, f"{num} points, {settings.min_num_points} are needed")
+    if num < MIN_NUM_POINTS:
+        return _failure(num, f"{num} points, {MIN_NUM_POINTS} are needed")
     camera, inverse, depth_quotient = _projective_depths(fundamental, correspondences, frame)
     same_side = np.isfinite(inverse) & (depth_quotient > 0)
-    least = max(settings.min_num_points, math.ceil((1.0 - settings.max_dropped_share) * num))
+    least = max(MIN_NUM_POINTS, math.ceil((1.0 - settings.max_dropped_share) * num))
     wrong = num - int(np.count_nonzero(same_side))
     if num - wrong < least:
         return _failure(num, f"{wrong} of {num} points are on the wrong side of a camera")
@@ -117,7 +110,7 @@ def self_calibration(
     points = _Points(x, inverse[same_side], depth_quotient[same_side])
     solved = _solve(camera, points, least, settings)
     if solved is None:
-        return _failure(num, f"no plane at infinity bounds the depths by {settings.max_depth_ratio:g}")
+        return _failure(num, f"no plane at infinity bounds the depths by {MAX_DEPTH_RATIO:g}")
     return _apply(camera, points, same_side, *solved)
 
 
@@ -155,7 +148,7 @@ def _solve(
     first = settings.first_depth_ratio or _ratio_of_depths(points)
     ratio = max(first, float(np.quantile(bounds, 1.0 - settings.dropped_share)))
     while True:
-        last = ratio * settings.depth_ratio_factor > settings.max_depth_ratio
+        last = ratio * DEPTH_RATIO_FACTOR > MAX_DEPTH_RATIO
         share = settings.max_dropped_share if last else settings.dropped_share
         enough = max(least, math.ceil((1.0 - share) * len(points.inverse)))
         candidates = [_linear_program(camera, points, sign, ratio, settings) for sign in (1.0, -1.0)]
@@ -164,7 +157,7 @@ def _solve(
             return min(solutions, key=lambda solution: solution.cost), ratio
         if last:
             return None
-        ratio *= settings.depth_ratio_factor
+        ratio *= DEPTH_RATIO_FACTOR
 
 
 def _ratio_of_depths(points: _Points) -> float:

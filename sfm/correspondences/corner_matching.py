@@ -1,69 +1,77 @@
 """Corners of two key frames: detected all over each frame, and matched one to one below the pixel."""
 
-import math
-from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.arrays import Bytes, Floats, Integers, Mask
 from dvc.corners import SENSITIVITY, SOBEL_GAIN, corner_response, is_local_max
 from sfm.correspondences import outliers
-from sfm.correspondences.subpixel import RefinementSettings, check_pair, inside, refine
+from sfm.correspondences.subpixel import check_pair, inside, refine
 from sfm.scene_model import Correspondences
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Image = NDArray[np.uint8]
+NUM_CORNERS = 2400
+"""Largest number of corners."""
+BORDER_PX = 8
+"""Least distance of a corner from the frame's edge, so that neighbourhoods fit."""
+BINOMIAL = (1, 2, 1)
+"""Weights of the window over which the structure tensor is averaged."""
+SEPARATION_PX = 1
+"""Distance within which a corner is the strongest, by rows and by columns."""
+MIN_GRADIENT = 1.0
+"""Gradient with a response of noise, luma levels per pixel."""
+ROBUSTNESS = 0.9
+"""Share of a neighbour's response that suppresses a corner if it is larger."""
+MAX_MOTION_SHARE = 0.25
+"""Largest motion, as a share of the frame's longer side."""
+RADIUS_PX = 6
+"""Half size of the neighbourhoods compared at whole pixels."""
+MAX_BRIGHTNESS_CHANGE = 40.0
+"""Largest difference of the mean luma of two neighbourhoods, levels."""
+BIN_WIDTH = 12.0
+"""Distance of the samples of intensity distributions, luma levels."""
+NUM_BINS = 16
+"""Number of samples; intensities beyond the ends count for the outermost."""
+MAX_CHI_SQUARE_SHARE = 0.2
+"""Largest chi-square of two distributions, as a share of that of distributions without overlap."""
+NUM_CANDIDATES = 3
+"""Number of most similar corners of the second frame that are refined, per corner of the first."""
+MIN_ERROR = 4.0
+"""Mean squared error due to noise and sampling, squared luma levels."""
+ERROR_SHARE, SHIFTED_ERROR_SHARE, REFINED_ERROR_SHARE = 0.6, 0.4, 0.12
+"""Largest additional errors at whole pixels, after refinement of the position, and of position and shape.
+
+They are shares of the neighbourhood's variance.
+"""
+MAX_AMBIGUITY = 0.7
+"""Largest quotient of the errors of the most similar corner and the next one, plus `MIN_ERROR` each."""
 
 
-@dataclass(frozen=True)
-class FeatureSettings:
-    """Definition of a corner."""
-
-    num_corners: int = 2400  # largest number of corners
-    sensitivity: float = SENSITIVITY  # Harris's k in ``det - k trace^2``
-    # half size of the binomial window over which the structure tensor is averaged
-    integration_radius_px: int = 1
-    separation_px: int = 1  # a corner is the strongest within this distance, by rows and by columns
-    border_px: int = 8  # least distance from the frame's edge, so that neighbourhoods fit
-    min_gradient: float = 1.0  # responses below ``min_gradient ** 4`` are noise, luma levels per pixel
-    robustness: float = 0.9  # share of a neighbour's response that suppresses a corner if it is larger
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if min(self.num_corners, self.integration_radius_px, self.separation_px, self.border_px) < 1:
-            raise ValueError(f"`num_corners`, radii and distances must be at least 1, got {self}")
-        if not (0 < self.sensitivity < 0.25 and 0 < self.robustness <= 1 and self.min_gradient > 0):
-            raise ValueError(f"`sensitivity`, `robustness` or `min_gradient` is out of range: {self}")
-
-
-def detect_corners(luma: Image, settings: FeatureSettings | None = None) -> Floats:
+def detect_corners(luma: Bytes, num_corners: int = NUM_CORNERS) -> Floats:
     """Detect Harris-Stephens corners (N, 2) by adaptive non-maximal suppression."""
     if luma.ndim != 2 or luma.dtype != np.uint8:
         raise ValueError(f"`luma` must have shape (H, W) and dtype uint8, got {luma.shape}, {luma.dtype}")
-    settings = settings or FeatureSettings()
-    radius = settings.integration_radius_px
-    window = [math.comb(2 * radius, k) for k in range(2 * radius + 1)]  # the sum is a power of two
-    response = corner_response(luma, window, settings.sensitivity) / (SOBEL_GAIN * sum(window)) ** 4
-    corner = is_local_max(response, settings.separation_px) & (response >= settings.min_gradient**4)
+    response = corner_response(luma, list(BINOMIAL), SENSITIVITY) / (SOBEL_GAIN * sum(BINOMIAL)) ** 4
+    corner = is_local_max(response, SEPARATION_PX) & (response >= MIN_GRADIENT**4)
     interior = np.zeros_like(corner)
-    border, (height, width) = settings.border_px, corner.shape
-    interior[border : max(height - border, border), border : max(width - border, border)] = True
+    height, width = corner.shape
+    interior[
+        BORDER_PX : max(height - BORDER_PX, BORDER_PX), BORDER_PX : max(width - BORDER_PX, BORDER_PX)
+    ] = True
     y, x = np.nonzero(corner & interior)
     strength = response[y, x]
     order = np.argsort(-strength, kind="stable")
     x, y, strength = x[order], y[order], strength[order]
     radii_px2 = np.empty(len(x), dtype=np.int64)
-    suppression_radii(x, y, strength, settings.robustness, radii_px2)
-    chosen = np.argsort(-radii_px2, kind="stable")[: settings.num_corners]
+    suppression_radii(x, y, strength, ROBUSTNESS, radii_px2)
+    chosen = np.argsort(-radii_px2, kind="stable")[:num_corners]
     return np.column_stack([x[chosen], y[chosen]]).astype(np.float64)
 
 
 @kernel
 def suppression_radii(
-    x: Indices, y: Indices, strength: Floats, robustness: float, radii_px2: Indices
+    x: Integers, y: Integers, strength: Floats, robustness: float, radii_px2: Integers
 ) -> None:
     """Measure squared distances to the nearest clearly stronger maximum; `strength` is in falling order."""
     for i in range(x.size):
@@ -74,107 +82,69 @@ def suppression_radii(
             radii_px2[i] = min(radii_px2[i], (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2)
 
 
-@dataclass(frozen=True)
-class MatchingSettings:
-    """Limits of the similarity of two corners."""
-
-    max_motion_share: float = 0.25  # largest motion, as a share of the frame's longer side
-    radius_px: int = 6  # half size of the neighbourhoods compared at whole pixels; 90 at most
-    max_brightness_change: float = 40.0  # largest difference of the mean luma of two neighbourhoods, levels
-    bin_width: float = 12.0  # distance of the samples of intensity distributions, luma levels
-    num_bins: int = 16  # number of samples; intensities beyond the ends count for the outermost
-    # largest chi-square of two distributions, as a share of that of distributions without overlap
-    max_chi_square_share: float = 0.2
-    # number of most similar corners of the second frame that are refined, per corner of the first
-    num_candidates: int = 3
-    min_error: float = 4.0  # mean squared error due to noise and sampling, squared luma levels
-    # largest additional error at whole pixels, as a share of the neighbourhood's variance
-    error_share: float = 0.6
-    shifted_error_share: float = 0.4  # the same after refinement of the position
-    refined_error_share: float = 0.12  # the same after refinement of position and shape
-    # largest quotient of the errors of the most similar corner and the next one, plus `min_error` each
-    max_ambiguity: float = 0.7
-    refinement: RefinementSettings = field(default_factory=RefinementSettings)
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if not 1 <= self.radius_px <= 90 or self.num_candidates < 1 or self.num_bins < 2:
-            raise ValueError(f"`radius_px`, `num_candidates` or `num_bins` is out of range: {self}")
-        if self.max_motion_share <= 0 or self.bin_width <= 0:
-            raise ValueError(f"`max_motion_share` and `bin_width` must be positive, got {self}")
-
-
 class DescribedCorners(NamedTuple):
     """Corners of a key frame with their descriptions."""
 
     positions: Floats  # (N, 2)
-    patches: Image  # (N, S), samples of the neighbourhoods
+    patches: Bytes  # (N, S), samples of the neighbourhoods
     means: Floats
     histograms: Floats
 
 
-def match_corners(
-    luma0: Image,
-    luma1: Image,
-    corners0: Floats,
-    corners1: Floats,
-    settings: MatchingSettings | None = None,
-) -> Correspondences:
+def match_corners(luma0: Bytes, luma1: Bytes, corners0: Floats, corners1: Floats) -> Correspondences:
     """Match the corners of two key frames."""
-    settings = settings or MatchingSettings()
     check_pair(luma0, luma1)
-    corners0 = corners0[inside(corners0, luma0, settings.radius_px)]
-    corners1 = corners1[inside(corners1, luma1, settings.radius_px)]
+    corners0 = corners0[inside(corners0, luma0, RADIUS_PX)]
+    corners1 = corners1[inside(corners1, luma1, RADIUS_PX)]
     if len(corners0) == 0 or len(corners1) == 0:
         return Correspondences.empty()
-    described = describe(luma0, corners0, settings), describe(luma1, corners1, settings)
-    i, j, variance = _candidates(*described, settings.max_motion_share * max(luma0.shape), settings)
+    described = describe(luma0, corners0), describe(luma1, corners1)
+    i, j, variance = _candidates(*described, MAX_MOTION_SHARE * max(luma0.shape))
     second = corners1[j]
-    for affine, share in ((False, settings.shifted_error_share), (True, settings.refined_error_share)):
-        largest = settings.min_error + share * variance
-        refinement = replace(settings.refinement, affine=affine)
-        second, error, success = refine(luma0, luma1, corners0[i], second, refinement)
+    for affine, share in ((False, SHIFTED_ERROR_SHARE), (True, REFINED_ERROR_SHARE)):
+        largest = MIN_ERROR + share * variance
+        second, error, success = refine(luma0, luma1, corners0[i], second, affine=affine)
         success &= outliers.mse(error, largest)
         i, j, variance = i[success], j[success], variance[success]
         second, error, largest = second[success], error[success], largest[success]
     chosen = outliers.unicity(i, j, error, largest)
-    chosen &= _unambiguous(i, error, settings)
+    chosen &= _unambiguous(i, error)
     return Correspondences(corners0[i[chosen]], second[chosen], error[chosen])
 
 
-def describe(luma: Image, corners: Floats, settings: MatchingSettings) -> DescribedCorners:
+def describe(luma: Bytes, corners: Floats) -> DescribedCorners:
     """Cut out the neighbourhoods of corners, and compute their means and distributions of intensity.
 
     Densities of the deviations from the mean are sampled at the centres of bins, by triangular windows of
     twice their width.
     """
-    offset = np.arange(-settings.radius_px, settings.radius_px + 1)
+    offset = np.arange(-RADIUS_PX, RADIUS_PX + 1)
     x, y = corners.astype(np.int64).T
     patches = luma[y[:, None, None] + offset[:, None], x[:, None, None] + offset].reshape(len(corners), -1)
-    means, last = patches.mean(axis=1), settings.num_bins - 1
-    position = np.clip((patches - means[:, None]) / settings.bin_width + 0.5 * last, 0.0, last)
+    means, last = patches.mean(axis=1), NUM_BINS - 1
+    position = np.clip((patches - means[:, None]) / BIN_WIDTH + 0.5 * last, 0.0, last)
     left = np.minimum(position.astype(np.int64), last - 1)
-    bins = settings.num_bins * np.arange(len(corners))[:, None] + left
+    bins = NUM_BINS * np.arange(len(corners))[:, None] + left
     shares = np.stack([left + 1 - position, position - left], axis=-1)
-    size = len(corners) * settings.num_bins
+    size = len(corners) * NUM_BINS
     histograms = np.bincount(np.stack([bins, bins + 1], axis=-1).ravel(), shares.ravel(), size)
     return DescribedCorners(corners, patches, means, np.asarray(histograms.reshape(len(corners), -1), float))
 
 
 def _candidates(
-    first: DescribedCorners, second: DescribedCorners, max_motion_px: float, settings: MatchingSettings
-) -> tuple[Indices, Indices, Floats]:
+    first: DescribedCorners, second: DescribedCorners, max_motion_px: float
+) -> tuple[Integers, Integers, Floats]:
     """Return pairs of indices of similar corners, and the variance of each first neighbourhood."""
     num_samples = first.patches.shape[1]
     variance = first.patches.var(axis=1)
-    chosen = np.full((len(variance), settings.num_candidates), -1, dtype=np.int64)
+    chosen = np.full((len(variance), NUM_CANDIDATES), -1, dtype=np.int64)
     best_candidates(
         first,
         second,
         max_motion_px,
-        settings.max_brightness_change,
-        settings.max_chi_square_share * num_samples,
-        num_samples * (settings.min_error + settings.error_share * variance),
+        MAX_BRIGHTNESS_CHANGE,
+        MAX_CHI_SQUARE_SHARE * num_samples,
+        num_samples * (MIN_ERROR + ERROR_SHARE * variance),
         chosen,
         np.empty(chosen.shape),
     )
@@ -190,7 +160,7 @@ def best_candidates(
     max_brightness_change: float,
     max_chi_square: float,
     limits: Floats,
-    chosen: Indices,
+    chosen: Integers,
     errors: Floats,
 ) -> None:
     """Choose the most similar corners within the motion bound, by rising error; -1 fills the rows.
@@ -235,7 +205,7 @@ def chi_square(a: Floats, b: Floats) -> float:
 
 
 @inlined_kernel
-def sum_of_squares(a: Image, b: Image) -> float:
+def sum_of_squares(a: Bytes, b: Bytes) -> float:
     """Sum squared differences of samples; in 32 bits, so that the compiler vectorises the loop."""
     total = np.int32(0)
     for k in range(a.size):
@@ -244,12 +214,12 @@ def sum_of_squares(a: Image, b: Image) -> float:
     return np.float64(total)
 
 
-def _unambiguous(i: Indices, error: Floats, settings: MatchingSettings) -> NDArray[np.bool_]:
+def _unambiguous(i: Integers, error: Floats) -> Mask:
     """Return a mask of pairs that are clearly more similar than any other pair of the same first corner."""
     order = np.lexsort((error, i))
-    i, error = i[order], error[order] + settings.min_error
+    i, error = i[order], error[order] + MIN_ERROR
     best = np.diff(i, prepend=-1) != 0
     second = np.append(np.where(i[1:] == i[:-1], error[1:], np.inf), np.inf)
     clear = np.empty(len(i), dtype=bool)
-    clear[order] = best & (error <= settings.max_ambiguity * second)
+    clear[order] = best & (error <= MAX_AMBIGUITY * second)
     return clear

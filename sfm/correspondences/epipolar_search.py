@@ -1,12 +1,11 @@
 """Searches on epipolar lines: points of the first key frame in the second, and the surface of each."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Bytes, Floats, Integers, Mask
 from sfm.correspondences.spline_sampling import (
     MARGIN,
     fits,
@@ -15,51 +14,34 @@ from sfm.correspondences.spline_sampling import (
     spline,
     spline_weights,
 )
-from sfm.correspondences.subpixel import Patch, check_pair, inside, window
+from sfm.correspondences.subpixel import check_pair, inside, window
 from sfm.estimation.epipolar import epipoles
 from sfm.scene_model import Correspondences
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Image = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """Parameters of the search on epipolar lines."""
-
-    radius_px: int = 3  # half size of the neighbourhoods compared
-    search_px: float = 2.0  # half range of the full search on the epipolar line
-    step_px: float = 0.5
-    tolerance_px: float = 0.02  # precision of the golden-section search
-    min_error: float = 8.0  # mean squared error due to noise and sampling, squared luma levels
-    error_share: float = 0.06  # largest additional error, as a share of the neighbourhood's variance
-    # distance of the two neighbourhoods that show an edge's surface from the edge
-    side_distance_px: float = 5.0
-    side_radius_px: int = 2  # half size of these neighbourhoods
-    side_search_px: float = 6.0  # half range of the search for a motion of their own
-    side_ratio: float = 1.2  # least quotient of the two sides' disagreement with the edge's motion
-    settling_px: float = 1.0  # half range of the search after a point has been moved to its side
-    # largest distance between the best positions of a corner's small and large neighbourhoods
-    confirmed_px: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if min(self.radius_px, self.side_radius_px) < 1:
-            raise ValueError(f"radii must be at least 1, got {self}")
-        if min(self.search_px, self.step_px, self.tolerance_px, self.settling_px) <= 0:
-            raise ValueError(f"ranges, step and tolerance of the search must be positive, got {self}")
+RADIUS_PX = 3
+"""Half size of the neighbourhoods compared."""
+SIDE_DISTANCE_PX = 5.0
+"""Distance from an edge of the two neighbourhoods that show its surface."""
+SIDE_RADIUS_PX = 2
+"""Half size of these neighbourhoods."""
+SIDE_SEARCH_PX = 6.0
+"""Half range of the search for a motion of these neighbourhoods."""
+SIDE_RATIO = 1.2
+"""Least quotient of the two sides' disagreement with the edge's motion."""
+SETTLING_PX = 1.0
+"""Half range of the search after a point has been moved to its side."""
+CONFIRMED_PX = 0.5
+"""Largest distance between the best positions of a corner's small and large neighbourhoods."""
 
 
 class LineSearch(NamedTuple):
     """Range and precision of a search on an epipolar line, and the largest error of a match."""
 
-    half_range_px: float
-    step_px: float
-    tolerance_px: float
-    min_error: float  # due to noise and sampling
-    error_share: float  # additional error, as a share of the neighbourhood's variance
+    half_range_px: float = 2.0
+    step_px: float = 0.5
+    tolerance_px: float = 0.02  # precision of the golden-section search
+    min_error: float = 8.0  # mean squared error due to noise and sampling, squared luma levels
+    error_share: float = 0.06  # largest additional error, as a share of the neighbourhood's variance
 
 
 class KeyPair(NamedTuple):
@@ -70,6 +52,14 @@ class KeyPair(NamedTuple):
     halves: Floats  # samples of the second frame, half a pixel apart
     fundamental: Floats
     epipole: Floats  # in the first frame
+
+
+class Patch(NamedTuple):
+    """A neighbourhood to look for."""
+
+    target: Floats  # its samples
+    weights: Floats
+    coefficients: Floats  # spline of the frame that is searched
 
 
 class Line(NamedTuple):
@@ -83,7 +73,7 @@ class Line(NamedTuple):
 class Points(NamedTuple):
     """Whole pixels of the first key frame, points of the second, and their mean squared errors."""
 
-    first: NDArray[np.int64]
+    first: Integers
     second: Floats
     errors: Floats
 
@@ -91,23 +81,14 @@ class Points(NamedTuple):
 class EpipolarSearch:
     """Two key frames and their epipolar geometry, ready to be searched."""
 
-    def __init__(
-        self, luma0: Image, luma1: Image, fundamental: Floats, settings: SearchSettings | None = None
-    ) -> None:
+    def __init__(self, luma0: Bytes, luma1: Bytes, fundamental: Floats) -> None:
         check_pair(luma0, luma1)
         self.luma0, self.luma1, self.fundamental = luma0, luma1, fundamental
-        self.settings = settings or SearchSettings()
         self.usable = bool(np.isfinite(fundamental).all() and np.abs(fundamental).max() > 0)
         self.epipole = epipoles(fundamental)[0] if self.usable else np.zeros(3)
         coefficients = spline(luma1)
         image, halves = luma0.astype(np.float64), half_pixel_samples(coefficients)
         self.pair = KeyPair(image, coefficients, halves, fundamental, self.epipole)
-
-    def line_search(self, half_range_px: float | None = None) -> LineSearch:
-        """Return the parameters of a search, with the usual range if none is given."""
-        s = self.settings
-        reach = s.search_px if half_range_px is None else half_range_px
-        return LineSearch(reach, s.step_px, s.tolerance_px, s.min_error, s.error_share)
 
     def inside_both(self, correspondences: Correspondences) -> Mask:
         """Return a mask of correspondences that are finite and inside both frames."""
@@ -126,27 +107,26 @@ class EpipolarSearch:
         if len(correspondences) == 0 or not self.usable:
             return correspondences
         first, again = np.rint(correspondences.first).astype(np.int64), correspondences.second.copy()
-        error, small = np.empty(len(first)), window(self.settings.side_radius_px)
-        any_error = self.line_search()._replace(min_error=np.inf, error_share=0.0)
+        error, small = np.empty(len(first)), window(SIDE_RADIUS_PX)
+        any_error = LineSearch(min_error=np.inf, error_share=0.0)
         follow_all(self.pair, Points(first, again, error), small, any_error)
         moved = np.sqrt(((again - correspondences.second) ** 2).sum(axis=1))
-        same = np.isfinite(error) & (moved <= self.settings.confirmed_px)
+        same = np.isfinite(error) & (moved <= CONFIRMED_PX)
         chosen = correspondences[same]
         return self.settle_sides(first[same], chosen.second, chosen.error)
 
-    def settle_sides(self, first: Indices, second: Floats, error: Floats) -> Correspondences:
+    def settle_sides(self, first: Integers, second: Floats, error: Floats) -> Correspondences:
         """Move points next to the surface that they move with on to it by a pixel, and search them again."""
-        settings, scores = self.settings, np.empty((len(first), 2))
+        scores, small = np.empty((len(first), 2)), window(SIDE_RADIUS_PX)
         normals = gradient_directions(self.luma0)[first[:, 1], first[:, 0]]
-        reach, small = settings.side_distance_px, window(settings.side_radius_px)
-        disagreement(self.pair, first, second, normals, reach, small, settings.side_search_px, scores)
+        disagreement(self.pair, first, second, normals, SIDE_DISTANCE_PX, small, SIDE_SEARCH_PX, scores)
         plus, minus = np.nan_to_num(scores, nan=1.0).T
-        sign = np.where((minus > 1.0) & (minus > settings.side_ratio * plus), 1, 0)
-        sign -= (plus > 1.0) & (plus > settings.side_ratio * minus)
+        sign = np.where((minus > 1.0) & (minus > SIDE_RATIO * plus), 1, 0)
+        sign -= (plus > 1.0) & (plus > SIDE_RATIO * minus)
         moved = np.flatnonzero(sign)
         step = np.rint(1.2 * sign[moved, None] * normals[moved]).astype(np.int64)
         points = Points(first[moved] + step, second[moved] + step, np.empty(len(moved)))
-        follow_all(self.pair, points, window(settings.radius_px), self.line_search(settings.settling_px))
+        follow_all(self.pair, points, window(RADIUS_PX), LineSearch(SETTLING_PX))
         first, second, error = first.copy(), second.copy(), error.copy()
         first[moved], second[moved], error[moved] = points
         order = np.argsort(error, kind="stable")
@@ -156,7 +136,7 @@ class EpipolarSearch:
         return Correspondences(first[chosen].astype(np.float64), second[chosen], error[chosen])
 
 
-def gradient_directions(luma: Image) -> Floats:
+def gradient_directions(luma: Bytes) -> Floats:
     """Return the directions of the gradient of a blurred frame, shape (H, W, 2)."""
     import cv2
 
@@ -183,7 +163,7 @@ def follow_all(pair: KeyPair, points: Points, weights: Floats, search: LineSearc
     for i in range(first.shape[0]):
         x, y = first[i, 0], first[i, 1]
         errors[i] = np.inf
-        if fits(x, y, weights.shape[0] // 2, width, height):
+        if fits(float(x), float(y), weights.shape[0] // 2, width, height):
             errors[i] = follow(pair, x, y, second[i], weights, search, position)
         if errors[i] < np.inf:
             second[i, 0], second[i, 1] = position[0], position[1]
@@ -193,19 +173,30 @@ def follow_all(pair: KeyPair, points: Points, weights: Floats, search: LineSearc
 def follow(
     pair: KeyPair, x: int, y: int, near: Floats, weights: Floats, search: LineSearch, position: Floats
 ) -> float:
-    """Search the point at whole pixels (x, y) on its epipolar line, from the point nearest to `near`."""
-    image, coefficients, halves, fundamental, epipole = pair
-    radius = weights.shape[0] // 2
-    foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
-    line = Line(foot, direction, affine)
-    if not epipolar_frame(fundamental, epipole, x, y, near[0], near[1], line):
+    """Search the point at whole pixels (x, y) on its epipolar line, from the point nearest to `near`.
+
+    Steps around that point precede a golden-section search around the best step.
+    """
+    radius, step_px = weights.shape[0] // 2, search.step_px
+    line = Line(np.empty(2), np.empty(2), np.empty((2, 2)))
+    if not epipolar_frame(pair.fundamental, pair.epipole, float(x), float(y), near[0], near[1], line):
         return np.inf
-    target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
-    patch = Patch(target, weights, coefficients)
-    offset_px, error = search_line(patch, halves, line, search)
+    target = pair.image[y - radius : y + radius + 1, x - radius : x + radius + 1]
+    half, best = int(np.ceil(search.half_range_px / step_px)), 0
+    errors = np.empty(2 * half + 1)
+    for k in range(2 * half + 1):
+        errors[k] = rough_error(target, pair.halves, line, (k - half) * step_px, weights)
+        if errors[k] < errors[best]:
+            best = k
+    if best == 0 or best == 2 * half or not (errors[best - 1] < np.inf and errors[best + 1] < np.inf):
+        return np.inf
+    low, high = (best - half - 1) * step_px, (best - half + 1) * step_px
+    patch = Patch(target, weights, pair.coefficients)
+    offset_px, error = golden_section(patch, line, low, high, search.tolerance_px)
     if error > search.min_error + search.error_share * weighted_variance(target, weights):
         return np.inf
-    position[0], position[1] = foot[0] + offset_px * direction[0], foot[1] + offset_px * direction[1]
+    position[0] = line.foot[0] + offset_px * line.direction[0]
+    position[1] = line.foot[1] + offset_px * line.direction[1]
     return error
 
 
@@ -255,59 +246,37 @@ def similarities(
 
 
 @kernel
-def search_line(patch: Patch, halves: Floats, line: Line, search: LineSearch) -> tuple[float, float]:
-    """Search an epipolar line in steps around its foot, then by golden section around the best step."""
-    foot, direction, affine = line
-    step_px = search.step_px
-    half = int(np.ceil(search.half_range_px / step_px))
-    errors = np.empty(2 * half + 1)
-    for k in range(2 * half + 1):
-        position = (k - half) * step_px
-        x, y = foot[0] + position * direction[0], foot[1] + position * direction[1]
-        errors[k] = rough_error(patch.target, halves, x, y, affine, patch.weights)
-    best = np.argmin(errors)
-    if best in (0, 2 * half) or not max(errors[best - 1], errors[best + 1]) < np.inf:
-        return 0.0, np.inf
-    low, high = (best - half - 1) * step_px, (best - half + 1) * step_px
-    return golden_section(patch, line, low, high, search.tolerance_px)
-
-
-@kernel
 def golden_section(
     patch: Patch, line: Line, low: float, high: float, tolerance_px: float
 ) -> tuple[float, float]:
     """Find the least error on an epipolar line between two positions; return position and error."""
     ratio = 0.6180339887498949
     a, b = high - ratio * (high - low), low + ratio * (high - low)
-    error_a = error_on_line(patch, line, a)
-    error_b = error_on_line(patch, line, b)
+    error_a = neighbourhood_error(patch, line, a)
+    error_b = neighbourhood_error(patch, line, b)
     while high - low > tolerance_px:
         if error_a <= error_b:
             high, b, error_b = b, a, error_a
             a = high - ratio * (high - low)
-            error_a = error_on_line(patch, line, a)
+            error_a = neighbourhood_error(patch, line, a)
         else:
             low, a, error_a = a, b, error_b
             b = low + ratio * (high - low)
-            error_b = error_on_line(patch, line, b)
+            error_b = neighbourhood_error(patch, line, b)
     if error_a <= error_b:
         return a, error_a
     return b, error_b
 
 
 @kernel
-def error_on_line(patch: Patch, line: Line, position_px: float) -> float:
-    """Return the error at a position on an epipolar line."""
+def neighbourhood_error(patch: Patch, line: Line, position_px: float) -> float:
+    """Return the weighted mean squared error at a position on an epipolar line; inf outside the image.
+
+    The mean difference is free.
+    """
+    target, weights, coefficients = patch
     foot, direction, affine = line
     x, y = foot[0] + position_px * direction[0], foot[1] + position_px * direction[1]
-    return neighbourhood_error(patch.target, patch.coefficients, x, y, affine, patch.weights)
-
-
-@kernel
-def neighbourhood_error(
-    target: Floats, coefficients: Floats, x: float, y: float, affine: Floats, weights: Floats
-) -> float:
-    """Return the weighted mean squared error, the mean difference being free; inf outside the image."""
     height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN
     radius = target.shape[0] // 2
     if not is_inside(radius, x, y, affine, height, width):
@@ -326,8 +295,10 @@ def neighbourhood_error(
 
 
 @kernel
-def rough_error(target: Floats, halves: Floats, x: float, y: float, affine: Floats, weights: Floats) -> float:
+def rough_error(target: Floats, halves: Floats, line: Line, position_px: float, weights: Floats) -> float:
     """Return nearly the same error, from samples half a pixel apart and bilinear interpolation."""
+    foot, direction, affine = line
+    x, y = foot[0] + position_px * direction[0], foot[1] + position_px * direction[1]
     height, width = halves.shape[0] // 2, halves.shape[1] // 2
     radius = target.shape[0] // 2
     if not is_inside(radius, x, y, affine, height, width):
@@ -371,7 +342,7 @@ def weighted_variance(values: Floats, weights: Floats) -> float:
 @kernel
 def disagreement(
     pair: KeyPair,
-    first: Indices,
+    first: Integers,
     second: Floats,
     normals: Floats,
     distance_px: float,
@@ -383,26 +354,26 @@ def disagreement(
     image, _, halves, fundamental, epipole = pair
     height, width = image.shape
     radius = weights.shape[0] // 2
-    foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
+    line = Line(np.empty(2), np.empty(2), np.empty((2, 2)))
+    foot, _, affine = line
     half = int(2 * half_range_px)
     for p in range(first.shape[0]):
         x, y = first[p, 0], first[p, 1]
-        line = Line(foot, direction, affine)
-        has_line = epipolar_frame(fundamental, epipole, x, y, second[p, 0], second[p, 1], line)
+        u, v = second[p, 0], second[p, 1]
+        has_line = epipolar_frame(fundamental, epipole, float(x), float(y), u, v, line)
         for side in range(2):
             sign = 1.0 - 2.0 * side
             dx = int(np.rint(sign * distance_px * normals[p, 0]))
             dy = int(np.rint(sign * distance_px * normals[p, 1]))
             scores[p, side] = np.nan
-            if not has_line or not fits(x + dx, y + dy, radius, width, height):
+            if not has_line or not fits(float(x + dx), float(y + dy), radius, width, height):
                 continue
             target = image[y + dy - radius : y + dy + radius + 1, x + dx - radius : x + dx + radius + 1]
-            u = second[p, 0] + affine[0, 0] * dx + affine[0, 1] * dy
-            v = second[p, 1] + affine[1, 0] * dx + affine[1, 1] * dy
+            foot[0] = u + affine[0, 0] * dx + affine[0, 1] * dy
+            foot[1] = v + affine[1, 0] * dx + affine[1, 1] * dy
             same, other = np.inf, np.inf
             for k in range(-half, half + 1):
-                moved_u, moved_v = u + 0.5 * k * direction[0], v + 0.5 * k * direction[1]
-                error = rough_error(target, halves, moved_u, moved_v, affine, weights)
+                error = rough_error(target, halves, line, 0.5 * k, weights)
                 if abs(k) <= 1:
                     same = min(same, error)
                 else:

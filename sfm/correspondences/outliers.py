@@ -7,15 +7,21 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers, Mask
 from sfm.estimation.epipolar import distances_to_epipole, epipoles, symmetric_distances
 from sfm.scene_model import Correspondences
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
+MOTION_LIMIT_PX, MOTION_SPREADS = 2.0, 3.0
+"""Allowed differences from the neighbours' median motion: in pixels, and in units of their spread."""
+MAX_REPROJECTION_PX = 1.0
+"""Largest reprojection error."""
+EPIPOLE_DISTANCE_PX = 10.0
+"""Least distance to an epipole; nearer points cannot be triangulated."""
+DEPTH_SHARE, DEPTH_SPREADS = 0.1, 3.0
+"""Allowed differences of inverse depths: as a share of the median, and in units of the neighbours' spread."""
+ISLAND_SHARE, ISLAND_GAP = 0.02, 0.2
+"""Largest share of the points in an island, and the least difference of inverse depth around it."""
 MOSTLY = 0.9
 """Share of the neighbours around a group, by weight, that counts as all of them."""
 
@@ -24,8 +30,8 @@ MOSTLY = 0.9
 class Neighbours:
     """Pairs of neighbouring points, as indices; every pair occurs in both directions, ordered by point."""
 
-    point: Indices
-    neighbour: Indices
+    point: Integers
+    neighbour: Integers
     weight: Floats  # inverse distances
 
 
@@ -34,7 +40,7 @@ def mse(error: Floats, limit: Floats | float) -> Mask:
     return np.asarray(error <= limit)
 
 
-def unicity(i: Indices, j: Indices, error: Floats, limit: Floats | float) -> Mask:
+def unicity(i: Integers, j: Integers, error: Floats, limit: Floats | float) -> Mask:
     """Keep the best pairs without repeated points, by the Hungarian algorithm."""
     from scipy.optimize import linear_sum_assignment
 
@@ -55,16 +61,18 @@ def epipolar(correspondences: Correspondences, fundamental: Floats, limit_px: fl
     return np.asarray(distance <= limit_px)
 
 
-def motion(correspondences: Correspondences, limit_px: float, num_spreads: float) -> Mask:
+def motion(
+    correspondences: Correspondences, limit_px: float = MOTION_LIMIT_PX, num_spreads: float = MOTION_SPREADS
+) -> Mask:
     """Keep correspondences that move like their neighbours."""
     return _like_neighbours(correspondences.first, correspondences.motion, limit_px, num_spreads)[0]
 
 
-def reprojection(second: Floats, projected: Floats, limit_px: float) -> Mask:
+def reprojection(second: Floats, projected: Floats) -> Mask:
     """Keep correspondences with 3D points that project near the second points."""
     finite = np.asarray(np.isfinite(projected).all(axis=1))
     offset = np.where(finite[:, None], projected, second) - second
-    return finite & (np.hypot(offset[:, 0], offset[:, 1]) <= limit_px)
+    return finite & (np.hypot(offset[:, 0], offset[:, 1]) <= MAX_REPROJECTION_PX)
 
 
 def chirality(depth_first: Floats, depth_second: Floats) -> Mask:
@@ -74,22 +82,15 @@ def chirality(depth_first: Floats, depth_second: Floats) -> Mask:
     return np.asarray(sign == (1.0 if sign.sum() >= 0 else -1.0))
 
 
-def epipole(correspondences: Correspondences, fundamental: Floats, distance_px: float) -> Mask:
+def epipole(correspondences: Correspondences, fundamental: Floats) -> Mask:
     """Keep correspondences far from both epipoles, where triangulation is singular."""
     in_first, in_second = epipoles(fundamental)
-    far_in_first = distances_to_epipole(in_first, correspondences.first) >= distance_px
-    far_in_second = distances_to_epipole(in_second, correspondences.second) >= distance_px
+    far_in_first = distances_to_epipole(in_first, correspondences.first) >= EPIPOLE_DISTANCE_PX
+    far_in_second = distances_to_epipole(in_second, correspondences.second) >= EPIPOLE_DISTANCE_PX
     return np.asarray(far_in_first & far_in_second)
 
 
-def depth(
-    first: Floats,
-    depths: Floats,
-    share: float,
-    num_spreads: float,
-    island_share: float = 0.02,
-    island_gap: float = 0.2,
-) -> Mask:
+def depth(first: Floats, depths: Floats) -> Mask:
     """Keep points with depths like those of their neighbours."""
     keep = np.asarray(np.isfinite(depths) & (depths != 0))
     if not keep.any():
@@ -97,9 +98,9 @@ def depth(
     inverse = 1.0 / depths[keep]
     inverse /= np.median(np.abs(inverse))
     points = first[keep]
-    usual, around = _like_neighbours(points, inverse[:, None], share, num_spreads)
-    max_size = int(island_share * np.count_nonzero(usual))
-    usual[usual] = ~_farther_islands(around, inverse[usual], island_gap, max_size)
+    usual, around = _like_neighbours(points, inverse[:, None], DEPTH_SHARE, DEPTH_SPREADS)
+    max_size = int(ISLAND_SHARE * np.count_nonzero(usual))
+    usual[usual] = ~_farther_islands(around, inverse[usual], ISLAND_GAP, max_size)
     keep[keep] = usual
     return keep
 
@@ -167,7 +168,7 @@ def delaunay_neighbours(points: Floats) -> Neighbours:
     return Neighbours(point, neighbour, 1.0 / np.maximum(np.sqrt((offset**2).sum(axis=1)), 1e-9))
 
 
-def weighted_median(values: Floats, point: Indices, weight: Floats, num_points: int) -> Floats:
+def weighted_median(values: Floats, point: Integers, weight: Floats, num_points: int) -> Floats:
     """Return weighted medians of values, each listed with the index of its point."""
     medians = np.full(num_points, np.nan)
     order = np.lexsort((values, point))

@@ -6,12 +6,10 @@ Kernels take images as float64 arrays [row, column], points as (x, y), and the c
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.arrays import Bytes, Floats
 
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
 Weights = tuple[float, float, float, float]
 
 SPLINE_POLE = math.sqrt(3.0) - 2.0
@@ -22,7 +20,7 @@ MARGIN = 2
 _SIXTH = 1.0 / 6.0
 
 
-def spline(image: Image | Floats) -> Floats:
+def spline(image: Bytes | Floats) -> Floats:
     """Return the coefficients of `spline_coefficients` with a margin around them, as kernels take them."""
     return np.pad(spline_coefficients(image), MARGIN, "reflect")
 
@@ -38,7 +36,7 @@ def half_pixel_samples(spline: Floats) -> Floats:
     return spline
 
 
-def spline_coefficients(image: Image | Floats) -> Floats:
+def spline_coefficients(image: Bytes | Floats) -> Floats:
     """Compute the coefficients of the cubic B-spline that interpolates an image, mirrored at its edges."""
     along_columns = _filter_rows(np.asarray(image, dtype=np.float64))
     return np.ascontiguousarray(_filter_rows(np.ascontiguousarray(along_columns.T)).T)
@@ -91,21 +89,15 @@ def sample_square(
 
 @kernel
 def sample_affine(
-    coefficients: Floats,
-    x: float,
-    y: float,
-    affine: Floats,
-    radius: int,
-    values: Floats,
-    dx: Floats,
-    dy: Floats,
+    coefficients: Floats, parameters: Floats, radius: int, values: Floats, dx: Floats, dy: Floats
 ) -> None:
-    """Interpolate the affine image of a square neighbourhood, and its gradient."""
+    """Interpolate an affine image of a square, and its gradient: x and y, then the rows of the matrix."""
+    x, y = parameters[0], parameters[1]
+    xx, xy, yx, yy = parameters[2], parameters[3], parameters[4], parameters[5]
     last_x, last_y = coefficients.shape[1] - 1.0 - 2 * MARGIN, coefficients.shape[0] - 1.0 - 2 * MARGIN
     for i in range(2 * radius + 1):
         for j in range(2 * radius + 1):
-            u = x + affine[0, 0] * (j - radius) + affine[0, 1] * (i - radius)
-            v = y + affine[1, 0] * (j - radius) + affine[1, 1] * (i - radius)
+            u, v = x + xx * (j - radius) + xy * (i - radius), y + yx * (j - radius) + yy * (i - radius)
             u, v = min(max(u, 0.0), last_x), min(max(v, 0.0), last_y)
             column, row = int(u), int(v)
             across, down = spline_weights(u - column), spline_weights(v - row)

@@ -1,75 +1,45 @@
 """Sub-pixel positions of second points: least squares between neighbourhoods by Levenberg-Marquardt."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.arrays import Bytes, Floats, Integers, Mask
 from sfm.correspondences.spline_sampling import MARGIN, fits, sample_affine, sample_square, spline
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Image = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 Row = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class RefinementSettings:
-    """Parameters of the refinement of second points."""
-
-    radius_px: int = 5  # half size of the neighbourhood
-    max_iterations: int = 12  # steps of Levenberg-Marquardt, rejected steps included
-    min_step_px: float = 2e-3  # the search ends with a step shorter than this
-    max_shift_px: float = 2.0  # points that move farther from their start are lost
-    affine: bool = False  # whether neighbourhoods may also turn, scale and shear
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.radius_px < 1 or self.max_iterations < 1:
-            raise ValueError(f"`radius_px` and `max_iterations` must be at least 1, got {self}")
-        if self.min_step_px <= 0 or self.max_shift_px <= 0:
-            raise ValueError(f"`min_step_px` and `max_shift_px` must be positive, got {self}")
-
-
-class Patch(NamedTuple):
-    """A neighbourhood to look for."""
-
-    target: Floats  # its samples
-    weights: Floats
-    coefficients: Floats  # spline of the frame that is searched
-
-
-class Descent(NamedTuple):
-    """Limits of the search for the least error."""
-
-    max_iterations: int
-    min_step_px: float
-    max_shift_px: float
+RADIUS_PX = 5
+"""Half size of a neighbourhood."""
+MAX_STEPS = 12
+"""Largest number of steps of Levenberg-Marquardt, rejected steps included."""
+MIN_STEP_PX = 2e-3
+"""Length of a step below which the search ends."""
+MAX_SHIFT_PX = 2.0
+"""Largest distance of a point from its start."""
 
 
 def refine(
-    luma0: Image,
-    luma1: Image,
+    luma0: Bytes,
+    luma1: Bytes,
     first: Floats,
     second: Floats,
-    settings: RefinementSettings | None = None,
+    *,
+    affine: bool = False,
     shapes: Floats | None = None,
 ) -> tuple[Floats, Floats, Mask]:
     """Move second points to the neighbourhoods most like those of the first points, which are whole pixels.
 
-    Returns the positions, their mean squared errors (inf: failed), and a mask of successes.
+    Affine neighbourhoods may also turn, scale and shear, from `shapes` on if these are given. Returns the
+    positions, their mean squared errors (inf: failed), and a mask of successes.
     """
-    settings = settings or RefinementSettings()
     check_pair(luma0, luma1)
     if not np.array_equal(first, np.rint(first)):
         raise ValueError("`first` must be in whole pixels")
     refined, error = second.copy(), np.full(len(first), np.inf)
-    room = np.flatnonzero(inside(first, luma0, settings.radius_px))
+    room = np.flatnonzero(inside(first, luma0, RADIUS_PX))
     parameters = second[room]
-    if settings.affine:
+    if affine:
         start = np.tile(np.eye(2), (len(first), 1, 1)) if shapes is None else shapes
         parameters = np.column_stack([parameters, start[room].reshape(-1, 4)])
     least = np.empty(len(room))
@@ -78,8 +48,7 @@ def refine(
         spline(luma1),
         first[room].astype(np.int64),
         parameters,
-        window(settings.radius_px),
-        Descent(settings.max_iterations, settings.min_step_px, settings.max_shift_px),
+        window(RADIUS_PX),
         least,
     )
     good = least >= 0.0
@@ -87,13 +56,13 @@ def refine(
     return refined, error, np.isfinite(error)
 
 
-def check_pair(luma0: Image, luma1: Image) -> None:
+def check_pair(luma0: Bytes, luma1: Bytes) -> None:
     """Raise `ValueError` unless both frames are planes of one size."""
     if luma0.ndim != 2 or luma0.shape != luma1.shape:
         raise ValueError(f"`luma0` and `luma1` must have one shape (H, W), got {luma0.shape}, {luma1.shape}")
 
 
-def inside(points: Floats, luma: Image, distance_px: float) -> Mask:
+def inside(points: Floats, luma: Bytes, distance_px: float) -> Mask:
     """Return a mask of the points that keep a distance from the frame's edge."""
     last = np.array([luma.shape[1] - 1, luma.shape[0] - 1])
     return np.asarray(((points >= distance_px) & (points <= last - distance_px)).all(axis=1))
@@ -111,59 +80,55 @@ def window(radius_px: int) -> Floats:
 def refine_points(
     image: Floats,
     coefficients: Floats,
-    first: Indices,
+    first: Integers,
     parameters: Floats,
     weights: Floats,
-    descent: Descent,
     errors: Floats,
 ) -> None:
-    """Refine every row of `parameters`; `first` are whole pixels of `image` with room around them."""
-    radius = weights.shape[0] // 2
-    for i in range(first.shape[0]):
-        x, y = first[i, 0], first[i, 1]
-        target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
-        errors[i] = minimize_neighbourhood(Patch(target, weights, coefficients), parameters[i], descent)
+    """Minimise the neighbourhoods' errors over the rows of `parameters`, in place; error -1: failed.
 
-
-@kernel
-def minimize_neighbourhood(patch: Patch, parameters: Floats, descent: Descent) -> float:
-    """Minimise one neighbourhood's error over `parameters` in place; return the error, -1 on failure."""
-    target, weights, coefficients = patch
-    max_iterations, min_step_px, max_shift_px = descent
+    `first` are whole pixels of `image` with room around them.
+    """
     height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN
-    size, count = target.shape[0], parameters.size
+    size, count = weights.shape[0], parameters.shape[1]
     radius = size // 2
     values, dx, dy = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
-    matrix, vector, step = np.empty((count, count)), np.empty(count), np.empty(count)
-    trial_matrix, trial_vector = np.empty((count, count)), np.empty(count)
-    x, y = parameters[0], parameters[1]
-    if not fits(x, y, radius, width, height):
-        return -1.0
-    sample_neighbourhood(coefficients, parameters, radius, values, dx, dy)
-    error = normal_equations(target, values, dx, dy, weights, count, matrix, vector)
-    damping = 1e-3
-    for _ in range(max_iterations):
-        if not solve_damped(matrix, vector, damping, step):
-            return -1.0
-        trial = parameters + step
-        length = np.sqrt(step[0] * step[0] + step[1] * step[1])
-        trial_error = np.inf
-        if fits(trial[0], trial[1], radius, width, height) and length <= 2.0 * max_shift_px:
-            sample_neighbourhood(coefficients, trial, radius, values, dx, dy)
-            trial_error = normal_equations(target, values, dx, dy, weights, count, trial_matrix, trial_vector)
-        if trial_error <= error:
-            for a in range(count):  # slices would make numba compile the text of an error, for seconds
-                parameters[a], vector[a] = trial[a], trial_vector[a]
-                for b in range(count):
-                    matrix[a, b] = trial_matrix[a, b]
-            error = trial_error
-            damping = max(damping * 0.1, 1e-7)
-        else:
-            damping *= 10.0
-        if length < min_step_px or damping > 1e6:
-            break
-    moved = (parameters[0] - x) ** 2 + (parameters[1] - y) ** 2
-    return error if moved <= max_shift_px * max_shift_px else -1.0
+    matrix, trial_matrix = np.empty((count, count)), np.empty((count, count))
+    vector, trial_vector, step, trial = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
+    for i in range(first.shape[0]):
+        left, top = first[i, 0] - radius, first[i, 1] - radius
+        target, best = image[top : top + size, left : left + size], parameters[i]
+        x, y = best[0], best[1]
+        errors[i] = -1.0
+        if not fits(x, y, radius, width, height):
+            continue
+        sample_neighbourhood(coefficients, best, radius, values, dx, dy)
+        error = normal_equations(target, values, dx, dy, weights, matrix, vector)
+        damping = 1e-3
+        for _ in range(MAX_STEPS):
+            if not solve_damped(matrix, vector, damping, step):
+                error = -1.0
+                break
+            for a in range(count):  # expressions of arrays take long to compile
+                trial[a] = best[a] + step[a]
+            length = np.sqrt(step[0] * step[0] + step[1] * step[1])
+            trial_error = np.inf
+            if fits(trial[0], trial[1], radius, width, height) and length <= 2.0 * MAX_SHIFT_PX:
+                sample_neighbourhood(coefficients, trial, radius, values, dx, dy)
+                trial_error = normal_equations(target, values, dx, dy, weights, trial_matrix, trial_vector)
+            if trial_error <= error:
+                for a in range(count):
+                    best[a], vector[a] = trial[a], trial_vector[a]
+                    for b in range(count):
+                        matrix[a, b] = trial_matrix[a, b]
+                error = trial_error
+                damping = max(damping * 0.1, 1e-7)
+            else:
+                damping *= 10.0
+            if length < MIN_STEP_PX or damping > 1e6:
+                break
+        if (best[0] - x) ** 2 + (best[1] - y) ** 2 <= MAX_SHIFT_PX * MAX_SHIFT_PX:
+            errors[i] = error
 
 
 @kernel
@@ -174,8 +139,7 @@ def sample_neighbourhood(
     if parameters.size == 2:
         sample_square(coefficients, parameters[0], parameters[1], radius, values, dx, dy)
     else:
-        affine = parameters[2:].reshape((2, 2))
-        sample_affine(coefficients, parameters[0], parameters[1], affine, radius, values, dx, dy)
+        sample_affine(coefficients, parameters, radius, values, dx, dy)
 
 
 @kernel
@@ -185,13 +149,13 @@ def normal_equations(
     dx: Floats,
     dy: Floats,
     weights: Floats,
-    num_parameters: int,
     matrix: Floats,
     vector: Floats,
 ) -> float:
     """Set up the normal equations of the neighbourhood's parameters, the mean difference being free."""
-    size = target.shape[0]
-    mean, mean_difference, error = np.zeros(num_parameters), 0.0, 0.0
+    size, num_parameters = target.shape[0], vector.size
+    mean, mean_difference, error = np.empty(num_parameters), 0.0, 0.0
+    mean[:] = 0.0
     matrix[:] = 0.0
     vector[:] = 0.0
     for i in range(size):
@@ -253,7 +217,7 @@ def add_row(xx: Row, xy: Row, yy: Row, down: int, matrix: Floats) -> None:
 def solve_damped(matrix: Floats, vector: Floats, damping: float, step: Floats) -> bool:
     """Solve ``(A + damping diag(A)) step = -vector`` by Cholesky factors; False if A is not definite."""
     n = vector.size
-    lower = np.zeros((n, n))
+    lower = np.empty((n, n))
     for a in range(n):
         for b in range(a + 1):
             total = matrix[a, b] * (1.0 + damping) if a == b else matrix[a, b]

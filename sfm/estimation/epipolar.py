@@ -1,12 +1,10 @@
 """Epipolar geometry: lines, epipoles, distances, and fundamental matrices of cameras."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.geometry.cameras import PixelFrame, homogeneous
 from sfm.decompositions import least_singular
-
-Floats = NDArray[np.float64]
 
 TINY = 1e-300
 """Divisor for points on an epipole, which have no line."""

@@ -5,12 +5,19 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from dvc.arrays import Floats, Integers, Mask
 
+CONFIDENCE = 0.9999
+"""Probability of a sample without outliers that ends the search."""
+BATCH = 200
+"""Number of samples estimated at once."""
+NUM_LOCAL_TRIALS = 20
+"""Number of samples of inliers in a local optimisation."""
+LOCAL_SAMPLE_FACTOR = 2
+"""Size of those samples, in minimal samples."""
+NUM_LOCAL_REFINEMENTS = 4
+"""Number of refinements with a shrinking threshold that follow."""
 SMALL_DATA = 64
 """Largest number of data for sampling by sorted random keys, which avoids frequent repetitions."""
 
@@ -29,7 +36,7 @@ class Estimator(Protocol):
     min_num_samples: int
     num_data: int
 
-    def estimate(self, samples: Indices) -> Floats:
+    def estimate(self, samples: Integers) -> Floats:
         """Return models (K, ...) from samples (S, m) of data, m >= `min_num_samples`; any number each."""
 
     def residuals(self, models: Floats) -> Floats:
@@ -44,23 +51,8 @@ class RobustSettings:
     """Length of the random search, and definition of an outlier."""
 
     threshold_px: float = 1.0  # least residual of an outlier
-    confidence: float = 0.9999  # probability of a sample without outliers that ends the search
     min_num_trials: int = 200  # bounds on the number of samples
     max_num_trials: int = 4000
-    batch: int = 200  # number of samples estimated at once
-    num_local_trials: int = 20  # number of samples of inliers in a local optimisation
-    local_sample_factor: int = 2  # size of those samples, in minimal samples
-    num_local_refinements: int = 4  # number of refinements with a shrinking threshold that follow
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if not self.threshold_px > 0:
-            raise ValueError(f"`threshold_px` must be positive, got {self.threshold_px}")
-        if not 0 < self.confidence < 1:
-            raise ValueError(f"`confidence` must be in (0, 1), got {self.confidence}")
-        if not 1 <= self.min_num_trials <= self.max_num_trials:
-            bounds = f"{self.min_num_trials} and {self.max_num_trials}"
-            raise ValueError(f"`min_num_trials` must be in [1, max_num_trials], got {bounds}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +66,14 @@ class RobustResult:
     num_trials: int
 
 
-def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator) -> Indices:
+def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator) -> Integers:
     """Draw samples of distinct data."""
     if num_data <= SMALL_DATA:
         keys = rng.random((count, num_data))
         return np.argsort(keys, axis=1, kind="stable")[:, :size].astype(np.int64)
     samples = rng.integers(0, num_data, (count, size))
     ordered = np.sort(samples, axis=1)
-    distinct: Indices = samples[(ordered[:, 1:] != ordered[:, :-1]).all(axis=1)]
+    distinct: Integers = samples[(ordered[:, 1:] != ordered[:, :-1]).all(axis=1)]
     return distinct
 
 
@@ -101,12 +93,12 @@ def mapsac(estimator: Estimator, settings: RobustSettings, rng: np.random.Genera
     trials = 0
     needed: float = settings.max_num_trials
     while trials < min(max(needed, settings.min_num_trials), settings.max_num_trials):
-        count = min(settings.batch, settings.max_num_trials - trials)
+        count = min(BATCH, settings.max_num_trials - trials)
         trials += count
         samples = draw_samples(estimator.num_data, estimator.min_num_samples, count, rng)
         best = better(best, best_of(estimator, estimator.estimate(samples), settings.threshold_px))
         share = best.inliers.mean()
-        needed = trials_needed(float(share), estimator.min_num_samples, settings.confidence)
+        needed = trials_needed(float(share), estimator.min_num_samples, CONFIDENCE)
     return RobustResult(best.model, best.score_px2, best.inliers, best.residuals_px, trials)
 
 
@@ -118,17 +110,17 @@ def lo_ransac(
     inliers = np.flatnonzero(start.inliers)
     if best.model is None or len(inliers) < estimator.min_num_samples:
         return start
-    size = min(settings.local_sample_factor * estimator.min_num_samples, len(inliers) // 2)
-    if size >= estimator.min_num_samples and settings.num_local_trials:
-        chosen = inliers[draw_samples(len(inliers), size, settings.num_local_trials, rng)]
+    size = min(LOCAL_SAMPLE_FACTOR * estimator.min_num_samples, len(inliers) // 2)
+    if size >= estimator.min_num_samples:
+        chosen = inliers[draw_samples(len(inliers), size, NUM_LOCAL_TRIALS, rng)]
         best = better(best, best_of(estimator, estimator.estimate(chosen), settings.threshold_px))
-    for factor in np.linspace(2.0, 1.0, settings.num_local_refinements):
+    for factor in np.linspace(2.0, 1.0, NUM_LOCAL_REFINEMENTS):
         within = best.residuals_px < factor * settings.threshold_px
         if best.model is None or np.count_nonzero(within) < estimator.min_num_samples:
             break
         refined = estimator.refine(best.model, within)
         best = better(best, best_of(estimator, refined[None], settings.threshold_px))
-    trials = start.num_trials + settings.num_local_trials
+    trials = start.num_trials + NUM_LOCAL_TRIALS
     return RobustResult(best.model, best.score_px2, best.inliers, best.residuals_px, trials)
 
 

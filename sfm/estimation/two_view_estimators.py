@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers, Mask
 from dvc.geometry.cameras import homogeneous
 from sfm.decompositions import least_singular, real_roots, right_singular, svd
 from sfm.estimation.epipolar import TINY, skew, unit_norm
-from sfm.estimation.sample_consensus import Indices, Mask
 from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix
-
-Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-12
 """Relative decrease of the cost at a minimum."""
@@ -79,7 +76,7 @@ class TwoViewEstimator(ABC):
     def refine(self, model: Floats, inliers: Mask) -> Floats:  # numpydoc ignore=PR01,RT01
         """Improve one model over its inliers."""
 
-    def estimate(self, samples: Indices) -> Floats:
+    def estimate(self, samples: Integers) -> Floats:
         """Solve many samples at once."""
         return self._solve(self._rows[samples]) if len(samples) else np.empty((0, 3, 3))
 

@@ -1,34 +1,24 @@
 """Weak calibration: the fundamental matrix of two frames, and the correspondences that obey it."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sfm.estimation.sample_consensus import RobustResult, RobustSettings
+from dvc.arrays import Floats, Mask
+from sfm.estimation.sample_consensus import RobustSettings, lo_ransac, mapsac
 from sfm.estimation.two_view_estimators import FundamentalEstimator
 from sfm.scene_model import Correspondences
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class WeakCalibrationSettings:
-    """Parameters of the robust weak calibration."""
-
-    # threshold on the Sampson distance, and length of the random search
-    search: RobustSettings = field(default_factory=RobustSettings)
-    min_num_inliers: int = 14  # least number that confirms a matrix, which seven points determine
-    min_threshold_px: float = 0.35  # lower bound on the final threshold
-    threshold_in_sigmas: float = 3.5  # the final threshold, in standard deviations of the noise
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.min_num_inliers < 8:
-            raise ValueError(f"`min_num_inliers` must be at least 8, got {self.min_num_inliers}")
+SEARCH = RobustSettings()
+"""Threshold on the Sampson distance, and length of the random search."""
+MIN_NUM_INLIERS = 14
+"""Least number of inliers that confirms a matrix, which seven points determine."""
+MIN_THRESHOLD_PX = 0.35
+"""Lower bound on the final threshold."""
+THRESHOLD_IN_SIGMAS = 3.5
+"""The final threshold, in standard deviations of the noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,42 +44,37 @@ class WeakCalibration:
         return cls(np.zeros((3, 3)), none, far, 0.0, num_trials, reason)
 
 
-def least_sampson_distance(
-    correspondences: Correspondences,
-    estimator: FundamentalEstimator,
-    result: RobustResult,
-    settings: WeakCalibrationSettings,
-) -> WeakCalibration:
-    """Refine a fundamental matrix over its final inliers, and decide whether it can be trusted."""
+def weak_calibration(correspondences: Correspondences, rng: np.random.Generator) -> WeakCalibration:
+    """Estimate the fundamental matrix robustly, refine it over its final inliers, and judge it."""
+    usable = correspondences.finite
+    estimator = FundamentalEstimator(correspondences.first[usable], correspondences.second[usable])
+    result = lo_ransac(estimator, mapsac(estimator, SEARCH, rng), SEARCH, rng)
     num, agreeing = len(correspondences), int(np.count_nonzero(result.inliers))
-    if estimator.num_data < settings.min_num_inliers:
-        reason = f"{estimator.num_data} correspondences, {settings.min_num_inliers} are needed"
+    if estimator.num_data < MIN_NUM_INLIERS:
+        reason = f"{estimator.num_data} correspondences, {MIN_NUM_INLIERS} are needed"
         return WeakCalibration.missing(num, reason)
-    if result.model is None or agreeing < settings.min_num_inliers:
+    if result.model is None or agreeing < MIN_NUM_INLIERS:
         reason = f"{agreeing} of {estimator.num_data} correspondences agree on the epipolar geometry"
         return WeakCalibration.missing(num, reason, result.num_trials)
-    model, inliers, noise_px = _settle(estimator, result.model, result.inliers, settings)
-    usable = correspondences.finite
+    model, inliers, noise_px = _settle(estimator, result.model, result.inliers)
     residuals, mask = np.full(num, np.inf), usable.copy()
     residuals[usable], mask[usable] = estimator.residuals(model[None])[0], inliers
     count = int(np.count_nonzero(mask))
-    reason = "" if count >= settings.min_num_inliers else f"{count} correspondences remain within the noise"
+    reason = "" if count >= MIN_NUM_INLIERS else f"{count} correspondences remain within the noise"
     fundamental = estimator.scale.to_pixels(model)
     return WeakCalibration(fundamental, mask, residuals, noise_px, result.num_trials, reason)
 
 
-def _settle(
-    estimator: FundamentalEstimator, model: Floats, inliers: Mask, settings: WeakCalibrationSettings
-) -> tuple[Floats, Mask, float]:
+def _settle(estimator: FundamentalEstimator, model: Floats, inliers: Mask) -> tuple[Floats, Mask, float]:
     """Refine matrix and inliers in turn until the inliers stay; the threshold follows the noise."""
     noise_px = 0.0
     for _ in range(5):
         model = estimator.refine(model, inliers)
         residuals = estimator.residuals(model[None])[0]
         noise_px = _noise(residuals[inliers])
-        limit = max(settings.min_threshold_px, settings.threshold_in_sigmas * noise_px)
-        chosen = residuals < min(limit, settings.search.threshold_px)
-        if np.count_nonzero(chosen) < settings.min_num_inliers or (chosen == inliers).all():
+        limit = max(MIN_THRESHOLD_PX, THRESHOLD_IN_SIGMAS * noise_px)
+        chosen = residuals < min(limit, SEARCH.threshold_px)
+        if np.count_nonzero(chosen) < MIN_NUM_INLIERS or (chosen == inliers).all():
             break
         inliers = chosen
     return model, inliers, noise_px

@@ -6,16 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.geometry.camera_estimation import quiet
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 from dvc.video import Frame
 from sfm.mapping.incremental_mapper import MIN_KEYS, register_frames
 from sfm.mapping.sequence_tracks import SequenceTracks
 from sfm.mapping.structure import SEED, Structure, observations, triangulate
-
-Floats = NDArray[np.float64]
 
 MAX_FRAMES = 120
 """Largest number of frames that COLMAP maps."""

@@ -3,18 +3,14 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.video import Frame
 from dvc.video.pixels import rgb_from_frame
 from sfm.mapping.keyframe_depth import View, complete_depths, inverse_depth_span, sweep_depth
 from sfm.mapping.scene_map import MapPiece
 from sfm.mapping.sequence_tracks import SequenceTracks
 from sfm.mapping.structure import Structure
-
-Floats = NDArray[np.float64]
-Depths = NDArray[np.float32]
-Colours = NDArray[np.uint8]
 
 MAX_DEPTH_FRAMES = 48
 """Largest number of frames with depth in a sequence: each costs seconds, and all are in memory."""
@@ -135,13 +131,13 @@ def _view(structure: Structure, tracks: SequenceTracks, index: int, frame: Frame
     return View(np.ascontiguousarray(luma, np.uint8), K, pose, points)
 
 
-def _enlarged(depth: Depths, factor: int, shape: tuple[int, int]) -> Depths:
+def _enlarged(depth: Singles, factor: int, shape: tuple[int, int]) -> Singles:
     if factor == 1:
         return depth
     return np.ascontiguousarray(depth.repeat(factor, axis=0).repeat(factor, axis=1)[: shape[0], : shape[1]])
 
 
-def points_in_world(depth: Depths, K: Floats, pose: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def points_in_world(depth: Singles, K: Floats, pose: Floats) -> tuple[Floats, Mask]:
     """Return the points of a depth map, and a mask of their pixels."""
     known = np.isfinite(depth)
     row, column = np.nonzero(known)
@@ -151,8 +147,8 @@ def points_in_world(depth: Depths, K: Floats, pose: Floats) -> tuple[Floats, NDA
 
 
 def dense_cloud(
-    maps: Iterable[tuple[Depths, Floats, Colours]], K: Floats, limit: int = MAX_POINTS
-) -> tuple[Floats, Colours]:
+    maps: Iterable[tuple[Singles, Floats, Bytes]], K: Floats, limit: int = MAX_POINTS
+) -> tuple[Floats, Bytes]:
     """Join depth maps, each with its pose and picture, to at most `limit` points and their colours."""
     points, colours = np.empty((0, 3)), np.empty((0, 3), np.uint8)
     side = 0.0
@@ -171,7 +167,7 @@ def dense_cloud(
     return points, colours
 
 
-def _thinned(points: Floats, colours: Colours, side: float) -> tuple[Floats, Colours]:
+def _thinned(points: Floats, colours: Bytes, side: float) -> tuple[Floats, Bytes]:
     """Keep the first point in every cube of a grid."""
     cubes = np.floor((points - points.min(axis=0)) / side).astype(np.int64)
     size = cubes.max(axis=0) + 1

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 from sfm.colmap_estimators import pinhole_camera, relative_pose
 from sfm.mapping.sequence_tracks import SequenceTracks
@@ -23,8 +23,6 @@ from sfm.mapping.structure import (
     triangulate,
     widest_angles_deg,
 )
-
-Floats = NDArray[np.float64]
 
 SEED_KEYS = 12
 """Number of key frames that are searched for the initial pair of a piece."""

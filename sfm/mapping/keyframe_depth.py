@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.geometry.continuation import Visibility
 from dvc.geometry.depth_maps import (
     MIN_CONFIDENCE,
@@ -28,10 +28,6 @@ from dvc.geometry.plane_sweep import SweepSettings, depth_hypotheses, parallax_p
 from dvc.geometry.rendering import draw
 from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp
 from dvc.geometry.warping import EMPTY, inverse_warp, warp_grid
-
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 ANGLES_DEG = (5.0, 0.7, 2.0)
 """Target median angles between the rays of two views: wide ones are precise, narrow ones see near points."""
@@ -55,7 +51,7 @@ MIN_VOTES = 2
 class View(NamedTuple):
     """A frame, in the size of its depth map."""
 
-    luma: Luma
+    luma: Bytes
     K: Floats
     pose: Floats
     points: Floats  # triangulated points that it sees
@@ -145,9 +141,7 @@ def sweep_depth(views: Mapping[int, View], frame: int, nearest: float) -> SweptD
     return SweptDepth(*sweep_views(view.luma, compared, finest, SWEEP), error)
 
 
-def complete_depths(
-    views: Mapping[int, View], swept: Mapping[int, SweptDepth]
-) -> dict[int, NDArray[np.float32]]:
+def complete_depths(views: Mapping[int, View], swept: Mapping[int, SweptDepth]) -> dict[int, Singles]:
     """Check, fuse and continue depths; return distances (nan: unknown, or far away)."""
     usable = {k: views[k] for k in swept}
     compared = {k: chosen for k in swept if (chosen := neighbours(usable, k))}
@@ -185,7 +179,7 @@ def _fuse(
     return without_speckles(DepthMap(fused, visibility))
 
 
-def _distances(view: View, inverse: Floats) -> NDArray[np.float32]:
+def _distances(view: View, inverse: Floats) -> Singles:
     depth = view.points @ view.pose[2, :3] + view.pose[2, 3]
     least = MIN_INVERSE_DEPTH * float(np.median(1.0 / depth[depth > 0]))
     return np.where(inverse > least, 1.0 / np.maximum(inverse, least), np.nan).astype(np.float32)
@@ -207,7 +201,7 @@ def drawn_candidate(other: SweptDepth, warp: Floats) -> Candidate:
 
 def fused_depth(
     depth: SweptDepth, candidates: Sequence[Candidate], consistent: Mask
-) -> tuple[Floats, NDArray[np.int64]]:
+) -> tuple[Floats, Integers]:
     """Fuse the depth of a frame with candidates; return inverse depth and the number of agreeing votes.
 
     Consistent depth is only averaged with the candidates that agree; other depth is replaced by the value
@@ -226,9 +220,7 @@ def fused_depth(
     return np.where(usable, best, depth.inverse_depth), votes
 
 
-def _mean_of_agreeing(
-    centre: Candidate, candidates: Sequence[Candidate]
-) -> tuple[Floats, NDArray[np.int64], Floats]:
+def _mean_of_agreeing(centre: Candidate, candidates: Sequence[Candidate]) -> tuple[Floats, Integers, Floats]:
     """Average the candidates that agree with one of them; return mean, number and variance."""
     total, mean = np.zeros(centre.error.shape), np.zeros(centre.error.shape)
     number = np.zeros(centre.error.shape, np.int64)

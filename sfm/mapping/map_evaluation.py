@@ -10,13 +10,11 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats
 from dvc.geometry.view_synthesis import PictureWithDepth, SynthesisedView, agreed_surface, synthesise
 from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp
 from sfm.mapping.scene_map import MapPiece
-
-Floats = NDArray[np.float64]
 
 NUM_SOURCES = 4
 """Number of frames that a view is rendered from: they fill each other's holes and average noise."""
@@ -94,7 +92,7 @@ def nearest_frames(piece: MapPiece, pose: Floats, count: int = NUM_SOURCES) -> l
 
 
 def render_view(
-    piece: MapPiece, pictures: Mapping[int, NDArray[np.uint8]], pose: Floats, num_sources: int = NUM_SOURCES
+    piece: MapPiece, pictures: Mapping[int, Bytes], pose: Floats, num_sources: int = NUM_SOURCES
 ) -> SynthesisedView:
     """Render the view of a pose from pictures (H, W, C) of the frames with depth, by frame index."""
     chosen = nearest_frames(piece, pose, num_sources)

@@ -3,10 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from dvc.arrays import Bytes, Floats, Singles
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +27,8 @@ class MapPiece:
     intrinsics: Floats
     poses: Mapping[int, Floats]
     points: Floats
-    colours: NDArray[np.uint8]
-    depths: Mapping[int, NDArray[np.float32]]
+    colours: Bytes
+    depths: Mapping[int, Singles]
 
 
 @dataclass(frozen=True, eq=False)

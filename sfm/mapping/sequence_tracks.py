@@ -9,13 +9,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.video import Frame
-
-Floats = NDArray[np.float64]
-Luma = NDArray[np.uint8]
-Indices = NDArray[np.int64]
 
 MAX_POINTS = 900
 """Largest number of points tracked at a time: more points no longer change the cameras."""
@@ -46,7 +42,7 @@ LEVELS = 4
 class VisiblePoints(NamedTuple):
     """Points in one frame."""
 
-    ids: Indices  # point indices, each once
+    ids: Integers  # point indices, each once
     positions: Floats  # (x, y) in pixels
 
 
@@ -89,7 +85,7 @@ def track_sequence(frames: Iterable[Frame]) -> SequenceTracks:
 class _Tracker:
     """Points of the last key frame and their positions in the current frame."""
 
-    def __init__(self, luma: Luma) -> None:
+    def __init__(self, luma: Bytes) -> None:
         self.shape = luma.shape
         self.num_points = 0
         self._ids = np.empty(0, np.int64)
@@ -109,7 +105,7 @@ class _Tracker:
         motion = np.hypot(*(self.positions - self._key_positions).T)
         return bool(np.median(motion) > KEY_MOTION * max(self.shape))
 
-    def make_key_frame(self, luma: Luma) -> None:
+    def make_key_frame(self, luma: Bytes) -> None:
         """Detect additional points, and compare later frames with this one."""
         new = _new_corners(luma, self.positions)
         self._ids = np.concatenate([self._ids, self.num_points + np.arange(len(new))])
@@ -119,7 +115,7 @@ class _Tracker:
         self._key_positions = self.positions
         self._num_at_key = len(self._ids)
 
-    def follow(self, luma: Luma) -> None:
+    def follow(self, luma: Bytes) -> None:
         """Track the points into the next frame, and drop lost points."""
         if len(self._ids):
             guess, _ = _flow(self._last, luma, self.positions, self.positions, levels=LEVELS)
@@ -141,13 +137,13 @@ def window_radius_px(shape: tuple[int, ...], window: float = WINDOW) -> int:
 
 
 def _flow(
-    source: Luma,
-    target: Luma,
-    points: NDArray[np.float32],
-    guess: NDArray[np.float32],
+    source: Bytes,
+    target: Bytes,
+    points: Singles,
+    guess: Singles,
     window: float = WINDOW,
     levels: int = 1,
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+) -> tuple[Singles, Mask]:
     """Track points from one frame to another, from a guess."""
     import cv2
 
@@ -167,9 +163,7 @@ def _flow(
     return moved, good & np.isfinite(moved).all(axis=1)
 
 
-def _rigid(
-    first: NDArray[np.float32], second: NDArray[np.float32], good: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _rigid(first: Singles, second: Singles, good: Mask) -> Mask:
     """Return a mask of points that agree with the epipolar geometry of the majority."""
     import cv2
 
@@ -185,7 +179,7 @@ def _rigid(
     return agreeing
 
 
-def _new_corners(luma: Luma, tracked: NDArray[np.float32]) -> NDArray[np.float32]:
+def _new_corners(luma: Bytes, tracked: Singles) -> Singles:
     """Detect corners away from tracked points."""
     import cv2
 

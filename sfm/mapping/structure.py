@@ -8,15 +8,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers, Mask
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
 from sfm.colmap_estimators import pinhole_camera
 from sfm.mapping.sequence_tracks import VisiblePoints
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 SEED = 0
 MIN_ANGLE_DEG = 1.5
@@ -41,11 +37,11 @@ MAX_POSE_ERROR_PX = 3.0
 class Observations:
     """Positions of points in frames, one row each."""
 
-    frames: Indices  # frame indices
-    points: Indices  # point indices
+    frames: Integers  # frame indices
+    points: Integers  # point indices
     positions: Floats  # (x, y) in pixels
 
-    def __getitem__(self, chosen: Mask | Indices) -> "Observations":
+    def __getitem__(self, chosen: Mask | Integers) -> "Observations":
         """Return some of the rows."""
         return Observations(self.frames[chosen], self.points[chosen], self.positions[chosen])
 
@@ -96,7 +92,7 @@ def rays_through(K: Floats, positions: Floats) -> Floats:
     return np.column_stack([(positions - K[:2, 2]) / K[0, 0], np.ones(len(positions))])
 
 
-def stacked(poses: dict[int, Floats], frames: Indices) -> Floats:
+def stacked(poses: dict[int, Floats], frames: Integers) -> Floats:
     """Return the poses (N, 3, 4) of registered frames."""
     if not len(frames):
         return np.empty((0, 3, 4))
@@ -104,7 +100,7 @@ def stacked(poses: dict[int, Floats], frames: Indices) -> Floats:
     return np.stack([poses[int(number)] for number in numbers])[inverse]
 
 
-def triangulate(structure: Structure, seen: Observations) -> tuple[Indices, Floats]:
+def triangulate(structure: Structure, seen: Observations) -> tuple[Integers, Floats]:
     """Return indices and positions of well-determined points, from all their observations.
 
     Observations that disagree with a point are dropped once, and the point is triangulated again.
@@ -123,7 +119,7 @@ def triangulate(structure: Structure, seen: Observations) -> tuple[Indices, Floa
     return numbers[good], points[good]
 
 
-def _triangulate_all(structure: Structure, seen: Observations) -> tuple[Indices, Floats, Floats]:
+def _triangulate_all(structure: Structure, seen: Observations) -> tuple[Integers, Floats, Floats]:
     """Return indices and positions of points, and the error of every observation."""
     numbers, which = np.unique(seen.points, return_inverse=True)
     poses = stacked(structure.poses, seen.frames)
@@ -136,7 +132,7 @@ def _triangulate_all(structure: Structure, seen: Observations) -> tuple[Indices,
     return numbers, points, reprojection_errors(candidate, renumbered)
 
 
-def _medians(numbers: Indices, values: Floats) -> Floats:
+def _medians(numbers: Integers, values: Floats) -> Floats:
     """Return for every row the lower median of the rows with the same number."""
     order = np.lexsort((values, numbers))
     _, start, which, count = np.unique(
@@ -147,7 +143,7 @@ def _medians(numbers: Indices, values: Floats) -> Floats:
     return median
 
 
-def widest_angles_deg(poses: Floats, rays: Floats, which: Indices, count: int) -> Floats:
+def widest_angles_deg(poses: Floats, rays: Floats, which: Integers, count: int) -> Floats:
     """Return the largest angle between the ray of a point's first observation and its other rays."""
     world = np.einsum("nij,ni->nj", poses[:, :, :3], rays / np.linalg.norm(rays, axis=1, keepdims=True))
     first = np.full(count, len(which), np.int64)
@@ -158,7 +154,7 @@ def widest_angles_deg(poses: Floats, rays: Floats, which: Indices, count: int) -
     return np.degrees(np.arccos(least))
 
 
-def _linear_points(poses: Floats, rays: Floats, which: Indices, count: int) -> Floats:
+def _linear_points(poses: Floats, rays: Floats, which: Integers, count: int) -> Floats:
     """Solve the homogeneous equations of all points."""
     rows = rays[:, :2, None] * poses[:, 2:3] - poses[:, :2]
     normal = np.zeros((count, 4, 4))
@@ -168,7 +164,7 @@ def _linear_points(poses: Floats, rays: Floats, which: Indices, count: int) -> F
         return np.asarray(homogeneous[:, :3] / homogeneous[:, 3:])
 
 
-def _gauss_newton_step(poses: Floats, rays: Floats, which: Indices, points: Floats) -> Floats:
+def _gauss_newton_step(poses: Floats, rays: Floats, which: Integers, points: Floats) -> Floats:
     """Move all points by one Gauss-Newton step."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         inside = np.einsum("nij,nj->ni", poses[:, :, :3], points[which]) + poses[:, :, 3]
@@ -250,7 +246,7 @@ def adjust_bundle(
     return Structure(K, poses, points)
 
 
-def _to_colmap(structure: Structure, seen: Observations) -> tuple[Any, Indices]:
+def _to_colmap(structure: Structure, seen: Observations) -> tuple[Any, Integers]:
     """Return COLMAP's model of the observations, and the indices of its points, which it counts from 1."""
     import pycolmap
 

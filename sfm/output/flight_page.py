@@ -10,8 +10,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.video import Frame
 from dvc.video.pixels import rgb_from_frame
 from dvc.web.document import data_uri
@@ -28,8 +28,6 @@ from dvc.web.surfaces import (
 from sfm.mapping.scene_map import MapPiece, SceneMap
 from sfm.output.map_files import is_known
 
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 Item = TypeVar("Item")
 
 FILES = StageFiles(
@@ -192,14 +190,14 @@ def scaled_intrinsics(intrinsics: Floats, size: tuple[int, int], shown: tuple[in
     return scaled
 
 
-def resized(picture: Picture, shown: tuple[int, int]) -> Picture:
+def resized(picture: Bytes, shown: tuple[int, int]) -> Bytes:
     """Return a picture in another size."""
     if picture.shape[1::-1] == shown:
         return picture
     return np.asarray(cv2.resize(picture, shown, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _small_webp(picture: Picture) -> bytes:
+def _small_webp(picture: Bytes) -> bytes:
     size = picture.shape[1], picture.shape[0]
     return webp(resized(picture, shown_size(size, MAX_SMALL_SIDE_PX)), SMALL_QUALITY)
 
@@ -209,7 +207,7 @@ def _picture_values(number: int, frame: Callable[[int], Frame]) -> dict[str, Any
 
 
 def _source_values(
-    number: int, depth: NDArray[np.float32], frame: Callable[[int], Frame], camera: dict[str, Any]
+    number: int, depth: Singles, frame: Callable[[int], Frame], camera: dict[str, Any]
 ) -> dict[str, Any]:
     near, mask = nearness(depth)
     shown = shown_size((depth.shape[1], depth.shape[0]))
@@ -222,7 +220,7 @@ def _source_values(
     return {"frame": number, "position": None, "camera": camera, "pieces": [values], "nearest": nearest}
 
 
-def nearness(depth: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def nearness(depth: Singles) -> tuple[Singles, Mask]:
     """Return inverse depths, and a mask of those that are known and no strays."""
     known = is_known(depth)
     near = np.zeros(depth.shape, np.float32)
@@ -232,7 +230,7 @@ def nearness(depth: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[n
     return near, known
 
 
-def cloud_values(points: Floats, colours: Picture, max_points: int) -> dict[str, Any]:
+def cloud_values(points: Floats, colours: Bytes, max_points: int) -> dict[str, Any]:
     """Return the points of the densest part, in 16 bits along each of its sides."""
     chosen = np.flatnonzero(np.isfinite(points).all(axis=1))
     if chosen.size:

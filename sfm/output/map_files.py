@@ -9,11 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX
-
-Floats = NDArray[np.float64]
-Depths = NDArray[np.float32]
-Colours = NDArray[np.uint8]
 
 MAX_LEVEL = 2**16 - 1
 PLY_HEADER = """\
@@ -35,7 +32,7 @@ def colmap_model(
     size: tuple[int, int],
     intrinsics: Floats,
     poses: Mapping[str, Floats],
-    cloud: tuple[Floats, Colours],
+    cloud: tuple[Floats, Bytes],
     tracks: Sequence[Floats] = (),
 ) -> Any:
     """Return COLMAP's model of one camera, pictures with poses by file name, and coloured points.
@@ -64,7 +61,7 @@ def colmap_model(
     return model
 
 
-def write_ply(path: Path, points: Floats, colours: Colours, comment: str) -> None:
+def write_ply(path: Path, points: Floats, colours: Bytes, comment: str) -> None:
     """Write points, shape (N, 3), in single precision, with red, green and blue, as a binary PLY file."""
     vertices = np.empty(len(points), [("position", "<f4", 3), ("colour", "u1", 3)])
     vertices["position"], vertices["colour"] = points, colours
@@ -88,18 +85,18 @@ def write_trajectory(path: Path, poses: Mapping[int, Floats], fps: Fraction | fl
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def is_known(depth: Depths) -> NDArray[np.bool_]:
+def is_known(depth: Singles) -> Mask:
     """Return a mask of the pixels with a depth."""
     return np.isfinite(depth) & (depth > 0.0)
 
 
-def depth_step(depths: Mapping[int, Depths]) -> float:
+def depth_step(depths: Mapping[int, Singles]) -> float:
     """Return the depth of one level, so that the largest depth of all has the largest level."""
     largest = max((float(depth[is_known(depth)].max(initial=0.0)) for depth in depths.values()), default=0.0)
     return largest / MAX_LEVEL or 1.0
 
 
-def depth_levels(depth: Depths, step: float) -> NDArray[np.uint16]:
+def depth_levels(depth: Singles, step: float) -> NDArray[np.uint16]:
     """Return depths as levels from 1; 0 is unknown."""
     known = is_known(depth)
     levels = np.zeros(depth.shape, np.uint16)
@@ -107,7 +104,7 @@ def depth_levels(depth: Depths, step: float) -> NDArray[np.uint16]:
     return levels
 
 
-def write_depth_maps(folder: Path, depths: Mapping[int, Depths], step: float) -> None:
+def write_depth_maps(folder: Path, depths: Mapping[int, Singles], step: float) -> None:
     """Write ``000012.png`` for frame 12, and so on, with levels of 16 bits."""
     for number, depth in depths.items():
         _, coded = cv2.imencode(".png", depth_levels(depth, step))

@@ -6,15 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from dvc.arrays import Bytes, Floats, Integers
 from sfm.estimation.epipolar import epipolar_lines
 from sfm.output.map_files import colmap_model, write_ply
 from sfm.scene_model import Correspondences, Model, Reconstruction
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 PLY_COMMENT = "structure from motion between two key frames; unit of length: the distance of the cameras"
 USUAL_FOCAL_LENGTH = 1.2
@@ -82,19 +79,19 @@ def _nearest_rotation(matrix: Floats) -> Floats:
     return rotation
 
 
-def point_colours(luma: NDArray[np.uint8], points: Floats) -> Picture:
+def point_colours(luma: Bytes, points: Floats) -> Bytes:
     """Return the grey of each point in the first key frame, as red, green and blue."""
     last = np.array(luma.shape[::-1]) - 1
     columns, rows = np.clip(np.rint(points), 0, last).astype(np.int64).T
     return np.repeat(luma[rows, columns][:, None], 3, axis=1)
 
 
-def write_points(path: Path, model: Model, colours: Picture) -> None:
+def write_points(path: Path, model: Model, colours: Bytes) -> None:
     """Write the points as a binary PLY file, in the nearest Euclidean frame."""
     write_ply(path, metric_upgrade(model).points, colours, PLY_COMMENT)
 
 
-def write_colmap(folder: Path, model: Model, names: tuple[str, str], colours: Picture) -> None:
+def write_colmap(folder: Path, model: Model, names: tuple[str, str], colours: Bytes) -> None:
     """Write the model in COLMAP's text format."""
     metric, frame, matches = metric_upgrade(model), model.pixel_frame, model.correspondences
     size = frame.width_px, frame.height_px
@@ -141,8 +138,8 @@ def write_json(path: Path, reconstruction: Reconstruction) -> None:
 
 
 def draw_correspondences(
-    luma: NDArray[np.uint8], matches: Correspondences, fundamental: Floats | None, title: str
-) -> Picture:
+    luma: Bytes, matches: Correspondences, fundamental: Floats | None, title: str
+) -> Bytes:
     """Draw points, motion and epipolar lines over the second key frame, as in figures 5.3 and 5.10."""
     import cv2
 
@@ -163,20 +160,20 @@ def draw_correspondences(
     return np.vstack([banner, canvas])
 
 
-def _fixed_point(points: Floats) -> NDArray[np.int64]:
+def _fixed_point(points: Floats) -> Integers:
     """Convert image points to positions on the enlarged canvas, in 1/16 pixels."""
     bounded = np.clip(np.nan_to_num(points), -1e4, 1e4)
     return np.rint((bounded * ZOOM + 0.5 * (ZOOM - 1)) * (1 << _SHIFT)).astype(np.int64)
 
 
-def _draw_lines(canvas: Picture, starts: Floats, ends: Floats, colour: tuple[int, int, int]) -> None:
+def _draw_lines(canvas: Bytes, starts: Floats, ends: Floats, colour: tuple[int, int, int]) -> None:
     import cv2
 
     for (x0, y0), (x1, y1) in zip(_fixed_point(starts), _fixed_point(ends), strict=True):
         cv2.line(canvas, (x0, y0), (x1, y1), colour, 1, cv2.LINE_AA, _SHIFT)
 
 
-def side_by_side(pictures: list[Picture]) -> Picture:
+def side_by_side(pictures: list[Bytes]) -> Bytes:
     """Put pictures of one height next to each other with a white gap."""
     gap = np.full((pictures[0].shape[0], 12, 3), 255, dtype=np.uint8)
     parts = [pictures[0]]

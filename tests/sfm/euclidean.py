@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from dvc.arrays import Floats
 from dvc.geometry.cameras import PixelFrame, homogeneous, project
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels, unit_norm
 from sfm.scene_model import Correspondences, Model
-
-Floats = NDArray[np.float64]
 
 FRAME = PixelFrame(352, 288)
 FOCAL_LENGTH = 1.1

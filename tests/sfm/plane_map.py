@@ -4,14 +4,11 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats, Singles
 from dvc.video import Frame
 from dvc.video.pixels import frame_from_rgb
 from sfm.mapping.scene_map import MapPiece, SceneMap
-
-Floats = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 WALL, BOARD, HALF_BOARD = 4.0, 2.5, 0.4
 """Distances of the two planes from the first camera, and half a side of the board."""
@@ -38,7 +35,7 @@ def colours_at(x: Floats, y: Floats, hue: float) -> Floats:
     return 255.0 * np.stack(waves, axis=-1)
 
 
-def view(number: int, width: int, height: int) -> tuple[Picture, NDArray[np.float32], Floats]:
+def view(number: int, width: int, height: int) -> tuple[Bytes, Singles, Floats]:
     """Return picture, depth and places in the world of a frame."""
     pose, intrinsics = pose_at(number), intrinsics_of(width, height)
     y, x = np.mgrid[:height, :width].astype(np.float64)

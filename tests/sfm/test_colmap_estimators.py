@@ -4,7 +4,6 @@ import numpy as np
 
 from sfm import colmap_estimators
 from sfm.estimation.epipolar import symmetric_distances
-from sfm.reconstruction_settings import SfmSettings
 from sfm.scene_model import Correspondences
 from tests.sfm.euclidean import FRAME, euclidean_scene
 
@@ -20,7 +19,7 @@ def with_outliers(num_outliers: int) -> Correspondences:
 def test_fundamental_matrix_through_outliers() -> None:
     """F explains the true points to 0.1 px in the project's pixel convention, and points out the outliers."""
     exact = euclidean_scene(num_points=300).model.correspondences
-    found = colmap_estimators.weak_calibration(with_outliers(60), SfmSettings(), seed=3)
+    found = colmap_estimators.weak_calibration(with_outliers(60), seed=3)
     assert found.success
     assert np.median(symmetric_distances(found.fundamental, exact.first, exact.second)) < 0.1
     assert found.inliers[60:].mean() > 0.98
@@ -30,7 +29,7 @@ def test_fundamental_matrix_through_outliers() -> None:
 def test_calibrated_pair() -> None:
     """The camera explains the points, and all of them agree with it."""
     exact = euclidean_scene(num_points=300).model.correspondences
-    pair = colmap_estimators.camera_pair(with_outliers(0), FRAME, SfmSettings(), 3)
+    pair = colmap_estimators.camera_pair(with_outliers(0), FRAME, 3)
     assert not pair.reason
     assert np.median(symmetric_distances(pair.fundamental, exact.first, exact.second)) < 0.1
     assert abs(np.linalg.norm(pair.camera) - np.sqrt(3)) < 1e-12
@@ -39,14 +38,12 @@ def test_calibrated_pair() -> None:
 
 def test_the_seed_decides() -> None:
     """The same seed gives the same bytes."""
-    first, second = (
-        colmap_estimators.weak_calibration(with_outliers(60), SfmSettings(), 8) for _ in range(2)
-    )
+    first, second = (colmap_estimators.weak_calibration(with_outliers(60), 8) for _ in range(2))
     np.testing.assert_array_equal(first.fundamental, second.fundamental)
 
 
 def test_too_few_points() -> None:
     """Nothing comes of seven points, as a value."""
     matches = with_outliers(0)[np.arange(7)]
-    assert not colmap_estimators.weak_calibration(matches, SfmSettings(), 0).success
-    assert colmap_estimators.camera_pair(matches, FRAME, SfmSettings(), 0).reason
+    assert not colmap_estimators.weak_calibration(matches, 0).success
+    assert colmap_estimators.camera_pair(matches, FRAME, 0).reason

@@ -7,14 +7,14 @@ import pytest
 
 from dvc.config import SFM_BACKENDS
 from dvc.geometry.cameras import PixelFrame, project
+from sfm import pipeline
 from sfm.estimation.epipolar import (
     fundamental_from_camera,
     fundamental_to_pixels,
     symmetric_distances,
     unit_norm,
 )
-from sfm.pipeline import coverage, reconstruct
-from sfm.reconstruction_settings import ALTERNATIONS, SfmSettings, TrustSettings
+from sfm.pipeline import coverage, points_needed, reconstruct
 from sfm.scene_model import Correspondences, Reconstruction
 from tests.clips import moving_texture
 from tests.scenes_3d import camera_at, render
@@ -132,17 +132,15 @@ def test_wild_tracked_points_do_no_harm(reach_px: float) -> None:
     assert (np.concatenate([points.first, points.second]) < [FRAME.width_px, FRAME.height_px]).all()
 
 
-def test_doubt_is_said() -> None:
-    """A model that exists but falls short of what is asked of it comes with the reason."""
-    asks_much = replace(SfmSettings(), trust=TrustSettings(min_num_points=10**6))
-    found = reconstruct(FIRST, SECOND, settings=asks_much)
+def test_models_that_cannot_be_trusted_have_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Too few correspondences leave a model, and a reason."""
+    sizes = (88, 72), (352, 288), (704, 576)
+    assert [points_needed(PixelFrame(*size)) for size in sizes] == [50, 100, 100]
+    monkeypatch.setattr(pipeline, "MIN_NUM_POINTS", 10**6)
+    found = reconstruct(FIRST, SECOND)
     assert found.model is not None
     assert not found.success
     assert "correspondences" in found.reason
-    needed = [
-        TrustSettings().num_points_needed(PixelFrame(*size)) for size in ((88, 72), (352, 288), (704, 576))
-    ]
-    assert needed == [50, 100, 100]
 
 
 def test_coverage_counts_cells() -> None:
@@ -159,12 +157,3 @@ def test_wrong_arguments_are_refused() -> None:
         reconstruct(FIRST, FIRST[:-1])
     with pytest.raises(ValueError, match="backend"):
         reconstruct(FIRST, SECOND, backend="magic")
-
-
-def test_as_written_cameras_alternate_alone() -> None:
-    """No joint step, no point left out by the linear program; all else is as usual."""
-    usual, written = SfmSettings(), SfmSettings().as_written()
-    assert (written.cameras.bundle_adjustment.num_alternations, ALTERNATIONS) == (100, 100)
-    assert written.cameras.bundle_adjustment.max_iterations == 0
-    assert written.cameras.self_calibration.max_dropped_share == 0.0
-    assert replace(written, cameras=usual.cameras) == usual

@@ -3,10 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from dvc.arrays import Bytes, Floats
+
 Texture = Callable[[Floats, Floats], Floats]
 
 
@@ -28,7 +27,7 @@ def texture(seed: int, shortest_px: float = 5.0, longest_px: float = 16.0, contr
     return luma
 
 
-def picture(luma: Texture, height: int, width: int, source: Floats | None = None) -> Image:
+def picture(luma: Texture, height: int, width: int, source: Floats | None = None) -> Bytes:
     """Sample a texture; `source` (2, 3) or (3, 3) maps pixels to where the texture is read."""
     y, x = np.mgrid[:height, :width].astype(np.float64)
     if source is not None:
@@ -37,7 +36,7 @@ def picture(luma: Texture, height: int, width: int, source: Floats | None = None
     return np.clip(np.rint(luma(x, y)), 0, 255).astype(np.uint8)
 
 
-def shifted(luma: Texture, height: int, width: int, shift: tuple[float, float]) -> Image:
+def shifted(luma: Texture, height: int, width: int, shift: tuple[float, float]) -> Bytes:
     """Sample a texture that has moved by `shift` (x, y) pixels."""
     return picture(luma, height, width, np.array([[1.0, 0.0, -shift[0]], [0.0, 1.0, -shift[1]]]))
 

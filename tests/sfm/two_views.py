@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import PixelFrame, homogeneous, project
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels, unit_norm
 from sfm.estimation.two_view_estimators import SharedScale
 from sfm.scene_model import Correspondences, Model
-
-Floats = NDArray[np.float64]
 
 FRAME = PixelFrame(352, 288)
 K = np.diag([1.15, 1.15, 1.0])
@@ -26,7 +24,7 @@ class TwoViews:
 
     exact: Correspondences
     measured: Correspondences
-    outliers: NDArray[np.bool_]
+    outliers: Mask
     depths: Floats
     camera: Floats
 

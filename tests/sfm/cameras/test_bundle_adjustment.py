@@ -6,7 +6,6 @@ import pytest
 from dvc.geometry.cameras import project
 from sfm.cameras.bundle_adjustment import (
     BundleAdjustment,
-    BundleAdjustmentSettings,
     bundle_adjustment,
     camera_step,
     denominators,
@@ -149,8 +148,8 @@ def test_alternation_alone_approaches_the_minimum() -> None:
     camera, depths = start_of(scene)
     errors = {}
     for name, alternations, steps in (("none", 0, 0), ("few", 3, 0), ("many", 100, 0), ("joint", 0, 100)):
-        settings = BundleAdjustmentSettings(num_alternations=alternations, max_iterations=steps)
-        found = bundle_adjustment(scene.measured, camera, depths, FRAME, np.random.default_rng(0), settings)
+        rng = np.random.default_rng(0)
+        found = bundle_adjustment(scene.measured, camera, depths, FRAME, rng, alternations, steps)
         errors[name] = found.rms_px
     assert errors["joint"] <= errors["many"] <= errors["few"] <= errors["none"]
     assert errors["many"] < 1.05 * errors["joint"]

@@ -1,4 +1,4 @@
-"""Cameras of intermediate frames, from real tracks and from guessed ones."""
+"""Cameras from points of the scene and their image positions, despite outliers."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,14 @@ from sfm.cameras.camera_path import (
     linear_tracks,
     tracked_points,
 )
-from sfm.cameras.resection import PriorSettings, Resection, ResectionSettings, resection
+from sfm.cameras.resection import (
+    Resection,
+    ResectionProblem,
+    image_distances,
+    resection,
+    resection_problem,
+    robust_weights,
+)
 from tests.sfm.two_views import FRAME, TwoViews, camera_at, two_views
 
 TIME, SHAKE = 0.4, 0.012
@@ -194,9 +201,36 @@ def test_tracked_points_are_triangulated() -> None:
     assert isinstance(placed, TrackedPoints)
 
 
-def test_wrong_settings_are_refused() -> None:
-    """Settings that make no sense name themselves."""
-    with pytest.raises(ValueError, match="min_num_points"):
-        ResectionSettings(min_num_points=5)
-    with pytest.raises(ValueError, match="min_sigma_px"):
-        PriorSettings(min_sigma_px=0.0)
+IDENTITY = np.hstack([np.eye(3), np.zeros((3, 1))])
+
+
+def problem_of(num: int) -> ResectionProblem:
+    """Return a problem whose camera is the identity, and that has no noise."""
+    rng = np.random.default_rng(4)
+    x = np.column_stack([rng.uniform(-0.4, 0.4, (num, 2)), np.ones(num), rng.uniform(0.1, 0.4, num)])
+    return resection_problem(x, x[:, :2], IDENTITY, FRAME)
+
+
+def test_weights_fall_with_the_distance_and_end() -> None:
+    """Tukey's biweight ends at five and a half standard deviations; Huber's weight never does."""
+    problem, num = problem_of(201), 201
+    deviations = np.concatenate([np.full(num - 4, 1.1774), [2.75, 5.4, 5.6, 50.0]])
+    given = np.concatenate([0.01 * deviations, np.zeros(problem.num_virtual)])
+    weights, noise = robust_weights(problem, given, redescending=True)
+    assert noise == pytest.approx(0.01, rel=0.02)
+    assert weights[num - 4] == pytest.approx((1 - 0.5**2) ** 2, rel=0.02)
+    assert weights[num - 3] > 0.0
+    assert weights[num - 2] == weights[num - 1] == 0.0
+    lasting, _ = robust_weights(problem, given, redescending=False)
+    np.testing.assert_allclose(lasting[num - 4 : num], noise / given[num - 4 : num])
+    np.testing.assert_allclose(weights[num:], problem.weights[num:] * (noise / problem.sigma) ** 2)
+
+
+def test_noise_is_never_below_its_bound() -> None:
+    """Where all is seen exactly, what is told of the noise is the least that is believed."""
+    problem = problem_of(50)
+    distances = image_distances(problem, problem.start)
+    np.testing.assert_allclose(distances, 0.0, atol=1e-9)
+    weights, noise = robust_weights(problem, distances, redescending=True)
+    assert noise == problem.min_noise
+    np.testing.assert_allclose(weights[:50], 1.0)

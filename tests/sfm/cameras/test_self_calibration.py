@@ -9,8 +9,8 @@ from dvc.geometry.cameras import homogeneous, project
 from dvc.geometry.triangulation import inverse_depths, triangulate_depth
 from sfm.cameras.self_calibration import SelfCalibration, SelfCalibrationSettings, self_calibration
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
-from sfm.pipeline import weak_calibration
-from sfm.reconstruction_settings import SfmSettings
+from sfm.estimation.weak_calibration import weak_calibration
+from sfm.pipeline import AS_WRITTEN
 from sfm.scene_model import Correspondences
 from tests.sfm.two_views import FRAME, odd_correspondences, two_views
 
@@ -48,11 +48,6 @@ def test_exact_scenes(kind: str, motion: float, sign: float) -> None:
     assert np.corrcoef(1.0 / found.depths, 1.0 / scene.depths)[0, 1] > 0.98
 
 
-AS_WRITTEN = SelfCalibrationSettings(
-    first_depth_ratio=None, dropped_share=0.0, max_dropped_share=0.0, free_unit=False
-)
-
-
 def test_as_written_no_point_is_dropped_and_the_unit_is_given() -> None:
     """All depths are in [1, M], M being from their own ratio on; one wrong point leaves no solution."""
     scene = two_views(100)
@@ -74,7 +69,7 @@ def test_as_written_no_point_is_dropped_and_the_unit_is_given() -> None:
 def test_depths_keep_their_order_in_noise() -> None:
     """Noise of a few tenths of a pixel leaves near points near and far points far."""
     scene = two_views(300, noise_px=0.3)
-    f = weak_calibration(scene.measured, np.random.default_rng(0), SfmSettings()).fundamental
+    f = weak_calibration(scene.measured, np.random.default_rng(0)).fundamental
     found = self_calibration(f, scene.measured, FRAME)
     assert found.success
     assert found.kept.mean() > 0.97
@@ -155,10 +150,3 @@ def test_inverse_depth_is_the_nearest_in_the_image() -> None:
 
     for change in (-1e-3, 1e-3):
         assert (distance(inverse) <= distance(inverse + change)).all()
-
-
-@pytest.mark.parametrize("wrong", [{"depth_ratio_factor": 1.0}, {"first_depth_ratio": 0.5}])
-def test_wrong_options_are_refused(wrong: dict[str, float]) -> None:
-    """Options that make no sense name themselves."""
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        SelfCalibrationSettings(**wrong)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
+from dvc.arrays import Bytes
+from sfm.correspondences import corner_matching
 from sfm.correspondences.corner_matching import (
-    FeatureSettings,
-    MatchingSettings,
     best_candidates,
     chi_square,
     describe,
@@ -15,16 +15,15 @@ from sfm.correspondences.corner_matching import (
 )
 from sfm.scene_model import Correspondences
 from tests.reference import sfm_matching as reference
-from tests.sfm.textures import Image, picture, shifted, texture
+from tests.sfm.textures import picture, shifted, texture
 
 HEIGHT, WIDTH = 144, 176
 TEXTURE = texture(11)
-FEW = FeatureSettings(num_corners=200)
 
 
-def matched(a: Image, b: Image, settings: MatchingSettings | None = None) -> Correspondences:
+def matched(a: Bytes, b: Bytes) -> Correspondences:
     """Detect and match."""
-    return match_corners(a, b, detect_corners(a, FEW), detect_corners(b, FEW), settings)
+    return match_corners(a, b, detect_corners(a, 200), detect_corners(b, 200))
 
 
 def test_a_shift_is_found() -> None:
@@ -33,7 +32,7 @@ def test_a_shift_is_found() -> None:
     found = matched(a, b)
     assert len(found) > 80
     assert np.abs(found.motion - [11.3, -6.6]).max() < 0.1
-    assert {tuple(p) for p in found.first} <= {tuple(p) for p in detect_corners(a, FEW)}
+    assert {tuple(p) for p in found.first} <= {tuple(p) for p in detect_corners(a, 200)}
     assert (found.error < 2.0).all()
 
 
@@ -56,18 +55,19 @@ def test_points_are_used_once() -> None:
 
 
 def test_motion_is_bounded() -> None:
-    """Nothing is matched when the true motion is beyond the bound."""
-    a, b = picture(TEXTURE, HEIGHT, WIDTH), shifted(TEXTURE, HEIGHT, WIDTH, (30.0, 0.0))
-    assert len(matched(a, b, MatchingSettings(max_motion_share=0.2))) > 40
-    assert len(matched(a, b, MatchingSettings(max_motion_share=0.1))) <= 3
+    """Nothing is matched if the true motion is beyond a quarter of the frame's width."""
+    a = picture(TEXTURE, HEIGHT, WIDTH)
+    assert len(matched(a, shifted(TEXTURE, HEIGHT, WIDTH, (42.0, 0.0)))) > 40
+    assert len(matched(a, shifted(TEXTURE, HEIGHT, WIDTH, (46.0, 0.0)))) <= 3
 
 
-def test_repeated_structure_is_left_out() -> None:
+def test_repeated_structure_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a pattern that repeats within the motion bound nothing is matched: any match would be a guess."""
     tile = picture(texture(12), 24, 24)
     wall = np.tile(tile, (6, 8))
     assert len(matched(wall, wall)) <= 3
-    assert len(matched(wall, wall, MatchingSettings(max_ambiguity=10.0))) > 40
+    monkeypatch.setattr(corner_matching, "MAX_AMBIGUITY", 10.0)
+    assert len(matched(wall, wall)) > 40
 
 
 @pytest.mark.parametrize(
@@ -96,26 +96,22 @@ def test_noise_is_not_matched() -> None:
 
 
 def test_wrong_arguments_are_refused() -> None:
-    """Frames of different size and settings out of range raise ValueError."""
+    """Frames of different size raise ValueError."""
     a = picture(TEXTURE, 64, 64)
     with pytest.raises(ValueError, match="one shape"):
         match_corners(a, a[1:], np.empty((0, 2)), np.empty((0, 2)))
-    with pytest.raises(ValueError, match="num_bins"):
-        MatchingSettings(num_bins=1)
-    with pytest.raises(ValueError, match="bin_width"):
-        MatchingSettings(bin_width=0.0)
 
 
 def test_histograms() -> None:
     """Triangular windows are summed as the twin does, beyond the outermost bins as well."""
     rng = np.random.default_rng(3)
-    luma, settings = rng.integers(0, 256, (9, 9)).astype(np.uint8), MatchingSettings(radius_px=2, num_bins=8)
-    corners = np.array([[2.0, 2.0], [4.0, 5.0], [6.0, 3.0]])
-    described = describe(luma, corners, settings)
+    luma = rng.integers(0, 256, (17, 17)).astype(np.uint8)
+    corners = np.array([[6.0, 6.0], [8.0, 9.0], [10.0, 7.0]])
+    described = describe(luma, corners)
     deviations = described.patches - described.means[:, None]
-    expected = [reference.parzen_histogram(patch, settings.bin_width, 8) for patch in deviations]
+    expected = [reference.parzen_histogram(patch, 12.0, 16) for patch in deviations]
     np.testing.assert_allclose(described.histograms, expected, atol=1e-9)
-    np.testing.assert_allclose(described.histograms.sum(axis=1), 25.0)
+    np.testing.assert_allclose(described.histograms.sum(axis=1), 169.0)
 
 
 @pytest.mark.nojit
@@ -136,12 +132,11 @@ def test_best_candidates(compiled: bool, count: int) -> None:
     rng = np.random.default_rng(4)
     corners = [rng.integers(10, 60, (25, 2)).astype(np.float64) for _ in range(2)]
     luma = picture(TEXTURE, 70, 70)
-    settings = MatchingSettings(radius_px=2)
-    first, second = (describe(luma, points, settings) for points in corners)
-    limits = rng.uniform(5e3, 3e4, 25)
+    first, second = (describe(luma, points) for points in corners)
+    limits = rng.uniform(3e4, 2e5, 25)
     chosen, errors = np.full((25, count), -1), np.empty((25, count))
     kernel = best_candidates if compiled else python_twin(best_candidates)
-    tests = (30.0, 9.0, limits)
+    tests = (30.0, 60.0, limits)
     kernel(first, second, 30.0, *tests[:2], limits, chosen, errors)
     expected, least = reference.best_candidates(
         *corners, 30.0, *zip(first[1:], second[1:], strict=True), *tests, count

@@ -1,11 +1,10 @@
 """More corners matched, where the motion of their neighbours and the epipolar geometry expect them."""
 
 import numpy as np
-import pytest
 
 from sfm.correspondences import densification
-from sfm.correspondences.corner_matching import FeatureSettings, detect_corners, match_corners
-from sfm.correspondences.densification import DensificationSettings, densify
+from sfm.correspondences.corner_matching import detect_corners, match_corners
+from sfm.correspondences.densification import densify
 from sfm.correspondences.epipolar_search import EpipolarSearch
 from sfm.scene_model import Correspondences
 from tests.sfm.textures import picture, shifted, sideways, texture
@@ -14,8 +13,7 @@ HEIGHT, WIDTH = 120, 160
 TEXTURE = texture(31, 6.0, 20.0, 30.0)
 A = picture(TEXTURE, HEIGHT, WIDTH)
 B = shifted(TEXTURE, HEIGHT, WIDTH, (7.3, 0.0))
-FEW = FeatureSettings(num_corners=200)
-CORNERS = detect_corners(A, FEW), detect_corners(B, FEW)
+CORNERS = detect_corners(A, 200), detect_corners(B, 200)
 
 
 def test_left_out_corners_come_back() -> None:
@@ -48,14 +46,6 @@ def test_nothing_to_go_by() -> None:
     flat = np.full((HEIGHT, WIDTH), 9, dtype=np.uint8)
     assert len(densify(EpipolarSearch(flat, flat, sideways()), *CORNERS, matches)) == len(matches)
     assert len(densify(EpipolarSearch(A, B, sideways()), *CORNERS, Correspondences.empty())) == 0
-
-
-def test_wrong_settings_are_refused() -> None:
-    """Ranges that make no sense raise ValueError."""
-    with pytest.raises(ValueError, match="num_neighbours"):
-        DensificationSettings(num_neighbours=1)
-    with pytest.raises(ValueError, match="reach_px"):
-        DensificationSettings(reach_px=20.0)
 
 
 def test_variances_are_of_squares_around_points() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from sfm.correspondences.corner_matching import FeatureSettings, detect_corners, suppression_radii
+from sfm.correspondences.corner_matching import detect_corners, suppression_radii
 from tests.reference import sfm_matching as reference
 from tests.sfm.textures import picture, texture
 
@@ -26,7 +26,7 @@ def test_weak_texture_gets_its_corners() -> None:
     y, x = np.mgrid[:144, :176].astype(np.float64)
     wave = texture(3, contrast=60.0)(x, y) - 128.0
     luma = np.clip(128 + wave * np.where(x < 88, 0.1, 1.0), 0, 255).astype(np.uint8)
-    corners = detect_corners(luma, FeatureSettings(num_corners=120))
+    corners = detect_corners(luma, 120)
     left = np.count_nonzero(corners[:, 0] < 88)
     assert len(corners) == 120
     assert 40 <= left <= 80
@@ -35,7 +35,7 @@ def test_weak_texture_gets_its_corners() -> None:
 def test_fewer_corners_are_a_prefix() -> None:
     """The best spread corners come first, so that asking for fewer leaves out the last ones."""
     luma = picture(texture(4), 96, 128)
-    many, few = (detect_corners(luma, FeatureSettings(num_corners=n)) for n in (60, 20))
+    many, few = (detect_corners(luma, n) for n in (60, 20))
     np.testing.assert_array_equal(many[:20], few)
     assert len(np.unique(many, axis=0)) == len(many)
     assert (many >= 8).all()
@@ -75,12 +75,8 @@ def test_suppression_radii(compiled: bool) -> None:
 
 
 def test_wrong_arguments_are_refused() -> None:
-    """Frames that are no planes of bytes, and settings out of range, raise ValueError."""
+    """Frames that are no planes of bytes raise ValueError."""
     with pytest.raises(ValueError, match="uint8"):
         detect_corners(np.zeros((20, 20)))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="shape"):
         detect_corners(np.zeros((20, 20, 3), dtype=np.uint8))
-    with pytest.raises(ValueError, match="sensitivity"):
-        FeatureSettings(sensitivity=0.3)
-    with pytest.raises(ValueError, match="num_corners"):
-        FeatureSettings(num_corners=0)

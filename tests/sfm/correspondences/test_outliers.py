@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.arrays import Floats
 from sfm.correspondences import outliers
 from sfm.scene_model import Correspondences
 from tests.reference import sfm_matching as reference
-from tests.sfm.textures import Floats, forwards, sideways
+from tests.sfm.textures import forwards, sideways
 
 
 def scattered(count: int, seed: int) -> Floats:
@@ -68,7 +69,7 @@ def test_motion() -> None:
     motion = np.column_stack([5 + 0.05 * first[:, 0], -3 + 0.03 * first[:, 1]])
     wrong = np.arange(0, 150, 10)
     motion[wrong] += np.random.default_rng(3).choice([-15.0, 15.0], (15, 2))
-    keep = outliers.motion(moved(first, motion), 2.0, 3.0)
+    keep = outliers.motion(moved(first, motion))
     assert not keep[wrong].any()
     assert np.delete(keep, wrong).mean() > 0.95
 
@@ -77,14 +78,14 @@ def test_motion_keeps_borders_of_objects() -> None:
     """Two surfaces that move differently by 12 px both stay, up to a few points at their border."""
     first = scattered(200, 4)
     motion = np.where(first[:, :1] < 176, [3.0, 0.0], [15.0, 0.0])
-    assert outliers.motion(moved(first, motion), 2.0, 3.0).mean() > 0.9
+    assert outliers.motion(moved(first, motion)).mean() > 0.9
 
 
 def test_reprojection() -> None:
     """Projections that are far, or nowhere, go."""
     second = np.array([[10.0, 10.0], [20.0, 20.0], [30.0, 30.0]])
-    projected = np.array([[10.3, 10.4], [20.0, 21.0], [np.nan, np.inf]])
-    assert outliers.reprojection(second, projected, 0.6).tolist() == [True, False, False]
+    projected = np.array([[10.6, 10.7], [20.0, 21.1], [np.nan, np.inf]])
+    assert outliers.reprojection(second, projected).tolist() == [True, False, False]
 
 
 def test_chirality() -> None:
@@ -101,8 +102,8 @@ def test_epipole() -> None:
     first = np.array([[100.0, 80.0], [107.0, 80.0], [150.0, 80.0], [60.0, 80.0]])
     second = np.array([[150.0, 80.0], [150.0, 80.0], [104.0, 80.0], [20.0, 80.0]])
     pairs = Correspondences(first, second, np.zeros(4))
-    assert outliers.epipole(pairs, forwards((100.0, 80.0)), 10.0).tolist() == [False, False, False, True]
-    assert outliers.epipole(pairs, sideways((0.6, 0.8)), 10.0).all()
+    assert outliers.epipole(pairs, forwards((100.0, 80.0))).tolist() == [False, False, False, True]
+    assert outliers.epipole(pairs, sideways((0.6, 0.8))).all()
 
 
 def test_depth() -> None:
@@ -112,25 +113,27 @@ def test_depth() -> None:
     wrong = np.arange(0, 150, 15)
     depths[wrong] *= np.where(np.arange(10) % 2, 4.0, 0.25)
     depths[7], depths[8], depths[9] = np.nan, np.inf, 0.0
-    keep = outliers.depth(first, depths, 0.1, 3.0)
+    keep = outliers.depth(first, depths)
     assert not keep[wrong].any()
     assert not keep[[7, 8, 9]].any()
     assert keep.sum() > 130
-    assert not outliers.depth(first, np.full(150, np.nan), 0.1, 3.0).any()
+    assert not outliers.depth(first, np.full(150, np.nan)).any()
 
 
 @pytest.mark.parametrize(("inverse", "stays"), [(0.3, False), (3.0, True)])
-def test_depth_of_small_groups(inverse: float, stays: bool) -> None:
+def test_depth_of_small_groups(monkeypatch: pytest.MonkeyPatch, inverse: float, stays: bool) -> None:
     """A few points that agree go if they are behind all their surroundings, and stay if before them."""
     first = scattered(400, 6)
     group = np.argsort(((first - [170, 140]) ** 2).sum(axis=1))[:6]
     inverse_depths = np.ones(400)
     inverse_depths[group] = inverse
-    keep = outliers.depth(first, 1.0 / inverse_depths, 5.0, 0.0)
+    monkeypatch.setattr(outliers, "DEPTH_SHARE", 5.0)
+    keep = outliers.depth(first, 1.0 / inverse_depths)
     assert keep[group].all() == stays
     assert keep[group].any() == stays
     assert np.delete(keep, group).all()
-    assert outliers.depth(first, 1.0 / inverse_depths, 5.0, 0.0, island_share=0.0).all()
+    monkeypatch.setattr(outliers, "ISLAND_SHARE", 0.0)
+    assert outliers.depth(first, 1.0 / inverse_depths).all()
 
 
 @pytest.mark.parametrize(
@@ -146,8 +149,8 @@ def test_depth_of_small_groups(inverse: float, stays: bool) -> None:
 def test_points_without_triangles(points: Floats) -> None:
     """None, one, two, collinear and coincident points pass every test when they agree."""
     pairs = moved(points, np.full(points.shape, 2.0))
-    assert outliers.motion(pairs, 1.0, 3.0).all()
-    assert outliers.depth(points, np.ones(len(points)), 0.1, 3.0).all()
+    assert outliers.motion(pairs).all()
+    assert outliers.depth(points, np.ones(len(points))).all()
 
 
 def test_neighbours_on_a_line() -> None:
@@ -160,7 +163,7 @@ def test_neighbours_on_a_line() -> None:
     np.testing.assert_allclose(around.weight, 0.1)
     motion = np.zeros((9, 2))
     motion[4] = 30.0
-    assert np.flatnonzero(~outliers.motion(moved(points, motion), 1.0, 0.5)).tolist() == [4]
+    assert np.flatnonzero(~outliers.motion(moved(points, motion))).tolist() == [4]
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.floats(-9, 9), st.floats(0.1, 5)), max_size=30))

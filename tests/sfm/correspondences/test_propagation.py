@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
+from dvc.arrays import Bytes, Floats
 from sfm.correspondences import densification, epipolar_search
-from sfm.correspondences.densification import PropagationSettings, find_edges, propagate
-from sfm.correspondences.epipolar_search import EpipolarSearch, SearchSettings
+from sfm.correspondences.densification import find_edges, propagate
+from sfm.correspondences.epipolar_search import EpipolarSearch
 from sfm.correspondences.spline_sampling import half_pixel_samples, spline, spline_coefficients
 from sfm.correspondences.subpixel import window
 from sfm.estimation.epipolar import epipoles
 from sfm.scene_model import Correspondences
 from tests.reference import sfm_neighbourhoods, sfm_propagation
-from tests.sfm.textures import Floats, Image, forwards, picture, shifted, sideways, texture
+from tests.sfm.textures import forwards, picture, shifted, sideways, texture
 
 HEIGHT, WIDTH = 96, 128
 TEXTURE = texture(21, 6.0, 24.0, 40.0)
@@ -71,7 +72,7 @@ def test_edges_along_epipolar_lines_are_left_out() -> None:
     assert len(found) == len(SEEDS)
 
 
-def hidden_pair() -> tuple[Image, Image, Floats]:
+def hidden_pair() -> tuple[Bytes, Bytes, Floats]:
     """Return two frames of a square that moves by 12 before a texture that moves by 4, and its mask."""
     front, dim = texture(22, 6.0, 20.0, 40.0), texture(23, 5.0, 12.0, 6.0)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
@@ -138,13 +139,9 @@ def test_frames_without_edges(shape: tuple[int, int]) -> None:
 
 
 def test_wrong_arguments_are_refused() -> None:
-    """Frames of different size and settings out of range raise ValueError."""
+    """Frames of different size raise ValueError."""
     with pytest.raises(ValueError, match="one shape"):
         propagate(EpipolarSearch(STILL, MOVED[1:], sideways()), known(SEEDS, SEEDS))
-    with pytest.raises(ValueError, match="reach"):
-        PropagationSettings(reach_px=0)
-    with pytest.raises(ValueError, match="step"):
-        SearchSettings(step_px=0.0)
 
 
 # ---- kernels ----
@@ -168,19 +165,22 @@ def run(kernel: object, compiled: bool) -> object:
 @pytest.mark.parametrize("compiled", [True, False])
 def test_errors_of_neighbourhoods(compiled: bool) -> None:
     """Errors are those of the twin, infinite outside."""
-    target, weights = SMALL[10:15, 12:17], window(2)
-    affine = np.array([[1.1, 0.2], [-0.1, 0.9]])
+    target, weights, affine = SMALL[10:15, 12:17], window(2), np.array([[1.1, 0.2], [-0.1, 0.9]])
+    patch, direction = epipolar_search.Patch(target, weights, SPLINE), np.array([0.6, -0.8])
+
+    def errors(x: float, y: float) -> Floats:
+        line = epipolar_search.Line(np.array([x - 0.3, y + 0.4]), direction, affine)
+        exact = run(epipolar_search.neighbourhood_error, compiled)(patch, line, 0.5)  # type: ignore[operator]
+        rough = run(epipolar_search.rough_error, compiled)(target, PAIR.halves, line, 0.5, weights)  # type: ignore[operator]
+        return np.array([exact, rough])
+
     for x, y in ((14.2, 12.7), (3.0, 2.9), (30.1, 26.0)):
-        error = run(epipolar_search.neighbourhood_error, compiled)(target, SPLINE, x, y, affine, weights)  # type: ignore[operator]
         values = sfm_neighbourhoods.neighbourhood(COEFFICIENTS, x, y, affine, 2)
-        assert error == pytest.approx(sfm_neighbourhoods.free_mean_error(target, values, weights), rel=1e-9)
-        rough = run(epipolar_search.rough_error, compiled)(target, PAIR.halves, x, y, affine, weights)  # type: ignore[operator]
-        assert rough == pytest.approx(error, rel=0.02)
+        exact, rough = errors(x, y)
+        assert exact == pytest.approx(sfm_neighbourhoods.free_mean_error(target, values, weights), rel=1e-9)
+        assert rough == pytest.approx(exact, rel=0.02)
     for x, y in ((1.0, 12.0), (34.0, 12.0), (14.0, 1.0), (14.0, 29.0)):
-        error = run(epipolar_search.neighbourhood_error, compiled)(target, SPLINE, x, y, affine, weights)  # type: ignore[operator]
-        assert error == np.inf
-        rough = run(epipolar_search.rough_error, compiled)(target, PAIR.halves, x, y, affine, weights)  # type: ignore[operator]
-        assert rough == np.inf
+        assert (errors(x, y) == np.inf).all()
 
 
 @pytest.mark.nojit
@@ -193,8 +193,8 @@ def test_epipolar_frames(compiled: bool, fundamental: Floats) -> None:
     arguments = (
         fundamental,
         epipoles(fundamental)[0],
-        15,
-        11,
+        15.0,
+        11.0,
         *near,
         epipolar_search.Line(foot, direction, affine),
     )
@@ -206,8 +206,8 @@ def test_epipolar_frames(compiled: bool, fundamental: Floats) -> None:
     at_epipole = (
         forwards((3.0, 4.0)),
         np.array([3.0, 4.0, 1.0]),
-        3,
-        4,
+        3.0,
+        4.0,
         *near,
         epipolar_search.Line(foot, direction, affine),
     )
@@ -255,7 +255,7 @@ ROUND_SEEDS = [(10, 10, np.array([16.4, 10.0])), (16, 14, np.array([23.0, 14.0])
 def rounds() -> tuple[np.ndarray, dict[tuple[int, int], Floats]]:
     """Return the pixels that may be tried, and what the twin makes of them."""
     tries = np.zeros(SMALL.shape, dtype=np.int64)
-    tries[9:18, 8:18] = 2 * find_edges(SMALL.astype(np.uint8), PropagationSettings())[9:18, 8:18]
+    tries[9:18, 8:18] = 2 * find_edges(SMALL.astype(np.uint8))[9:18, 8:18]
     limits = (4.0, 0.05)
     return tries, sfm_propagation.propagate(
         SMALL, COEFFICIENTS, sideways(), tries, 3, window(2), SEARCH, *limits, ROUND_SEEDS

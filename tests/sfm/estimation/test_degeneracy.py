@@ -9,15 +9,14 @@ import pytest
 from sfm.estimation import degeneracy
 from sfm.estimation.degeneracy import MotionClass, classify_motion, gric
 from sfm.estimation.two_view_estimators import HomographyEstimator
-from sfm.pipeline import weak_calibration
-from sfm.reconstruction_settings import SfmSettings
+from sfm.estimation.weak_calibration import weak_calibration
 from sfm.scene_model import Correspondences
 from tests.sfm.two_views import odd_correspondences, two_views
 
 
 def motion_of(pairs: Correspondences, seed: int = 0) -> MotionClass:
     rng = np.random.default_rng(seed)
-    return classify_motion(pairs, weak_calibration(pairs, rng, SfmSettings()), rng)
+    return classify_motion(pairs, weak_calibration(pairs, rng), rng)
 
 
 @pytest.mark.parametrize(("noise_px", "seed"), [(0.0, 0), (0.1, 1), (0.3, 2)])

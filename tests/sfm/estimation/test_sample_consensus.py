@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.arrays import Floats, Integers, Mask
 from sfm.estimation import sample_consensus
-from sfm.estimation.sample_consensus import Floats, Indices, Mask
 
 
 class LineEstimator:
@@ -20,7 +20,7 @@ class LineEstimator:
         self.num_data = len(points)
         self.points = points
 
-    def estimate(self, samples: Indices) -> Floats:
+    def estimate(self, samples: Integers) -> Floats:
         """Join first and last point of each sample."""
         a, b = self.points[samples[:, 0]], self.points[samples[:, -1]]
         step = np.where(b[:, 0] == a[:, 0], 1e-9, b[:, 0] - a[:, 0])
@@ -113,12 +113,3 @@ def test_noise_scale() -> None:
     assert 0.3 < sample_consensus.noise_scale(residuals) < 0.45
     assert sample_consensus.noise_scale(residuals[4000:]) == pytest.approx(0.3, rel=0.03)
     assert sample_consensus.noise_scale(np.ones(7), 7) == 0.0
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"threshold_px": 0.0}, {"confidence": 1.0}, {"min_num_trials": 10, "max_num_trials": 5}]
-)
-def test_wrong_settings_are_refused(wrong: dict[str, float]) -> None:
-    """Settings that make no sense name themselves."""
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        sample_consensus.RobustSettings(**wrong)  # type: ignore[arg-type]

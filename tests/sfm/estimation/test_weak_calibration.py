@@ -3,16 +3,10 @@
 import numpy as np
 import pytest
 
-from sfm import pipeline
 from sfm.estimation.epipolar import symmetric_distances
-from sfm.estimation.weak_calibration import WeakCalibration, WeakCalibrationSettings
-from sfm.reconstruction_settings import SfmSettings
+from sfm.estimation.weak_calibration import weak_calibration
 from sfm.scene_model import Correspondences
 from tests.sfm.two_views import odd_correspondences, two_views
-
-
-def weak_calibration(pairs: Correspondences, rng: np.random.Generator) -> WeakCalibration:
-    return pipeline.weak_calibration(pairs, rng, SfmSettings())
 
 
 @pytest.mark.parametrize("kind", ["general", "planar"])
@@ -73,9 +67,3 @@ def test_points_that_are_not_finite_are_outliers() -> None:
     assert found.success
     assert not found.inliers[::5].any()
     assert np.isinf(found.residuals_px[::5]).all()
-
-
-def test_too_few_inliers_to_confirm_are_refused_as_an_option() -> None:
-    """Seven points fit any matrix: fewer than eight confirm nothing."""
-    with pytest.raises(ValueError, match="min_num_inliers"):
-        WeakCalibrationSettings(min_num_inliers=7)

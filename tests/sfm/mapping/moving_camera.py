@@ -1,11 +1,9 @@
 """Exact tracks of a camera that moves past random points."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from sfm.mapping.sequence_tracks import SequenceTracks, VisiblePoints
-
-Floats = NDArray[np.float64]
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 400.0
 K = np.array([[FOCAL, 0.0, 0.5 * (WIDTH - 1)], [0.0, FOCAL, 0.5 * (HEIGHT - 1)], [0.0, 0.0, 1.0]])

@@ -1,7 +1,9 @@
-"""What a map says of itself."""
+"""Summaries and rendered views of maps."""
 
+import numpy as np
 import pytest
 
+from sfm.mapping.map_evaluation import render_view
 from sfm.mapping.scene_map import MapPiece, SceneMap
 from tests.sfm.plane_map import map_of, piece_of
 
@@ -23,3 +25,35 @@ def test_summary_counts_pieces_and_frames(pieces: tuple[MapPiece, ...], summary:
     """In one line, and in the right number."""
     scene: SceneMap = map_of(*pieces, size=SIZE)
     assert scene.summary == summary
+
+
+SHAPE = (16, 20)
+INTRINSICS = np.array([[20.0, 0.0, 9.5], [0.0, 20.0, 7.5], [0.0, 0.0, 1.0]])
+
+
+def _piece_of(depths: dict[int, np.ndarray]) -> MapPiece:
+    poses = {k: np.column_stack([np.eye(3), [-0.1 * k, 0.0, 0.0]]) for k in range(5)}
+    return MapPiece(INTRINSICS, poses, np.empty((0, 3)), np.empty((0, 3), np.uint8), depths)
+
+
+def test_what_has_no_depth_stands_at_infinity() -> None:
+    """The sky is shown as a frame has it, not filled from around."""
+    depth = np.full(SHAPE, 4.0, np.float32)
+    depth[:8] = np.nan
+    picture = np.full((*SHAPE, 1), 90, np.uint8)
+    picture[:8] = 200
+    piece = _piece_of({0: depth, 4: depth})
+    view = render_view(piece, {0: picture, 4: picture}, piece.poses[2])
+    assert view.drawn[2:6].all()
+    assert view.image[2:6] == pytest.approx(200.0, abs=1.0)
+    assert view.image[10:14] == pytest.approx(90.0, abs=1.0)
+
+
+def test_one_wrong_depth_does_not_cover_what_others_see() -> None:
+    """Three frames see a wall, and the fourth has something near before it that is not there."""
+    wall, wrong = np.full(SHAPE, 4.0, np.float32), np.full(SHAPE, 4.0, np.float32)
+    wrong[4:12, 4:12] = 1.0
+    grey, dark = np.full((*SHAPE, 1), 120, np.uint8), np.full((*SHAPE, 1), 20, np.uint8)
+    piece = _piece_of({0: wall, 1: wall, 3: wall, 4: wrong})
+    view = render_view(piece, {0: grey, 1: grey, 3: grey, 4: dark}, piece.poses[2])
+    assert view.image.min() > 80.0

@@ -6,9 +6,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page
 
+from dvc.arrays import Bytes, Mask
 from dvc.metrics import psnr_db
 from sfm.mapping.scene_map import MapPiece, SceneMap
 from sfm.output.flight_page import write_flight
@@ -21,8 +21,6 @@ CLASSES = "document.documentElement.classList"
 SETTLED = f"{CLASSES}.contains('ready') && {CLASSES}.contains('settled')"
 BACKGROUND = np.array([16, 18, 21])
 HOSTILE = '"></script><script>window.stolen = 1</script>'
-
-Picture = NDArray[np.uint8]
 
 
 def maps() -> dict[str, SceneMap]:
@@ -70,24 +68,24 @@ def settle(page: Page) -> None:
     wait_until(page, SETTLED)
 
 
-def saved(page: Page) -> Picture:
+def saved(page: Page) -> Bytes:
     settle(page)
     return saved_picture(page)
 
 
-def seen(page: Page) -> Picture:
+def seen(page: Page) -> Bytes:
     """Return the canvas as it stands on the page, without the outline of the focus."""
     settle(page)
     coded = np.frombuffer(page.locator("#view").screenshot(), np.uint8)
     return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), np.uint8)[5:-5, 5:-5]
 
 
-def quality(found: Picture, wanted: Picture) -> float:
+def quality(found: Bytes, wanted: Bytes) -> float:
     """Return the PSNR of all channels in dB."""
     return psnr_db(found.reshape(-1, 3), wanted.reshape(-1, 3))
 
 
-def drawn(picture: Picture) -> NDArray[np.bool_]:
+def drawn(picture: Bytes) -> Mask:
     """Tell where a picture is not the background."""
     return np.asarray(np.abs(picture.astype(int) - BACKGROUND).max(axis=2) > 2)
 
