@@ -22,7 +22,7 @@ PATTERNS = {
     ),
     "where": (r"\b[Ww]here (there|it|they|that|no|one|nothing|a|the)\b", "if, when, unless"),
     "which": (r"\b(of|by|to|from|in|with|for|on|at) which\b|\bwhose\b", "two sentences, with"),
-    "body": (r"\b([Nn]obody|[Aa]nybody|[Ss]omebody|[Ww]hoever|[Ww]hatever|[Ww]herever)\b", "a noun"),
+    "body": (r"\b([Nn]obody|[Aa]nybody|[Ss]omebody|[Ww]ho(ever)|[Ww]hat(ever)|[Ww]here(ver))\b", "a noun"),
     "others": (r"\bothers\b|\balone\b|\bbeside\b", "the other X, only, besides"),
     "so": (r"\bso (many|much|few|far|long)\b(?! as)|\bstands?\b", "up to N, is"),
     "phrase": (

@@ -16,7 +16,6 @@ from dvc.config import (
     encode_config,
     key_lambda,
 )
-from dvc.errors import ConfigError
 from dvc.video import VideoInfo
 from dvc.wynerziv import quantizer
 from encoder.options import parser, session
