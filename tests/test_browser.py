@@ -156,7 +156,7 @@ def test_without_a_browser_one_line_says_so(
 def test_page_tests_follow(tmp_path: Path, required: str, status: int, word: str) -> None:
     """The tests of the page are skipped in one line, or fail, with the same reason."""
     variables = {browser.NAMED: str(tmp_path / "none"), browser.REQUIRED: required, "COLUMNS": "500"}
-    tests = ["tests/rd/page/test_browser.py", "-n", "0", "-q", "-p", "no:cacheprovider"]
+    tests = ["tests/rd/test_page_browser.py", "-n", "0", "-q", "-p", "no:cacheprovider"]
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *tests, "-k", "chart_zooms or fits"],
         env={**os.environ, **variables},

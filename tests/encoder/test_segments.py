@@ -243,7 +243,7 @@ def test_recording_goes_on_after_what_is_there(tmp_path: Path, frames: list[Fram
     status, lines = finish(process, planes(frames[:13])[:-100])
     assert status == 3
     assert "day-0006.dvc.part remains from an earlier recording" in lines[0]
-    assert lines[-1].startswith("dvc-encode: standard input: ends within frame 12")
+    assert lines[-1].startswith("dvc-encode: standard input: damaged after 12 frames (ends within frame 12")
     assert names(tmp_path) == ["day-0004.dvc", "day-0006.dvc.part", "day-0007.dvc", "day-0008.dvc"]
     assert (tmp_path / "day-0004.dvc").read_bytes() == b"earlier"
     with StreamReader(tmp_path / "day-0008.dvc") as reader:

@@ -95,7 +95,7 @@ def test_key_frames_lie_close_where_prediction_costs_more(last: int) -> None:
     bits = error_of(frames, tracker) * frames[0].size / COSTS[last] / quantizer_step(4) ** 2
     for share, is_too_far in ((0.99, True), (1.01, False)):
         spacing = Spacing(TrackingWork())
-        spacing.learn(KeyPicture(bytes(round(share * bits / 8)), True), 4, 2)
+        spacing.update(KeyPicture(bytes(round(share * bits / 8)), True), 4, 2)
         assert spacing.is_too_far(frames, tracker) is is_too_far
         assert not spacing.is_too_far(frames[:-1], tracker)
 
@@ -138,7 +138,7 @@ def test_odd_frames_that_are_tiny_are_never_too_far() -> None:
 def test_cost_is_that_of_a_key_frame_two_frames_on(predicted: bool, distance: int, share: float) -> None:
     """By what the last one took and from where it was predicted; intra pictures cost the same everywhere."""
     spacing = Spacing(TrackingWork())
-    spacing.learn(KeyPicture(bytes(100), predicted), 28, distance)
+    spacing.update(KeyPicture(bytes(100), predicted), 28, distance)
     assert spacing._cost == pytest.approx(quantizer_step(28) ** 2 * 800 * share)
 
 

@@ -410,7 +410,7 @@ def test_decoder_refuses_a_breach_of_the_protocol(messages: list[Message], text:
         (b"\x02\x80\x00", "integer is longer"),
         (b"\x02\x00", "Welcome: data end"),
         (b"\x02\x01\x02", "protocol version 2; this program speaks version 11"),
-        (b"\x02\x02\x0b\x7f", "configuration: Expected `array`, got `int`"),
+        (b"\x02\x02\x0b\x7f", "configuration: `configuration` must be an array"),
         (b"\x02\x01\x0b", "configuration: .*truncated"),
     ],
 )

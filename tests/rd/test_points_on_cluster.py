@@ -127,7 +127,7 @@ def test_an_original_that_is_another_one_is_refused(clip: Path, tmp_path: Path) 
     with pytest.raises(DvcError, match="the worker has another file of this name"):
         measure_on_worker(other)
     gone = Point("nowhere.mkv", "2d", None, "40", 1)
-    with pytest.raises(DvcError, match="neither a file nor a known sequence"):
+    with pytest.raises(DvcError, match="neither a file nor a sequence"):
         measure_on_worker(Task(gone, Source("nowhere", tmp_path / "nowhere.mkv", "0"), code_version()))
     with pytest.raises(DvcError, match="the worker has another version"):
         measure_on_worker(Task(point, source, CodeVersion("0", None, "0")))

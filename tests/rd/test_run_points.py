@@ -151,7 +151,7 @@ def test_failing_point_does_not_stop_the_sweep(
     )
     assert main(["run", "--spec", str(spec), "--out", str(tmp_path / "out"), "--jobs", "2"]) == 2
     assert "3 points: 1 measured, 0 already there, 2 failed" in capfd.readouterr().err
-    assert "'nowhere.mkv' is neither a file nor a known sequence" in caplog.text
+    assert "'nowhere.mkv' is neither a file nor a sequence" in caplog.text
     assert "cannot start at frame 99" in caplog.text
     assert len(read_results(tmp_path / "out")) == 1
 

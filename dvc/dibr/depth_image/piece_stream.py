@@ -125,6 +125,8 @@ def decode_stream(data: bytes, max_mib: float | None = None) -> LayeredStream:
             piece = decode_piece(part, (rectangle.height, rectangle.width))
             if not piece.masked or piece.picture is None:
                 raise BitstreamError("no mask or no picture")
+            if piece.damage is not None and position <= len(data):
+                raise BitstreamError(piece.damage)  # its lengths are wrong: the stream is not cut there
         except BitstreamError as err:
             damage = cut if position > len(data) else f"piece {number} of {len(rectangles)}: {err}"
             break

@@ -22,7 +22,7 @@ from tests.dibr.depth_maps import texture, two_discs
         (["--chapter", "3", "nothing"], "expected one of"),
         (["--chapter", "2", "teddy"], "--data must name a folder"),
         (["--chapter", "3", "none.png", "flat.png"], "none.png: no such file"),
-        (["--chapter", "5", "nothing"], "neither a file nor a known sequence"),
+        (["--chapter", "5", "nothing"], "neither a file nor a sequence"),
         (["--chapter", "3", "flat.png", "flat.png"], "need --disparities MIN:MAX"),
         (["--chapter", "4", "teddy", "--data", "."], "--data must name a folder"),
         (["--chapter", "4", "nothing"], "expected one of"),
