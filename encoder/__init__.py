@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from dvc.config import CodecConfig, Delivery
     from dvc.video import Frame
-    from encoder.report import EncoderStatistics
+    from encoder.encoder_report import EncoderStatistics
 
 
 def encode(
@@ -41,7 +41,7 @@ def encode(
     """
     from dvc.errors import VideoError
     from dvc.files import SyncedFile, atomic_output
-    from encoder.session import EncoderSession
+    from encoder.encoder_session import EncoderSession
 
     width, height = config.video.width, config.video.height
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from dvc import cli
 from dvc.files import PARTIAL_SUFFIX
-from encoder import options
+from encoder import encoder_options as options
 
 if TYPE_CHECKING:
     from dvc.video import VideoInfo, VideoReader
+    from encoder.encoder_session import EncoderSession, Progress
     from encoder.frame_queue import FrameQueue, PacedFrames
     from encoder.segments import InputFrames, Segment
-    from encoder.session import EncoderSession, Progress
 
 MIN_REPORTED_LAG_S = 1.0
 """Shortest lag that is logged."""
@@ -50,10 +50,10 @@ def _run(reader: "VideoReader", arguments: argparse.Namespace, progress: "Progre
     import cv2
 
     from dvc.memory import resident_bytes
+    from encoder.encoder_report import memory_report
+    from encoder.encoder_session import EncoderSession  # noqa: F401  # loaded before the first frame
     from encoder.frame_queue import PacedFrames
-    from encoder.report import memory_report
     from encoder.segments import InputFrames
-    from encoder.session import EncoderSession  # noqa: F401  # loaded before the first frame
 
     cv2.setNumThreads(1)  # only the time of this thread is counted
     live, segmented = reader.info.live, arguments.segment is not None
@@ -148,7 +148,7 @@ def _serve(
     from dvc.feedback import listen, parse_address
     from encoder.acceptor import PeerAcceptor
     from encoder.frame_queue import LeftOut
-    from encoder.live import DecoderPace, serve
+    from encoder.live_encoder import DecoderPace, serve
 
     def _has_frames() -> bool:
         return queue is None or source.stopped or queue.holds(session.config.gop.length)
@@ -180,8 +180,8 @@ def _serve(
 
 
 def _report(session: "EncoderSession", segments: "list[Segment]") -> dict[str, object]:
+    from encoder.encoder_report import EncoderStatistics
     from encoder.rate_limiter import summed_up
-    from encoder.report import EncoderStatistics
 
     statistics = session.statistics
     report: dict[str, object] = {}

@@ -7,7 +7,7 @@ from typing import Protocol
 from dvc.config import CodecConfig
 from dvc.tracks import FeaturePoints, PointTracks, encode_points
 from dvc.video import Frame
-from encoder.corners import CornerDetector
+from encoder.corner_detector import CornerDetector
 from encoder.work import TrackingWork
 
 

@@ -18,7 +18,7 @@ from dvc.config import MAX_NEW_TRACKS
 from dvc.tracks import PointTracks
 from dvc.video.frames import Plane
 from encoder import _kernels
-from encoder.corners import TRACKED_CORNERS, CornerSettings, find_corners
+from encoder.corner_detector import TRACKED_CORNERS, CornerSettings, find_corners
 from encoder.work import TrackingWork, coding_time_s
 
 Floats = NDArray[np.float64]

@@ -14,8 +14,8 @@ from dvc.files import PARTIAL_SUFFIX, growing_output
 from dvc.video import Frame
 
 if TYPE_CHECKING:
-    from encoder.report import EncoderStatistics
-    from encoder.session import EncoderSession, Progress
+    from encoder.encoder_report import EncoderStatistics
+    from encoder.encoder_session import EncoderSession, Progress
 
 MIN_DIGITS = 4
 MAX_SEGMENT_FRAMES = 10**9

@@ -10,7 +10,7 @@ from dvc.config import CodecConfig, KeyFrameRule
 from dvc.corners import spaced
 from dvc.tracks import PointTracks, encode_tracks
 from dvc.video import Frame
-from encoder.corners import TRACKED_CORNERS
+from encoder.corner_detector import TRACKED_CORNERS
 from encoder.groups import Group
 from encoder.point_tracker import PointTracker
 from encoder.spacing import Spacing

@@ -13,7 +13,7 @@ import numpy as np
 
 from dvc._jit import loading_time_s
 from dvc.tracks import PointTracks
-from dvc.tracks.regression.coding import NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATURES
+from dvc.tracks.regression.regression_coding import NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATURES
 from dvc.wynerziv.transform import BLOCK, NUM_BANDS
 from encoder._kernels import HALF_BLOCK_PX, NUM_NEAREST, QUARTER_HALF_BLOCK_PX, SAMPLED_PX
 

@@ -8,7 +8,7 @@ from decoder.session import decode_stream, stream_tasks
 from dvc.config import CodecConfig
 from dvc.stream import Form, GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
-from encoder.session import EncoderSession
+from encoder.encoder_session import EncoderSession
 
 
 def written(config: CodecConfig, records: Sequence[GopRecord], form: Form) -> bytes:

@@ -22,7 +22,7 @@ ALGORITHMS = (
     "decoder.side_information",
     "decoder.wyner_ziv",
     "encoder.groups",
-    "encoder.session",
+    "encoder.encoder_session",
 )
 READ_CAMERA_FILES = ("dvc.geometry.camera_estimation", "dvc.geometry.camera_files")
 

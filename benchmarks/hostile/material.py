@@ -32,7 +32,7 @@ from dvc.video import Frame
 from encoder.acceptor import AcceptedPeer
 
 if TYPE_CHECKING:
-    from encoder.session import EncoderSession
+    from encoder.encoder_session import EncoderSession
 
 PATIENCE_S, COMPILING_S = 0.75, 300.0
 """Patience with a silent peer: in attempts, and in the first run, which may compile kernels."""
@@ -58,7 +58,7 @@ class Material:
 @cache
 def material(codec: str = "2d", by_qp: bool = False) -> Material:
     """Make the material; this also loads all compiled kernels."""
-    from encoder.session import EncoderSession
+    from encoder.encoder_session import EncoderSession
 
     height, width, low = (24, 32, 40) if codec == "2d" else (48, 64, 0)
     noise = np.random.default_rng(1).integers(low, 256 - low, (9, height + 32, width + 32))
@@ -168,13 +168,13 @@ def live_run(
 
 def session(made: Material) -> "EncoderSession":
     """Return an encoder."""
-    from encoder.session import EncoderSession
+    from encoder.encoder_session import EncoderSession
 
     return EncoderSession(made.config, Live())
 
 
 def serve(made: Material, peer: AcceptedPeer) -> None:
     """Run the encoder on a connection."""
-    from encoder import live
+    from encoder import live_encoder as live
 
     live.serve(session(made), made.frames, None, peer, lambda _: None)

@@ -44,7 +44,7 @@ from dvc.environment import child_environment
 from dvc.metrics import psnr_db, psnr_yuv_db
 from dvc.stream import Form, StreamReader, StreamWriter
 from dvc.video import Frame, VideoInfo, open_video
-from encoder.session import EncoderSession
+from encoder.encoder_session import EncoderSession
 
 USUAL = ""
 

@@ -13,7 +13,7 @@ from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame, chroma_shape
 from dvc.wynerziv.transform import to_uint8
-from encoder.corners import CornerDetector
+from encoder.corner_detector import CornerDetector
 from encoder.point_tracker import PointTracker
 
 SHAPES = pytest.mark.parametrize("shape", [(1, 1), (1, 17), (3, 5), (4, 4), (16, 16), (17, 23), (40, 56)])

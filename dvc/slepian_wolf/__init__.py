@@ -3,7 +3,7 @@
 from dvc.slepian_wolf.checks import CRC_BITS, crc, crc_words, joint_check
 from dvc.slepian_wolf.coders import plane_coder
 from dvc.slepian_wolf.coupling import NeighbourCoupling
-from dvc.slepian_wolf.protocol import FrameCheck, PlaneCoder, PlaneCost, PlaneDecoder, PlaneResult
+from dvc.slepian_wolf.plane_protocol import FrameCheck, PlaneCoder, PlaneCost, PlaneDecoder, PlaneResult
 from dvc.slepian_wolf.requests import (
     KINDS,
     MAX_RUN_BITS,

@@ -3,7 +3,7 @@
 from dvc.config import CascadeConfig, CodecConfig, TurboConfig
 from dvc.extensions import PLANE_CODERS, make
 from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
-from dvc.slepian_wolf.protocol import PlaneCoder
+from dvc.slepian_wolf.plane_protocol import PlaneCoder
 from dvc.slepian_wolf.turbo.turbo_coder import TurboCoder
 
 

@@ -18,7 +18,7 @@ from dvc.config import (
 )
 from dvc.video import VideoInfo
 from dvc.wynerziv import quantizer
-from encoder.options import parser, session
+from encoder.encoder_options import parser, session
 
 
 def test_steps_double_every_six_qps() -> None:

@@ -26,8 +26,8 @@ from dvc.slepian_wolf.requests import FRAME
 from dvc.stream import GopRecord
 from dvc.video import Frame
 from encoder.acceptor import AcceptedPeer, PeerAcceptor
-from encoder.live import DecoderPace, serve
-from encoder.session import EncoderSession
+from encoder.encoder_session import EncoderSession
+from encoder.live_encoder import DecoderPace, serve
 from tests import streams
 from tests.clips import moving_texture
 

@@ -26,7 +26,7 @@ from dvc.metrics import psnr_db
 from dvc.stream import Form, StreamReader
 from dvc.tracks import PointTracks, encode_tracks
 from dvc.video import Frame, VideoInfo
-from encoder.session import EncoderSession
+from encoder.encoder_session import EncoderSession
 from tests.clips import moving_texture, same_frame
 from tests.streams import config_of, decoded, encoded, written
 

@@ -11,8 +11,8 @@ import pytest
 from dvc.config import Live, ParityBuffer, VideoConfig, codec_config
 from dvc.errors import VideoError
 from dvc.video import Frame
+from encoder.encoder_session import EncoderSession
 from encoder.frame_queue import FrameQueue, PacedFrames, default_frames
-from encoder.session import EncoderSession
 from tests.clips import moving_texture
 from tests.waiting import wait_until
 

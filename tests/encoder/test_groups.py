@@ -22,9 +22,9 @@ from dvc.tracks import PointTracks, decode_points, decode_tracks
 from dvc.video import Frame, open_video
 from encoder import spacing
 from encoder.__main__ import main
+from encoder.encoder_session import EncoderSession
 from encoder.groups import CornerGroups, Group
 from encoder.point_tracker import PointTracker
-from encoder.session import EncoderSession
 from encoder.spacing import Spacing
 from encoder.tracked_groups import TrackedGroups, thinned, worthwhile
 from encoder.work import TrackingWork

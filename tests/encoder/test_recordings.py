@@ -17,7 +17,7 @@ import encoder.__main__
 from dvc.errors import BitstreamError
 from dvc.stream import GopRecord, StreamReader
 from dvc.video import Frame, VideoInfo
-from encoder import options
+from encoder import encoder_options as options
 from tests.clips import moving_texture
 
 SIZE = (48, 32)

@@ -14,7 +14,7 @@ from dvc.tracks.regression._kernels import NUM_NEIGHBOURS
 from dvc.wynerziv import _kernels as wyner_ziv_kernels
 from dvc.wynerziv import transform
 from encoder import _kernels, work
-from encoder.corners import TRACKED_CORNERS, _response
+from encoder.corner_detector import TRACKED_CORNERS, _response
 from encoder.work import Operations
 from tests.clips import moving_texture
 from tests.counting import Data, Tally, counting

@@ -20,7 +20,7 @@ from dvc.stream import (
     frame_times_s,
 )
 from dvc.video import Frame
-from encoder.session import EncoderSession
+from encoder.encoder_session import EncoderSession
 from tests.clips import moving_texture
 
 VIDEO = VideoConfig(32, 24, 30, 1)

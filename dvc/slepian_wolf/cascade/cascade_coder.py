@@ -14,7 +14,7 @@ from dvc.slepian_wolf.cascade.posterior import RangePosterior
 from dvc.slepian_wolf.cascade.reconciliation import PlaneReconciliation
 from dvc.slepian_wolf.checks import CRC_BITS, crc, joint_check
 from dvc.slepian_wolf.coupling import NeighbourCoupling
-from dvc.slepian_wolf.protocol import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult, Words
+from dvc.slepian_wolf.plane_protocol import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult, Words
 from dvc.slepian_wolf.requests import Bits, ParityRequest, ask
 
 SEARCH_BITS = 6

@@ -14,7 +14,7 @@ from dvc.config import CascadeConfig
 from dvc.slepian_wolf.cascade.posterior import Positions, RangePosterior
 from dvc.slepian_wolf.checks import CRC_BITS, crc
 from dvc.slepian_wolf.coupling import NeighbourCoupling, bounded_llr, entropy_bits, ideal_bits
-from dvc.slepian_wolf.protocol import PlaneCoroutine, PlaneResult
+from dvc.slepian_wolf.plane_protocol import PlaneCoroutine, PlaneResult
 from dvc.slepian_wolf.requests import Bits, Kind, ParityRequest, ask
 
 ERROR_EXPONENT = 8

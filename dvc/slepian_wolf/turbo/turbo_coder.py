@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dvc.slepian_wolf.checks import CRC_BITS, crc
 from dvc.slepian_wolf.coupling import NeighbourCoupling, bounded_llr, entropy_bits, ideal_bits
-from dvc.slepian_wolf.protocol import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult, Words
+from dvc.slepian_wolf.plane_protocol import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult, Words
 from dvc.slepian_wolf.requests import Bits, Kind, ParityRequest, ask
 from dvc.slepian_wolf.turbo.turbo_decoder import TurboDecoder
 from dvc.slepian_wolf.turbo.turbo_encoder import CLASSICAL, encode_words

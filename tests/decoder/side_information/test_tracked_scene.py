@@ -16,7 +16,7 @@ from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
-from encoder.corners import CornerDetector
+from encoder.corner_detector import CornerDetector
 from sfm.scene_model import Model
 from tests.scenes_3d import camera_at, render, two_planes
 

@@ -15,8 +15,8 @@ from dvc.slepian_wolf import RequestTable
 from dvc.slepian_wolf.requests import COUNT, SLOT
 from dvc.video import Frame
 from encoder.acceptor import AcceptedPeer, PeerAcceptor
+from encoder.encoder_session import EncodedGroup, EncoderSession, Progress
 from encoder.frame_queue import LeftOut
-from encoder.session import EncodedGroup, EncoderSession, Progress
 
 MAX_STALL_S = 3600.0
 """Longest time that a connected decoder may take without asking for anything or finishing a group."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from encoder.corners import TRACKED_CORNERS, CornerDetector, CornerSettings, _strongest, find_corners
+from encoder.corner_detector import TRACKED_CORNERS, CornerDetector, CornerSettings, _strongest, find_corners
 from tests.clips import moving_texture, odd_frames
 
 STILL_LIFE = moving_texture(1, 120, 160)[0].luma

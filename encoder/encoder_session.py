@@ -26,12 +26,12 @@ from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.hierarchy import reference_distances
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout
+from encoder.encoder_report import EncoderStatistics
 from encoder.groups import CornerGroups, FixedGroups, Group, GroupCoder
 from encoder.leaky_bucket import QualityStep
 from encoder.point_tracker import PointTracker, PointTrackerSettings
 from encoder.rate_limiter import CodedFrames, CodeKey, Coding, RateLimiter, limited
 from encoder.rate_limits import RateLimits
-from encoder.report import EncoderStatistics
 from encoder.spacing import Spacing
 from encoder.time_stamps import CodingClock
 from encoder.tracked_groups import TrackedGroups

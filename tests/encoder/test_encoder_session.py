@@ -13,11 +13,11 @@ from dvc.config import DiscoverMatrix, Quality, VideoConfig, codec_config
 from dvc.keyframes import KeyFrameDecoder
 from dvc.stream import Form, StreamReader
 from dvc.video import Frame, VideoInfo
-from encoder import options
+from encoder import encoder_options as options
 from encoder._kernels import QUARTER_HALF_BLOCK_PX
+from encoder.encoder_report import TIMED_PARTS, memory_report
+from encoder.encoder_session import EncoderSession
 from encoder.groups import FixedGroups, Group
-from encoder.report import TIMED_PARTS, memory_report
-from encoder.session import EncoderSession
 from encoder.work import LARGE_SAMPLES, SMALL_SAMPLES, TrackingWork, block_comparison
 from tests.clips import moving_texture
 

@@ -42,8 +42,8 @@ from encoder.rate_limits import TOLERANCE, WINDOW_S, RateLimits
 if TYPE_CHECKING:
     from dvc.feedback import Protection
     from dvc.video import Frame, VideoInfo
+    from encoder.encoder_session import EncoderSession
     from encoder.frame_queue import FrameQueue
-    from encoder.session import EncoderSession
     from encoder.time_stamps import CodingClock
 
 PROG = "dvc-encode"
@@ -439,8 +439,8 @@ def session(
     arguments: argparse.Namespace, info: "VideoInfo", clock: "CodingClock | None" = None
 ) -> "EncoderSession":
     """Set up an encoder for a video; the arguments have been checked."""
+    from encoder.encoder_session import EncoderSession
     from encoder.point_tracker import PointTrackerSettings
-    from encoder.session import EncoderSession
 
     bits_per_pixel = MAX_TRACKS_BPP if arguments.tracks_bpp is None else arguments.tracks_bpp
     if not bits_per_pixel > 0:

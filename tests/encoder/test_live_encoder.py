@@ -15,11 +15,11 @@ from dvc.feedback.messages import Finished, encode_message
 from dvc.slepian_wolf import ParityRequest, Part
 from dvc.video import Frame
 from dvc.wynerziv.areas import Areas
-from encoder import live
+from encoder import live_encoder
 from encoder.acceptor import AcceptedPeer, FirstFrame, PeerAcceptor
-from encoder.live import DecoderPace, serve
+from encoder.encoder_session import EncoderSession
+from encoder.live_encoder import DecoderPace, serve
 from encoder.rate_limits import RateLimits
-from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
 LAST = encode_message(Finished())
@@ -117,7 +117,7 @@ def test_a_decoder_without_progress_is_lost_by_time(monkeypatch: pytest.MonkeyPa
             now_s += 600.0
             return super().receive(within_s) if len(self.records) < 2 else b""
 
-    monkeypatch.setattr(live.time, "monotonic", lambda: now_s)
+    monkeypatch.setattr(live_encoder.time, "monotonic", lambda: now_s)
     frames = [Frame(frame.luma) for frame in moving_texture(9, 24, 32)]
     with pytest.raises(FeedbackError, match="connected, but does nothing for 3600 s"):
         served(EncoderSession(CONFIG, Live()), frames, Idle(done=False))
