@@ -49,12 +49,13 @@ test-all: venv  ## run the long studies too, and every frozen stream on every em
 	$(BIN)/python -m tests.browser
 	DVC_ALL_PROCESSORS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
-check: $(INSTALLED)  ## check format, lint, types, layers and spelling (docstrings are tested by make test)
+check: $(INSTALLED)  ## check format, lint, types, layers, spelling and phrases
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/codespell
+	$(BIN)/python -m tests.english
 
 docs: venv  ## build the documentation site in out/docs; its tutorials are executed
 	$(PIP) --group docs

@@ -142,7 +142,7 @@ def prior_information(llr, decisions):
 class Lattice(NamedTuple):
     """Bits that depend on their neighbours; all of shape (rows, columns), but `weights`: (rows, 3)."""
 
-    alone: NDArray[np.float64]
+    base: NDArray[np.float64]
     shift: NDArray[np.float64]
     slope: NDArray[np.float64]
     excess: NDArray[np.float64]
@@ -153,8 +153,8 @@ class Lattice(NamedTuple):
 @inlined_kernel
 def llr_of(lattice, deviation, r, c, causal):
     """Return the LLR of a bit with the beliefs of its neighbours added; `deviation`: (rows, columns)."""
-    alone, shift, slope, excess, widening, weights = lattice
-    rows, columns = alone.shape
+    base, shift, slope, excess, widening, weights = lattice
+    rows, columns = base.shape
     moved = spread = 0.0
     for k in range(2 if causal else 4):
         y, x = r - (k == 1) + (k == 3), c - (k == 0) + (k == 2)
@@ -162,7 +162,7 @@ def llr_of(lattice, deviation, r, c, causal):
             moved += weights[r, k & 1] * (shift[y, x] * deviation[y, x])
             spread += excess[y, x] * deviation[y, x]
     spread = min(max(spread, -_MAX_SPREAD), _MAX_SPREAD)
-    return alone[r, c] + slope[r, c] * moved + widening[r, c] * (weights[r, 2] * spread)
+    return base[r, c] + slope[r, c] * moved + widening[r, c] * (weights[r, 2] * spread)
 
 
 @kernel

@@ -44,7 +44,7 @@ class NeighbourCoupling:
     `places`, (N,). Places without a bit are neither known nor requested.
     """
 
-    alone: Array  # LLR log p(0) / p(1) of each bit if its neighbours are unknown
+    base: Array  # LLR log p(0) / p(1) of each bit if its neighbours are unknown
     shift: Array  # shift of the values of neighbours by a bit of 1 instead of 0
     slope: Array  # change of the LLR with the shift by neighbours
     # square of the shift of a bit's own value, in squared scales; values of neighbours spread further if it
@@ -59,7 +59,7 @@ class NeighbourCoupling:
         """Join bits of several lattices of one shape, which do not depend on each other."""
         if len(parts) == 1:
             return parts[0]
-        rows, columns = parts[0].alone.shape
+        rows, columns = parts[0].base.shape
         gap = (rows + 1) * columns  # a row between two lattices keeps them apart
 
         def stack(name: str) -> Array:
@@ -67,36 +67,36 @@ class NeighbourCoupling:
             return np.concatenate(padded)
 
         places = np.concatenate([number * gap + part.places for number, part in enumerate(parts)])
-        alone, shift, slope, energy, widening, weights = map(
-            stack, ("alone", "shift", "slope", "energy", "widening", "weights")
+        base, shift, slope, energy, widening, weights = map(
+            stack, ("base", "shift", "slope", "energy", "widening", "weights")
         )
-        return cls(alone, shift, slope, energy, widening, weights, places)
+        return cls(base, shift, slope, energy, widening, weights, places)
 
     @cached_property
-    def probability_alone(self) -> Array:
+    def base_probability(self) -> Array:
         """Probability of a 1 if the neighbours are unknown; shape (rows, columns)."""
-        llr = self.alone.ravel().astype(np.float32)
+        llr = self.base.ravel().astype(np.float32)
         zero, one = np.empty_like(llr), np.empty_like(llr)
         _kernels.bit_probabilities(llr, zero, one)
-        return one.reshape(self.alone.shape).astype(np.float64)
+        return one.reshape(self.base.shape).astype(np.float64)
 
     @cached_property
     def excess_energy(self) -> Array:
         """Energy beyond the expected one of a bit of 1 instead of 0; shape (rows, columns)."""
-        return self.energy * (1.0 - 2.0 * self.probability_alone)
+        return self.energy * (1.0 - 2.0 * self.base_probability)
 
     @cached_property
     def lattice(self) -> _kernels.Lattice:
         """The same for kernels."""
         return _kernels.Lattice(
-            self.alone, self.shift, self.slope, self.excess_energy, self.widening, self.weights
+            self.base, self.shift, self.slope, self.excess_energy, self.widening, self.weights
         )
 
     def deviation(self, probability: NDArray[np.floating] | Bits) -> Array:
-        """Return the difference of beliefs from `probability_alone`, on the lattice."""
-        found = np.zeros(self.alone.size)
-        found[self.places] = probability - self.probability_alone.ravel()[self.places]
-        return found.reshape(self.alone.shape)
+        """Return the difference of beliefs from `base_probability`, on the lattice."""
+        found = np.zeros(self.base.size)
+        found[self.places] = probability - self.base_probability.ravel()[self.places]
+        return found.reshape(self.base.shape)
 
     def llr_given(self, probability: NDArray[np.floating]) -> NDArray[np.float32]:
         """Return the LLR of each bit given the beliefs of its neighbours."""
@@ -107,6 +107,6 @@ class NeighbourCoupling:
         return self._llr(bits, causal=True)
 
     def _llr(self, probability: NDArray[np.floating] | Bits, causal: bool) -> NDArray[np.float32]:
-        llr = np.empty_like(self.alone)
+        llr = np.empty_like(self.base)
         _kernels.add_neighbours(self.lattice, self.deviation(probability), causal, llr)
         return llr.ravel()[self.places].astype(np.float32)

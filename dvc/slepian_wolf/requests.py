@@ -1,4 +1,4 @@
-"""What a decoder asks for: one kind of request, and the driver of coroutines that yield them."""
+"""Requests of a decoder, and the drivers of coroutines that yield them."""
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ class Part(NamedTuple):
 
     offset: int  # of the frame, in display order, from that which names the run
     planes: tuple[int, ...]  # increasing
-    areas: bytes = b""  # in which areas of the frame, as who asks and who answers code it; none: in all
+    areas: bytes = b""  # areas of the frame, coded as both ends agree; none: all areas
 
 
 Run = tuple[Part, ...]
@@ -54,7 +54,7 @@ positions end among all; where the frame is held, if that is known; the run that
 
 
 class RequestTable(NamedTuple):
-    """Many requests, in the order in which they are answered, as columns."""
+    """Requests in the order of their answers, as columns."""
 
     rows: NDArray[np.int64]  # a request each; see `FRAME` to `BEGUN`
     positions: NDArray[np.int64]  # their positions, one request's after the other's
@@ -120,7 +120,7 @@ def ask(request: ParityRequest) -> Generator[ParityRequest, Bits, Bits]:
 def beginning(
     run: Run, coroutine: Generator[ParityRequest, Bits, Result]
 ) -> Generator[ParityRequest, Bits, Result]:
-    """Say with the first request of a coroutine for which run it is."""
+    """Attach the run to the first request of a coroutine."""
     try:
         bits = yield replace(next(coroutine), begun=run)
         while True:
@@ -144,7 +144,7 @@ def drive(coroutine: Generator[Asked, Given, Result], answer: Callable[[Asked], 
 def side_by_side(
     coroutines: Sequence[Generator[ParityRequest, Bits, Result]],
 ) -> Generator[Round, Sequence[Bits], list[Result]]:
-    """Let decoding coroutines go on in step: all that have not ended ask together."""
+    """Advance decoding coroutines in step: their requests form one round."""
     results: dict[int, Result] = {}
     answers: dict[int, Bits | None] = dict.fromkeys(range(len(coroutines)))
     while True:

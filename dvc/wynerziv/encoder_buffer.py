@@ -50,7 +50,7 @@ class _PickedPart(NamedTuple):
 
 
 class EncoderBuffer:
-    """Frames of which bits may be asked for; parity of a code is computed when it is first asked for."""
+    """Frames with requestable bits; the parity of a code is computed at its first request."""
 
     def __init__(self, layout: FrameLayout, coder: PlaneCoder, num_slots: int) -> None:
         self._layout, self._coder = layout, coder
@@ -104,7 +104,7 @@ class EncoderBuffer:
         return np.packbits(bits).tobytes()
 
     def _picked(self, first_slot: int, part: Part) -> _PickedPart:
-        """Note which planes of a frame are wanted in which areas."""
+        """Start a run of planes of a frame in some areas."""
         slot = first_slot + part.offset
         frame, chosen, areas = self._frames[slot], self._chosen[slot], self._areas.decoded(part.areas)
         if frame is None or part.planes[-1] >= frame.quantization.num_planes:
@@ -137,7 +137,7 @@ class EncoderBuffer:
         return held
 
     def _make_room(self, wanted: _HeldRun) -> None:
-        """Let runs give way that were begun long ago, but not one that is wanted."""
+        """Discard the oldest runs, except one that is in use."""
         for place, run in [*self._held.items()]:
             if self._num_bytes <= MAX_HELD_BYTES:
                 return

@@ -11,17 +11,17 @@ MAX_SPREAD = 2.0
 
 def coupled_llr(coupling: NeighbourCoupling, probability: Array, causal: bool) -> Array:
     """Return LLRs on the lattice with what is believed of neighbours, or of those to the left and above."""
-    alone = coupling.alone
-    expected = 1.0 / (1.0 + np.exp(alone))
-    has_bit = np.isin(np.arange(alone.size), coupling.places).reshape(alone.shape)
+    base = coupling.base
+    expected = 1.0 / (1.0 + np.exp(base))
+    has_bit = np.isin(np.arange(base.size), coupling.places).reshape(base.shape)
     deviation = np.where(has_bit, probability - expected, 0.0)
-    llr = alone.copy()
+    llr = base.copy()
     steps = [((0, -1), 0), ((-1, 0), 1), ((0, 1), 0), ((1, 0), 1)]
-    for place in np.ndindex(alone.shape):
+    for place in np.ndindex(base.shape):
         moved = spread = 0.0
         for (down, right), weight in steps[: 2 if causal else 4]:
             other = place[0] + down, place[1] + right
-            if 0 <= other[0] < alone.shape[0] and 0 <= other[1] < alone.shape[1]:
+            if 0 <= other[0] < base.shape[0] and 0 <= other[1] < base.shape[1]:
                 moved += coupling.weights[place[0], weight] * coupling.shift[other] * deviation[other]
                 spread += coupling.energy[other] * (1 - 2 * expected[other]) * deviation[other]
         llr[place] += coupling.slope[place] * moved

@@ -68,8 +68,8 @@ def test_neighbours_are_added_as_in_the_plain_way(causal: bool, shape: tuple[int
 def test_neighbours_as_expected_tell_nothing(share: float) -> None:
     """Beliefs that are those of the bits alone leave all LLRs as they are."""
     coupling = random_coupling(np.random.default_rng(4), (4, 5), 2.0, share)
-    found = coupling.llr_given(coupling.probability_alone.ravel()[coupling.places])
-    np.testing.assert_allclose(found, coupling.alone.ravel()[coupling.places], atol=1e-5)
+    found = coupling.llr_given(coupling.base_probability.ravel()[coupling.places])
+    np.testing.assert_allclose(found, coupling.base.ravel()[coupling.places], atol=1e-5)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.7])
@@ -105,8 +105,8 @@ def test_stacked_lattices_do_not_depend_on_each_other(
     ]
     np.testing.assert_array_equal(together, np.concatenate(alone))
     np.testing.assert_array_equal(
-        stacked.alone.ravel()[stacked.places],
-        np.concatenate([part.alone.ravel()[part.places] for part in parts]),
+        stacked.base.ravel()[stacked.places],
+        np.concatenate([part.base.ravel()[part.places] for part in parts]),
     )
 
 
@@ -124,7 +124,7 @@ def test_garbage_couplings_end_exactly(
     coupling = NeighbourCoupling.stacked(parts)
     bits = rng.integers(0, 2, coupling.places.size, dtype=np.uint8)
     source, posterior = PlaneSource(bits[None], coder_of("cascade")), RangePosterior(bits.size, SEED)
-    plane = PlaneReconciliation(coupling.alone.ravel()[coupling.places], SETTINGS, (0, 0), coupling)
+    plane = PlaneReconciliation(coupling.base.ravel()[coupling.places], SETTINGS, (0, 0), coupling)
     drive(plane.decode(posterior), source.answer)
     result = drive(plane.correct(posterior), source.answer)
     np.testing.assert_array_equal(result.bits, bits)

@@ -136,7 +136,7 @@ def plain_terms(prior: PlanePrior, bits: np.ndarray, weights: list[float]) -> np
     coupling = replace(prior.coupling, weights=np.tile(weights, (SHAPE[0], 1)))
     believed = np.zeros(ALL.size)
     believed[coupling.places] = bits
-    gained = coupled_llr(coupling, believed.reshape(SHAPE), False) - coupling.alone
+    gained = coupled_llr(coupling, believed.reshape(SHAPE), False) - coupling.base
     return np.clip(gained.ravel()[coupling.places], -12.0, 12.0)
 
 
@@ -192,7 +192,7 @@ def test_what_was_learned_side_by_side_is_averaged() -> None:
     borders, predicted, scale, bits = planes(rng, rng.laplace(0.0, 8.0, SHAPE), 2.0)
 
     def llr(priors: LearnedPriors) -> np.ndarray:
-        return priors.plane((1, 1), borders, predicted, scale, None, ALL).coupling.alone
+        return priors.plane((1, 1), borders, predicted, scale, None, ALL).coupling.base
 
     several[0].learn(several[0].plane((1, 1), borders, predicted, scale, None, ALL), bits)
     before = [llr(priors) for priors in several]

@@ -45,8 +45,8 @@ class Beliefs(NamedTuple):
 class Coupled(NamedTuple):
     """Beliefs of bits that depend on their neighbours."""
 
-    alone: NDArray[np.float64]  # (rows, columns), probability of a 1 if the neighbours are unknown
-    deviation: NDArray[np.float64]  # (rows, columns), belief minus `alone`
+    base: NDArray[np.float64]  # (rows, columns), probability of a 1 if the neighbours are unknown
+    deviation: NDArray[np.float64]  # (rows, columns), belief minus `base`
     places: NDArray[np.int64]  # (N,), raster index of each bit
     decided: NDArray[np.uint8]  # (N,), first decisions
     llr: NDArray[np.float32]  # (N,), LLRs that priors follow from
@@ -132,11 +132,11 @@ def propagate(beliefs, num_orders, stop, max_sweeps, share):
 def _note_beliefs(coupled, odds):
     """Note which bits are believed otherwise than before, and mark them and their neighbours."""
     deviation, marks = coupled.deviation.ravel(), coupled.marks
-    alone, columns = coupled.alone.ravel(), coupled.deviation.shape[1]
+    base, columns = coupled.base.ravel(), coupled.deviation.shape[1]
     marks[:] = 0
     for n in range(odds.size):
         wrong, place = odds[n] / (1.0 + odds[n]), coupled.places[n]
-        found = (1.0 - wrong if coupled.decided[n] else wrong) - alone[place]
+        found = (1.0 - wrong if coupled.decided[n] else wrong) - base[place]
         if abs(found - deviation[place]) > _NEGLIGIBLE_BELIEF:
             deviation[place] = found
             column = place % columns
@@ -165,10 +165,10 @@ def couple(beliefs, num_orders, lattice, coupled, scale, least_change):
         if abs(llr - coupled.llr[n]) < least_change:
             continue
         before = prior[n] / scale
-        alone = 1.0 / np.float64(odds_of_zero(-llr if coupled.decided[n] else llr))
-        coupled.llr[n], prior[n] = llr, alone * scale
-        more += alone / (1.0 + alone) - before / (1.0 + before)
-        changed = odds[n] * (alone / before)
+        base = 1.0 / np.float64(odds_of_zero(-llr if coupled.decided[n] else llr))
+        coupled.llr[n], prior[n] = llr, base * scale
+        more += base / (1.0 + base) - before / (1.0 + before)
+        changed = odds[n] * (base / before)
         change = _change_of_probability(min(odds[n], changed), max(odds[n], changed))
         odds[n] = changed
         count += 1

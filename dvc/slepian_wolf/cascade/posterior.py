@@ -93,13 +93,13 @@ class RangePosterior:
         self._coupling, self._coupled = coupling, None
         if coupling is not None:
             self._coupled = _kernels.Coupled(
-                coupling.probability_alone,
-                deviation=np.zeros(coupling.alone.shape),
+                coupling.base_probability,
+                deviation=np.zeros(coupling.base.shape),
                 places=coupling.places,
                 decided=self._first_decisions,
                 llr=llr_ch.copy(),
                 bound=np.array([MAX_LLR], np.float32),
-                marks=np.empty(coupling.alone.size, np.uint8),
+                marks=np.empty(coupling.base.size, np.uint8),
             )
         beliefs = self._beliefs
         beliefs.prior[:] = beliefs.odds[:] = self._prior_odds(llr_ch)
