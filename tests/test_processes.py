@@ -716,7 +716,7 @@ def test_a_bad_link_changes_neither_frames_nor_bits(
     report = tmp_path / "encoder.json"
     options = ("--patience", PATIENCE_S, "--json", report, *ours)
     with serving(long_clip, *CODING, *options) as (encoder, address):
-        faults = Faults(8000 if fault == "all faults" else 1e9, seed=1)
+        faults = Faults(30_000 if fault == "all faults" else 1e9, seed=1)
         with slow_link(*parse_address(address), 0.0, 2e6, FirstUnharmed(faults, 6000)) as link:
             words = ("--connect", link.address, "--patience", PATIENCE_S, *theirs)
             cutter = threading.Timer(0.0, cut_often, (link, encoder))
