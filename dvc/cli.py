@@ -24,7 +24,7 @@ EXIT_BAD_INPUT = 2
 EXIT_PARTIAL = 3
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
-COMPILING = "{}: compiling kernels, once, which takes about 25 s (dvc-compile does so for all programs)"
+COMPILING = "{}: compiling kernels, once, which takes up to a minute (dvc-compile does so for all programs)"
 
 
 class ArgumentParser(argparse.ArgumentParser):
