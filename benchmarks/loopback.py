@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from multiprocessing.connection import wait
 
 from dvc.config import CodecConfig
 from dvc.feedback import Connection, Listener, Protection, listen
@@ -35,7 +36,5 @@ def accepted(acceptor: PeerAcceptor) -> AcceptedPeer:
 
 def accept_connection(listener: Listener, timeout_s: float) -> Connection:
     """Accept any peer, without a hello."""
-    from multiprocessing.connection import wait
-
     assert wait([listener], timeout_s)  # type: ignore[list-item]
     return listener.accept(Protection(), timeout_s)

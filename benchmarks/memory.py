@@ -62,9 +62,8 @@ def watched(command: Sequence[str]) -> Peak:
     with subprocess.Popen(command, env=child_environment(), stdout=subprocess.DEVNULL) as process:
         while process.poll() is None:
             held = [resident_bytes(pid) for pid in processes(process.pid)]
-            peak = Peak(
-                max(peak.process, *(most for _, most in held)), max(peak.tree, sum(now for now, _ in held))
-            )
+            highest, total = max(most for _, most in held), sum(now for now, _ in held)
+            peak = Peak(max(peak.process, highest), max(peak.tree, total))
             time.sleep(PERIOD_S)
     if process.returncode:
         raise DvcError(f"{' '.join(command)} ended with status {process.returncode}")

@@ -38,17 +38,12 @@ def decoding(stream: Path, folder: Path, *words: object) -> tuple[Usage, bytes]:
     return usage, frames
 
 
-def on_cluster(stream: Path, workers: int, folder: Path) -> tuple[Usage, bytes]:
-    """Decode a stream on Dask workers of this machine that are running already; see `decoding`."""
+def cluster_rows(folder: Path, workers: int, file: Usage, frames: bytes) -> list[tuple[str, str]]:
+    """Compare decoding on Dask workers of this machine that are running already with that of the file."""
     from distributed import LocalCluster
 
     with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
-        return decoding(stream, folder, "--dask", cluster.scheduler_address)
-
-
-def cluster_rows(folder: Path, workers: int, file: Usage, frames: bytes) -> list[tuple[str, str]]:
-    """Compare decoding on Dask workers with that of the file."""
-    usage, same = on_cluster(folder / "stream.dvc", workers, folder)
+        usage, same = decoding(folder / "stream.dvc", folder, "--dask", cluster.scheduler_address)
     return [
         (f"file, {workers} Dask workers: time over {workers} jobs", f"{usage.wall_s / file.wall_s:.2f}"),
         ("  frames", "the same" if same == frames else "NOT THE SAME"),

@@ -11,8 +11,8 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
@@ -85,20 +85,8 @@ def watch(clock: Clock) -> None:
     """Put clocks around the functions of all stages."""
     for stage, names in STAGES.items():
         for name in names:
-            parts = name.split(".")
-            count = next(k for k in range(len(parts) - 1, 0, -1) if _is_module(".".join(parts[:k])))
-            owner: Any = import_module(".".join(parts[:count]))
-            for part in parts[count:-1]:
-                owner = getattr(owner, part)
-            setattr(owner, parts[-1], clock.timed(stage, getattr(owner, parts[-1])))
-
-
-def _is_module(name: str) -> bool:
-    try:
-        import_module(name)
-    except ImportError:
-        return False
-    return True
+            owner, _, function = name.rpartition(".")
+            setattr(resolve_name(owner), function, clock.timed(stage, resolve_name(name)))
 
 
 def decoded_groups(stream: bytes) -> "Iterator[DecodedGroup]":

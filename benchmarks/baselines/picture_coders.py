@@ -123,17 +123,13 @@ def highest_fitting(num_levels: int, size: Callable[[int], int], max_bytes: floa
     return low
 
 
-def _avif(level: int) -> dict[str, object]:
-    """Code in monochrome and full range, by the settings that Pillow has."""
-    return {"quality": level, "subsampling": "4:0:0", "max_threads": 1}
-
-
 def _jpeg2000(level: int) -> dict[str, object]:
     """Code in one layer by the 9/7 transform; ratios fall with the level."""
     ratio = JPEG2000_STEP ** (JPEG2000_LEVELS - level)
     return {"quality_mode": "rates", "quality_layers": [ratio], "irreversible": True}
 
 
-AVIF = PictureCoder("AVIF", AVIF_LEVELS, _avif, "AVIF")
+_MONOCHROME = {"subsampling": "4:0:0", "max_threads": 1}
+AVIF = PictureCoder("AVIF", AVIF_LEVELS, lambda level: {"quality": level, **_MONOCHROME}, "AVIF")
 JPEG2000 = PictureCoder("JPEG 2000", JPEG2000_LEVELS, _jpeg2000, "JPEG2000")
 PICTURE_CODERS = AVIF, JPEG2000

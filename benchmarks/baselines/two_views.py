@@ -35,7 +35,6 @@ from dvc.images.colour import Picture
 from dvc.metrics import PEAK
 from dvc.rd.anchors.anchor_files import without_overhead
 from dvc.stereo.surfaces.reconstruct import reconstruct
-from dvc.stereo.surfaces.stereo_settings import StereoSettings
 
 Floats = NDArray[np.float64]
 
@@ -56,14 +55,9 @@ def semi_global_disparity(array: CameraArray, labels: DisparityLabels) -> Floats
     return semi_global_baseline(array[0].image, array[1].image, labels.highest * baseline) / baseline
 
 
-def stereo_disparity(array: CameraArray, labels: DisparityLabels) -> Floats:
-    """Match views as `dvc-stereo reconstruct` does."""
-    return reconstruct(array, labels, StereoSettings()).surfaces[0].disparity.astype(np.float64)
-
-
 MATCHERS: dict[str, Callable[[CameraArray, DisparityLabels], Floats]] = {
     "StereoSGBM": semi_global_disparity,
-    "dvc.stereo": stereo_disparity,
+    "dvc.stereo": lambda array, labels: reconstruct(array, labels).surfaces[0].disparity.astype(np.float64),
 }
 
 
@@ -138,9 +132,13 @@ class TwoPictures:
     def best_within(self, max_bytes: int) -> BaselineResult | None:
         """Try several differences between both qualities."""
         ladders = Ladder(self.coder, self.pictures[0]), Ladder(self.coder, self.pictures[1])
+
+        def pair_bytes(level: int, offset: int) -> int:
+            return sum(coded.num_bytes for coded in _coded_pair(ladders, offset, level))
+
         results = []
         for offset in LEVEL_OFFSETS:
-            level = highest_fitting(self.coder.num_levels, partial(_pair_size, ladders, offset), max_bytes)
+            level = highest_fitting(self.coder.num_levels, partial(pair_bytes, offset=offset), max_bytes)
             if level >= 0:
                 first, second = _coded_pair(ladders, offset, level)
                 num_bytes = first.num_bytes + second.num_bytes
@@ -153,10 +151,6 @@ class TwoPictures:
 def _coded_pair(ladders: tuple[Ladder, Ladder], offset: int, level: int) -> tuple[CodedPicture, CodedPicture]:
     highest = ladders[0].coder.num_levels - 1
     return ladders[0].at(level), ladders[1].at(min(max(level + offset, 0), highest))
-
-
-def _pair_size(ladders: tuple[Ladder, Ladder], offset: int, level: int) -> int:
-    return sum(coded.num_bytes for coded in _coded_pair(ladders, offset, level))
 
 
 @dataclass(frozen=True)

@@ -138,11 +138,9 @@ def try_decoder(codec: str, number: bytes) -> str:
 
     def _change(data: bytes) -> bytes:
         passed.append(data)
-        return (
-            data
-            if len(passed) != position + 1
-            else b"".join(_changed(passed, position, seed, rng)[position:])
-        )
+        if len(passed) != position + 1:
+            return data
+        return b"".join(_changed(passed, position, seed, rng)[position:])
 
     failure, _ = live_run(material(codec), (_change, lambda data: data))
     if failure is not None and not isinstance(failure, BitstreamError | FeedbackError):
@@ -172,30 +170,22 @@ def _of_files(
     return Kind(lambda number: damaged_files(good(), number, change), partial(try_files, read))
 
 
-def _with_depth(
-    good: Callable[[], tuple[bytes, ...]], change: Change, outcome: Callable[[bytes], str]
-) -> Kind:
-    return Kind(partial(depth_streams.damaged_of, good, change), outcome)
+def damaged_payload(number: int) -> bytes:
+    """Put random bytes into one part of a frozen stream."""
+    paths = sorted(STREAMS.glob("*.dvc"))
+    return mutate_part(paths[number % len(paths)].read_bytes(), np.random.default_rng(number), random_bytes)
 
 
-def _payloads() -> Kind:
-    """Return frozen streams of all kinds with random bytes in one part."""
-    names = sorted(path.stem for path in STREAMS.glob("*.dvc"))
-
-    def _damaged(number: int) -> bytes:
-        stream = (STREAMS / f"{names[number % len(names)]}.dvc").read_bytes()
-        return mutate_part(stream, np.random.default_rng(number), random_bytes)
-
-    return Kind(_damaged, partial(try_stream, None), 144 * 96 * 9)
-
-
-def _headers() -> Kind:
-    good = partial(frozen, "2d-qp-buffered")
-    return Kind(
-        lambda number: enlarge(good()[0], np.random.default_rng(number)),
-        partial(try_stream, None),
-        1 << 20,
-    )
+WAYS = {
+    "pictures": (depth_streams.good_views, depth_streams.mutate_pictures, depth_streams.try_pictures),
+    "depth-images": (
+        depth_streams.good_depth_images,
+        depth_streams.mutate_depth_image,
+        depth_streams.try_depth_images,
+    ),
+    "layers": (depth_streams.good_pieces, depth_streams.mutate_pieces, depth_streams.try_pieces),
+}
+"""Streams with depth: good ones, their damage, and the outcome."""
 
 
 @cache
@@ -215,21 +205,17 @@ def kinds() -> dict[str, Kind]:
         "lossless-keys": _of_stream(partial(frozen, "2d-lossless-keys-buffered"), small),
         "classical": _of_stream(partial(frozen, "2d-classical-buffered"), small),
         "jobs": _made("2d", "buffered", jobs=2),
-        "payloads": _payloads(),
-        "headers": _headers(),
+        "payloads": Kind(damaged_payload, partial(try_stream, None), 144 * 96 * 9),
+        "headers": Kind(
+            lambda number: enlarge(frozen("2d-qp-buffered")[0], np.random.default_rng(number)),
+            partial(try_stream, None),
+            1 << 20,
+        ),
         "to-decoder": _live(try_decoder, "2d"),
         "to-encoder": _live(try_encoder, "2d"),
         "to-decoder-3d": _live(try_decoder, "3d-te"),
         "to-encoder-3d": _live(try_encoder, "3d-te"),
-        "pictures": _with_depth(
-            depth_streams.good_views, depth_streams.mutate_pictures, depth_streams.try_pictures
-        ),
-        "depth-images": _with_depth(
-            depth_streams.good_depth_images, depth_streams.mutate_depth_image, depth_streams.try_depth_images
-        ),
-        "layers": _with_depth(
-            depth_streams.good_pieces, depth_streams.mutate_pieces, depth_streams.try_pieces
-        ),
+        **{name: Kind(partial(depth_streams.damaged_of, *ways[:2]), ways[2]) for name, ways in WAYS.items()},
         **{
             name: _of_files(getattr(input_files, f"good_{name}"), getattr(input_files, f"read_{name}"))
             for name in ("cameras", "maps", "folders", "tables", "videos")

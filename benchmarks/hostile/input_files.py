@@ -76,11 +76,9 @@ def try_files(read: Callable[[Path], bool], damaged: bytes) -> str:
             data, position = decode_bytes(damaged, position, len(damaged))
             (Path(folder) / name.decode()).write_bytes(data)
         try:
-            return (
-                "decoded"
-                if read(Path(folder))
-                else "the result is not finite, or differs from its declaration"
-            )
+            if read(Path(folder)):
+                return "decoded"
+            return "the result is not finite, or differs from its declaration"
         except (DvcError, OSError):
             return "refused"
 
@@ -178,13 +176,11 @@ def _import(folder: Path, text: str) -> None:
 def read_tables(folder: Path) -> bool:
     """Read the only file."""
     (path,) = folder.iterdir()
-    return _TABLE_READERS.get(path.name, _read_result)(path)
-
-
-def _read_result(path: Path) -> bool:
-    (path.parent / "points").mkdir()
-    path.rename(path.parent / "points" / path.name)
-    return all(np.isfinite(result.rate_kbps) for result in read_results(path.parent))
+    if path.name in _TABLE_READERS:
+        return _TABLE_READERS[path.name](path)
+    (folder / "points").mkdir()
+    path.rename(folder / "points" / path.name)
+    return all(np.isfinite(result.rate_kbps) for result in read_results(folder))
 
 
 _TABLE_READERS: dict[str, Callable[[Path], bool]] = {

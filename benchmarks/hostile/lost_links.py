@@ -1,8 +1,8 @@
 """Live runs with lost connections: frames, bits and the punctured stream are those of an uncut run.
 
-``python -m benchmarks.hostile.lost_links --runs 100`` cuts 100 runs at random moments, and ``--faults N``
-cuts, flips, drops, repeats, moves and trickles about every N bytes of a run inside TLS. The encoder gets all
-other options.
+``python -m benchmarks.hostile.lost_links --cut-every S`` cuts a long run periodically; ``--faults N`` cuts,
+flips, drops, repeats, moves and trickles about every N bytes of a run inside TLS. The encoder gets all other
+options. `benchmarks.hostile.cuts` cuts many short runs once each.
 """
 
 import argparse
@@ -15,8 +15,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from benchmarks.hostile.bad_link import BITS_PER_SECOND, DELAY_S, Faults
 from benchmarks.results.encoder import looped
@@ -110,9 +108,8 @@ class Ends:
             assert process.stderr is not None
             try:
                 address = process.stderr.readline().split()[-1]
-                end = listening.submit(
-                    check_end, process, status, self.ending_s
-                )  # reads its messages meanwhile
+                # This reads its messages meanwhile.
+                end = listening.submit(check_end, process, status, self.ending_s)
                 yield process, address
                 end.result()
             finally:
@@ -120,16 +117,8 @@ class Ends:
 
     def decoder(self, address: str, files: Files, *more: object) -> "subprocess.Popen[str]":
         """Start a decoder."""
-        words = [
-            *more,
-            *self._decoder_options,
-            files.video,
-            "--punctured",
-            files.punctured,
-            "--json",
-            files.report,
-        ]
-        return start("decoder", "--connect", address, *words)
+        outputs = [files.video, "--punctured", files.punctured, "--json", files.report]
+        return start("decoder", "--connect", address, *more, *self._decoder_options, *outputs)
 
 
 def check_end(process: "subprocess.Popen[str]", status: int, within_s: float = ENDING_S) -> str:
@@ -203,17 +192,12 @@ def cut_every(pause_s: float) -> Callable[[SlowLink, "subprocess.Popen[str]"], N
     return cut
 
 
-def _print_counts(number: int, outcome: dict[str, Any]) -> None:
-    print(f"{number}: " + ", ".join(f"{name} {value}" for name, value in outcome.items()), flush=True)
-
-
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser("python -m benchmarks.hostile.lost_links", description=__doc__)
     parser.add_argument("--clip", default="box", help="name of a clip, or a video file; default: box")
     parser.add_argument("--frames", type=int, default=300, help="it is played forwards and backwards")
-    parser.add_argument("--cut-every", type=float, metavar="S", help="cut one run so often")
-    parser.add_argument("--runs", type=int, default=0, help="that are cut once each, at random moments")
+    parser.add_argument("--cut-every", type=float, metavar="S", help="interval of the cuts")
     parser.add_argument("--faults", type=float, metavar="BYTES", help="between faults of the link")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("out/lost_links"), help="folder of what is written")
@@ -222,22 +206,18 @@ def main(words: Sequence[str] | None = None) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     video = looped(source_of(arguments.clip), folder / "video.mkv", arguments.frames)
     ends = Ends(video, folder, options, tls=arguments.faults is not None)
-    rng = np.random.default_rng(arguments.seed)
     expected, num_bytes = uncut(ends, folder)
     print(f"uncut: {num_bytes} bytes of the link, {len(expected.punctured)} of the file", flush=True)
-    cuts = [cut_once(moment) for moment in rng.integers(OPENED_BYTES, num_bytes, arguments.runs).tolist()]
-    if arguments.cut_every:
-        cuts.append(cut_every(arguments.cut_every))
-    elif arguments.faults and not cuts:
-        cuts.append(lambda *_: None)
-    for number, cut in enumerate(cuts):
-        faults = None if arguments.faults is None else Faults(arguments.faults, arguments.seed + number)
-        started_s = time.monotonic()
-        found, counts = run_with_losses(ends, folder, cut, faults)
-        if found != expected:
-            raise SystemExit(f"frames or bits of run {number} are not those of an uncut one")
-        taken = {"seconds": round(time.monotonic() - started_s, 1)}
-        _print_counts(number, {"same": True, **taken, **counts, **(faults.counts if faults else {})})
+    faults = None if arguments.faults is None else Faults(arguments.faults, arguments.seed)
+    started_s = time.monotonic()
+    cut = cut_every(arguments.cut_every) if arguments.cut_every else lambda *_: None
+    found, counts = run_with_losses(ends, folder, cut, faults)
+    if found != expected:
+        raise SystemExit("frames or bits are not those of an uncut run")
+    taken = {"seconds": round(time.monotonic() - started_s, 1), **counts, **(faults.counts if faults else {})}
+    print(
+        "same frames and bits; " + ", ".join(f"{name} {value}" for name, value in taken.items()), flush=True
+    )
     return 0
 
 

@@ -36,7 +36,7 @@ PACKAGES = (
 )
 CODEC = ("encoder", "decoder", "dvc/config", "dvc/slepian_wolf", "dvc/wynerziv", "sfm")
 """Packages that the canaries are coded with."""
-COMMAND_LINES = ("__main__.py", "options.py", "commands")
+COMMAND_LINES = ("__main__.py", "options.py", "encoder_options.py", "commands")
 """Modules without changes: their numbers are bounds and widths of text."""
 CANARIES = "tests/test_canaries.py"
 CONTRACTS = ["tests/contracts", "tests/test_extensions.py"]
@@ -114,7 +114,7 @@ def failed(tree: Path, tests: Sequence[str], limit_s: float) -> bool | None:
 
 
 class Copies:
-    """The tree as it is, with its compiled kernels, and copies of it that share all files but one."""
+    """The tree as it is, and copies of it that share all files but one."""
 
     def __init__(self, folder: Path, limit_s: float) -> None:
         self._folder, self._warm, self._lock = folder, folder / "tree", Lock()
@@ -122,8 +122,7 @@ class Copies:
         shutil.rmtree(self._warm, ignore_errors=True)
         listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True).stdout
         tracked = [ROOT / name for name in listed.decode().split("\0") if name]
-        kernels = [path for p in (*PACKAGES, "dvc") for path in (ROOT / p).rglob("*.nb[ic]")]
-        for path in {*tracked, *kernels}:
+        for path in tracked:
             if path.exists():
                 target = self._warm / path.relative_to(ROOT)
                 target.parent.mkdir(parents=True, exist_ok=True)

@@ -77,6 +77,12 @@ def _computing(node: ast.AST) -> Iterator[ast.AST]:
 _Found = tuple[str, int, int, str, str]
 
 
+def _is_no_number(node: ast.expr) -> bool:
+    return isinstance(node, ast.JoinedStr | ast.List | ast.Tuple) or isinstance(
+        getattr(node, "value", 0), str
+    )
+
+
 def _of_node(node: ast.AST, lines: list[bytes]) -> Iterator[_Found]:
     match node:
         case ast.Constant():
@@ -89,17 +95,13 @@ def _of_node(node: ast.AST, lines: list[bytes]) -> Iterator[_Found]:
                     yield "comparison", line, column, symbol, _OPPOSITE[symbol]
                 if symbol in _BORDER:
                     yield "off by one", line, column, symbol, _BORDER[symbol]
-        case ast.BinOp() if not isinstance(node.left, ast.JoinedStr | ast.List | ast.Tuple):
+        case ast.BinOp() if not any(map(_is_no_number, (node.left, node.right))):
             for line, column, symbol in _between(node.left, node.op, node.right, lines):
-                if symbol in _OTHER and not _is_text(node.left) and not _is_text(node.right):
+                if symbol in _OTHER:
                     yield "sign", line, column, symbol, _OTHER[symbol]
         case ast.BoolOp(values=[left, right]):
             for line, column, symbol in _between(left, node.op, right, lines):
                 yield "constant", line, column, symbol, "or" if symbol == "and" else "and"
-
-
-def _is_text(node: ast.expr) -> bool:
-    return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
 
 
 def _of_constant(node: ast.Constant) -> Iterator[_Found]:

@@ -17,7 +17,6 @@ _IGNORED = ("__pycache__", ".pyc", ".nbi", ".nbc", ".part")
 CONSTRAINTS = ROOT / "docs" / "constraints.txt"
 _HEAD = "# What results were measured with: pip install -c docs/constraints.txt '.[all]', by make results\n"
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
-_FOR_DEVELOPERS = re.compile(r"extra == ['\"](docs|test|check)['\"]")
 
 
 @cache
@@ -65,13 +64,13 @@ def _object_hash(kind: bytes, data: bytes) -> str:
     return hashlib.sha1(b"%s %d\0" % (kind, len(data)) + data, usedforsecurity=False).hexdigest()
 
 
-def constraints_text() -> str:
-    """Return a line for each installed package that this one needs, directly or not."""
+def write_constraints(path: Path = CONSTRAINTS) -> None:
+    """Write a line for each installed package that this one needs, directly or not."""
     found, names = dict[str, str](), ["dvc3d"]
     while names:
         name = names.pop()
         for needed in metadata.requires(name) or ():
-            is_extra = "extra ==" in needed and (name != "dvc3d" or _FOR_DEVELOPERS.search(needed))
+            is_extra = "extra ==" in needed and name != "dvc3d"
             match = _NAME.match(needed)
             if is_extra or match is None or (key := re.sub(r"[-_.]+", "-", match[0]).lower()) in found:
                 continue
@@ -81,10 +80,6 @@ def constraints_text() -> str:
                 continue
             names.append(key)
     found.pop("dvc3d", None)
-    return _HEAD + "".join(f"{name}=={version}\n" for name, version in sorted(found.items()))
-
-
-def write_constraints(path: Path = CONSTRAINTS) -> None:
-    """Write the constraints."""
+    text = _HEAD + "".join(f"{name}=={version}\n" for name, version in sorted(found.items()))
     with atomic_output(path) as temporary:
-        temporary.write_text(constraints_text(), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8")

@@ -43,11 +43,6 @@ def own_cpu_s(report: dict[str, Any]) -> float:
     return float(report["coding_cpu_s"])
 
 
-def own_run_s(source: Path, folder: Path, frames: int) -> float:
-    """Return the processor time of the encoder without feedback for a clip."""
-    return own_cpu_s(_encode(source, folder, frames, "--no-feedback"))
-
-
 def anchor_cpu_s(source: Path, folder: Path, anchor: str, frames: int) -> float:
     """Return the processor time of a standard codec at the usual quality, without reading the input."""
     report, stream = folder / "anchor.json", folder / f"anchor{ANCHOR_CODECS[anchor].suffix}"
@@ -78,7 +73,7 @@ def times_ms(setting: Setting) -> dict[str, dict[str, float]]:
     for clip in setting.clips(CLIPS):
         video = looped(clip_source(clip).path, folder / f"{clip}.mkv", lengths[1])
         runs: dict[str, Callable[[int], float]] = {
-            OURS: partial(own_run_s, video, folder),
+            OURS: lambda frames, video=video: own_cpu_s(_encode(video, folder, frames, "--no-feedback")),  # type: ignore[misc]
             **{anchor: partial(anchor_cpu_s, video, folder, anchor) for anchor in ANCHORS},
         }
         times: dict[str, list[float]] = {name: [] for name in runs}
@@ -103,12 +98,9 @@ def operations(setting: Setting) -> Measured:
     """Count operations a pixel without key frames, by the model that tests compare with the kernels."""
     frames, found = int(setting.choose(FRAMES, QUICK_FRAMES)), {}
     for clip in setting.clips(CLIPS):
-        stages = _encode(clip_source(clip).path, setting.scratch("encoder"), frames, "--no-feedback")[
-            "operations_per_pixel"
-        ]
-        found[clip] = sum(
-            number for stage in stages.values() for kind, number in stage.items() if kind != "bytes"
-        )
+        report = _encode(clip_source(clip).path, setting.scratch("encoder"), frames, "--no-feedback")
+        stages = report["operations_per_pixel"].values()
+        found[clip] = sum(number for stage in stages for kind, number in stage.items() if kind != "bytes")
     return mean_of(found, frames)
 
 
@@ -116,10 +108,8 @@ def own_memory_mib(setting: Setting) -> Measured:
     """Take the peak of the encoder's memory beyond Python, libraries and compiled code."""
     frames, found = int(setting.choose(FRAMES, QUICK_FRAMES)), {}
     for clip in setting.clips(CLIPS):
-        memory = _encode(clip_source(clip).path, setting.scratch("encoder"), frames, "--no-feedback")[
-            "memory"
-        ]
-        found[clip] = memory["own_bytes"] / MIB
+        report = _encode(clip_source(clip).path, setting.scratch("encoder"), frames, "--no-feedback")
+        found[clip] = report["memory"]["own_bytes"] / MIB
     return mean_of(found, frames)
 
 

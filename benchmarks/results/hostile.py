@@ -32,14 +32,12 @@ def hours_fuzzed(_: Setting) -> Measured:
 def finds_left(_: Setting) -> Measured:
     """Count mutations that did harm in those hours and still do."""
     tried = _tried(FUZZING)
-    harmful = [name for name in tried.finds if not _is_mended(name)]
+    harmful = []
+    for name in tried.finds:
+        path = FINDS / f"{name}.bin"
+        if not path.exists() or outcome_of(kinds()[path.parent.name], path.read_bytes()) not in GOOD:
+            harmful.append(name)
     return Measured(float(len(harmful)), {}, None, ", ".join(harmful) or f"of {len(tried.finds)}")
-
-
-def _is_mended(name: str) -> bool:
-    """Return whether a find, which is stored as a file, is refused or decoded now."""
-    path = FINDS / f"{name}.bin"
-    return path.exists() and outcome_of(kinds()[path.parent.name], path.read_bytes()) in GOOD
 
 
 def same_after_cuts(_: Setting) -> Measured:

@@ -52,10 +52,8 @@ def live_run(video: Path, folder: Path, options: Sequence[object]) -> LiveRun:
     run_module("encoder", video, folder / "stream.dvc", *options, "--quiet")
     outputs = [folder / "file.mkv", "--punctured", folder / "file.dvc", "--quiet"]
     run_module("decoder", folder / "stream.dvc", *outputs)
-    same = all(
-        (folder / f"live{end}").read_bytes() == (folder / f"file{end}").read_bytes()
-        for end in (".mkv", ".dvc")
-    )
+    pairs = ((folder / f"live{end}", folder / f"file{end}") for end in (".mkv", ".dvc"))
+    same = all(live.read_bytes() == file.read_bytes() for live, file in pairs)
     encoder, decoder = (report_of(folder / f"{end}.json") for end in ("encoder", "decoder"))
     num_messages = decoder["num_messages"] / max(encoder["num_wyner_ziv_frames"], 1)
     return LiveRun(own_cpu_s(encoder), num_messages, same)
@@ -93,9 +91,5 @@ def messages(setting: Setting) -> Measured:
 def differences(setting: Setting) -> Measured:
     """Count clips with different frames or bits in a live run and a file."""
     found = _runs(setting)
-    return Measured(
-        float(sum(not same for _, _, same in found.values())),
-        {},
-        int(setting.choose(LENGTHS, QUICK_LENGTHS)[1]),
-        f"{len(found)} clips",
-    )
+    different, frames = sum(not same for _, _, same in found.values()), setting.choose(LENGTHS, QUICK_LENGTHS)
+    return Measured(float(different), {}, int(frames[1]), f"{len(found)} clips")

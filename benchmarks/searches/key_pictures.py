@@ -11,7 +11,7 @@ superfast for all frames.
 
 import argparse
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from itertools import islice, product
 from typing import Final, NamedTuple
@@ -116,15 +116,6 @@ def front(settings: Sequence[Tried]) -> list[Tried]:
     return best
 
 
-def _print_superfast(clips: Mapping[str, Sequence[Frame]], qps: Sequence[int], colour: bool) -> None:
-    """Print the time of all frames of each clip, at each QP."""
-    codec = ANCHOR_CODECS["x264-superfast"]
-    for clip, frames in clips.items():
-        parameters = ({"preset": codec.preset, **codec.encoder_parameters(qp)} for qp in qps)
-        times = ", ".join(f"{coded(frames, own, colour=colour).cpu_ms:.2f}" for own in parameters)
-        print(f"{codec.label}, all frames of {clip}: {times} ms each", flush=True)
-
-
 def main(words: Sequence[str] | None = None) -> None:
     """Print a row for each setting on the front."""
     parser = argparse.ArgumentParser("python -m benchmarks.searches.key_pictures", description=__doc__)
@@ -142,7 +133,11 @@ def main(words: Sequence[str] | None = None) -> None:
     for clip in arguments.clips:
         with open_video(clip_source(clip).path) as video:
             clips[clip] = list(islice(video, arguments.frames))
-    _print_superfast(clips, arguments.qp, arguments.colour)
+    codec = ANCHOR_CODECS["x264-superfast"]
+    for clip, frames in clips.items():
+        parameters = ({"preset": codec.preset, **codec.encoder_parameters(qp)} for qp in arguments.qp)
+        times = ", ".join(f"{coded(frames, own, colour=arguments.colour).cpu_ms:.2f}" for own in parameters)
+        print(f"{codec.label}, all frames of {clip}: {times} ms each", flush=True)
     places = {
         f"{clip}/{every}": frames[::every] for clip, frames in clips.items() for every in arguments.every
     }

@@ -60,12 +60,6 @@ def recorded(streams: list[bytes]) -> list[Run]:
     return runs
 
 
-def ideal_bits_of(runs: list[Run]) -> float:
-    """Return the ideal code length of runs under their priors."""
-    llrs = (r.llr if r.coupling is None else r.coupling.llr_in_sequence(r.bits) for r in runs)
-    return sum(ideal_bits(bounded_llr(llr), r.bits) for llr, r in zip(llrs, runs, strict=True))
-
-
 def answering(bits: Bits) -> Callable[[ParityRequest], Bits]:
     """Return a function that answers requests for a run."""
     orders = np.stack([bit_order(number, bits.size, SEED) for number in range(NUM_ORDERS)])
@@ -95,7 +89,8 @@ def row(runs: list[Run], percent: int) -> str:
     found = list(reconciled(runs, CascadeConfig(percent)))
     spent_ms = 1e3 * (time.process_time() - started)
     paid = sum(result.parity_bits + result.crc_bits for _, result in found)
-    ideal = ideal_bits_of(runs)
+    llrs = (r.llr if r.coupling is None else r.coupling.llr_in_sequence(r.bits) for r in runs)
+    ideal = sum(ideal_bits(bounded_llr(llr), r.bits) for llr, r in zip(llrs, runs, strict=True))
     wrong = sum(not np.array_equal(run.bits, result.bits) for run, result in found)
     requests = sum(result.num_requests for _, result in found)
     count = len(found)

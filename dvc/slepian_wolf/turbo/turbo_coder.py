@@ -25,7 +25,7 @@ SURE_ERRORS = 2.0**-6
 """Number of expected errors up to which decisions are sure; with more, iterations continue first."""
 POLISH_ITERATIONS = 4
 
-# Sizes of requests and numbers of iterations: a trade of rate for time (`benchmarks/searches/coders.py`).
+# Sizes of requests and numbers of iterations: a trade of rate for time (`dvc-rd run` with `options.coder`).
 FIRST_REQUEST = 0.9
 """First parity, as a share of the entropy."""
 STEP, LATE_STEP, LATE = 0.02, 0.04, 1.6
