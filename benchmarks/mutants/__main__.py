@@ -27,14 +27,17 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = (
     "encoder",
     "decoder",
+    "dvc/tracks",
     "dvc/slepian_wolf",
     "dvc/wynerziv",
+    "dvc/geometry",
     "dvc/images",
+    "dvc/layers",
     "dvc/dibr",
     "dvc/stereo",
     "sfm",
 )
-CODEC = ("encoder", "decoder", "dvc/config", "dvc/slepian_wolf", "dvc/wynerziv", "sfm")
+CODEC = (*PACKAGES[:6], "dvc/config", "sfm")
 """Packages that the canaries are coded with."""
 COMMAND_LINES = ("__main__.py", "options.py", "encoder_options.py", "commands")
 """Modules without changes: their numbers are bounds and widths of text."""
@@ -214,11 +217,8 @@ def main(words: Sequence[str] | None = None) -> int:
     named = [named_change(one, ROOT) for one in NAMED]
     sampled = drawn(arguments.count, arguments.seed)
     outcomes = Outcomes(arguments.out / "results.json")
-    due = [
-        one
-        for one in (*named, *sampled)
-        if (found := outcomes.of(one)) is None or (arguments.again and not found["noticed"])
-    ]
+    before = {one: outcomes.of(one) for one in (*named, *sampled)}
+    due = [one for one, own in before.items() if own is None or (arguments.again and not own["noticed"])]
     copies = Copies(arguments.out.resolve(), arguments.limit)
     if due and not arguments.cold:
         copies.warm(sorted({package_of(change) for change in due}))
