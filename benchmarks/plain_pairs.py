@@ -34,7 +34,7 @@ from benchmarks.results.harness import run_module
 from benchmarks.searches.surfaces import GRID
 from dvc.errors import DvcError
 from dvc.picture_files import read_levels, read_pfm
-from dvc.stereo.rectification.rectified_folder import RectifiedViews, read_rectified
+from dvc.stereo.reconstruct_commands import RectifiedViews, read_rectified
 from dvc.stereo.rectification.rectified_space import metric_depth, to_original_view
 
 Floats = NDArray[np.float64]

@@ -14,11 +14,11 @@ from benchmarks.baselines.opencv_stereo import semi_global_baseline
 from benchmarks.thesis.harness import Method, Step, StepResult, Task, Value, load_chapter
 from benchmarks.thesis.scenes import PAIRS, TSUKUBA, RealSet, check_names, rectified_toy
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition, Reconstruction
-from dvc.layers.layered_depth_image import layered_depth_image
+from dvc.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
 from dvc.layers.sprites import SpriteSettings, extract_sprites
 from dvc.stereo.evaluation import MASKS, disparity_error, read_mask
-from dvc.stereo.layer_commands import draw_layers, draw_sprites, draw_surfaces, draw_values_per_pixel
-from dvc.stereo.rectification.rectified_folder import preview
+from dvc.stereo.layer_commands import PAPER, draw_layers, draw_sprites, draw_values_per_pixel
+from dvc.stereo.reconstruct_commands import preview
 from dvc.stereo.surfaces.reconstruct import reconstruct
 from dvc.stereo.surfaces.stereo_settings import StereoSettings
 from dvc.web.drawing import Picture, colour_disparity, colour_error, in_rows, with_title
@@ -222,6 +222,22 @@ def _cameras(cameras: int, is_last: bool, task: Task, method: Method) -> StepRes
         pictures["2.6", label] = draw_layers(image)
         pictures["2.7", label] = draw_sprites(extract_sprites(image, SPRITES[method]), 12, 3)
     return StepResult(values, pictures=pictures)
+
+
+def draw_surfaces(
+    image: LayeredDepthImage, lowest: float, highest: float, window: tuple[slice, slice]
+) -> Picture:
+    """Draw the surfaces in a range of disparity without those before them, as figure 2.11."""
+    frame, shape = image.canvas.frame, image.canvas.shape
+    rows = np.arange(window[0].start, window[0].stop) + frame.top
+    columns = np.arange(window[1].start, window[1].stop) + frame.left
+    chosen = image.occupied & (image.disparity >= lowest) & (image.disparity <= highest)
+    picture = np.broadcast_to(PAPER, (*shape, 3)).copy()
+    for colour, mask in zip(image.colour[::-1], chosen[::-1], strict=True):
+        picture[mask] = colour[mask][:, ::-1]
+    inside = ((rows >= 0) & (rows < shape[0]))[:, None] & ((columns >= 0) & (columns < shape[1]))
+    cut = picture[np.clip(rows, 0, shape[0] - 1)[:, None], np.clip(columns, 0, shape[1] - 1)]
+    return np.where(inside[..., None], cut, PAPER)
 
 
 def _steps(task: Task) -> Sequence[Step]:

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 
 from dvc import subcommands
@@ -38,6 +39,7 @@ _LAYERS_DESCRIPTION = """\
 Merge the surfaces of all views in the frame of the view nearest to (0, 0): several values of disparity and
 colour a pixel, from near to far. docs/stereo.md describes the files.
 """
+_SPRITES_SOURCE = "folder of `dvc-stereo layers` or `dvc-stereo reconstruct`"
 _SPRITES_EXAMPLES = """\
   dvc-stereo layers surfaces --out layers
   dvc-stereo sprites layers --out sprites
@@ -83,14 +85,14 @@ SUBCOMMANDS = {
     "layers": Subcommand(
         "layered depth image from surfaces",
         _LAYERS_DESCRIPTION,
-        stereo_options.add_layers_options,
+        partial(stereo_options.add_folder_options, "folder of `dvc-stereo reconstruct`"),
         _lazily("layer_commands", "run_layers"),
         _LAYERS_EXAMPLES,
     ),
     "sprites": Subcommand(
         "sprites with depth from layers",
         _SPRITES_DESCRIPTION,
-        stereo_options.add_sprites_options,
+        partial(stereo_options.add_folder_options, _SPRITES_SOURCE),
         _lazily("layer_commands", "run_sprites"),
         _SPRITES_EXAMPLES,
     ),

@@ -2,7 +2,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,13 +15,11 @@ from dvc.layers.layer_folders import read_layers, write_layers, write_sprites
 from dvc.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
 from dvc.layers.sprites import Sprite, SpriteSet, composite, extract_sprites
 from dvc.picture_files import write_png
-from dvc.stereo.meshes import layers_shape, sprites_shape, write_shape
+from dvc.stereo.meshes import scene_shape, write_shape
 from dvc.stereo.stereo_options import check_outputs, write_results
 from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction
 from dvc.web.drawing import Picture, colour_counts, colour_disparity, in_rows, with_title
-from dvc.web.gallery import Gallery, Group, Shown, Table, write_gallery
-
-Window = tuple[slice, slice]
+from dvc.web.gallery import PAGE, Gallery, Group, Shown, Table, write_gallery
 
 PAPER = np.array([200, 120, 200], np.uint8)
 """Colour of empty pixels, which surfaces rarely have."""
@@ -30,7 +27,6 @@ WHITE_VALUES = 3
 """Number of values that is white in the picture of values per pixel."""
 TILE_PX = 400
 MAX_MAGNIFICATION = 4.0
-PAGE = "index.html"
 SHOWN_SPRITES = 40
 """Number of sprites on the page, the largest first."""
 
@@ -48,20 +44,6 @@ def draw_layers(image: LayeredDepthImage) -> Picture:
 def draw_values_per_pixel(image: LayeredDepthImage) -> Picture:
     """Draw the number of values of pixels, as figure 2.10: black none, white three or more."""
     return colour_counts(image.values_per_pixel, WHITE_VALUES)
-
-
-def draw_surfaces(image: LayeredDepthImage, lowest: float, highest: float, window: Window) -> Picture:
-    """Draw the surfaces in a range of disparity without those before them, as figure 2.11."""
-    frame, shape = image.canvas.frame, image.canvas.shape
-    rows = np.arange(window[0].start, window[0].stop) + frame.top
-    columns = np.arange(window[1].start, window[1].stop) + frame.left
-    chosen = image.occupied & (image.disparity >= lowest) & (image.disparity <= highest)
-    picture = np.broadcast_to(PAPER, (*shape, 3)).copy()
-    for colour, mask in zip(image.colour[::-1], chosen[::-1], strict=True):
-        picture[mask] = colour[mask][:, ::-1]
-    inside = ((rows >= 0) & (rows < shape[0]))[:, None] & ((columns >= 0) & (columns < shape[1]))
-    cut = picture[np.clip(rows, 0, shape[0] - 1)[:, None], np.clip(columns, 0, shape[1] - 1)]
-    return np.where(inside[..., None], cut, PAPER)
 
 
 def draw_sprites(sprites: SpriteSet, count: int = 24, columns: int = 4) -> Picture:
@@ -146,7 +128,7 @@ def run_layers(arguments: argparse.Namespace) -> int:
         write_png(folder / "preview-values.png", draw_values_per_pixel(image))
         write_gallery(folder / PAGE, layers_gallery(image))
     for path in meshes:
-        write_shape(path, layers_shape(image))
+        write_shape(path, scene_shape(image))
     counts, canvas = image.counts(), image.canvas
     text = (
         f"{counts['num_layers']} layers of {canvas.num_cameras} views: "
@@ -179,19 +161,12 @@ def run_sprites(arguments: argparse.Namespace) -> int:
         write_png(folder / "preview-sprites.png", draw_sprites(sprites))
         write_gallery(folder / PAGE, sprites_gallery(sprites))
     for path in meshes:
-        write_shape(path, sprites_shape(sprites))
-    counts = _sprite_counts(image, sprites)
-    text = f"{counts['num_sprites']} sprites of {counts['num_values']} values"
-    write_results(arguments.json, counts, "" if arguments.quiet else text)
-    return 0
-
-
-def _sprite_counts(image: LayeredDepthImage, sprites: SpriteSet) -> dict[str, Any]:
+        write_shape(path, scene_shape(sprites))
     frame = image.canvas.frame.slices
     colour, _, mask = composite(sprites)
     first = image.colour[0] * image.occupied[0][..., None]
     sizes = sorted((sprite.num_values for sprite in sprites.sprites), reverse=True)
-    return {
+    counts = {
         "num_sprites": len(sizes),
         "num_values": sum(sizes),
         "num_values_of_layers": int(image.occupied.sum()),
@@ -201,3 +176,6 @@ def _sprite_counts(image: LayeredDepthImage, sprites: SpriteSet) -> dict[str, An
         ),
         "num_values_by_sprite": sizes,
     }
+    text = f"{counts['num_sprites']} sprites of {counts['num_values']} values"
+    write_results(arguments.json, counts, "" if arguments.quiet else text)
+    return 0

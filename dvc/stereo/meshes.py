@@ -5,7 +5,7 @@ GLB files are turned by half a circle, since that format has y up and z towards 
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,9 @@ from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.errors import ConfigError, DvcError
 from dvc.files import atomic_output
 from dvc.geometry.camera_array import LatticePosition
-from dvc.layers.canvas import DEPTH_RANGE, Canvas
+from dvc.layers.canvas import DEPTH_RANGE
 from dvc.layers.layered_depth_image import LayeredDepthImage
-from dvc.layers.sprites import JUMP, SpriteSet
+from dvc.layers.sprites import JUMP, Sprite, SpriteSet
 from dvc.stereo.rectification.rectified_space import Rectification
 
 Layer = tuple[Bytes, Singles, Mask]
@@ -82,38 +82,30 @@ def surface_shape(
     return Shape(points[mask], image[mask], np.concatenate(triangles))
 
 
-def layers_shape(image: LayeredDepthImage) -> Shape:
-    """Return the mesh of all layers."""
-    return _shape(image.canvas, zip(image.colour, image.disparity, image.occupied, strict=True))
-
-
-def sprites_shape(sprites: SpriteSet) -> Shape:
-    """Return the mesh of all sprites."""
-    return _shape(sprites.canvas, _on_canvas(sprites))
-
-
-def _on_canvas(sprites: SpriteSet) -> Iterable[Layer]:
-    shape = sprites.canvas.shape
-    for sprite in sprites.sprites:
-        colour, disparity = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32)
-        mask = np.zeros(shape, np.bool_)
-        window = sprite.slices
-        colour[window], disparity[window], mask[window] = sprite.colour, sprite.disparity, sprite.mask
-        yield colour, disparity, mask
-
-
-def _shape(canvas: Canvas, surfaces: Iterable[Layer]) -> Shape:
-    """Return the mesh of some surfaces, without points beyond infinity."""
-    shapes, num_points = [], 0
+def scene_shape(scene: LayeredDepthImage | SpriteSet) -> Shape:
+    """Return the mesh of all layers or sprites, without points beyond infinity."""
+    canvas, shapes, num_points = scene.canvas, list[Shape](), 0
+    surfaces: Iterable[Layer]
+    if isinstance(scene, LayeredDepthImage):
+        surfaces = zip(scene.colour, scene.disparity, scene.occupied, strict=True)
+    else:
+        surfaces = (_on_canvas(sprite, canvas.shape) for sprite in scene.sprites)
     for colour, disparity, mask in surfaces:
         finite = mask & np.isfinite(canvas.depth_scale.depth(disparity))
         with np.errstate(divide="ignore", invalid="ignore"):
             points = canvas.points(disparity)
         shape = surface_shape(points, colour, disparity, JUMP * canvas.resolution, finite)
-        shapes.append(Shape(shape.points, shape.colours, shape.triangles + num_points))
+        shapes.append(replace(shape, triangles=shape.triangles + num_points))
         num_points += len(shape.points)
     parts = [[getattr(shape, name) for shape in shapes] for name in ("points", "colours", "triangles")]
-    return Shape(*(np.concatenate(part) for part in parts))
+    return Shape(*map(np.concatenate, parts))
+
+
+def _on_canvas(sprite: Sprite, shape: tuple[int, int]) -> Layer:
+    colour, disparity = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32)
+    mask, window = np.zeros(shape, np.bool_), sprite.slices
+    colour[window], disparity[window], mask[window] = sprite.colour, sprite.disparity, sprite.mask
+    return colour, disparity, mask
 
 
 def write_shape(path: Path, shape: Shape) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from dvc import array_files, cli
 from dvc.errors import ConfigError
+from dvc.files import check_folder
 from dvc.stereo.surfaces.stereo_settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES, StereoSettings
 
 
@@ -54,16 +55,9 @@ def add_reconstruct_options(parser: argparse.ArgumentParser) -> None:
     cli.add_integer(group, "--jobs", (1, 256), "threads; the result is the same", default=1)
 
 
-def add_layers_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `dvc-stereo layers`."""
-    parser.add_argument("path", metavar="DIR", help="folder of `dvc-stereo reconstruct`")
-    _add_output_options(parser)
-
-
-def add_sprites_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `dvc-stereo sprites`."""
-    written = "folder of `dvc-stereo layers` or `dvc-stereo reconstruct`"
-    parser.add_argument("path", metavar="DIR", help=written)
+def add_folder_options(source: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of subcommands that read a folder."""
+    parser.add_argument("path", metavar="DIR", help=source)
     _add_output_options(parser)
 
 
@@ -132,25 +126,18 @@ def write_results(json: str | None, results: dict[str, Any], text: str) -> None:
         sys.stdout.write(text + "\n")
 
 
-def check_export(arguments: argparse.Namespace) -> list[Path]:
-    """Return the mesh files of the options; refuse wrong names before any work is done."""
-    paths = [(Path(name), f".{kind}") for kind in ("ply", "glb") if (name := getattr(arguments, kind))]
-    for path, ending in paths:
+def check_outputs(arguments: argparse.Namespace, inputs: Sequence[str | Path]) -> list[Path]:
+    """Refuse folders and files that cannot be written, before any work is done; return the meshes."""
+    check_folder(arguments.out)
+    meshes = [(Path(name), f".{kind}") for kind in ("ply", "glb") if (name := getattr(arguments, kind))]
+    for path, ending in meshes:
         if path.suffix.lower() != ending:
             raise ConfigError(f"expected a name that ends in {ending}, got {path}")
-    if paths:
+    if meshes:
         from dvc.stereo.meshes import trimesh_module
 
         trimesh_module()
-    return [path for path, _ in paths]
-
-
-def check_outputs(arguments: argparse.Namespace, inputs: Sequence[str | Path]) -> list[Path]:
-    """Refuse folders and files that cannot be written, before any work is done."""
-    from dvc.files import check_folder
-
-    check_folder(arguments.out)
-    meshes = check_export(arguments)
+    paths = [path for path, _ in meshes]
     named = [] if arguments.json in (None, "-") else [arguments.json]
-    cli.check_outputs(cli.with_contents(inputs), [*meshes, *named])
-    return meshes
+    cli.check_outputs(cli.with_contents(inputs), [*paths, *named])
+    return paths

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from dvc.files import atomic_output
 from dvc.web.document import SHARED, asset, data_uri, render_page
 
+PAGE = "index.html"
+"""Usual name of a gallery in its folder."""
 MAX_SIDE_PX = 1600
 """Longest side of a picture; larger pictures are reduced."""
 QUALITY = 88

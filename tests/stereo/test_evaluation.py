@@ -13,8 +13,15 @@ from hypothesis import strategies as st
 from dvc.errors import ConfigError, DvcError
 from dvc.picture_files import write_pfm
 from dvc.stereo.__main__ import main
-from dvc.stereo.evaluation import disparity_error, evaluate, read_mask, read_truth, sparsification
-from dvc.stereo.surface_report import Truth, reported, summary
+from dvc.stereo.evaluation import (
+    disparity_error,
+    evaluate,
+    read_mask,
+    read_truth,
+    reported,
+    sparsification,
+    summary,
+)
 from tests.stereo.data import check_refused, real_set
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
@@ -193,7 +200,7 @@ def test_bad_pixels_are_reported_at_three_thresholds() -> None:
     reconstruction = reconstruction_of(SCENE, square_lattice(1), LABELS)
     found = reconstruction.surfaces[reconstruction.array.reference].disparity
     off = np.repeat([0.4, 0.8, 1.5, 3.0], found.size // 4).reshape(found.shape)
-    output = summary(reported(reconstruction, Truth(found + off)))
+    output = summary(reported(reconstruction, (found + off, None)))
     assert re.findall(r"([\d.]+) % > ([\d.]+) px", output) == [
         ("75.00", "0.5"),
         ("50.00", "1"),

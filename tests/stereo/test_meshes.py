@@ -15,15 +15,14 @@ from dvc.layers.sprites import extract_sprites
 from dvc.stereo.meshes import (
     DEPTH_RANGE,
     Shape,
-    layers_shape,
     points_in_world,
     points_of_disparity,
-    sprites_shape,
+    scene_shape,
     surface_shape,
     write_shape,
 )
-from dvc.stereo.rectification.rectify import rectify
-from dvc.stereo.stereo_options import check_export
+from dvc.stereo.rectification.rectified_array import rectify
+from dvc.stereo.stereo_options import check_outputs
 from tests.stereo.rigs import random_rig
 
 
@@ -97,13 +96,16 @@ def test_nothing_is_no_mesh(tmp_path: Path, ending: str) -> None:
 
 
 def test_names_are_checked_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def _checked(ply: str | None = None, glb: str | None = None) -> list[Path]:
+        return check_outputs(Namespace(out=str(tmp_path), json=None, ply=ply, glb=glb), [])
+
     with pytest.raises(ConfigError, match=r"ends in \.ply"):
-        check_export(Namespace(ply="mesh.obj", glb=None))
-    assert check_export(Namespace(ply=None, glb=None)) == []
-    assert check_export(Namespace(ply=str(tmp_path / "a.PLY"), glb=None)) == [tmp_path / "a.PLY"]
+        _checked("mesh.obj")
+    assert _checked() == []
+    assert _checked(str(tmp_path / "a.PLY")) == [tmp_path / "a.PLY"]
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(ConfigError, match=r"dvc3d\[mesh\]"):
-        check_export(Namespace(ply=None, glb="a.glb"))
+        _checked(glb="a.glb")
 
 
 def test_calibrated_points_are_where_cameras_see_them() -> None:
@@ -129,7 +131,7 @@ def test_nothing_is_behind_the_camera() -> None:
     image = LayeredDepthImage(
         canvas, np.zeros((1, 2, 3, 3), np.uint8), disparity, np.ones((1, 2, 3), np.uint16)
     )
-    for shape in (layers_shape(image), sprites_shape(extract_sprites(image))):
+    for shape in map(scene_shape, (image, extract_sprites(image))):
         assert len(shape.points) == 4
         assert (shape.points[:, 2] == 0.5).all()
         assert len(shape.triangles) == 2

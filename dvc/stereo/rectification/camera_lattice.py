@@ -5,6 +5,7 @@ downwards in the pictures, and ``v1 x v2`` points to the scene.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -12,7 +13,6 @@ import numpy as np
 
 from dvc.arrays import Floats
 from dvc.errors import ConfigError
-from dvc.geometry.camera_array import LatticePosition
 
 LINE_RATIO = 0.05
 """Largest ratio of width and length of centres on a line."""
@@ -21,15 +21,6 @@ MAX_TILT_DEG = 45.0
 _NEAR_LATTICE = 0.2
 _MAX_ASPECT, _MAX_SKEW = 2.0, 0.25
 _NUM_CANDIDATES = 8
-
-
-@dataclass(frozen=True, eq=False)
-class Orientation:
-    """Mean orientation of the cameras: unit vectors in the world."""
-
-    right: Floats  # along rows and columns of the pictures, and the optical axis
-    down: Floats
-    forward: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,84 +49,70 @@ class Lattice:
         return np.asarray(np.linalg.solve(self.basis, (points - self.origin).T).T)
 
 
-def fit_lattice(centres: Floats, positions: Floats, orientation: Orientation) -> Lattice:
-    """Fit a lattice to centres with known positions, by least squares (2.6)."""
+def mean_orientation(rotations: Sequence[Floats]) -> Floats:
+    """Return the mean orientation of cameras: unit vectors to the right, down and forward, as rows."""
+    axes = np.mean(rotations, axis=0)
+    lengths = np.linalg.norm(axes, axis=1)
+    if lengths.min() < 0.2:
+        raise ConfigError("the cameras look in opposite directions: such views cannot be rectified together")
+    return np.asarray(axes / lengths[:, None])
+
+
+def fit_lattice(centres: Floats, positions: Floats, orientation: Floats) -> tuple[Lattice, Floats]:
+    """Fit a lattice to centres with known positions, by least squares (2.6), and turn both upright.
+
+    Then ``v1 x v2`` points to the scene and v1 to the right.
+    """
+    right, _, forward = orientation
     mean, middle = positions.mean(axis=0), centres.mean(axis=0)
     shift, offset = positions - mean, centres - middle
     _, extent, directions = np.linalg.svd(shift, full_matrices=True)
     rank = int(np.count_nonzero(extent > 1e-9 * max(1.0, float(extent[0]))))
     if rank == 2:
-        steps: Floats = np.linalg.lstsq(shift, offset, rcond=None)[0]
-        v1, v2 = steps
+        v1, v2 = np.linalg.lstsq(shift, offset, rcond=None)[0]
     else:
         (a, b) = directions[0] if rank else (1.0, 0.0)
-        along = offset.T @ (shift @ directions[0]) / extent[0] ** 2 if rank else orientation.right
-        across = _across(along, orientation.forward)
+        along = offset.T @ (shift @ directions[0]) / extent[0] ** 2 if rank else right
+        length = float(np.linalg.norm(along))
+        if not length > 0.0:
+            raise ConfigError("the cameras are at one point: nothing has parallax")
+        normal = forward - (forward @ (along / length)) * (along / length)
+        if np.linalg.norm(normal) < 0.05:
+            raise ConfigError("the cameras are one behind the other: such views cannot be rectified")
+        across = np.cross(normal / np.linalg.norm(normal), along)
         v1, v2 = a * along - b * across, b * along + a * across
     lattice = Lattice(middle - mean[0] * v1 - mean[1] * v2, v1, v2)
     if not lattice.spans_a_plane:
         raise ConfigError("the cameras are on a line or at one point, but their positions (m, n) are not")
-    return lattice
+    turn = 1.0 if v1 @ right >= 0.0 else -1.0
+    signs = np.array([turn, turn if np.cross(v1, v2) @ forward >= 0.0 else -turn])
+    return Lattice(lattice.origin, signs[0] * v1, signs[1] * v2), positions * signs + 0.0
 
 
-def _across(along: Floats, forward: Floats) -> Floats:
-    """Return the vector perpendicular to a row of cameras in their plane, ``n x v1`` of (2.6)."""
-    length = float(np.linalg.norm(along))
-    if not length > 0.0:
-        raise ConfigError("the cameras are at one point: nothing has parallax")
-    unit = along / length
-    normal = forward - (forward @ unit) * unit
-    if np.linalg.norm(normal) < 0.05:
-        raise ConfigError("the cameras are one behind the other: such views cannot be rectified")
-    across: Floats = np.cross(normal / np.linalg.norm(normal), along)
-    return across
-
-
-def upright(lattice: Lattice, positions: Floats, orientation: Orientation) -> tuple[Lattice, Floats]:
-    """Turn a lattice so that ``v1 x v2`` points to the scene and v1 to the right."""
-    faces = float(np.cross(lattice.v1, lattice.v2) @ orientation.forward) >= 0.0
-    n_sign = 1 if faces else -1
-    turn = 1 if lattice.v1 @ orientation.right >= 0.0 else -1
-    signs = turn, turn * n_sign
-    turned = Lattice(lattice.origin, signs[0] * lattice.v1, signs[1] * lattice.v2)
-    return turned, positions * np.array(signs, dtype=np.float64) + 0.0
-
-
-def assign_positions(centres: Floats, orientation: Orientation) -> tuple[Lattice, Floats]:
+def assign_positions(centres: Floats, orientation: Floats) -> tuple[Lattice, Floats]:
     """Find the positions of cameras from their centres."""
+    right, _, forward = orientation
     offset = centres - centres.mean(axis=0)
     _, spread, axes = np.linalg.svd(offset, full_matrices=True)
-    normal = axes[2] * (1.0 if axes[2] @ orientation.forward >= 0.0 else -1.0)
-    tilted = normal @ orientation.forward < np.cos(np.radians(MAX_TILT_DEG))
+    normal = axes[2] * (1.0 if axes[2] @ forward >= 0.0 else -1.0)
+    tilted = normal @ forward < np.cos(np.radians(MAX_TILT_DEG))
     if len(centres) < 3 or spread[1] < LINE_RATIO * spread[0]:
         positions = _positions_on_line(offset, axes[0], orientation)
     else:
-        normal = orientation.forward if tilted else normal
-        right = orientation.right - (orientation.right @ normal) * normal
+        normal = forward if tilted else normal
+        right = right - (right @ normal) * normal
         right /= np.linalg.norm(right)
         points = offset @ np.column_stack([right, np.cross(normal, right)])
         whole = None if tilted else _whole_positions(points)
         if whole is None:
-            return _square_lattice(centres, _neighbour_units(points), right, normal)
+            return _square_lattice(centres, points, right, normal)
         positions = whole
-    lattice = fit_lattice(centres, positions, orientation)
-    return upright(lattice, positions, orientation)
+    return fit_lattice(centres, positions, orientation)
 
 
-def snapped(lattice: Lattice, centres: Floats, positions: Floats, tolerance: float) -> Floats:
-    """Return the positions of cameras if their centres are there, else their real-valued positions."""
-    actual = lattice.coordinates(centres)[:, :2]
-    return positions if np.abs(actual - positions).max() <= tolerance else actual
-
-
-def as_positions(coordinates: Floats) -> tuple[LatticePosition, ...]:
-    """Return coordinates as positions."""
-    return tuple(LatticePosition(float(m), float(n)) for m, n in coordinates)
-
-
-def _positions_on_line(offset: Floats, direction: Floats, orientation: Orientation) -> Floats:
+def _positions_on_line(offset: Floats, direction: Floats, orientation: Floats) -> Floats:
     """Return (t, 0) or (0, t) of centres on a line that leads rather to the right or downwards."""
-    across, down = float(direction @ orientation.right), float(direction @ orientation.down)
+    across, down, _ = orientation @ direction
     in_row = abs(across) >= abs(down)
     distance = offset @ direction * (1.0 if (across if in_row else down) >= 0.0 else -1.0)
     gaps = np.diff(np.sort(distance))
@@ -166,29 +143,15 @@ def _whole_positions(points: Floats) -> Floats | None:
     """Return whole coordinates if points of a plane form a nearly rectangular lattice."""
     points = points - points[_middle(points)]
     differences = (points[:, None] - points[None]).reshape(-1, 2)
-    order = np.argsort(np.linalg.norm(differences, axis=1), kind="stable")
-    differences = differences[order]
+    differences = differences[np.argsort(np.linalg.norm(differences, axis=1), kind="stable")]
     flat = np.abs(differences[:, 0]) >= np.abs(differences[:, 1])
-    rightward, downward = (
-        differences[flat & (differences[:, 0] > 0)],
-        differences[~flat & (differences[:, 1] > 0)],
-    )
-    pairs = product(_distinct(rightward), _distinct(downward))
+    rightward = _distinct(differences[flat & (differences[:, 0] > 0)])
+    pairs = product(rightward, _distinct(differences[~flat & (differences[:, 1] > 0)]))
     for v1, v2 in sorted(pairs, key=lambda pair: float(np.linalg.norm(pair[0]) + np.linalg.norm(pair[1]))):
         positions = _lattice_positions(points, v1, v2)
         if positions is not None:
             return positions
     return None
-
-
-def _neighbour_units(points: Floats) -> Floats:
-    """Return points of a plane about the middle one, in median distances of nearest neighbours."""
-    points = points - points[_middle(points)]
-    apart = np.linalg.norm(points[:, None] - points[None], axis=2) + np.diag(np.full(len(points), np.inf))
-    nearest = np.median(apart.min(axis=1))
-    if not nearest > 0.0:
-        raise ConfigError("cameras are one behind the other: such views cannot be rectified")
-    return np.asarray(points / nearest)
 
 
 def _distinct(vectors: Floats) -> list[Floats]:
@@ -216,10 +179,14 @@ def _lattice_positions(points: Floats, v1: Floats, v2: Floats) -> Floats | None:
     return whole if np.abs(residual).max() <= _NEAR_LATTICE else None
 
 
-def _square_lattice(
-    centres: Floats, positions: Floats, right: Floats, normal: Floats
-) -> tuple[Lattice, Floats]:
-    """Return the lattice of square cells for centres at real-valued positions."""
+def _square_lattice(centres: Floats, points: Floats, right: Floats, normal: Floats) -> tuple[Lattice, Floats]:
+    """Return the lattice of square cells, in median distances of neighbours, and real-valued positions."""
+    points = points - points[_middle(points)]
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2) + np.diag(np.full(len(points), np.inf))
+    nearest = np.median(apart.min(axis=1))
+    if not nearest > 0.0:
+        raise ConfigError("cameras are one behind the other: such views cannot be rectified")
+    positions = points / nearest
     offset = centres - centres.mean(axis=0)
     along = right if np.ptp(positions[:, 0]) >= np.ptp(positions[:, 1]) else np.cross(normal, right)
     unit = float(np.ptp(offset @ along) / np.ptp(positions, axis=0).max())

@@ -3,19 +3,21 @@
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import starmap
 from pathlib import Path
 
 import numpy as np
 
 from dvc.array_files import MAX_LABELS, read_pictures
-from dvc.arrays import Bytes, Floats
+from dvc.arrays import Floats
 from dvc.errors import ConfigError, DvcError
+from dvc.geometry.calibrated_cameras import LARGEST, Camera
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.geometry.camera_estimation import Features
 from dvc.geometry.camera_files import AUTO, load_cameras
-from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, resample
-from dvc.stereo.rectification.rectify import rectify, refined_pair, usual_disparity
+from dvc.stereo.rectification.camera_lattice import assign_positions, fit_lattice, mean_orientation
+from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, cropped, resample
 from dvc.stereo.surfaces.occupancy import neighbours
 
 MAX_OFF_PLANE_PX = 10.0
@@ -31,6 +33,21 @@ MIN_LABELS = 16
 MAX_OUTSIDE = 0.9
 """Share of matches outside a range of disparities that proves it wrong."""
 _MAX_PARTNERS = 8
+USUAL_PARALLAX = 0.25
+"""Parallax of the nearest point between the farthest cameras if depth is unknown, in picture widths."""
+POSITION_TOLERANCE_PX = 0.25
+"""Largest change of parallax from snapping cameras to the lattice."""
+MAX_EPIPOLAR_PX = 1.5
+"""Largest distance of matches from their epipolar lines."""
+MIN_REFINING_MATCHES = 30
+GOOD_ROWS_PX = 0.5
+"""Error of rows of a calibration that is not refined."""
+MIN_GAIN = 0.1
+"""Smallest relative gain in rms error of a refinement."""
+_NOISE_PX = 0.3
+_SIGMAS = np.array([np.radians(0.3)] * 4 + [0.005])
+"""Usual errors of two tilts and rolls, in radians, and of half the log of the ratio of focal lengths."""
+_MAX_SIGMAS = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,61 +144,35 @@ def rectified_array(
     if is_pair and not keep_cameras and str(cameras) != AUTO:
         calibrated = refined_pair(views.cameras, *features[0].match(features[1]))
     rectification = rectify(calibrated, positions, views.points)
-    array = _resampled(rectification, paths, pictures, advance)
-    disparities, matches = _range_of_points(rectification, views.points), None
-    if features:
-        matches = row_matches(rectification.positions, features, rectification.rectified_points)
-        disparities = disparities or range_of_matches(matches)
-    off_plane_px = _checked_plane(rectification, disparities)
-    refined = calibrated != views.cameras
-    return RectifiedArray(array, rectification, disparities, off_plane_px, matches, refined)
-
-
-def _resampled(
-    rectification: Rectification,
-    paths: Sequence[str | Path],
-    pictures: Sequence[Bytes],
-    advance: Callable[[int], None],
-) -> CameraArray:
-    """Return the rectified views of pictures, named as their files."""
     if max(rectification.size) > MAX_RESAMPLED_SIDE:
         size = "x".join(map(str, rectification.size))
         raise ConfigError(
             f"rectified views would have {size} pixels, sides of at most {MAX_RESAMPLED_SIDE} are accepted"
         )
-    views = []
+    rectified = []
     for index, (path, picture) in enumerate(zip(paths, pictures, strict=True)):
         image, valid = resample(rectification, index, picture)
         mask = None if valid.all() else valid
-        views.append(ArrayView(Path(path).stem, image, rectification.positions[index], mask))
+        rectified.append(ArrayView(Path(path).stem, image, rectification.positions[index], mask))
         advance(1)
-    return CameraArray(tuple(views))
-
-
-def _range_of_points(rectification: Rectification, points: Floats) -> tuple[float, float] | None:
-    disparities = rectification.disparities(points)
-    disparities = disparities[np.isfinite(disparities) & (disparities > -rectification.disparity_shift)]
-    if not disparities.size:
-        return None
-    if disparities.size < MIN_MATCHES:
-        return float(disparities.min()), float(disparities.max())
-    return range_of(disparities)
-
-
-def _checked_plane(rectification: Rectification, disparities: tuple[float, float] | None) -> Floats:
-    """Return the distance of each camera from the plane in pixels of parallax; refuse large ones."""
-    if disparities is None:
-        width = max(camera.size[0] for camera in rectification.cameras)
-        shift = rectification.disparity_shift
-        disparities = -shift, usual_disparity(rectification.positions, width) - shift
-    off_plane_px = rectification.off_plane_px(*disparities)
+    limits = matches = None
+    shift, d = rectification.disparity_shift, rectification.disparities(views.points)
+    if (d := d[np.isfinite(d) & (d > -shift)]).size:
+        limits = range_of(d) if d.size >= MIN_MATCHES else (float(d.min()), float(d.max()))
+    if features:
+        matches = row_matches(rectification.positions, features, rectification.rectified_points)
+        limits = limits or range_of_matches(matches)
+    width = max(camera.size[0] for camera in calibrated)
+    usual = -shift, usual_disparity(np.array(rectification.positions), width) - shift
+    off_plane_px = rectification.off_plane_px(*(limits or usual))
     worst = int(off_plane_px.argmax())
     if off_plane_px[worst] > MAX_OFF_PLANE_PX:
         raise DvcError(
-            f"the cameras are not in a plane: {rectification.cameras[worst].name} is off by up to "
+            f"the cameras are not in a plane: {calibrated[worst].name} is off by up to "
             f"{off_plane_px[worst]:.1f} px of parallax, at most {MAX_OFF_PLANE_PX:g} px are accepted"
         )
-    return off_plane_px
+    array, refined = CameraArray(tuple(rectified)), calibrated != views.cameras
+    return RectifiedArray(array, rectification, limits, off_plane_px, matches, refined)
 
 
 def range_of_matches(matches: RowMatches) -> tuple[float, float] | None:
@@ -258,3 +249,107 @@ def row_matches(
         disparities.append((moved @ unit / np.linalg.norm(baseline))[close])
         residuals.append(across[close])
     return RowMatches(np.concatenate(disparities), np.concatenate(residuals))
+
+
+def rectify(
+    cameras: Sequence[Camera],
+    positions: Sequence[LatticePosition] | None = None,
+    points: Floats | None = None,
+) -> Rectification:
+    """Find the rectified space of cameras, and the crop with the best overlap of their pictures.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera
+        At least two.
+    positions : sequence of LatticePosition, optional
+        Their positions, up to the signs of m and n; by default from the centres. Centres off the lattice
+        get real-valued positions.
+    points : ndarray of shape (N, 3), float64, optional
+        Points of the scene, for cameras that are slightly off a plane.
+
+    Returns
+    -------
+    Rectification
+        With the cameras in this order.
+
+    Raises
+    ------
+    ConfigError
+        If the cameras span no lattice, or a picture looks along the plane of the cameras.
+    """
+    if len(cameras) < 2:
+        raise ConfigError("at least two views are needed")
+    centres = np.stack([camera.centre for camera in cameras])
+    if np.ptp(centres, axis=0).max() < 1.0 / LARGEST:
+        raise ConfigError("the cameras are at one point: nothing has parallax")
+    orientation = mean_orientation([camera.R for camera in cameras])
+    if positions is None:
+        lattice, coordinates = assign_positions(centres, orientation)
+    else:
+        given = np.array(positions, dtype=np.float64)
+        _check_apart(cameras, given, "have one position")
+        lattice, coordinates = fit_lattice(centres, given, orientation)
+    focal = float(np.mean([camera.focal_length_px for camera in cameras]))
+    width = max(camera.size[0] for camera in cameras)
+    lowest, highest = 0.0, usual_disparity(coordinates, width)
+    if points is not None and len(points):
+        distance = lattice.coordinates(points)[:, 2]
+        if np.any(distance > 0.0):
+            lowest, highest = np.quantile(focal / distance[distance > 0.0], QUANTILES)
+    actual = lattice.coordinates(centres)[:, :2]
+    if np.abs(actual - coordinates).max() > POSITION_TOLERANCE_PX / highest:
+        coordinates = actual
+    _check_apart(cameras, coordinates, "were taken from one point")
+    middle, on_lattice = float(0.5 * (lowest + highest)), starmap(LatticePosition, coordinates.tolist())
+    return cropped(Rectification(tuple(cameras), lattice, tuple(on_lattice), focal, middle))
+
+
+def _check_apart(cameras: Sequence[Camera], points: Floats, message: str) -> None:
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2) + np.diag(np.full(len(points), np.inf))
+    first, second = np.unravel_index(apart.argmin(), apart.shape)
+    if apart[first, second] <= 1e-3 * np.ptp(points, axis=0).max():
+        raise ConfigError(f"{cameras[first].name} and {cameras[second].name} {message}")
+
+
+def usual_disparity(positions: Floats, width: int) -> float:
+    """Return the disparity with a parallax of `USUAL_PARALLAX` between the farthest cameras."""
+    return USUAL_PARALLAX * width / float(np.hypot(*np.ptp(positions, axis=0)))
+
+
+def refined_pair(cameras: Sequence[Camera], first: Floats, second: Floats) -> tuple[Camera, ...]:
+    """Tilt and roll two cameras, and balance their focal lengths, until the rows of matches agree."""
+    import pycolmap
+    from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation
+
+    options = pycolmap.RANSACOptions(max_error=MAX_EPIPOLAR_PX, random_seed=0, num_threads=1)
+    answer = pycolmap.estimate_fundamental_matrix(first, second, options) if len(first) >= 8 else None
+    inliers = np.zeros(0, np.bool_) if answer is None else np.asarray(answer["inlier_mask"], np.bool_)
+    if np.count_nonzero(inliers) < MIN_REFINING_MATCHES:
+        return tuple(cameras)
+    first, second = first[inliers], second[inliers]
+    bare = rectify(cameras, (LatticePosition(0.0, 0.0), LatticePosition(1.0, 0.0)))
+
+    def _corrected(sigmas: Floats) -> tuple[Camera, ...]:
+        correction = sigmas * _SIGMAS
+        corrected = []
+        turns = zip(cameras, correction[:4].reshape(2, 2), (1.0, -1.0), strict=True)
+        for camera, (tilt, roll), sign in turns:
+            R = Rotation.from_rotvec([tilt, 0.0, roll]).as_matrix() @ camera.R
+            scale = float(np.exp(sign * correction[4]))
+            K = camera.K * np.array([[scale, scale, 1.0], [1.0, scale, 1.0], [1.0, 1.0, 1.0]])
+            corrected.append(replace(camera, K=K, R=R, t=-R @ camera.centre))
+        return tuple(corrected)
+
+    def _rows(sigmas: Floats) -> Floats:
+        changed = replace(bare, cameras=_corrected(sigmas))
+        return np.asarray((changed.rectified_points(0, first) - changed.rectified_points(1, second))[:, 1])
+
+    def _residuals(sigmas: Floats) -> Floats:
+        return np.concatenate([_rows(sigmas), _NOISE_PX * sigmas])
+
+    solved = least_squares(_residuals, np.zeros(5), max_nfev=100).x
+    before, after = (float(np.sqrt((_rows(sigmas) ** 2).mean())) for sigmas in (np.zeros(5), solved))
+    gains = before > GOOD_ROWS_PX and after < (1.0 - MIN_GAIN) * before
+    return _corrected(solved) if gains and np.abs(solved).max() <= _MAX_SIGMAS else tuple(cameras)

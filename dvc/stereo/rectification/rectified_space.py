@@ -12,7 +12,8 @@ Pictures of cameras a little off the plane are scaled about the foot of the norm
 holds at the middle disparity of the scene; in the plane, this changes nothing.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -25,30 +26,19 @@ from dvc.geometry.camera_array import LatticePosition
 from dvc.stereo.rectification.camera_lattice import Lattice
 
 SWAP = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0], [0, 0, 1.0, 0]])
-"""H2 (2.9): swap of depth and homogeneous coordinate."""
+"""H2 of (2.9): swap of depth and homogeneous coordinate; ``rectified_from_world`` has H1 of (2.8)."""
 MAX_OBLIQUITY = 4.0
 """Largest ratio of the stretch at a corner and at the middle of a rectified picture."""
 _BORDER_POINTS = 17
-
-
-def shared_intrinsics(focal_length_px: float) -> Floats:
-    """Return the intrinsics of all rectified cameras (2.7)."""
-    return np.diag([focal_length_px, focal_length_px, 1.0])
-
-
-def first_homography(lattice: Lattice, focal_length_px: float) -> Floats:
-    """Return H1 of (2.8)."""
-    upper = shared_intrinsics(focal_length_px) @ np.linalg.inv(lattice.basis)
-    homography = np.zeros((4, 4))
-    homography[:3, :3], homography[:3, 3], homography[3, 3] = upper, -upper @ lattice.origin, focal_length_px
-    return homography
-
-
-def image_homography(camera: Camera, lattice: Lattice, focal_length_px: float) -> Floats:
-    """Return the homography that rectifies a picture (2.11)."""
-    directions = np.linalg.inv(lattice.basis) @ camera.R.T @ np.linalg.inv(camera.K)
-    homography: Floats = shared_intrinsics(focal_length_px) @ directions
-    return homography
+MAX_GROWTH = 1.25
+"""Largest ratio of the pixels of a rectified picture and an original, by cropping and scaling."""
+MIN_COVERED = 0.15
+"""Mean share of covered pixels of a row or column that is not cropped."""
+_CELLS = 128
+_INWARDS = np.diag([1, 1, -1, -1])
+MAX_RESAMPLED_SIDE = 2**15 - 2
+"""Longest side of resampled pictures: OpenCV counts pixels in 16 bits."""
+_DEPTH_EDGE_PX = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,35 +49,34 @@ class Rectification:
     lattice: Lattice
     positions: tuple[LatticePosition, ...]  # positions on the lattice
     focal_length_px: float  # focal length of the rectified cameras
-    middle_disparity: (
-        float  # disparity at which cameras off the plane are exact, in the frame of the equations
-    )
+    # disparity at which cameras off the plane are exact, in the frame of the equations
+    middle_disparity: float
     offset: tuple[float, float] = (0.0, 0.0)  # added to (x, y) of the frame of the equations, in pixels
     disparity_shift: float = 0.0  # subtracted from its disparities
     size: tuple[int, int] = (0, 0)  # width and height of the rectified pictures
 
     def rectified_from_view(self, index: int) -> Floats:
-        """Return the homography of a picture (2.11), with the common offset and shift."""
+        """Return the homography that rectifies a picture (2.11), with the common offset and shift."""
         camera, (m, n) = self.cameras[index], self.positions[index]
         height = self.lattice.coordinates(camera.centre[None])[0, 2]
         scale = 1.0 - height * self.middle_disparity / self.focal_length_px
-        shift = np.array(
-            [
-                [scale, 0.0, self.offset[0] + m * self.disparity_shift],
-                [0.0, scale, self.offset[1] + n * self.disparity_shift],
-                [0.0, 0.0, 1.0],
-            ]
-        )
-        homography: Floats = shift @ image_homography(camera, self.lattice, self.focal_length_px)
-        return homography
+        shift = np.diag([scale, scale, 1.0])
+        shift[:2, 2] = np.array(self.offset) + self.disparity_shift * np.array([m, n])
+        directions = np.linalg.inv(self.lattice.basis) @ camera.R.T @ np.linalg.inv(camera.K)
+        return np.asarray(shift @ (self._intrinsics @ directions))
+
+    @property
+    def _intrinsics(self) -> Floats:
+        """Intrinsics of all rectified cameras (2.7)."""
+        return np.diag([self.focal_length_px, self.focal_length_px, 1.0])
 
     @property
     def rectified_from_world(self) -> Floats:
         """Homography of space (2.12), shape (4, 4): (X, 1) to (x, y, d, 1) in the frame of the pictures."""
-        translation = np.eye(4)
+        upper, first, translation = self._intrinsics @ np.linalg.inv(self.lattice.basis), np.eye(4), np.eye(4)
+        first[:3, :3], first[:3, 3], first[3, 3] = upper, -upper @ self.lattice.origin, self.focal_length_px
         translation[:3, 3] = *self.offset, -self.disparity_shift
-        homography: Floats = translation @ SWAP @ first_homography(self.lattice, self.focal_length_px)
-        return homography
+        return np.asarray(translation @ SWAP @ first)
 
     @property
     def world_from_rectified(self) -> Floats:
@@ -103,12 +92,6 @@ class Rectification:
     def rectified_points(self, index: int, points: Floats) -> Floats:
         """Return the positions in the rectified picture of points of a picture."""
         return _applied(self.rectified_from_view(index), self.cameras[index].undistorted(points))
-
-    def view_points(self, index: int, points: Floats) -> Floats:
-        """Return the positions in the original of points of a rectified picture."""
-        homography = np.linalg.inv(self.rectified_from_view(index))
-        homography = homography * np.sign(np.linalg.det(homography))
-        return self.cameras[index].distorted(_applied(homography, points))
 
     def border(self, index: int) -> Floats:
         """Return the border of a picture after rectification."""
@@ -156,8 +139,7 @@ class Rectification:
         views = [
             {
                 "file": camera.name,
-                "m": position.m,
-                "n": position.n,
+                **position._asdict(),
                 "width": camera.size[0],
                 "height": camera.size[1],
                 "K": camera.K.tolist(),
@@ -175,25 +157,65 @@ class Rectification:
             "middle_disparity": self.middle_disparity,
             "offset_px": list(self.offset),
             "disparity_shift": self.disparity_shift,
-            "lattice": {
-                "origin": self.lattice.origin.tolist(),
-                "v1": self.lattice.v1.tolist(),
-                "v2": self.lattice.v2.tolist(),
-            },
+            "lattice": {key: getattr(self.lattice, key).tolist() for key in ("origin", "v1", "v2")},
             "rectified_from_world": self.rectified_from_world.tolist(),
             "views": views,
         }
 
 
-MAX_RESAMPLED_SIDE = 2**15 - 2
-"""Longest side of resampled pictures: OpenCV counts pixels in 16 bits."""
-_DEPTH_EDGE_PX = 1.0
+def cropped(bare: Rectification) -> Rectification:
+    """Choose offset and shift that align the middles of the pictures, a window round them, and its scale."""
+    positions, sizes = np.array(bare.positions), np.array([camera.size for camera in bare.cameras])
+    borders = [bare.border(index) for index in range(len(sizes))]
+    middles = [bare.rectified_points(k, 0.5 * (size - 1)[None])[0] for k, size in enumerate(sizes)]
+    spread = positions - positions.mean(axis=0)
+    shift = -float((spread * np.stack(middles)).sum() / (spread**2).sum())
+    hulls = [
+        cv2.convexHull((border + position * shift).astype(np.float32))[:, 0]
+        for border, position in zip(borders, positions, strict=True)
+    ]
+    num_pixels = float(np.mean(sizes.prod(axis=1)))
+    shown = float(np.mean([cv2.contourArea(hull) for hull in hulls]))
+    low, high = _window(hulls, MAX_GROWTH * max(num_pixels, shown))
+    growth = float(np.prod(high - low)) / num_pixels
+    scale = min(1.0, np.sqrt(MAX_GROWTH / growth))
+    width, height = (int(side) for side in np.ceil(scale * (high - low) - 1e-3).astype(np.int64) + 1)
+    return replace(
+        bare,
+        focal_length_px=scale * bare.focal_length_px,
+        middle_disparity=scale * bare.middle_disparity,
+        offset=(-scale * float(low[0]), -scale * float(low[1])),
+        disparity_shift=scale * shift,
+        size=(width, height),
+    )
+
+
+def _window(hulls: Sequence[Singles], most: float) -> tuple[Floats, Floats]:
+    """Return the corners of a window round pictures; crop sides with low coverage if it is large."""
+    corners = np.concatenate(hulls).astype(np.float64)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    cell = (high - low) / _CELLS
+    covered = np.zeros((_CELLS, _CELLS))
+    for hull in hulls:
+        mask = np.zeros((_CELLS, _CELLS), np.uint8)
+        covered += cv2.fillConvexPoly(mask, np.floor((hull - low) / cell).astype(np.int32), 1) / len(hulls)
+    left, top, right, bottom = 0, 0, _CELLS, _CELLS
+    while (right - left) * (bottom - top) * np.prod(cell) > most:
+        inner = covered[top:bottom, left:right]
+        shares = inner[:, 0].mean(), inner[0].mean(), inner[:, -1].mean(), inner[-1].mean()
+        side = int(np.argmin(shares))
+        if shares[side] >= MIN_COVERED:
+            break
+        left, top, right, bottom = np.add((left, top, right, bottom), _INWARDS[side])
+    return low + cell * (left, top), low + cell * (right, bottom)
 
 
 def resample(rectification: Rectification, index: int, picture: Bytes) -> tuple[Bytes, Mask]:
     """Rectify a picture by Lanczos interpolation; return it and the mask of its valid pixels."""
-    grid = _grid(rectification.size)
-    source = rectification.view_points(index, grid).reshape(*rectification.size[::-1], 2)
+    homography = np.linalg.inv(rectification.rectified_from_view(index))
+    homography = homography * np.sign(np.linalg.det(homography))
+    points = _applied(homography, _grid(rectification.size))
+    source = rectification.cameras[index].distorted(points).reshape(*rectification.size[::-1], 2)
     height, width = picture.shape[:2]
     slack = 1e-3
     valid: Mask = np.logical_and.reduce(

@@ -5,11 +5,11 @@ several cameras agree (2.15), and continues them over the rest. The next one tak
 surfaces (2.17), and its windows follow them. In the end the surfaces of all cameras are fused.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise, product
+from itertools import islice, pairwise, product
 from typing import Any
 
 import cv2
@@ -23,20 +23,17 @@ from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, R
 from dvc.geometry.label_inference import Inferred
 from dvc.geometry.matching_costs import COSTS, Band, MatchingCost
 from dvc.stereo.surfaces.occupancy import (
-    Occupancy,
-    exactly_supported,
-    fineness,
-    neighbours,
-    seen_elsewhere,
-    supported,
-)
-from dvc.stereo.surfaces.photometric import (
     EXPOSURE_RATIO,
     Comparison,
+    Occupancy,
     Regions,
     add_distance,
+    fineness,
     gains,
+    neighbours,
     photometric_cost,
+    seen_elsewhere,
+    supported,
     with_gains,
 )
 from dvc.stereo.surfaces.stereo_settings import StereoSettings
@@ -124,9 +121,9 @@ def reconstruct(
 def most_steps(array: CameraArray, labels: DisparityLabels, settings: StereoSettings) -> int:
     """Return the number of steps of `reconstruct` if no iteration ends early."""
     (height, width), num_labels = array.shape, labels.num_labels
-    iterations, band = settings.max_iterations, 2 * _half_band(fineness(array, labels)) + 1
+    iterations, band = settings.max_iterations, 2 * round(HALF_BAND_PX * fineness(array, labels)) + 1
     while _is_large((height, width), num_labels, band):
-        height, width, num_labels = height // 2, width // 2, _halved(num_labels)
+        height, width, num_labels = height // 2, width // 2, num_labels // 2 + 1
         iterations += BAND_ITERATIONS
     return iterations * len(array)
 
@@ -147,16 +144,21 @@ class _Solver:
         self.comparison = Comparison(array, labels, COSTS[settings.cost], undefined=settings.undefined_cost)
         self.arms: dict[tuple[int, Window], Arms] = {}
         self.near = [neighbours(array, index) for index in range(len(array))]
-        self.half_band = _half_band(self.comparison.fineness)
+        self.fine = fineness(array, labels)
+        self.half_band = round(HALF_BAND_PX * self.fine)
         band = 2 * self.half_band + 1
         self.is_large = _is_large(array.shape, labels.num_labels, band)
         self.num_labels = band if self.is_large else labels.num_labels
-        self.strips = _strips(array.shape, self.num_labels)
-        rows = min(self.strips[0].stop + 2 * OVERLAP_ROWS, array.shape[0])
-        if rows * array.shape[1] * self.num_labels > MAX_STRIP_CELLS:
+        # strips of at most `MAX_CELLS` with their overlap, if possible
+        (height, width), cells = array.shape, array.shape[1] * self.num_labels
+        rows = max(MAX_CELLS // cells - 2 * OVERLAP_ROWS, OVERLAP_ROWS)
+        count = 1 if height * cells <= MAX_CELLS else -(-height // rows)
+        edges = [height * k // count for k in range(count + 1)]
+        self.strips = [slice(*pair) for pair in pairwise(edges)]
+        if min(edges[1] + 2 * OVERLAP_ROWS, height) * cells > MAX_STRIP_CELLS:
             raise ConfigError(
                 f"{labels.num_labels} disparities in steps of {labels.step:g} px are too many for the memory "
-                f"that views {array.shape[1]} pixels wide need: larger steps or smaller views are accepted"
+                f"that views {width} pixels wide need: larger steps or smaller views are accepted"
             )
 
     def equally_exposed(self) -> "_Solver":
@@ -180,7 +182,10 @@ class _Solver:
         changes: list[float] = []
         for _ in range(BAND_ITERATIONS if self.is_large else self.settings.max_iterations):
             after = self._iterated(state)
-            changes.append(1.0 if state is None else _changed(state, after))
+            pairs = [] if state is None else zip(state.filled, after.filled, strict=True)
+            # share of all pixels with a change of more than one label
+            changed = [(np.abs(a - b) > 1.0).mean() for a, b in pairs]
+            changes.append(float(np.mean(changed)) if changed else 1.0)
             state = after
             if changes[-1] < self.settings.min_change:
                 break
@@ -193,7 +198,9 @@ class _Solver:
         views = tuple(_half(view) for view in self.array)
         solver = _Solver(CameraArray(views), _half_range(labels), self.settings, self.pool, self.advance)
         state, _ = solver.solve()
-        filled = [_doubled(surface, self.array.shape, labels) for surface in state.filled]
+        # disparities double, steps do not
+        doubled = [np.clip(2.0 * surface, 0.0, labels.num_labels - 1.0) for surface in state.filled]
+        filled = [_repeated(surface, self.array.shape) for surface in doubled]
         bases = [_base(surface, labels) for surface in filled]
         near = [_repeated(occupancy.supported, self.array.shape) for occupancy in state.occupancy]
         occupancy = [Occupancy(*pair) for pair in zip(bases, near, strict=True)]
@@ -203,36 +210,35 @@ class _Solver:
         """Run one iteration over all cameras."""
         views = range(len(self.array))
 
-        def _infer(task: tuple[int, slice]) -> Inferred:
-            return self._inferred(state, *task)
+        def _grown(task: tuple[int, Window]) -> Arms:
+            return self.arms[task] if task in self.arms else cross_arms(self.array[task[0]].image, task[1])
 
-        self._grow_arms(self.settings.windows(0 if state is None else 1))
-        parts = self.pool.map(_infer, [(index, strip) for index in views for strip in self.strips])
+        tasks = list(product(views, self.settings.windows(0 if state is None else 1)))
+        self.arms = dict(zip(tasks, self.pool.map(_grown, tasks), strict=True))
+        parts = self.pool.map(lambda task: self._inferred(state, *task), product(views, self.strips))
         inferred = []
         for _ in views:
-            inferred.append(_joined([next(parts) for _ in self.strips], self.strips))
+            planes = [np.concatenate(plane) for plane in zip(*islice(parts, len(self.strips)), strict=True)]
+            inferred.append(Inferred(*planes))
             self.advance(1)
-        maps = [view.label for view in inferred]
-
-        test = exactly_supported if self.settings.agreement == "exact" else supported
+        maps, exact = [view.label for view in inferred], self.settings.agreement == "exact"
 
         def _supported(index: int) -> Occupancy:
-            return Occupancy(maps[index], test(self.array, self.labels, maps, index))
+            return Occupancy(maps[index], supported(self.array, self.labels, maps, index, exact=exact))
 
         occupancy = list(self.pool.map(_supported, views))
         if self.settings.filling == "inferred":
             nothing = np.zeros(self.array.shape, np.int64)
             return _State(occupancy, inferred, [label.astype(float) for label in maps], [nothing] * len(maps))
-        filled = list(self.pool.map(lambda index: self._continued(occupancy, index), views))
-        return _State(occupancy, inferred, filled, [_base(surface, self.labels) for surface in filled])
 
-    def _grow_arms(self, windows: Sequence[Window]) -> None:
-        """Grow missing arms of these windows, and drop those of other windows."""
-        tasks = list(product(range(len(self.array)), windows))
-        missing = [task for task in tasks if task not in self.arms]
-        grown = self.pool.map(lambda task: cross_arms(self.array[task[0]].image, task[1]), missing)
-        arms = self.arms | dict(zip(missing, grown, strict=True))
-        self.arms = {task: arms[task] for task in tasks}
+        def _continued(index: int) -> Floats:
+            other = self.near[index].all[0]
+            pair = self.array[index].position, self.array[other].position
+            image = self.array[index].image
+            return continued(occupancy[index], occupancy[other], self.labels, pair, image, self.fine)
+
+        filled = list(self.pool.map(_continued, views))
+        return _State(occupancy, inferred, filled, [_base(surface, self.labels) for surface in filled])
 
     def _inferred(self, state: _State | None, index: int, strip: slice) -> Inferred:
         """Infer the labels of a strip of a view (2.13)."""
@@ -242,31 +248,31 @@ class _Solver:
         base = np.zeros(view.shape, np.int64) if state is None else state.bases[index]
         windows = settings.windows(iteration)
         arms = [self.arms[index, window] for window in windows]
-        explicit = state is not None and settings.occlusion == "explicit"
-        occupancy = state.occupancy if state is not None and explicit else None
+        occupancy = state.occupancy if state is not None and settings.occlusion == "explicit" else None
         origin = base - self.half_band if self.is_large else np.zeros(view.shape, np.int64)
         regions = Regions(arms, windows, base, Band(origin, self.num_labels))
         comparison = replace(self.comparison, smaller_of_opposite=settings.takes_smaller(iteration))
         cost = photometric_cost(comparison, index, self.near[index], regions, occupancy, rows)
         if state is not None and settings.geometric_weight > 0.0:
-            strength, limit = settings.geometric_weight, settings.geometric_limit
-            add_distance(cost, state.occupancy[index], origin, rows, strength, limit)
-        method = settings.inference_method(iteration, self.comparison.fineness)
+            label, mask = (plane[rows] for plane in state.occupancy[index])
+            strength = np.float32(settings.geometric_weight)
+            add_distance(label, mask, origin[rows], strength, settings.geometric_limit, cost)
+        method = settings.inference_method(iteration, self.fine)
         inferred = method.infer(cost, view.image[rows], base[rows], origin[rows])
         np.clip(inferred.label, 0, self.labels.num_labels - 1, out=inferred.label)
         return inferred.rows(slice(strip.start - rows.start, strip.stop - rows.start))
 
-    def _continued(self, occupancy: Sequence[Occupancy], index: int) -> Floats:
-        other = self.near[index].all[0]
-        pair = self.array[index].position, self.array[other].position
-        image = self.array[index].image
-        fine = self.comparison.fineness
-        return continued(occupancy[index], occupancy[other], self.labels, pair, image, fine)
-
     def surfaces(self, state: _State) -> tuple[Surface, ...]:
         """Turn labels into disparities; surfaces without agreement of a camera are occluded."""
-        views = range(len(self.array))
-        maps = list(self.pool.map(partial(self._refined, state), views))
+        views, fine = range(len(self.array)), self.fine
+
+        def _refined(index: int) -> Floats:
+            supported = state.occupancy[index].supported
+            between = state.filled[index] + np.where(supported, state.inferred[index].offset, 0.0)
+            refined = fitted_planes(between, supported, self.array[index].image, fine)
+            return np.clip(refined, 0.0, self.labels.num_labels - 1.0)
+
+        maps = list(self.pool.map(_refined, views)) if self.settings.sub_pixel else state.filled
         if self.settings.occlusion == "explicit" and self.settings.filling == "continued":
             for _ in range(FUSION_ROUNDS):
                 maps = list(self.pool.map(partial(fused, self.array, self.labels, maps), views))
@@ -279,44 +285,15 @@ class _Solver:
 
         return tuple(self.pool.map(_surface, views))
 
-    def _refined(self, state: _State, index: int) -> Floats:
-        """Return the labels of a view, refined between whole labels if asked for."""
-        label = state.filled[index]
-        if not self.settings.sub_pixel:
-            return label
-        supported = state.occupancy[index].supported
-        between = label + np.where(supported, state.inferred[index].offset, 0.0)
-        refined = fitted_planes(between, supported, self.array[index].image, self.comparison.fineness)
-        return np.clip(refined, 0.0, self.labels.num_labels - 1.0)
-
-
-def _half_band(fine: float) -> int:
-    return round(HALF_BAND_PX * fine)
-
 
 def _is_large(shape: tuple[int, int], num_labels: int, band: int) -> bool:
     """Return whether half the size first restricts the labels to try."""
     return shape[0] * shape[1] * num_labels > LARGE_CELLS and min(shape) > 1 and band < num_labels
 
 
-def _halved(num_labels: int) -> int:
-    """Return the number of labels at half the size: the same step, half the range."""
-    return num_labels // 2 + 1
-
-
 def _half_range(labels: DisparityLabels) -> DisparityLabels:
-    return DisparityLabels(0.5 * labels.lowest, labels.step, _halved(labels.num_labels))
-
-
-def _strips(shape: tuple[int, int], num_labels: int) -> list[slice]:
-    """Cut the rows of a view into strips of at most `MAX_CELLS` with their overlap, if possible."""
-    height, width = shape
-    rows = max(MAX_CELLS // (width * num_labels) - 2 * OVERLAP_ROWS, OVERLAP_ROWS)
-    if height * width * num_labels <= MAX_CELLS:
-        rows = height
-    count = -(-height // rows)
-    edges = [height * k // count for k in range(count + 1)]
-    return [slice(*pair) for pair in pairwise(edges)]
+    """Return the labels at half the size: the same step, half the range."""
+    return DisparityLabels(0.5 * labels.lowest, labels.step, labels.num_labels // 2 + 1)
 
 
 def _half(view: ArrayView) -> ArrayView:
@@ -330,22 +307,10 @@ def _half(view: ArrayView) -> ArrayView:
     return ArrayView(view.name, image, view.position, valid)
 
 
-def _doubled(filled: Floats, shape: tuple[int, int], labels: DisparityLabels) -> Floats:
-    """Bring labels of a half-sized view to the full size: disparities double, steps do not."""
-    doubled = np.clip(2.0 * filled, 0.0, labels.num_labels - 1.0)
-    return _repeated(doubled, shape)
-
-
 def _repeated(plane: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     repeated = plane.repeat(2, axis=0).repeat(2, axis=1)
     missing = [(0, max(size - done, 0)) for size, done in zip(shape, repeated.shape, strict=True)]
     return np.pad(repeated, missing, mode="edge")
-
-
-def _joined(parts: Sequence[Inferred], strips: Sequence[slice]) -> Inferred:
-    assert len(parts) == len(strips)
-    label = np.concatenate([part.label for part in parts])
-    return Inferred(label, np.concatenate([part.offset for part in parts]))
 
 
 def _base(filled: Floats, labels: DisparityLabels) -> Labels:
@@ -353,9 +318,3 @@ def _base(filled: Floats, labels: DisparityLabels) -> Labels:
     smooth = cv2.medianBlur(filled.astype(np.float32), BASE_MEDIAN_PX)
     base: Labels = np.clip(np.floor(smooth + 0.5), 0, labels.num_labels - 1).astype(np.int64)
     return base
-
-
-def _changed(before: _State, after: _State) -> float:
-    """Return the share of all pixels with a change of more than one label."""
-    pairs = zip(before.filled, after.filled, strict=True)
-    return float(np.mean([(np.abs(a - b) > 1.0).mean() for a, b in pairs]))

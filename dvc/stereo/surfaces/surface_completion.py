@@ -12,15 +12,7 @@ from dvc._jit import kernel
 from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
 from dvc.geometry.continuation import SeenDepth, Slopes, Visibility, continue_surfaces
-from dvc.stereo.surfaces.occupancy import (
-    Labels,
-    Neighbours,
-    Occupancy,
-    fineness,
-    neighbours,
-    seen_elsewhere,
-    shifts,
-)
+from dvc.stereo.surfaces.occupancy import Labels, Occupancy, fineness, neighbours, seen_elsewhere, shifts
 from dvc.stereo.surfaces.stereo_settings import tolerance
 
 Measure = NDArray[np.floating]
@@ -63,7 +55,14 @@ def continued(
     slopes = Slopes(SLOPE_RADIUS_PX, SLOPE_LIMIT * fineness, REACH_PX, SLOPE_SPACING_PX)
     red, green, blue = np.moveaxis(image.astype(np.float64), 2, 0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
-    filled = continue_surfaces(_seen(occupancy), luma, _seen(other), warps, slopes, SLACK_PX)
+    mine, theirs = (
+        SeenDepth(
+            label.astype(np.float64),
+            np.where(supported, Visibility.CONSISTENT, Visibility.OCCLUDED).astype(np.int8),
+        )
+        for label, supported in (occupancy, other)
+    )
+    filled = continue_surfaces(mine, luma, theirs, warps, slopes, SLACK_PX)
     return np.clip(filled, 0.0, labels.num_labels - 1.0)
 
 
@@ -74,11 +73,6 @@ def _warp(labels: DisparityLabels, source: LatticePosition, target: LatticePosit
     return np.array(
         [[1.0, 0.0, dm * low, dm * moved], [0.0, 1.0, dn * low, dn * moved], [0.0, 0.0, 1.0, 0.0]]
     )
-
-
-def _seen(occupancy: Occupancy) -> SeenDepth:
-    visibility = np.where(occupancy.supported, Visibility.CONSISTENT, Visibility.OCCLUDED)
-    return SeenDepth(occupancy.label.astype(np.float64), visibility.astype(np.int8))
 
 
 def fitted_planes(label: Floats, supported: Mask, image: Bytes, fineness: float) -> Floats:
@@ -200,32 +194,20 @@ def confidence(measures: Evidence) -> Singles:
 def evidence(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Evidence:
     """Measure the evidence for a camera's surface from the labels of all cameras."""
     fine, near, view = fineness(array, labels), neighbours(array, index), array[index]
+    luma = view.image.astype(np.float32) @ np.array([0.299, 0.587, 0.114], np.float32)
+    # the larger texture of the directions with other cameras
+    ways = [way for way, cameras in (((1, 0), near.horizontal), ((0, 1), near.vertical)) if cameras]
+    slopes = [cv2.blur(np.abs(cv2.Sobel(luma, cv2.CV_32F, *way)) / 8.0, (TEXTURE_PX,) * 2) for way in ways]
     same = seen_elsewhere(array, labels, maps, index, int(0.5 * fine)).astype(np.float32)
-    parallax_px = (maps[index] / fine).astype(np.float32)
+    parallax_px, around = (maps[index] / fine).astype(np.float32), np.ones((3, 3), np.uint8)
+    is_even = cv2.dilate(parallax_px, around) - cv2.erode(parallax_px, around) <= JUMP_PX
+    from_jumps = np.full(view.shape, np.inf, np.float32)
+    if not is_even.all():
+        from_jumps = np.asarray(cv2.distanceTransform(is_even.astype(np.uint8), cv2.DIST_L2, 5))
     return Evidence(
         np.ones(view.shape, np.float32),
-        _texture(view.image, near),
-        np.exp(-_distance_from_jumps(parallax_px) / JUMP_REACH_PX),
+        np.asarray(np.log1p(np.max(slopes, axis=0))),
+        np.exp(-from_jumps / JUMP_REACH_PX),
         same,
         np.asarray(cv2.blur(same, (SUPPORT_PX, SUPPORT_PX)), np.float32),
     )
-
-
-def _texture(image: Bytes, near: Neighbours) -> Measure:
-    """Return the texture along the directions of other cameras: the larger one of two."""
-    luma = image.astype(np.float32) @ np.array([0.299, 0.587, 0.114], np.float32)
-    ways = [way for way, cameras in (((1, 0), near.horizontal), ((0, 1), near.vertical)) if cameras]
-    slopes = [np.abs(cv2.Sobel(luma, cv2.CV_32F, *way)) / 8.0 for way in ways]
-    texture: Measure = np.log1p(
-        np.max([cv2.blur(slope, (TEXTURE_PX, TEXTURE_PX)) for slope in slopes], axis=0)
-    )
-    return texture
-
-
-def _distance_from_jumps(parallax_px: Singles) -> Measure:
-    """Return the distance of each pixel from the nearest jump; infinite without any."""
-    around = np.ones((3, 3), np.uint8)
-    is_even = cv2.dilate(parallax_px, around) - cv2.erode(parallax_px, around) <= JUMP_PX
-    if is_even.all():
-        return np.full(parallax_px.shape, np.inf, np.float32)
-    return np.asarray(cv2.distanceTransform(is_even.astype(np.uint8), cv2.DIST_L2, 5))

@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.thesis.chapter2 import draw_surfaces
 from dvc.layers.layer_folders import read_layers, read_sprites, write_layers
 from dvc.layers.layered_depth_image import layered_depth_image
-from dvc.stereo.layer_commands import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
+from dvc.stereo.layer_commands import PAPER, draw_layers, draw_values_per_pixel
 from dvc.stereo.surfaces.surface_folder import write_reconstruction
 from tests.stereo.data import check_refused, run
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice

@@ -8,24 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.errors import ConfigError
-from dvc.stereo.rectification.camera_lattice import (
-    Lattice,
-    Orientation,
-    assign_positions,
-    fit_lattice,
-    snapped,
-    upright,
-)
-from dvc.stereo.rectification.rectify import mean_orientation
+from dvc.geometry.calibrated_cameras import Camera
+from dvc.geometry.camera_array import LatticePosition
+from dvc.stereo.rectification.camera_lattice import Lattice, assign_positions, fit_lattice, mean_orientation
+from dvc.stereo.rectification.rectified_array import rectify
 from tests.stereo.rigs import random_rig
 
 GRID = [(float(m), float(n)) for n in range(3) for m in range(4)]
-FACING = Orientation(np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0]))
+FACING = np.eye(3)
 seeds = st.integers(0, 10**6)
 
 
-def centres_of(rig: list) -> np.ndarray:
-    return np.stack([camera.centre for camera in rig])
+def rig_of(seed: int, places: object, turn: float = 0.15) -> tuple[np.ndarray, np.ndarray]:
+    """Return the centres of cameras, and their mean orientation."""
+    rig = random_rig(seed, np.array(places, float).tolist(), turn=turn)
+    return np.stack([camera.centre for camera in rig]), mean_orientation([camera.R for camera in rig])
 
 
 @settings(max_examples=40)
@@ -35,9 +32,9 @@ def test_grid_is_recovered_exactly(seed: int) -> None:
     places = np.array([GRID[k] for k in kept])
     if np.linalg.matrix_rank(places - places[0]) < 2:
         return
-    rig = random_rig(seed, places.tolist())
-    lattice = fit_lattice(centres_of(rig), places, mean_orientation(rig))
-    found = lattice.coordinates(centres_of(rig))
+    centres, orientation = rig_of(seed, places)
+    lattice, _ = fit_lattice(centres, places, orientation)
+    found = lattice.coordinates(centres)
     np.testing.assert_allclose(found, np.column_stack([places, np.zeros(len(places))]), atol=1e-11)
 
 
@@ -45,18 +42,17 @@ def test_grid_is_recovered_exactly(seed: int) -> None:
 @given(seeds, st.sampled_from([(1.0, 0.0), (0.0, 1.0), (2.0, 1.0), (-1.0, 3.0)]))
 def test_line_gets_a_perpendicular_vector_of_its_cells(seed: int, step: tuple[float, float]) -> None:
     places = np.outer(np.arange(4.0), step)
-    rig = random_rig(seed, places.tolist(), turn=0.05)
-    orientation = mean_orientation(rig)
-    lattice = fit_lattice(centres_of(rig), places, orientation)
+    centres, orientation = rig_of(seed, places, 0.05)
+    lattice, _ = fit_lattice(centres, places, orientation)
     lengths = np.linalg.norm(lattice.v1), np.linalg.norm(lattice.v2)
     assert abs(lattice.v1 @ lattice.v2) < 1e-12 * lengths[0] * lengths[1]
     assert lengths[0] == pytest.approx(lengths[1], rel=1e-12)
-    assert np.cross(lattice.v1, lattice.v2) @ orientation.forward > 0
-    np.testing.assert_allclose(lattice.coordinates(centres_of(rig))[:, :2], places, atol=1e-11)
+    assert np.cross(lattice.v1, lattice.v2) @ orientation[2] > 0
+    np.testing.assert_allclose(lattice.coordinates(centres)[:, :2], places, atol=1e-11)
 
 
 def test_single_camera_has_steps_along_its_picture() -> None:
-    lattice = fit_lattice(np.ones((1, 3)), np.zeros((1, 2)), FACING)
+    lattice, _ = fit_lattice(np.ones((1, 3)), np.zeros((1, 2)), FACING)
     np.testing.assert_allclose([lattice.origin, lattice.v1, lattice.v2], [[1, 1, 1], [1, 0, 0], [0, 1, 0]])
 
 
@@ -71,25 +67,21 @@ def test_basis_does_not_depend_on_the_unit_of_the_world() -> None:
 
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (1, -1), (-1, -1)])
 def test_mirrored_places_are_turned_to_the_scene(signs: tuple[int, int]) -> None:
-    rig = random_rig(3, GRID)
-    orientation = mean_orientation(rig)
-    given_positions = np.array(GRID) * signs
-    lattice, places = upright(
-        fit_lattice(centres_of(rig), given_positions, orientation), given_positions, orientation
-    )
+    centres, orientation = rig_of(3, GRID)
+    lattice, places = fit_lattice(centres, np.array(GRID) * signs, orientation)
     np.testing.assert_allclose(places, GRID, atol=1e-12)
-    np.testing.assert_allclose(lattice.coordinates(centres_of(rig))[:, :2], GRID, atol=1e-11)
-    assert np.cross(lattice.v1, lattice.v2) @ orientation.forward > 0
+    np.testing.assert_allclose(lattice.coordinates(centres)[:, :2], GRID, atol=1e-11)
+    assert np.cross(lattice.v1, lattice.v2) @ orientation[2] > 0
 
 
 @settings(max_examples=25)
 @given(seeds)
 def test_whole_numbers_are_found(seed: int) -> None:
-    rig = random_rig(seed, GRID)
-    lattice, places = assign_positions(centres_of(rig), mean_orientation(rig))
+    centres, orientation = rig_of(seed, GRID)
+    lattice, places = assign_positions(centres, orientation)
     np.testing.assert_allclose(places - places[0], np.array(GRID), atol=1e-12)
     assert (places == 0).all(axis=1).sum() == 1
-    np.testing.assert_allclose(lattice.coordinates(centres_of(rig))[:, :2], places, atol=1e-10)
+    np.testing.assert_allclose(lattice.coordinates(centres)[:, :2], places, atol=1e-10)
 
 
 @pytest.mark.parametrize(("ratio", "is_line"), [(0.04, True), (0.08, False)])
@@ -104,16 +96,14 @@ def test_what_is_narrow_is_a_line(ratio: float, is_line: bool) -> None:
 @pytest.mark.parametrize("step", [(1.0, 0.0), (0.0, 1.0)])
 def test_row_or_column_with_a_gap(step: tuple[float, float]) -> None:
     """Cameras 0, 1, 3 of a line are at -1, 0, 2 of a row or of a column."""
-    rig = random_rig(5, np.outer([0.0, 1.0, 3.0], step).tolist(), turn=0.02)
-    _, places = assign_positions(centres_of(rig), mean_orientation(rig))
+    _, places = assign_positions(*rig_of(5, np.outer([0.0, 1.0, 3.0], step), 0.02))
     np.testing.assert_allclose(places, np.outer([-1.0, 0.0, 2.0], step), atol=1e-12)
 
 
 def test_pair_is_left_and_right_by_its_centres() -> None:
-    rig = random_rig(2, [(0.0, 0.0), (1.0, 0.0)], turn=0.02)
-    for order, expected in ((rig, 1.0), (rig[::-1], -1.0)):
-        _, places = assign_positions(centres_of(order), mean_orientation(order))
-        np.testing.assert_array_equal(places, [[0, 0], [expected, 0]])
+    centres, orientation = rig_of(2, [(0.0, 0.0), (1.0, 0.0)], 0.02)
+    for order, expected in ((centres, 1.0), (centres[::-1], -1.0)):
+        np.testing.assert_array_equal(assign_positions(order, orientation)[1], [[0, 0], [expected, 0]])
 
 
 def test_irregular_centres_get_real_places() -> None:
@@ -129,13 +119,15 @@ def test_irregular_centres_get_real_places() -> None:
     assert (np.abs(places - np.rint(places)).max(axis=1) > 0.01).sum() > 8
 
 
-def test_centres_off_their_places_become_real_valued() -> None:
-    """Within the tolerance the given places stay; beyond it the projections of the centres do."""
-    lattice = Lattice(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
-    centres = np.array([[0.0, 0, 0], [1.01, 0.0, 0.3]])
-    given_positions = np.array([[0.0, 0.0], [1.0, 0.0]])
-    np.testing.assert_array_equal(snapped(lattice, centres, given_positions, 0.02), given_positions)
-    np.testing.assert_array_equal(snapped(lattice, centres, given_positions, 0.005), centres[:, :2])
+@pytest.mark.parametrize(("aside", "are_kept"), [(0.02, True), (0.05, False)])
+def test_centres_off_their_places_become_real_valued(aside: float, are_kept: bool) -> None:
+    """Within the tolerance, 1/80 of these cells, the given places stay; beyond it the projections do."""
+    K, centres = np.diag([100.0, 100.0, 1.0]), [0.0, 1.0, 2.0 + aside]
+    rig = [Camera(f"{x}.png", K, np.eye(3), np.array([-x, 0.0, 0.0]), (160, 120)) for x in centres]
+    places = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    found = np.array(rectify(rig, [LatticePosition(*place) for place in places]).positions)
+    assert np.array_equal(found, places) == are_kept
+    np.testing.assert_allclose(found, places, atol=aside)
 
 
 @pytest.mark.parametrize(
@@ -156,4 +148,4 @@ def test_cameras_almost_one_behind_the_other(aside: float, is_refused: bool) -> 
     centres, places = np.array([[0, 0, 0], [aside, 0, 1.0]]), np.array([[0.0, 0], [1, 0]])
     expectation = pytest.raises(ConfigError, match="one behind the other") if is_refused else nullcontext()
     with expectation:
-        assert fit_lattice(centres, places, FACING).v1 @ FACING.right > 0.0
+        assert fit_lattice(centres, places, FACING)[0].v1[0] > 0.0

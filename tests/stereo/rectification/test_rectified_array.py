@@ -22,11 +22,12 @@ from dvc.stereo.rectification.rectified_array import (
     range_of,
     range_of_matches,
     rectified_array,
+    rectify,
+    refined_pair,
     row_matches,
     suggested_labels,
 )
 from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, metric_depth
-from dvc.stereo.rectification.rectify import rectify, refined_pair
 from sequences.toy_array import write_array
 from tests.stereo.data import real_set
 from tests.stereo.rigs import random_rig

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.stereo.surfaces import occupancy, photometric
+from dvc.stereo.surfaces import occupancy
 from dvc.stereo.surfaces.occupancy import (
     Occupancy,
     agreement,
-    exactly_supported,
     neighbours,
     seen_elsewhere,
     shifts,
@@ -67,7 +66,7 @@ def test_hidden_voxels_lose_their_weight(
     origin = rng.integers(-2, 3, SHAPE)
     weight = np.ones((6, SHAPE[1], FEW.num_labels), np.float32)
     moved = shifts(FEW, CENTRE, LatticePosition(m, n))
-    choose(photometric._clear_invisible)(*own, *other, moved, origin, slack, 2, weight)
+    choose(occupancy._clear_invisible)(*own, *other, moved, origin, slack, 2, weight)
     mine, theirs = (
         volumes.visibility(volumes.occupancy(*one, FEW.num_labels), slack) for one in (own, other)
     )
@@ -84,7 +83,7 @@ def test_distance_from_the_surface_is_added(choose: Choose, rng: np.random.Gener
     cost = rng.random((*SHAPE, 3)).astype(np.float32)
     distance = volumes.geometric_cost(volumes.occupancy(*own, FEW.num_labels), limit)
     expected = cost + 0.25 * volumes.banded(distance, origin, 3, np.nan)
-    choose(photometric._add_distance)(*own, origin, np.float32(0.25), limit, cost)
+    choose(occupancy.add_distance)(*own, origin, np.float32(0.25), limit, cost)
     np.testing.assert_allclose(cost, expected, rtol=1e-6)
 
 
@@ -115,9 +114,9 @@ def test_exact_support_is_the_printed_one(rng: np.random.Generator) -> None:
     others = [seen_by(Occupancy(label, all_seen), *at) for label, at in zip(maps, places, strict=True)]
     mine = volumes.occupancy(maps[0], all_seen, FEW.num_labels)
     cross = (mine & (others[1] | others[2]) & (others[3] | others[4])).any(axis=2)
-    np.testing.assert_array_equal(exactly_supported(array_at(*places), FEW, maps, 0), cross)
+    np.testing.assert_array_equal(supported(array_at(*places), FEW, maps, 0, exact=True), cross)
     row = (mine & (others[1] | others[2])).any(axis=2)
-    np.testing.assert_array_equal(exactly_supported(array_at(*places[:3]), FEW, maps[:3], 0), row)
+    np.testing.assert_array_equal(supported(array_at(*places[:3]), FEW, maps[:3], 0, exact=True), row)
     assert 0 < cross.sum() < row.sum() < row.size
 
 

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 from dvc.geometry.aggregation import Window, cross_arms
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.geometry.matching_costs import COSTS, SQUARED_LIMIT, Band
-from dvc.stereo.surfaces.occupancy import Occupancy, neighbours
-from dvc.stereo.surfaces.photometric import (
+from dvc.stereo.surfaces.occupancy import (
     MIN_POINTS,
     UNDEFINED_SHARE,
     Comparison,
+    Occupancy,
     Regions,
     gains,
+    neighbours,
     photometric_cost,
     with_gains,
 )
