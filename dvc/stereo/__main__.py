@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 
-from dvc import subcommands
-from dvc.stereo import stereo_options
+from dvc import array_files, cli, subcommands
+from dvc.stereo.surfaces.stereo_settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES, StereoSettings
 from dvc.subcommands import Subcommand
 
 EXAMPLES = """\
@@ -57,6 +57,112 @@ _EVALUATE_EXAMPLES = """\
 """
 
 
+def _add_rectify_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `dvc-stereo rectify`."""
+    parser.add_argument("paths", nargs="+", metavar="VIEW", help="picture of a camera")
+    array_files.add_camera_option(parser, required=True)
+    array_files.add_lattice_options(parser, "found from the cameras")
+    _add_output_options(parser, figures=False)
+
+
+def _add_reconstruct_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `dvc-stereo reconstruct`."""
+    views = "picture of a camera; or the folder of `dvc-stereo rectify`"
+    parser.add_argument("paths", nargs="+", metavar="VIEW", help=views)
+    array_files.add_array_options(parser)
+    array_files.add_camera_option(parser)
+    _add_truth_options(parser, required=False)
+    _add_output_options(parser)
+    group = parser.add_argument_group("method")
+    cost = "census: robust, summed over regions of one colour; squared: single pixels; default: census"
+    group.add_argument("--cost", choices=COST_NAMES, default="census", help=cost)
+    group.add_argument(
+        "--inference",
+        choices=INFERENCE_NAMES,
+        default=StereoSettings.inference,
+        help="messages between neighbours, or only scanlines, which is faster; default: %(default)s",
+    )
+    group.add_argument(
+        "--occlusion",
+        choices=OCCLUSION_NAMES,
+        default=OCCLUSION_NAMES[0],
+        help="visibility from surfaces, the better one of opposite views, or none; default: %(default)s",
+    )
+    cli.add_integer(
+        group,
+        "--iterations",
+        (1, 20),
+        "largest number of iterations; large views begin with their smallest size, for which this counts, and"
+        " take two more for each larger one",
+        default=3,
+    )
+    group.add_argument("--sub-pixel", action="store_true", help="disparities between those of --disparities")
+    cli.add_integer(group, "--jobs", (1, 256), "threads; the result is the same", default=1)
+
+
+def _add_folder_options(source: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of subcommands that read a folder."""
+    parser.add_argument("path", metavar="DIR", help=source)
+    _add_output_options(parser)
+
+
+def _add_evaluate_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `dvc-stereo evaluate`."""
+    parser.add_argument("path", metavar="MAP.pfm", help="disparity map")
+    _add_truth_options(parser)
+    thresholds = "pixels with larger errors are bad; in pixels, default: 0.5,1,2"
+    parser.add_argument(
+        "--thresholds", type=_parse_thresholds, default=(0.5, 1.0, 2.0), metavar="T,T", help=thresholds
+    )
+    _add_json_option(parser)
+    confidence = "8-bit picture: evaluate its order of errors, as the area under the sparsification curve"
+    parser.add_argument("--confidence", metavar="PNG", help=confidence)
+    parser.add_argument("--error-map", metavar="PNG", help="draw the pixels with errors above 1 px")
+
+
+def _parse_thresholds(text: str) -> tuple[float, ...]:
+    """Read thresholds."""
+    values = tuple(dict.fromkeys(cli.parse_number(part) for part in text.split(",")))
+    if min(values) < 0.0:
+        raise argparse.ArgumentTypeError(f"expected thresholds in pixels such as 0.5,1,2, got {text!r}")
+    return values
+
+
+def _add_truth_options(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+    """Add the options for the truth."""
+    parser.add_argument(
+        "--truth", metavar="MAP", required=required, help="8-bit or 16-bit picture, or PFM file"
+    )
+    scale = "disparity = value / S + offset; needed for pictures, 1 for PFM files"
+    parser.add_argument("--truth-scale", type=cli.parse_number, metavar="S", help=scale)
+    offset = "added after the division; default: 0"
+    parser.add_argument("--truth-offset", type=cli.parse_number, default=0.0, metavar="O", help=offset)
+    unknown = "value that means unknown, or none; default: 0"
+    parser.add_argument("--truth-unknown", type=_parse_unknown, default=0.0, metavar="V", help=unknown)
+    parser.add_argument("--mask", metavar="PNG", help="only pixels of value 255 count")
+
+
+def _parse_unknown(text: str) -> float | None:
+    return None if text == "none" else cli.parse_number(text)
+
+
+def _add_output_options(parser: argparse.ArgumentParser, *, figures: bool = True) -> None:
+    """Add the options for a folder, for figures and meshes, and `--quiet`."""
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
+    if figures:
+        _add_json_option(parser)
+        mesh = "mesh for other programs; needs the extra dvc3d[mesh]"
+        parser.add_argument("--ply", metavar="FILE", help=mesh)
+        parser.add_argument("--glb", metavar="FILE", help="the same for the web and for viewers")
+    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+
+
+def _add_json_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option `--json`."""
+    text = "write the results; - for standard output, instead of text"
+    parser.add_argument("--json", metavar="FILE", help=text)
+
+
 def _lazily(module: str, name: str) -> Callable[[argparse.Namespace], int]:
     """Return a function of a module, which is imported when the function is called: help is quick."""
 
@@ -71,35 +177,35 @@ SUBCOMMANDS = {
     "rectify": Subcommand(
         "rectified views of calibrated or plain pictures",
         "Rectified views of cameras in a plane.",
-        stereo_options.add_rectify_options,
+        _add_rectify_options,
         _lazily("reconstruct_commands", "run_rectify"),
         _RECTIFY_EXAMPLES,
     ),
     "reconstruct": Subcommand(
         "surfaces of all views",
         "Surfaces of all views, consistent with each other and with the points that they hide.",
-        stereo_options.add_reconstruct_options,
+        _add_reconstruct_options,
         _lazily("reconstruct_commands", "run_reconstruct"),
         _RECONSTRUCT_EXAMPLES,
     ),
     "layers": Subcommand(
         "layered depth image from surfaces",
         _LAYERS_DESCRIPTION,
-        partial(stereo_options.add_folder_options, "folder of `dvc-stereo reconstruct`"),
+        partial(_add_folder_options, "folder of `dvc-stereo reconstruct`"),
         _lazily("layer_commands", "run_layers"),
         _LAYERS_EXAMPLES,
     ),
     "sprites": Subcommand(
         "sprites with depth from layers",
         _SPRITES_DESCRIPTION,
-        partial(stereo_options.add_folder_options, _SPRITES_SOURCE),
+        partial(_add_folder_options, _SPRITES_SOURCE),
         _lazily("layer_commands", "run_sprites"),
         _SPRITES_EXAMPLES,
     ),
     "evaluate": Subcommand(
         "a disparity map against the truth",
         "Bad pixels and mean absolute error of a disparity map.",
-        stereo_options.add_evaluate_options,
+        _add_evaluate_options,
         _lazily("evaluation", "run"),
         _EVALUATE_EXAMPLES,
     ),

@@ -1,9 +1,10 @@
 """Disparity maps against the truth, by the rule of Middlebury (version 2), and reports of reconstructions."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ from dvc.arrays import Mask
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, Reconstruction
 from dvc.picture_files import read_levels, read_pfm, read_picture, read_plane, write_png
-from dvc.stereo.stereo_options import write_results
 from dvc.web.drawing import colour_disparity, colour_error, disparity_legend
 from dvc.web.gallery import PAGE, Gallery, Group, Shown, Table, write_gallery
 
@@ -44,17 +44,12 @@ class Evaluation:
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-safe values; thresholds become text such as "0.5"."""
-        bad = {f"{threshold:g}": percent for threshold, percent in self.bad_percent.items()}
-        return {
-            "num_pixels": self.num_pixels,
-            "num_without_value": self.num_without_value,
-            "bad_percent": bad,
-            "mean_absolute_error_px": self.mean_absolute_error_px,
-            "sparsification": {
-                f"{threshold:g}": {"area_percent": area, "ideal_area_percent": ideal}
-                for threshold, (area, ideal) in self.sparsification.items()
-            },
+        areas = {
+            f"{threshold:g}": {"area_percent": area, "ideal_area_percent": ideal}
+            for threshold, (area, ideal) in self.sparsification.items()
         }
+        bad = {f"{threshold:g}": percent for threshold, percent in self.bad_percent.items()}
+        return asdict(self) | {"bad_percent": bad, "sparsification": areas}
 
 
 def evaluate(
@@ -145,6 +140,14 @@ def read_truth_of(arguments: argparse.Namespace) -> Truth:
         arguments.truth, arguments.truth_scale, arguments.truth_offset, arguments.truth_unknown
     )
     return truth, None if arguments.mask is None else read_mask(arguments.mask)
+
+
+def write_results(json: str | None, results: dict[str, Any], text: str) -> None:
+    """Write results as `--json` asks, and a text, if any, unless JSON is on standard output."""
+    if json is not None:
+        cli.write_json(json, results)
+    if json != "-" and text:
+        sys.stdout.write(text + "\n")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -15,8 +15,8 @@ from dvc.layers.layer_folders import read_layers, write_layers, write_sprites
 from dvc.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
 from dvc.layers.sprites import Sprite, SpriteSet, composite, extract_sprites
 from dvc.picture_files import write_png
-from dvc.stereo.meshes import scene_shape, write_shape
-from dvc.stereo.stereo_options import check_outputs, write_results
+from dvc.stereo.evaluation import write_results
+from dvc.stereo.meshes import check_outputs, scene_shape, write_shape
 from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction
 from dvc.web.drawing import Picture, colour_counts, colour_disparity, in_rows, with_title
 from dvc.web.gallery import PAGE, Gallery, Group, Shown, Table, write_gallery
@@ -64,8 +64,19 @@ def _draw_sprite(sprite: Sprite, canvas: Canvas) -> Picture:
     return with_title(tile, f"{sprite.num_values} values, {scale:.1f}x")
 
 
-def layers_gallery(image: LayeredDepthImage) -> Gallery:
-    """Return the page of a layered depth image."""
+def _textured(colour: Bytes, mask: Mask) -> Picture:
+    return np.where(mask[..., None], colour[:, :, ::-1], PAPER)
+
+
+def _coloured(disparity: Singles, mask: Mask, canvas: Canvas) -> Picture:
+    coloured = colour_disparity(disparity, canvas.labels.lowest, canvas.labels.highest)
+    return np.where(mask[..., None], coloured, PAPER)
+
+
+def run_layers(arguments: argparse.Namespace) -> int:
+    """Write the layered depth image of a reconstruction."""
+    meshes = check_outputs(arguments, [arguments.path])
+    image = _merged_layers(arguments)
     canvas, counts = image.canvas, image.counts()
     white = min(canvas.num_cameras, 255)
     groups = []
@@ -89,47 +100,14 @@ def layers_gallery(image: LayeredDepthImage) -> Gallery:
         f"{counts['increase_percent']:+.1f} % more values inside it than one disparity map has."
     )
     table = Table("Values", caption, ("layer", "inside", "beyond"), rows)
-    return Gallery("Layered depth image", preface, groups, [table])
-
-
-def sprites_gallery(sprites: SpriteSet) -> Gallery:
-    """Return the page of sprites."""
-    largest = sorted(enumerate(sprites.sprites), key=lambda entry: -entry[1].num_values)[:SHOWN_SPRITES]
-    groups = []
-    for number, sprite in largest:
-        shown = (
-            Shown("texture", _textured(sprite.colour, sprite.mask), f"{sprite.num_values} values"),
-            Shown("disparity", _coloured(sprite.disparity, sprite.mask, sprites.canvas), "near is bright"),
-        )
-        groups.append(Group(f"sprite {number}", shown))
-    preface = f"{len(sprites.sprites)} sprites of the frame of {sprites.canvas.reference}, the largest first."
-    return Gallery("Sprites with depth", preface, groups)
-
-
-def _textured(colour: Bytes, mask: Mask) -> Picture:
-    return _on_paper(colour[:, :, ::-1], mask)
-
-
-def _coloured(disparity: Singles, mask: Mask, canvas: Canvas) -> Picture:
-    return _on_paper(colour_disparity(disparity, canvas.labels.lowest, canvas.labels.highest), mask)
-
-
-def _on_paper(picture: Picture, mask: Mask) -> Picture:
-    return np.where(mask[..., None], picture, PAPER)
-
-
-def run_layers(arguments: argparse.Namespace) -> int:
-    """Write the layered depth image of a reconstruction."""
-    meshes = check_outputs(arguments, [arguments.path])
-    image = _merged_layers(arguments)
+    gallery = Gallery("Layered depth image", preface, groups, [table])
     with atomic_folder(arguments.out) as folder:
         write_layers(folder, image)
         write_png(folder / "preview-layers.png", draw_layers(image))
         write_png(folder / "preview-values.png", draw_values_per_pixel(image))
-        write_gallery(folder / PAGE, layers_gallery(image))
+        write_gallery(folder / PAGE, gallery)
     for path in meshes:
         write_shape(path, scene_shape(image))
-    counts, canvas = image.counts(), image.canvas
     text = (
         f"{counts['num_layers']} layers of {canvas.num_cameras} views: "
         f"{counts['num_values_inside']} values in the frame of {canvas.reference} "
@@ -156,10 +134,20 @@ def run_sprites(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"{arguments.path}: the layers have no values")
     with cli.progress_bar("sprites", int(image.occupied.sum()), arguments.quiet) as advance:
         sprites = extract_sprites(image, advance=advance)
+    largest = sorted(enumerate(sprites.sprites), key=lambda entry: -entry[1].num_values)[:SHOWN_SPRITES]
+    groups = []
+    for number, sprite in largest:
+        shown = (
+            Shown("texture", _textured(sprite.colour, sprite.mask), f"{sprite.num_values} values"),
+            Shown("disparity", _coloured(sprite.disparity, sprite.mask, sprites.canvas), "near is bright"),
+        )
+        groups.append(Group(f"sprite {number}", shown))
+    preface = f"{len(sprites.sprites)} sprites of the frame of {sprites.canvas.reference}, the largest first."
+    gallery = Gallery("Sprites with depth", preface, groups)
     with atomic_folder(arguments.out) as folder:
         write_sprites(folder, sprites)
         write_png(folder / "preview-sprites.png", draw_sprites(sprites))
-        write_gallery(folder / PAGE, sprites_gallery(sprites))
+        write_gallery(folder / PAGE, gallery)
     for path in meshes:
         write_shape(path, scene_shape(sprites))
     frame = image.canvas.frame.slices

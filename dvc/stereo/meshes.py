@@ -4,7 +4,8 @@ Points are in the world of calibrated cameras, else in the frame of one: x to th
 GLB files are turned by half a circle, since that format has y up and z towards the viewer.
 """
 
-from collections.abc import Iterable
+import argparse
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc import cli
 from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.errors import ConfigError, DvcError
-from dvc.files import atomic_output
+from dvc.files import atomic_output, check_folder
 from dvc.geometry.camera_array import LatticePosition
 from dvc.layers.canvas import DEPTH_RANGE
 from dvc.layers.layered_depth_image import LayeredDepthImage
@@ -132,3 +134,18 @@ def trimesh_module() -> Any:
     except ImportError as err:
         raise ConfigError("meshes need trimesh: pip install 'dvc3d[mesh]'") from err
     return trimesh
+
+
+def check_outputs(arguments: argparse.Namespace, inputs: Sequence[str | Path]) -> list[Path]:
+    """Refuse folders and files that cannot be written, before any work is done; return the meshes."""
+    check_folder(arguments.out)
+    meshes = [(Path(name), f".{kind}") for kind in ("ply", "glb") if (name := getattr(arguments, kind))]
+    for path, ending in meshes:
+        if path.suffix.lower() != ending:
+            raise ConfigError(f"expected a name that ends in {ending}, got {path}")
+    if meshes:
+        trimesh_module()
+    paths = [path for path, _ in meshes]
+    named = [] if arguments.json in (None, "-") else [arguments.json]
+    cli.check_outputs(cli.with_contents(inputs), [*paths, *named])
+    return paths

@@ -27,8 +27,9 @@ from dvc.stereo.evaluation import (
     reported,
     summary,
     write_previews,
+    write_results,
 )
-from dvc.stereo.meshes import points_in_world, points_of_disparity, surface_shape, write_shape
+from dvc.stereo.meshes import check_outputs, points_in_world, points_of_disparity, surface_shape, write_shape
 from dvc.stereo.rectification.camera_lattice import Lattice
 from dvc.stereo.rectification.rectified_array import (
     RectifiedArray,
@@ -37,7 +38,6 @@ from dvc.stereo.rectification.rectified_array import (
     rectified_array,
 )
 from dvc.stereo.rectification.rectified_space import Rectification, metric_depth, to_original_view
-from dvc.stereo.stereo_options import check_outputs, write_results
 from dvc.stereo.surfaces.reconstruct import most_steps, reconstruct
 from dvc.stereo.surfaces.stereo_settings import StereoSettings
 from dvc.stereo.surfaces.surface_folder import write_reconstruction

@@ -15,6 +15,7 @@ from dvc.layers.sprites import extract_sprites
 from dvc.stereo.meshes import (
     DEPTH_RANGE,
     Shape,
+    check_outputs,
     points_in_world,
     points_of_disparity,
     scene_shape,
@@ -22,7 +23,6 @@ from dvc.stereo.meshes import (
     write_shape,
 )
 from dvc.stereo.rectification.rectified_array import rectify
-from dvc.stereo.stereo_options import check_outputs
 from tests.stereo.rigs import random_rig
 
 

@@ -188,41 +188,27 @@ def photometric_cost(
     rows: slice,
 ) -> Singles:
     """Compute some rows of the photometric cost volume of a camera (2.20)."""
-    join = smaller_costs if comparison.smaller_of_opposite else mean_costs
+    array, labels, band = comparison.array, comparison.labels, regions.band
+    fine = fineness(array, labels)
 
     def _costs(other: int) -> WeightedCosts:
-        return _compared(comparison, (index, other), regions, occupancy, rows)
+        """Return aggregated costs of a neighbour, without the voxels that it does not see."""
+        costs = comparison.cost(array[index], array[other], labels, band, rows)
+        if occupancy is not None:
+            moved = shifts(labels, array[index].position, array[other].position)
+            surfaces = *occupancy[index], *occupancy[other]
+            _clear_invisible(*surfaces, moved, band.origin, tolerance(fine), rows.start, costs.weight)
+        if not regions.windows:
+            return costs
+        surface = regions.base[rows], band.origin[rows]
+        copies = [costs, *(WeightedCosts(*map(np.copy, costs)) for _ in regions.windows[1:])]
+        for copy, arms, window in zip(copies, regions.arms, regions.windows, strict=True):
+            aggregate(copy, arms[rows], *surface, max_jump(fine), window.iterations)
+        return reduce(mean_costs, copies)
 
+    join = smaller_costs if comparison.smaller_of_opposite else mean_costs
     total = reduce(mean_costs, (reduce(join, map(_costs, direction)) for direction in near if direction))
-    constant = comparison.undefined * comparison.cost.highest
-    return defined_costs(total, constant, UNDEFINED_SHARE)
-
-
-def _compared(
-    comparison: Comparison,
-    pair: tuple[int, int],
-    regions: Regions,
-    occupancy: Sequence[Occupancy] | None,
-    rows: slice,
-) -> WeightedCosts:
-    """Return aggregated costs of a neighbour, without the voxels that it does not see."""
-    view, other = (comparison.array[index] for index in pair)
-    fine = fineness(comparison.array, comparison.labels)
-    costs = comparison.cost(view, other, comparison.labels, regions.band, rows)
-    if occupancy is not None:
-        moved = shifts(comparison.labels, view.position, other.position)
-        surfaces = *occupancy[pair[0]], *occupancy[pair[1]]
-        origin, slack = regions.band.origin, tolerance(fine)
-        _clear_invisible(*surfaces, moved, origin, slack, rows.start, costs.weight)
-    if not regions.windows:
-        return costs
-    surface = regions.base[rows], regions.band.origin[rows]
-    copies = [costs, *(WeightedCosts(*map(np.copy, costs)) for _ in regions.windows[1:])]
-    for copy, arms, window in zip(copies, regions.arms, regions.windows, strict=True):
-        aggregate(copy, arms[rows], *surface, max_jump(fine), window.iterations)
-    for copy in copies[1:]:
-        costs = mean_costs(costs, copy)
-    return costs
+    return defined_costs(total, comparison.undefined * comparison.cost.highest, UNDEFINED_SHARE)
 
 
 @kernel
