@@ -1,5 +1,6 @@
 """Camera arrays for tests: pairs with known surfaces, and real sets; and runs of the command."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -39,10 +40,12 @@ def pair_of_planes(
     return views[0], views[1], disparity
 
 
-def pair_of(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> CameraArray:
-    """Return the array of two views in a row."""
-    views = zip(("left", "right"), (left, right), (0.0, 1.0), strict=True)
-    return CameraArray(tuple(ArrayView(name, image, LatticePosition(m, 0.0)) for name, image, m in views))
+def array_of(
+    *images: NDArray[np.uint8], places: Sequence[tuple[float, float]] = ((0.0, 0.0), (1.0, 0.0))
+) -> CameraArray:
+    """Return views at places, by default two in a row."""
+    views = enumerate(zip(images, places, strict=True))
+    return CameraArray(tuple(ArrayView(f"view{k}", image, LatticePosition(*at)) for k, (image, at) in views))
 
 
 def run(*arguments: object) -> int:

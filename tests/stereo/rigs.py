@@ -33,11 +33,21 @@ def random_rig(
     return cameras
 
 
+def pixels_of(size: tuple[int, int]) -> Floats:
+    """Return the positions of all pixels of a picture, row by row."""
+    y, x = np.mgrid[: size[1], : size[0]]
+    return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+
+
+def rays_of(camera: Camera) -> Floats:
+    """Return the directions of all pixels in the world, one unit deep."""
+    pixels = camera.undistorted(pixels_of(camera.size))
+    return np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T @ camera.R
+
+
 def picture_of_plane(camera: Camera, normal: Floats, offset: float, across: Floats) -> NDArray[np.uint8]:
     """Return a picture of a smoothly textured plane ``normal . X = offset``."""
-    y, x = np.mgrid[: camera.size[1], : camera.size[0]]
-    pixels = camera.undistorted(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64))
-    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T @ camera.R
+    rays = rays_of(camera)
     distance = (offset - normal @ camera.centre) / (rays @ normal)
     points = (camera.centre + distance[:, None] * rays) @ across.T
     u, v = points.T

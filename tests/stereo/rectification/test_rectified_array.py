@@ -18,6 +18,7 @@ from dvc.geometry.camera_estimation import Features
 from dvc.geometry.camera_files import load_cameras
 from dvc.picture_files import read_pfm, read_picture
 from dvc.stereo.rectification.rectified_array import (
+    RectifiedArray,
     RowMatches,
     range_of,
     range_of_matches,
@@ -30,7 +31,7 @@ from dvc.stereo.rectification.rectified_array import (
 from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, metric_depth
 from sequences.toy_array import write_array
 from tests.stereo.data import real_set
-from tests.stereo.rigs import random_rig
+from tests.stereo.rigs import random_rig, rays_of
 
 
 @pytest.fixture(scope="module")
@@ -41,17 +42,25 @@ def toy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+PLACES = [(0, 0), (0, 1), (1, 0), (1, 1)]
+
+
 def views_of(folder: Path) -> list[Path]:
     return sorted(folder.glob("toy-*.png"))
+
+
+def rms_of(found: RectifiedArray) -> float:
+    """Return the error of rows of matches."""
+    assert found.matches is not None
+    assert found.matches.rms_px is not None
+    return found.matches.rms_px
 
 
 def test_toy_is_rectified_to_its_lattice(toy: Path) -> None:
     """Places are found, rows and columns of matches agree, and the range holds the true disparities."""
     found = rectified_array(views_of(toy), toy / "cameras.json")
-    assert [tuple(p) for p in found.rectification.positions] == [(0, 0), (0, 1), (1, 0), (1, 1)]
-    assert found.matches is not None
-    assert found.matches.rms_px is not None
-    assert found.matches.rms_px < 0.4
+    assert [tuple(p) for p in found.rectification.positions] == PLACES
+    assert rms_of(found) < 0.4
     assert found.off_plane_px.max() < 1e-6
     labels = found.labels
     assert labels is not None
@@ -64,9 +73,7 @@ def test_toy_is_rectified_to_its_lattice(toy: Path) -> None:
 def true_disparity(toy: Path, path: Path, rectification: Rectification, index: int) -> np.ndarray:
     camera = rectification.cameras[index]
     depth = read_pfm(toy / f"depth-{path.stem}.pfm").astype(np.float64)
-    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T
-    points = (rays * depth[:, :, None]).reshape(-1, 3) @ camera.R + camera.centre
+    points = rays_of(camera) * depth.reshape(-1, 1) + camera.centre
     return rectification.disparities(points).reshape(depth.shape)
 
 
@@ -83,10 +90,8 @@ def test_true_disparities_of_toy_give_its_depth_back(toy: Path) -> None:
 def test_cameras_of_toy_are_estimated(toy: Path) -> None:
     found = rectified_array(views_of(toy), "auto", with_matches=True)
     places = np.array(found.rectification.positions)
-    np.testing.assert_allclose(places - places[0], [[0, 0], [0, 1], [1, 0], [1, 1]], atol=0.05)
-    assert found.matches is not None
-    assert found.matches.rms_px is not None
-    assert found.matches.rms_px < 0.5
+    np.testing.assert_allclose(places - places[0], PLACES, atol=0.05)
+    assert rms_of(found) < 0.5
     assert found.labels is not None
     again = rectified_array(views_of(toy), "auto")
     assert again.rectification.to_dict() == found.rectification.to_dict()
@@ -97,22 +102,16 @@ def test_two_views_of_toy_are_estimated(toy: Path) -> None:
     paths = views_of(toy)
     found = rectified_array([paths[0], paths[2]], "auto")
     assert [tuple(position) for position in found.rectification.positions] == [(0, 0), (1, 0)]
-    assert found.matches is not None
-    assert found.matches.rms_px is not None
-    assert found.matches.rms_px < 0.5
-
-
-def matches_and_inliers(paths: list[Path]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Match two pictures, and keep the inliers of one epipolar geometry."""
-    pictures = [read_picture(path) for path in paths]
-    first, second = Features(pictures[0]).match(Features(pictures[1]))
-    _, mask = cv2.findFundamentalMat(first, second, cv2.USAC_MAGSAC, 1.5, 0.9999, 20000)
-    kept = mask.ravel() > 0
-    return pictures, first[kept], second[kept]
+    assert rms_of(found) < 0.5
 
 
 def rms(values: np.ndarray) -> float:
     return float(np.sqrt((values**2).mean()))
+
+
+def rows_off(found: Rectification, first: np.ndarray, second: np.ndarray) -> float:
+    """Return the error of rows of matches between two views."""
+    return rms((found.rectified_points(0, first) - found.rectified_points(1, second))[:, 1])
 
 
 def opencv_rows(cameras: tuple[Camera, ...], first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -133,15 +132,16 @@ def test_rows_agree_better_than_those_of_opencv(name: str, tmp_path: Path) -> No
     folder = real_set(name)
     file = tmp_path / "cameras.json"
     paths = write_cameras(folder, file)
-    pictures, first, second = matches_and_inliers(paths)
-    found = rectified_array(paths, file).rectification
-    rows = found.rectified_points(0, first)[:, 1] - found.rectified_points(1, second)[:, 1]
+    pictures = [read_picture(path) for path in paths]
+    matched = Features(pictures[0]).match(Features(pictures[1]))
+    _, inliers = cv2.findFundamentalMat(*matched, cv2.USAC_MAGSAC, 1.5, 0.9999, 20000)
+    first, second = (points[inliers.ravel() > 0] for points in matched)
     given = load_cameras(file, paths, pictures).cameras
-    assert rms(rows) < rms(opencv_rows(given, first, second))
+    theirs = rms(opencv_rows(given, first, second))
+    assert rows_off(rectified_array(paths, file).rectification, first, second) < theirs
     kept = rectified_array(paths, file, keep_cameras=True).rectification
-    rows = kept.rectified_points(0, first)[:, 1] - kept.rectified_points(1, second)[:, 1]
     scale = kept.focal_length_px / min(camera.K[1, 1] for camera in given)
-    assert rms(rows) <= 1.02 * scale * rms(opencv_rows(given, first, second))
+    assert rows_off(kept, first, second) <= 1.02 * scale * theirs
 
 
 def test_fern_has_real_places_near_its_irregular_grid(tmp_path: Path) -> None:
@@ -151,9 +151,7 @@ def test_fern_has_real_places_near_its_irregular_grid(tmp_path: Path) -> None:
     places = np.array(found.rectification.positions)
     assert np.abs(places - np.rint(places)).max() > 0.2
     assert found.off_plane_px.max() < 6.0
-    assert found.matches is not None
-    assert found.matches.rms_px is not None
-    assert found.matches.rms_px < 0.8
+    assert rms_of(found) < 0.8
     assert found.array.shape[0] < 2 * 378
     assert found.array.shape[1] < 2 * 504
 
@@ -170,8 +168,7 @@ def test_tilted_calibration_is_put_right() -> None:
     turn = Rotation.from_rotvec(np.radians([0.5, 0.0, 0.4])).as_matrix()
     wrong = replace(rig[1], R=turn @ rig[1].R, t=-turn @ rig[1].R @ rig[1].centre)
     fixed = rectify(refined_pair([rig[0], wrong], first, second))
-    rows = fixed.rectified_points(0, first)[:, 1] - fixed.rectified_points(1, second)[:, 1]
-    assert rms(rows) < 0.15
+    assert rows_off(fixed, first, second) < 0.15
 
 
 def test_labels_hold_the_range_in_steps_that_suit_it() -> None:
@@ -195,7 +192,7 @@ def test_given_places_are_kept_or_become_real(toy: Path) -> None:
     """Mirrored places are turned to the scene; a place that is wrong by half a cell is found."""
     mirrored = [LatticePosition(float(m), -float(n)) for m in (0, 1) for n in (0, 1)]
     found = rectified_array(views_of(toy), toy / "cameras.json", mirrored)
-    assert [tuple(p) for p in found.rectification.positions] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert [tuple(p) for p in found.rectification.positions] == PLACES
     wrong = [LatticePosition(*place) for place in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.5, 1.0))]
     found = rectified_array(views_of(toy), toy / "cameras.json", wrong)
     assert np.array(found.rectification.positions).round(3).tolist() != [list(p) for p in wrong]
@@ -215,9 +212,7 @@ def test_pictures_of_several_sizes_are_rectified_to_one(toy: Path, tmp_path: Pat
             picture = cv2.resize(picture, (160, 120), interpolation=cv2.INTER_AREA)
         cv2.imwrite(str(path), picture)
     found = rectified_array(paths, tmp_path / "cameras.json")
-    assert found.matches is not None
-    assert found.matches.rms_px is not None
-    assert found.matches.rms_px < 0.5
+    assert rms_of(found) < 0.5
     assert len({view.shape for view in found.array}) == 1
 
 
