@@ -43,14 +43,3 @@ def rays_of(camera: Camera) -> Floats:
     """Return the directions of all pixels in the world, one unit deep."""
     pixels = camera.undistorted(pixels_of(camera.size))
     return np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T @ camera.R
-
-
-def picture_of_plane(camera: Camera, normal: Floats, offset: float, across: Floats) -> NDArray[np.uint8]:
-    """Return a picture of a smoothly textured plane ``normal . X = offset``."""
-    rays = rays_of(camera)
-    distance = (offset - normal @ camera.centre) / (rays @ normal)
-    points = (camera.centre + distance[:, None] * rays) @ across.T
-    u, v = points.T
-    waves = [np.sin(u + 0.3 * v) + np.sin(2.1 * v + 1.0), np.sin(1.7 * u - v), np.sin(u + 0.5) * np.sin(v)]
-    picture = 128.0 + 50.0 * np.stack(waves, axis=1)
-    return np.clip(np.rint(picture), 0, 255).astype(np.uint8).reshape(*camera.size[::-1], 3)

@@ -27,12 +27,8 @@ def test_near_is_brighter() -> None:
     assert tuple(picture[0, 0]) == UNKNOWN
     assert luma[1] < luma[2] < luma[3]
     assert luma[3] == luma[4]
-
-
-def test_constant_disparity_has_one_colour() -> None:
-    """A range of no width divides by nothing."""
-    picture = colour_disparity(np.full((3, 4), 5.0), 5.0, 5.0)
-    assert (picture == picture[0, 0]).all()
+    constant = colour_disparity(np.full((3, 4), 5.0), 5.0, 5.0)
+    assert (constant == constant[0, 0]).all()
 
 
 def test_errors_have_three_colours() -> None:

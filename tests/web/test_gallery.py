@@ -1,5 +1,6 @@
 """Galleries: one file without a request, two pictures over each other, names that cannot run."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,8 @@ from playwright.sync_api import Browser
 
 from dvc.web.document import content_policy, script_json
 from dvc.web.gallery import Gallery, Group, Shown, Table, write_gallery
+from tests.drawn_pages import Opened, opened_pages
 
-TIMEOUT_MS = 60_000
 HOSTILE = '"><script>window.stolen = 1</script>'
 
 
@@ -30,39 +31,29 @@ def made_up() -> Gallery:
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Return the address of a gallery of two groups, one with a hostile name."""
-    path = tmp_path_factory.mktemp("gallery") / "index.html"
-    write_gallery(path, made_up())
-    return path.as_uri()
+def opened(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
+    """Return a function that opens a gallery of two groups, one with a hostile name."""
+    folder = tmp_path_factory.mktemp("gallery")
+    write_gallery(folder / "index.html", made_up())
+    with opened_pages(browser, folder, "true", (1280, 900)) as opened:
+        yield opened
 
 
-def test_page_opens_without_an_error_or_a_request(browser: Browser, address: str) -> None:
-    """Nothing is logged, nothing is loaded, hostile names do not run, and all pictures are there."""
-    page = browser.new_page()
-    logged: list[str] = []
-    requests: list[str] = []
-    page.on("console", lambda message: logged.append(message.text))
-    page.on("pageerror", lambda error: logged.append(str(error)))
-    page.on("request", lambda request: requests.append(request.url))
-    page.goto(address, timeout=TIMEOUT_MS)
-    assert logged == []
-    assert [url for url in requests if not url.startswith("data:")] == [address]
+def test_page_is_whole_and_safe(opened: Opened) -> None:
+    """Hostile names do not run, and all pictures are there; at the end nothing was logged or requested."""
+    page = opened("index")
     assert page.evaluate("window.stolen") is None
     assert page.evaluate("[...document.images].every((image) => image.complete && image.naturalWidth > 0)")
     assert page.locator("section[data-group] img").count() == 6
     assert page.locator("img:not([alt]), th:not([scope]), table:not(:has(caption))").count() == 0
-    page.close()
 
 
-def test_pictures_are_compared(browser: Browser, address: str) -> None:
+def test_pictures_are_compared(opened: Opened) -> None:
     """Slider and pointer move the border; choices change the pictures and keep what there is."""
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
-    page.goto(address, timeout=TIMEOUT_MS)
+    page = opened("index")
     split = "document.querySelector('.compare').style.getPropertyValue('--split')"
     over = page.locator(".compare img.over")
-    slider = page.get_by_role("slider")
-    slider.focus()
+    page.get_by_role("slider").focus()
     page.keyboard.press("Home")
     assert page.evaluate(split) == "0%"
     page.locator(".compare").hover()
@@ -73,18 +64,14 @@ def test_pictures_are_compared(browser: Browser, address: str) -> None:
     page.get_by_label("Show", exact=True).select_option("1")
     assert str(over.get_attribute("alt")).startswith("occluded of")
     assert over.get_attribute("width") == "60"
-    page.close()
 
 
-def test_page_fits_a_phone_and_lives_without_scripts(browser: Browser, address: str) -> None:
+def test_page_fits_a_phone_and_lives_without_scripts(opened: Opened) -> None:
     """At 360 pixels nothing is wider than the screen; without scripts no dead control is shown."""
-    context = browser.new_context(viewport={"width": 360, "height": 740}, java_script_enabled=False)
-    page = context.new_page()
-    page.goto(address, timeout=TIMEOUT_MS)
+    page = opened("index", viewport={"width": 360, "height": 740}, java_script_enabled=False)
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
     assert page.locator("section[data-group] img:visible").count() == 6
     assert page.locator("select:visible, input:visible").count() == 0
-    context.close()
 
 
 def test_names_of_bytes_that_are_no_characters_are_shown_as_they_can_be(tmp_path: Path) -> None:

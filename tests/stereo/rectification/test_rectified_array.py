@@ -28,7 +28,7 @@ from dvc.stereo.rectification.rectified_array import (
     row_matches,
     suggested_labels,
 )
-from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, metric_depth
+from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification
 from sequences.toy_array import write_array
 from tests.stereo.data import real_set
 from tests.stereo.rigs import random_rig, rays_of
@@ -75,16 +75,6 @@ def true_disparity(toy: Path, path: Path, rectification: Rectification, index: i
     depth = read_pfm(toy / f"depth-{path.stem}.pfm").astype(np.float64)
     points = rays_of(camera) * depth.reshape(-1, 1) + camera.centre
     return rectification.disparities(points).reshape(depth.shape)
-
-
-def test_true_disparities_of_toy_give_its_depth_back(toy: Path) -> None:
-    """The exact depth, through the rectified space and back."""
-    paths = views_of(toy)
-    pictures = [read_picture(path) for path in paths]
-    found = rectify(load_cameras(toy / "cameras.json", paths, pictures).cameras)
-    for index, path in enumerate(paths):
-        depth = metric_depth(found, index, true_disparity(toy, path, found, index).astype(np.float32))
-        np.testing.assert_allclose(depth, read_pfm(toy / f"depth-{path.stem}.pfm"), rtol=1e-5)
 
 
 def test_cameras_of_toy_are_estimated(toy: Path) -> None:

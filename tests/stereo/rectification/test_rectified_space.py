@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,10 +16,9 @@ from dvc.stereo.rectification.rectified_space import (
     MAX_GROWTH,
     Rectification,
     metric_depth,
-    resample,
     to_original_view,
 )
-from tests.stereo.rigs import picture_of_plane, pixels_of, random_rig, rays_of
+from tests.stereo.rigs import pixels_of, random_rig, rays_of
 
 PLACES = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, 1.0)]
 LINE = [(0.0, 0.0), (1.0, 0.0), (3.0, 0.0)]
@@ -75,18 +73,6 @@ def test_points_obey_the_rectified_projection(seed: int, places: list, unit: flo
     np.testing.assert_allclose(back[:, :3] / back[:, 3:], points, atol=1e-9 * max(1.0, np.abs(points).max()))
 
 
-def test_disparity_is_inverse_to_the_distance_from_the_plane() -> None:
-    """(2.12): d = f |v3| / z; with square cells of pitch B it is f B / z."""
-    cameras = [
-        Camera(f"{m}.png", np.diag([100.0, 100.0, 1.0]), np.eye(3), np.array([-0.2 * m, 0, 0]), (9, 7))
-        for m in (0, 1)
-    ]
-    found = rectify(cameras)
-    points = np.array([[0.0, 0.0, 4.0], [1.0, 2.0, 8.0]])
-    np.testing.assert_allclose(found.disparities(points), [5.0, 2.5], rtol=1e-12)
-    assert found.is_identity
-
-
 @pytest.mark.parametrize("unit", [0.01, 1.0, 100.0])
 def test_pixels_keep_their_size(unit: float) -> None:
     """The area magnification on the normal is 1 for cameras of the mean focal length, in any unit."""
@@ -98,31 +84,6 @@ def test_pixels_keep_their_size(unit: float) -> None:
     image = np.column_stack([corners, np.ones(3)]) @ homography.T
     a, b = (image[1:, :2] / image[1:, 2:]) - image[0, :2] / image[0, 2]
     assert abs(a[0] * b[1] - a[1] * b[0]) == pytest.approx(1.0, rel=1e-6)
-
-
-def test_plane_parallel_to_the_cameras_has_one_disparity() -> None:
-    """Rectified pictures of such a plane are shifted copies of each other: (2.5) with one d."""
-    rig = random_rig(11, PLACES, turn=0.05)
-    found = rectify(rig)
-    normal = found.lattice.basis[:, 2] / np.linalg.norm(found.lattice.basis[:, 2])
-    offset = float(normal @ found.lattice.origin) + 9.0
-    across = np.stack([found.lattice.v1, found.lattice.v2]) * 1.5
-    views = [
-        resample(found, k, picture_of_plane(camera, normal, offset, across)) for k, camera in enumerate(rig)
-    ]
-    d = float(found.disparities((found.lattice.origin + 9.0 * normal)[None])[0])
-    x, y = pixels_of(found.size).T.reshape(2, *found.size[::-1])
-    reference = found.positions.index(LatticePosition(0.0, 0.0))
-    for (m, n), (image, valid) in zip(found.positions, views, strict=True):
-        at = np.float32([x - m * d, y - n * d])
-        there, known = (
-            cv2.remap(plane.astype(np.float32), *at, cv2.INTER_LINEAR) for plane in (image, valid)
-        )
-        sees = (known > 0.999) & views[reference][1]
-        difference = np.abs(there - views[reference][0])[sees]
-        assert sees.sum() > 5000
-        assert difference.mean() < 1.0
-        assert np.quantile(difference, 0.99) < 5.0
 
 
 def test_depth_of_original_views_is_that_of_the_plane() -> None:
