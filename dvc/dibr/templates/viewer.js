@@ -1,10 +1,7 @@
-// The page: controls, and what they move.
+// The page of a scene: its controls, and the viewpoint that they move.
 (() => {
   "use strict";
-  const { element, canvas, draw } = Stage;
-  const still = element("still"), told = element("told");
-  const data = JSON.parse(element("scene").textContent), shaders = JSON.parse(element("shaders").textContent);
-  const { bounds } = data;
+  const { element, canvas, data, shaders, draw, choose } = Stage, { bounds } = data;
   const START = { m: data.views[0].m, n: data.views[0].n, closer: 0 };
   const LIMITS = { m: [bounds.left, bounds.right], n: [bounds.top, bounds.bottom], closer: [-0.5, 0.5] };
   const MODES = ["picture", "depth", "lines"];
@@ -12,7 +9,7 @@
   const at = { ...START };
   let renderer = null, scene = null, sources = [];
 
-  // --- what is shown
+  // --- drawing
 
   const fineScale = () => {
     const shown = canvas.getBoundingClientRect().width * (window.devicePixelRatio || 1);
@@ -25,7 +22,7 @@
     renderer.resize(data.width * scale, data.height * scale, scale, count);
     const warps = Warps.warpsTo(scene, at, element("hold").checked).slice(0, count);
     renderer.draw(warps.map((warp) => ({ ...warp, source: sources[warp.index] })), {
-      mode: MODES.find((mode) => element(mode).checked),
+      mode: Stage.chosen(MODES),
       holes: element("mark").checked ? "marked" : "filled",
     });
   };
@@ -51,7 +48,7 @@
       at[name] = Math.min(Math.max(value, low), high);
     }
     readout();
-    if (announce) told.textContent = `Viewpoint ${number(at.m)}, ${number(at.n)}, closer ${number(at.closer)}`;
+    if (announce) element("told").textContent = `Viewpoint ${number(at.m)}, ${number(at.n)}, closer ${number(at.closer)}`;
     Stage.move();
   };
   const by = (m, n, closer = 0) => ({ m: at.m + m, n: at.n + n, closer: at.closer + closer });
@@ -66,21 +63,13 @@
 
   // --- keys
 
-  const choose = (id) => {
-    const input = element(id);
-    input.checked = input.type === "radio" || !input.checked;
-    draw();
-  };
   const keys = {
     ArrowLeft: (part) => by(-part * span("m"), 0), ArrowRight: (part) => by(part * span("m"), 0),
     ArrowUp: (part) => by(0, -part * span("n")), ArrowDown: (part) => by(0, part * span("n")),
     "+": () => by(0, 0, 0.05), "=": () => by(0, 0, 0.05), "-": () => by(0, 0, -0.05),
     PageUp: () => by(0, 0, 0.05), PageDown: () => by(0, 0, -0.05), Home: () => START, "0": () => START,
   };
-  const switches = {
-    v: () => choose(MODES[(MODES.findIndex((mode) => element(mode).checked) + 1) % MODES.length]),
-    u: () => choose("mark"), h: () => choose("hold"),
-  };
+  const switches = { v: () => Stage.chooseNext(MODES), u: () => choose("mark"), h: () => choose("hold") };
   Stage.onKey(({ key, shiftKey }) => {
     const change = keys[key]?.(shiftKey ? 0.1 : 0.025);
     if (change) move(change, true);
@@ -104,12 +93,7 @@
       input.value = String(Number(at[name].toFixed(3)));
     });
   }
-  element("save").addEventListener("click", () => {
-    if (!Stage.isDrawn()) return;
-    paint(1);
-    Stage.save(`${data.name}-${at.m.toFixed(2)}-${at.n.toFixed(2)}.png`);
-    draw();
-  });
+  Stage.onSave(() => paint(1), () => `${data.name}-${at.m.toFixed(2)}-${at.n.toFixed(2)}.png`);
 
   // --- start
 
@@ -129,5 +113,5 @@
       finish: () => renderer.finish(),
     };
   };
-  Stage.begin({ unpack: async () => { scene = await Decoding.scene(data, still); }, made });
+  Stage.begin({ unpack: async () => { scene = await Decoding.scene(data, element("still")); }, made });
 })();

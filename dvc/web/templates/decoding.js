@@ -12,7 +12,7 @@ const Decoding = (() => {
     return new Uint8Array(await new Response(stream).arrayBuffer());
   };
 
-  // Disparity above that of infinity of each pixel, -1 where there is nothing.
+  // Disparity above that of infinity of each pixel, -1 without a surface.
   const nearness = async (piece, infinity) => {
     const { width, height, lowest, unit } = piece, count = width * height;
     const bytes = await inflated(bytesOf(piece.codes)), values = new Float32Array(count);
@@ -72,21 +72,16 @@ const Decoding = (() => {
     })),
   });
 
-  const mean = (pieces) => {
-    let sum = 0, count = 0;
-    for (const { values } of pieces) {
-      for (const value of values) {
-        if (value < 0) continue;
-        sum += value;
-        count++;
-      }
-    }
-    return count ? sum / count : 0;
-  };
-
   const scene = async (data, still) => {
     const sources = await Promise.all(data.sources.map((each) => source(each, data, still)));
-    return { ...data, palette: bytesOf(data.palette), sources, middle: mean(sources[0].pieces) };
+    let sum = 0, count = 0;  // for the mean nearness of the first source
+    for (const { values } of sources[0].pieces) {
+      for (const value of values) {
+        sum += Math.max(value, 0);
+        count += Number(value >= 0);
+      }
+    }
+    return { ...data, palette: bytesOf(data.palette), sources, middle: count ? sum / count : 0 };
   };
 
   return { scene, source, bytesOf, inflated };

@@ -1,11 +1,11 @@
-// Draws a scene by WebGL 2: sources into layers of a texture, then what they show together.
+// Draws a scene by WebGL 2: sources into layers of a texture, then the view that they show together.
 class Renderer {
   static MAX_SOURCES = 4;
   static CLOSED_PX = 1.5;  // on either side
   static BACKGROUND = [0.063, 0.071, 0.082];
 
-  // Of a scene there is the palette, its least and its largest disparity, and that of infinity; what is `closest` times
-  // as near as the nearest surface of a source is not drawn.
+  // A scene has a palette, its least and its largest disparity, and that of infinity. Surfaces that are `closest` times
+  // as near as the nearest one of a source are not drawn.
   constructor(gl, scene, shaders, closest = 4) {
     Object.assign(this, { gl, scene, size: "" });
     this.reach = closest * (scene.highest - scene.infinity);
@@ -30,12 +30,22 @@ class Renderer {
     }
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program));
-    const positions = new Map();
-    const at = (name) => {
-      if (!positions.has(name)) positions.set(name, gl.getUniformLocation(program, name));
-      return positions.get(name);
+    const vectors = { [gl.FLOAT]: "uniform1fv", [gl.FLOAT_VEC2]: "uniform2fv", [gl.FLOAT_VEC3]: "uniform3fv" };
+    const uniforms = new Map();
+    for (let k = 0; k < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); k++) {
+      const { name, type } = gl.getActiveUniform(program, k) ?? {};
+      if (name) uniforms.set(name.replace("[0]", ""), { type, at: gl.getUniformLocation(program, name) });
+    }
+    // Use the program with values by the names of its uniforms; matrices are row by row.
+    return (values) => {
+      gl.useProgram(program);
+      for (const [name, value] of Object.entries(values)) {
+        const { type, at } = uniforms.get(name) ?? { at: null };
+        if (type === gl.FLOAT_MAT3) gl.uniformMatrix3fv(at, true, value);
+        else if (type in vectors) gl[vectors[type]](at, [value].flat());
+        else gl.uniform1i(at, Number(value));
+      }
     };
-    return { program, at };
   }
 
   texture(filter) {
@@ -49,7 +59,7 @@ class Renderer {
     return texture;
   }
 
-  // What is drawn of a source.
+  // Upload the pieces of a source; return the source for warps.
   upload(pieces) {
     return pieces.map((piece) => this.uploaded(piece));
   }
@@ -111,9 +121,9 @@ class Renderer {
     this.layers = { colour, depth, framebuffers };
   }
 
-  // Of warps, nearest first, each has a source that was uploaded. mode: "picture", "depth" or "lines"; holes, which no
-  // source shows: "marked", "filled" by the background, "open", or "closed" where they are small; leads: whether the first source is right
-  // where it shows something; tests: whether depths are kept for what is drawn afterwards.
+  // warps: nearest first, each with a source that was uploaded; mode: "picture", "depth" or "lines"; holes, which no
+  // source shows: "marked", "filled" by the background, "open", or "closed" if they are small; leads: whether the
+  // first source is right at all pixels that it shows; tests: whether depths are kept for further drawing.
   draw(warps, { mode, holes, leads = false, tests = false }) {
     const { gl } = this;
     gl.viewport(0, 0, gl.canvas.width, gl.canvas.height);
@@ -129,7 +139,7 @@ class Renderer {
   }
 
   drawSource(warp, layer, lines) {
-    const { gl } = this, { program, at } = this.surface;
+    const { gl, surface } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.layers.framebuffers[layer]);
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
@@ -137,23 +147,16 @@ class Renderer {
     gl.clearDepth(0);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.useProgram(program);
-    gl.uniformMatrix3fv(at("u_turn"), true, warp.turn);
-    gl.uniform3fv(at("u_shift"), warp.shift);
-    gl.uniform2f(at("u_size"), gl.canvas.width / this.scale, gl.canvas.height / this.scale);
-    gl.uniform1f(at("u_reach"), this.reach);
-    gl.uniform1i(at("u_lines"), Number(lines));
-    gl.uniform1i(at("u_nearness"), 0);
-    gl.uniform1i(at("u_picture"), 1);
+    const size = [gl.canvas.width / this.scale, gl.canvas.height / this.scale];
+    surface({ u_turn: warp.turn, u_shift: warp.shift, u_size: size, u_reach: this.reach, u_lines: lines });
+    surface({ u_nearness: 0, u_picture: 1 });
     for (const { piece, nearness, picture, whole, torn } of warp.source) {
       this.bind(0, gl.TEXTURE_2D, nearness);
       this.bind(1, gl.TEXTURE_2D, picture);
-      gl.uniform2f(at("u_origin"), piece.left, piece.top);
-      gl.uniform1f(at("u_least"), piece.least);
-      gl.uniform1i(at("u_by_cells"), 0);
+      surface({ u_origin: [piece.left, piece.top], u_least: piece.least, u_by_cells: false });
       gl.bindVertexArray(whole);
       gl.drawElements(gl.TRIANGLES, piece.whole.length, gl.UNSIGNED_INT, 0);
-      gl.uniform1i(at("u_by_cells"), 1);
+      surface({ u_by_cells: true });
       gl.bindVertexArray(torn);
       gl.drawArraysInstanced(gl.TRIANGLES, 0, 30, piece.torn.length / 2);
     }
@@ -161,29 +164,22 @@ class Renderer {
 
   drawView(warps, mode, holes, leads) {
     const { gl, scene } = this, lines = mode === "lines", fills = holes === "filled" || holes === "closed";
-    const { program, at } = fills ? this.view : this.bare;
-    gl.useProgram(program);
+    const view = fills ? this.view : this.bare;
     this.bind(0, gl.TEXTURE_2D_ARRAY, this.layers.colour);
     this.bind(1, gl.TEXTURE_2D_ARRAY, this.layers.depth);
     this.bind(2, gl.TEXTURE_2D, this.palette);
-    gl.uniform1i(at("u_colour"), 0);
-    gl.uniform1i(at("u_depth"), 1);
-    gl.uniform1i(at("u_palette"), 2);
-    gl.uniform1i(at("u_count"), warps.length);
-    gl.uniformMatrix3fv(at("u_back"), true, warps.flatMap(({ back }) => back));
-    gl.uniform3fv(at("u_shift"), warps.flatMap(({ shift }) => shift));
-    gl.uniform1fv(at("u_weight"), warps.map(({ weight }, index) => (lines ? Number(index === 0) + 1e-6 : weight)));
-    gl.uniform3fv(at("u_epipole"), warps[0].shift);
-    gl.uniform1f(at("u_scale"), this.scale);
-    gl.uniform1f(at("u_stripe_px"), 8 * this.scale);
-    gl.uniform1f(at("u_reach"), this.reach);
-    gl.uniform2f(at("u_range"), scene.lowest - scene.infinity, scene.highest - scene.infinity);
-    gl.uniform1i(at("u_show_depth"), Number(mode === "depth"));
-    gl.uniform1i(at("u_fill"), Number(fills));
-    gl.uniform1i(at("u_open"), Number(holes === "closed" || holes === "open"));
     const farthest = holes === "closed" ? Math.ceil(Renderer.CLOSED_PX * this.scale) : gl.canvas.width + gl.canvas.height;
-    gl.uniform1i(at("u_farthest"), farthest);
-    gl.uniform1i(at("u_leads"), Number(leads));
+    view({
+      u_colour: 0, u_depth: 1, u_palette: 2, u_count: warps.length,
+      u_back: warps.flatMap(({ back }) => back),
+      u_shift: warps.flatMap(({ shift }) => shift),
+      u_weight: warps.map(({ weight }, index) => (lines ? Number(index === 0) + 1e-6 : weight)),
+      u_epipole: warps[0].shift,
+      u_scale: this.scale, u_stripe_px: 8 * this.scale, u_reach: this.reach,
+      u_range: [scene.lowest - scene.infinity, scene.highest - scene.infinity],
+      u_show_depth: mode === "depth", u_fill: fills, u_open: holes === "closed" || holes === "open",
+      u_farthest: farthest, u_leads: leads,
+    });
     gl.bindVertexArray(this.nothing);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }

@@ -1,9 +1,10 @@
-// What pages that draw a scene share: messages, the graphics, when to draw, pointers, the help, saving.
+// Shared by pages that draw a scene: data, messages, graphics, times of drawing, pointers, choices, help, saving.
 const Stage = (() => {
   "use strict";
   const SLOW_MS = 70, NUM_TIMED = 3, REST_MS = 250;
   const root = document.documentElement, element = (id) => document.getElementById(id);
   const canvas = element("view"), message = element("message"), help = element("help");
+  const [data, shaders] = ["scene", "shaders"].map((id) => JSON.parse(element(id).textContent));
   let painter = null, wanted = false, moving = 0, times = [];
 
   const say = (text) => {
@@ -18,15 +19,7 @@ const Stage = (() => {
   };
   const cannot = (error) => fail(`The scene cannot be drawn here: ${error.message.replaceAll("\0", "").trim()}.`);
 
-  const missing = () => {
-    const names = [];
-    if (typeof WebGL2RenderingContext === "undefined") names.push("WebGL 2");
-    if (typeof DecompressionStream === "undefined") names.push("DecompressionStream");
-    if (typeof createImageBitmap === "undefined") names.push("createImageBitmap");
-    return names;
-  };
-
-  // --- when to draw; where drawing is slow it is coarse while something moves
+  // --- times of drawing; slow drawing is coarse while something moves
 
   const isSlow = () => times.length >= NUM_TIMED && Math.min(...times) > SLOW_MS;
   const frame = () => {
@@ -53,7 +46,7 @@ const Stage = (() => {
     draw();
   };
 
-  // --- pointers: a drag is told in parts of the shorter side, two fingers that part as a logarithm
+  // --- pointers: a drag is in parts of the shorter side, two fingers that part give a logarithm
 
   const pointers = new Map();
   const apart = () => {
@@ -94,15 +87,35 @@ const Stage = (() => {
   });
   element("help-button").addEventListener("click", () => help.showModal());
 
-  const save = (name) => canvas.toBlob((blob) => {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(blob);
-    link.download = name;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-  }, "image/png");
+  // --- choices by keys: a radio button or a check box, or the next one of several
 
-  // --- start: unpack() brings the data once, made(gl) returns what paints it or null if it has told why not
+  const chosen = (ids) => ids.find((id) => element(id).checked);
+  const choose = (id) => {
+    const input = element(id);
+    if (input.disabled) return;
+    input.checked = input.type === "radio" || !input.checked;
+    input.dispatchEvent(new Event("change"));
+  };
+  const chooseNext = (ids) => {
+    const open = ids.filter((id) => !element(id).disabled);
+    if (open.length) choose(open[(open.indexOf(chosen(ids)) + 1) % open.length]);
+  };
+
+  // Save the picture that paint() makes.
+  const onSave = (paint, name) => element("save").addEventListener("click", () => {
+    if (!painter) return;
+    paint();
+    canvas.toBlob((blob) => {
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(blob);
+      link.download = name();
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    }, "image/png");
+    draw();
+  });
+
+  // --- start: unpack() brings the data once, made(gl) returns a painter, or null after a message
 
   const start = (made, hasDepth) => {
     const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: hasDepth, powerPreference: "high-performance" });
@@ -110,15 +123,15 @@ const Stage = (() => {
       fail("This browser does not offer WebGL 2 here (too old, or turned off), which drawing needs. Below is the first picture alone.");
       return;
     }
-    const found = made(gl);
-    if (!found) return;
-    painter = found;
+    painter = made(gl);
+    if (!painter) return;
     message.hidden = true;
     root.classList.remove("failed");
     draw();
   };
   const begin = async ({ unpack, made, hasDepth = false }) => {
-    const names = missing();
+    const needs = { "WebGL 2": "WebGL2RenderingContext", DecompressionStream: "DecompressionStream", createImageBitmap: "createImageBitmap" };
+    const names = Object.keys(needs).filter((name) => typeof window[needs[name]] === "undefined");
     if (names.length) {
       fail(`This browser lacks ${names.join(" and ")}, which drawing needs. Below is the first picture alone.`);
       return;
@@ -140,5 +153,5 @@ const Stage = (() => {
   window.addEventListener("resize", draw);
   window.addEventListener("error", (event) => cannot(event));
 
-  return { element, canvas, say, fail, cannot, draw, move, onDrag, onWheel, onKey, save, begin, isDrawn: () => painter !== null };
+  return { element, canvas, data, shaders, fail, draw, move, onDrag, onWheel, onKey, chosen, choose, chooseNext, onSave, begin };
 })();

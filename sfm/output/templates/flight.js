@@ -1,18 +1,17 @@
-// The page: from where the scene is looked at, and what is drawn.
+// The page of a map: the viewpoint, and the parts of the scene that are drawn.
 (() => {
   "use strict";
-  const { element, canvas, draw } = Stage;
-  const data = JSON.parse(element("scene").textContent), shaders = JSON.parse(element("shaders").textContent);
+  const { element, canvas, data, shaders, draw, choose } = Stage;
   const SHOWN = ["points", "surfaces", "both"];
   const CLOSEST = 50, MAX_TEXELS = 4e6, COARSE = 0.5, NUM_PYRAMIDS = 12;
   const UNDER = 0.92, UNDER_ALL = 0.05;  // points beside images with depth: where these are not nearly as near, or missing
   const PATH = [255, 176, 64], CAMERAS = [110, 150, 190], HERE = [255, 255, 255];
   const size = { width: data.width, height: data.height };
   let gl = null, shown = null, film = null, wish = "both";
-  const made = new Map();  // what is drawn of each piece
+  const made = new Map();  // drawable parts of each piece
 
   const isRiding = () => element("ride").checked;
-  const mode = () => SHOWN.find((id) => element(id).checked);
+  const mode = () => Stage.chosen(SHOWN);
 
   // --- pieces
 
@@ -133,30 +132,19 @@
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("dblclick", () => shown && overlook());
 
-  const choose = (id) => {
-    const input = element(id);
-    if (input.disabled) return;
-    input.checked = input.type === "radio" || !input.checked;
-    input.dispatchEvent(new Event("change"));
-  };
-  const nextMode = () => {
-    const open = SHOWN.filter((id) => !element(id).disabled);
-    if (open.length) choose(open[(open.indexOf(mode()) + 1) % open.length]);
-  };
   const TURN = 0.06, SHIFT = 0.04;
   const turned = (right, down) => (event) => moved((orbit) =>
     (event.shiftKey ? orbit.shift(SHIFT * right, SHIFT * down) : orbit.turn(TURN * right, TURN * down)));
   const keys = {
     ArrowLeft: turned(-1, 0), ArrowRight: turned(1, 0), ArrowUp: turned(0, -1), ArrowDown: turned(0, 1),
     "+": () => closer(0.1), "=": () => closer(0.1), "-": () => closer(-0.1), PageUp: () => closer(0.1), PageDown: () => closer(-0.1),
-    Home: () => overlook(), "0": () => overlook(), " ": () => film.toggle(), v: nextMode,
+    Home: () => overlook(), "0": () => overlook(), " ": () => film.toggle(), v: () => Stage.chooseNext(SHOWN),
     ",": () => film.go(film.index - 1), ".": () => film.go(film.index + 1),
     c: () => choose(isRiding() ? "free" : "ride"), p: () => choose("path"), i: () => choose("frames"),
   };
   Stage.onKey((event) => {
-    if (!shown || !keys[event.key]) return false;
-    keys[event.key](event);
-    return true;
+    if (shown) keys[event.key]?.(event);
+    return Boolean(shown && keys[event.key]);
   });
 
   ["free", "ride", "path", ...SHOWN].forEach((id) => element(id).addEventListener("change", draw));
@@ -164,13 +152,10 @@
   element("frames").addEventListener("change", () => { element("inset").hidden = !element("frames").checked; });
   element("piece")?.addEventListener("change", (event) => load(Number(event.target.value)));
   element("reset").addEventListener("click", () => shown && overlook());
-  element("save").addEventListener("click", () => {
-    if (!Stage.isDrawn()) return;
-    if (isRiding()) paint(size.width, size.height);
-    else paint(...texels(false));
-    Stage.save(`${data.name}-${film.piece.frames[film.index]}.png`);
-    draw();
-  });
+  Stage.onSave(
+    () => (isRiding() ? paint(size.width, size.height) : paint(...texels(false))),
+    () => `${data.name}-${film.piece.frames[film.index]}.png`,
+  );
 
   // --- start
 

@@ -74,23 +74,17 @@ class Overlay {
     this.release(shape);
   }
 
-  // view: a camera; scale: texels of a pixel of it.
   draw(view, { array, count }, kind, { diameter = 0, sizes = [1, 1], behind = 1, isPictured = false }) {
-    const { gl, renderer } = this, { program, at } = this.world;
+    const { gl, renderer } = this;
     const turn = Matrices.times(view.intrinsic, view.rotation);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.GREATER);
-    gl.useProgram(program);
-    gl.uniformMatrix3fv(at("u_turn"), true, turn);
-    gl.uniform3fv(at("u_shift"), Matrices.apply(turn, view.centre).map((value) => -value));
-    gl.uniform2f(at("u_size"), gl.canvas.width / renderer.scale, gl.canvas.height / renderer.scale);
-    gl.uniform1f(at("u_reach"), renderer.reach);
-    gl.uniform1f(at("u_behind"), behind);
-    gl.uniform1f(at("u_diameter"), diameter);
-    gl.uniform2f(at("u_sizes"), ...sizes);
-    gl.uniform1i(at("u_round"), Number(kind === gl.POINTS));
-    gl.uniform1i(at("u_pictured"), Number(isPictured));
-    gl.uniform1i(at("u_picture"), 0);
+    this.world({
+      u_turn: turn, u_shift: Matrices.apply(turn, view.centre).map((value) => -value),
+      u_size: [gl.canvas.width / renderer.scale, gl.canvas.height / renderer.scale], u_reach: renderer.reach,
+      u_behind: behind, u_diameter: diameter, u_sizes: sizes,
+      u_round: kind === gl.POINTS, u_pictured: isPictured, u_picture: 0,
+    });
     gl.bindVertexArray(array);
     gl.drawArrays(kind, 0, count);
     gl.bindVertexArray(null);
