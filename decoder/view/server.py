@@ -131,7 +131,5 @@ def _handler(server: ViewServer) -> type[BaseHTTPRequestHandler]:
 
 
 def _page() -> str:
-    styles, scripts = [asset(SHARED, "base.css"), asset(TEMPLATES, "view.css")], [asset(TEMPLATES, "view.js")]
-    return render_page(
-        TEMPLATES, "view.html.j2", styles=styles, scripts=scripts, served=True, gain=DIFFERENCE_GAIN
-    )
+    css, scripts = [asset(SHARED, "base.css"), asset(TEMPLATES, "view.css")], [asset(TEMPLATES, "view.js")]
+    return render_page(TEMPLATES, "view.html.j2", css=css, scripts=scripts, served=True, gain=DIFFERENCE_GAIN)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.files import atomic_output
 from dvc.rd.comparison import NOTHING, RateCost, Verdict, rate_costs, verdicts
 from dvc.rd.measure import read_picture
 from dvc.rd.rd_curves import ANCHOR_LABEL, Curve, Experiment, experiments
@@ -26,7 +25,7 @@ from dvc.rd.rd_tables import (
     rate_cost_cells,
     rates_text,
 )
-from dvc.web.document import SHARED, asset, content_policy, data_uri, script_json, template
+from dvc.web.document import SHARED, asset, data_uri, render_page, script_json, write_text
 from dvc.web.gallery import Table
 from dvc.web.plotting import MATPLOTLIB_DASHES
 
@@ -111,8 +110,7 @@ def write_page(
         gallery = build_gallery(found, max(room, 0))
         if gallery.sources or gallery.num_missing or gallery.num_left_out:
             text = _render(page, data, gallery, [*notes, *_picture_notes(gallery)])
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 @dataclass
@@ -134,20 +132,16 @@ class Gallery:
 def _render(page: dict[str, Any], data: dict[str, Any], gallery: Gallery, notes: Sequence[str]) -> str:
     from plotly.offline import get_plotlyjs
 
-    scripts = {
-        "early": asset(SHARED, "early.js"),
-        "library": get_plotlyjs(),
-        "script": asset(TEMPLATES, "rd_page.js"),
-    }
-    return template(TEMPLATES, "rd_page.html.j2").render(
+    return render_page(
+        TEMPLATES,
+        "rd_page.html.j2",
+        css=[asset(SHARED, "base.css"), asset(TEMPLATES, "rd_page.css")],
+        scripts=[get_plotlyjs(), asset(TEMPLATES, "rd_page.js")],
         **page,
-        **scripts,
         notes=notes,
         gallery=gallery,
         noise_gain=NOISE_GAIN,
-        css=asset(SHARED, "base.css") + asset(TEMPLATES, "rd_page.css"),
         data=script_json(data | {"pictures": gallery.shown, "sources": gallery.sources}),
-        policy=content_policy(scripts.values()),
     )
 
 

@@ -6,10 +6,10 @@ import json
 from collections.abc import Iterable, Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-if TYPE_CHECKING:
-    from jinja2 import Template
+from dvc.files import atomic_output
 
 SHARED = resources.files("dvc.web") / "templates"
 """Folder of style sheets, scripts and templates that all pages share."""
@@ -20,8 +20,16 @@ def asset(folder: Traversable, name: str) -> str:
     return (folder / name).read_text(encoding="utf-8")
 
 
-def template(folder: Traversable, name: str) -> "Template":
-    """Return a template, which can extend and import the templates in `SHARED`."""
+def render_page(
+    folder: Traversable,
+    name: str,
+    *,
+    css: Sequence[str],
+    scripts: Sequence[str],
+    served: bool = False,
+    **values: Any,
+) -> str:
+    """Return the text of a page, with its assets and policy; the template extends ``document.html.j2``."""
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     environment = Environment(
@@ -31,26 +39,20 @@ def template(folder: Traversable, name: str) -> "Template":
         lstrip_blocks=True,
         loader=FunctionLoader(lambda shared: asset(SHARED, shared)),
     )
-    return environment.from_string(asset(folder, name))
-
-
-def render_page(
-    folder: Traversable,
-    name: str,
-    *,
-    styles: Sequence[str],
-    scripts: Sequence[str],
-    served: bool = False,
-    **values: Any,
-) -> str:
-    """Return the text of a page, with its assets and policy; the template extends ``document.html.j2``."""
-    return template(folder, name).render(
-        css="".join(styles),
-        early=(early := asset(SHARED, "early.js")),
+    early = "document.documentElement.classList.add('js');"
+    return environment.from_string(asset(folder, name)).render(
+        css="".join(css),
+        early=early,
         scripts=scripts,
         policy=content_policy([early, *scripts], served),
         **values,
     )
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a page; names of files need not be text."""
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="replace")
 
 
 def content_policy(scripts: Iterable[str], served: bool = False) -> str:

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.files import atomic_output
-from dvc.web.document import SHARED, asset, data_uri, render_page
+from dvc.web.document import SHARED, asset, data_uri, render_page, write_text
 
 PAGE = "index.html"
 """Usual name of a gallery in its folder."""
@@ -75,10 +74,10 @@ def write_gallery(path: Path, gallery: Gallery) -> None:
         }
         for number, group in enumerate(gallery.groups)
     ]
-    text = render_page(
+    page = render_page(
         SHARED,
         "gallery.html.j2",
-        styles=[asset(SHARED, "base.css")],
+        css=[asset(SHARED, "base.css")],
         scripts=[asset(SHARED, "gallery.js")],
         title=gallery.title,
         preface=gallery.preface,
@@ -86,8 +85,7 @@ def write_gallery(path: Path, gallery: Gallery) -> None:
         tables=gallery.tables,
         groups=groups,
     )
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="replace")
+    write_text(path, page)
 
 
 def _embedded(shown: Shown) -> dict[str, object]:

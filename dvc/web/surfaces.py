@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.files import atomic_output
-from dvc.web.document import SHARED, asset, render_page, script_json
+from dvc.web.document import SHARED, asset, render_page, script_json, write_text
 from dvc.web.drawing import colour_disparity
 
 Floats = NDArray[np.float64]
@@ -42,18 +41,16 @@ def write_stage(path: str | Path, files: StageFiles, values: Mapping[str, Any], 
     scripts = [asset(SHARED, name) for name in SCRIPTS] + [asset(folder, name) for name in files.scripts]
     shaders = {name: asset(SHARED, name) for name in SHADERS}
     shaders |= {name: asset(folder, name) for name in files.shaders}
-    styles = [asset(SHARED, "stage.css"), *(asset(folder, name) for name in files.styles)]
-    text = render_page(
+    page = render_page(
         folder,
         files.template,
-        styles=styles,
+        css=[asset(SHARED, "stage.css"), *(asset(folder, name) for name in files.styles)],
         scripts=scripts,
         scene_json=script_json(values),
         shaders_json=script_json(shaders),
         **shown,
     )
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="replace")
+    write_text(path, page)
 
 
 def disparity_codes(
