@@ -92,8 +92,7 @@ def _add_reconstruct_options(parser: argparse.ArgumentParser) -> None:
         group,
         "--iterations",
         (1, 20),
-        "largest number of iterations; large views begin with their smallest size, for which this counts, and"
-        " take two more for each larger one",
+        "largest number of iterations, at the smallest size of large views; larger sizes take two more each",
         default=3,
     )
     group.add_argument("--sub-pixel", action="store_true", help="disparities between those of --disparities")

@@ -22,7 +22,7 @@ from dvc.stereo.evaluation import (
     sparsification,
     summary,
 )
-from tests.stereo.data import check_refused, real_set
+from tests.stereo.data import check_refused
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
 TRUTH = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, np.nan]])
@@ -151,24 +151,6 @@ def test_bad_input_is_one_line(
     arguments = ["evaluate", "map.pfm", "--truth", "truth.png", "--truth-scale", "4", *changes]
     check_refused(capsys, message, *arguments)
     assert sorted(tmp_path.iterdir()) == before
-
-
-@pytest.mark.parametrize(
-    ("name", "truth", "scale", "counts"),
-    [
-        ("tsukuba", "truedisp.row3.col3.png", 16.0, (87696, 85438, 15790)),
-        ("teddy", "disp2.png", 4.0, (165344, 147651, 40517)),
-    ],
-)
-def test_masks_of_the_middlebury_sets(
-    name: str, truth: str, scale: float, counts: tuple[int, int, int]
-) -> None:
-    folder = real_set(name)
-    disparity = read_truth(folder / truth, scale)
-    for mask, count in zip(("all", "nonocc", "disc"), counts, strict=True):
-        result = evaluate(disparity, disparity, read_mask(folder / f"{mask}.png"))
-        assert result.num_pixels == count
-        assert result.bad_percent[1.0] == 0.0
 
 
 def test_bad_pixels_are_reported_at_three_thresholds() -> None:

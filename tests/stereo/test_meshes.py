@@ -73,7 +73,6 @@ def test_pixels_can_be_left_out() -> None:
 @pytest.mark.parametrize("ending", ["ply", "glb"])
 @pytest.mark.parametrize("as_points", [False, True])
 def test_files_are_read_back(tmp_path: Path, ending: str, as_points: bool) -> None:
-    """Positions and colours survive; GLB has y up and z towards the viewer."""
     trimesh = pytest.importorskip("trimesh")
     shape = made_shape()
     if as_points:

@@ -43,12 +43,10 @@ def test_errors_have_three_colours() -> None:
 
 
 def test_counts_are_even_steps() -> None:
-    """0 is black, the highest count white, and others lie evenly between."""
     assert colour_counts(np.array([[0, 1, 2, 3]]), 3)[0, :, 0].tolist() == [0, 85, 170, 255]
 
 
 def test_panels_keep_pictures() -> None:
-    """Titles are put above, rows below each other, and no pixel of a picture changes."""
     rng = np.random.default_rng(3)
     pictures = [rng.integers(0, 256, (20, 90, 3)).astype(np.uint8) for _ in range(3)]
     joined = in_rows([with_title(picture, "title") for picture in pictures], 2)
@@ -61,7 +59,6 @@ def test_panels_keep_pictures() -> None:
 
 
 def test_the_same_lines_give_the_same_bytes() -> None:
-    """Both forms are there, names stand in the SVG, and nothing depends on the time."""
     lines = [Line("first", [0.1, 0.2], [30.0, 31.0]), Line("_cost in $ \u540d", [0.1, 0.3], [29.0, 30.5])]
     drawn = line_plot(lines, "title", "rate", "PSNR")
     assert set(drawn) == set(SUFFIXES)

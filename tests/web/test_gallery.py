@@ -75,13 +75,11 @@ def test_page_fits_a_phone_and_lives_without_scripts(opened: Opened) -> None:
 
 
 def test_names_of_bytes_that_are_no_characters_are_shown_as_they_can_be(tmp_path: Path) -> None:
-    """Names of files need not be text."""
     write_gallery(tmp_path / "index.html", Gallery("Surfaces", "Of \udcff.png", []))
     assert "Of ?.png" in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
 def test_large_pictures_are_shown_smaller(tmp_path: Path) -> None:
-    """A picture of many pixels does not make a page of many bytes."""
     picture = np.zeros((100, 5000, 3), np.uint8)
     write_gallery(tmp_path / "index.html", Gallery("a", "b", [Group("c", (Shown("d", picture),))]))
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
@@ -90,7 +88,6 @@ def test_large_pictures_are_shown_smaller(tmp_path: Path) -> None:
 
 
 def test_scripts_and_data_cannot_be_broken_out_of() -> None:
-    """The policy names digests of the scripts alone, and data holds no markup."""
     policy = content_policy(["a();"])
     assert "default-src 'none'" in policy
     assert "script-src 'sha256-" in policy

@@ -69,8 +69,8 @@ class StereoSettings:
         Treatment of hidden points: explicit visibility from the surfaces (2.19) of the previous iteration;
         implicit, by the better one of opposite neighbours (2.18); or none, with equal weights of all.
     max_iterations : int
-        Largest number of iterations; the first one has no visibility. Large views begin with their smallest
-        size, for which this counts, and take two more iterations for each larger size.
+        Largest number of iterations; the first one has no visibility. Large views begin with this number at
+        their smallest size, and take two more iterations for each larger size.
     min_change : float
         Share of pixels with a change of more than one label, below which the iterations end.
     geometric_weight, geometric_limit : float

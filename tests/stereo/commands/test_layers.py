@@ -1,7 +1,6 @@
 """`dvc-stereo layers` and `dvc-stereo sprites`: files, counts and refusals."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,7 +30,6 @@ def surfaces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_layers(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Layers and previews are written, counts printed as JSON or as a line."""
     assert run("layers", "surfaces", "--out", "layers", "--json", "-") == 0
     counts = json.loads(capsys.readouterr().out)
     assert set(counts) == COUNTS
@@ -81,14 +79,6 @@ def test_meshes(surfaces: Path, command: str) -> None:
     assert np.ptp(z, axis=1).max() < 1e-6
     assert len(np.unique(np.round(z, 6))) == 3
     assert len(trimesh.load("a.glb", process=False).geometry) == 1
-
-
-def test_missing_extra(
-    surfaces: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "trimesh", None)
-    check_refused(capsys, "dvc3d[mesh]", "layers", "surfaces", "--out", "out", "--ply", "a.ply")
-    assert not Path("out").exists()
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,6 @@ def test_whole_numbers_are_found(seed: int) -> None:
 
 @pytest.mark.parametrize(("ratio", "is_line"), [(0.04, True), (0.08, False)])
 def test_what_is_narrow_is_a_line(ratio: float, is_line: bool) -> None:
-    """By the ratio of its principal lengths."""
     across, down = np.arange(6.0) - 2.5, np.array([1.0, -1, 0, 0, -1, 1])
     down *= ratio * np.linalg.norm(across) / np.linalg.norm(down)
     _, places = assign_positions(np.column_stack([across, down, np.full(6, 2.0)]), FACING)

@@ -88,7 +88,6 @@ def test_cameras_of_toy_are_estimated(toy: Path) -> None:
 
 
 def test_two_views_of_toy_are_estimated(toy: Path) -> None:
-    """A pair without calibration: left and right, rows agree."""
     paths = views_of(toy)
     found = rectified_array([paths[0], paths[2]], "auto")
     assert [tuple(position) for position in found.rectification.positions] == [(0, 0), (1, 0)]
@@ -207,7 +206,6 @@ def test_pictures_of_several_sizes_are_rectified_to_one(toy: Path, tmp_path: Pat
 
 
 def test_views_that_cannot_be_resampled_are_refused(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """OpenCV counts pixels of a side in 16 bits; rectified views may be larger than pictures."""
     assert MAX_RESAMPLED_SIDE == 2**15 - 2
     monkeypatch.setattr("dvc.stereo.rectification.rectified_array.MAX_RESAMPLED_SIDE", 100)
     with pytest.raises(ConfigError, match="pixels, sides of at most 100"):

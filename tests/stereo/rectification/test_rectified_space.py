@@ -110,7 +110,6 @@ def test_depth_of_original_views_is_that_of_the_plane() -> None:
 
 
 def test_discontinuities_stay_sharp_in_original_views() -> None:
-    """Between surfaces, no disparity is made up that neither has."""
     rig = random_rig(13, PLACES[:2], turn=0.1)
     found = rectify(rig)
     plane = np.full(found.size[::-1], 3.0, np.float32)
@@ -119,7 +118,6 @@ def test_discontinuities_stay_sharp_in_original_views() -> None:
 
 
 def test_infinity_has_infinite_depth() -> None:
-    """Disparities of infinity and beyond are inf, not negative depths."""
     found = rectify(random_rig(14, PLACES[:2], turn=0.02))
     flat = np.full((120, 160), -found.disparity_shift - 1.0, np.float32)
     assert np.isinf(metric_depth(found, 0, flat)).all()
@@ -181,7 +179,6 @@ def test_rectified_pictures_are_about_as_large_as_the_originals(turn_deg: tuple[
 
 
 def test_camera_that_looks_along_the_plane_is_refused() -> None:
-    """A picture that rectification would tear apart is named."""
     rig = random_rig(18, PLACES, turn=0.01)
     turn = np.array([[0.0, 0, 1.0], [0, 1.0, 0], [-1.0, 0, 0]])
     rig[2] = Camera(rig[2].name, rig[2].K, turn @ rig[2].R, turn @ rig[2].t, rig[2].size)

@@ -159,20 +159,13 @@ def test_speckles_have_no_support() -> None:
         assert kept[30:, 5:].all(), "the surface around it"
 
 
-def test_what_is_hidden_from_all_others_is_seen_nowhere() -> None:
+def test_points_are_seen_elsewhere_if_any_camera_agrees() -> None:
     scene = reconstruction_of(SCENE, square_lattice(1), LABELS)
     maps = [LABELS.label(surface.disparity) for surface in scene.surfaces]
-    everyone = seen_elsewhere(scene.array, LABELS, maps, 0)
-    assert everyone.all(), "eight cameras around"
+    assert seen_elsewhere(scene.array, LABELS, maps, 0).all(), "eight cameras around"
     pair = CameraArray(scene.array.views[:2])
-    position = pair[1].position
     seen = seen_elsewhere(pair, LABELS, maps, 0)
-    y, x = np.indices(seen.shape)
-    u, v = x - int(position.m) * maps[0], y - int(position.n) * maps[0]
-    inside = (u >= 0) & (u < seen.shape[1]) & (v >= 0) & (v < seen.shape[0])
-    assert not seen[~inside].any()
-    np.testing.assert_array_equal(seen[inside], maps[1][v[inside], u[inside]] == maps[0][inside])
-    assert not seen[inside].all(), "some must be occluded"
+    assert 0 < np.count_nonzero(~seen) < seen.size, "some must be occluded"
     np.testing.assert_array_equal(seen, agreement(pair, LABELS, maps, (0, 1)).agreeing)
 
 
@@ -287,7 +280,6 @@ def test_explicit_visibility(rng: np.random.Generator) -> None:
 
 
 def test_mean_of_opposite_views_on_demand(rng: np.random.Generator) -> None:
-    """Without any treatment of occlusions all neighbours count alike."""
     array = random_cross(rng, 3)
     got = squared_cost(array, smaller=False)
     own = array[0].image.astype(np.float64)

@@ -119,7 +119,6 @@ def test_result_is_the_same_for_any_number_of_jobs() -> None:
 
 
 def test_strips_are_seamless(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A view that is cut into strips of rows has the same surface."""
     left, right, truth = pair_of_planes(200, 90)
     array = array_of(left, right)
     whole = reconstruct(array, LABELS)
@@ -147,7 +146,6 @@ def test_large_views_start_from_half_the_size(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("cost", COST_NAMES)
 @pytest.mark.parametrize("inference", INFERENCE_NAMES)
 def test_identical_views_are_far_away(cost: str, inference: str) -> None:
-    """Views that do not differ have no disparity."""
     left, _, _ = pair_of_planes()
     settings = StereoSettings(cost=cost, inference=inference)
     found = reconstruct(array_of(left, left), DisparityLabels(-3.0, 1.0, 7), settings)
@@ -178,7 +176,6 @@ def test_range_of_one_label(cost: str) -> None:
 
 
 def test_order_of_views_does_not_matter() -> None:
-    """The right view first: the same surfaces, in the other order."""
     left, right, _ = pair_of_planes()
     array = array_of(left, right)
     found, turned = reconstruct(array, LABELS), reconstruct(CameraArray(array.views[::-1]), LABELS)
@@ -194,7 +191,6 @@ def test_columns_of_cameras_are_rows_turned() -> None:
 
 
 def test_disparities_between_labels() -> None:
-    """On a slanted plane they are closer to the truth than labels are."""
     array, truth = slanted_pair()
     labels = DisparityLabels(0.0, 1.0, 10)
     inner = slice(8, -8), slice(12, -8)

@@ -11,8 +11,6 @@ from dvc.stereo.surfaces import surface_completion as completion
 from dvc.stereo.surfaces.occupancy import Occupancy, shifts
 from dvc.stereo.surfaces.reconstruct import reconstruct
 from dvc.stereo.surfaces.surface_completion import (
-    Evidence,
-    confidence,
     continued,
     evidence,
     fitted_planes,
@@ -133,7 +131,6 @@ def test_planes_are_those_of_the_plain_twin() -> None:
 
 
 def test_an_edge_stays() -> None:
-    """Neighbours of another depth do not count, and no pixel moves farther than it may."""
     label = np.where(np.arange(30) < 15, 3.0, 9.0)[None].repeat(20, axis=0)
     image = np.full((20, 30, 3), 90, np.uint8)
     found = fitted_planes(label, np.ones(label.shape, bool), image, 1.0)
@@ -194,23 +191,6 @@ EIGHT_LABELS = DisparityLabels(0.0, 1.0, 8)
 STRIPES = np.full((40, 64, 3), 12 * np.abs(np.arange(64) % 16 - 8)[:, None], np.uint8)
 """Vertical stripes: luma rises by 12 levels a pixel, and falls again."""
 ROW = array_of(STRIPES, STRIPES)
-
-
-@pytest.mark.parametrize(
-    ("measures", "expected"),
-    [
-        ((1, 0, 0, 0, 0), 0.52498),
-        ((1, 1, 0, 1, 1), 0.99098),
-        ((1, 0, 1, 0, 0), 0.04311),
-        ((1, 2, 1, 0, 0.5), 0.52498),
-    ],
-)
-def test_weights_of_the_log_odds(measures: tuple[float, ...], expected: float) -> None:
-    """Texture and agreement speak for a disparity, a jump nearby against it."""
-    measured = Evidence(*(np.full((2, 3), value, np.float32) for value in measures))
-    found = confidence(measured)
-    assert found.dtype == np.float32
-    np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
 def test_texture_counts_along_the_parallax() -> None:
