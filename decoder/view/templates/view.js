@@ -1,5 +1,5 @@
 "use strict";
-// Colours that are told apart without colour vision (Okabe and Ito).
+// Colours that differ without colour vision (Okabe and Ito).
 const KINDS = { key: "#0072b2", tracks: "#cc79a7", parity: "#e69f00", crc: "#56b4e9", header: "#999999" };
 const POLL_MS = 500, SHOWN_FRAMES = 120, MOST_ROWS = 1000, PAD_PX = 20;
 const SVG = "http://www.w3.org/2000/svg";
@@ -57,7 +57,7 @@ function drawBits() {
   at("totals").replaceChildren(...Object.entries(state.bits).map(([kind, bits]) => cells(kind, (bits / 1000).toFixed(1), `${(100 * bits / all).toFixed(1)} %`)));
 }
 
-// Frames of the group of pictures of a frame whose cameras are known.
+// Frames with known cameras in the group of pictures of a frame.
 function groupOf(index) {
   const group = rows.has(index) ? rows.get(index).group : -1;
   return [...rows.values()].filter((row) => row.group === group && row.centre);

@@ -35,7 +35,7 @@ const Decoding = (() => {
     return createImageBitmap(still, AS_IT_IS);
   };
 
-  // Cells of four pixels of one surface as triangles of a mesh, and the others, which may be torn, by their corner.
+  // Cells of four pixels of one surface as triangles of a mesh; cells that may be torn, by their corner.
   // Values of one surface differ by one and a half steps at most, or by no more than a ratio.
   const mesh = (values, width, height, { step, ratio = 1 }) => {
     const whole = new Uint32Array(6 * width * height), torn = [];

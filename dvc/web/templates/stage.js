@@ -120,7 +120,7 @@ const Stage = (() => {
   const start = (made, hasDepth) => {
     const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: hasDepth, powerPreference: "high-performance" });
     if (!gl) {
-      fail("This browser does not offer WebGL 2 here (too old, or turned off), which drawing needs. Below is the first picture alone.");
+      fail("This browser does not offer WebGL 2 here (too old, or turned off), which drawing needs. Below is only the first picture.");
       return;
     }
     painter = made(gl);
@@ -133,7 +133,7 @@ const Stage = (() => {
     const needs = { "WebGL 2": "WebGL2RenderingContext", DecompressionStream: "DecompressionStream", createImageBitmap: "createImageBitmap" };
     const names = Object.keys(needs).filter((name) => typeof window[needs[name]] === "undefined");
     if (names.length) {
-      fail(`This browser lacks ${names.join(" and ")}, which drawing needs. Below is the first picture alone.`);
+      fail(`This browser lacks ${names.join(" and ")}, which drawing needs. Below is only the first picture.`);
       return;
     }
     say("Unpacking the scene …");

@@ -4,7 +4,7 @@ precision highp float;
 precision highp int;
 precision highp sampler2D;
 
-uniform sampler2D u_nearness;  // of each pixel; negative where there is nothing
+uniform sampler2D u_nearness;  // of each pixel; negative without a surface
 uniform mat3 u_turn;           // [turn | shift] takes pixels of the source to those of the view
 uniform vec3 u_shift;
 uniform vec2 u_origin;         // first pixel of this piece

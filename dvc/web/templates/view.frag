@@ -1,5 +1,5 @@
 #version 300 es
-// What the sources show of the nearest surface, their mean by weight; what none shows marked or filled.
+// Mean by weight of the sources that show the nearest surface; pixels without any are marked or filled.
 precision highp float;
 precision highp int;
 precision highp sampler2DArray;
@@ -20,10 +20,10 @@ uniform float u_stripe_px;
 uniform float u_reach;
 uniform vec2 u_range;                // least and largest nearness
 uniform bool u_show_depth;
-uniform bool u_fill;                 // what no source shows continues the background
-uniform int u_farthest;              // that is within so many texels,
+uniform bool u_fill;                 // pixels without a source continue the background
+uniform int u_farthest;              // largest distance of that in texels,
 uniform bool u_open;                 // on both sides of it if the rest is left as it was; else it is marked
-uniform bool u_leads;                // the first source is right where it shows something
+uniform bool u_leads;                // the first source is right at all pixels that it shows
 
 layout(location = 0) out vec4 colour;
 
@@ -32,7 +32,7 @@ const float SAME_SURFACE_PX = 1.001;  // whole pixels count as equal in spite of
 
 struct Shown {
   vec3 colour;
-  float nearness;  // negative where there is nothing
+  float nearness;  // negative without a surface
 };
 
 float nearness_of(float depth) {
@@ -75,7 +75,7 @@ ivec4 found(vec2 start, vec2 direction) {
   return ivec4(0);
 }
 
-// Of two ends of a line through a hole the farther one continues into it; between both on one surface.
+// The farther end of a line through a hole continues into it; ends on one surface are mixed.
 Shown between(ivec4 one, ivec4 other) {
   if (one.w + other.w == 0 || (u_open && other.w == 0)) return Shown(vec3(0.0), -1.0);
   if (one.w == 0) return shown(other.xy);

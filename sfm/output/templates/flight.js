@@ -4,7 +4,7 @@
   const { element, canvas, data, shaders, draw, choose } = Stage;
   const SHOWN = ["points", "surfaces", "both"];
   const CLOSEST = 50, MAX_TEXELS = 4e6, COARSE = 0.5, NUM_PYRAMIDS = 12;
-  const UNDER = 0.92, UNDER_ALL = 0.05;  // points beside images with depth: where these are not nearly as near, or missing
+  const UNDER = 0.92, UNDER_ALL = 0.05;  // points next to images with depth: unless these are nearly as near
   const PATH = [255, 176, 64], CAMERAS = [110, 150, 190], HERE = [255, 255, 255];
   const size = { width: data.width, height: data.height };
   let gl = null, shown = null, film = null, wish = "both";
@@ -61,7 +61,7 @@
     Stage.move();
   };
 
-  // Texels of the canvas, and of a pixel of a frame, which fits into the view.
+  // Width and height of the canvas in texels.
   const texels = (isCoarse) => {
     const box = canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
     const most = Math.sqrt(MAX_TEXELS / Math.max(1, box.width * box.height));
@@ -77,7 +77,7 @@
     return isRiding() ? { ...film.camera, intrinsic } : shown.orbit.camera(intrinsic);
   };
 
-  // Coarsely from the nearest picture alone, and with its gaps.
+  // Coarse drawing takes only the nearest picture, with its gaps.
   const paint = (width, height, isCoarse = false) => {
     const { renderer, overlay, sources, piece } = shown, scale = Math.min(width / size.width, height / size.height);
     renderer.resize(width, height, scale, Renderer.MAX_SOURCES);
@@ -108,7 +108,7 @@
 
   // --- moving
 
-  // The free view goes on from what is seen.
+  // The free view starts from the visible one.
   const release = () => {
     if (!isRiding()) return;
     shown.orbit.follow(film.camera, shown.piece.overview.depth);

@@ -1,4 +1,4 @@
-// A camera that circles a point: turned by two angles about what is up, moved sideways, closer and back.
+// A camera that circles a point: turned by two angles about the upward axis, moved sideways, closer and back.
 class Orbit {
   static STEEPEST = 1.55;  // of the angle below the horizon
 
@@ -36,7 +36,7 @@ class Orbit {
     Object.assign(this, { middle, distance, yaw, pitch });
   }
 
-  // Go on from another camera, around what it sees at a distance; without its roll.
+  // Continue from another camera, around its view at a distance; without its roll.
   follow({ rotation, centre }, distance) {
     const forward = rotation.slice(6);
     const below = Math.max(-1, Math.min(1, -Orbit.dot(forward, this.up)));

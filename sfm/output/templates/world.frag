@@ -1,5 +1,5 @@
 #version 300 es
-// Round points, lines, or a picture of which the colour is a position.
+// Round points, lines, or a picture: colours are positions in it.
 precision highp float;
 
 uniform bool u_round;
