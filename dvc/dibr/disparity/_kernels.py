@@ -66,13 +66,6 @@ def code_single(coder, model, context, decision):
     return decision
 
 
-class Model(NamedTuple):
-    """Adaptive model of a tree's code."""
-
-    mixture: Mixture
-    level: int  # level of the contexts
-
-
 class Level(NamedTuple):
     """State of a level of a tree before it is coded."""
 
@@ -91,13 +84,6 @@ class Coded(NamedTuple):
     highs: NDArray[np.int32]  # coefficients
     labels: NDArray[np.int32]  # labels of the children
     live: NDArray[np.uint8]  # children of nodes that are split
-
-
-class Counts(NamedTuple):
-    """Counts of coded symbols; see `Statistics`."""
-
-    flags: NDArray[np.int64]
-    coefficients: NDArray[np.int64]
 
 
 @kernel
@@ -202,15 +188,11 @@ def code_rest(coder, model, level, sign, value):
     positive = code_single(coder, model, SIGNS + sign, int(value > 0))
     magnitude = abs(value)  # at least 1
     exponent = 0
-    while code_mixed(
-        coder,
-        model,
-        EXPONENTS + exponent,
-        EXPONENTS + (1 + level) * NUM_EXPONENTS + exponent,
-        _NO_CONTEXT,
-        MIX_EXPONENT,
-        int(magnitude >> (exponent + 1) > 0),
-    ):
+    while True:
+        context = EXPONENTS + (1 + level) * NUM_EXPONENTS + exponent
+        more = int(magnitude >> (exponent + 1) > 0)
+        if not code_mixed(coder, model, EXPONENTS + exponent, context, _NO_CONTEXT, MIX_EXPONENT, more):
+            break
         exponent += 1
         if exponent >= NUM_EXPONENTS:
             coder.fields[FAILED] = 1
@@ -226,26 +208,8 @@ def code_rest(coder, model, level, sign, value):
 
 
 @kernel
-def code_flag(coder, model, level, kind, split):
-    """Code whether a node has coefficients below, and return it."""
-    first = FLAGS + kind
-    return code_mixed(coder, model, first, first + (1 + level) * NUM_NODE_KINDS, _NO_CONTEXT, MIX_FLAG, split)
-
-
-@kernel
-def distance_class(difference):
-    """Return the class of the distance of a candidate, below `NUM_DISTANCES`."""
-    magnitude, number = abs(difference), 0
-    while magnitude > 1 and number < NUM_DISTANCES - 1:
-        magnitude >>= 1
-        number += 1
-    return number
-
-
-@kernel
-def code_coefficient(coder, model, kind, before, predicted, value, around, statistics):
+def code_coefficient(coder, mixture, level, kind, before, predicted, value, around, statistics):
     """Code a label or coefficient by its difference from its prediction, and return it."""
-    mixture, level = model
     candidates = around.candidates
     first = ZEROS + kind * 3 + before
     second = first + (1 + level) * NUM_COEFFICIENT_KINDS * 3
@@ -256,7 +220,10 @@ def code_coefficient(coder, model, kind, before, predicted, value, around, stati
     seen[OTHER] += 1
     for c in range(NUM_CANDIDATES):
         if candidates[c] != NONE:
-            first = DISTANCES + c * NUM_DISTANCES + distance_class(candidates[c] - predicted)
+            distance, first = abs(candidates[c] - predicted), DISTANCES + c * NUM_DISTANCES
+            while distance > 1 and first < DISTANCES + (c + 1) * NUM_DISTANCES - 1:
+                distance >>= 1
+                first += 1
             second = MERGES + ((1 + level) * NUM_CANDIDATES + c) * NUM_SURROUNDINGS + kind % NUM_SURROUNDINGS
             merged = code_mixed(
                 coder, mixture, first, second, _NO_CONTEXT, MIX_MERGE, int(value == candidates[c])
@@ -272,83 +239,73 @@ def code_coefficient(coder, model, kind, before, predicted, value, around, stati
 
 
 @kernel
-def code_split(coder, model, m, n, known, coded, flags, around):
+def code_split(coder, mixture, level, m, n, known, coded, flags, around):
     """Code whether a node has coefficients below."""
     splits, split = coded.splits, 0
     if known.alive[m, n]:
         kind = kind_of_node(m, n, known.parents, splits, known.significance, known.is_open, around)
         if kind > 0:
-            split = code_flag(coder, model.mixture, model.level, kind, np.int64(splits[m, n]))
+            first, split = FLAGS + kind, np.int64(splits[m, n])
+            second = first + (1 + level) * NUM_NODE_KINDS
+            split = code_mixed(coder, mixture, first, second, _NO_CONTEXT, MIX_FLAG, split)
             flags[kind, split] += 1
     splits[m, n] = split
     return split
 
 
 @kernel
-def code_row_l(coder, model, m, known, coded, counts):
+def code_row_l(coder, mixture, level, m, known, coded, flags, coefficients):
     """Code the children of a row of nodes: whether a node is split, and the labels of its children."""
     parents, _, significance, _, predictions, num_labels = known
     labels, live = coded.labels, coded.live
     height, width = labels.shape
     around = new_around()
     for n in range(parents.shape[1]):
-        split = code_split(coder, model, m, n, known, coded, counts.flags, around)
+        split = code_split(coder, mixture, level, m, n, known, coded, flags, around)
         before = _ZERO
         for i in range(2 * m, min(2 * m + 2, height)):
             for j in range(2 * n, min(2 * n + 2, width)):
-                predicted = np.int64(parents[m, n]) + predictions[i, j]
-                label = predicted
+                label = predicted = np.int64(parents[m, n]) + predictions[i, j]
                 if split and significance[m, n]:
                     surroundings = look_around_l(labels, parents, i, j, predicted, around)
                     kind, value = significance[m, n] * NUM_SURROUNDINGS + surroundings, np.int64(labels[i, j])
                     label = code_coefficient(
-                        coder, model, kind, before, predicted, value, around, counts.coefficients
+                        coder, mixture, level, kind, before, predicted, value, around, coefficients
                     )
                     before = 2 if label != predicted else max(before, 1)
                 labels[i, j] = min(max(label, 0), num_labels - 1)
                 live[i, j] = split
 
 
-class Difference(NamedTuple):
-    """A difference of two samples that is to be coded."""
-
-    i: int
-    j: int
-    mean: int  # mean of the samples
-    predicted: int
-    before: int  # 0: first of its node; 1: those before were as predicted; 2: the last one was not
-
-
 @kernel
-def code_difference_s(coder, model, known, coded, counts, difference, around):
+def code_difference_s(coder, mixture, level, i, j, mean, predicted, before, known, coded, statistics, around):
     """Code a difference of two samples with a mean."""
-    i, j, mean, predicted, before = difference
     surroundings = look_around_s(coded.labels, known.parents, i, j, mean, around)
     kind = known.significance[i // 2, j // 2] * NUM_SURROUNDINGS + surroundings
     value = np.int64(coded.highs[i, j])
-    return code_coefficient(coder, model, kind, before, predicted, value, around, counts.coefficients)
+    return code_coefficient(coder, mixture, level, kind, before, predicted, value, around, statistics)
 
 
 @kernel
-def code_row_s(coder, model, m, known, coded, counts):
+def code_row_s(coder, mixture, level, m, known, coded, flags, coefficients):
     """Code the children of a row of nodes: whether a node is split, and the differences of its children."""
     parents, predictions, num_labels = known.parents, known.predictions, known.num_labels
     _, highs, labels, live = coded
     height, width = labels.shape
     around = new_around()
     for n in range(parents.shape[1]):
-        split = code_split(coder, model, m, n, known, coded, counts.flags, around)
+        split = code_split(coder, mixture, level, m, n, known, coded, flags, around)
         is_coded = split and known.significance[m, n]
         before, horizontal = _ZERO, np.int64(0)
         mean = np.int64(parents[m, n])
         if 2 * n + 1 < width:
             i, j = 2 * m, 2 * n + 1
-            horizontal = np.int64(predictions[i, j])
+            horizontal = predicted = np.int64(predictions[i, j])
             if is_coded:
-                difference = Difference(i, j, mean, horizontal, before)
-                value = code_difference_s(coder, model, known, coded, counts, difference, around)
-                before = 2 if value != horizontal else 1
-                horizontal = value
+                horizontal = code_difference_s(
+                    coder, mixture, level, i, j, mean, predicted, before, known, coded, coefficients, around
+                )
+                before = 2 if horizontal != predicted else 1
             horizontal = min(max(horizontal, -num_labels), num_labels)
             highs[i, j] = horizontal
         for c in range(min(2, width - 2 * n)):
@@ -358,17 +315,29 @@ def code_row_s(coder, model, m, known, coded, counts):
                 column = mean - (horizontal >> 1) + (horizontal if c == 0 else 0)
             labels[i, j], live[i, j] = min(max(column, 0), num_labels - 1), split
             if i + 1 < height:
-                vertical = np.int64(predictions[i + 1, j])
+                i += 1
+                vertical = predicted = np.int64(predictions[i, j])
                 if is_coded:
-                    difference = Difference(i + 1, j, column, vertical, before)
-                    value = code_difference_s(coder, model, known, coded, counts, difference, around)
-                    before = 2 if value != vertical else max(before, 1)
-                    vertical = value
+                    vertical = code_difference_s(
+                        coder,
+                        mixture,
+                        level,
+                        i,
+                        j,
+                        column,
+                        predicted,
+                        before,
+                        known,
+                        coded,
+                        coefficients,
+                        around,
+                    )
+                    before = 2 if vertical != predicted else max(before, 1)
                 vertical = min(max(vertical, -num_labels), num_labels)
-                highs[i + 1, j] = vertical
-                labels[i, j] = min(max(column - (vertical >> 1) + vertical, 0), num_labels - 1)
-                labels[i + 1, j] = min(max(column - (vertical >> 1), 0), num_labels - 1)
-                live[i + 1, j] = split
+                highs[i, j] = vertical
+                labels[i - 1, j] = min(max(column - (vertical >> 1) + vertical, 0), num_labels - 1)
+                labels[i, j] = min(max(column - (vertical >> 1), 0), num_labels - 1)
+                live[i, j] = split
 
 
 @kernel
@@ -416,18 +385,9 @@ def code_differences(coder, counts, values, predictions):
             )
 
 
-class Alphabet(NamedTuple):
-    """Labels of a quadtree, and the first of their contexts."""
-
-    first: int
-    num_digits: int
-    num_labels: int
-
-
 @kernel
-def code_squares(coder, counts, level, alphabet, alive, split, given, labels):
+def code_squares(coder, counts, level, first, num_digits, num_labels, alive, split, given, labels):
     """Code for a row of squares of a quadtree which are split, and the labels of the leaves."""
-    first, num_digits, num_labels = alphabet
     for n in range(alive.shape[0]):
         if not alive[n]:
             split[n] = False

@@ -167,7 +167,7 @@ def _code(coder: RangeCoder, tree: Quadtree) -> Quadtree:
     counts = context_counts(np.full(len(tree.splits) + 1 + (1 << num_digits), 50))
     counts[: len(tree.splits) + 1] = context_counts(30)
     shapes = level_shapes(tree.shape)
-    alphabet = _kernels.Alphabet(len(shapes), num_digits, tree.num_labels)
+    alphabet = len(shapes), num_digits, tree.num_labels
     alive: NDArray[Any] = np.ones(shapes[-1], np.bool_)
     splits: list[NDArray[np.bool_]] = []
     labels = np.zeros(shapes[-1], np.int32)
@@ -177,7 +177,7 @@ def _code(coder: RangeCoder, tree: Quadtree) -> Quadtree:
         given = np.ascontiguousarray(tree.labels[::step, ::step])
         for m in range(len(alive)):
             state = coder.room_for(alive.shape[1] * (num_digits + 1))
-            _kernels.code_squares(state, counts, level, alphabet, alive[m], split[m], given[m], labels[m])
+            _kernels.code_squares(state, counts, level, *alphabet, alive[m], split[m], given[m], labels[m])
         if level:
             splits.append(split)
             alive = spread(split, shapes[level - 1])

@@ -131,15 +131,14 @@ def code_tree(
     for level in reversed(range(len(tree.highs))):
         labels, live = levels[level].copy(), np.zeros(levels[level].shape, np.uint8)
         high = highs[level].copy()
-        model = _kernels.Model(mixture, min(level, _kernels.NUM_LEVELS - 1))
         known = _kernels.Level(
             parents, alive, significance[level], opened[level], predictions[level], tree.num_labels
         )
         coded = _kernels.Coded(splits[level].astype(np.uint8), high, labels, live)
-        counts = _kernels.Counts(statistics.flags[level], statistics.coefficients[level])
+        counts = statistics.flags[level], statistics.coefficients[level]
         for m in range(len(parents)):
             state = coder.room_for(parents.shape[1] * _kernels.MAX_SYMBOLS)
-            code_row(state, model, m, known, coded, counts)
+            code_row(state, mixture, min(level, _kernels.NUM_LEVELS - 1), m, known, coded, *counts)
         if not is_s:
             high = labels - tree.transform.synthesise(parents, np.zeros_like(labels))
         highs[level], parents, alive = high, labels, live

@@ -28,6 +28,7 @@ from dvc.dibr.disparity.integer_transforms import (
 
 Float32s = NDArray[np.float32]
 Kinds = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
 Int = Any
 """Whole number of Python or numpy."""
 
@@ -52,32 +53,6 @@ class LevelCosts(NamedTuple):
     candidates: Labels  # labels of neighbours, or -1
 
 
-class Costs(NamedTuple):
-    """Costs of a level with the coefficients that are predicted, as kernels take them."""
-
-    predictions: Labels
-    kinds: Kinds
-    coefficients: Float32s
-    node_kinds: Kinds
-    flags: Float32s
-    merge: Float32s
-    candidates: Labels
-
-
-class Errors(NamedTuple):
-    """Least errors of the labels of all nodes of a level."""
-
-    values: Float32s
-    flat: Float32s  # errors if all coefficients below are as predicted
-
-
-class Nodes(NamedTuple):
-    """Labels of the nodes of a level, and which may have coefficients below that are not as predicted."""
-
-    labels: Labels
-    alive: NDArray[np.bool_]
-
-
 def optimise_tree(
     transform: IntegerTransform,
     tensor: Tensor,
@@ -87,27 +62,23 @@ def optimise_tree(
     """Return the tree of least errors and costs, and their sum."""
     shapes = level_shapes((tensor.shape[0], tensor.shape[1]), len(costs))
     predictions = [np.zeros(shape, np.int32) for shape in shapes[:-1]] if previous is None else previous.highs
-    levels = [Costs(predicted, *cost) for predicted, cost in zip(predictions, costs, strict=True)]
+    levels = list(zip(predictions, costs, strict=True))
     is_s = transform is S_TRANSFORM
-    pass_up: Any = pass_up_s if is_s else pass_up_l
-    pyramid, total = [Errors(tensor, tensor)], 0.0
+    # least errors of the labels of all nodes of a level, and errors if all coefficients below are as predicted
+    pyramid, total = [(tensor, tensor)], 0.0
     for level, shape in zip(levels, shapes[1:], strict=True):
-        errors = Errors(*(np.empty((*shape, tensor.shape[2]), np.float32) for _ in range(2)))
-        total += pass_up(pyramid[-1], level, *errors)
-        pyramid.append(errors)
-    parents = roots = pyramid[-1].values.argmin(axis=2).astype(np.int32)
-    total += float(pyramid[-1].values.min(axis=2).sum(dtype=np.float64))
+        errors, flat = (np.empty((*shape, tensor.shape[2]), np.float32) for _ in range(2))
+        total += pass_up(*pyramid[-1], *level, is_s, errors, flat)
+        pyramid.append((errors, flat))
+    parents = roots = pyramid[-1][0].argmin(axis=2).astype(np.int32)
+    total += float(pyramid[-1][0].min(axis=2).sum(dtype=np.float64))
     alive, highs = np.ones(roots.shape, np.bool_), []
-    for errors, level, shape in reversed(list(zip(pyramid, levels, shapes, strict=False))):
-        children = Nodes(np.empty(shape, np.int32), np.empty(shape, np.bool_))
-        high = np.zeros(shape, np.int32)
-        if is_s:
-            pass_down_s(errors, level, Nodes(parents, alive), high, children)
-        else:
-            pass_down_l(errors, level, Nodes(parents, alive), children)
-            high = children.labels - transform.synthesise(parents, high)
+    pass_down: Any = pass_down_s if is_s else pass_down_l
+    for below, level, shape in reversed(list(zip(pyramid, levels, shapes, strict=False))):
+        labels, live, high = np.empty(shape, np.int32), np.empty(shape, np.bool_), np.zeros(shape, np.int32)
+        pass_down(*below, *level, parents, alive, high, labels, live)
         highs.append(high)
-        parents, alive = children
+        parents, alive = labels, live
     return WaveletTree(transform, tensor.shape[2], roots, tuple(highs[::-1])), total
 
 
@@ -127,17 +98,10 @@ def distance_transform(values: Float32s, slope: np.float32, transformed: Float32
 
 
 @kernel
-def add_child_l(
-    values: Float32s,
-    prediction: Int,
-    cost: Float32s,
-    merge: Float32s,
-    candidates: Labels,
-    transformed: Float32s,
-    loose: Float32s,
-    full: Float32s,
-) -> None:
+def add_child_l(values: Float32s, prediction: Int, level: Any, i: Int, j: Int, work: Any, full: Any) -> None:
     """Add to `full` the cost of the best coefficient of a child, for each label of its parent."""
+    kind, candidates = level.coefficient_kind[i, j], level.candidates[i, j]
+    cost, merge, transformed, loose = level.coefficients[kind], level.merges[kind], work[0], work[1]
     labels = values.shape[0]
     tear = cost[TEAR]
     slope = cost[SLOPE] + tear
@@ -166,19 +130,6 @@ def add_child_l(
 
 
 @kernel
-def shifted_sum(values: Float32s, prediction: Int, flat: Float32s) -> None:
-    """Add the values of a child at the labels that its parent predicts."""
-    labels = values.shape[0]
-    if prediction == 0:
-        for d in range(labels):
-            flat[d] += values[d]
-        return
-    for d in range(labels):
-        shifted = d + prediction
-        flat[d] = flat[d] + values[shifted] if 0 <= shifted < labels else INF
-
-
-@kernel
 def join(full: Float32s, flat: Float32s, flags: Float32s, values: Float32s) -> Any:
     """Choose between no coefficients below a node and some; return the offset subtracted from both."""
     least = INF
@@ -192,39 +143,6 @@ def join(full: Float32s, flat: Float32s, flags: Float32s, values: Float32s) -> A
 
 
 @kernel
-def pass_up_l(errors: Errors, level: Costs, up: Float32s, flat_up: Float32s) -> Any:
-    """Run one level of the bottom-up pass (3.28); return the offset that was subtracted from all nodes."""
-    values, flat = errors
-    predictions, kinds, costs, node_kinds, flags, merge, candidates = level
-    height, width, labels = values.shape
-    transformed, loose = np.empty(labels, np.float32), np.empty(labels, np.float32)
-    full = np.empty(labels, np.float32)
-    total = 0.0
-    for m in range(up.shape[0]):
-        for n in range(up.shape[1]):
-            full[:] = 0.0
-            below = flat_up[m, n]
-            below[:] = 0.0
-            splits = flags[node_kinds[m, n], 1] < INF
-            for i in range(2 * m, min(2 * m + 2, height)):
-                for j in range(2 * n, min(2 * n + 2, width)):
-                    if splits:
-                        add_child_l(
-                            values[i, j],
-                            predictions[i, j],
-                            costs[kinds[i, j]],
-                            merge[kinds[i, j]],
-                            candidates[i, j],
-                            transformed,
-                            loose,
-                            full,
-                        )
-                    shifted_sum(flat[i, j], predictions[i, j], below)
-            total += join(full, below, flags[node_kinds[m, n]], up[m, n])
-    return total
-
-
-@kernel
 def step_cost(cost: Float32s, magnitude: Int) -> Any:
     """Return the cost of a coefficient that is not as predicted, without labels of neighbours."""
     step = np.float32(magnitude)
@@ -232,11 +150,10 @@ def step_cost(cost: Float32s, magnitude: Int) -> Any:
 
 
 @kernel
-def best_child_l(
-    values: Float32s, predicted: Int, cost: Float32s, merge: Float32s, candidates: Labels
-) -> Any:
+def best_child_l(values: Float32s, predicted: Int, level: Any, i: Int, j: Int) -> Any:
     """Return the best label of a child for its prediction, and its cost."""
-    labels = values.shape[0]
+    labels, kind, candidates = values.shape[0], level.coefficient_kind[i, j], level.candidates[i, j]
+    cost, merge = level.coefficients[kind], level.merges[kind]
     best: Any = INF
     label: Any = 0
     if 0 <= predicted < labels:
@@ -256,35 +173,39 @@ def best_child_l(
 
 
 @kernel
-def pass_down_l(errors: Errors, level: Costs, nodes: Nodes, children: Nodes) -> None:
-    """Run one level of back-tracking: set labels of children, and which may have coefficients below."""
-    values, flat = errors
-    predictions, kinds, costs, node_kinds, flags, merge, candidates = level
-    (parents, alive), (labels, live) = nodes, children
-    height, width, _ = values.shape
+def pass_down_l(
+    values: Float32s,
+    flat: Float32s,
+    predictions: Labels,
+    level: LevelCosts,
+    parents: Labels,
+    alive: Bools,
+    highs: Labels,
+    labels: Labels,
+    live: Bools,
+) -> None:
+    """Run one level of back-tracking: set coefficients, and labels of the children."""
+    height, width, num_labels = values.shape
     chosen = np.zeros((2, 2), np.int64)
     for m in range(parents.shape[0]):
         for n in range(parents.shape[1]):
-            flag = flags[node_kinds[m, n]]
+            flag = level.flags[level.node_kind[m, n]]
             splits = False
             if alive[m, n] and flag[1] < INF:
                 full, below = flag[1], flag[0]
                 for i in range(2 * m, min(2 * m + 2, height)):
                     for j in range(2 * n, min(2 * n + 2, width)):
                         predicted = parents[m, n] + predictions[i, j]
-                        kind = kinds[i, j]
-                        label, cost = best_child_l(
-                            values[i, j], predicted, costs[kind], merge[kind], candidates[i, j]
-                        )
+                        label, cost = best_child_l(values[i, j], predicted, level, i, j)
                         chosen[i - 2 * m, j - 2 * n] = label
                         full += cost
-                        inside = 0 <= predicted < values.shape[2]
-                        below += flat[i, j, predicted] if inside else INF
+                        below += flat[i, j, predicted] if 0 <= predicted < num_labels else INF
                 splits = full < below
             for i in range(2 * m, min(2 * m + 2, height)):
                 for j in range(2 * n, min(2 * n + 2, width)):
                     predicted = parents[m, n] + predictions[i, j]
                     labels[i, j] = chosen[i - 2 * m, j - 2 * n] if splits else predicted
+                    highs[i, j] = labels[i, j] - parents[m, n]
                     live[i, j] = splits
 
 
@@ -336,29 +257,15 @@ def best_s(first: Float32s, second: Float32s, low: Int, prediction: Int, cost: F
 
 
 @kernel
-def columns_s(
-    values: Float32s,
-    predictions: Labels,
-    kinds: Kinds,
-    costs: Float32s,
-    m: Int,
-    n: Int,
-    columns: Float32s,
-) -> Any:
+def columns_s(values: Float32s, predictions: Labels, level: Any, m: Int, n: Int, columns: Float32s) -> Any:
     """Set the low-pass errors of the columns below a node; return the number of columns."""
     height, width, _labels = values.shape
     count = min(2, width - 2 * n)
     for c in range(count):
         i, j = 2 * m, 2 * n + c
         if i + 1 < height:
-            combine_s(
-                values[i, j],
-                values[i + 1, j],
-                predictions[i + 1, j],
-                costs[kinds[i + 1, j]],
-                ZERO_ERROR,
-                columns[c],
-            )
+            cost = level.coefficients[level.coefficient_kind[i + 1, j]]
+            combine_s(values[i, j], values[i + 1, j], predictions[i + 1, j], cost, ZERO_ERROR, columns[c])
         else:
             columns[c, :] = values[i, j]
     return count
@@ -385,46 +292,73 @@ def flat_s(flat: Float32s, predictions: Labels, m: Int, n: Int, low: Int, total:
 
 
 @kernel
-def pass_up_s(errors: Errors, level: Costs, up: Float32s, flat_up: Float32s) -> Any:
-    """Run one level of the bottom-up pass (3.29), vertically, then horizontally."""
-    values, flat = errors
-    predictions, kinds, costs, node_kinds, flags, _, _ = level
-    labels = values.shape[2]
-    columns, full = np.empty((2, labels), np.float32), np.empty(labels, np.float32)
+def pass_up(
+    values: Float32s,
+    flat: Float32s,
+    predictions: Labels,
+    level: LevelCosts,
+    is_s: bool,
+    up: Float32s,
+    flat_up: Float32s,
+) -> Any:
+    """Run one level of the bottom-up pass (3.28), (3.29); return the offset subtracted from all nodes."""
+    height, width, labels = values.shape
+    work, full = np.empty((2, labels), np.float32), np.empty(labels, np.float32)
     total = 0.0
     for m in range(up.shape[0]):
         for n in range(up.shape[1]):
-            flat_s(flat, predictions, m, n, ZERO_LABEL, flat_up[m, n])
-            if not flags[node_kinds[m, n], 1] < INF:
-                full[:] = INF
-            elif columns_s(values, predictions, kinds, costs, m, n, columns) == 2:
-                cost = costs[kinds[2 * m, 2 * n + 1]]
-                floor = columns[0].min() + columns[1].min()
-                combine_s(columns[0], columns[1], predictions[2 * m, 2 * n + 1], cost, floor, full)
+            below, flag = flat_up[m, n], level.flags[level.node_kind[m, n]]
+            splits = flag[1] < INF
+            full[:] = 0.0
+            if not is_s:
+                below[:] = 0.0
+                for i in range(2 * m, min(2 * m + 2, height)):
+                    for j in range(2 * n, min(2 * n + 2, width)):
+                        predicted = predictions[i, j]
+                        if splits:
+                            add_child_l(values[i, j], predicted, level, i, j, work, full)
+                        first, end = max(0, -predicted), min(labels, labels - predicted)
+                        below[:first] = INF
+                        below[end:] = INF
+                        for d in range(first, end):
+                            below[d] += flat[i, j, d + predicted]
             else:
-                full[:] = columns[0]
-            total += join(full, flat_up[m, n], flags[node_kinds[m, n]], up[m, n])
+                flat_s(flat, predictions, m, n, ZERO_LABEL, below)
+                if splits and columns_s(values, predictions, level, m, n, work) == 2:
+                    cost = level.coefficients[level.coefficient_kind[2 * m, 2 * n + 1]]
+                    floor = work[0].min() + work[1].min()
+                    combine_s(work[0], work[1], predictions[2 * m, 2 * n + 1], cost, floor, full)
+                elif splits:
+                    full[:] = work[0]
+            total += join(full, below, flag, up[m, n])
     return total
 
 
 @kernel
-def pass_down_s(errors: Errors, level: Costs, nodes: Nodes, highs: Labels, children: Nodes) -> None:
+def pass_down_s(
+    values: Float32s,
+    flat: Float32s,
+    predictions: Labels,
+    level: LevelCosts,
+    parents: Labels,
+    alive: Bools,
+    highs: Labels,
+    labels: Labels,
+    live: Bools,
+) -> None:
     """Run one level of back-tracking: set coefficients, and labels of the children."""
-    values, flat = errors
-    predictions, kinds, costs, node_kinds, flags, _, _ = level
-    (parents, alive), (labels, live) = nodes, children
     height, width, num_labels = values.shape
     columns, below = np.empty((2, num_labels), np.float32), np.empty(1, np.float32)
     for m in range(parents.shape[0]):
         for n in range(parents.shape[1]):
-            flag, low = flags[node_kinds[m, n]], np.int64(parents[m, n])
+            flag, low = level.flags[level.node_kind[m, n]], np.int64(parents[m, n])
             splits, horizontal = False, np.int64(0)
             if 2 * n + 1 < width:
                 horizontal = np.int64(predictions[2 * m, 2 * n + 1])
             if alive[m, n] and flag[1] < INF:
                 flat_s(flat, predictions, m, n, low, below)
-                if columns_s(values, predictions, kinds, costs, m, n, columns) == 2:
-                    cost = costs[kinds[2 * m, 2 * n + 1]]
+                if columns_s(values, predictions, level, m, n, columns) == 2:
+                    cost = level.coefficients[level.coefficient_kind[2 * m, 2 * n + 1]]
                     high, full = best_s(columns[0], columns[1], low, horizontal, cost)
                 else:
                     high, full = horizontal, columns[0, low]
@@ -441,7 +375,8 @@ def pass_down_s(errors: Errors, level: Costs, nodes: Nodes, highs: Labels, child
                 if i + 1 < height:
                     high = np.int64(predictions[i + 1, j])
                     if splits:
-                        high, _ = best_s(values[i, j], values[i + 1, j], column, high, costs[kinds[i + 1, j]])
+                        cost = level.coefficients[level.coefficient_kind[i + 1, j]]
+                        high, _ = best_s(values[i, j], values[i + 1, j], column, high, cost)
                     highs[i + 1, j] = high
                     labels[i, j], labels[i + 1, j] = column - (high >> 1) + high, column - (high >> 1)
                     live[i + 1, j] = splits
