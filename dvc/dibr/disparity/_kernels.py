@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.entropy.binarisation import NUM_EXPONENTS as BINARY_EXPONENTS
 from dvc.entropy.binarisation import code_exp_golomb
-from dvc.entropy.mixing import Mixture, code_adaptive, code_mixed, learn
+from dvc.entropy.mixing import code_adaptive, code_mixed, learn
 from dvc.entropy.range_coder import FAILED, code_decision
 
 NUM_CANDIDATES = 2

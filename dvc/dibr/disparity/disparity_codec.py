@@ -90,20 +90,7 @@ class DisparityCodec(ABC):
     def encode(
         self, representation: Any, significance: Sequence[Classes] | None = None, previous: Any = None
     ) -> bytes:
-        """Write a representation; inverse of `decode`.
-
-        Parameters
-        ----------
-        representation : representation
-            A result of `optimise`.
-        significance, previous : optional
-            Arguments of `optimise`.
-
-        Returns
-        -------
-        bytes
-            The code.
-        """
+        """Write a result of `optimise`, with the same significance and previous representation."""
         return self._write(representation, self._known(representation.shape, significance, previous))
 
     def decode(
@@ -114,29 +101,7 @@ class DisparityCodec(ABC):
         significance: Sequence[Classes] | None = None,
         previous: Any = None,
     ) -> Any:
-        """Read a representation; of a damaged payload it may be any one of valid labels.
-
-        Parameters
-        ----------
-        payload : bytes
-            The code.
-        shape : tuple of two int
-            Rows and columns of the map.
-        num_labels : int
-            Number of labels.
-        significance, previous : optional
-            Arguments of the encoder.
-
-        Returns
-        -------
-        representation
-            The map.
-
-        Raises
-        ------
-        BitstreamError
-            If the code cannot have been written.
-        """
+        """Read a representation; of a damaged payload it may be any one of valid labels, or `BitstreamError`."""
         return self._read(payload, shape, num_labels, self._known(shape, significance, previous))
 
     def _known(self, shape: tuple[int, int], significance: Sequence[Classes] | None, previous: Any) -> Known:
@@ -190,7 +155,7 @@ class Candidates(Generic[Representation]):
         self._tensor, self._multiplier, self._distortion = tensor, multiplier, distortion
         self._least = np.inf
         self._holes: list[Holes] = []
-        self.best: Representation | None = None
+        self.best: Representation  # set by the first `offer`
 
     def tensor(self, credit: float) -> Tensor:
         """Return the tensor with a credit for labels that would cover holes of the best one."""
@@ -203,8 +168,8 @@ class Candidates(Generic[Representation]):
         if self._distortion is not None:
             error, holes = self._distortion.measure(labels)
         else:
-            chosen, holes = np.take_along_axis(self._tensor, labels[:, :, None], 2), []
-            error = float(chosen.sum(dtype=np.float64))
+            chosen = np.take_along_axis(self._tensor, labels[:, :, None], 2)
+            error, holes = float(chosen.sum(dtype=np.float64)), []
         cost = error + self._multiplier * 8 * num_bytes
         is_better = cost < self._least - _LEAST_GAIN_BITS * labels.size * self._multiplier
         if is_better:

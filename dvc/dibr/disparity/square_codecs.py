@@ -72,20 +72,25 @@ class QuadtreeCodec(RangeCodedDisparities):
         self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
     ) -> Quadtree:
         tried: Candidates[Quadtree] = Candidates(tensor, multiplier, distortion)
-        latest: Quadtree | None = None
+        sums, num_labels = square_sums(tensor), tensor.shape[2]
+        split_bits = np.tile(-np.log2([1.0 - _SPLIT_PRIOR, _SPLIT_PRIOR]), (len(sums), 1))
+        bits = np.full(num_labels, np.log2(num_labels)), split_bits
 
-        def _refine(start: Quadtree | None, sums: Sequence[Tensor], credit: float) -> bool:
+        latest: Quadtree
+
+        def _refine(bits: tuple[Floats, Floats], sums: Sequence[Tensor], credit: float = 0.0) -> bool:
             nonlocal latest
-            label_bits, split_bits = _first_bits(sums) if start is None else _measured_bits(start)
-            latest = prune(sums, multiplier * label_bits, multiplier * split_bits)
+            latest = prune(sums, multiplier * bits[0], multiplier * bits[1])
             return tried.offer(latest, latest.labels, len(self._write(latest, known)), credit)
 
-        sums = square_sums(tensor)
         for _ in range(NUM_ITERATIONS):
-            _refine(latest, sums, 0.0)
+            _refine(bits, sums)
+            bits = _measured_bits(latest)
         if self.has_credits and distortion is not None:
-            climb(CREDITS, lambda credit: _refine(tried.best, square_sums(tried.tensor(credit)), credit))
-        assert tried.best is not None
+            climb(
+                CREDITS,
+                lambda credit: _refine(_measured_bits(tried.best), square_sums(tried.tensor(credit)), credit),
+            )
         return tried.best
 
     def _empty(self, shape: tuple[int, int], num_labels: int, known: Known) -> Quadtree:
@@ -93,7 +98,28 @@ class QuadtreeCodec(RangeCodedDisparities):
         return Quadtree(np.zeros(shape, np.int32), splits, num_labels)
 
     def _code(self, coder: RangeCoder, representation: Quadtree, known: Known) -> Quadtree:
-        return _code(coder, representation)
+        num_digits = (representation.num_labels - 1).bit_length()
+        counts = context_counts(np.full(len(representation.splits) + 1 + (1 << num_digits), 50))
+        counts[: len(representation.splits) + 1] = context_counts(30)
+        shapes = level_shapes(representation.shape)
+        alphabet = len(shapes), num_digits, representation.num_labels
+        alive: NDArray[Any] = np.ones(shapes[-1], np.bool_)
+        splits: list[NDArray[np.bool_]] = []
+        labels = np.zeros(shapes[-1], np.int32)
+        for level in reversed(range(len(shapes))):
+            split = representation.splits[level - 1].copy() if level else np.zeros(alive.shape, np.bool_)
+            step = 1 << level
+            given = np.ascontiguousarray(representation.labels[::step, ::step])
+            for m in range(len(alive)):
+                state = coder.room_for(alive.shape[1] * (num_digits + 1))
+                _kernels.code_squares(
+                    state, counts, level, *alphabet, alive[m], split[m], given[m], labels[m]
+                )
+            if level:
+                splits.append(split)
+                alive = spread(split, shapes[level - 1])
+                labels = np.ascontiguousarray(spread(labels, shapes[level - 1]))
+        return Quadtree(labels, tuple(splits[::-1]), representation.num_labels)
 
 
 def prune(sums: Sequence[Tensor], label_costs: Floats, split_costs: Floats) -> Quadtree:
@@ -138,13 +164,6 @@ def _sum_of_squares(values: NDArray[np.floating]) -> NDArray[np.floating]:
     return columns
 
 
-def _first_bits(sums: Sequence[Tensor]) -> tuple[Floats, Floats]:
-    """Return initial bits, in the form of `_measured_bits`."""
-    num_labels = sums[0].shape[2]
-    split_bits = np.tile(-np.log2([1.0 - _SPLIT_PRIOR, _SPLIT_PRIOR]), (len(sums), 1))
-    return np.full(num_labels, np.log2(num_labels)), split_bits
-
-
 def _measured_bits(tree: Quadtree) -> tuple[Floats, Floats]:
     """Return the bits of labels (labels,) and of leaves and splits (levels, 2) by frequency."""
     split_bits = np.zeros((len(tree.splits) + 1, 2))
@@ -159,30 +178,6 @@ def _measured_bits(tree: Quadtree) -> tuple[Floats, Floats]:
         alive = spread(split, tree.splits[level - 1].shape if level else tree.labels.shape)
     counts += np.bincount(tree.labels[alive], minlength=tree.num_labels)
     return -np.log2((counts + 0.5) / (counts.sum() + 0.5 * tree.num_labels)), split_bits
-
-
-def _code(coder: RangeCoder, tree: Quadtree) -> Quadtree:
-    """Write a tree, or read one into its shape, squares of one size after the other; return it."""
-    num_digits = (tree.num_labels - 1).bit_length()
-    counts = context_counts(np.full(len(tree.splits) + 1 + (1 << num_digits), 50))
-    counts[: len(tree.splits) + 1] = context_counts(30)
-    shapes = level_shapes(tree.shape)
-    alphabet = len(shapes), num_digits, tree.num_labels
-    alive: NDArray[Any] = np.ones(shapes[-1], np.bool_)
-    splits: list[NDArray[np.bool_]] = []
-    labels = np.zeros(shapes[-1], np.int32)
-    for level in reversed(range(len(shapes))):
-        split = tree.splits[level - 1].copy() if level else np.zeros(alive.shape, np.bool_)
-        step = 1 << level
-        given = np.ascontiguousarray(tree.labels[::step, ::step])
-        for m in range(len(alive)):
-            state = coder.room_for(alive.shape[1] * (num_digits + 1))
-            _kernels.code_squares(state, counts, level, *alphabet, alive[m], split[m], given[m], labels[m])
-        if level:
-            splits.append(split)
-            alive = spread(split, shapes[level - 1])
-            labels = np.ascontiguousarray(spread(labels, shapes[level - 1]))
-    return Quadtree(labels, tuple(splits[::-1]), tree.num_labels)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ for each bit.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,7 +126,16 @@ def code_tree(
     mixture = _initial_mixture()
     is_s = tree.transform is S_TRANSFORM
     code_row: Any = _kernels.code_row_s if is_s else _kernels.code_row_l
-    parents = roots = code_roots(coder, tree, previous)
+    roots = tree.roots.copy()
+    if previous is not None:
+        differences = context_counts(np.full(2 + 2 * NUM_EXPONENTS, 50))
+        state = coder.room_for(roots.size * MAX_DECISIONS)
+        _kernels.code_differences(state, differences, roots, previous.roots)
+        roots = np.clip(roots, 0, tree.num_labels - 1)
+    else:
+        for index, label in np.ndenumerate(roots):
+            roots[index] = coder.uniform(tree.num_labels, int(label))
+    parents = roots
     alive, highs = np.ones(parents.shape, np.uint8), list(tree.highs)
     for level in reversed(range(len(tree.highs))):
         labels, live = levels[level].copy(), np.zeros(levels[level].shape, np.uint8)
@@ -143,19 +152,6 @@ def code_tree(
             high = labels - tree.transform.synthesise(parents, np.zeros_like(labels))
         highs[level], parents, alive = high, labels, live
     return WaveletTree(tree.transform, tree.num_labels, roots, tuple(highs)), statistics
-
-
-def code_roots(coder: RangeCoder, tree: WaveletTree, previous: WaveletTree | None) -> Labels:
-    """Code the low-pass coefficients of the coarsest level, or their differences from the layer before."""
-    roots = tree.roots.copy()
-    if previous is not None:
-        counts = context_counts(np.full(2 + 2 * NUM_EXPONENTS, 50))
-        state = coder.room_for(roots.size * MAX_DECISIONS)
-        _kernels.code_differences(state, counts, roots, previous.roots)
-        return np.clip(roots, 0, tree.num_labels - 1)
-    for index, label in np.ndenumerate(roots):
-        roots[index] = coder.uniform(tree.num_labels, int(label))
-    return roots
 
 
 def _initial_mixture() -> Mixture:
@@ -200,6 +196,10 @@ class TreeCodec(RangeCodedDisparities):
         return WaveletTree.constant(self.transform, shape, num_labels, len(known.classes))
 
 
+_Result = tuple[WaveletTree, Statistics, float]
+"""A tree, its statistics, and its tear."""
+
+
 @dataclass(frozen=True)
 class WaveletCodec(TreeCodec):
     """Codec of trees with an adaptive code."""
@@ -207,78 +207,39 @@ class WaveletCodec(TreeCodec):
     def _best(
         self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
     ) -> WaveletTree:
-        search = _Search(self.transform, tensor, multiplier, known, distortion)
+        classes, previous = known
+        tried: Candidates[_Result] = Candidates(tensor, multiplier, distortion)
+        parallax = 0.0 if distortion is None else distortion.parallax
+        error_of_tears = float(tensor.mean(dtype=np.float64)) * parallax
+        start = previous or self._empty((tensor.shape[0], tensor.shape[1]), tensor.shape[2], known)
+        latest: _Result = start, Statistics.none(len(classes)), 0.0
+
+        def _refine(
+            start: _Result, tear: float = 0.0, credit: float = 0.0, is_candidate: bool = True
+        ) -> bool:
+            nonlocal latest
+            kinds = kinds_of(start[0], classes, previous)
+            costs = code_costs(multiplier, start[0].num_labels, start[1], kinds, tear * error_of_tears)
+            tree, _ = optimise_tree(self.transform, tried.tensor(credit), costs, previous)
+            payload, statistics = encode_tree(tree, classes, previous)
+            latest = tree, statistics, tear
+            return is_candidate and tried.offer(latest, tree.disparity(), len(payload), credit)
+
         for step in range(NUM_ITERATIONS):
-            search.refine(search.latest, is_candidate=distortion is None or step == NUM_ITERATIONS - 1)
+            _refine(latest, is_candidate=distortion is None or step == NUM_ITERATIONS - 1)
         if distortion is not None:
-            climb(TEARS, lambda tear: search.refine(search.best, tear))
-            climb(CREDITS, lambda credit: search.refine(search.best, search.best.tear, credit))
-        return search.best.tree
+            climb(TEARS, lambda tear: _refine(tried.best, tear))
+            climb(CREDITS, lambda credit: _refine(tried.best, tried.best[2], credit))
+        return tried.best[0]
 
     def _code(self, coder: RangeCoder, representation: WaveletTree, known: Known) -> WaveletTree:
         return code_tree(coder, representation, *known)[0]
 
 
-class _Result(NamedTuple):
-    """A tree, its statistics, and its tear."""
-
-    tree: WaveletTree
-    statistics: Statistics
-    tear: float
-
-
-class _Search:
-    """Trees of one tensor, each optimised by the costs of another one, and the best of all."""
-
-    def __init__(
-        self,
-        transform: IntegerTransform,
-        tensor: Tensor,
-        multiplier: float,
-        known: Known,
-        distortion: Distortion | None,
-    ) -> None:
-        self._transform, self._multiplier, self._known = transform, multiplier, known
-        self._tried: Candidates[_Result] = Candidates(tensor, multiplier, distortion)
-        parallax = 0.0 if distortion is None else distortion.parallax
-        self._error_of_tears = float(tensor.mean(dtype=np.float64)) * parallax
-        height, width, num_labels = tensor.shape
-        num_levels = len(known.classes)
-        start = known.previous or WaveletTree.constant(transform, (height, width), num_labels, num_levels)
-        self.latest = _Result(start, Statistics.none(num_levels), 0.0)
-
-    @property
-    def best(self) -> _Result:
-        """The tree of the least cost."""
-        return self._tried.best or self.latest
-
-    def refine(
-        self, start: _Result, tear: float = 0.0, credit: float = 0.0, *, is_candidate: bool = True
-    ) -> bool:
-        """Find the best tree by the costs of another one; return whether it is the best so far."""
-        classes, previous = self._known
-        kinds = kinds_of(start.tree, classes, previous)
-        costs = code_costs(
-            self._multiplier, start.tree.num_labels, start.statistics, kinds, tear * self._error_of_tears
-        )
-        tree, _ = optimise_tree(self._transform, self._tried.tensor(credit), costs, previous)
-        payload, statistics = encode_tree(tree, classes, previous)
-        self.latest = _Result(tree, statistics, tear)
-        return is_candidate and self._tried.offer(self.latest, tree.disparity(), len(payload), credit)
-
-
-class LevelKinds(NamedTuple):
-    """Kinds of the coefficients and nodes of a level, and labels of neighbours."""
-
-    coefficients: Kinds
-    nodes: Kinds
-    candidates: Labels
-
-
 def kinds_of(
     tree: WaveletTree, significance: Sequence[Classes], previous: WaveletTree | None = None
-) -> list[LevelKinds]:
-    """Return the kinds of the coefficients and nodes of a tree."""
+) -> list[tuple[Kinds, Kinds, Labels]]:
+    """Return by level the kinds of the coefficients and nodes of a tree, and labels of neighbours."""
     predictions = predictions_of(tree, previous)
     levels, opened, splits = tree.levels(), open_nodes(significance), split_nodes(tree, predictions)
     kinds = []
@@ -292,7 +253,7 @@ def kinds_of(
             _kernels.kinds_s(parents, labels, classes, of_samples)
         split = splits[level].astype(np.uint8)
         _kernels.kinds_of_nodes(parents, split, classes, opened[level], of_nodes)
-        kinds.append(LevelKinds(of_samples, of_nodes, candidates))
+        kinds.append((of_samples, of_nodes, candidates))
     return kinds
 
 
@@ -300,27 +261,22 @@ def code_costs(
     multiplier: float,
     num_labels: int,
     statistics: Statistics,
-    kinds: Sequence[LevelKinds],
+    kinds: Sequence[tuple[Kinds, Kinds, Labels]],
     tear: float = 0.0,
 ) -> list[LevelCosts]:
     """Return the costs of the code of `encode_tree`, from counts of its symbols."""
     coefficients, merges = _coefficient_bits(statistics.coefficients.astype(np.float64), num_labels)
-    flags = _flag_bits(statistics.flags.astype(np.float64))
+    counts = statistics.flags.astype(np.float64)
+    share = _shares(counts[..., 1], counts.sum(axis=-1), _FLAG_PRIOR)
+    flags = -np.log2(np.stack([1.0 - share, share], axis=-1))
+    flags[:, 0] = 0.0, np.inf
     tables = [np.float32(multiplier) * bits.astype(np.float32) for bits in (coefficients, flags, merges)]
     for level, table in enumerate(tables[0]):
         table[:, TEAR] = tear * 2.0**level
     return [
-        LevelCosts(one.coefficients, table, one.nodes, flag, merge, one.candidates)
-        for one, table, flag, merge in zip(kinds, *tables, strict=True)
+        LevelCosts(of_samples, table, of_nodes, flag, merge, candidates)
+        for (of_samples, of_nodes, candidates), table, flag, merge in zip(kinds, *tables, strict=True)
     ]
-
-
-def _flag_bits(counts: Floats) -> Floats:
-    """Return the bits of flags, of shape (levels, node kinds, 2)."""
-    share = _shares(counts[..., 1], counts.sum(axis=-1), _FLAG_PRIOR)
-    bits = -np.log2(np.stack([1.0 - share, share], axis=-1))
-    bits[:, 0] = 0.0, np.inf
-    return bits
 
 
 def _coefficient_bits(counts: Floats, num_labels: int) -> tuple[Floats, Floats]:

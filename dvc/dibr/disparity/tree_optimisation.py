@@ -64,7 +64,7 @@ def optimise_tree(
     predictions = [np.zeros(shape, np.int32) for shape in shapes[:-1]] if previous is None else previous.highs
     levels = list(zip(predictions, costs, strict=True))
     is_s = transform is S_TRANSFORM
-    # least errors of the labels of all nodes of a level, and errors if all coefficients below are as predicted
+    # least errors of the labels of all nodes of a level; errors if all coefficients below are as predicted
     pyramid, total = [(tensor, tensor)], 0.0
     for level, shape in zip(levels, shapes[1:], strict=True):
         errors, flat = (np.empty((*shape, tensor.shape[2]), np.float32) for _ in range(2))
