@@ -101,7 +101,7 @@ class DisparityCodec(ABC):
         significance: Sequence[Classes] | None = None,
         previous: Any = None,
     ) -> Any:
-        """Read a representation; of a damaged payload it may be any one of valid labels, or `BitstreamError`."""
+        """Read a representation, or raise `BitstreamError`; damage may also give other valid labels."""
         return self._read(payload, shape, num_labels, self._known(shape, significance, previous))
 
     def _known(self, shape: tuple[int, int], significance: Sequence[Classes] | None, previous: Any) -> Known:

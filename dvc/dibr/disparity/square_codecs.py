@@ -112,9 +112,8 @@ class QuadtreeCodec(RangeCodedDisparities):
             given = np.ascontiguousarray(representation.labels[::step, ::step])
             for m in range(len(alive)):
                 state = coder.room_for(alive.shape[1] * (num_digits + 1))
-                _kernels.code_squares(
-                    state, counts, level, *alphabet, alive[m], split[m], given[m], labels[m]
-                )
+                row = alive[m], split[m], given[m], labels[m]
+                _kernels.code_squares(state, counts, level, *alphabet, *row)
             if level:
                 splits.append(split)
                 alive = spread(split, shapes[level - 1])

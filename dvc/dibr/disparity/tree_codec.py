@@ -214,19 +214,17 @@ class WaveletCodec(TreeCodec):
         start = previous or self._empty((tensor.shape[0], tensor.shape[1]), tensor.shape[2], known)
         latest: _Result = start, Statistics.none(len(classes)), 0.0
 
-        def _refine(
-            start: _Result, tear: float = 0.0, credit: float = 0.0, is_candidate: bool = True
-        ) -> bool:
+        def _refine(start: _Result, tear: float = 0.0, credit: float = 0.0, is_tried: bool = True) -> bool:
             nonlocal latest
             kinds = kinds_of(start[0], classes, previous)
             costs = code_costs(multiplier, start[0].num_labels, start[1], kinds, tear * error_of_tears)
             tree, _ = optimise_tree(self.transform, tried.tensor(credit), costs, previous)
             payload, statistics = encode_tree(tree, classes, previous)
             latest = tree, statistics, tear
-            return is_candidate and tried.offer(latest, tree.disparity(), len(payload), credit)
+            return is_tried and tried.offer(latest, tree.disparity(), len(payload), credit)
 
         for step in range(NUM_ITERATIONS):
-            _refine(latest, is_candidate=distortion is None or step == NUM_ITERATIONS - 1)
+            _refine(latest, is_tried=distortion is None or step == NUM_ITERATIONS - 1)
         if distortion is not None:
             climb(TEARS, lambda tear: _refine(tried.best, tear))
             climb(CREDITS, lambda credit: _refine(tried.best, tried.best[2], credit))
