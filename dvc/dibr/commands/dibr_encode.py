@@ -83,8 +83,20 @@ def run(arguments: argparse.Namespace) -> int:
     *paths, out = arguments.paths
     if not paths or Path(out).suffix.lower() != SUFFIX:
         raise ConfigError(f"the last name must be that of the stream and end in {SUFFIX}, got {out}")
-    kind = kind_of(paths, arguments)
-    _check_options(kind, arguments)
+    if len(paths) > 1:
+        kind = Kind.VIEWS
+    elif Path(paths[0]).is_dir():
+        kind = Kind.LAYERS
+    else:
+        kind = Kind.MAP if arguments.depth is None else Kind.IMAGE
+    for name, (kinds, default) in OPTIONS.items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, default)
+        elif kind not in kinds:
+            option = "--lambda" if name == "multiplier" else f"--{name.replace('_', '-')}"
+            raise ConfigError(f"{option} requires {' or '.join(kinds)}; the input is {kind}")
+    if (arguments.bpp is None) == (arguments.multiplier is None):
+        raise ConfigError("expected --bpp, or --lambda for views")
     inputs = [*paths, *array_files.table_files(arguments)]
     inputs += [path for path in (arguments.depth, arguments.edges) if path not in (None, *EDGES)]
     cli.check_outputs(cli.with_contents(inputs), [out, *json_files(arguments)])
@@ -97,37 +109,11 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def kind_of(paths: list[str], arguments: argparse.Namespace) -> Kind:
-    """Return the kind of the input."""
-    if len(paths) > 1:
-        return Kind.VIEWS
-    if Path(paths[0]).is_dir():
-        return Kind.LAYERS
-    return Kind.MAP if arguments.depth is None else Kind.IMAGE
-
-
-def _check_options(kind: Kind, arguments: argparse.Namespace) -> None:
-    """Refuse options of other kinds of input, and set the defaults of the rest."""
-    for name, (kinds, default) in OPTIONS.items():
-        if getattr(arguments, name) is None:
-            setattr(arguments, name, default)
-        elif kind not in kinds:
-            option = "--lambda" if name == "multiplier" else f"--{name.replace('_', '-')}"
-            raise ConfigError(f"{option} requires {' or '.join(kinds)}; the input is {kind}")
-    if (arguments.bpp is None) == (arguments.multiplier is None):
-        raise ConfigError("expected --bpp, or --lambda for views")
-
-
-def _max_bytes(arguments: argparse.Namespace, num_pixels: int) -> int:
-    """Return the largest file of the rate; none is larger than `MAX_BYTES`."""
-    return int(min(arguments.bpp * num_pixels / 8.0, MAX_BYTES))
-
-
 @contextmanager
-def _naming_rate(arguments: argparse.Namespace, num_pixels: int) -> Iterator[None]:
-    """Prefix errors with the rate."""
+def _max_bytes(arguments: argparse.Namespace, num_pixels: int) -> Iterator[int]:
+    """Return the largest file of the rate, up to `MAX_BYTES`, and prefix errors with the rate."""
     try:
-        yield
+        yield int(min(arguments.bpp * num_pixels / 8.0, MAX_BYTES))
     except ConfigError as err:
         raise ConfigError(f"--bpp {arguments.bpp:g} of {num_pixels} pixels: {err}") from None
 
@@ -144,8 +130,8 @@ def _encode_views(arguments: argparse.Namespace, paths: list[str]) -> Result:
     with cli.progress_bar("rate: layers" if by_rate else "layers", total, arguments.quiet) as advance:
         encoder = ViewEncoder(views, labels, arguments.disparity, num_layers, advance)
         if by_rate:
-            with _naming_rate(arguments, num_pixels):
-                encoded = encoder.encode_to_size(_max_bytes(arguments, num_pixels))
+            with _max_bytes(arguments, num_pixels) as max_bytes:
+                encoded = encoder.encode_to_size(max_bytes)
         else:
             encoded = encoder.encode(arguments.multiplier)
     header = encoder.header
@@ -216,7 +202,12 @@ def _encode_depth_image(arguments: argparse.Namespace, paths: list[str]) -> Resu
     if picture is not None:
         check_size(path, shape, picture.shape[:2], paths[0])
         if near_far is None:
-            _warn_of_reach(path, abs(scale.disparity(depth_map.depth)).max(), picture.shape[1])
+            reach_px, width = abs(scale.disparity(depth_map.depth)).max(), picture.shape[1]
+            if reach_px > width:
+                sys.stderr.write(
+                    f"dvc-dibr: {path}: disparities of up to {reach_px:.0f} pixels, the picture is {width} "
+                    "wide; --depth-scale is the disparity of 1 in the map\n"
+                )
         is_gray = arguments.gray or bool((picture == picture[:, :, :1]).all())
         coded = luma(picture) if is_gray else picture
     depth_image_stream.check_map(shape, scale)
@@ -225,10 +216,10 @@ def _encode_depth_image(arguments: argparse.Namespace, paths: list[str]) -> Resu
     edges, num_pixels = _edges(arguments, depth_map.depth), shape[0] * shape[1]
     is_quiet = arguments.quiet or edges is not None
     bar = cli.progress_bar("selections of edges", depth_image_encoder.NUM_STEPS, is_quiet)
-    with bar as advance, _naming_rate(arguments, num_pixels):
+    with bar as advance, _max_bytes(arguments, num_pixels) as max_bytes:
         encoded = depth_image_encoder.encode_to_size(
             depth_image_encoder.DepthImage(depth_map.depth, scale, coded),
-            _max_bytes(arguments, num_pixels),
+            max_bytes,
             edges,
             depth_image_encoder.DepthOptions(arguments.wavelet, levels, arguments.order_depth),
             depth_image_encoder.PictureOptions(arguments.order_image, share),
@@ -252,15 +243,6 @@ def _encode_depth_image(arguments: argparse.Namespace, paths: list[str]) -> Resu
     return encoded.data, figures, "; ".join([text, *in_decibels(figures, PSNR_NAMES)])
 
 
-def _warn_of_reach(path: str, reach_px: float, width: int) -> None:
-    """Report disparities that are wider than the picture on standard error."""
-    if reach_px > width:
-        sys.stderr.write(
-            f"dvc-dibr: {path}: disparities of up to {reach_px:.0f} pixels, the picture is {width} wide;"
-            " --depth-scale is the disparity of 1 in the map\n"
-        )
-
-
 def _edges(arguments: argparse.Namespace, depth: Any) -> CodedEdges | None:
     """Return the edges of the options; None: to be selected."""
     if arguments.transform == TRANSFORMS[1]:
@@ -279,7 +261,6 @@ def _encode_layers(arguments: argparse.Namespace, paths: list[str]) -> Result:
     scene = read_pieces(paths[0])
     frame = scene.canvas.frame
     num_pixels, keeps_all = frame.width * frame.height, arguments.keep == KEEP[1]
-    max_bytes = _max_bytes(arguments, num_pixels)
     options = piece_encoder.LayeredOptions(
         DepthOptions(arguments.wavelet, order=arguments.order_depth),
         arguments.order_image,
@@ -288,7 +269,7 @@ def _encode_layers(arguments: argparse.Namespace, paths: list[str]) -> Result:
     )
     total = len(scene.pieces) if keeps_all else piece_selection.MOST_TRIALS
     bar = cli.progress_bar("pieces" if keeps_all else "trials", total, arguments.quiet)
-    with bar as advance, _naming_rate(arguments, num_pixels):
+    with bar as advance, _max_bytes(arguments, num_pixels) as max_bytes:
         if keeps_all:
             encoded, coded = piece_encoder.encode_to_size(scene, max_bytes, options, advance), scene
         else:

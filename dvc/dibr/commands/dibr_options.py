@@ -190,17 +190,14 @@ def parse_near_far(text: str) -> tuple[float, float]:
     return closest, farthest
 
 
-def parse_share(text: str) -> float:
-    """Parse a share."""
+def parse_share_or_auto(text: str) -> float | str:
+    """Parse a share, or `auto`."""
+    if text == AUTOMATIC:
+        return text
     share = cli.parse_positive(text)
     if share >= 1.0:
         raise argparse.ArgumentTypeError(f"expected a share between 0 and 1, got {text!r}")
     return share
-
-
-def parse_share_or_auto(text: str) -> float | str:
-    """Parse a share, or `auto`."""
-    return text if text == AUTOMATIC else parse_share(text)
 
 
 def parse_view(text: str) -> "LatticePosition | int":
@@ -225,7 +222,7 @@ def parse_multiplier(text: str) -> float:
     return multiplier
 
 
-def _runner(module: str, function: str = "run") -> Callable[[argparse.Namespace], int]:
+def _runner(module: str, function: str) -> Callable[[argparse.Namespace], int]:
     """Return the action of a subcommand."""
 
     def _run(arguments: argparse.Namespace) -> int:
@@ -246,7 +243,7 @@ depth map. A folder of dvc-stereo layers or sprites is coded as pictures with di
 docs/dibr.md describes the streams.
 """,
         _add_encode_options,
-        _runner("dibr_encode"),
+        _runner("dibr_encode", "run"),
         """\
   dvc-dibr encode left.png right.png pair.dibr --disparities 0:60 --bpp 0.5
   dvc-dibr encode *.png out.dibr --views views.csv --disparities -4:12 --bpp 0.3 --quality-layers 7
@@ -265,7 +262,7 @@ depth map gives depth.pfm (numbers of the map), edges.png, disparity.pfm, and im
 Layers and sprites give the folder of dvc-stereo layers or sprites.
 """,
         _add_decode_options,
-        _runner("dibr_decode"),
+        _runner("dibr_decode", "run_decode"),
         """\
   dvc-dibr decode pair.dibr --out decoded
   dvc-dibr decode pair.dibr --out small --quality-layers 1 --resolution 2
@@ -276,7 +273,7 @@ Layers and sprites give the folder of dvc-stereo layers or sprites.
         "any view of a stream",
         "Render a view of a stream as a picture, or views along a path as a video.",
         _add_render_options,
-        _runner("dibr_render"),
+        _runner("dibr_render", "run_render"),
         """\
   dvc-dibr render pair.dibr --view 0.5,0 --out between.png
   dvc-dibr render pair.dibr --view 1 --out right.png --truth right-original.png --json -
@@ -290,7 +287,7 @@ Write one HTML page in which the viewpoint is moved by mouse, touch or keys; it 
 The scene is a stream, or a folder that dvc-stereo layers or dvc-stereo sprites has written.
 """,
         _add_view_options,
-        _runner("dibr_view"),
+        _runner("dibr_render", "run_view"),
         """\
   dvc-dibr view pair.dibr --out pair.html
   dvc-dibr view pair.dibr --out pair.html --truth left.png right.png
@@ -302,7 +299,7 @@ The scene is a stream, or a folder that dvc-stereo layers or dvc-stereo sprites 
         "header and sizes of a stream",
         "Print the header of a stream, and the sizes of its parts.",
         _add_info_options,
-        _runner("dibr_reports", "run_info"),
+        _runner("dibr_decode", "run_info"),
         """\
   dvc-dibr info pair.dibr
   dvc-dibr info pair.dibr --json -
@@ -312,7 +309,7 @@ The scene is a stream, or a folder that dvc-stereo layers or dvc-stereo sprites 
         "rates and quality of streams",
         "Compare streams of any kind: rates, bits by part, and PSNR against originals.",
         _add_evaluate_options,
-        _runner("dibr_evaluate"),
+        _runner("dibr_decode", "run_evaluate"),
         """\
   dvc-dibr evaluate a.dibr b.dibr --truth-depth disparity.pfm
   dvc-dibr evaluate layers-*.dibr --truth-image left.png --out curves

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dvc.dibr.commands import dibr_view as view
+from dvc.dibr.commands import dibr_render as view
 from dvc.dibr.view_stream import PairLayer, decode_stream, encode_layer, encode_stream
 from dvc.picture_files import read_pfm
 from dvc.video import open_video

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dvc.dibr.commands.dibr_evaluate import lines_of
+from dvc.dibr.commands.dibr_decode import lines_of
 from dvc.dibr.depth_image.depth_image_stream import decode_stream
 from dvc.dibr.depth_image.scene_pieces import write_pieces
 from dvc.picture_files import write_pfm, write_png

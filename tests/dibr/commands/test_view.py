@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from dvc.dibr.__main__ import main
-from dvc.dibr.commands import dibr_view as view
+from dvc.dibr.commands import dibr_render as view
 from dvc.layers.layer_folders import write_layers, write_sprites
 from dvc.layers.layered_depth_image import layered_depth_image
 from dvc.layers.sprites import extract_sprites
