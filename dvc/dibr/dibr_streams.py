@@ -7,7 +7,7 @@ with or without its picture, `depth_image.piece_stream` layers and sprites.
 import struct
 import zlib
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 from dvc.errors import BitstreamError, ConfigError
 
@@ -43,14 +43,6 @@ class Body(IntEnum):
     PIECES = 5
 
 
-class Extent(NamedTuple):
-    """Numbers of pixels that decoding handles."""
-
-    shown: int  # pixels of a rendered view
-    held: int  # pixels of all pictures and disparity maps that are in memory at once
-    decoded: int  # pixels of all pictures, over all quality layers
-
-
 def check_shape(shape: tuple[int, int], label: str) -> None:
     """Refuse pictures that no stream can hold."""
     height, width = shape
@@ -61,17 +53,21 @@ def check_shape(shape: tuple[int, int], label: str) -> None:
         )
 
 
-def check_extent(extent: Extent, num_bytes: int, max_mib: float | None) -> None:
-    """Refuse a stream that exceeds the memory limit, or has too many pixels for its bytes."""
-    memory = extent.shown * _BYTES_PER_SHOWN + extent.held * _BYTES_PER_HELD
+def check_extent(shown: int, held: int, decoded: int, num_bytes: int, max_mib: float | None) -> None:
+    """Refuse a stream that exceeds the memory limit, or has too many pixels for its bytes.
+
+    Pixels are those of a rendered view, of all pictures and disparity maps in memory at once, and of all
+    pictures over all quality layers.
+    """
+    memory = shown * _BYTES_PER_SHOWN + held * _BYTES_PER_HELD
     if memory > (MAX_MIB if max_mib is None else max_mib) * 2**20:
         raise BitstreamError(
             f"decoding takes about {memory / 2**20:.0f} MiB, more than {max_mib or MAX_MIB:g}: "
             "--max-memory raises the limit"
         )
-    if max_mib is None and extent.decoded > FREE_PIXELS + PIXELS_PER_BYTE * num_bytes:
+    if max_mib is None and decoded > FREE_PIXELS + PIXELS_PER_BYTE * num_bytes:
         raise BitstreamError(
-            f"{num_bytes} bytes are too few for {extent.decoded} pixels: --max-memory {MAX_MIB} decodes them"
+            f"{num_bytes} bytes are too few for {decoded} pixels: --max-memory {MAX_MIB} decodes them"
         )
 
 

@@ -21,7 +21,6 @@ from dvc.dibr.dibr_streams import (
     MAX_LAYERS,
     MAX_NUMBER,
     Body,
-    Extent,
     FieldReader,
     check_extent,
 )
@@ -177,7 +176,7 @@ def decode_stream(data: bytes, max_mib: float | None = None) -> Stream:
         damage = f"{len(data) - position} bytes follow the last layer"
     num_pixels = header.shape[0] * header.shape[1]
     held = num_pixels * len(header.references)
-    check_extent(Extent(num_pixels, held, held * len(layers)), len(data), max_mib)
+    check_extent(num_pixels, held, held * len(layers), len(data), max_mib)
     return Stream(header, tuple(layers), damage)
 
 

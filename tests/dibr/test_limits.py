@@ -14,7 +14,7 @@ from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, PlaneCode
 from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.piece_stream import Rectangle
 from dvc.dibr.depth_image.scene_pieces import Kind
-from dvc.dibr.dibr_streams import FREE_PIXELS, MAX_MIB, Extent, check_extent
+from dvc.dibr.dibr_streams import FREE_PIXELS, MAX_MIB, check_extent
 from dvc.dibr.view_stream import (
     Header,
     PairLayer,
@@ -111,9 +111,9 @@ def test_each_layer_and_reference_counts():
 
 
 def test_pictures_worth_their_bytes_are_accepted():
-    check_extent(Extent(3840 * 2160, 3840 * 2160, 3840 * 2160), 10_000, None)  # 0.01 bit per pixel
+    check_extent(3840 * 2160, 3840 * 2160, 3840 * 2160, 10_000, None)  # 0.01 bit per pixel
     with pytest.raises(BitstreamError, match="more than 2048"):
-        check_extent(Extent(2**24, 2**24, 2**24), 10**9, None)
+        check_extent(2**24, 2**24, 2**24, 10**9, None)
 
 
 def test_depth_maps_are_refused_alike():

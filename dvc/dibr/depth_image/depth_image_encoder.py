@@ -122,13 +122,8 @@ class DepthCandidate:
         return levels * self.scale.unit**2
 
 
-@dataclass(frozen=True, eq=False)
-class PictureCandidate:
-    """A picture coded with some edges, to be cut."""
-
-    code: PictureCode
-    maps: EdgeMaps | None
-    shared: bool  # the edges are those of its map
+Stops = Sequence[tuple[EdgeMaps | None, bool]]
+"""Edges to code a picture with, in several ways, and whether they are those of its map."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +174,11 @@ def encode_to_size(
     shape = image.depth.shape[0], image.depth.shape[1]
     check_map(shape, image.scale)
     options, of_picture = depth_options or DepthOptions(), picture_options or PictureOptions()
-    overhead, edge_bytes = _overhead(image, max_bytes), 0 if edges is None else len(edges.data)
-    room = max_bytes - overhead
+    nothing, num_parts = PlaneCode(PictureHeader(0, 0), 0, b""), 2 if image.picture is None else 3
+    picture = None if image.picture is None else nothing
+    empty = DepthImageStream(shape, image.scale, b"", EdgeCode.ADAPTIVE, nothing, picture)
+    overhead = len(encode_stream(empty)) + num_parts * (len(encode_varint(max_bytes)) - 1)
+    room, edge_bytes = max_bytes - overhead, 0 if edges is None else len(edges.data)
     if room < edge_bytes:
         raise ConfigError(f"{max_bytes} bytes are too few: header and edges take {overhead + edge_bytes}")
     largest = 1.0 if image.picture is None else of_picture.depth_share or float(_SHARES[-1])
@@ -195,26 +193,15 @@ def encode_to_size(
         most = max(round(share * room), edge_bytes)
     best = best_at(candidates, most)
     assert best is not None, "the code without edges, or with those given, fits"
-    picture, picture_edges = None, False
+    picture_edges = False
     if image.picture is not None:
         remaining = room - len(best.edges.data) - len(best.plane.data)
-        picture, picture_edges = code_picture(
-            image.picture, best.edges.maps, remaining, options, of_picture.order
-        )
+        maps = best.edges.maps
+        picture, picture_edges = code_picture(image.picture, maps, remaining, options, of_picture.order)
     stream = DepthImageStream(
         shape, image.scale, best.edges.data, best.edges.code, best.plane, picture, picture_edges
     )
     return EncodedDepthImage(encode_stream(stream), stream, best.edges.maps, stream.part_bytes)
-
-
-def _overhead(image: DepthImage, max_bytes: int) -> int:
-    """Return the most bytes that are neither edges nor code."""
-    shape = image.depth.shape[0], image.depth.shape[1]
-    nothing = PlaneCode(PictureHeader(0, 0), 0, b"")
-    picture = None if image.picture is None else nothing
-    empty = DepthImageStream(shape, image.scale, b"", EdgeCode.ADAPTIVE, nothing, picture)
-    num_parts = 2 if image.picture is None else 3
-    return len(encode_stream(empty)) + num_parts * (len(encode_varint(max_bytes)) - 1)
 
 
 def code_edges(edges: EdgeMaps, code: EdgeCode | None = None, mask: Mask | None = None) -> CodedEdges:
@@ -232,16 +219,9 @@ def code_with_edges(
     depth: Plane, scale: DepthScale, edges: CodedEdges, max_bytes: int, options: DepthOptions
 ) -> DepthCandidate:
     """Code a depth map with given edges."""
-    code = picture_codec.encode(
-        scale.levels(depth),
-        max(max_bytes - len(edges.data), 0),
-        options.num_levels,
-        options.wavelet,
-        options.adaptive,
-        edges.maps,
-        options.order,
-        mask=edges.mask,
-    )
+    room, levels = max(max_bytes - len(edges.data), 0), scale.levels(depth)
+    transform = options.num_levels, options.wavelet, options.adaptive, edges.maps, options.order
+    code = picture_codec.encode(levels, room, *transform, mask=edges.mask)
     return DepthCandidate(edges, code, depth, scale, options.order)
 
 
@@ -263,9 +243,8 @@ def code_with_selections(
 
     def _code(edges: EdgeMaps) -> DepthCandidate:
         coded = code_edges(edges if mask is None else edges_inside(edges, mask), None, mask)
-        candidate = code_with_edges(depth, scale, coded, max_bytes, options)
         _count(1)
-        return candidate
+        return code_with_edges(depth, scale, coded, max_bytes, options)
 
     rungs = list(edge_selection.ladder(depth, 8.0 * max_bytes, options.order, wavelet, mask, _count))
     _count(2 * edge_selection.MOST_RUNGS - done - len(rungs))
@@ -275,9 +254,8 @@ def code_with_selections(
     if best:
         step, edges = rungs[best - 1][0], rungs[max(best - 2, 0)][1]
         for factor in REFINEMENTS:
-            candidates.append(
-                _code(edge_selection.select(depth, edges, step * factor, options.order, wavelet))
-            )
+            finer = edge_selection.select(depth, edges, step * factor, options.order, wavelet)
+            candidates.append(_code(finer))
     _count(NUM_STEPS - done)
     return [candidate for candidate in candidates if len(candidate.edges.data) <= max_bytes]
 
@@ -300,50 +278,41 @@ def code_picture(
     stops: list[tuple[EdgeMaps | None, bool]] = [(None, False)] if edges is None or is_free else []
     if edges is not None:
         stops.append((edges, True))
-    candidates = code_pictures(picture, stops, num_bytes, options, order)
-    return best_picture_at(picture, candidates, num_bytes, order)
+    codes = code_pictures(picture, stops, num_bytes, options, order)
+    return best_picture_at(picture, stops, codes, num_bytes, order)
 
 
 def code_pictures(
     picture: Picture,
-    stops: Sequence[tuple[EdgeMaps | None, bool]],
+    stops: Stops,
     max_bytes: int,
     options: DepthOptions,
     order: int,
     mask: Mask | None = None,
-) -> list[PictureCandidate]:
+) -> list[PictureCode]:
     """Code a picture with several edges."""
-    levels, transform = (
-        np.asarray(picture, np.float64),
-        (options.num_levels, options.wavelet, options.adaptive),
-    )
-    return [
-        PictureCandidate(
-            picture_codec.encode(levels, max_bytes, *transform, maps, order, mask=mask), maps, shared
-        )
-        for maps, shared in stops
-    ]
+    levels, transform = picture.astype(np.float64), (options.num_levels, options.wavelet, options.adaptive)
+    return [picture_codec.encode(levels, max_bytes, *transform, maps, order, mask=mask) for maps, _ in stops]
 
 
 def best_picture_at(
     picture: Picture,
-    candidates: Sequence[PictureCandidate],
+    stops: Stops,
+    codes: Sequence[PictureCode],
     num_bytes: int,
     order: int,
     mask: Mask | None = None,
 ) -> tuple[PlaneCode, bool]:
     """Return the code of the least squared error, and whether it has the edges of the map."""
     coded: list[tuple[float, PlaneCode, bool]] = []
-    for candidate in candidates:
-        header, data = candidate.code.cut(num_bytes)
+    for (maps, is_shared), code in zip(stops, codes, strict=True):
+        header, data = code.cut(num_bytes)
         plane = PlaneCode(header, order, data)
-        shape = picture.shape[0], picture.shape[1]
-        decoded = decode_plane(plane, candidate.maps, shape, 0, mask).picture()
+        decoded = decode_plane(plane, maps, (picture.shape[0], picture.shape[1]), 0, mask).picture()
         error = decoded.astype(np.float64) - picture
-        mse = float(np.mean((error if mask is None else error[mask]) ** 2))
-        coded.append((mse, plane, candidate.shared))
-    _, plane, shared = min(coded, key=lambda one: one[0])
-    return plane, shared
+        coded.append((float(np.mean((error if mask is None else error[mask]) ** 2)), plane, is_shared))
+    _, plane, is_shared = min(coded, key=lambda one: one[0])
+    return plane, is_shared
 
 
 def _best_share(

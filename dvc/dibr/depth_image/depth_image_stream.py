@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dvc.bits import encode_varint
 from dvc.dibr import dibr_streams
 from dvc.dibr.depth_image.depth_scale import DepthScale, Plane, decode_extent, encode_extent
-from dvc.dibr.dibr_streams import CHECK_BYTES, MAX_NUMBER, MAX_PIXELS, Body, Extent, FieldReader
+from dvc.dibr.dibr_streams import CHECK_BYTES, MAX_NUMBER, MAX_PIXELS, Body, FieldReader
 from dvc.dibr.view_rendering import PictureAndDisparity
 from dvc.errors import BitstreamError, ConfigError
 from dvc.geometry.camera_array import LatticePosition
@@ -97,25 +97,17 @@ def _is_moderate(scale: DepthScale) -> bool:
     return are_small and scale.extent >= 0.0
 
 
-def encode_stream(stream: DepthImageStream) -> bytes:
-    """Return the bytes of a stream."""
-    data = dibr_streams.begin(Body.DEPTH_IMAGE) + _encode_body(stream, _SIZE.pack(*stream.shape[::-1]))
-    return data + dibr_streams.checksum(data)
-
-
-def encode_piece(stream: DepthImageStream) -> bytes:
-    """Return the bytes of a piece of another stream, which has its size; inverse of `decode_piece`."""
-    data = _encode_body(stream, b"")
-    return data + dibr_streams.checksum(data)
-
-
-def _encode_body(stream: DepthImageStream, size: bytes) -> bytes:
+def encode_stream(stream: DepthImageStream, is_piece: bool = False) -> bytes:
+    """Return the bytes of a stream, or of a piece of another stream, which has its size."""
     depth, picture, scale = stream.depth, stream.picture, stream.scale
     is_scaled = (scale.factor, scale.offset) != (1.0, 0.0)
     flags = _PICTURE * (picture is not None) | _ADAPTIVE_EDGES * (stream.edge_code is EdgeCode.ADAPTIVE)
     flags |= _PICTURE_EDGES * stream.picture_edges | _SCALED * is_scaled | depth.order << _DEPTH_ORDER_SHIFT
     flags |= (picture.order if picture else 0) << _PICTURE_ORDER_SHIFT
-    data = _FLAGS.pack(flags) + size + _RANGE.pack(scale.lowest, encode_extent(scale.extent))
+    data = _FLAGS.pack(flags) if is_piece else dibr_streams.begin(Body.DEPTH_IMAGE) + _FLAGS.pack(flags)
+    data += (b"" if is_piece else _SIZE.pack(*stream.shape[::-1])) + _RANGE.pack(
+        scale.lowest, encode_extent(scale.extent)
+    )
     data += _SCALE.pack(scale.factor, scale.offset) if is_scaled else b""
     colour = picture is not None and picture.header.colour
     first, *rest = replace(depth.header, colour=colour).to_bytes()
@@ -123,7 +115,12 @@ def _encode_body(stream: DepthImageStream, size: bytes) -> bytes:
     data += picture.header.to_bytes()[1:] if picture else b""
     parts = [stream.edges, depth.data, *([picture.data] if picture else [])]
     data += b"".join(encode_varint(len(part)) for part in parts) + stream.edges
-    return data + _interleave(depth.data, picture.data if picture else b"")
+    is_depth = _is_depth(len(depth.data), sum(map(len, parts[2:])), sum(map(len, parts[1:])))
+    mixed = np.empty(len(is_depth), np.uint8)
+    mixed[is_depth] = np.frombuffer(depth.data, np.uint8)
+    mixed[~is_depth] = np.frombuffer(b"".join(parts[2:]), np.uint8)
+    data += mixed.tobytes()
+    return data + dibr_streams.checksum(data)
 
 
 def decode_stream(data: bytes, max_mib: float | None = None) -> DepthImageStream:
@@ -134,7 +131,7 @@ def decode_stream(data: bytes, max_mib: float | None = None) -> DepthImageStream
     if not 0 < size <= MAX_PIXELS:
         raise BitstreamError(_IMPOSSIBLE)
     stream = _decode_body(reader, flags, (height, width))
-    dibr_streams.check_extent(Extent(size, size, size * (1 + bool(flags & _PICTURE))), len(data), max_mib)
+    dibr_streams.check_extent(size, size, size * (1 + bool(flags & _PICTURE)), len(data), max_mib)
     return stream
 
 
@@ -146,7 +143,19 @@ def decode_piece(data: bytes, shape: tuple[int, int]) -> DepthImageStream:
 
 
 def _decode_body(reader: FieldReader, flags: int, shape: tuple[int, int]) -> DepthImageStream:
-    stream, (num_edges, num_depth, num_picture) = _decode_header(reader, flags, shape)
+    lowest, extent = reader.fields(_RANGE)
+    meaning = reader.fields(_SCALE) if flags & _SCALED else (1.0, 0.0)
+    scale = DepthScale(lowest, decode_extent(extent), *meaning)
+    first, *planes = reader.bytes(PictureHeader.SIZE)
+    depth_header = PictureHeader.from_bytes(bytes([first & ~_MASKED, *planes]))
+    picture_header = None
+    if flags & _PICTURE:
+        rest = reader.bytes(PictureHeader.SIZE - 1)
+        picture_header = PictureHeader.from_bytes(bytes([first & ~_MASKED]) + rest)
+    num_edges, num_depth = reader.varint(), reader.varint()
+    num_picture = reader.varint() if picture_header else 0
+    if not _is_moderate(scale) or max(num_edges, num_depth, num_picture) > MAX_BYTES:
+        raise BitstreamError(_IMPOSSIBLE)
     data, start = reader.data, reader.position
     end = start + num_edges + num_depth + num_picture
     if len(data) < start + num_edges:
@@ -157,57 +166,30 @@ def _decode_body(reader: FieldReader, flags: int, shape: tuple[int, int]) -> Dep
         damage = f"{len(data) - reader.position} bytes follow" if len(data) > reader.position else None
     else:
         damage = f"the stream ends after {len(data)} of {end + CHECK_BYTES} bytes"
-    edges = data[start : start + num_edges]
-    depth_data, picture_data = _separate(data[start + num_edges : end], num_depth, num_picture)
-    picture = replace(stream.picture, data=picture_data) if stream.picture else None
-    depth = replace(stream.depth, data=depth_data)
-    header = min(len(data), end + CHECK_BYTES) - num_edges - len(depth_data) - len(picture_data)
-    return replace(stream, edges=edges, depth=depth, picture=picture, damage=damage, num_header_bytes=header)
-
-
-def _decode_header(
-    reader: FieldReader, flags: int, shape: tuple[int, int]
-) -> tuple[DepthImageStream, tuple[int, int, int]]:
-    """Read the fields before the edges: a stream without data, and the lengths of its parts."""
-    lowest, extent = reader.fields(_RANGE)
-    scale = DepthScale(
-        lowest, decode_extent(extent), *(reader.fields(_SCALE) if flags & _SCALED else (1.0, 0.0))
+    mixed = np.frombuffer(data[start + num_edges : end], np.uint8)
+    is_depth = _is_depth(num_depth, num_picture, len(mixed))
+    depth_data, picture_data = mixed[is_depth].tobytes(), mixed[~is_depth].tobytes()
+    depth_order, picture_order = (
+        flags >> shift & _ORDER_MASK for shift in (_DEPTH_ORDER_SHIFT, _PICTURE_ORDER_SHIFT)
     )
-    first, *planes = reader.bytes(PictureHeader.SIZE)
-    depth_header = PictureHeader.from_bytes(bytes([first & ~_MASKED, *planes]))
-    has_picture, picture = bool(flags & _PICTURE), None
-    orders = flags >> _DEPTH_ORDER_SHIFT & _ORDER_MASK, flags >> _PICTURE_ORDER_SHIFT & _ORDER_MASK
-    if has_picture:
-        header = PictureHeader.from_bytes(bytes([first & ~_MASKED]) + reader.bytes(PictureHeader.SIZE - 1))
-        picture = PlaneCode(header, orders[1], b"")
-    sizes = reader.varint(), reader.varint(), reader.varint() if has_picture else 0
-    if not _is_moderate(scale) or max(sizes) > MAX_BYTES:
-        raise BitstreamError(_IMPOSSIBLE)
-    depth = PlaneCode(replace(depth_header, colour=False), orders[0], b"")
-    code = EdgeCode(int(bool(flags & _ADAPTIVE_EDGES)))
-    is_shared, is_masked = bool(flags & _PICTURE_EDGES), bool(first & _MASKED)
-    return DepthImageStream(shape, scale, b"", code, depth, picture, is_shared, is_masked), sizes
+    return DepthImageStream(
+        shape,
+        scale,
+        data[start : start + num_edges],
+        EdgeCode(int(bool(flags & _ADAPTIVE_EDGES))),
+        PlaneCode(replace(depth_header, colour=False), depth_order, depth_data),
+        PlaneCode(picture_header, picture_order, picture_data) if picture_header else None,
+        bool(flags & _PICTURE_EDGES),
+        bool(first & _MASKED),
+        damage,
+        min(len(data), end + CHECK_BYTES) - num_edges - len(mixed),
+    )
 
 
 def _is_depth(num_depth: int, num_picture: int, length: int) -> NDArray[np.bool_]:
     """Return which of the first interleaved bytes belong to the depth."""
     ends = np.arange(length + 1, dtype=np.int64) * num_depth
     return np.diff(ends // max(num_depth + num_picture, 1)) > 0
-
-
-def _interleave(depth: bytes, picture: bytes) -> bytes:
-    is_depth = _is_depth(len(depth), len(picture), len(depth) + len(picture))
-    mixed = np.empty(len(is_depth), np.uint8)
-    mixed[is_depth] = np.frombuffer(depth, np.uint8)
-    mixed[~is_depth] = np.frombuffer(picture, np.uint8)
-    return mixed.tobytes()
-
-
-def _separate(mixed: bytes, num_depth: int, num_picture: int) -> tuple[bytes, bytes]:
-    """Separate the available bytes of depth and picture."""
-    is_depth = _is_depth(num_depth, num_picture, len(mixed))
-    values = np.frombuffer(mixed, np.uint8)
-    return values[is_depth].tobytes(), values[~is_depth].tobytes()
 
 
 @dataclass(frozen=True, eq=False)

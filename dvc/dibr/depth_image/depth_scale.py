@@ -47,7 +47,12 @@ class DepthScale:
         lowest = np.float32(least)
         if largest > least and lowest > least:
             lowest = np.nextafter(lowest, np.float32(-np.inf))
-        extent = _rounded_up(largest - float(lowest)) if largest > least else 0.0
+        extent = 0.0
+        if largest > least:  # the least number of half of single precision that is not below
+            single = np.float32(largest - float(lowest))
+            if float(single) < largest - float(lowest):
+                single = np.nextafter(single, np.float32(np.inf))
+            extent = decode_extent(-(-int(single.view(np.uint32)) >> _HALF_BITS))
         return cls(float(lowest), extent, float(np.float32(factor)), float(np.float32(offset)))
 
     @property
@@ -78,15 +83,6 @@ def encode_extent(extent: float) -> int:
 def decode_extent(bits: int) -> float:
     """Return the extent of 16 bits."""
     return float(np.uint32(bits << _HALF_BITS).view(np.float32))
-
-
-def _rounded_up(extent: float) -> float:
-    """Return the least number of half of single precision that is not below."""
-    single = np.float32(extent)
-    if float(single) < extent:
-        single = np.nextafter(single, np.float32(np.inf))
-    bits = int(single.view(np.uint32))
-    return decode_extent(-(-bits >> _HALF_BITS))
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from dvc.dibr.depth_image.depth_image_encoder import (
     code_pictures,
     code_with_selections,
 )
-from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, PlaneCode, encode_piece
+from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, PlaneCode
+from dvc.dibr.depth_image.depth_image_stream import encode_stream as encode_image
 from dvc.dibr.depth_image.depth_scale import NUM_LEVELS, DepthScale
 from dvc.dibr.depth_image.piece_stream import Rectangle, encode_header, encode_stream
 from dvc.dibr.depth_image.scene_pieces import Pieces
@@ -56,9 +57,8 @@ class EncodedPieces:
 
     data: bytes  # the file
     edge_elements: int  # edges of all pieces, borders of masks included
-    part_bytes: dict[
-        str, int
-    ]  # bytes of `header` (of the stream and of its pieces), `edges`, `depth`, `image`
+    # bytes of `header` (of the stream and of its pieces), `edges`, `depth`, `image`
+    part_bytes: dict[str, int]
     # squared error that a bit of the pictures was worth, in squared levels of all pixels together
     multiplier: float
 
@@ -112,31 +112,24 @@ def encode_to_size(
     """
     chosen = options or LayeredOptions()
     codings = _codings(scene, chosen, weights or [1.0] * len(scene.pieces))
-    room = max_bytes - _overhead(scene, codings, max_bytes)
+    rectangles = [rectangle_of(piece) for piece in scene.pieces]
+    sizes = [max_bytes if rectangle.width else 0 for rectangle in rectangles]
+    room = max_bytes - len(encode_header(scene.canvas, scene.kind, rectangles, sizes))
+    nothing = PlaneCode(PictureHeader(0, 0), 0, b"")
+    for one in codings:
+        empty = DepthImageStream(one.shape, one.scale, b"", EdgeCode.ADAPTIVE, nothing, nothing, masked=True)
+        room -= len(encode_image(empty, is_piece=True)) + 3 * (len(encode_varint(max_bytes)) - 1)
     depths = _code_depths(codings, mask_bytes(scene), room, chosen.depth_share, advance)
     remaining = room - sum(len(depth.edges.data) + len(depth.plane.data) for depth in depths)
     maps = [depth.edges.maps for depth in depths]
     pictures, multiplier = _code_pictures(codings, maps, remaining, chosen.picture_order)
-    streams = [
-        DepthImageStream(
-            one.shape,
-            one.scale,
-            depth.edges.data,
-            depth.edges.code,
-            depth.plane,
-            picture,
-            shared,
-            masked=True,
-        )
-        for one, depth, (picture, shared) in zip(codings, depths, pictures, strict=True)
-    ]
-    coded = iter(streams)
-    data = encode_stream(
-        scene.canvas,
-        scene.kind,
-        [rectangle_of(piece) for piece in scene.pieces],
-        [next(coded) if piece.mask.any() else None for piece in scene.pieces],
-    )
+    streams = []
+    for one, depth, (picture, is_shared) in zip(codings, depths, pictures, strict=True):
+        coded = depth.edges.data, depth.edges.code, depth.plane, picture, is_shared
+        streams.append(DepthImageStream(one.shape, one.scale, *coded, masked=True))
+    ordered = iter(streams)
+    pieces = [next(ordered) if rectangle.width else None for rectangle in rectangles]
+    data = encode_stream(scene.canvas, scene.kind, rectangles, pieces)
     assert len(data) <= max_bytes, "the overhead was counted"
     parts = {name: sum(one.part_bytes[name] for one in streams) for name in ("edges", "depth", "image")}
     elements = sum(edges.count() for edges in maps if edges is not None)
@@ -172,18 +165,6 @@ def _codings(scene: Pieces, options: LayeredOptions, weights: Sequence[float]) -
     return codings
 
 
-def _overhead(scene: Pieces, codings: Sequence[_Coding], max_bytes: int) -> int:
-    """Return the most bytes that are neither edges nor code."""
-    rectangles = [rectangle_of(piece) for piece in scene.pieces]
-    sizes = [max_bytes if rectangle.width else 0 for rectangle in rectangles]
-    total = len(encode_header(scene.canvas, scene.kind, rectangles, sizes))
-    nothing = PlaneCode(PictureHeader(0, 0), 0, b"")
-    for one in codings:
-        empty = DepthImageStream(one.shape, one.scale, b"", EdgeCode.ADAPTIVE, nothing, nothing, masked=True)
-        total += len(encode_piece(empty)) + 3 * (len(encode_varint(max_bytes)) - 1)
-    return total
-
-
 def _code_depths(
     codings: Sequence[_Coding], masks: int, room: int, share: float, advance: Callable[[int], None]
 ) -> list[DepthCode]:
@@ -197,14 +178,11 @@ def _code_depths(
         depth = fill_holes(np.where(mask, one.piece.disparity.astype(np.float64), EMPTY))
         candidates.append(code_with_selections(depth, one.scale, most, one.options, mask=mask))
         advance(1)
-    choices = [
-        Choices(
-            tuple(candidate.code for candidate in of_piece),
-            tuple(len(candidate.edges.data) for candidate in of_piece),
-            one.weight * _DEPTH_WEIGHT,
-        )
-        for one, of_piece in zip(codings, candidates, strict=True)
-    ]
+    choices = []
+    for one, of_piece in zip(codings, candidates, strict=True):
+        sizes = [len(candidate.edges.data) for candidate in of_piece]
+        codes = [candidate.code for candidate in of_piece]
+        choices.append(Choices(codes, sizes, one.weight * _DEPTH_WEIGHT))
     lengths = allot(choices, most)
     assert lengths is not None, "masks fit"
     codes = [best_at(of_piece, length) for of_piece, length in zip(candidates, lengths, strict=True)]
@@ -215,22 +193,20 @@ def _code_pictures(
     codings: Sequence[_Coding], edges: Sequence[EdgeMaps | None], room: int, order: int
 ) -> tuple[list[tuple[PlaneCode, bool]], float]:
     """Code all pictures at one multiplier; return them, which share the edges of their maps, and it."""
-    candidates = []
+    all_stops, choices = [], []
     for one, maps in zip(codings, edges, strict=True):
         outline = border(one.piece.mask)
         stops: list[tuple[EdgeMaps | None, bool]] = [(outline, False)]
         if maps is not None and maps.count() > outline.count():
             stops.append((maps, True))
-        candidates.append(code_pictures(one.picture, stops, room, one.options, order, one.piece.mask))
-    choices = [
-        Choices(tuple(candidate.code for candidate in of_piece), (0,) * len(of_piece), one.weight)
-        for one, of_piece in zip(codings, candidates, strict=True)
-    ]
+        codes = code_pictures(one.picture, stops, room, one.options, order, one.piece.mask)
+        all_stops.append(stops)
+        choices.append(Choices(codes, [0] * len(codes), one.weight))
     lengths = allot(choices, room)
     assert lengths is not None, "an empty code always fits"
     best = [
-        best_picture_at(one.picture, of_piece, length, order, one.piece.mask)
-        for one, of_piece, length in zip(codings, candidates, lengths, strict=True)
+        best_picture_at(one.picture, stops, choice.codes, length, order, one.piece.mask)
+        for one, stops, choice, length in zip(codings, all_stops, choices, lengths, strict=True)
     ]
     return best, multipliers_around(choices, _NEARLY_ALL * room)[1] * _PEAK**2
 
@@ -239,8 +215,8 @@ def _code_pictures(
 class Choices:
     """Codes of one piece to choose from."""
 
-    codes: tuple[PictureCode, ...]  # at least one; errors of all pieces in the same unit
-    fixed_bytes: tuple[int, ...]  # further bytes of each code
+    codes: Sequence[PictureCode]  # at least one; errors of all pieces in the same unit
+    fixed_bytes: Sequence[int]  # further bytes of each code
     weight: float = 1.0  # weight of their errors
 
     def bytes_at_multiplier(self, multiplier: float) -> int:

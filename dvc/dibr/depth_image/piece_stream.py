@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc.bits import encode_varint
 from dvc.dibr.depth_image import depth_image_stream
-from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, decode_piece, encode_piece
+from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, decode_piece
 from dvc.dibr.depth_image.scene_pieces import Kind, Pieces
-from dvc.dibr.dibr_streams import MAX_PIXELS, Body, Extent, FieldReader, begin, check_extent, checksum
+from dvc.dibr.dibr_streams import MAX_PIXELS, Body, FieldReader, begin, check_extent, checksum
 from dvc.errors import BitstreamError, ConfigError, DvcError
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.viewpoints import Viewpoint
@@ -77,7 +76,9 @@ def encode_stream(
     canvas: Canvas, kind: Kind, rectangles: Sequence[Rectangle], pieces: Sequence[DepthImageStream | None]
 ) -> bytes:
     """Return the bytes of a stream."""
-    parts = [b"" if piece is None else encode_piece(piece) for piece in pieces]
+    parts = [
+        b"" if piece is None else depth_image_stream.encode_stream(piece, is_piece=True) for piece in pieces
+    ]
     header = encode_header(canvas, kind, rectangles, [len(part) for part in parts])
     return header + b"".join(parts)
 
@@ -111,7 +112,7 @@ def decode_stream(data: bytes, max_mib: float | None = None) -> LayeredStream:
     held = sum(rectangle.width * rectangle.height for rectangle in rectangles)
     if kind is Kind.LAYERS:  # folders of layers have pictures of the size of the canvas
         held = num_pixels * len(rectangles)
-    check_extent(Extent(num_pixels, held, num_pixels + held), len(data), max_mib)
+    check_extent(num_pixels, held, num_pixels + held, len(data), max_mib)
     pieces: list[DepthImageStream | None] = []
     position, damage = start, None
     cut = f"the stream ends after {len(data)} of {start + sum(sizes)} bytes"
@@ -154,28 +155,6 @@ def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Rectangle], list[int
         raise BitstreamError(_IMPOSSIBLE)
     rows = [[reader.varint() for _ in range(5)] for _ in range(number)]
     reader.check("the header of the stream is cut or damaged")
-    canvas = _canvas(values, name, matrix)
-    rectangles = [Rectangle(*row[:4]) for row in rows]
-    if flags > (_SPRITES | _CALIBRATED) or not _are_inside(rectangles, canvas):
-        raise BitstreamError(_IMPOSSIBLE)
-    return canvas, kind, rectangles, [row[4] for row in rows], reader.position
-
-
-def _are_inside(rectangles: Sequence[Rectangle], canvas: Canvas) -> bool:
-    """Return whether all rectangles are in the canvas, and of bounded area together."""
-    height, width = canvas.shape
-    inside = all(
-        rectangle.left + rectangle.width <= width
-        and rectangle.top + rectangle.height <= height
-        and (rectangle.width > 0) == (rectangle.height > 0)
-        for rectangle in rectangles
-    )
-    most = max(MAX_PIXELS, MAX_LAYERS * height * width)
-    return inside and sum(rectangle.width * rectangle.height for rectangle in rectangles) <= most
-
-
-def _canvas(values: Sequence[float], name: bytes, matrix: NDArray[np.float64] | None) -> Canvas:
-    """Return the canvas of a header, checked like that of an index file."""
     width, height, *frame = map(int, values[:6])
     labels = DisparityLabels(values[6], values[7], int(values[8]))
     try:
@@ -187,12 +166,24 @@ def _canvas(values: Sequence[float], name: bytes, matrix: NDArray[np.float64] | 
             "disparities": labels._asdict(), "resolution": values[9], "num_cameras": canvas.num_cameras,
             "world_from_rectified": None if matrix is None else matrix.tolist(),
         }  # fmt: skip
-        read_canvas(Entry(Path("header"), entries))
+        read_canvas(Entry(Path("header"), entries))  # checks them like those of an index file
     except (DvcError, UnicodeDecodeError):
         raise BitstreamError(_IMPOSSIBLE) from None
-    if height * width > MAX_PIXELS:
+    rectangles = [Rectangle(*row[:4]) for row in rows]
+    are_inside = all(
+        one.left + one.width <= width
+        and one.top + one.height <= height
+        and (one.width > 0) == (one.height > 0)
+        for one in rectangles
+    )
+    area, most = (
+        sum(one.width * one.height for one in rectangles),
+        max(MAX_PIXELS, MAX_LAYERS * height * width),
+    )
+    is_small = height * width <= MAX_PIXELS and area <= most
+    if flags > (_SPRITES | _CALIBRATED) or not (are_inside and is_small):
         raise BitstreamError(_IMPOSSIBLE)
-    return canvas
+    return canvas, kind, rectangles, [row[4] for row in rows], reader.position
 
 
 def decode(stream: LayeredStream) -> DecodedPieces:
