@@ -124,24 +124,12 @@ class ViewEncoder:
         self._lowest_plane = lowest_plane_at(LARGEST_MULTIPLIER) + 1
 
     def encode(self, multiplier: float, picture_bytes: int | None = None) -> Encoded:
-        """Encode all layers.
-
-        Parameters
-        ----------
-        multiplier : float
-            Multiplier of the last layer: squared error, intensities from 0 to 1, that a bit per pixel is
-            worth.
-        picture_bytes : int, optional
-            Length of the code of all pictures; by default it follows from the multiplier.
-
-        Returns
-        -------
-        Encoded
-            The stream.
-        """
+        """Encode all layers, the last at a multiplier; the code of all pictures may be given its length."""
         multipliers = layer_multipliers(multiplier, self.header.num_layers)
         self._code_pictures(lowest_plane_at(multiplier), picture_bytes or 0)
-        sizes = self._picture_sizes(multipliers[-1], picture_bytes)
+        sizes = [code.bytes_at_multiplier(multiplier) for code in self.codes]
+        if picture_bytes is not None:  # in proportion
+            sizes = [picture_bytes * (size + 1) // (sum(sizes) + len(sizes)) for size in sizes]
         by_pair = [self._pair_layers(index, multipliers, size) for index, size in enumerate(sizes)]
         layers: list[Layer] = list(zip(*by_pair, strict=True))
         data = encode_stream(self.header, layers)
@@ -149,18 +137,7 @@ class ViewEncoder:
         return Encoded(data, multiplier, len(data) - picture - disparity, picture, disparity)
 
     def encode_to_size(self, max_bytes: int) -> Encoded:
-        """Encode to a file of at most some length.
-
-        Parameters
-        ----------
-        max_bytes : int
-            The length.
-
-        Returns
-        -------
-        Encoded
-            The stream.
-        """
+        """Encode to a file of at most some length."""
         # The code of pictures can be cut at any byte; that of disparities follows from a multiplier. Pictures
         # get the bytes that disparities leave, and disparities the multiplier of such pictures, repeatedly.
         best: Encoded | None = None
@@ -183,10 +160,8 @@ class ViewEncoder:
         if best is not None:
             return best
         smallest = self.encode(LARGEST_MULTIPLIER)
-        if len(smallest.data) > max_bytes:
-            raise ConfigError(
-                f"{max_bytes} bytes are too few: these views need {len(smallest.data)} at least"
-            )
+        if (size := len(smallest.data)) > max_bytes:
+            raise ConfigError(f"{max_bytes} bytes are too few: these views need {size} at least")
         return smallest
 
     def _multiplier_of_pictures(self, num_bytes: int) -> float:
@@ -214,22 +189,13 @@ class ViewEncoder:
                 for index in self.views.references
             ]
 
-    def _picture_sizes(self, multiplier: float, num_bytes: int | None) -> list[int]:
-        """Return the lengths of the codes of pictures, in proportion to those at a multiplier."""
-        sizes = [code.bytes_at_multiplier(multiplier) for code in self.codes]
-        if num_bytes is None:
-            return sizes
-        return [num_bytes * (size + 1) // (sum(sizes) + len(sizes)) for size in sizes]
-
     def _pair_layers(self, index: int, multipliers: Sequence[float], size: int) -> list[PairLayer]:
         """Return all layers of one picture, of a given length, and its disparities."""
         header, codec = self.header, self.codec
         reference = header.references[index]
         viewpoint = header.viewpoints[reference]
-        views = [
-            (self.views.pictures[view], header.viewpoints[view])
-            for view in self.views.predicted_from(reference)
-        ]
+        predicted = self.views.predicted_from(reference)
+        views = [(self.views.pictures[view], header.viewpoints[view]) for view in predicted]
         inverse_depths = header.labels.disparity(np.arange(header.labels.num_labels, dtype=np.float64))
         warps = [warp_between(viewpoint, other) for _, other in views]
         layers, done, previous = [], 0, None
@@ -245,21 +211,17 @@ class ViewEncoder:
             )
             previous = previous if codec.layered else None
             distortion = ForwardErrors(picture, viewpoint, header.labels, views)
-            found: Any = codec.optimise(tensor, multiplier, classes, previous, distortion)
-            self._check_labels(found.disparity())
-            disparity = codec.encode(found, classes, previous)
+            result: Any = codec.optimise(tensor, multiplier, classes, previous, distortion)
+            labels, highest = result.disparity(), header.labels.num_labels - 1
+            if labels.shape != header.shape or not 0 <= labels.min() <= labels.max() <= highest:
+                raise ConfigError(
+                    f"disparity codec {header.method!r}: expected a label from 0 to {highest} for each pixel"
+                )
+            disparity = codec.encode(result, classes, previous)
             layers.append(PairLayer(picture_header.to_bytes() + data[done:], disparity))
-            done, previous = len(data), found
+            done, previous = len(data), result
             self.advance(1)
         return layers
-
-    def _check_labels(self, labels: Labels) -> None:
-        """Refuse invalid maps, which a given codec may return."""
-        highest = self.header.labels.num_labels - 1
-        if labels.shape != self.header.shape or not 0 <= labels.min() <= labels.max() <= highest:
-            raise ConfigError(
-                f"disparity codec {self.header.method!r}: expected a label from 0 to {highest} for each pixel"
-            )
 
 
 def layer_multipliers(multiplier: float, num_layers: int) -> list[float]:

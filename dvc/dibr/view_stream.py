@@ -243,14 +243,32 @@ def decode(
         raise ConfigError(f"{num_layers} quality layers: the stream has {header.num_layers}")
     layers = stream.layers[:num_layers]
     method = METHODS[header.method] if codec is None else codec
-    states, num_decoded, damage = _decode_layers(header, layers, method)
-    if damage is None and (num_layers is None or len(layers) < num_layers):
+    states: list[_State] = []
+    num_decoded, damage = len(layers), None
+    if num_layers is None or len(layers) < num_layers:
         damage = stream.damage
-    pairs = tuple(
-        _pair_of(header, reference, state, resolution)
-        for reference, state in zip(header.references, states, strict=True)
-    )
-    return Decoded(header, pairs, num_decoded, resolution, damage)
+    for index, layer in enumerate(layers):
+        before: list[_State | None] = [*states] or [None] * len(layer)
+        try:
+            steps = zip(before, layer, strict=True)
+            after = [_next_state(header, method, state, part) for state, part in steps]
+            if len({state.reference.colour for state in after}) > 1:
+                raise BitstreamError("some pictures of the stream are gray and some are not")
+        except BitstreamError as error:
+            if index == 0:
+                raise
+            num_decoded, damage = index, f"layer {index + 1} of {header.num_layers}: {error}"
+            break
+        states = after
+    pairs = []
+    for view, (reference, data, whole, labels) in zip(header.references, states, strict=True):
+        if resolution > reference.num_levels:
+            raise ConfigError(f"resolution {resolution}: 0 to {reference.num_levels} are accepted")
+        decoded = picture_codec.decode(reference, data, header.shape, resolution) if resolution else whole
+        halved = labels.disparity(resolution).astype(np.float64)
+        disparity = header.labels.disparity(halved) / 2.0**resolution
+        pairs.append(PictureAndDisparity(decoded.picture(), disparity, header.viewpoints[view]))
+    return Decoded(header, tuple(pairs), num_decoded, resolution, damage)
 
 
 def significance_classes(decoded: DecodedPicture) -> list[NDArray[np.uint8]]:
@@ -265,26 +283,6 @@ class _State(NamedTuple):
     data: bytes
     decoded: DecodedPicture
     labels: Any
-
-
-def _decode_layers(
-    header: Header, layers: Sequence[Layer], codec: DisparityCodec
-) -> tuple[list[_State], int, str | None]:
-    """Decode up to the first layer that cannot have been written; refuse the very first one."""
-    states: list[_State] = []
-    for index, layer in enumerate(layers):
-        before: list[_State | None] = [*states] or [None] * len(layer)
-        try:
-            pairs = zip(before, layer, strict=True)
-            after = [_next_state(header, codec, state, part) for state, part in pairs]
-            if len({state.reference.colour for state in after}) > 1:
-                raise BitstreamError("some pictures of the stream are gray and some are not")
-        except BitstreamError as error:
-            if index == 0:
-                raise
-            return states, index, f"layer {index + 1} of {header.num_layers}: {error}"
-        states = after
-    return states, len(layers), None
 
 
 def _next_state(header: Header, codec: DisparityCodec, before: _State | None, part: PairLayer) -> _State:
@@ -302,15 +300,3 @@ def _next_state(header: Header, codec: DisparityCodec, before: _State | None, pa
     previous = before.labels if before is not None and codec.layered else None
     labels = codec.decode(part.disparity, header.shape, header.labels.num_labels, classes, previous)
     return _State(reference, data, decoded, labels)
-
-
-def _pair_of(header: Header, reference: int, state: _State, resolution: int) -> PictureAndDisparity:
-    """Return picture and disparities in a resolution."""
-    decoded = state.decoded
-    if resolution > state.reference.num_levels:
-        raise ConfigError(f"resolution {resolution}: 0 to {state.reference.num_levels} are accepted")
-    if resolution:
-        decoded = picture_codec.decode(state.reference, state.data, header.shape, resolution)
-    labels = state.labels.disparity(resolution).astype(np.float64)
-    disparity = header.labels.disparity(labels) / 2.0**resolution
-    return PictureAndDisparity(decoded.picture(), disparity, header.viewpoints[reference])

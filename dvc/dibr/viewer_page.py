@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -136,24 +136,17 @@ def piece_of(picture: NDArray[np.uint8], disparity: NDArray[np.floating], mask: 
 
 def is_whole(source: Source, shape: tuple[int, int]) -> bool:
     """Return whether a source is one piece that fills its view."""
-    first = source.pieces[0]
-    position = first.left, first.top
-    return (
-        len(source.pieces) == 1
-        and first.mask.shape == shape
-        and position == (0, 0)
-        and bool(first.mask.all())
-    )
+    first, *rest = source.pieces
+    is_first = (first.left, first.top) == (0, 0) and first.mask.shape == shape
+    return is_first and not rest and bool(first.mask.all())
 
 
 def seen_of(source: Source, shape: tuple[int, int]) -> NDArray[np.uint8]:
     """Return the view of a source at its own viewpoint."""
     picture, nearest = np.zeros((*shape, 3), np.uint8), np.full(shape, -np.inf)
     for piece in source.pieces:
-        y, x = (
-            index + first
-            for index, first in zip(np.nonzero(piece.mask), (piece.top, piece.left), strict=True)
-        )
+        y, x = np.nonzero(piece.mask)
+        y, x = y + piece.top, x + piece.left
         inside = (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
         y, x, disparity = y[inside], x[inside], piece.disparity[piece.mask][inside]
         front = disparity > nearest[y, x]
@@ -183,54 +176,37 @@ def scene_of_pieces(scene: Pieces) -> Scene:
         image = layers_of(scene)
         planes = list(zip(image.colour, image.disparity, image.occupied, strict=True))
     else:
-        planes = [plane[:3] for plane in _planes(scene.pieces, canvas.shape)]
-    placed = [
-        piece._replace(left=piece.left - frame.left, top=piece.top - frame.top)
-        for piece in (_cut(piece_of(*plane)) for plane in planes)
-        if piece.mask.any()
-    ]
-    source = Source(LatticePosition(0.0, 0.0), tuple(placed))
+        planes = [(plane[0], plane[1], plane[2]) for plane in _planes(scene.pieces, canvas.shape)]
+    pieces = []
+    for plane in planes:
+        piece = piece_of(*plane)
+        left, top, width, height = cv2.boundingRect(piece.mask.astype(np.uint8))
+        inside = slice(top, top + height), slice(left, left + width)
+        if width:
+            picture, disparity, mask = piece.picture[inside], piece.disparity[inside], piece.mask[inside]
+            pieces.append(Piece(picture, disparity, mask, left - frame.left, top - frame.top))
+    source = Source(LatticePosition(0.0, 0.0), tuple(pieces))
     shape = frame.height, frame.width
     return Scene(shape, (source,), canvas.resolution, (source.viewpoint,), bounds_of_pieces(scene))
 
 
-class _Plane(NamedTuple):
-    """Sprites that do not touch each other, and the pixels that no further one may have."""
-
-    colour: NDArray[np.uint8]
-    disparity: Floats
-    mask: Mask
-    taken: Mask
-
-    @classmethod
-    def empty(cls, shape: tuple[int, int]) -> Self:
-        """Return a plane without sprites."""
-        nowhere = np.zeros(shape, np.bool_)
-        return cls(np.zeros((*shape, 3), np.uint8), np.zeros(shape), nowhere, nowhere.copy())
-
-
-def _planes(sprites: Sequence[Sprite], shape: tuple[int, int]) -> list[_Plane]:
-    """Return sprites on few planes."""
-    planes: list[_Plane] = []
+def _planes(sprites: Sequence[Sprite], shape: tuple[int, int]) -> list[list[NDArray[Any]]]:
+    """Return sprites on few planes: their colours, disparities and masks, and the pixels next to them."""
+    planes: list[list[NDArray[Any]]] = []
     for sprite in sorted(sprites, key=lambda each: -each.num_values):
         inside = sprite.slices
-        plane = next((each for each in planes if not (each.taken[inside] & sprite.mask).any()), None)
+        plane = next((each for each in planes if not (each[3][inside] & sprite.mask).any()), None)
         if plane is None:
-            plane = _Plane.empty(shape)
+            colour, taken = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.bool_)
+            plane = [colour, np.zeros(shape), taken.copy(), taken]
             planes.append(plane)
-        plane.colour[inside][sprite.mask] = sprite.colour[sprite.mask]
-        plane.disparity[inside][sprite.mask] = sprite.disparity[sprite.mask]
-        plane.mask[inside] |= sprite.mask
+        colour, disparity, mask, taken = plane
+        colour[inside][sprite.mask] = sprite.colour[sprite.mask]
+        disparity[inside][sprite.mask] = sprite.disparity[sprite.mask]
+        mask[inside] |= sprite.mask
         around = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in inside)
-        plane.taken[around] |= cv2.dilate(plane.mask[around].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        taken[around] |= cv2.dilate(mask[around].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     return planes
-
-
-def _cut(piece: Piece) -> Piece:
-    """Return a piece within the bounding rectangle of its mask."""
-    left, top, width, height = cv2.boundingRect(piece.mask.astype(np.uint8))
-    inside = slice(top, top + height), slice(left, left + width)
-    return Piece(piece.picture[inside], piece.disparity[inside], piece.mask[inside], left, top)
 
 
 @dataclass(frozen=True)
@@ -252,7 +228,11 @@ class Caption:
 
 def write_page(path: str | Path, scene: Scene, caption: Caption) -> None:
     """Write the page."""
-    values = scene_values(scene, caption)
+    values, first = scene_values(scene, caption), scene.sources[0]
+    if is_whole(first, scene.shape):
+        still = webp(first.pieces[0].picture)
+    else:
+        still = webp(seen_of(first, scene.shape), STILL_QUALITY)
     write_stage(
         path,
         FILES,
@@ -260,7 +240,7 @@ def write_page(path: str | Path, scene: Scene, caption: Caption) -> None:
         title=caption.title,
         width=scene.shape[1],
         height=scene.shape[0],
-        still=_still(scene),
+        still=data_uri("image/webp", still),
         caption=caption,
         scene=scene,
         views=values["views"],
@@ -273,10 +253,27 @@ def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
     lowest, _ = scene.range
     positions = positions_of(scene.viewpoints)
     qualities = caption.qualities or (None,) * len(positions)
-    views = [
-        {"m": float(position[0]), "n": float(position[1]), "psnr_db": quality}
-        for position, quality in zip(positions, qualities, strict=True)
-    ]
+    sources = []
+    for index, (viewpoint, pieces) in enumerate(scene.sources):
+        is_still = index == 0 and is_whole(scene.sources[0], scene.shape)
+        surfaces = []
+        for picture, disparity, mask, left, top in pieces:
+            surface = surface_values(disparity, mask, None if is_still else webp(picture))
+            surfaces.append({**surface, "left": left, "top": top})
+        position, camera = None, None
+        if isinstance(viewpoint, LatticePosition):
+            position = viewpoint
+        else:
+            camera = camera_values(viewpoint.intrinsic, viewpoint.pose)
+        sources.append({"position": position, "camera": camera, "pieces": surfaces})
+    cameras, views = None, [view for view in scene.viewpoints if isinstance(view, CalibratedViewpoint)]
+    if views:
+        axes = unit_of(views) * views[0].pose[:, :3]
+        poses = [
+            {"position": position.tolist(), **camera_values(view.intrinsic, view.pose)}
+            for position, view in zip(positions, views, strict=True)
+        ]
+        cameras = {"origin": views[0].centre.tolist(), "axes": axes.ravel().tolist(), "views": poses}
     return {
         "name": Path(caption.title).stem,
         "width": scene.shape[1],
@@ -286,53 +283,11 @@ def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
         "lowest": lowest,
         "highest": lowest + scene.extent,
         "bounds": scene.bounds._asdict(),
-        "views": views,
-        "cameras": _cameras(scene, positions),
-        "sources": [
-            _source_values(source, index == 0 and is_whole(source, scene.shape))
-            for index, source in enumerate(scene.sources)
+        "views": [
+            {"m": float(position[0]), "n": float(position[1]), "psnr_db": quality}
+            for position, quality in zip(positions, qualities, strict=True)
         ],
+        "cameras": cameras,
+        "sources": sources,
         "palette": palette_text(),
     }
-
-
-def _cameras(scene: Scene, positions: Floats) -> dict[str, Any] | None:
-    """Return poses of calibrated cameras; None on a lattice."""
-    views = [view for view in scene.viewpoints if isinstance(view, CalibratedViewpoint)]
-    if not views:
-        return None
-    axes = unit_of(views) * views[0].pose[:, :3]
-    return {
-        "origin": views[0].centre.tolist(),
-        "axes": axes.ravel().tolist(),
-        "views": [
-            {"position": position.tolist(), **camera_values(view.intrinsic, view.pose)}
-            for position, view in zip(positions, views, strict=True)
-        ],
-    }
-
-
-def _source_values(source: Source, is_still: bool) -> dict[str, Any]:
-    viewpoint = source.viewpoint
-    camera = None
-    if isinstance(viewpoint, CalibratedViewpoint):
-        camera = camera_values(viewpoint.intrinsic, viewpoint.pose)
-    return {
-        "position": list(viewpoint) if isinstance(viewpoint, LatticePosition) else None,
-        "camera": camera,
-        "pieces": [_piece_values(piece, is_still) for piece in source.pieces],
-    }
-
-
-def _piece_values(piece: Piece, is_still: bool) -> dict[str, Any]:
-    picture = None if is_still else webp(piece.picture)
-    values = surface_values(piece.disparity, piece.mask, picture)
-    return {**values, "left": piece.left, "top": piece.top}
-
-
-def _still(scene: Scene) -> str:
-    """Return the address of the view of the first viewpoint: its only picture, or one for this purpose."""
-    first = scene.sources[0]
-    if is_whole(first, scene.shape):
-        return data_uri("image/webp", webp(first.pieces[0].picture))
-    return data_uri("image/webp", webp(seen_of(first, scene.shape), STILL_QUALITY))

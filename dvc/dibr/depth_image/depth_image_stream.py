@@ -104,10 +104,9 @@ def encode_stream(stream: DepthImageStream, is_piece: bool = False) -> bytes:
     flags = _PICTURE * (picture is not None) | _ADAPTIVE_EDGES * (stream.edge_code is EdgeCode.ADAPTIVE)
     flags |= _PICTURE_EDGES * stream.picture_edges | _SCALED * is_scaled | depth.order << _DEPTH_ORDER_SHIFT
     flags |= (picture.order if picture else 0) << _PICTURE_ORDER_SHIFT
-    data = _FLAGS.pack(flags) if is_piece else dibr_streams.begin(Body.DEPTH_IMAGE) + _FLAGS.pack(flags)
-    data += (b"" if is_piece else _SIZE.pack(*stream.shape[::-1])) + _RANGE.pack(
-        scale.lowest, encode_extent(scale.extent)
-    )
+    data = b"" if is_piece else dibr_streams.begin(Body.DEPTH_IMAGE)
+    data += _FLAGS.pack(flags) + (b"" if is_piece else _SIZE.pack(*stream.shape[::-1]))
+    data += _RANGE.pack(scale.lowest, encode_extent(scale.extent))
     data += _SCALE.pack(scale.factor, scale.offset) if is_scaled else b""
     colour = picture is not None and picture.header.colour
     first, *rest = replace(depth.header, colour=colour).to_bytes()

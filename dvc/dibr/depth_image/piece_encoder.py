@@ -181,8 +181,7 @@ def _code_depths(
     choices = []
     for one, of_piece in zip(codings, candidates, strict=True):
         sizes = [len(candidate.edges.data) for candidate in of_piece]
-        codes = [candidate.code for candidate in of_piece]
-        choices.append(Choices(codes, sizes, one.weight * _DEPTH_WEIGHT))
+        choices.append(Choices([candidate.code for candidate in of_piece], sizes, one.weight * _DEPTH_WEIGHT))
     lengths = allot(choices, most)
     assert lengths is not None, "masks fit"
     codes = [best_at(of_piece, length) for of_piece, length in zip(candidates, lengths, strict=True)]

@@ -76,9 +76,8 @@ def encode_stream(
     canvas: Canvas, kind: Kind, rectangles: Sequence[Rectangle], pieces: Sequence[DepthImageStream | None]
 ) -> bytes:
     """Return the bytes of a stream."""
-    parts = [
-        b"" if piece is None else depth_image_stream.encode_stream(piece, is_piece=True) for piece in pieces
-    ]
+    encode = depth_image_stream.encode_stream
+    parts = [b"" if piece is None else encode(piece, is_piece=True) for piece in pieces]
     header = encode_header(canvas, kind, rectangles, [len(part) for part in parts])
     return header + b"".join(parts)
 
@@ -170,18 +169,12 @@ def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Rectangle], list[int
     except (DvcError, UnicodeDecodeError):
         raise BitstreamError(_IMPOSSIBLE) from None
     rectangles = [Rectangle(*row[:4]) for row in rows]
-    are_inside = all(
-        one.left + one.width <= width
-        and one.top + one.height <= height
-        and (one.width > 0) == (one.height > 0)
-        for one in rectangles
-    )
-    area, most = (
-        sum(one.width * one.height for one in rectangles),
-        max(MAX_PIXELS, MAX_LAYERS * height * width),
-    )
-    is_small = height * width <= MAX_PIXELS and area <= most
-    if flags > (_SPRITES | _CALIBRATED) or not (are_inside and is_small):
+    is_valid = height * width <= MAX_PIXELS and flags <= (_SPRITES | _CALIBRATED)
+    for one in rectangles:
+        is_valid &= one.left + one.width <= width and one.top + one.height <= height
+        is_valid &= (one.width > 0) == (one.height > 0)
+    area = sum(one.width * one.height for one in rectangles)
+    if not is_valid or area > max(MAX_PIXELS, MAX_LAYERS * height * width):
         raise BitstreamError(_IMPOSSIBLE)
     return canvas, kind, rectangles, [row[4] for row in rows], reader.position
 

@@ -20,9 +20,11 @@ from dvc.geometry.viewpoints import lattice_warp
 from dvc.geometry.warping import EMPTY, inverse_warp, sample, warp_grid
 from dvc.images.colour import luma
 from dvc.layers import layer_folders
-from dvc.layers.canvas import Canvas, Frame
+from dvc.layers.canvas import Canvas
 from dvc.layers.layered_depth_image import LayeredDepthImage
 from dvc.layers.sprites import Sprite, SpriteSet
+
+Floats = NDArray[np.float64]
 
 BEYOND = 0.25
 """Largest distance of a viewpoint beyond the views, relative to the longer side of their lattice."""
@@ -30,6 +32,8 @@ ACROSS = 0.1
 """Largest parallax around a single view, relative to the width."""
 STRAYS = 0.02
 """Share of points beyond the frame of a canvas that may be errors."""
+_MARGIN = 1
+"""Pixels around a piece for the outer halves of its pixels: other pieces may begin there."""
 
 
 class Kind(IntEnum):
@@ -146,12 +150,6 @@ def bounds_of_pieces(scene: Pieces) -> Bounds:
     return bounds_of_one(frame.width, max(extent, scene.canvas.resolution) or 1.0)
 
 
-Floats = NDArray[np.float64]
-
-_MARGIN = 1
-"""Pixels around a piece for the outer halves of its pixels: other pieces may begin there."""
-
-
 def render_pieces(scene: Pieces, viewpoint: LatticePosition) -> SynthesisedView:
     """Render a view of pieces."""
     return filled(draw_pieces(scene, viewpoint), viewpoint)
@@ -181,8 +179,17 @@ def draw_pieces(scene: Pieces, viewpoint: LatticePosition) -> DrawnPieces:
     for number, piece in enumerate(scene.pieces):
         if not piece.mask.any():
             continue
-        margin = 0 if _covers(piece, frame) else _MARGIN
-        source = _source(piece, viewpoint, (frame.left, frame.top), resolution, margin)
+        height, width = piece.mask.shape
+        left, top = piece.left - frame.left, piece.top - frame.top
+        is_around = min(-left, -top, left + width - frame.width, top + height - frame.height) >= 0
+        margin = 0 if is_around and piece.mask.all() else _MARGIN  # drawn like a picture, or as a part
+        around = (margin, margin), (margin, margin)
+        mask = np.pad(piece.mask, around)
+        picture = with_margin(np.pad(piece.colour, (*around, (0, 0))), mask)
+        disparity = np.pad(piece.disparity.astype(np.float64), around)
+        warp = lattice_warp(LatticePosition(0.0, 0.0), viewpoint)
+        warp[:2, 2] += left - margin, top - margin
+        source = PictureWithDepth(picture, np.where(mask, disparity, EMPTY), warp, resolution)
         depth = drawn_depth(source, shape)
         rows, columns = np.nonzero(depth > nearest)
         nearest[rows, columns] = depth[rows, columns]
@@ -192,7 +199,6 @@ def draw_pieces(scene: Pieces, viewpoint: LatticePosition) -> DrawnPieces:
             plane = np.ascontiguousarray(source.image[..., channel])
             image[rows, columns, channel] = sample(plane, chosen)[0]
         seen = np.rint(chosen[0, :, 1::-1].T).astype(np.int64) - margin
-        height, width = piece.mask.shape
         shown[0, rows, columns] = number
         shown[1, rows, columns] = np.clip(seen[0], 0, height - 1)
         shown[2, rows, columns] = np.clip(seen[1], 0, width - 1)
@@ -204,24 +210,3 @@ def filled(drawn: DrawnPieces, viewpoint: LatticePosition) -> SynthesisedView:
     epipole = np.array([-viewpoint.m, -viewpoint.n, 0.0])
     image, inverse_depth = fill_from_background(drawn.image, drawn.inverse_depth, epipole)
     return SynthesisedView(image, inverse_depth, drawn.inverse_depth > EMPTY)
-
-
-def _covers(piece: Sprite, frame: Frame) -> bool:
-    """Return whether a piece covers all of the frame; it is then drawn like a picture, without a margin."""
-    height, width = piece.mask.shape
-    across = piece.left <= frame.left and piece.left + width >= frame.left + frame.width
-    down = piece.top <= frame.top and piece.top + height >= frame.top + frame.height
-    return across and down and bool(piece.mask.all())
-
-
-def _source(
-    piece: Sprite, viewpoint: LatticePosition, origin: tuple[int, int], resolution: float, margin: int
-) -> PictureWithDepth:
-    """Return a piece with a margin, and its warp to the target view."""
-    around = ((margin, margin), (margin, margin))
-    mask = np.pad(piece.mask, around)
-    picture = with_margin(np.pad(piece.colour, (*around, (0, 0))), mask)
-    disparity = np.pad(piece.disparity.astype(np.float64), around)
-    warp = lattice_warp(LatticePosition(0.0, 0.0), viewpoint)
-    warp[:2, 2] += piece.left - origin[0] - margin, piece.top - origin[1] - margin
-    return PictureWithDepth(picture, np.where(mask, disparity, EMPTY), warp, resolution)
