@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.dibr.disparity import _kernels
-from dvc.dibr.disparity.disparity_codec import Classes, DisparityCodec, Known
-from dvc.dibr.disparity.error_tensor import Distortion, Tensor
+from dvc.dibr.disparity.disparity_codec import Classes, DisparityCodec, Distortion, Known, Tensor
 from dvc.dibr.disparity.integer_transforms import (
     L_TRANSFORM,
     IntegerTransform,

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from benchmarks.hostile.mutations import Change, mutate, nearest
 from dvc.dibr.depth_image.depth_image_encoder import DepthImage, DepthOptions, PictureOptions, code_edges
 from dvc.dibr.depth_image.depth_image_encoder import encode_to_size as encode_map
-from dvc.dibr.depth_image.depth_image_stream import DepthImageStream
+from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, DepthScale
 from dvc.dibr.depth_image.depth_image_stream import decode as decode_map
 from dvc.dibr.depth_image.depth_image_stream import decode_stream as decode_depth_image
 from dvc.dibr.depth_image.depth_image_stream import encode_stream as encode_depth_image
-from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.piece_encoder import encode_to_size as encode_layers
 from dvc.dibr.depth_image.piece_stream import decode as decode_layers
 from dvc.dibr.depth_image.piece_stream import decode_stream as decode_pieces

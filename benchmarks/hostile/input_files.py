@@ -16,7 +16,7 @@ from benchmarks.hostile.material import material
 from benchmarks.hostile.mutations import Change, mutate, mutate_record
 from dvc.array_files import read_positions
 from dvc.bits import decode_bytes, encode_varint
-from dvc.dibr.depth_image.depth_scale import read_depth_map
+from dvc.dibr.depth_image.depth_image_stream import read_depth_map
 from dvc.dibr.depth_image.piece_stream import decode, decode_stream
 from dvc.dibr.depth_image.scene_pieces import read_pieces, write_pieces
 from dvc.errors import DvcError

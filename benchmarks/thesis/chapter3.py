@@ -30,8 +30,7 @@ from benchmarks.thesis.view_curves import (
     worst_loss,
 )
 from dvc.array_files import load_array, parse_disparities
-from dvc.dibr.disparity.disparity_codec import all_significant
-from dvc.dibr.disparity.error_tensor import error_tensor
+from dvc.dibr.disparity.disparity_codec import all_significant, error_tensor
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM
 from dvc.dibr.disparity.tree_codec import WaveletCodec
 from dvc.dibr.disparity.tree_optimisation import optimise_tree

@@ -28,7 +28,7 @@ from benchmarks.thesis.map_curves import (
 )
 from benchmarks.thesis.scenes import MOTORCYCLE, PAIRS, check_names
 from dvc.dibr.depth_image.depth_image_encoder import DepthOptions
-from dvc.dibr.depth_image.depth_scale import Plane
+from dvc.dibr.depth_image.depth_image_stream import Plane
 from dvc.errors import ConfigError, DvcError
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.lifting import Transform

@@ -15,8 +15,16 @@ from dvc.dibr.depth_image.depth_image_encoder import (
     code_picture,
     encode_to_size,
 )
-from dvc.dibr.depth_image.depth_image_stream import decode, decode_plane, decode_stream
-from dvc.dibr.depth_image.depth_scale import DepthScale, Plane, default_hole, filled, read_depth_map
+from dvc.dibr.depth_image.depth_image_stream import (
+    DepthScale,
+    Plane,
+    decode,
+    decode_plane,
+    decode_stream,
+    default_hole,
+    filled,
+    read_depth_map,
+)
 from dvc.errors import ConfigError, DvcError
 from dvc.images.chain_code import EdgeCode
 from dvc.images.colour import Picture, luma

@@ -12,8 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.dibr.dibr_streams import DEFAULT_CODEC
-from dvc.dibr.disparity.disparity_codec import DisparityCodec
-from dvc.dibr.disparity.error_tensor import Holes, Plane, Tensor, error_tensor, subtract_hole_errors
+from dvc.dibr.disparity.disparity_codec import (
+    DisparityCodec,
+    Holes,
+    Tensor,
+    error_tensor,
+    subtract_hole_errors,
+)
 from dvc.dibr.disparity.integer_transforms import Labels
 from dvc.dibr.view_rendering import PictureAndDisparity, picture_of, render_pairs
 from dvc.dibr.view_set import Views
@@ -254,7 +259,8 @@ class ForwardErrors:
         lowest, step, num_labels = self._labels
         for truth, viewpoint in self._views:
             view = render_pairs([pair], viewpoint, step)
-            errors = squared_errors(picture_of(view), truth)
+            errors = ((picture_of(view).astype(np.float32) - truth) / np.float32(255.0)) ** 2
+            errors = errors if errors.ndim == 2 else errors.mean(axis=2)
             total += float(errors.sum(dtype=np.float64))
             # lowest label that is seen in front of the drawn surface, or as part of it
             first = np.ceil((view.inverse_depth - lowest) / step - SAME_SURFACE_LABELS)
@@ -275,10 +281,3 @@ def parallax_px(warp: Floats, shape: tuple[int, ...], inverse_depths: Floats) ->
     ends = warp[:, :3] @ middle + inverse_depths[[0, -1], None] * warp[:, 3]
     first, last = ends[:, :2] / ends[:, 2:]
     return float(np.hypot(*(last - first))) / (len(inverse_depths) - 1)
-
-
-def squared_errors(picture: Picture, truth: Picture) -> Plane:
-    """Return the squared errors of a picture, intensities from 0 to 1."""
-    difference = (picture.astype(np.float32) - truth) / np.float32(255.0)
-    errors = difference * difference
-    return np.asarray(errors if errors.ndim == 2 else errors.mean(axis=2), np.float32)

@@ -19,8 +19,8 @@ from dvc.dibr.depth_image import depth_image_stream
 from dvc.dibr.depth_image import piece_stream as layered_stream
 from dvc.dibr.depth_image.depth_image_encoder import DepthImage, DepthOptions, code_edges
 from dvc.dibr.depth_image.depth_image_encoder import encode_to_size as encode_map
+from dvc.dibr.depth_image.depth_image_stream import DepthScale
 from dvc.dibr.depth_image.depth_image_stream import decode as decode_depth_image
-from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.piece_encoder import encode_to_size as encode_pieces
 from dvc.dibr.depth_image.piece_stream import decode as decode_pieces
 from dvc.dibr.dibr_streams import BUILT_IN_CODECS

@@ -10,8 +10,7 @@ import pytest
 
 from dvc.dibr.depth_image import depth_image_stream as depth_image
 from dvc.dibr.depth_image import piece_stream as layered
-from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, PlaneCode
-from dvc.dibr.depth_image.depth_scale import DepthScale
+from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, DepthScale, PlaneCode
 from dvc.dibr.depth_image.piece_stream import Rectangle
 from dvc.dibr.depth_image.scene_pieces import Kind
 from dvc.dibr.dibr_streams import FREE_PIXELS, MAX_MIB, check_extent

@@ -7,7 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.baselines.thesis_disparities import laplacian_costs
-from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, IntegerTransform, WaveletTree, level_shapes
+from dvc.dibr.disparity.integer_transforms import (
+    L_TRANSFORM,
+    IntegerTransform,
+    Labels,
+    WaveletTree,
+    level_shapes,
+    spread,
+)
 from dvc.dibr.disparity.tree_optimisation import LevelCosts
 from tests.reference import dibr_disparity as reference
 
@@ -20,6 +27,35 @@ UNIT = 2.0**-10
 def multiples(rng: np.random.Generator, most: float, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return random multiples of `UNIT` from 0 to below `most`."""
     return (UNIT * rng.integers(0, round(most / UNIT), shape)).astype(np.float32)
+
+
+def analyse_s(samples: Labels, axis: int) -> tuple[Labels, Labels]:
+    """Return means and differences of pairs along an axis (3.15)."""
+    moved = np.moveaxis(samples, axis, 0)
+    first, second = moved[0::2], moved[1::2]
+    low = first.copy()
+    low[: len(second)] = (first[: len(second)] + second) >> 1
+    return np.moveaxis(low, 0, axis), np.moveaxis(first[: len(second)] - second, 0, axis)
+
+
+def analysed(
+    transform: IntegerTransform, labels: Labels, num_labels: int, num_levels: int | None = None
+) -> WaveletTree:
+    """Return the tree of a map."""
+    low, highs = labels.astype(np.int32), []
+    for height, width in level_shapes((labels.shape[0], labels.shape[1]), num_levels)[1:]:
+        high = np.zeros(low.shape, np.int32)
+        if transform is L_TRANSFORM:
+            total = np.add.reduceat(np.add.reduceat(low, range(0, 2 * height, 2)), range(0, 2 * width, 2), 1)
+            ones = np.ones_like(low)
+            count = np.add.reduceat(np.add.reduceat(ones, range(0, 2 * height, 2)), range(0, 2 * width, 2), 1)
+            samples, low = low, (total // count).astype(np.int32)
+            high = samples - spread(low, samples.shape)
+        else:
+            vertical, high[1::2] = analyse_s(low, 0)
+            low, high[0::2, 1::2] = analyse_s(vertical, 1)
+        highs.append(high)
+    return WaveletTree(transform, num_labels, low, tuple(highs))
 
 
 def random_costs(rng: np.random.Generator, shape: tuple[int, int], num_labels: int) -> list[LevelCosts]:
@@ -60,7 +96,7 @@ def random_previous(
 ) -> WaveletTree:
     """Return a tree to predict coefficients from."""
     labels = rng.integers(0, num_labels, shape).astype(np.int32)
-    return WaveletTree.of_labels(transform, labels, num_labels)
+    return analysed(transform, labels, num_labels)
 
 
 Integers = NDArray[np.int64]

@@ -29,8 +29,12 @@ from dvc.dibr.commands.dibr_reports import (
     warn,
 )
 from dvc.dibr.depth_image import depth_image_stream, piece_stream
-from dvc.dibr.depth_image.depth_image_stream import DecodedDepthImage, DepthImageStream
-from dvc.dibr.depth_image.depth_scale import default_hole, read_depth_map
+from dvc.dibr.depth_image.depth_image_stream import (
+    DecodedDepthImage,
+    DepthImageStream,
+    default_hole,
+    read_depth_map,
+)
 from dvc.dibr.depth_image.piece_stream import LayeredStream
 from dvc.dibr.depth_image.scene_pieces import render_pieces, write_pieces
 from dvc.dibr.view_rendering import picture_of

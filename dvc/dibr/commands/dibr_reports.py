@@ -14,8 +14,13 @@ from numpy.typing import NDArray
 from dvc import cli
 from dvc.dibr import view_stream
 from dvc.dibr.depth_image import depth_image_stream, piece_stream
-from dvc.dibr.depth_image.depth_image_stream import DecodedDepthImage, DepthImageStream
-from dvc.dibr.depth_image.depth_scale import DepthMap, default_hole, read_depth_map
+from dvc.dibr.depth_image.depth_image_stream import (
+    DecodedDepthImage,
+    DepthImageStream,
+    DepthMap,
+    default_hole,
+    read_depth_map,
+)
 from dvc.dibr.depth_image.piece_stream import DecodedPieces, LayeredStream
 from dvc.dibr.dibr_streams import Body, body_of
 from dvc.dibr.view_rendering import DecodedViews

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from dvc.bits import encode_varint
 from dvc.dibr.depth_image.depth_image_stream import (
     DepthImageStream,
+    DepthScale,
+    Plane,
     PlaneCode,
     check_map,
     decode_plane,
     encode_stream,
 )
-from dvc.dibr.depth_image.depth_scale import DepthScale, Plane
 from dvc.errors import ConfigError
 from dvc.images import chain_code, edge_selection, picture_codec
 from dvc.images.chain_code import EdgeCode, trace

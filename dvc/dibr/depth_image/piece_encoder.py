@@ -17,9 +17,8 @@ from dvc.dibr.depth_image.depth_image_encoder import (
     code_pictures,
     code_with_selections,
 )
-from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, PlaneCode
+from dvc.dibr.depth_image.depth_image_stream import NUM_LEVELS, DepthImageStream, DepthScale, PlaneCode
 from dvc.dibr.depth_image.depth_image_stream import encode_stream as encode_image
-from dvc.dibr.depth_image.depth_scale import NUM_LEVELS, DepthScale
 from dvc.dibr.depth_image.piece_stream import Rectangle, encode_header, encode_stream
 from dvc.dibr.depth_image.scene_pieces import Pieces
 from dvc.errors import ConfigError

@@ -1,10 +1,7 @@
 """Values of layers and sprites that are worth their bits, for streams of a given length.
 
-The nearest values of all pixels become one picture without a mask, a rectangle. Values behind it are kept if
-the error that they save in other views is worth their bits at a Lagrange multiplier. Scenes at several
-multipliers are coded, decoded and rendered from views that represent the range of the viewer, as are the
-reference view with its disparities only, which costs least, and all values, if their masks leave enough
-bytes. The best one is written.
+Values behind the nearest ones are coded if the error that they save in other views is worth their bits.
+Scenes at several multipliers, the reference view only, and all values are coded; the best one is written.
 """
 
 from collections.abc import Callable, Sequence

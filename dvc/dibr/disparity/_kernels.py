@@ -21,14 +21,9 @@ _NO_CONTEXT = np.int64(-1)
 NONE = -1  # label of a candidate that does not exist
 
 
-class Around(NamedTuple):
-    """Summary of the neighbours of a sample or node; work space."""
-
-    counts: NDArray[np.int64]  # numbers that differ from the prediction by at most `LITTLE`, and by more
-    lean: NDArray[np.int64]  # sign of most differences, of shape (1,)
-    candidates: NDArray[np.int64]  # labels of neighbours
-
-
+# Neighbours of a sample or node: numbers of small and large differences from the prediction, sign of most
+# differences, labels of neighbours.
+SMALL, LARGE, LEAN, CANDIDATES = np.arange(4)
 NUM_LEVELS = 6  # levels with contexts of their own; coarser ones share the last
 NUM_CLASSES = 2  # classes of significance
 NUM_SURROUNDINGS = 5  # neighbours of a sample: 0: all as predicted; then one or more differ a little or much
@@ -87,17 +82,10 @@ class Coded(NamedTuple):
 
 
 @kernel
-def new_around():
-    """Return work space for neighbours."""
-    return Around(np.zeros(2, np.int64), np.zeros(1, np.int64), np.zeros(NUM_CANDIDATES, np.int64))
-
-
-@kernel
 def clear(around):
-    """Clear the work space."""
-    around.counts[:] = 0
-    around.lean[0] = 0
-    around.candidates[:] = NONE
+    """Clear the work space for neighbours."""
+    around[:CANDIDATES] = 0
+    around[CANDIDATES:] = NONE
 
 
 @kernel
@@ -106,9 +94,9 @@ def note(value, predicted, around):
     difference = np.int64(value) - predicted
     if difference == 0:
         return
-    around.counts[0 if abs(difference) <= LITTLE else 1] += 1
-    around.lean[0] += 1 if difference > 0 else -1
-    candidates = around.candidates
+    around[SMALL if abs(difference) <= LITTLE else LARGE] += 1
+    around[LEAN] += 1 if difference > 0 else -1
+    candidates = around[CANDIDATES:]
     for c in range(NUM_CANDIDATES):
         if candidates[c] == value:
             return
@@ -120,9 +108,9 @@ def note(value, predicted, around):
 @kernel
 def summary(around):
     """Return the class of the neighbours, below `NUM_SURROUNDINGS`."""
-    if around.counts[1] > 0:
-        return 3 if around.counts[1] == 1 else 4
-    return min(around.counts[0], 2)
+    if around[LARGE] > 0:
+        return 3 if around[LARGE] == 1 else 4
+    return min(around[SMALL], 2)
 
 
 @kernel
@@ -148,17 +136,17 @@ def look_around_s(labels, parents, i, j, mean, around):
     if i % 2 == 1:  # a vertical difference
         if m > 0:
             note(labels[2 * m - 1, j], mean, around)
-        before = around.lean[0]
+        before = around[LEAN]
         if m + 1 < parents.shape[0]:
             note(parents[m + 1, n], mean, around)
     else:
         if n > 0:
             note(labels[i, 2 * n - 1], mean, around)
-        before = around.lean[0]
+        before = around[LEAN]
         if n + 1 < parents.shape[1]:
             note(parents[m, n + 1], mean, around)
-    around.lean[0] = 2 * before - around.lean[0]
-    around.candidates[:] = NONE
+    around[LEAN] = 2 * before - around[LEAN]
+    around[CANDIDATES:] = NONE
     return summary(around)
 
 
@@ -210,7 +198,7 @@ def code_rest(coder, model, level, sign, value):
 @kernel
 def code_coefficient(coder, mixture, level, kind, before, predicted, value, around, statistics):
     """Code a label or coefficient by its difference from its prediction, and return it."""
-    candidates = around.candidates
+    candidates = around[CANDIDATES:]
     first = ZEROS + kind * 3 + before
     second = first + (1 + level) * NUM_COEFFICIENT_KINDS * 3
     seen = statistics[kind]
@@ -231,7 +219,7 @@ def code_coefficient(coder, mixture, level, kind, before, predicted, value, arou
             seen[(MERGED if merged else UNMERGED) + c] += 1
             if merged:
                 return candidates[c]
-    sign = 1 + (around.lean[0] > 0) - (around.lean[0] < 0)
+    sign = 1 + (around[LEAN] > 0) - (around[LEAN] < 0)
     difference = code_rest(coder, mixture, level, sign, value - predicted)
     seen[RESTS] += 1
     seen[MAGNITUDES] += abs(difference) - 1
@@ -259,7 +247,7 @@ def code_row_l(coder, mixture, level, m, known, coded, flags, coefficients):
     parents, _, significance, _, predictions, num_labels = known
     labels, live = coded.labels, coded.live
     height, width = labels.shape
-    around = new_around()
+    around = np.empty(CANDIDATES + NUM_CANDIDATES, np.int64)
     for n in range(parents.shape[1]):
         split = code_split(coder, mixture, level, m, n, known, coded, flags, around)
         before = _ZERO
@@ -287,12 +275,12 @@ def code_difference_s(coder, mixture, level, i, j, mean, predicted, before, know
 
 
 @kernel
-def code_row_s(coder, mixture, level, m, known, coded, flags, coefficients):
+def code_row_s(coder, mixture, level, m, known, coded, flags, counts):
     """Code the children of a row of nodes: whether a node is split, and the differences of its children."""
     parents, predictions, num_labels = known.parents, known.predictions, known.num_labels
     _, highs, labels, live = coded
     height, width = labels.shape
-    around = new_around()
+    around = np.empty(CANDIDATES + NUM_CANDIDATES, np.int64)
     for n in range(parents.shape[1]):
         split = code_split(coder, mixture, level, m, n, known, coded, flags, around)
         is_coded = split and known.significance[m, n]
@@ -303,7 +291,7 @@ def code_row_s(coder, mixture, level, m, known, coded, flags, coefficients):
             horizontal = predicted = np.int64(predictions[i, j])
             if is_coded:
                 horizontal = code_difference_s(
-                    coder, mixture, level, i, j, mean, predicted, before, known, coded, coefficients, around
+                    coder, mixture, level, i, j, mean, predicted, before, known, coded, counts, around
                 )
                 before = 2 if horizontal != predicted else 1
             horizontal = min(max(horizontal, -num_labels), num_labels)
@@ -319,18 +307,7 @@ def code_row_s(coder, mixture, level, m, known, coded, flags, coefficients):
                 vertical = predicted = np.int64(predictions[i, j])
                 if is_coded:
                     vertical = code_difference_s(
-                        coder,
-                        mixture,
-                        level,
-                        i,
-                        j,
-                        column,
-                        predicted,
-                        before,
-                        known,
-                        coded,
-                        coefficients,
-                        around,
+                        coder, mixture, level, i, j, column, predicted, before, known, coded, counts, around
                     )
                     before = 2 if vertical != predicted else max(before, 1)
                 vertical = min(max(vertical, -num_labels), num_labels)
@@ -343,19 +320,19 @@ def code_row_s(coder, mixture, level, m, known, coded, flags, coefficients):
 @kernel
 def kinds_l(parents, labels, predictions, significance, kinds, candidates):
     """Set the kinds of the coefficients of a solution, and labels of their neighbours."""
-    around = new_around()
+    around = np.empty(CANDIDATES + NUM_CANDIDATES, np.int64)
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
             predicted = np.int64(parents[i // 2, j // 2]) + predictions[i, j]
             surroundings = look_around_l(labels, parents, i, j, predicted, around)
-            candidates[i, j] = around.candidates
+            candidates[i, j] = around[CANDIDATES:]
             kinds[i, j] = significance[i // 2, j // 2] * NUM_SURROUNDINGS + surroundings
 
 
 @kernel
 def kinds_s(parents, labels, significance, kinds):
     """Set the kinds of the coefficients of a solution."""
-    around = new_around()
+    around = np.empty(CANDIDATES + NUM_CANDIDATES, np.int64)
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
             mean = np.int64(parents[i // 2, j // 2])
@@ -368,7 +345,7 @@ def kinds_s(parents, labels, significance, kinds):
 @kernel
 def kinds_of_nodes(parents, splits, significance, is_open, kinds):
     """Set the kinds of the nodes of a solution."""
-    around = new_around()
+    around = np.empty(CANDIDATES + NUM_CANDIDATES, np.int64)
     for m in range(kinds.shape[0]):
         for n in range(kinds.shape[1]):
             kinds[m, n] = kind_of_node(m, n, parents, splits, significance, is_open, around)

@@ -1,12 +1,8 @@
 """Integer wavelet transforms of disparity maps: Laplace (L) and sequential (S), in one and two dimensions.
 
-Level 0 is the map itself; each node of level j has up to two (or 2 x 2) children in level j - 1, fewer at odd
-borders. High-pass coefficients of one level have the positions of its samples: in L each sample has one, in S
-those at even positions (even in both directions) are not used and are 0.
-
-References
-----------
-[Maitre2008] Eqs. (3.13) to (3.16) and (3.32); three bands a scale in two dimensions, Figure 3.7(b).
+Level 0 is the map itself; each node of level j has up to 2 x 2 children in level j - 1, fewer at odd borders.
+In L each sample has a high-pass coefficient; in S those at even rows and columns are 0 ([Maitre2008] Eqs.
+(3.13) to (3.16) and (3.32), Figure 3.7(b)).
 """
 
 from collections.abc import Callable
@@ -29,25 +25,15 @@ def level_shapes(shape: tuple[int, int], num_levels: int | None = None) -> list[
 
 @dataclass(frozen=True)
 class IntegerTransform:
-    """A transform of one level: analysis, and its inverse."""
+    """The synthesis of one level of a transform."""
 
     name: str  # name on command lines
-    # samples (H, W) to those of the next level, and to high-pass coefficients (H, W), both int32
-    analyse: Callable[[Labels], tuple[Labels, Labels]]
-    synthesise: Callable[[Labels, Labels], Labels]  # both of these to the samples
-
-
-def analyse_s(samples: Labels, axis: int) -> tuple[Labels, Labels]:
-    """Return means and differences of pairs along an axis (3.15)."""
-    moved = np.moveaxis(samples, axis, 0)
-    first, second = moved[0::2], moved[1::2]
-    low = first.copy()
-    low[: len(second)] = (first[: len(second)] + second) >> 1
-    return np.moveaxis(low, 0, axis), np.moveaxis(first[: len(second)] - second, 0, axis)
+    # samples of the next level, and high-pass coefficients (H, W), both int32, to samples (H, W)
+    synthesise: Callable[[Labels, Labels], Labels]
 
 
 def synthesise_s(low: Labels, high: Labels, axis: int) -> Labels:
-    """Return the samples of means and differences (3.16); inverse of `analyse_s`."""
+    """Return the samples of means and differences of pairs along an axis (3.15), (3.16)."""
     low, high = np.moveaxis(low, axis, 0), np.moveaxis(high, axis, 0)
     samples = np.empty((len(low) + len(high), *low.shape[1:]), np.int32)
     samples[0::2] = low
@@ -57,29 +43,8 @@ def synthesise_s(low: Labels, high: Labels, axis: int) -> Labels:
     return np.moveaxis(samples, 0, axis)
 
 
-def _analyse_plane_s(samples: Labels) -> tuple[Labels, Labels]:
-    vertical, high_vertical = analyse_s(samples, 0)
-    low, high_horizontal = analyse_s(vertical, 1)
-    high = np.zeros(samples.shape, np.int32)
-    high[1::2] = high_vertical
-    high[0::2, 1::2] = high_horizontal
-    return low, high
-
-
 def _synthesise_plane_s(low: Labels, high: Labels) -> Labels:
     return synthesise_s(synthesise_s(low, high[0::2, 1::2], 1), high[1::2], 0)
-
-
-def _analyse_plane_l(samples: Labels) -> tuple[Labels, Labels]:
-    shape = tuple(-(-size // 2) for size in samples.shape)
-    total, count = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
-    for a in range(2):
-        for b in range(2):
-            part = samples[a::2, b::2]
-            total[: part.shape[0], : part.shape[1]] += part
-            count[: part.shape[0], : part.shape[1]] += 1
-    low = total // count
-    return low, samples - spread(low, samples.shape)
 
 
 def _synthesise_plane_l(low: Labels, high: Labels) -> Labels:
@@ -91,10 +56,10 @@ def spread(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     return values.repeat(2, axis=0)[: shape[0]].repeat(2, axis=1)[:, : shape[1]]
 
 
-L_TRANSFORM = IntegerTransform("l", _analyse_plane_l, _synthesise_plane_l)
+L_TRANSFORM = IntegerTransform("l", _synthesise_plane_l)
 """Laplace: floor of the mean, and the difference of each sample from it (3.13), (3.14), (3.32)."""
 
-S_TRANSFORM = IntegerTransform("s", _analyse_plane_s, _synthesise_plane_s)
+S_TRANSFORM = IntegerTransform("s", _synthesise_plane_s)
 """Sequential: vertically on both columns, then horizontally on the low-pass coefficients (3.15), (3.16)."""
 
 
@@ -106,17 +71,6 @@ class WaveletTree:
     num_labels: int  # labels are from 0 to ``num_labels - 1``
     roots: Labels  # low-pass coefficients of the coarsest level
     highs: tuple[Labels, ...]  # high-pass coefficients of level 0, 1, ...
-
-    @classmethod
-    def of_labels(
-        cls, transform: IntegerTransform, labels: Labels, num_labels: int, num_levels: int | None = None
-    ) -> "WaveletTree":
-        """Analyse a map."""
-        low, highs = labels.astype(np.int32), []
-        for _ in level_shapes((labels.shape[0], labels.shape[1]), num_levels)[1:]:
-            low, high = transform.analyse(low)
-            highs.append(high)
-        return cls(transform, num_labels, low, tuple(highs))
 
     @classmethod
     def constant(

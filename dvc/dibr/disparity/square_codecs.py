@@ -1,15 +1,7 @@
-"""Disparity maps of squares with one label each: quadtrees, and blocks of one size as the simplest codec.
+"""Disparity maps of squares with one label each: quadtrees [Sullivan1994], and blocks of one size.
 
-A quadtree begins with one square around the whole map and may go down to single pixels. Labels of leaves are
-independent of each other, as in the thesis: adaptive contexts learn the frequencies of labels, and of splits
-of squares of each size, and the tree is pruned with the costs that follow from a first tree. Blocks have 8 x
-8 pixels and labels of least squared error in codes of fixed length.
-
-References
-----------
-[Sullivan1994] G. J. Sullivan, R. L. Baker, "Efficient quadtree coding of images and video", IEEE Trans. Image
-Process. 3(3), 1994.
-[Maitre2008] Section 3.4.
+Labels of leaves are independent of each other, as in the thesis [Maitre2008]: adaptive contexts learn their
+frequencies, and those of splits of squares of each size. The tree is pruned with the costs of a first tree.
 """
 
 from collections.abc import Sequence
@@ -24,11 +16,12 @@ from dvc.dibr.disparity.disparity_codec import (
     CREDITS,
     Candidates,
     DisparityCodec,
+    Distortion,
     Known,
     RangeCodedDisparities,
+    Tensor,
     climb,
 )
-from dvc.dibr.disparity.error_tensor import Distortion, Tensor
 from dvc.dibr.disparity.integer_transforms import Labels, level_shapes, spread
 from dvc.entropy import RangeCoder, context_counts
 from dvc.errors import BitstreamError

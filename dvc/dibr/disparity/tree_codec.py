@@ -1,16 +1,8 @@
 """Disparity maps as wavelet trees: the best one for its bits, and its bytes.
 
-The code goes scale by scale from the roots, with adaptive contexts. It has a flag for each node that has
-coefficients below it which are not as predicted, then the coefficients of its children, if the reference is
-significant there. A coefficient is 0 or not; in L one that is not may lead to the label of a decoded
-neighbour; the rest has a sign and a magnitude. Contexts are the scale, the class of significance, and the
-distance of the decoded neighbours from the prediction.
-
-The costs of the dynamic programming and the statistics of the code depend on each other: an optimum gives
-costs of coefficients, these costs give the next optimum, a few times. If the errors of rendered views are
-known, differences of labels may cost more than their bits, as they open holes, and labels that cover a hole
-less; several values are tried. Costs are in units of the errors: bits times lambda, a squared error per pixel
-for each bit.
+The code goes scale by scale from the roots, with adaptive contexts: a flag for each node with unpredicted
+coefficients below it, then the coefficients of its children. The costs of the dynamic programming follow from
+the statistics of the code of the optimum before. Costs are in units of the errors: bits times lambda.
 """
 
 import math
@@ -26,11 +18,12 @@ from dvc.dibr.disparity.disparity_codec import (
     CREDITS,
     Candidates,
     Classes,
+    Distortion,
     Known,
     RangeCodedDisparities,
+    Tensor,
     climb,
 )
-from dvc.dibr.disparity.error_tensor import Distortion, Tensor
 from dvc.dibr.disparity.integer_transforms import (
     L_TRANSFORM,
     S_TRANSFORM,

@@ -1,12 +1,8 @@
 """Best wavelet coefficients of a disparity map for their bits, by dynamic programming on their tree.
 
 From the leaves up, the least cost of the subtree of a node is found for each of its labels; back from the
-roots, the coefficients that reach it. The optimum is exact for the given costs. A node with all coefficients
-as predicted may say so at once (a zero tree), which is one more way for it to have a label.
-
-References
-----------
-[Maitre2008] Sections 3.3.4, 3.3.5 and 3.3.7, Eqs. (3.19) to (3.32), (3.36).
+roots, the coefficients that reach it: the exact optimum for the given costs ([Maitre2008] Eqs. (3.19) to
+(3.32), (3.36)). A zero tree, with all coefficients as predicted, is one more way for a node to have a label.
 """
 
 from collections.abc import Sequence
@@ -17,7 +13,7 @@ from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.dibr.disparity._kernels import NUM_CANDIDATES
-from dvc.dibr.disparity.error_tensor import Tensor
+from dvc.dibr.disparity.disparity_codec import Tensor
 from dvc.dibr.disparity.integer_transforms import (
     S_TRANSFORM,
     IntegerTransform,

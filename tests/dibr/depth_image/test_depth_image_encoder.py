@@ -14,8 +14,7 @@ from dvc.dibr.depth_image.depth_image_encoder import (
     code_with_edges,
     encode_to_size,
 )
-from dvc.dibr.depth_image.depth_image_stream import decode, decode_stream
-from dvc.dibr.depth_image.depth_scale import DepthScale
+from dvc.dibr.depth_image.depth_image_stream import DepthScale, decode, decode_stream
 from dvc.errors import BitstreamError, ConfigError
 from dvc.images.chain_code import EdgeCode
 from dvc.images.edge_extraction import canny_edges, edges_of_jumps

@@ -10,11 +10,13 @@ from hypothesis import strategies as st
 
 from dvc.dibr.depth_image.depth_image_stream import (
     DepthImageStream,
+    DepthScale,
     PlaneCode,
+    decode_extent,
     decode_stream,
+    encode_extent,
     encode_stream,
 )
-from dvc.dibr.depth_image.depth_scale import DepthScale, decode_extent, encode_extent
 from dvc.errors import BitstreamError, ConfigError
 from dvc.images.chain_code import EdgeCode
 from dvc.images.picture_codec import PictureHeader

@@ -9,8 +9,8 @@ import pytest
 
 from dvc.dibr.depth_image.depth_image_encoder import DepthImage
 from dvc.dibr.depth_image.depth_image_encoder import encode_to_size as encode_image
+from dvc.dibr.depth_image.depth_image_stream import DepthScale
 from dvc.dibr.depth_image.depth_image_stream import decode as decode_image
-from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.piece_encoder import encode_to_size
 from dvc.dibr.depth_image.piece_selection import (
     MOST_TRIALS,

@@ -9,11 +9,10 @@ from dvc.dibr.disparity.integer_transforms import (
     L_TRANSFORM,
     S_TRANSFORM,
     IntegerTransform,
-    WaveletTree,
-    analyse_s,
     level_shapes,
     synthesise_s,
 )
+from tests.reference.dibr_trees import analyse_s, analysed
 
 TRANSFORMS = pytest.mark.parametrize("transform", [L_TRANSFORM, S_TRANSFORM], ids=lambda one: one.name)
 
@@ -33,7 +32,7 @@ def test_pairs_of_s_are_a_bijection() -> None:
 def test_coefficients_of_l_are_rounded_down() -> None:
     """High-pass coefficients of a pair add up to 0 or 1 (3.13)."""
     pairs = np.random.default_rng(0).integers(-9, 10, (1, 200)).astype(np.int32)
-    _, high = L_TRANSFORM.analyse(pairs)
+    high = analysed(L_TRANSFORM, pairs, 60, 1).highs[0]
     assert set(high[0, 0::2] + high[0, 1::2]) == {0, 1}
 
 
@@ -42,7 +41,7 @@ def test_maps_come_back(seed: int, height: int, width: int, num_levels: int | No
     """A map of any size is what its coefficients make, at all levels."""
     labels = np.random.default_rng(seed).integers(0, 60, (height, width)).astype(np.int32)
     for transform in (L_TRANSFORM, S_TRANSFORM):
-        tree = WaveletTree.of_labels(transform, labels, 60, num_levels)
+        tree = analysed(transform, labels, 60, num_levels)
         np.testing.assert_array_equal(tree.disparity(), labels)
         shapes = level_shapes((height, width), num_levels)
         assert [level.shape for level in tree.levels()] == shapes
@@ -53,7 +52,7 @@ def test_maps_come_back(seed: int, height: int, width: int, num_levels: int | No
 @TRANSFORMS
 def test_a_constant_has_no_coefficients(transform: IntegerTransform) -> None:
     """Only the root of a constant map is not 0, and there is one root."""
-    tree = WaveletTree.of_labels(transform, np.full((11, 6), 7, np.int32), 60)
+    tree = analysed(transform, np.full((11, 6), 7, np.int32), 60)
     assert tree.roots.tolist() == [[7]]
     assert not any(high.any() for high in tree.highs)
 
@@ -61,6 +60,6 @@ def test_a_constant_has_no_coefficients(transform: IntegerTransform) -> None:
 def test_s_is_not_redundant() -> None:
     """Coefficients at even places are 0: one low, one horizontal and two vertical ones of four samples."""
     labels = np.random.default_rng(1).integers(0, 60, (9, 13)).astype(np.int32)
-    for high in WaveletTree.of_labels(S_TRANSFORM, labels, 60).highs:
+    for high in analysed(S_TRANSFORM, labels, 60).highs:
         assert not high[0::2, 0::2].any()
         assert high.any()

@@ -6,8 +6,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.baselines.thesis_disparities import SPLIT_BITS, FixedQuadtreeCodec, LaplacianCodec
-from dvc.dibr.disparity.disparity_codec import DisparityCodec
-from dvc.dibr.disparity.error_tensor import Holes, error_tensor
+from dvc.dibr.disparity.disparity_codec import DisparityCodec, Holes, error_tensor
 from dvc.dibr.disparity.integer_transforms import (
     L_TRANSFORM,
     S_TRANSFORM,

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from dvc._jit import python_twin
-from dvc.dibr.disparity import error_tensor
-from dvc.dibr.disparity.disparity_codec import all_significant
-from dvc.dibr.disparity.error_tensor import Holes, subtract_hole_errors
-from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform, WaveletTree
+from dvc.dibr.disparity import disparity_codec
+from dvc.dibr.disparity.disparity_codec import Holes, all_significant, subtract_hole_errors
+from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform
 from dvc.dibr.disparity.tree_codec import Statistics, WaveletCodec, code_costs, encode_tree, kinds_of
+from tests.reference.dibr_trees import analysed
 
 SHAPE, NUM_LABELS, MULTIPLIER = (24, 30), 20, 1e-4
 
@@ -82,7 +82,7 @@ def test_labels_that_would_cover_a_hole_are_credited() -> None:
     back = np.tile(np.eye(3), (4, 1, 1))
     back[:, :, 2] -= np.arange(4.0)[:, None] * warp[:, 3]
     back[:, 2, 2] = 1.0
-    python_twin(error_tensor._subtract_at_labels)(hole, first_label, back, np.float32(0.1), credited)
+    python_twin(disparity_codec._subtract_at_labels)(hole, first_label, back, np.float32(0.1), credited)
     np.testing.assert_allclose(found, credited, rtol=1e-6)
 
 
@@ -127,9 +127,8 @@ def test_costs_of_the_code_are_near_its_length() -> None:
 
 def test_tears_make_differences_dearer() -> None:
     """A label of difference costs more by the side of its square, whatever way it is coded."""
-    tree = WaveletTree.of_labels(
-        L_TRANSFORM, np.arange(720, dtype=np.int32).reshape(SHAPE) % NUM_LABELS, NUM_LABELS
-    )
+    labels = np.arange(720, dtype=np.int32).reshape(SHAPE) % NUM_LABELS
+    tree = analysed(L_TRANSFORM, labels, NUM_LABELS)
     kinds = kinds_of(tree, all_significant(SHAPE))
     plain = code_costs(MULTIPLIER, NUM_LABELS, Statistics.none(len(kinds)), kinds)
     torn = code_costs(MULTIPLIER, NUM_LABELS, Statistics.none(len(kinds)), kinds, 0.02)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from dvc.dibr.disparity.error_tensor import adjugates, error_tensor
+from dvc.dibr.disparity.disparity_codec import adjugates, error_tensor
 from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp, lattice_warp
 from tests.reference import dibr_disparity as reference
