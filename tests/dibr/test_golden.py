@@ -150,7 +150,6 @@ def main() -> None:
 
 @pytest.mark.parametrize("name", ALL)
 def test_golden_stream_decodes_to_the_frozen_pictures(name: str) -> None:
-    """Pictures and disparities of each layer and resolution are those of the day it was made."""
     path = FOLDER / f"{name}.dibr"
     if os.environ.get("DVC_REGENERATE") == "1" and frozen.missing(FOLDER, [name]):
         path.write_bytes(ALL[name]())
@@ -161,7 +160,6 @@ def test_golden_stream_decodes_to_the_frozen_pictures(name: str) -> None:
 
 @pytest.mark.parametrize("name", ALL)
 def test_encoders_decide_as_before(name: str) -> None:
-    """They make the streams that `DVC_REGENERATE=1` stored, to the byte."""
     data, stored = ALL[name](), json.loads(CANARIES.read_text())
     found = {"bytes": len(data), "stream_sha256": hashlib.sha256(data).hexdigest()}
     if os.environ.get("DVC_REGENERATE") == "1":
@@ -172,7 +170,6 @@ def test_encoders_decide_as_before(name: str) -> None:
 
 @pytest.mark.parametrize("processor", [*PROCESSORS][: None if ALL_PROCESSORS else 1])
 def test_golden_streams_decode_alike_on_every_processor(processor: str) -> None:
-    """Whatever libraries find, pictures and disparities are the frozen ones."""
     environment = os.environ | PROCESSORS[processor]
     command = [sys.executable, "-c", "from tests.dibr.test_golden import main; main()"]
     done = subprocess.run(
@@ -183,13 +180,11 @@ def test_golden_streams_decode_alike_on_every_processor(processor: str) -> None:
 
 
 def test_every_frozen_stream_is_listed() -> None:
-    """No stream lies in the folder, and no record in the list, that nothing decodes."""
     assert {path.stem for path in FOLDER.glob("*.dibr")} == set(ALL) == set(frozen.records(FOLDER))
     assert set(json.loads(CANARIES.read_text())) == set(ALL)
 
 
 def test_frozen_streams_are_of_their_kinds() -> None:
-    """What a name says is in the header."""
     streams = {name: decode_stream((FOLDER / f"{name}.dibr").read_bytes()) for name in GOLDEN}
     assert {stream.header.method for stream in streams.values()} == set(BUILT_IN_CODECS)
     assert streams["l-layers"].header.num_layers == 4

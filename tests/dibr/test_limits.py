@@ -144,7 +144,6 @@ def test_more_chains_than_their_bytes_can_hold_are_refused():
 @pytest.mark.parametrize("shape", [(1, 1), (13, 40), (64, 64)])
 @pytest.mark.parametrize("num_levels", [0, 1, 6])
 def test_no_data_decode_to_what_coefficients_of_zero_give(shape, num_levels):
-    """One byte of zeros, of which the first bit plane says that nothing is significant in any."""
     nothing = picture_codec.encode(np.full(shape, 128.0), num_levels=num_levels)
     assert (nothing.header.num_bit_planes, nothing.data) == (0, b"")
     header = replace(nothing.header, num_bit_planes=3)
@@ -171,7 +170,6 @@ def decisions(monkeypatch):
 
 
 def test_what_cannot_have_been_written_ends_decoding_at_once(decisions):
-    """Random bytes were read to their end before they were refused."""
     data = np.random.default_rng(1).bytes(200_000)
     with pytest.raises(BitstreamError, match="damaged"):
         picture_codec.decode(PictureHeader(6, 12, True), data, (512, 512))
@@ -179,7 +177,6 @@ def test_what_cannot_have_been_written_ends_decoding_at_once(decisions):
 
 
 def test_bytes_stand_for_a_number_of_decisions(decisions):
-    """Zeros after a byte are decisions for ever."""
     data = bytes(100)
     with pytest.raises(BitstreamError, match="damaged"):
         picture_codec.decode(PictureHeader(0, 30, False), data, (600, 600))
@@ -187,7 +184,6 @@ def test_bytes_stand_for_a_number_of_decisions(decisions):
 
 
 def test_what_is_written_can_be_read(decisions):
-    """A picture that is all alike, in too many decisions, is cut where a reader of any part of it goes on."""
     code = picture_codec.encode(np.full((600, 600), 90.0), num_levels=0)
     assert kernels.FREE_DECISIONS // 2 < decisions()[0] < kernels.FREE_DECISIONS
     for length in range(len(code.data), 0, -3):

@@ -61,7 +61,6 @@ def test_decoding_k_layers_is_encoding_with_k_layers(method: str) -> None:
 
 @EVERY_METHOD
 def test_a_cut_at_any_byte_leaves_the_layers_before_it(method: str) -> None:
-    """Never anything but the layers that are whole, or an error where there is none."""
     data = encoder(method).encode(MULTIPLIER).data
     whole = decode_stream(data)
     _, start = decode_header(data)
@@ -89,7 +88,6 @@ def damaged(stream: Stream, layer: int, pair: int, part: PairLayer) -> bytes:
 @pytest.mark.parametrize("pair", [0, 1])
 @pytest.mark.parametrize("layer", [0, 1, 2])
 def test_what_cannot_have_been_written_ends_the_layers(layer: int, pair: int) -> None:
-    """Behind a right checksum, too: disparities cut short, pictures of another kind or without a header."""
     stream = decode_stream(encoder("blocks", references=(0, 2)).encode(MULTIPLIER).data)
     picture, disparity = stream.layers[layer][pair]
     other = bytes([picture[0] ^ 0x10]) + picture[1:]  # in colour

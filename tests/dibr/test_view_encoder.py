@@ -84,7 +84,6 @@ def shifted_views() -> Views:
 
 
 def test_errors_are_those_of_holes_where_the_rest_is_right() -> None:
-    """With the true disparities, all errors are in the strip that the reference does not see."""
     views = shifted_views()
     errors = ForwardErrors(views.pictures[0], HERE, LABELS, [(views.pictures[1], RIGHT)])
     total, (holes,) = errors.measure(np.full(SHAPE, SHIFT, np.int32))
@@ -98,7 +97,6 @@ def test_errors_are_those_of_holes_where_the_rest_is_right() -> None:
 
 
 def test_labels_that_lead_into_holes_are_credited() -> None:
-    """The last pixel of a row reaches the hole by labels below the true one."""
     views = shifted_views()
     errors = ForwardErrors(views.pictures[0], HERE, LABELS, [(views.pictures[1], RIGHT)])
     holes = errors.measure(np.full(SHAPE, SHIFT, np.int32))[1]
@@ -114,12 +112,10 @@ def test_labels_that_lead_into_holes_are_credited() -> None:
 
 
 def test_parallax_is_that_of_the_middle() -> None:
-    """From one label to the next, in a view that is turned, where it is not the same everywhere."""
     warp = np.array([[1.0, 0.0, 0.0, 3.0], [0.0, 1.0, 0.0, 4.0], [0.01, 0.02, 1.0, 0.0]])
     found = parallax_px(warp, (21, 41), np.array([0.0, 1.0, 2.0]))
     assert found == pytest.approx(5.0 / (0.01 * 20.0 + 0.02 * 10.0 + 1.0))
 
 
 def test_parallax_of_one_label_is_none() -> None:
-    """Where nothing can move nothing does."""
     assert parallax_px(np.eye(3, 4), SHAPE, np.array([2.0])) == 0.0

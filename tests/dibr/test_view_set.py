@@ -38,7 +38,6 @@ def views_of(*cameras: Camera) -> Views:
 
 @pytest.mark.parametrize("translation", [[-1.0, 0.2, 0.0], [-0.6, 0.1, -0.8], [0.3, 0.0, 0.9]])
 def test_a_step_is_at_most_a_pixel_of_parallax(translation: list[float]) -> None:
-    """Between the views farthest apart, neighbouring labels are up to a pixel apart, not more."""
     far = camera("far", [0.02, -0.1, 0.05], translation)
     views = views_of(
         camera("a", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
@@ -57,7 +56,6 @@ def test_a_step_is_at_most_a_pixel_of_parallax(translation: list[float]) -> None
 
 @pytest.mark.parametrize("away", [500.0, 5e6])
 def test_an_origin_far_away_is_moved_to_the_first_camera(away: float) -> None:
-    """Single precision keeps where cameras stand to each other; what it keeps anyway stays as it is."""
     origin = np.array([away, -away, 0.1 * away])
     turns, centres = ([0.1, 0.2, 0.0], [0.0, -0.1, 0.3]), np.array([[0.0, 0.0, 0.0], [1.0, 0.25, 0.0]])
     near = [camera(f"{k}", turn, [0, 0, 0]) for k, turn in enumerate(turns)]
@@ -82,7 +80,6 @@ def test_an_origin_far_away_is_moved_to_the_first_camera(away: float) -> None:
 def test_parallax_of_as_many_labels_as_there_may_be(
     parallax_px: float, refused: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Labels a pixel apart reach just so far."""
     monkeypatch.setattr(view_set, "_largest_parallax", lambda *_: parallax_px)
     views = views_of(
         camera("a", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), camera("b", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
@@ -92,7 +89,6 @@ def test_parallax_of_as_many_labels_as_there_may_be(
 
 
 def test_labels_may_be_counted_and_are_limited() -> None:
-    """A number of labels is taken as it is; without one, a depth of nearly nothing has too many."""
     views = views_of(camera("a", [0, 0, 0], [0, 0, 0]), camera("b", [0, 0, 0], [-1.0, 0, 0]))
     assert labels_of_depths(views, 1e-3, 10.0, 17).num_labels == 17
     with pytest.raises(ConfigError, match="more than 4096 labels"):
@@ -100,7 +96,6 @@ def test_labels_may_be_counted_and_are_limited() -> None:
 
 
 def test_cameras_that_see_no_depth_are_refused() -> None:
-    """Lens distortion, cameras at one place, and points that all have one depth, or lie behind."""
     still = camera("a", [0, 0, 0], [0, 0, 0])
     with pytest.raises(ConfigError, match="same position"):
         views_of(still, camera("b", [0, 0.1, 0], [0, 0, 0]))
@@ -120,7 +115,6 @@ def test_cameras_that_see_no_depth_are_refused() -> None:
 
 
 def test_memory_is_told_before_it_is_taken() -> None:
-    """Sixty labels of a large picture fit, thousands do not."""
     check_memory((1000, 1500), 60)
     with pytest.raises(ConfigError, match="4096 disparities of 450x375 pixels"):
         check_memory((375, 450), 4096)

@@ -159,7 +159,6 @@ def test_cameras_that_are_not_finite_are_refused():
 
 @pytest.mark.parametrize("position", [1e13, -1.7e38, np.inf, np.nan])
 def test_cameras_that_are_nowhere_are_refused(position):
-    """Positions that no lattice has would make rendering run over nothing for ever."""
     data = encode_header(_header(viewpoints=(LatticePosition(0.0, position), *POSITIONS[1:])))
     with pytest.raises(BitstreamError, match="finite position"):
         decode_header(data)

@@ -105,7 +105,6 @@ def agreement_db(page: Page, stream: Decoded, viewpoint: Viewpoint) -> tuple[flo
 
 @pytest.mark.parametrize("name", ["colour", "two-references"])
 def test_streams_look_as_they_are_rendered(opened: Opened, name: str) -> None:
-    """The first view is the decoded picture; others agree with the renderer, and holes nearly."""
     page, stream = opened(name), decoded(name)
     first = picture_of(render(stream, stream.pairs[0].viewpoint))
     np.testing.assert_array_equal(saved_picture(page, by_pointer=True), first)
@@ -117,7 +116,6 @@ def test_streams_look_as_they_are_rendered(opened: Opened, name: str) -> None:
 
 
 def test_calibrated_cameras_look_as_they_are_rendered(opened: Opened) -> None:
-    """At the place of each camera the page shows what the renderer does."""
     page, stream = opened("calibrated"), decoded("calibrated")
     views = page.evaluate("JSON.parse(document.getElementById('scene').textContent).views")
     assert len(views) == len(stream.header.viewpoints)
@@ -128,7 +126,6 @@ def test_calibrated_cameras_look_as_they_are_rendered(opened: Opened) -> None:
 
 @pytest.mark.parametrize("name", ["layers", "sprites"])
 def test_layers_and_sprites_show_what_cameras_saw(opened: Opened, name: str) -> None:
-    """The reference is there as it was, and views of other cameras, holes and all, nearly as they were."""
     page = opened(name)
     views = {view.position: view.image for view in reconstruction_of(SCENE, square_lattice(1), LABELS).array}
     np.testing.assert_array_equal(saved_picture(page), views[LatticePosition(0.0, 0.0)])
@@ -139,7 +136,6 @@ def test_layers_and_sprites_show_what_cameras_saw(opened: Opened, name: str) -> 
 
 
 def test_viewpoint_is_moved_by_pointer_keys_wheel_and_touch(opened: Opened) -> None:
-    """Each of them moves it and the picture with it, within the bounds, and a reset brings it back."""
     page = opened("colour", has_touch=True)
     first = saved_picture(page)
     canvas = page.locator("#view")
@@ -174,7 +170,6 @@ def test_viewpoint_is_moved_by_pointer_keys_wheel_and_touch(opened: Opened) -> N
 
 
 def test_two_fingers_come_closer(opened: Opened) -> None:
-    """Fingers that part magnify, and one finger moves sideways."""
     page = opened("colour", has_touch=True, is_mobile=True, viewport={"width": 360, "height": 740})
     session = page.context.new_cdp_session(page)
     box = page.locator("#view").bounding_box()
@@ -197,7 +192,6 @@ def test_two_fingers_come_closer(opened: Opened) -> None:
 
 
 def test_holes_are_marked_or_filled(opened: Opened) -> None:
-    """Stripes stand where nothing was seen, and nowhere else."""
     page, stream = opened("colour"), decoded("colour")
     go(page, 1.0, 0.0)
     drawn = render(stream, LatticePosition(1.0, 0.0)).drawn
@@ -209,7 +203,6 @@ def test_holes_are_marked_or_filled(opened: Opened) -> None:
 
 
 def test_depth_and_grid_are_shown(opened: Opened) -> None:
-    """Depth is bright where it is near; the grid darkens surfaces between its lines."""
     page, stream = opened("colour"), decoded("colour")
     picture = saved_picture(page).astype(float)
     page.check("#depth")
@@ -225,7 +218,6 @@ def test_depth_and_grid_are_shown(opened: Opened) -> None:
 
 @pytest.mark.parametrize("name", ["flat", "cameras"])
 def test_middle_is_held_in_place(opened: Opened, name: str) -> None:
-    """A plane before the cameras stays where it is, if that is wanted, and moves if not."""
     page = opened(name)
     before = saved_picture(page).astype(int)
     go(page, 0.5, 0.2)
@@ -236,7 +228,6 @@ def test_middle_is_held_in_place(opened: Opened, name: str) -> None:
 
 
 def test_context_that_is_lost_comes_back(opened: Opened) -> None:
-    """The page says that it has nothing to draw with, and draws again as soon as it has."""
     page = opened("colour")
     before = saved_picture(page)
     lose_context(page)
@@ -256,7 +247,6 @@ def test_context_that_is_lost_comes_back(opened: Opened) -> None:
     ],
 )
 def test_missing_features_are_told(opened: Opened, script: str, name: str) -> None:
-    """One line names what is missing, and the first picture is there all the same."""
     page = opened("colour", script, until=TOLD)
     assert name in page.inner_text("#message")
     assert page.locator("#still").is_visible()
@@ -265,7 +255,6 @@ def test_missing_features_are_told(opened: Opened, script: str, name: str) -> No
 
 
 def test_data_that_cannot_be_read_is_told(opened: Opened) -> None:
-    """What goes wrong while unpacking or drawing is one line as well."""
     broken = "window.createImageBitmap = () => Promise.reject(new Error('no such picture'));"
     page = opened("colour", broken, until=TOLD)
     assert page.inner_text("#message") == "The scene cannot be drawn here: no such picture."
@@ -277,7 +266,6 @@ def test_data_that_cannot_be_read_is_told(opened: Opened) -> None:
 
 
 def test_page_without_javascript_shows_a_picture(graphics_browser: Browser, pages: Path) -> None:
-    """It says why nothing moves, and shows no dead control."""
     context = graphics_browser.new_context(java_script_enabled=False)
     page = context.new_page()
     page.goto((pages / "colour.html").as_uri(), timeout=TIMEOUT_MS)
@@ -288,7 +276,6 @@ def test_page_without_javascript_shows_a_picture(graphics_browser: Browser, page
 
 
 def test_help_and_names_for_those_who_do_not_see(opened: Opened) -> None:
-    """The question mark opens the help, Escape closes it; canvas, inputs and buttons have names."""
     page = opened("colour")
     canvas = page.locator("#view")
     canvas.focus()

@@ -35,7 +35,6 @@ GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "dibr"
 
 
 def test_references_of_a_stream_are_sources() -> None:
-    """Each reference is one whole piece at its viewpoint, and the bounds lie a bit beyond the views."""
     decoded = decode(decode_stream((GOLDEN / "two-references.dibr").read_bytes()))
     scene = scene_of_stream(decoded)
     assert len(scene.sources) == 2
@@ -51,7 +50,6 @@ def test_references_of_a_stream_are_sources() -> None:
 
 
 def test_calibrated_cameras_have_places_in_the_plane_of_the_first() -> None:
-    """The farthest camera is one unit away, and inverse depth at infinity is 0."""
     decoded = decode(decode_stream((GOLDEN / "calibrated.dibr").read_bytes()))
     scene = scene_of_stream(decoded)
     positions = positions_of(scene.viewpoints)
@@ -64,7 +62,6 @@ def test_calibrated_cameras_have_places_in_the_plane_of_the_first() -> None:
 
 
 def test_places_are_along_the_axes_of_the_first_camera() -> None:
-    """Wherever it stands, and however it is turned."""
     turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     centres = np.array([[3.0, 1.0, 2.0], [3.0, 3.0, 2.0], [2.0, 1.0, 2.0]])
     poses = [np.column_stack([turned, -turned @ centre]) for centre in centres]
@@ -77,7 +74,6 @@ def test_places_are_along_the_axes_of_the_first_camera() -> None:
     [(1.0, True), (9.0 / DEPTH_RANGE, True), (0.01, False), (0.0, False), (-2.0, False)],
 )
 def test_infinity_is_where_disparities_may_be_inverse_depths(least: float, is_at_zero: bool) -> None:
-    """Else it is a little below the least."""
     disparity = np.linspace(least, 9.0, 12).reshape(3, 4)
     scene = scene_of_picture(source_of(np.zeros((3, 4), np.uint8), disparity), 0.5)
     expected = 0.0 if is_at_zero else least - (9.0 - least) / (DEPTH_RANGE - 1.0)
@@ -85,7 +81,6 @@ def test_infinity_is_where_disparities_may_be_inverse_depths(least: float, is_at
 
 
 def test_a_picture_alone_has_bounds_by_its_parallax() -> None:
-    """Gray becomes three channels; the bounds are wider the flatter the scene."""
     picture = np.arange(12, dtype=np.uint8).reshape(3, 4)
     flat, deep = (
         scene_of_picture(source_of(picture, np.linspace(2.0, high, 12).reshape(3, 4)), 0.5) for high in (3, 9)
@@ -97,7 +92,6 @@ def test_a_picture_alone_has_bounds_by_its_parallax() -> None:
 
 
 def test_layers_are_pieces_in_the_frame_of_the_reference() -> None:
-    """What other cameras see lies at negative positions, and colours go on a little beyond each mask."""
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
     scene = scene_of_pieces(pieces_of_layers(image))
     (source,) = scene.sources
@@ -115,7 +109,6 @@ def test_layers_are_pieces_in_the_frame_of_the_reference() -> None:
 
 
 def test_sprites_share_pieces_without_touching() -> None:
-    """All values are there once, and sprites of one piece have a gap between them."""
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
     sprites = extract_sprites(image)
     scene = scene_of_pieces(pieces_of_sprites(sprites))
@@ -136,7 +129,6 @@ def test_sprites_share_pieces_without_touching() -> None:
 def test_sprites_share_a_piece_where_a_pixel_is_between_them(
     step: tuple[int, int], gap: int, num_pieces: int
 ) -> None:
-    """To any side."""
     top, left = (10 + {1: 5 + gap, 0: 1, -1: -(3 + gap)}[k] for k in step)
     sprites = [
         Sprite(x, y, np.ones((n, n), np.bool_), np.full((n, n, 3), 9, np.uint8), np.ones((n, n), np.float32))
@@ -146,7 +138,6 @@ def test_sprites_share_a_piece_where_a_pixel_is_between_them(
 
 
 def test_holes_of_a_sprite_take_others() -> None:
-    """But for the pixels beside its own."""
     ring = np.ones((9, 9), np.bool_)
     ring[1:8, 1:8] = False
     for size, num_pieces in ((5, 1), (6, 2)):
@@ -159,7 +150,6 @@ def test_holes_of_a_sprite_take_others() -> None:
 
 
 def test_first_view_is_what_its_pieces_show() -> None:
-    """Of layers and of sprites it is the reference; a picture that fills its view needs no drawing."""
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
     for scene in (
         scene_of_pieces(pieces_of_layers(image)),
@@ -176,7 +166,6 @@ def test_first_view_is_what_its_pieces_show() -> None:
 
 
 def test_an_empty_scene_has_a_range() -> None:
-    """A mask without anything leaves no disparity, and no error."""
     nothing = source_of(np.zeros((3, 4), np.uint8), np.zeros((3, 4)), np.zeros((3, 4), np.bool_))
     scene = scene_of_picture(nothing, 1.0)
     assert scene.range == (0.0, 0.0)
@@ -189,7 +178,6 @@ HOSTILE = '"></script><script>window.stolen = 1</script>'
 
 
 def test_picture_of_the_first_piece_is_there_once(tmp_path: Path) -> None:
-    """The page shows it before it draws, and takes its colours from there."""
     rng = np.random.default_rng(4)
     picture = rng.integers(0, 256, (20, 30, 3)).astype(np.uint8)
     scene = scene_of_picture(source_of(picture, np.ones((20, 30))), 1.0)
@@ -204,7 +192,6 @@ def test_picture_of_the_first_piece_is_there_once(tmp_path: Path) -> None:
 
 
 def test_scenes_of_one_disparity_and_no_step_have_a_range() -> None:
-    """Programs divide by what lies between the largest disparity and infinity."""
     for disparity in (0.0, 5.0, -2.0):
         scene = scene_of_picture(source_of(np.zeros((4, 5), np.uint8), np.full((4, 5), disparity)), 0.0)
         values = scene_values(scene, Caption("one", "picture", 10, 20))
@@ -214,7 +201,6 @@ def test_scenes_of_one_disparity_and_no_step_have_a_range() -> None:
 
 
 def test_hostile_names_do_not_run(tmp_path: Path) -> None:
-    """Markup in a title or a note is text."""
     scene = scene_of_picture(source_of(np.zeros((4, 5), np.uint8), np.ones((4, 5))), 1.0)
     write_page(tmp_path / "page.html", scene, Caption(HOSTILE, HOSTILE, 10, 20, (HOSTILE,)))
     text = (tmp_path / "page.html").read_text(encoding="utf-8")

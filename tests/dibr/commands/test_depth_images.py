@@ -137,7 +137,6 @@ def test_a_picture_with_its_map_is_rendered_and_looked_at(capsys: pytest.Capture
 
 
 def test_disparities_wider_than_the_picture_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    """A scale was forgotten, most likely; what is within the picture needs no line."""
     for options, told in ((("map16.png",), "map16.png: disparities of up to "), (("map.pfm",), "")):
         words = ["encode", "picture.png", "out.dibr", "--depth", *options, "--bpp", "1", "--quiet"]
         assert run(*words) == 0

@@ -37,7 +37,6 @@ def encoded(*options: str, views: tuple[str, ...] = ("a.png", "b.png")) -> bytes
 def test_streams_come_through_pipes(
     views: Path, command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """They are as long as what came, and read once."""
     data = encoded()
     monkeypatch.setattr(view, "MAX_PIXELS", 32 * 48 // 4)
     reader, writer = os.pipe()
@@ -56,7 +55,6 @@ def test_any_rate_is_accepted(views: Path) -> None:
 
 
 def test_processes_encode_decode_and_render(views: Path) -> None:
-    """The commands as they are typed: every file is there, and the square is where it should be."""
     command = [sys.executable, "-m", "dvc.dibr"]
     steps = (
         "encode a.png b.png pair.dibr --disparities 0:8 --bpp 6 --json encoded.json",
@@ -87,7 +85,6 @@ def test_processes_encode_decode_and_render(views: Path) -> None:
 
 
 def test_help_is_quick() -> None:
-    """No numeric library is loaded to print help."""
     for arguments in (
         ["--help"],
         *([name, "--help"] for name in ("encode", "decode", "render", "info", "view", "evaluate")),
@@ -100,7 +97,6 @@ def test_help_is_quick() -> None:
 
 @pytest.mark.parametrize("method", ["l", "s", "quadtree", "blocks"])
 def test_every_method_finds_the_square(views: Path, method: str) -> None:
-    """Near and far are told apart by each way to code them."""
     encoded("--disparity", method, "--lambda", "1e-4")
     assert run("decode", "out.dibr", "--out", "decoded", "--quiet") == 0
     disparity = read_pfm(views / "decoded" / "disparity.pfm")
@@ -110,7 +106,6 @@ def test_every_method_finds_the_square(views: Path, method: str) -> None:
 
 
 def test_layers_and_resolutions(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Fewer layers are worse pictures, and halved ones have half the disparities."""
     encoded("--quality-layers", "3", "--lambda", "5e-4")
     truth = ("--view", "1", "--truth", "b.png")
     psnrs = [
@@ -127,7 +122,6 @@ def test_layers_and_resolutions(views: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_arrays_and_further_references(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Positions by option or table; a second coded view has files of its own and helps to render."""
     (views / "views.csv").write_text("file,m,n\na.png,0,0\nb.png,1,0\nc.png,-1,0\n")
     array = ("a.png", "b.png", "c.png")
     by_table = encoded("--views", "views.csv", views=array)
@@ -146,7 +140,6 @@ def test_arrays_and_further_references(views: Path, capsys: pytest.CaptureFixtur
 
 
 def test_calibrated_views(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """General cameras: inverse depths a pixel of parallax apart, and views by number."""
     entries = cameras("ab", (0, 1))
     (views / "cameras.json").write_text(json.dumps(entries))
     depths = f"{FOCAL_PX / 8:g}:inf"
@@ -169,7 +162,6 @@ def test_calibrated_views(views: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_depths_of_known_points(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Where points of the scene are known, the range of depths is theirs; else it must be given."""
     document = {"cameras": cameras("ab", (0, 1)), "points": [[0, 0, FOCAL_PX / NEAR], [1, 0, FOCAL_PX / FAR]]}
     (views / "cameras.json").write_text(json.dumps(document))
     options = ("--cameras", "cameras.json", "--lambda", "1e-3")
@@ -182,7 +174,6 @@ def test_depths_of_known_points(views: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_gray_pictures_cost_no_chroma(views: Path) -> None:
-    """Gray on demand, where pictures are gray, and at any depth of bits."""
     picture = cv2.imread("a.png", cv2.IMREAD_GRAYSCALE), cv2.imread("b.png", cv2.IMREAD_GRAYSCALE)
     for name, gray in zip(("g", "h"), picture, strict=True):
         assert gray is not None
@@ -198,7 +189,6 @@ def test_gray_pictures_cost_no_chroma(views: Path) -> None:
 
 
 def test_a_cut_stream_gives_what_is_whole(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Cut at every byte: the layers before with a warning, or one line and nothing written."""
     data = encoded("--quality-layers", "2", "--disparity", "blocks", "--lambda", "2e-2")
     sizes = [layer["bytes"] for layer in answer(capsys, "info", "out.dibr")["layers"]]
     cut = views / "cut.dibr"
@@ -216,7 +206,6 @@ def test_a_cut_stream_gives_what_is_whole(views: Path, capsys: pytest.CaptureFix
 
 
 def test_damage_behind_a_right_checksum(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A second layer that cannot have been written leaves the first one, with a warning."""
     data = encoded("--quality-layers", "2", "--disparity", "blocks", "--lambda", "2e-2")
     stream = decode_stream(data)
     ((picture, disparity),) = stream.layers[1]
@@ -256,7 +245,6 @@ REFUSED = {
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_bad_views_are_refused(views: Path, case: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """One line says what is wrong."""
     cv2.imwrite("small.png", np.zeros((31, 48, 3), np.uint8))
     cv2.imwrite("big.png", np.zeros((400, 600), np.uint8))
     cv2.imwrite("also.png", np.zeros((400, 600), np.uint8))
@@ -265,7 +253,6 @@ def test_bad_views_are_refused(views: Path, case: str, capsys: pytest.CaptureFix
 
 
 def test_bad_requests_are_refused(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What a stream has not is named."""
     encoded()
     assert "DIBR" in refusal(capsys, "decode", "a.png", "--out", "decoded")
     assert "quality layers" in refusal(capsys, "decode", "out.dibr", "--out", "d", "--quality-layers", "2")
@@ -282,7 +269,6 @@ def test_bad_requests_are_refused(views: Path, capsys: pytest.CaptureFixture[str
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (21, 33)])
 @pytest.mark.parametrize("method", ["l", "s", "quadtree", "blocks"])
 def test_any_size(views: Path, shape: tuple[int, int], method: str) -> None:
-    """Sides of one pixel, odd ones, and pictures without anything in them."""
     picture = np.full((*shape, 3), 77, np.uint8)
     cv2.imwrite("s.png", picture)
     cv2.imwrite("t.png", picture)

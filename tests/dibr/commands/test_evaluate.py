@@ -30,7 +30,6 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_streams_of_maps_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    """Figures are those that the encoder and the decoder tell."""
     encoded = answer(capsys, "encode", "picture.png", "a.dibr", "--depth", "map.pfm", "--bpp", "1", "--gray")
     assert run("encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
     truth = ["--truth-depth", "map.pfm", "--truth-image", "picture.png"]
@@ -43,7 +42,6 @@ def test_streams_of_maps_are_told(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_streams_of_views_stand_beside_them(capsys: pytest.CaptureFixture[str]) -> None:
-    """Bits of a stream of views add up, too; its picture is that of the reference."""
     for view in planes(64, 80):
         write_png(Path(f"{view.name}.png"), np.ascontiguousarray(view.image[:, :, ::-1]))
     options = ["--disparities", "0:9", "--lambda", "1e-3", "--quiet"]
@@ -56,7 +54,6 @@ def test_streams_of_views_stand_beside_them(capsys: pytest.CaptureFixture[str]) 
 
 
 def test_a_table_is_printed_and_damage_told(capsys: pytest.CaptureFixture[str]) -> None:
-    """A stream that ends early is decoded as far as it goes, and said to be."""
     assert run("encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
     whole = Path("b.dibr").read_bytes()
     Path("b.dibr").write_bytes(whole[:-20])
@@ -71,7 +68,6 @@ def test_a_table_is_printed_and_damage_told(capsys: pytest.CaptureFixture[str]) 
 
 
 def test_mistakes_are_told_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    """Sizes, and files that are no streams."""
     assert run("encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
     cv2.imwrite("small.png", texture(32, 40))
     streams = ["evaluate", "b.dibr"]
@@ -81,7 +77,6 @@ def test_mistakes_are_told_in_one_line(capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_several_rates_of_layers_make_a_curve(capsys: pytest.CaptureFixture[str]) -> None:
-    """A curve for each kind, rising with the rate, on a page of its own; a table beside it."""
     for name, scene in (("layers", plane_layers()), ("sprites", plane_sprites())):
         Path(name).mkdir()
         write_pieces(Path(name), scene)
@@ -112,7 +107,6 @@ def test_several_rates_of_layers_make_a_curve(capsys: pytest.CaptureFixture[str]
 
 
 def test_damage_is_named_by_its_file(capsys: pytest.CaptureFixture[str]) -> None:
-    """Of several streams, the line tells which one cannot be decoded, and no folder is left."""
     assert run("encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
     whole = bytearray(Path("b.dibr").read_bytes())
     start, end = edges_of_stream(bytes(whole))

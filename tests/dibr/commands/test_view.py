@@ -34,13 +34,11 @@ def scene_of(page: str) -> dict[str, Any]:
 
 
 def test_summary_counts(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """One source is no sources."""
     assert run("view", stream, "--out", "page.html") == 0
     assert re.fullmatch(r"page\.html: \d+ bytes, 1 source\n", capsys.readouterr().out)
 
 
 def test_page_is_one_file_that_loads_nothing(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """It names no other place, its policy allows none, and the figures are those of the stream."""
     figures = answer(capsys, "view", stream, "--out", "page.html")
     text = Path("page.html").read_text(encoding="utf-8")
     assert figures["page_bytes"] == len(text.encode())
@@ -55,7 +53,6 @@ def test_page_is_one_file_that_loads_nothing(stream: str, capsys: pytest.Capture
 
 
 def test_quality_is_that_of_rendered_views(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Pictures are those of the views in their order, or of the place before them."""
     wanted = []
     for place, truth in (("0", "a.png"), ("1", "b.png"), ("-1,0", "c.png")):
         options = ("--view", place, "--out", "view.png", "--truth", truth)
@@ -70,7 +67,6 @@ def test_quality_is_that_of_rendered_views(stream: str, capsys: pytest.CaptureFi
 
 
 def test_folders_of_layers_and_sprites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Both become a scene of one source."""
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
     for name, write, content in (
         ("layers", write_layers, image),
@@ -88,7 +84,6 @@ def test_folders_of_layers_and_sprites(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_damaged_streams_are_shown_as_far_as_they_go(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """One line says what is missing, and the page as well."""
     options = ("--disparities", "0:8", "--lambda", "2e-3", "--quiet", "--quality-layers", "3")
     assert run("encode", "a.png", "b.png", "layers.dibr", *options) == 0
     data = Path("layers.dibr").read_bytes()
@@ -103,7 +98,6 @@ def test_damaged_streams_are_shown_as_far_as_they_go(stream: str, capsys: pytest
 def test_large_streams_are_shown_smaller(
     stream: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Sides are halved until a page can bear them; rate and PSNR stay those of the whole."""
     options = ("view", stream, "--out", "page.html", "--truth", "a.png")
     whole = answer(capsys, *options)
     monkeypatch.setattr(view, "MAX_PIXELS", 32 * 48 // 4)
@@ -119,7 +113,6 @@ def test_large_streams_are_shown_smaller(
 def test_large_folders_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line tells how many pixels there are."""
     monkeypatch.chdir(tmp_path)
     Path("layers").mkdir()
     write_layers(Path("layers"), layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS)))
@@ -128,7 +121,6 @@ def test_large_folders_are_refused(
 
 
 def test_refusals(stream: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What cannot be shown or written ends with one line and nothing written."""
     (tmp_path / "empty").mkdir()
     (tmp_path / "broken.dibr").write_bytes(Path(stream).read_bytes()[:20])
     (tmp_path / "layers").mkdir()

@@ -207,7 +207,6 @@ def test_everything_is_coded_where_there_is_room() -> None:
 
 
 def test_where_nothing_but_what_is_needed_fits_there_is_no_code() -> None:
-    """However much the first bits are worth."""
     dear = Choices((HARD, EASY), (40, 30), 1e6)
     assert dear.bytes_at_multiplier(10.0) > 40
     assert allot([dear, dear], 60) == [30, 30]

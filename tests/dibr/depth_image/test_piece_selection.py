@@ -93,7 +93,6 @@ def test_the_reference_view_alone_is_worth_the_picture_with_its_map(max_bytes: i
 
 
 def test_views_are_never_worse_than_with_disparities_rounded_to_labels() -> None:
-    """Means of what cameras have voted for lie between labels."""
     scene = SCENES["layers"]
     rng = np.random.default_rng(3)
     pieces = []

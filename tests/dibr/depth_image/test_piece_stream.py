@@ -51,7 +51,6 @@ def test_streams_come_back() -> None:
 
 
 def test_the_least_step_comes_back() -> None:
-    """In single precision it is a little less."""
     canvas = canvas_of((12, 20), labels=DisparityLabels(0.0, MIN_STEP, 16))
     found = decode_stream(encode_to_size(replace(SCENE, canvas=canvas), 400).data).canvas
     assert found.labels.step == pytest.approx(MIN_STEP)
@@ -101,7 +100,6 @@ def test_other_versions_and_files_are_refused() -> None:
 @given(st.data())
 @settings(max_examples=60)
 def test_damage_behind_right_checksums_is_refused_or_some_picture(data) -> None:
-    """The bytes of a piece are changed and its checksum mended: what precedes it is decoded."""
     stream = decode_stream(odd())
     number = data.draw(st.integers(0, len(stream.pieces) - 1))
     piece = stream.pieces[number]

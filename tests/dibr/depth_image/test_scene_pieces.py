@@ -14,7 +14,6 @@ from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_l
 
 
 def test_bounds_are_beyond_all_sides() -> None:
-    """By a share of the longer side."""
     assert bounds_around(-1.0, 3.0, 0.0, 1.0) == (
         -1 - 4 * BEYOND,
         3 + 4 * BEYOND,
@@ -25,7 +24,6 @@ def test_bounds_are_beyond_all_sides() -> None:
 
 
 def test_one_view_bears_some_parallax() -> None:
-    """In pixels a share of the width, to all sides."""
     assert bounds_of_one(200, 5.0) == pytest.approx([-40 * ACROSS, 40 * ACROSS] * 2)
 
 

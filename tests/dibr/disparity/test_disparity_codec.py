@@ -14,7 +14,6 @@ STILL = lattice_warp(ORIGIN, ORIGIN)
 
 
 def test_agrees_with_its_twin() -> None:
-    """Sub-pixel steps, several offsets, and negative disparities, pixel by pixel."""
     rng = np.random.default_rng(0)
     target, *views = rng.uniform(size=(4, 7, 9))
     offsets = [(1.0, 0.0), (-0.5, 1.0), (0.0, -2.0)]
@@ -27,7 +26,6 @@ def test_agrees_with_its_twin() -> None:
 
 
 def test_least_where_the_views_were_moved() -> None:
-    """A texture that is moved by 3 px per unit has its least error there, near 0."""
     texture = gaussian_filter(np.random.default_rng(1).normal(size=(40, 60)), 1.0)
     target, right, below = texture[10:30, 10:50], texture[10:30, 13:53], texture[13:33, 10:50]
     warps = [lattice_warp(ORIGIN, LatticePosition(*offset)) for offset in ((1.0, 0.0), (0.0, 1.0))]
@@ -37,7 +35,6 @@ def test_least_where_the_views_were_moved() -> None:
 
 
 def test_planes_of_rectified_cameras_are_translations() -> None:
-    """General cameras that differ by a translation see planes as rectified views do."""
     rng = np.random.default_rng(2)
     target, view = rng.uniform(size=(2, 8, 10, 3))
     intrinsics = np.array([[50.0, 0.0, 4.0], [0.0, 50.0, 3.0], [0.0, 0.0, 1.0]])
@@ -50,7 +47,6 @@ def test_planes_of_rectified_cameras_are_translations() -> None:
 
 
 def test_what_is_not_seen_counts_for_nothing() -> None:
-    """Pixels that a view has not seen, or that lie behind it, are left to the other views."""
     rng = np.random.default_rng(3)
     target, view = rng.uniform(size=(2, 6, 6))
     blind = np.full((6, 6), np.nan)
@@ -64,7 +60,6 @@ def test_what_is_not_seen_counts_for_nothing() -> None:
 
 
 def test_labels_outside_are_as_good_as_blind_ones() -> None:
-    """A pixel near the border has the mean error of the labels with which it is seen."""
     target, view = np.random.default_rng(4).uniform(size=(2, 6, 12))
     warp = lattice_warp(ORIGIN, LatticePosition(1.0, 0.0))
     tensor = error_tensor(target, [view], [warp], np.arange(8.0))
@@ -74,7 +69,6 @@ def test_labels_outside_are_as_good_as_blind_ones() -> None:
 
 
 def test_arguments_must_fit() -> None:
-    """Views without warps, or of other channels, are refused."""
     view, labels = np.zeros((4, 4)), np.arange(3.0)
     with pytest.raises(ValueError, match="views"):
         error_tensor(view, [], [], labels)
@@ -83,7 +77,6 @@ def test_arguments_must_fit() -> None:
 
 
 def test_adjugates_are_inverses_but_for_positive_scales() -> None:
-    """Whatever the sign of the determinant; where there is no inverse they are nothing."""
     rng = np.random.default_rng(0)
     matrices = rng.normal(size=(20, 3, 3))
     determinants = np.linalg.det(matrices)

@@ -38,7 +38,6 @@ def test_coefficients_of_l_are_rounded_down() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 21), st.integers(1, 21), st.sampled_from([None, 0, 1, 3]))
 def test_maps_come_back(seed: int, height: int, width: int, num_levels: int | None) -> None:
-    """A map of any size is what its coefficients make, at all levels."""
     labels = np.random.default_rng(seed).integers(0, 60, (height, width)).astype(np.int32)
     for transform in (L_TRANSFORM, S_TRANSFORM):
         tree = analysed(transform, labels, 60, num_levels)
@@ -51,14 +50,12 @@ def test_maps_come_back(seed: int, height: int, width: int, num_levels: int | No
 
 @TRANSFORMS
 def test_a_constant_has_no_coefficients(transform: IntegerTransform) -> None:
-    """Only the root of a constant map is not 0, and there is one root."""
     tree = analysed(transform, np.full((11, 6), 7, np.int32), 60)
     assert tree.roots.tolist() == [[7]]
     assert not any(high.any() for high in tree.highs)
 
 
 def test_s_is_not_redundant() -> None:
-    """Coefficients at even places are 0: one low, one horizontal and two vertical ones of four samples."""
     labels = np.random.default_rng(1).integers(0, 60, (9, 13)).astype(np.int32)
     for high in analysed(S_TRANSFORM, labels, 60).highs:
         assert not high[0::2, 0::2].any()

@@ -68,7 +68,6 @@ class TestEveryCodec:
 
     @pytest.mark.parametrize("seed", range(30))
     def test_what_was_written_comes_back(self, codec: DisparityCodec, seed: int) -> None:
-        """Any size, number of labels and significance: the decoded map is that of the encoder."""
         rng = np.random.default_rng(seed)
         height, width, num_labels = (int(rng.integers(1, highest)) for highest in (20, 20, 71))
         multiplier = float(rng.choice([1e-4, 1e-2, 1.0]))
@@ -86,7 +85,6 @@ class TestEveryCodec:
         assert codec.encode(decoded, significance) == payload
 
     def test_a_step_edge_is_found(self, codec: DisparityCodec) -> None:
-        """The map is right but for the shadow of the square, and blocks that its edges cross."""
         tensor, labels = step_edge()
         found = codec.optimise(tensor, 1e-3).disparity()
         wrong = (found != labels)[:, 12:]
@@ -95,7 +93,6 @@ class TestEveryCodec:
 
     @pytest.mark.parametrize("seed", range(60))
     def test_any_bytes_are_a_map_or_an_error(self, codec: DisparityCodec, seed: int) -> None:
-        """Arbitrary payloads give valid labels or BitstreamError."""
         rng = np.random.default_rng(seed)
         height, width, num_labels = (int(rng.integers(1, highest)) for highest in (13, 13, 301))
         payload = rng.bytes(int(rng.integers(0, 201)))
@@ -109,7 +106,6 @@ class TestEveryCodec:
         assert labels.max() < num_labels
 
     def test_damage_is_borne(self, codec: DisparityCodec) -> None:
-        """Cut at every byte or with any byte changed, a payload gives a map or an error."""
         tensor, _ = step_edge()
         payload = codec.encode(codec.optimise(tensor, 1e-4))
         rng = np.random.default_rng(0)
@@ -127,7 +123,6 @@ class TestEveryCodec:
             assert labels.max() < NUM_LABELS
 
     def test_a_layer_refines_what_precedes_it(self, codec: DisparityCodec) -> None:
-        """Where maps are coded as differences, the one before is used: no change costs next to nothing."""
         tensor, _ = step_edge(noise=0.1)
         shape = tensor.shape[0], tensor.shape[1]
         first = codec.optimise(tensor, 1e-2)
@@ -144,7 +139,6 @@ class TestEveryCodec:
 
 @NOT_BLOCKS
 def test_edges_within_blocks_are_found(name: str) -> None:
-    """The map is right but for the shadow of the square."""
     tensor, labels = step_edge()
     wrong = (CODECS[name].optimise(tensor, 1e-3).disparity() != labels)[:, 12:]
     wrong[8:24, :9] = False  # hidden in the other view
@@ -153,7 +147,6 @@ def test_edges_within_blocks_are_found(name: str) -> None:
 
 @NOT_BLOCKS
 def test_dearer_bits_are_fewer(name: str) -> None:
-    """With a larger lambda there are fewer bits and more errors."""
     tensor, _ = step_edge(noise=0.2)
     codec, sizes, errors = CODECS[name], [], []
     for multiplier in (1e-5, 1e-3, 1e-1):
@@ -166,7 +159,6 @@ def test_dearer_bits_are_fewer(name: str) -> None:
 
 @pytest.mark.parametrize("name", LAYERED)
 def test_a_layer_that_refines_costs_less_than_a_map(name: str) -> None:
-    """What the layer before told is not told again."""
     tensor, _ = step_edge(noise=0.1)
     codec = CODECS[name]
     first = codec.optimise(tensor, 1e-2)
@@ -176,7 +168,6 @@ def test_a_layer_that_refines_costs_less_than_a_map(name: str) -> None:
 
 @pytest.mark.parametrize("name", LAYERED)
 def test_insignificant_coefficients_are_not_coded(name: str) -> None:
-    """Without significance a map costs its root; with it in one place, coefficients are there alone."""
     tensor, _ = step_edge()
     codec, shape = CODECS[name], tensor.shape[:2]
     nothing = [np.zeros(size, np.uint8) for size in level_shapes(shape)[1:]]
@@ -190,7 +181,6 @@ def test_insignificant_coefficients_are_not_coded(name: str) -> None:
 
 
 def test_stopping_early_needs_more_bits() -> None:
-    """With roots of 4 x 4 pixels, each a fixed number of bits, a map is dearer."""
     tensor, _ = step_edge()
     early = WaveletCodec(L_TRANSFORM, num_levels=2)
     found = early.optimise(tensor, 1e-3)
@@ -216,7 +206,6 @@ def test_blocks_have_codes_of_fixed_length() -> None:
 
 
 def test_squares_of_the_quadtree_are_pruned_exactly() -> None:
-    """A map of four quadrants is one split and four labels."""
     labels = np.arange(4).reshape(2, 2).repeat(8, axis=0).repeat(8, axis=1)
     tensor = (np.arange(4) != labels[:, :, None]).astype(np.float32)
     found = METHODS["quadtree"].optimise(tensor, 1e-3)
@@ -225,7 +214,6 @@ def test_squares_of_the_quadtree_are_pruned_exactly() -> None:
 
 
 def test_fixed_codes_are_counted() -> None:
-    """Four quadrants are a split, four squares that are not split, and four labels of two bits."""
     labels = np.arange(4).reshape(2, 2).repeat(8, axis=0).repeat(8, axis=1)
     tensor = (np.arange(4) != labels[:, :, None]).astype(np.float32)
     codec = FixedQuadtreeCodec()
@@ -262,7 +250,6 @@ class _HoleOfLabels:
 
 @pytest.mark.parametrize("has_credits", [False, True])
 def test_quadtrees_may_cover_holes(has_credits: bool) -> None:
-    """Labels that would cover a hole are tried where that is asked for, and kept where they are better."""
     tensor = np.full((16, 16, 9), 0.3, np.float32)
     tensor[:, :, 2] = 0.2
     distortion = _HoleOfLabels(tensor)
@@ -273,7 +260,6 @@ def test_quadtrees_may_cover_holes(has_credits: bool) -> None:
 
 
 def test_trees_of_any_integers_have_valid_labels() -> None:
-    """Coefficients that lead beyond the labels are cut off."""
     rng = np.random.default_rng(2)
     shapes = level_shapes((9, 6))
     highs = tuple(rng.integers(-50, 50, size).astype(np.int32) for size in shapes[:-1])

@@ -54,7 +54,6 @@ class Rendered:
 
 @pytest.mark.parametrize("transform", [L_TRANSFORM, S_TRANSFORM], ids=lambda one: one.name)
 def test_maps_are_chosen_by_the_errors_that_they_cause(transform: IntegerTransform) -> None:
-    """Told what holes cost, the codec finds a map of less cost in all, with fewer holes."""
     tensor, codec = noisy_tensor(), WaveletCodec(transform)
     rendered = Rendered(tensor)
     trees = codec.optimise(tensor, MULTIPLIER), codec.optimise(tensor, MULTIPLIER, distortion=rendered)
@@ -65,7 +64,6 @@ def test_maps_are_chosen_by_the_errors_that_they_cause(transform: IntegerTransfo
 
 
 def test_labels_that_would_cover_a_hole_are_credited() -> None:
-    """What is subtracted is the error where a label draws its pixel, by weight and number of views."""
     rng = np.random.default_rng(1)
     tensor = rng.uniform(size=(6, 9, 4)).astype(np.float32)
     hole = np.zeros((6, 9), np.float32)
@@ -87,7 +85,6 @@ def test_labels_that_would_cover_a_hole_are_credited() -> None:
 
 
 def test_holes_of_slanted_planes_are_credited_where_they_were_seen_from() -> None:
-    """Whatever a homography does, and its scale, the pixel is the one that it takes to the hole."""
     hole = np.zeros((40, 50), np.float32)
     hole[17, 31] = 1.0
     warp = np.array([[1.1, 0.05, -2.0, 3.0], [-0.04, 0.97, 1.0, 0.5], [1e-4, 2e-4, 1.0, 0.0]])
@@ -126,7 +123,6 @@ def test_costs_of_the_code_are_near_its_length() -> None:
 
 
 def test_tears_make_differences_dearer() -> None:
-    """A label of difference costs more by the side of its square, whatever way it is coded."""
     labels = np.arange(720, dtype=np.int32).reshape(SHAPE) % NUM_LABELS
     tree = analysed(L_TRANSFORM, labels, NUM_LABELS)
     kinds = kinds_of(tree, all_significant(SHAPE))

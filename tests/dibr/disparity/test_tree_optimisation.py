@@ -18,7 +18,6 @@ NUM_CASES = 250  # for each transform, with simple and with general costs: 1,000
 def test_trees_are_those_of_exhaustive_search(
     transform: IntegerTransform, cases: Callable[[IntegerTransform, int], Iterator[Case]]
 ) -> None:
-    """Zero trees, jumps, labels of neighbours, tears, kinds, predictions: exactly the least of all trees."""
     search = ExhaustiveSearch()
     for tensor, costs, previous in cases(transform, NUM_CASES):
         tree, total = optimise_tree(transform, tensor, costs, previous)
@@ -43,7 +42,6 @@ def test_worked_numbers() -> None:
 
 
 def test_what_makes_no_difference_stays_as_predicted() -> None:
-    """Of equal trees that without coefficients is taken."""
     significance = [np.ones(size, np.uint8) for size in level_shapes((6, 5))[1:]]
     tensor = np.ones((6, 5, 4), np.float32)
     for transform in (L_TRANSFORM, S_TRANSFORM):
@@ -53,7 +51,6 @@ def test_what_makes_no_difference_stays_as_predicted() -> None:
 
 
 def test_no_significance_makes_constant_maps() -> None:
-    """Without significant nodes the map has one label, the best for all pixels; with roots, one for each."""
     rng = np.random.default_rng(5)
     tensor = rng.uniform(size=(8, 12, 5)).astype(np.float32)
     for transform in (L_TRANSFORM, S_TRANSFORM):
@@ -66,7 +63,6 @@ def test_no_significance_makes_constant_maps() -> None:
 
 
 def test_l_is_never_above_s() -> None:
-    """With the same costs for all coefficients, L has more ways."""
     rng = np.random.default_rng(6)
     for _ in range(20):
         tensor = rng.uniform(size=(1, 16, 6)).astype(np.float32)
