@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, pieces_of_layers, pieces_of_sprites
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of, pieces_of_layers, pieces_of_sprites
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.layers.canvas import Canvas, Frame
 from dvc.layers.layered_depth_image import layered_depth_image
@@ -17,8 +17,7 @@ def plane_layers() -> Pieces:
 
 def plane_sprites() -> Pieces:
     """Return the sprites of the same."""
-    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
-    return pieces_of_sprites(extract_sprites(image))
+    return pieces_of_sprites(extract_sprites(layers_of(plane_layers())))
 
 
 def canvas_of(shape: tuple[int, int], **changes: object) -> Canvas:

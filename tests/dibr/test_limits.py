@@ -14,14 +14,7 @@ from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, DepthScale
 from dvc.dibr.depth_image.piece_stream import Rectangle
 from dvc.dibr.depth_image.scene_pieces import Kind
 from dvc.dibr.dibr_streams import FREE_PIXELS, MAX_MIB, check_extent
-from dvc.dibr.view_stream import (
-    Header,
-    PairLayer,
-    Stream,
-    decode,
-    decode_stream,
-    encode_stream,
-)
+from dvc.dibr.view_stream import Header, PairLayer, Stream, decode, decode_stream, encode_stream
 from dvc.entropy import RangeCoder
 from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition

@@ -8,16 +8,15 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from dvc.dibr.__main__ import main
-from dvc.dibr.depth_image.scene_pieces import Bounds, pieces_of_layers, pieces_of_sprites
+from dvc.dibr.depth_image.scene_pieces import Bounds
 from dvc.dibr.view_rendering import picture_of, render
 from dvc.dibr.view_stream import Decoded, decode, decode_stream
 from dvc.dibr.viewer_page import Caption, Scene, scene_of_pieces, source_of, write_page
 from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.viewpoints import CalibratedViewpoint, Viewpoint
-from dvc.layers.layered_depth_image import layered_depth_image
-from dvc.layers.sprites import extract_sprites
 from dvc.metrics import psnr_db
 from tests.browser import wait_until
+from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.drawn_pages import (
     TIMEOUT_MS,
     TOLD,
@@ -43,19 +42,14 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("colour", "two-references", "calibrated"):
         path = str(folder / f"{name}.html")
         assert main(["view", str(GOLDEN / f"{name}.dibr"), "--out", path, "--quiet"]) == 0
-    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
-    write_page(
-        folder / "layers.html",
-        scene_of_pieces(pieces_of_layers(image)),
-        Caption("layers", "3 layers", 1000, 2400),
-    )
-    sprites = scene_of_pieces(pieces_of_sprites(extract_sprites(image)))
-    write_page(folder / "sprites.html", sprites, Caption("sprites", "sprites", 1000, 2400))
-    write_page(folder / "flat.html", flat_scene(LatticePosition(0.0, 0.0)), Caption("flat", "plane", 1, 1))
-    cameras = [CalibratedViewpoint(INTRINSIC, np.eye(3, 4)), CalibratedViewpoint(INTRINSIC, APART)]
-    write_page(
-        folder / "cameras.html", flat_scene(*cameras), Caption("flat", "plane", 1, 1, (), (None, None))
-    )
+    cameras = [CalibratedViewpoint(INTRINSIC, pose) for pose in (np.eye(3, 4), APART)]
+    for name, scene in (
+        ("layers", scene_of_pieces(plane_layers())),
+        ("sprites", scene_of_pieces(plane_sprites())),
+        ("flat", flat_scene(LatticePosition(0.0, 0.0))),
+        ("cameras", flat_scene(*cameras)),
+    ):
+        write_page(folder / f"{name}.html", scene, Caption(name, name, 1000, 2400))
     return folder
 
 
@@ -63,12 +57,8 @@ def flat_scene(*viewpoints: Viewpoint) -> Scene:
     """Return a plane before the first of some viewpoints."""
     rng = np.random.default_rng(2)
     picture = np.kron(rng.integers(0, 256, (8, 12, 3)), np.ones((5, 5, 1))).astype(np.uint8)
-    source = source_of(
-        picture,
-        np.full((40, 60), 0.2 if isinstance(viewpoints[0], CalibratedViewpoint) else 10.0),
-        None,
-        viewpoints[0],
-    )
+    disparity = np.full((40, 60), 0.2 if isinstance(viewpoints[0], CalibratedViewpoint) else 10.0)
+    source = source_of(picture, disparity, None, viewpoints[0])
     return Scene((40, 60), (source,), 0.1, viewpoints, Bounds(-1.0, 1.0, -1.0, 1.0))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.dibr.depth_image.scene_pieces import Bounds, pieces_of_layers, pieces_of_sprites
+from dvc.dibr.depth_image.scene_pieces import Bounds, layers_of
 from dvc.dibr.view_stream import decode, decode_stream
 from dvc.dibr.viewer_page import (
     DEPTH_RANGE,
@@ -27,9 +27,8 @@ from dvc.dibr.viewer_page import (
 from dvc.errors import DvcError
 from dvc.geometry.camera_array import LatticePosition
 from dvc.geometry.viewpoints import CalibratedViewpoint
-from dvc.layers.layered_depth_image import layered_depth_image
-from dvc.layers.sprites import Sprite, extract_sprites
-from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
+from dvc.layers.sprites import Sprite
+from tests.dibr.piece_scenes import plane_layers, plane_sprites
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "dibr"
 
@@ -92,8 +91,8 @@ def test_a_picture_alone_has_bounds_by_its_parallax() -> None:
 
 
 def test_layers_are_pieces_in_the_frame_of_the_reference() -> None:
-    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
-    scene = scene_of_pieces(pieces_of_layers(image))
+    layers = plane_layers()
+    scene, image = scene_of_pieces(layers), layers_of(layers)
     (source,) = scene.sources
     assert len(source.pieces) == len(image.votes)
     assert scene.shape == (40, 60)
@@ -109,13 +108,11 @@ def test_layers_are_pieces_in_the_frame_of_the_reference() -> None:
 
 
 def test_sprites_share_pieces_without_touching() -> None:
-    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
-    sprites = extract_sprites(image)
-    scene = scene_of_pieces(pieces_of_sprites(sprites))
+    sprites = plane_sprites()
+    scene = scene_of_pieces(sprites)
     (source,) = scene.sources
-    num_values = sum(int(piece.mask.sum()) for piece in source.pieces)
-    assert num_values == sum(sprite.num_values for sprite in sprites.sprites)
-    assert len(source.pieces) <= len(sprites.sprites)
+    assert sum(int(piece.mask.sum()) for piece in source.pieces) == sprites.num_values
+    assert len(source.pieces) <= len(sprites.pieces)
     for piece in source.pieces:
         for axis in (0, 1):
             both = np.diff(piece.mask.astype(int), axis=axis) == 0
@@ -150,16 +147,12 @@ def test_holes_of_a_sprite_take_others() -> None:
 
 
 def test_first_view_is_what_its_pieces_show() -> None:
-    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
-    for scene in (
-        scene_of_pieces(pieces_of_layers(image)),
-        scene_of_pieces(pieces_of_sprites(extract_sprites(image))),
-    ):
+    image = layers_of(plane_layers())
+    for scene in map(scene_of_pieces, (plane_layers(), plane_sprites())):
         (source,) = scene.sources
         assert not is_whole(source, scene.shape)
-        np.testing.assert_array_equal(
-            seen_of(source, scene.shape), image.colour[0][image.canvas.frame.slices]
-        )
+        reference = image.colour[0][image.canvas.frame.slices]
+        np.testing.assert_array_equal(seen_of(source, scene.shape), reference)
     alone = source_of(np.zeros((3, 4), np.uint8), np.zeros((3, 4)))
     assert is_whole(alone, (3, 4))
     assert not is_whole(alone, (3, 5))

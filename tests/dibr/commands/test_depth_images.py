@@ -1,8 +1,5 @@
 """`dvc-dibr encode` of depth maps and pictures with depth: streams, folders out, refusals."""
 
-import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,20 +28,11 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cv2.imwrite("picture.png", np.stack([picture, picture[::-1], picture[:, ::-1]], axis=-1))
 
 
-def test_processes_encode_and_decode() -> None:
-    command = [sys.executable, "-m", "dvc.dibr"]
-    out = subprocess.run(
-        [*command, "encode", "map.pfm", "out.dibr", "--bpp", "0.3", "--json", "-"],
-        check=True, capture_output=True,
-    )  # fmt: skip
-    told = json.loads(out.stdout)
+def test_maps_are_coded_and_decoded(capsys: pytest.CaptureFixture[str]) -> None:
+    told = answer(capsys, "encode", "map.pfm", "out.dibr", "--bpp", "0.3")
     assert told["stream_bytes"] == Path("out.dibr").stat().st_size <= 0.3 * 64 * 80 / 8
     assert sum(told["bits"].values()) == 8 * told["stream_bytes"]
-    truth = ["--truth-depth", "map.pfm", "--json", "-"]
-    out = subprocess.run(
-        [*command, "decode", "out.dibr", "--out", "d", *truth], check=True, capture_output=True
-    )
-    found = json.loads(out.stdout)
+    found = answer(capsys, "decode", "out.dibr", "--out", "d", "--truth-depth", "map.pfm")
     assert found["psnr_depth_db"] == pytest.approx(told["psnr_depth_db"], abs=1e-9)
     error = read_pfm("d/depth.pfm") - DISCS
     psnr = 10 * np.log10(np.ptp(DISCS.astype(np.float32)) ** 2 / np.mean(error**2))
@@ -106,32 +94,20 @@ def test_zeros_are_depths_where_that_is_said(capsys: pytest.CaptureFixture[str])
 
 
 def test_a_picture_with_its_map_is_rendered_and_looked_at(capsys: pytest.CaptureFixture[str]) -> None:
-    told = answer(
-        capsys, "encode", "picture.png", "out.dibr", "--depth", "map8.png", "--depth-scale", "0.05",
-        "--bpp", "3",
-    )  # fmt: skip
+    depth = ("--depth", "map8.png", "--depth-scale", "0.05")
+    told = answer(capsys, "encode", "picture.png", "out.dibr", *depth, "--bpp", "3")
     assert told["depth_share"] == pytest.approx(0.2, abs=0.02)
     assert told["psnr_image_db"] > 35
     found = answer(capsys, "info", "out.dibr")
     assert found["bits"] == told["bits"]
     assert found["colour"]
-    rendered = answer(
-        capsys, "render", "out.dibr", "--view", "0,0", "--out", "v.png", "--truth", "picture.png"
-    )
+    view = ("--view", "0,0", "--out", "v.png", "--truth", "picture.png")
+    rendered = answer(capsys, "render", "out.dibr", *view)
     assert rendered["psnr_db"] == pytest.approx(told["psnr_image_db"], abs=0.2)
     assert answer(capsys, "render", "out.dibr", "--view", "1,0", "--out", "v.png")["filled_share"] > 0.01
     assert run("view", "out.dibr", "--out", "page.html", "--quiet") == 0
-    decoded = answer(
-        capsys,
-        "decode",
-        "out.dibr",
-        "--out",
-        "d",
-        "--truth-image",
-        "picture.png",
-        "--truth-depth",
-        "map8.png",
-    )
+    truth = ("--truth-image", "picture.png", "--truth-depth", "map8.png")
+    decoded = answer(capsys, "decode", "out.dibr", "--out", "d", *truth)
     assert decoded["psnr_image_db"] == told["psnr_image_db"]
     assert cv2.imread("d/image.png").shape == (64, 80, 3)
 
@@ -146,10 +122,8 @@ def test_disparities_wider_than_the_picture_are_told(capsys: pytest.CaptureFixtu
 
 
 def test_gray_and_automatic_shares(capsys: pytest.CaptureFixture[str]) -> None:
-    told = answer(
-        capsys, "encode", "picture.png", "out.dibr", "--depth", "map.pfm", "--bpp", "2", "--gray",
-        "--depth-share", "auto",
-    )  # fmt: skip
+    options = ("--depth", "map.pfm", "--bpp", "2", "--gray", "--depth-share", "auto")
+    told = answer(capsys, "encode", "picture.png", "out.dibr", *options)
     assert 0.01 < told["depth_share"] < 0.7
     assert not answer(capsys, "info", "out.dibr")["colour"]
 

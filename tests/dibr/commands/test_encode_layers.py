@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from dvc.dibr.depth_image.piece_encoder import encode_to_size
-from dvc.dibr.depth_image.scene_pieces import write_pieces
-from dvc.layers.layer_folders import read_layers, read_sprites
+from dvc.dibr.depth_image.scene_pieces import read_pieces, write_pieces
 from dvc.picture_files import write_png
 from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.dibr.running import answer, refusal, run
@@ -38,15 +37,8 @@ def test_folders_are_coded_decoded_rendered_and_shown(kind: str, capsys: pytest.
     assert run("info", "a.dibr") == 0
     assert kind in capsys.readouterr().out
     assert run("decode", "a.dibr", "--out", "d", "--quiet") == 0
-    if kind == "layers":
-        assert (
-            read_layers("d").counts()["num_values_by_layer"]
-            == read_layers(kind).counts()["num_values_by_layer"]
-        )
-    else:
-        assert [one.num_values for one in read_sprites("d").sprites] == [
-            one.num_values for one in read_sprites(kind).sprites
-        ]
+    values = [[one.num_values for one in read_pieces(folder).pieces] for folder in ("d", kind)]
+    assert values[0] == values[1]
     view = ("--view", Path("position").read_text(), "--truth", "view.png")
     rendered = answer(capsys, "render", "a.dibr", *view, "--out", "out.png")
     assert rendered["psnr_db"] > 28

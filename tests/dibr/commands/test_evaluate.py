@@ -1,7 +1,6 @@
 """`dvc-dibr evaluate`: streams of both kinds beside each other, and what is refused."""
 
-import shutil
-import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 from dvc.dibr.commands.dibr_decode import lines_of
-from dvc.dibr.depth_image.depth_image_stream import decode_stream
+from dvc.dibr.depth_image.depth_image_stream import decode_stream, encode_stream
 from dvc.dibr.depth_image.scene_pieces import write_pieces
 from dvc.picture_files import write_pfm, write_png
 from tests.dibr.depth_maps import texture, two_discs
@@ -108,28 +107,6 @@ def test_several_rates_of_layers_make_a_curve(capsys: pytest.CaptureFixture[str]
 
 def test_damage_is_named_by_its_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
-    whole = bytearray(Path("b.dibr").read_bytes())
-    start, end = edges_of_stream(bytes(whole))
-    tried = 0
-    for position in range(start, end):
-        data = bytearray(whole)
-        data[position] ^= 0xFF
-        data[-4:] = zlib.crc32(data[:-4]).to_bytes(4, "little")
-        Path("bad.dibr").write_bytes(data)
-        if run("evaluate", "b.dibr", "bad.dibr", "--out", "o", "--quiet") == 2:
-            (line,) = capsys.readouterr().err.splitlines()
-            assert "bad.dibr: " in line
-            assert line.count("bad.dibr") == 1
-            assert not Path("o").exists()
-            tried += 1
-            break
-        shutil.rmtree("o")
-        capsys.readouterr()
-    assert tried, "some damage of edges cannot have been written"
-
-
-def edges_of_stream(data: bytes) -> tuple[int, int]:
-    """Return where the code of edges begins and ends."""
-    edges = decode_stream(data).edges
-    start = data.index(edges)
-    return start, start + len(edges)
+    stream = decode_stream(Path("b.dibr").read_bytes())
+    Path("bad.dibr").write_bytes(encode_stream(replace(stream, edges=b"\xff" * 40)))
+    assert refusal(capsys, "evaluate", "b.dibr", "bad.dibr", "--out", "o", "--quiet").count("bad.dibr: ") == 1

@@ -9,12 +9,12 @@ import pytest
 
 from dvc.dibr.__main__ import main
 from dvc.dibr.commands import dibr_render as view
-from dvc.layers.layer_folders import write_layers, write_sprites
-from dvc.layers.layered_depth_image import layered_depth_image
-from dvc.layers.sprites import extract_sprites
+from dvc.dibr.depth_image.scene_pieces import write_pieces
+from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.dibr.running import answer, refusal, run
 from tests.dibr.scenes import write_views
-from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
+
+SCENES = {"layers": plane_layers, "sprites": plane_sprites}
 
 
 @pytest.fixture
@@ -66,21 +66,20 @@ def test_quality_is_that_of_rendered_views(stream: str, capsys: pytest.CaptureFi
     assert [place["psnr_db"] for place in scene_of("page.html")["views"]] == [None, wanted[1]]
 
 
-def test_folders_of_layers_and_sprites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
-    for name, write, content in (
-        ("layers", write_layers, image),
-        ("sprites", write_sprites, extract_sprites(image)),
-    ):
-        folder = tmp_path / name
-        folder.mkdir()
-        write(folder, content)  # type: ignore[operator]
-        page = str(tmp_path / f"{name}.html")
-        figures = answer(capsys, "view", str(folder), "--out", page)
-        assert figures["sources"] == 1
-        assert figures["pieces"] >= 2
-        assert (figures["width"], figures["height"]) == (60, 40)
-        assert 0 < figures["scene_bytes"] < sum(path.stat().st_size for path in folder.iterdir())
+@pytest.mark.parametrize("name", SCENES)
+def test_folders_of_layers_and_sprites(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_pieces(tmp_path, SCENES[name]())
+    page = str(tmp_path.parent / f"{name}.html")
+    figures = answer(capsys, "view", str(tmp_path), "--out", page)
+    assert figures["sources"] == 1
+    assert figures["pieces"] >= 2
+    assert (figures["width"], figures["height"]) == (60, 40)
+    assert 0 < figures["scene_bytes"] < sum(path.stat().st_size for path in tmp_path.iterdir())
+    monkeypatch.setattr(view, "MAX_PIXELS", 1000)
+    monkeypatch.chdir(tmp_path)
+    assert "1000 at most" in refusal(capsys, "view", ".", "--out", "page.html")
 
 
 def test_damaged_streams_are_shown_as_far_as_they_go(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -108,16 +107,6 @@ def test_large_streams_are_shown_smaller(
     assert "2 times shorter" in Path("page.html").read_text(encoding="utf-8")
     scene = scene_of("page.html")
     assert scene["highest"] < 5.0, "disparities are in pixels that are twice as large"
-
-
-def test_large_folders_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("layers").mkdir()
-    write_layers(Path("layers"), layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS)))
-    monkeypatch.setattr(view, "MAX_PIXELS", 1000)
-    assert "1000 at most" in refusal(capsys, "view", "layers", "--out", "page.html")
 
 
 def test_refusals(stream: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

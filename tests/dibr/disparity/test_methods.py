@@ -1,5 +1,7 @@
 """Every representation of disparity: round trips, damage, degenerate maps, layers, rates."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -7,13 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from benchmarks.baselines.thesis_disparities import SPLIT_BITS, FixedQuadtreeCodec, LaplacianCodec
 from dvc.dibr.disparity.disparity_codec import DisparityCodec, Holes, error_tensor
-from dvc.dibr.disparity.integer_transforms import (
-    L_TRANSFORM,
-    S_TRANSFORM,
-    Labels,
-    WaveletTree,
-    level_shapes,
-)
+from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, Labels, WaveletTree, level_shapes
 from dvc.dibr.disparity.square_codecs import QuadtreeCodec
 from dvc.dibr.disparity.tree_codec import WaveletCodec
 from dvc.dibr.view_stream import METHODS
@@ -84,43 +80,24 @@ class TestEveryCodec:
             np.testing.assert_array_equal(decoded.disparity(level), found.disparity(level))
         assert codec.encode(decoded, significance) == payload
 
-    def test_a_step_edge_is_found(self, codec: DisparityCodec) -> None:
-        tensor, labels = step_edge()
-        found = codec.optimise(tensor, 1e-3).disparity()
-        wrong = (found != labels)[:, 12:]
-        wrong[8:24, :9] = False  # hidden in the other view
-        assert wrong.mean() < 0.2
-
-    @pytest.mark.parametrize("seed", range(60))
-    def test_any_bytes_are_a_map_or_an_error(self, codec: DisparityCodec, seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        height, width, num_labels = (int(rng.integers(1, highest)) for highest in (13, 13, 301))
-        payload = rng.bytes(int(rng.integers(0, 201)))
-        significance = random_significance(seed, (height, width))
-        try:
-            labels = codec.decode(payload, (height, width), num_labels, significance).disparity()
-        except BitstreamError:
-            return
-        assert labels.shape == (height, width)
-        assert labels.min() >= 0
-        assert labels.max() < num_labels
-
-    def test_damage_is_borne(self, codec: DisparityCodec) -> None:
+    def test_any_bytes_are_a_map_or_an_error(self, codec: DisparityCodec) -> None:
         tensor, _ = step_edge()
-        payload = codec.encode(codec.optimise(tensor, 1e-4))
-        rng = np.random.default_rng(0)
-        damaged = [payload[:length] for length in range(len(payload))]
-        for place in range(len(payload)):
+        payload, rng = codec.encode(codec.optimise(tensor, 1e-4)), np.random.default_rng(0)
+        shape: tuple[int, int] = (tensor.shape[0], tensor.shape[1])
+        cases = [(payload[:length], shape, NUM_LABELS, None) for length in range(len(payload))]
+        for position in range(len(payload)):
             changed = bytearray(payload)
-            changed[place] ^= int(rng.integers(1, 256))
-            damaged.append(bytes(changed))
-        for data in damaged:
-            try:
-                labels = codec.decode(data, tensor.shape[:2], NUM_LABELS).disparity()
-            except BitstreamError:
-                continue
-            assert labels.min() >= 0
-            assert labels.max() < NUM_LABELS
+            changed[position] ^= int(rng.integers(1, 256))
+            cases.append((bytes(changed), shape, NUM_LABELS, None))
+        for seed in range(60):
+            height, width, num_labels = map(int, rng.integers(1, (13, 13, 301)))
+            significance = random_significance(seed, (height, width))
+            cases.append((rng.bytes(int(rng.integers(0, 201))), (height, width), num_labels, significance))
+        for data, shape, num_labels, significance in cases:
+            with suppress(BitstreamError):
+                labels = codec.decode(data, shape, num_labels, significance).disparity()
+                assert labels.shape == shape
+                assert 0 <= labels.min() <= labels.max() < num_labels
 
     def test_a_layer_refines_what_precedes_it(self, codec: DisparityCodec) -> None:
         tensor, _ = step_edge(noise=0.1)
@@ -137,12 +114,12 @@ class TestEveryCodec:
         np.testing.assert_array_equal(decoded.disparity(), fine.disparity())
 
 
-@NOT_BLOCKS
-def test_edges_within_blocks_are_found(name: str) -> None:
+@pytest.mark.parametrize("name", CODECS)
+def test_a_step_edge_is_found(name: str) -> None:
     tensor, labels = step_edge()
     wrong = (CODECS[name].optimise(tensor, 1e-3).disparity() != labels)[:, 12:]
     wrong[8:24, :9] = False  # hidden in the other view
-    assert wrong.mean() < 0.03
+    assert wrong.mean() < (0.2 if name == "blocks" else 0.03)  # edges cross blocks
 
 
 @NOT_BLOCKS
