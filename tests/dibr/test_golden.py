@@ -23,7 +23,7 @@ from dvc.dibr.depth_image.depth_image_stream import DepthScale
 from dvc.dibr.depth_image.depth_image_stream import decode as decode_depth_image
 from dvc.dibr.depth_image.piece_encoder import encode_to_size as encode_pieces
 from dvc.dibr.depth_image.piece_stream import decode as decode_pieces
-from dvc.dibr.dibr_streams import BUILT_IN_CODECS
+from dvc.dibr.dibr_streams import BUILT_IN_CODECS, Body
 from dvc.dibr.view_encoder import ViewEncoder
 from dvc.dibr.view_set import Views, labels_of_depths, views_of_cameras, views_of_pictures
 from dvc.dibr.view_stream import decode, decode_stream
@@ -33,9 +33,8 @@ from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.images.chain_code import EdgeCode
 from dvc.images.edge_extraction import canny_edges
 from tests import frozen
-from tests.dibr.depth_maps import texture, two_discs
 from tests.dibr.piece_scenes import odd_sprites, plane_layers
-from tests.dibr.scenes import FOCAL_PX, views_of_square
+from tests.dibr.scenes import FOCAL_PX, texture, two_discs, views_of_square
 
 FOLDER = frozen.GOLDEN / "dibr"
 CANARIES = frozen.GOLDEN / "canaries" / "dibr.json"
@@ -112,29 +111,19 @@ def record(data: bytes) -> dict[str, Any]:
 
 def decoded_arrays(data: bytes) -> list[list[Arrays]]:
     """Return pictures, disparities and masks of each pair or piece, at each layer and resolution."""
-    return {1: _views, 3: _depth_image, 5: _pieces}[data[4]](data)
-
-
-def _views(data: bytes) -> list[list[Arrays]]:
+    if data[4] == Body.PIECES:
+        pieces = decode_pieces(layered_stream.decode_stream(data))
+        assert pieces.damage is None
+        return [[[one.mask, one.colour, one.disparity] for one in pieces.scene.pieces]]
+    if data[4] == Body.DEPTH_IMAGE:
+        maps = [decode_depth_image(depth_image_stream.decode_stream(data), halvings) for halvings in range(3)]
+        assert maps[0].damage is None
+        return [[[one.disparity, *([] if one.picture is None else [one.picture])]] for one in maps]
     stream = decode_stream(data)
     assert stream.damage is None
-    decoded = [decode(stream, layers + 1) for layers in range(stream.header.num_layers)]
-    decoded += [decode(stream, None, resolution) for resolution in (1, 2)]
-    return [[[pair.picture, pair.disparity] for pair in one.pairs] for one in decoded]
-
-
-def _depth_image(data: bytes) -> list[list[Arrays]]:
-    stream = depth_image_stream.decode_stream(data)
-    assert stream.damage is None
-    decoded = [decode_depth_image(stream, resolution) for resolution in (0, 1, 2)]
-    return [[[one.disparity, *([] if one.picture is None else [one.picture])]] for one in decoded]
-
-
-def _pieces(data: bytes) -> list[list[Arrays]]:
-    decoded = decode_pieces(layered_stream.decode_stream(data))
-    assert decoded.damage is None
-    pieces = decoded.scene.pieces
-    return [[[one.mask, one.colour, one.disparity] for one in pieces]]
+    views = [decode(stream, layers + 1) for layers in range(stream.header.num_layers)]
+    views += [decode(stream, None, resolution) for resolution in (1, 2)]
+    return [[[pair.picture, pair.disparity] for pair in one.pairs] for one in views]
 
 
 def _digest(values: Any) -> str:

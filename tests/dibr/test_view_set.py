@@ -27,6 +27,9 @@ def camera(name: str, turn: list[float], translation: list[float], **options: ob
     return Camera(name, INTRINSIC, rotation, np.array(translation, np.float64), SIZE, **options)  # type: ignore[arg-type]
 
 
+STILL = camera("a", [0, 0, 0], [0, 0, 0])
+
+
 def viewpoint_of(one: Camera) -> CalibratedViewpoint:
     return CalibratedViewpoint(one.K, np.column_stack([one.R, one.t]))
 
@@ -39,11 +42,7 @@ def views_of(*cameras: Camera) -> Views:
 @pytest.mark.parametrize("translation", [[-1.0, 0.2, 0.0], [-0.6, 0.1, -0.8], [0.3, 0.0, 0.9]])
 def test_a_step_is_at_most_a_pixel_of_parallax(translation: list[float]) -> None:
     far = camera("far", [0.02, -0.1, 0.05], translation)
-    views = views_of(
-        camera("a", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
-        camera("b", [0.0, 0.0, 0.0], [0.1 * x for x in translation]),
-        far,
-    )
+    views = views_of(STILL, camera("b", [0.0, 0.0, 0.0], [0.1 * x for x in translation]), far)
     labels = labels_of_depths(views, 3.0, np.inf)
     warp = warp_between(views.viewpoints[0], views.viewpoints[2])
     inverse = labels.disparity(np.arange(labels.num_labels, dtype=np.float64))
@@ -81,34 +80,27 @@ def test_parallax_of_as_many_labels_as_there_may_be(
     parallax_px: float, refused: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(view_set, "_largest_parallax", lambda *_: parallax_px)
-    views = views_of(
-        camera("a", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), camera("b", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
-    )
+    views = views_of(STILL, camera("b", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]))
     with pytest.raises(ConfigError, match="labels a pixel apart") if refused else nullcontext():
         assert labels_of_depths(views, 3.0, np.inf).num_labels == MAX_LABELS
 
 
 def test_labels_may_be_counted_and_are_limited() -> None:
-    views = views_of(camera("a", [0, 0, 0], [0, 0, 0]), camera("b", [0, 0, 0], [-1.0, 0, 0]))
+    views = views_of(STILL, camera("b", [0, 0, 0], [-1.0, 0, 0]))
     assert labels_of_depths(views, 1e-3, 10.0, 17).num_labels == 17
     with pytest.raises(ConfigError, match="more than 4096 labels"):
         labels_of_depths(views, 1e-3, 10.0)
 
 
 def test_cameras_that_see_no_depth_are_refused() -> None:
-    still = camera("a", [0, 0, 0], [0, 0, 0])
     with pytest.raises(ConfigError, match="same position"):
-        views_of(still, camera("b", [0, 0.1, 0], [0, 0, 0]))
+        views_of(STILL, camera("b", [0, 0.1, 0], [0, 0, 0]))
     with pytest.raises(ConfigError, match="camera of b: lens distortion"):
-        views_of(still, camera("b", [0, 0, 0], [-1, 0, 0], distortion=(0.1, 0.0, 0.0, 0.0)))
-    views = views_of(still, camera("b", [0, 0, 0], [-1.0, 0, 0]))
-    for points in (
-        np.zeros((0, 3)),
-        np.array([[0, 0, 5.0], [1, 0, 5.0]]),
-        np.array([[0, 0, -5.0], [1, 0, -6]]),
-    ):
+        views_of(STILL, camera("b", [0, 0, 0], [-1, 0, 0], distortion=(0.1, 0.0, 0.0, 0.0)))
+    views = views_of(STILL, camera("b", [0, 0, 0], [-1.0, 0, 0]))
+    for points in (np.zeros((0, 3)), [[0, 0, 5.0], [1, 0, 5.0]], [[0, 0, -5.0], [1, 0, -6]]):
         with pytest.raises(ConfigError, match="no points"):
-            depths_of_points(views, points)
+            depths_of_points(views, np.array(points))
     near, far = depths_of_points(views, np.array([[0, 0, 2.0], [0, 0, 4.0]]))
     assert 1.9 < near < 2.0
     assert 4.0 < far < 4.4

@@ -1,5 +1,7 @@
 """Headers and layers: there and back, and what damage does."""
 
+import zlib
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -105,8 +107,6 @@ def test_foreign_bytes_are_refused(data):
 
 @given(st.binary(min_size=1, max_size=120))
 def test_headers_with_a_right_checksum_but_wrong_numbers(noise):
-    import zlib
-
     fixed = b"DIBR\x01" + noise
     data = fixed + zlib.crc32(fixed).to_bytes(4, "little")
     try:
@@ -116,15 +116,11 @@ def test_headers_with_a_right_checksum_but_wrong_numbers(noise):
     assert max(header.references) < len(header.viewpoints)
 
 
-def test_another_version_is_refused_by_name():
-    data = bytearray(encode_header(_header()))
-    data[4] = 9
-    with pytest.raises(BitstreamError, match="version 9"):
-        decode_header(bytes(data))
-
-
 @pytest.mark.parametrize("position", [1e13, -1.7e38, np.inf, np.nan])
 def test_cameras_that_are_nowhere_are_refused(position):
     data = encode_header(_header(viewpoints=(LatticePosition(0.0, position), *POSITIONS[1:])))
     with pytest.raises(BitstreamError, match="finite position"):
         decode_header(data)
+    other = data[:4] + b"\x09" + data[5:]
+    with pytest.raises(BitstreamError, match="version 9"):
+        decode_header(other)

@@ -18,7 +18,7 @@ from dvc.images.edge_selection import (
     select,
 )
 from dvc.images.lifting import WAVELETS, Transform
-from tests.dibr.depth_maps import two_discs
+from tests.dibr.scenes import two_discs
 
 WEIGHTS = WAVELETS["9/7"]
 

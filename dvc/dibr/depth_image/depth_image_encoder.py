@@ -56,7 +56,6 @@ class DepthOptions:
     wavelet: str = "9/7"  # ``9/7`` or ``5/3``
     num_levels: int = 5  # number of times that it is split
     order: int = 1  # order of the extrapolation at edges
-    adaptive: bool = True  # arithmetic coding of coefficients; else plain bits
 
 
 @dataclass(frozen=True)
@@ -221,7 +220,7 @@ def code_with_edges(
 ) -> DepthCandidate:
     """Code a depth map with given edges."""
     room, levels = max(max_bytes - len(edges.data), 0), scale.levels(depth)
-    transform = options.num_levels, options.wavelet, options.adaptive, edges.maps, options.order
+    transform = options.num_levels, options.wavelet, True, edges.maps, options.order
     code = picture_codec.encode(levels, room, *transform, mask=edges.mask)
     return DepthCandidate(edges, code, depth, scale, options.order)
 
@@ -292,7 +291,7 @@ def code_pictures(
     mask: Mask | None = None,
 ) -> list[PictureCode]:
     """Code a picture with several edges."""
-    levels, transform = picture.astype(np.float64), (options.num_levels, options.wavelet, options.adaptive)
+    levels, transform = picture.astype(np.float64), (options.num_levels, options.wavelet, True)
     return [picture_codec.encode(levels, max_bytes, *transform, maps, order, mask=mask) for maps, _ in stops]
 
 
@@ -324,7 +323,7 @@ def _best_share(
     gray = np.asarray(luma(image.picture), np.float64)
     gradients = [float(np.mean(np.diff(gray, axis=axis) ** 2)) for axis in (0, 1)]
     weight = 0.5 * sum(gradients) * image.scale.factor**2
-    code = picture_codec.encode(gray, room, options.num_levels, options.wavelet, options.adaptive, None, 0)
+    code = picture_codec.encode(gray, room, options.num_levels, options.wavelet, True, None, 0)
     costs = []
     for share in _SHARES:
         bits = 8.0 * (1.0 - share) * room / gray.size

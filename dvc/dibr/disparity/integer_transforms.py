@@ -72,31 +72,19 @@ class WaveletTree:
     roots: Labels  # low-pass coefficients of the coarsest level
     highs: tuple[Labels, ...]  # high-pass coefficients of level 0, 1, ...
 
-    @classmethod
-    def constant(
-        cls, transform: IntegerTransform, shape: tuple[int, int], num_labels: int, num_levels: int
-    ) -> "WaveletTree":
-        """Return a tree with all coefficients 0."""
-        *sizes, coarsest = level_shapes(shape, num_levels)
-        highs = tuple(np.zeros(size, np.int32) for size in sizes)
-        return cls(transform, num_labels, np.zeros(coarsest, np.int32), highs)
-
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the map."""
         rows, columns = (self.highs[0] if self.highs else self.roots).shape
         return rows, columns
 
-    def levels(self) -> list[Labels]:
-        """Return the low-pass coefficients of all levels, by synthesis."""
+    def levels(self, first: int = 0) -> list[Labels]:
+        """Return the low-pass coefficients of all levels from one on, by synthesis."""
         levels = [self.roots]
-        for high in reversed(self.highs):
+        for high in reversed(self.highs[first:]):
             levels.append(self.transform.synthesise(levels[-1], high))
         return levels[::-1]
 
     def disparity(self, level: int = 0) -> Labels:
         """Return the map of labels."""
-        labels = self.roots
-        for high in reversed(self.highs[level:]):
-            labels = self.transform.synthesise(labels, high)
-        return np.clip(labels, 0, self.num_labels - 1)
+        return np.clip(self.levels(level)[0], 0, self.num_labels - 1)

@@ -30,6 +30,7 @@ from dvc.dibr.disparity.integer_transforms import (
     IntegerTransform,
     Labels,
     WaveletTree,
+    level_shapes,
 )
 from dvc.dibr.disparity.tree_optimisation import TEAR, Kinds, LevelCosts, optimise_tree
 from dvc.entropy import RangeCoder, context_counts
@@ -186,7 +187,9 @@ class TreeCodec(RangeCodedDisparities):
         return self.transform.name
 
     def _empty(self, shape: tuple[int, int], num_labels: int, known: Known) -> WaveletTree:
-        return WaveletTree.constant(self.transform, shape, num_labels, len(known.classes))
+        *sizes, coarsest = level_shapes(shape, len(known.classes))
+        highs = tuple(np.zeros(size, np.int32) for size in sizes)
+        return WaveletTree(self.transform, num_labels, np.zeros(coarsest, np.int32), highs)
 
 
 _Result = tuple[WaveletTree, Statistics, float]

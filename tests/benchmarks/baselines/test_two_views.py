@@ -19,7 +19,7 @@ from benchmarks.baselines.two_views import (
 from dvc.dibr.view_set import views_of_array
 from dvc.geometry.camera_array import CameraArray, DisparityLabels
 from dvc.metrics import psnr_db
-from tests.dibr.plane_views import LABELS, planes
+from tests.dibr.scenes import LABELS, planes
 
 
 @cache

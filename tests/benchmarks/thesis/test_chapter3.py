@@ -28,7 +28,7 @@ from dvc.dibr.view_rendering import PictureAndDisparity
 from dvc.dibr.view_stream import decode, decode_stream
 from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition
 from dvc.picture_files import write_png
-from tests.dibr.plane_views import FAR, LABELS, NEAR, planes
+from tests.dibr.scenes import FAR, LABELS, NEAR, planes
 from tests.stereo.data import REAL_SETS, real_set
 
 SCENE = Scene(planes(64, 80), LABELS)

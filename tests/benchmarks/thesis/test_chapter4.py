@@ -33,7 +33,7 @@ from benchmarks.thesis.map_curves import (
 from dvc.images.chain_code import EdgeCode
 from dvc.images.edge_extraction import edges_of_jumps
 from dvc.images.edge_maps import EdgeMaps
-from tests.dibr.depth_maps import texture, two_discs
+from tests.dibr.scenes import texture, two_discs
 from tests.stereo.data import REAL_SETS, real_set
 
 DISCS = two_discs()

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.thesis.__main__ import main
 from dvc.picture_files import write_pfm
-from tests.dibr.depth_maps import texture, two_discs
+from tests.dibr.scenes import texture, two_discs
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import pytest
 
 from dvc.dibr.depth_image.depth_image_stream import decode_stream, encode_stream
 from dvc.picture_files import read_pfm, write_pfm
-from tests.dibr.depth_maps import texture, two_discs
 from tests.dibr.running import answer, refusal, run
+from tests.dibr.scenes import texture, two_discs
 
 DISCS = two_discs(64, 80)
 

@@ -89,16 +89,6 @@ def test_help_is_quick() -> None:
         assert not {"numpy", "cv2", "numba"} & {line.split()[-1] for line in done.stderr.splitlines()}
 
 
-@pytest.mark.parametrize("method", ["l", "s", "quadtree", "blocks"])
-def test_every_method_finds_the_square(views: Path, method: str) -> None:
-    encoded("--disparity", method, "--lambda", "1e-4")
-    assert run("decode", "out.dibr", "--out", "decoded", "--quiet") == 0
-    disparity = read_pfm(views / "decoded" / "disparity.pfm")
-    truth = true_disparity()
-    assert abs(np.median(disparity[truth == NEAR]) - NEAR) < 0.5
-    assert abs(np.median(disparity[truth == FAR]) - FAR) < 0.5
-
-
 def test_layers_and_resolutions(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
     encoded("--quality-layers", "3", "--lambda", "5e-4")
     truth = ("--view", "1", "--truth", "b.png")

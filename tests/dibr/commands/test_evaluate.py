@@ -11,10 +11,9 @@ from dvc.dibr.commands.dibr_decode import lines_of
 from dvc.dibr.depth_image.depth_image_stream import decode_stream, encode_stream
 from dvc.dibr.depth_image.scene_pieces import write_pieces
 from dvc.picture_files import write_pfm, write_png
-from tests.dibr.depth_maps import texture, two_discs
 from tests.dibr.piece_scenes import plane_layers, plane_sprites
-from tests.dibr.plane_views import planes
 from tests.dibr.running import answer, refusal, run
+from tests.dibr.scenes import planes, texture, two_discs
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
 DISCS = two_discs(64, 80)

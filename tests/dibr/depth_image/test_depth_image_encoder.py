@@ -19,7 +19,7 @@ from dvc.errors import BitstreamError, ConfigError
 from dvc.images.chain_code import EdgeCode
 from dvc.images.edge_extraction import canny_edges, edges_of_jumps
 from dvc.images.edge_maps import EdgeMaps
-from tests.dibr.depth_maps import texture, two_discs
+from tests.dibr.scenes import texture, two_discs
 
 DISCS = two_discs()
 NONE = code_edges(EdgeMaps.none(DISCS.shape))
@@ -60,8 +60,12 @@ def test_squared_errors_of_lengths_are_about_those_of_codes():
 
 
 def test_given_edges_are_coded_as_they_are():
-    for edges in (edges_of_jumps(DISCS, 5.0), canny_edges(DISCS)):
-        decoded = decode(decode_stream(encode(DISCS, 600, code_edges(edges)).data))
+    for edges, code in (
+        (edges_of_jumps(DISCS, 5.0), EdgeCode.FIXED),
+        (canny_edges(DISCS), EdgeCode.ADAPTIVE),
+    ):
+        decoded = decode(decode_stream(encode(DISCS, 600, code_edges(edges, code)).data))
+        assert decoded.stream.edge_code is code
         np.testing.assert_array_equal(decoded.edges.between_rows, edges.between_rows)
         np.testing.assert_array_equal(decoded.edges.between_columns, edges.between_columns)
     assert canny_edges(DISCS).count() > 0.5 * edges_of_jumps(DISCS, 5.0).count()
@@ -148,12 +152,6 @@ def test_a_stream_cut_at_any_byte_decodes_or_says_where_it_ends():
         assert decoded.stream.damage is not None
         errors.append(np.mean((decoded.depth - DISCS) ** 2))
     assert errors[-1] < 0.1 * errors[0]
-
-
-@pytest.mark.parametrize("code", EdgeCode)
-def test_either_code_of_edges_may_be_chosen(code):
-    edges = code_edges(edges_of_jumps(DISCS, 5.0), code)
-    assert decode_stream(encode(DISCS, 500, edges).data).edge_code is code
 
 
 def test_too_few_bytes_are_refused():

@@ -1,5 +1,6 @@
 """Coding of layers and sprites: sizes, quality, odd pieces, cuts and mutations, folders."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from dvc.dibr.depth_image.piece_encoder import Choices, LayeredOptions, allot, encode_to_size
 from dvc.dibr.depth_image.piece_stream import DecodedPieces, decode, decode_stream
 from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of, read_pieces, write_pieces
-from dvc.errors import BitstreamError, ConfigError
+from dvc.errors import BitstreamError
 from dvc.images import picture_codec
 from dvc.layers.canvas import Frame
 from dvc.layers.sprites import Sprite
@@ -45,6 +46,7 @@ def test_pieces_come_back_with_their_masks_and_better_at_higher_rates(name: str)
     for max_bytes in (1200, 40_000):
         encoded = encode_to_size(scene, max_bytes)
         assert sum(encoded.part_bytes.values()) == len(encoded.data) <= max_bytes
+        assert len(encoded.data) >= max_bytes - 12 or max_bytes > 1200
         found = decoded(encoded.data)
         assert found.damage is None
         assert found.scene.kind is scene.kind
@@ -60,21 +62,10 @@ def test_pieces_come_back_with_their_masks_and_better_at_higher_rates(name: str)
         np.testing.assert_allclose(one.disparity, other.disparity, atol=0.01)
 
 
-def test_streams_fill_their_bytes() -> None:
-    for max_bytes in (900, 1500):
-        assert max_bytes - 12 <= len(encode_to_size(SCENES["layers"], max_bytes).data) <= max_bytes
-
-
 def test_gray_and_other_options() -> None:
     scene = SCENES["sprites"]
-    gray = Pieces(
-        scene.canvas,
-        scene.kind,
-        tuple(
-            Sprite(p.left, p.top, p.mask, np.repeat(p.colour[..., :1], 3, axis=2), p.disparity)
-            for p in scene.pieces
-        ),
-    )
+    pieces = [replace(one, colour=np.repeat(one.colour[..., :1], 3, axis=2)) for one in scene.pieces]
+    gray = replace(scene, pieces=tuple(pieces))
     found = decoded(encode_to_size(gray, 1000).data).scene
     assert all((piece.colour == piece.colour[..., :1]).all() for piece in found.pieces)
     assert psnr(found, gray) > psnr(decoded(encode_to_size(scene, 1000).data).scene, scene)
@@ -113,9 +104,8 @@ def test_folders_are_read_by_the_commands_of_stereo(name: str, tmp_path: Path) -
     write_pieces(tmp_path, scene)
     again = read_pieces(tmp_path)
     assert again.kind is scene.kind
-    assert again.canvas.frame == SCENES[name].canvas.frame
-    assert again.canvas.labels == SCENES[name].canvas.labels
-    assert again.canvas.reference == SCENES[name].canvas.reference
+    for part in ("frame", "labels", "reference"):
+        assert getattr(again.canvas, part) == getattr(SCENES[name].canvas, part)
     assert again.num_values == scene.num_values
     assert encode_to_size(again, 3000).part_bytes["image"] > 0
 
@@ -128,11 +118,6 @@ def test_calibrated_canvases() -> None:
     np.testing.assert_array_equal(found.world_from_rectified, matrix)
     assert found.frame == canvas.frame
     assert (found.num_cameras, found.reference, found.resolution) == (3, "middle", 1.0)
-
-
-def test_too_few_bytes_are_refused() -> None:
-    with pytest.raises(ConfigError, match="header and masks take"):
-        encode_to_size(SCENES["layers"], 100)
 
 
 def test_a_stream_cut_anywhere_gives_the_first_pieces_or_says_where_it_ends() -> None:
@@ -151,14 +136,9 @@ def test_a_stream_cut_anywhere_gives_the_first_pieces_or_says_where_it_ends() ->
         for one, other in zip(pieces[:-1], whole, strict=False):
             np.testing.assert_array_equal(one.colour, other.colour)
         np.testing.assert_array_equal(pieces[-1].mask, whole[len(pieces) - 1].mask)
+    assert decoded(small() + b"more").damage == "4 bytes follow"
     assert counts == sorted(counts)
     assert set(counts) == set(range(1, len(whole) + 1))
-
-
-def test_bytes_that_follow_are_told() -> None:
-    found = decoded(small() + b"more")
-    assert found.damage == "4 bytes follow"
-    assert len(found.scene.pieces) == len(odd_sprites().pieces)
 
 
 @given(st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 255))
@@ -186,24 +166,18 @@ def test_bytes_are_divided_by_what_they_are_worth() -> None:
         assert found is not None
         assert sum(found) == total
         assert found[0] > found[1]
-
-
-def test_what_codes_need_beside_their_own_counts() -> None:
-    assert allot([Choices((HARD,), (60,)), Choices((EASY,), (50,))], 100) is None
-    found = allot([Choices((HARD,), (60,)), Choices((EASY,), (50,))], 110)
-    assert found == [60, 50]
+    found = allot([Choices((HARD,), (0,)), Choices((EASY,), (0,))], 10**6)
+    assert found is not None
+    assert sum(found) < 10**6
+    needed = [Choices((HARD,), (60,)), Choices((EASY,), (50,))]
+    assert allot(needed, 100) is None
+    assert allot(needed, 110) == [60, 50]
 
 
 def test_the_cheaper_of_two_codes_is_taken() -> None:
     both = Choices((HARD, HARD), (200, 3))
     for multiplier in (1e-7, 1e-4, 1e-2):
         assert both.bytes_at_multiplier(multiplier) == 3 + HARD.bytes_at_multiplier(multiplier)
-
-
-def test_everything_is_coded_where_there_is_room() -> None:
-    found = allot([Choices((HARD,), (0,)), Choices((EASY,), (0,))], 10**6)
-    assert found is not None
-    assert sum(found) < 10**6
 
 
 def test_where_nothing_but_what_is_needed_fits_there_is_no_code() -> None:
