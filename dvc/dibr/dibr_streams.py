@@ -71,11 +71,6 @@ def check_extent(shown: int, held: int, decoded: int, num_bytes: int, max_mib: f
         )
 
 
-def begin(body: Body) -> bytes:
-    """Return the first bytes of a stream."""
-    return MAGIC + bytes([body])
-
-
 def body_of(data: bytes) -> Body:
     """Return the kind of a stream."""
     if not data.startswith(MAGIC[: max(len(data), 1)]):
@@ -106,7 +101,7 @@ class FieldReader:
         if body_of(data) is not body:
             raise BitstreamError(f"the stream is of version {body_of(data)}; {body} is accepted")
         reader = cls(data)
-        reader.position = len(begin(body))
+        reader.position = len(MAGIC) + 1
         return reader
 
     def bytes(self, size: int) -> bytes:

@@ -18,6 +18,7 @@ from dvc.dibr import dibr_streams
 from dvc.dibr.dibr_streams import (
     BUILT_IN_CODECS,
     CODEC_NUMBERS,
+    MAGIC,
     MAX_LAYERS,
     MAX_NUMBER,
     Body,
@@ -97,7 +98,7 @@ def encode_header(header: Header) -> bytes:
     sizes = header.num_layers, len(header.references), len(header.viewpoints)
     fixed = _FIXED.pack(flags, width, height, *header.labels, *sizes)
     views = b"".join(_encode_viewpoint(viewpoint) for viewpoint in header.viewpoints)
-    data = dibr_streams.begin(Body.VIEWS) + fixed + bytes(header.references) + views
+    data = MAGIC + bytes([Body.VIEWS]) + fixed + bytes(header.references) + views
     return data + dibr_streams.checksum(data)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dvc.bits import encode_varint
 from dvc.dibr import dibr_streams
-from dvc.dibr.dibr_streams import CHECK_BYTES, MAX_NUMBER, MAX_PIXELS, Body, FieldReader
+from dvc.dibr.dibr_streams import CHECK_BYTES, MAGIC, MAX_NUMBER, MAX_PIXELS, Body, FieldReader
 from dvc.dibr.view_rendering import PictureAndDisparity
 from dvc.errors import BitstreamError, ConfigError, DvcError
 from dvc.geometry.camera_array import LatticePosition
@@ -229,7 +229,7 @@ def encode_stream(stream: DepthImageStream, is_piece: bool = False) -> bytes:
     flags = _PICTURE * (picture is not None) | _ADAPTIVE_EDGES * (stream.edge_code is EdgeCode.ADAPTIVE)
     flags |= _PICTURE_EDGES * stream.picture_edges | _SCALED * is_scaled | depth.order << _DEPTH_ORDER_SHIFT
     flags |= (picture.order if picture else 0) << _PICTURE_ORDER_SHIFT
-    data = b"" if is_piece else dibr_streams.begin(Body.DEPTH_IMAGE)
+    data = b"" if is_piece else MAGIC + bytes([Body.DEPTH_IMAGE])
     data += _FLAGS.pack(flags) + (b"" if is_piece else _SIZE.pack(*stream.shape[::-1]))
     data += _RANGE.pack(scale.lowest, encode_extent(scale.extent))
     data += _SCALE.pack(scale.factor, scale.offset) if is_scaled else b""

@@ -16,7 +16,7 @@ from dvc.bits import encode_varint
 from dvc.dibr.depth_image import depth_image_stream
 from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, decode_piece
 from dvc.dibr.depth_image.scene_pieces import Kind, Pieces
-from dvc.dibr.dibr_streams import MAX_PIXELS, Body, FieldReader, begin, check_extent, checksum
+from dvc.dibr.dibr_streams import MAGIC, MAX_PIXELS, Body, FieldReader, check_extent, checksum
 from dvc.errors import BitstreamError, ConfigError, DvcError
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.viewpoints import Viewpoint
@@ -88,14 +88,18 @@ def encode_header(canvas: Canvas, kind: Kind, rectangles: Sequence[Rectangle], s
     if canvas.shape[0] * canvas.shape[1] > MAX_PIXELS or len(name) > MAX_NAME_BYTES:
         raise ConfigError(f"a canvas of at most {MAX_PIXELS} pixels is accepted, and a name of 255 bytes")
     matrix = canvas.world_from_rectified
-    data = begin(Body.PIECES) + _FIXED.pack(
-        _SPRITES * (kind is Kind.SPRITES) | _CALIBRATED * (matrix is not None),
-        *canvas.shape[::-1],
-        *canvas.frame,
-        *canvas.labels,
-        canvas.resolution,
-        canvas.num_cameras,
-        len(name),
+    data = (
+        MAGIC
+        + bytes([Body.PIECES])
+        + _FIXED.pack(
+            _SPRITES * (kind is Kind.SPRITES) | _CALIBRATED * (matrix is not None),
+            *canvas.shape[::-1],
+            *canvas.frame,
+            *canvas.labels,
+            canvas.resolution,
+            canvas.num_cameras,
+            len(name),
+        )
     )
     data += name + (b"" if matrix is None else _MATRIX.pack(*matrix.ravel()))
     data += encode_varint(len(rectangles))

@@ -318,37 +318,24 @@ def code_row_s(coder, mixture, level, m, known, coded, flags, counts):
 
 
 @kernel
-def kinds_l(parents, labels, predictions, significance, kinds, candidates):
-    """Set the kinds of the coefficients of a solution, and labels of their neighbours."""
+def set_kinds(is_s, parents, labels, predictions, significance, splits, is_open, kinds, nodes, candidates):
+    """Set the kinds of the coefficients and nodes of a solution, and labels of neighbours (L only)."""
     around = np.empty(CANDIDATES + NUM_CANDIDATES, np.int64)
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
-            predicted = np.int64(parents[i // 2, j // 2]) + predictions[i, j]
-            surroundings = look_around_l(labels, parents, i, j, predicted, around)
-            candidates[i, j] = around[CANDIDATES:]
+            expected = np.int64(parents[i // 2, j // 2])
+            if not is_s:
+                expected += predictions[i, j]
+                surroundings = look_around_l(labels, parents, i, j, expected, around)
+                candidates[i, j] = around[CANDIDATES:]
+            else:
+                if i % 2 == 1:
+                    expected = (np.int64(labels[i - 1, j]) + labels[i, j]) >> 1
+                surroundings = look_around_s(labels, parents, i, j, expected, around)
             kinds[i, j] = significance[i // 2, j // 2] * NUM_SURROUNDINGS + surroundings
-
-
-@kernel
-def kinds_s(parents, labels, significance, kinds):
-    """Set the kinds of the coefficients of a solution."""
-    around = np.empty(CANDIDATES + NUM_CANDIDATES, np.int64)
-    for i in range(labels.shape[0]):
-        for j in range(labels.shape[1]):
-            mean = np.int64(parents[i // 2, j // 2])
-            if i % 2 == 1:
-                mean = (np.int64(labels[i - 1, j]) + labels[i, j]) >> 1
-            surroundings = look_around_s(labels, parents, i, j, mean, around)
-            kinds[i, j] = significance[i // 2, j // 2] * NUM_SURROUNDINGS + surroundings
-
-
-@kernel
-def kinds_of_nodes(parents, splits, significance, is_open, kinds):
-    """Set the kinds of the nodes of a solution."""
-    around = np.empty(CANDIDATES + NUM_CANDIDATES, np.int64)
-    for m in range(kinds.shape[0]):
-        for n in range(kinds.shape[1]):
-            kinds[m, n] = kind_of_node(m, n, parents, splits, significance, is_open, around)
+    for m in range(nodes.shape[0]):
+        for n in range(nodes.shape[1]):
+            nodes[m, n] = kind_of_node(m, n, parents, splits, significance, is_open, around)
 
 
 @kernel

@@ -40,7 +40,7 @@ class Quadtree:
     """A map of labels, constant in squares."""
 
     labels: Labels  # the map
-    # splits of squares of side 2^j, for j = 1, 2, ...; False below a leaf
+    # splits of squares of side 2^j, for j = 1, 2, ...; False below a leaf; none for blocks of one size
     splits: tuple[NDArray[np.bool_], ...]
     num_labels: int  # number of labels
 
@@ -172,20 +172,6 @@ def _measured_bits(tree: Quadtree) -> tuple[Floats, Floats]:
     return -np.log2((counts + 0.5) / (counts.sum() + 0.5 * tree.num_labels)), split_bits
 
 
-@dataclass(frozen=True, eq=False)
-class BlockMap:
-    """A map of labels, constant in blocks."""
-
-    labels: Labels  # label of each block
-    shape: tuple[int, int]  # rows and columns of the map
-    num_labels: int  # number of labels
-
-    def disparity(self, level: int = 0) -> Labels:
-        """Return the map of labels, every 2^level-th pixel."""
-        full = self.labels.repeat(SIDE_PX, axis=0).repeat(SIDE_PX, axis=1)
-        return full[: self.shape[0] : 1 << level, : self.shape[1] : 1 << level]
-
-
 class BlockCodec(DisparityCodec):
     """Codec of blocks of least squared error, without lambda and significance."""
 
@@ -193,28 +179,33 @@ class BlockCodec(DisparityCodec):
 
     def _best(
         self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
-    ) -> BlockMap:
+    ) -> Quadtree:
         sums = np.add.reduceat(tensor, np.arange(0, tensor.shape[0], SIDE_PX), axis=0)
         sums = np.add.reduceat(sums, np.arange(0, tensor.shape[1], SIDE_PX), axis=1)
-        shape = tensor.shape[0], tensor.shape[1]
-        return BlockMap(sums.argmin(axis=2).astype(np.int32), shape, tensor.shape[2])
+        return _of_blocks(sums.argmin(axis=2), (tensor.shape[0], tensor.shape[1]), tensor.shape[2])
 
-    def _write(self, representation: BlockMap, known: Known) -> bytes:
+    def _write(self, representation: Quadtree, known: Known) -> bytes:
         width = bits_of_label(representation.num_labels)
-        digits = representation.labels.ravel()[:, None] >> np.arange(width)[::-1] & 1
+        blocks = representation.labels[::SIDE_PX, ::SIDE_PX]
+        digits = blocks.ravel()[:, None] >> np.arange(width)[::-1] & 1
         return np.packbits(digits.astype(np.uint8)).tobytes()
 
-    def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> BlockMap:
+    def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> Quadtree:
         width = bits_of_label(num_labels)
         blocks = -(-shape[0] // SIDE_PX), -(-shape[1] // SIDE_PX)
         count = blocks[0] * blocks[1] * width
         if len(payload) != -(-count // 8):
             raise BitstreamError(f"the labels of blocks are {len(payload)} bytes, not {-(-count // 8)}")
         digits = np.unpackbits(np.frombuffer(payload, np.uint8))[:count].reshape(*blocks, width)
-        labels = (digits @ (1 << np.arange(width)[::-1])).astype(np.int32)
+        labels = digits @ (1 << np.arange(width)[::-1])
         if labels.size and labels.max() >= num_labels:
             raise BitstreamError(f"a block has label {labels.max()} of {num_labels}")
-        return BlockMap(labels, shape, num_labels)
+        return _of_blocks(labels, shape, num_labels)
+
+
+def _of_blocks(labels: NDArray[np.integer], shape: tuple[int, int], num_labels: int) -> Quadtree:
+    full = labels.astype(np.int32).repeat(SIDE_PX, axis=0).repeat(SIDE_PX, axis=1)
+    return Quadtree(full[: shape[0], : shape[1]], (), num_labels)
 
 
 def bits_of_label(num_labels: int) -> int:

@@ -25,7 +25,6 @@ from dvc.dibr.disparity.disparity_codec import (
     climb,
 )
 from dvc.dibr.disparity.integer_transforms import (
-    L_TRANSFORM,
     S_TRANSFORM,
     IntegerTransform,
     Labels,
@@ -241,12 +240,9 @@ def kinds_of(
         labels, parents = levels[level], levels[level + 1]
         of_samples, of_nodes = np.zeros(labels.shape, np.uint8), np.zeros(parents.shape, np.uint8)
         candidates = np.full((*labels.shape, 2), _kernels.NONE, np.int32)
-        if tree.transform is L_TRANSFORM:
-            _kernels.kinds_l(parents, labels, predictions[level], classes, of_samples, candidates)
-        else:
-            _kernels.kinds_s(parents, labels, classes, of_samples)
-        split = splits[level].astype(np.uint8)
-        _kernels.kinds_of_nodes(parents, split, classes, opened[level], of_nodes)
+        given = parents, labels, predictions[level], classes, splits[level].astype(np.uint8), opened[level]
+        is_s = tree.transform is S_TRANSFORM
+        _kernels.set_kinds(is_s, *given, of_samples, of_nodes, candidates)
         kinds.append((of_samples, of_nodes, candidates))
     return kinds
 
