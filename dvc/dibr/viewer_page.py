@@ -68,11 +68,6 @@ class Scene:
     bounds: Bounds  # bounds of the viewpoint
 
     @property
-    def num_pixels(self) -> int:
-        """Number of pixels of all pieces."""
-        return sum(piece.mask.size for source in self.sources for piece in source.pieces)
-
-    @property
     def range(self) -> tuple[float, float]:
         """Least and largest disparity."""
         values = [piece.disparity[piece.mask] for source in self.sources for piece in source.pieces]

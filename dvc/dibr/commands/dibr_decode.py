@@ -30,7 +30,6 @@ from dvc.dibr.commands.dibr_reports import (
 )
 from dvc.dibr.depth_image import depth_image_stream, piece_stream
 from dvc.dibr.depth_image.depth_image_stream import (
-    DecodedDepthImage,
     DepthImageStream,
     default_hole,
     read_depth_map,
@@ -78,7 +77,13 @@ def run_decode(arguments: argparse.Namespace) -> int:
             figures = _write_views(arguments, stream)
             summary = f"{figures['decoded_layers']} of {figures['quality_layers']} quality layers"
         else:
-            figures = _write_pieces(arguments, stream)
+            if arguments.quality_layers is not None or arguments.resolution:
+                raise ConfigError("--quality-layers and --resolution require views or a depth map")
+            pieces = piece_stream.decode(stream)
+            with atomic_folder(arguments.out) as folder:
+                write_pieces(folder, pieces.scene)
+            figures = layered_figures(stream)
+            figures |= {"num_decoded": len(pieces.scene.pieces), "damage": pieces.damage}
             summary = f"{figures['num_decoded']} of {figures['num_pieces']} {figures['kind']}"
     warn(arguments.path, figures["damage"])
     print_figures(arguments, figures, f"{arguments.out}: {figures['width']}x{figures['height']}, {summary}\n")
@@ -117,12 +122,18 @@ def _write_depth_image(arguments: argparse.Namespace, stream: DepthImageStream) 
         raise ConfigError("--quality-layers: the stream has none, but can be cut anywhere")
     decoded = depth_image_stream.decode(stream, arguments.resolution)
     height, width = decoded.depth.shape
-    figures = depth_image_figures(stream, decoded.edges) | {
-        "width": width,
-        "height": height,
-        "resolution": decoded.resolution,
-        **_quality(arguments, decoded),
-    }
+    depth_map = picture = None
+    if arguments.truth_depth is not None:
+        depth_map = read_with_holes(arguments.truth_depth, arguments)
+        check_size(arguments.truth_depth, depth_map.depth.shape, (height, width), "the decoded map")
+    if arguments.truth_image is not None:
+        picture = read_picture(arguments.truth_image)
+        check_size(arguments.truth_image, picture.shape, (height, width), "the decoded map")
+        if decoded.picture is None:
+            raise ConfigError("--truth-image: the stream has a depth map only")
+    figures = depth_image_figures(stream, decoded.edges)
+    figures |= {"width": width, "height": height, "resolution": decoded.resolution}
+    figures |= depth_image_quality(decoded, depth_map, picture)
     with atomic_folder(arguments.out) as folder:
         write_pfm(folder / "depth.pfm", decoded.depth.astype(np.float32))
         _write_disparity(folder, "", decoded.disparity)
@@ -131,31 +142,6 @@ def _write_depth_image(arguments: argparse.Namespace, stream: DepthImageStream) 
             write_png(folder / "image.png", blue_first(decoded.picture))
         write_index(folder / INDEX, _FORMAT, _VERSION, figures)
     return figures
-
-
-def _write_pieces(arguments: argparse.Namespace, stream: LayeredStream) -> dict[str, Any]:
-    """Decode layers or sprites, write their folder, and return their figures."""
-    if arguments.quality_layers is not None or arguments.resolution:
-        raise ConfigError("--quality-layers and --resolution require views or a depth map")
-    decoded = piece_stream.decode(stream)
-    with atomic_folder(arguments.out) as folder:
-        write_pieces(folder, decoded.scene)
-    return layered_figures(stream) | {"num_decoded": len(decoded.scene.pieces), "damage": decoded.damage}
-
-
-def _quality(arguments: argparse.Namespace, decoded: DecodedDepthImage) -> dict[str, Any]:
-    """Return PSNR compared with the originals of the options."""
-    depth_map = picture = None
-    shape = decoded.depth.shape
-    if arguments.truth_depth is not None:
-        depth_map = read_with_holes(arguments.truth_depth, arguments)
-        check_size(arguments.truth_depth, depth_map.depth.shape, shape, "the decoded map")
-    if arguments.truth_image is not None:
-        picture = read_picture(arguments.truth_image)
-        check_size(arguments.truth_image, picture.shape, shape, "the decoded map")
-        if decoded.picture is None:
-            raise ConfigError("--truth-image: the stream has a depth map only")
-    return depth_image_quality(decoded, depth_map, picture)
 
 
 def _write_disparity(folder: Path, suffix: str, disparity: Any) -> None:

@@ -159,7 +159,12 @@ def _encode_views(arguments: argparse.Namespace, paths: list[str]) -> Result:
 
 def _read_views(arguments: argparse.Namespace, paths: list[str]) -> tuple[Views, DisparityLabels]:
     """Read views, and return them with their labels."""
-    references = _references(paths, arguments.references)
+    references = [0]
+    for name in arguments.references:
+        matches = [number for number, path in enumerate(paths) if name in (path, Path(path).name)]
+        if not matches:
+            raise ConfigError(f"reference {name} is not among the views")
+        references += [number for number in matches[:1] if number not in references]
     if arguments.cameras is None:
         if arguments.depths is not None:
             raise ConfigError("--depths requires --cameras; rectified views have --disparities")
@@ -175,17 +180,6 @@ def _read_views(arguments: argparse.Namespace, paths: list[str]) -> tuple[Views,
     views = view_set.views_of_cameras(pictures, calibrated.cameras, references, gray=arguments.gray)
     depths = arguments.depths or (*view_set.depths_of_points(views, calibrated.points), None)
     return views, view_set.labels_of_depths(views, *depths)
-
-
-def _references(paths: list[str], names: list[str]) -> tuple[int, ...]:
-    """Return the indices of the coded views."""
-    references = [0]
-    for name in names:
-        matches = [number for number, path in enumerate(paths) if name in (path, Path(path).name)]
-        if not matches:
-            raise ConfigError(f"reference {name} is not among the views")
-        references += [number for number in matches[:1] if number not in references]
-    return tuple(references)
 
 
 def _encode_depth_image(arguments: argparse.Namespace, paths: list[str]) -> Result:

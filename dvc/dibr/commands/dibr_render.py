@@ -81,7 +81,10 @@ def run_render(arguments: argparse.Namespace) -> int:
             create_video(arguments.out, (width, height), arguments.frame_rate) as video,
             cli.progress_bar("frames", arguments.frames, arguments.quiet) as advance,
         ):
-            for viewpoint in along(stops, arguments.frames):
+            for number in range(arguments.frames):
+                way = number * (len(stops) - 1) / (arguments.frames - 1)
+                leg = min(int(way), len(stops) - 2)
+                viewpoint = between(stops[leg], stops[leg + 1], way - leg)
                 video.write(frame_from_rgb(picture_of(render_view(decoded, viewpoint, arguments.blend))))
                 advance(1)
         figures["frames"] = arguments.frames
@@ -89,16 +92,6 @@ def run_render(arguments: argparse.Namespace) -> int:
     warn(arguments.path, decoded.damage)
     print_figures(arguments, figures | {"damage": decoded.damage}, f"{arguments.out}: {text}\n")
     return 0
-
-
-def along(stops: Sequence[Viewpoint], num_frames: int) -> list[Viewpoint]:
-    """Return viewpoints along a path."""
-    viewpoints = []
-    for number in range(num_frames):
-        way = number * (len(stops) - 1) / (num_frames - 1)
-        leg = min(int(way), len(stops) - 2)
-        viewpoints.append(between(stops[leg], stops[leg + 1], way - leg))
-    return viewpoints
 
 
 def decode_views(arguments: argparse.Namespace, stream: AnyStream, resolution: int = 0) -> AnyDecoded:
@@ -246,8 +239,9 @@ def _scene_of_stream(arguments: argparse.Namespace, truths: list[Truth]) -> tupl
 def _check_scene(scene: Scene, path: str | Path) -> None:
     if not scene.sources[0].pieces:
         raise ConfigError(f"{path}: nothing to be seen in it")
-    if scene.num_pixels > MAX_PIXELS:
-        raise ConfigError(f"{path}: {scene.num_pixels} pixels in all; a page takes {MAX_PIXELS} at most")
+    num_pixels = sum(piece.mask.size for source in scene.sources for piece in source.pieces)
+    if num_pixels > MAX_PIXELS:
+        raise ConfigError(f"{path}: {num_pixels} pixels in all; a page takes {MAX_PIXELS} at most")
 
 
 def _pictures(decoded: AnyDecoded, truths: list[Truth]) -> dict[Viewpoint, NDArray[np.uint8]]:

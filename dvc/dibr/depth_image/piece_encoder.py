@@ -72,10 +72,6 @@ class _Coding:
     weight: float
     scale: DepthScale
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.piece.mask.shape[0], self.piece.mask.shape[1]
-
 
 def encode_to_size(
     scene: Pieces,
@@ -116,7 +112,9 @@ def encode_to_size(
     room = max_bytes - len(encode_header(scene.canvas, scene.kind, rectangles, sizes))
     nothing = PlaneCode(PictureHeader(0, 0), 0, b"")
     for one in codings:
-        empty = DepthImageStream(one.shape, one.scale, b"", EdgeCode.ADAPTIVE, nothing, nothing, masked=True)
+        empty = DepthImageStream(
+            one.picture.shape[:2], one.scale, b"", EdgeCode.ADAPTIVE, nothing, nothing, masked=True
+        )
         room -= len(encode_image(empty, is_piece=True)) + 3 * (len(encode_varint(max_bytes)) - 1)
     depths = _code_depths(codings, mask_bytes(scene), room, chosen.depth_share, advance)
     remaining = room - sum(len(depth.edges.data) + len(depth.plane.data) for depth in depths)
@@ -125,7 +123,7 @@ def encode_to_size(
     streams = []
     for one, depth, (picture, is_shared) in zip(codings, depths, pictures, strict=True):
         coded = depth.edges.data, depth.edges.code, depth.plane, picture, is_shared
-        streams.append(DepthImageStream(one.shape, one.scale, *coded, masked=True))
+        streams.append(DepthImageStream(one.piece.mask.shape, one.scale, *coded, masked=True))
     ordered = iter(streams)
     pieces = [next(ordered) if rectangle.width else None for rectangle in rectangles]
     data = encode_stream(scene.canvas, scene.kind, rectangles, pieces)
