@@ -55,12 +55,8 @@ def _decoded(path: Path) -> tuple[int, str, float]:
     """Exit status, what is on standard error, and the growth of memory in MiB of a decoder."""
     small = path.parent / "small.dibr"
     small.write_bytes(_bomb(1, 8))
-    command = [
-        sys.executable,
-        "-c",
-        _DECODE,
-        *map(str, (small, path, "--out", path.parent / "out", "--quiet")),
-    ]
+    arguments = map(str, (small, path, "--out", path.parent / "out", "--quiet"))
+    command = [sys.executable, "-c", _DECODE, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return done.returncode, done.stderr, int(done.stdout) / 2**20
 

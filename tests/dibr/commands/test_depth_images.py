@@ -10,22 +10,12 @@ import pytest
 from dvc.dibr.depth_image.depth_image_stream import decode_stream, encode_stream
 from dvc.picture_files import read_pfm, write_pfm
 from tests.dibr.running import answer, refusal, run
-from tests.dibr.scenes import texture, two_discs
+from tests.dibr.scenes import two_discs
 
 DISCS = two_discs(64, 80)
 
 
-@pytest.fixture(autouse=True)
-def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write a map, as numbers and as levels of 8 and 16 bits with a hole, and a picture; work there."""
-    monkeypatch.chdir(tmp_path)
-    write_pfm("map.pfm", DISCS.astype(np.float32))
-    levels = np.round(4 * DISCS)
-    levels[30:34, 60:66] = 0
-    cv2.imwrite("map8.png", levels.astype(np.uint8))
-    cv2.imwrite("map16.png", (256 * levels).astype(np.uint16))
-    picture = texture(64, 80)
-    cv2.imwrite("picture.png", np.stack([picture, picture[::-1], picture[:, ::-1]], axis=-1))
+pytestmark = pytest.mark.usefixtures("maps")
 
 
 def test_maps_are_coded_and_decoded(capsys: pytest.CaptureFixture[str]) -> None:

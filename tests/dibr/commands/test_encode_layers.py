@@ -5,23 +5,11 @@ from pathlib import Path
 import pytest
 
 from dvc.dibr.depth_image.piece_encoder import encode_to_size
-from dvc.dibr.depth_image.scene_pieces import read_pieces, write_pieces
-from dvc.picture_files import write_png
-from tests.dibr.piece_scenes import plane_layers, plane_sprites
+from dvc.dibr.depth_image.scene_pieces import read_pieces
+from tests.dibr.piece_scenes import plane_layers
 from tests.dibr.running import answer, refusal, run
-from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
-
-@pytest.fixture(autouse=True)
-def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write layers, sprites and a view; work there."""
-    monkeypatch.chdir(tmp_path)
-    for name, scene in (("layers", plane_layers()), ("sprites", plane_sprites())):
-        Path(name).mkdir()
-        write_pieces(Path(name), scene)
-    camera = reconstruction_of(SCENE, square_lattice(1), LABELS).array[1]
-    write_png(Path("view.png"), camera.image[:, :, ::-1])
-    Path("position").write_text(f"{camera.position.m:g},{camera.position.n:g}")
+pytestmark = pytest.mark.usefixtures("pieces")
 
 
 @pytest.mark.parametrize("kind", ["layers", "sprites"])

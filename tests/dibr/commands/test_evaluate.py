@@ -4,33 +4,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
 
 from dvc.dibr.commands.dibr_decode import lines_of
 from dvc.dibr.depth_image.depth_image_stream import decode_stream, encode_stream
-from dvc.dibr.depth_image.scene_pieces import write_pieces
-from dvc.picture_files import write_pfm, write_png
-from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.dibr.running import answer, refusal, run
-from tests.dibr.scenes import planes, texture, two_discs
-from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
+from tests.dibr.scenes import texture
 
-DISCS = two_discs(64, 80)
-
-
-@pytest.fixture(autouse=True)
-def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write a map and its picture; work there."""
-    monkeypatch.chdir(tmp_path)
-    write_pfm("map.pfm", DISCS.astype(np.float32))
-    cv2.imwrite("picture.png", texture(64, 80))
+pytestmark = pytest.mark.usefixtures("maps")
 
 
 def test_streams_of_maps_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    encoded = answer(capsys, "encode", "picture.png", "a.dibr", "--depth", "map.pfm", "--bpp", "1", "--gray")
+    encoded = answer(capsys, "encode", "gray.png", "a.dibr", "--depth", "map.pfm", "--bpp", "1")
     assert run("encode", "map.pfm", "b.dibr", "--bpp", "0.3", "--quiet") == 0
-    truth = ["--truth-depth", "map.pfm", "--truth-image", "picture.png"]
+    truth = ["--truth-depth", "map.pfm", "--truth-image", "gray.png"]
     found = answer(capsys, "evaluate", "a.dibr", "b.dibr", *truth)
     assert list(found) == ["a.dibr", "b.dibr"]
     for name in ("stream_bytes", "bpp", "bits", "psnr_depth_db", "psnr_image_db", "edge_elements"):
@@ -39,12 +26,10 @@ def test_streams_of_maps_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert found["b.dibr"]["bits"]["image"] == 0
 
 
-def test_streams_of_views_stand_beside_them(capsys: pytest.CaptureFixture[str]) -> None:
-    for view in planes(64, 80):
-        write_png(Path(f"{view.name}.png"), np.ascontiguousarray(view.image[:, :, ::-1]))
+def test_streams_of_views_stand_beside_them(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--disparities", "0:9", "--lambda", "1e-3", "--quiet"]
-    assert run("encode", "left.png", "right.png", "v.dibr", *options) == 0
-    found = answer(capsys, "evaluate", "v.dibr", "--truth-image", "left.png")["v.dibr"]
+    assert run("encode", "a.png", "b.png", "v.dibr", *options) == 0
+    found = answer(capsys, "evaluate", "v.dibr", "--truth-image", "a.png")["v.dibr"]
     assert sum(found["bits"].values()) == 8 * Path("v.dibr").stat().st_size
     assert found["bits"]["depth"] > 0
     assert found["psnr_image_db"] > 25
@@ -74,19 +59,14 @@ def test_mistakes_are_told_in_one_line(capsys: pytest.CaptureFixture[str]) -> No
     assert "picture.png" in refusal(capsys, "evaluate", "picture.png")
 
 
-def test_several_rates_of_layers_make_a_curve(capsys: pytest.CaptureFixture[str]) -> None:
-    for name, scene in (("layers", plane_layers()), ("sprites", plane_sprites())):
-        Path(name).mkdir()
-        write_pieces(Path(name), scene)
-    camera = reconstruction_of(SCENE, square_lattice(1), LABELS).array
-    write_png(Path("view.png"), camera[camera.reference].image[:, :, ::-1])
+def test_several_rates_of_layers_make_a_curve(pieces: None, capsys: pytest.CaptureFixture[str]) -> None:
     names = []
     for kind, rate in (("layers", 8), ("layers", 2), ("layers", 4), ("sprites", 4), ("sprites", 8)):
         names.append(f"{kind}-{rate}.dibr")
         assert run("encode", kind, names[-1], "--bpp", str(rate), "--keep", "all", "--quiet") == 0
     capsys.readouterr()
     Path("curves").mkdir()  # an empty folder will do
-    found = answer(capsys, "evaluate", *names, "--truth-image", "view.png", "--out", "curves")
+    found = answer(capsys, "evaluate", *names, "--truth-image", "reference.png", "--out", "curves")
     for name in names:
         assert found[name]["kind"] in name
         assert sum(found[name]["bits"].values()) == 8 * Path(name).stat().st_size

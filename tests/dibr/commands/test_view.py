@@ -9,19 +9,12 @@ import pytest
 
 from dvc.dibr.__main__ import main
 from dvc.dibr.commands import dibr_render as view
-from dvc.dibr.depth_image.scene_pieces import write_pieces
-from tests.dibr.piece_scenes import plane_layers, plane_sprites
 from tests.dibr.running import answer, refusal, run
-from tests.dibr.scenes import write_views
-
-SCENES = {"layers": plane_layers, "sprites": plane_sprites}
 
 
 @pytest.fixture
-def stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Write a stream of two views, and three pictures, and work beside them."""
-    write_views(tmp_path, "abc", (0, 1, -1))
-    monkeypatch.chdir(tmp_path)
+def stream(views: Path) -> str:
+    """Write a stream of two views."""
     options = ("--disparities", "0:8", "--lambda", "2e-3", "--quiet")
     assert main(["encode", "a.png", "b.png", "pair.dibr", *options]) == 0
     return "pair.dibr"
@@ -31,11 +24,6 @@ def scene_of(page: str) -> dict[str, Any]:
     text = Path(page).read_text(encoding="utf-8")
     found: dict[str, Any] = json.loads(text.split('id="scene">', 1)[1].split("</script>", 1)[0])
     return found
-
-
-def test_summary_counts(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("view", stream, "--out", "page.html") == 0
-    assert re.fullmatch(r"page\.html: \d+ bytes, 1 source\n", capsys.readouterr().out)
 
 
 def test_page_is_one_file_that_loads_nothing(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -62,24 +50,22 @@ def test_quality_is_that_of_rendered_views(stream: str, capsys: pytest.CaptureFi
     assert capsys.readouterr().out == ""
     assert [place["psnr_db"] for place in scene_of("page.html")["views"]] == wanted
     assert run("view", stream, "--out", "page.html", "--truth", "1=b.png") == 0
-    assert f"PSNR {wanted[1]:.2f} dB" in capsys.readouterr().out
+    text = rf"page\.html: \d+ bytes, 1 source; PSNR {wanted[1]:.2f} dB\n"
+    assert re.fullmatch(text, capsys.readouterr().out)
     assert [place["psnr_db"] for place in scene_of("page.html")["views"]] == [None, wanted[1]]
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", ["layers", "sprites"])
 def test_folders_of_layers_and_sprites(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str, pieces: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_pieces(tmp_path, SCENES[name]())
-    page = str(tmp_path.parent / f"{name}.html")
-    figures = answer(capsys, "view", str(tmp_path), "--out", page)
+    figures = answer(capsys, "view", name, "--out", "page.html")
     assert figures["sources"] == 1
     assert figures["pieces"] >= 2
     assert (figures["width"], figures["height"]) == (60, 40)
-    assert 0 < figures["scene_bytes"] < sum(path.stat().st_size for path in tmp_path.iterdir())
+    assert 0 < figures["scene_bytes"] < sum(path.stat().st_size for path in Path(name).iterdir())
     monkeypatch.setattr(view, "MAX_PIXELS", 1000)
-    monkeypatch.chdir(tmp_path)
-    assert "1000 at most" in refusal(capsys, "view", ".", "--out", "page.html")
+    assert "1000 at most" in refusal(capsys, "view", name, "--out", "large.html")
 
 
 def test_damaged_streams_are_shown_as_far_as_they_go(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
