@@ -1,7 +1,7 @@
 """The contract of disparity codecs, the squared errors that they are given, and the choice among their maps.
 
-Views are compensated backwards: each is sampled at the position of a pixel of the reference with the disparity
-of the label ([Maitre2008] Eqs. (3.5), (3.6), (3.12), (3.31)). This ignores the holes that a map opens when
+Views are compensated backwards: each is sampled at the position of a reference pixel with the disparity of
+the label ([Maitre2008] Eqs. (3.5), (3.6), (3.12), (3.31)). This ignores the holes that a map opens when
 other views are rendered forward from it. If these errors are known, the codecs choose by them.
 """
 
