@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hostile.mutations import Change, mutate, nearest
-from dvc.dibr.depth_image.depth_image_encoder import DepthImage, DepthOptions, PictureOptions, code_edges
+from dvc.dibr.depth_image.depth_image_encoder import DepthImage, DepthOptions, code_edges
 from dvc.dibr.depth_image.depth_image_encoder import encode_to_size as encode_map
 from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, DepthScale
 from dvc.dibr.depth_image.depth_image_stream import decode as decode_map
@@ -149,9 +149,8 @@ def good_depth_images() -> tuple[bytes, ...]:
             EdgeMaps.none(edges.shape) if number == 6 else edges,
             EdgeCode.FIXED if number % 4 == 1 else EdgeCode.ADAPTIVE,
         )
-        options = DepthOptions("5/3" if number % 4 == 2 else "9/7", 5, number % 4)
-        options_of_picture = PictureOptions(order=number % 3, depth_share=0.6)
-        streams.append(encode_map(image, _MAX_MAP_BYTES, chosen, options, options_of_picture).data)
+        options = DepthOptions("5/3" if number % 4 == 2 else "9/7", 5, number % 4, number % 3, 0.6)
+        streams.append(encode_map(image, _MAX_MAP_BYTES, chosen, options).data)
     return tuple(streams)
 
 

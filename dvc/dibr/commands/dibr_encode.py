@@ -206,19 +206,15 @@ def _encode_depth_image(arguments: argparse.Namespace, paths: list[str]) -> Resu
         coded = luma(picture) if is_gray else picture
     depth_image_stream.check_map(shape, scale)
     share = None if arguments.depth_share == AUTOMATIC else arguments.depth_share
-    levels = min(depth_image_encoder.DepthOptions.num_levels, most_levels(shape))
+    levels = min(DepthOptions.num_levels, most_levels(shape))
     edges, num_pixels = _edges(arguments, depth_map.depth), shape[0] * shape[1]
+    orders = arguments.order_depth, arguments.order_image
+    options = DepthOptions(arguments.wavelet, levels, *orders, share)
     is_quiet = arguments.quiet or edges is not None
     bar = cli.progress_bar("selections of edges", depth_image_encoder.NUM_STEPS, is_quiet)
     with bar as advance, _max_bytes(arguments, num_pixels) as max_bytes:
-        encoded = depth_image_encoder.encode_to_size(
-            depth_image_encoder.DepthImage(depth_map.depth, scale, coded),
-            max_bytes,
-            edges,
-            depth_image_encoder.DepthOptions(arguments.wavelet, levels, arguments.order_depth),
-            depth_image_encoder.PictureOptions(arguments.order_image, share),
-            advance,
-        )
+        image = depth_image_encoder.DepthImage(depth_map.depth, scale, coded)
+        encoded = depth_image_encoder.encode_to_size(image, max_bytes, edges, options, advance)
     bits = {name: 8 * size for name, size in encoded.part_bytes.items()}
     decoded = depth_image_stream.decode(encoded.stream)
     figures = {
@@ -255,19 +251,19 @@ def _encode_layers(arguments: argparse.Namespace, paths: list[str]) -> Result:
     scene = read_pieces(paths[0])
     frame = scene.canvas.frame
     num_pixels, keeps_all = frame.width * frame.height, arguments.keep == KEEP[1]
-    options = piece_encoder.LayeredOptions(
-        DepthOptions(arguments.wavelet, order=arguments.order_depth),
-        arguments.order_image,
-        arguments.depth_share,
-        arguments.gray,
-    )
+    orders = arguments.order_depth, arguments.order_image
+    options = DepthOptions(arguments.wavelet, DepthOptions.num_levels, *orders, arguments.depth_share)
+    gray = arguments.gray
     total = len(scene.pieces) if keeps_all else piece_selection.MOST_TRIALS
     bar = cli.progress_bar("pieces" if keeps_all else "trials", total, arguments.quiet)
     with bar as advance, _max_bytes(arguments, num_pixels) as max_bytes:
         if keeps_all:
-            encoded, coded = piece_encoder.encode_to_size(scene, max_bytes, options, advance), scene
+            encoded, coded = (
+                piece_encoder.encode_to_size(scene, max_bytes, options, advance, gray=gray),
+                scene,
+            )
         else:
-            selected = piece_selection.encode_best(scene, max_bytes, options, advance)
+            selected = piece_selection.encode_best(scene, max_bytes, options, advance, gray)
             encoded, coded = selected.encoded, selected.scene
     decoded = piece_stream.decode(piece_stream.decode_stream(encoded.data)).scene
     pairs = [pair for pair in zip(decoded.pieces, coded.pieces, strict=True) if pair[1].mask.any()]

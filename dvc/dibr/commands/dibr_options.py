@@ -22,34 +22,29 @@ AUTOMATIC = "auto"
 BLENDS = "distance", "nearest"
 
 
-def add_stream(parser: argparse.ArgumentParser) -> None:
-    """Add the stream that a subcommand reads."""
+def _add_stream(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("path", metavar="IN.dibr", help="stream, whole or cut")
-    add_memory(parser)
+    _add_memory(parser)
 
 
-def add_memory(parser: argparse.ArgumentParser) -> None:
-    """Add the limit of the memory for decoding."""
+def _add_memory(parser: argparse.ArgumentParser) -> None:
     text = f"memory for decoding; default: {MAX_MIB}, and pixels in proportion to the bytes of the stream"
     cli.add_integer(parser, "--max-memory", (1, 2**20), text, metavar="MIB")
 
 
-def add_layers(parser: argparse.ArgumentParser) -> None:
-    """Add the number of quality layers."""
+def _add_layers(parser: argparse.ArgumentParser) -> None:
     text = "decode the first K quality layers; default: all"
     cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), text, metavar="K")
 
 
-def add_hole_options(parser: argparse.ArgumentParser, default: str) -> None:
-    """Add the number of holes in depth maps."""
+def _add_hole_options(parser: argparse.ArgumentParser, default: str) -> None:
     hole = f"number of holes in the map; default: {default}"
     holes = parser.add_mutually_exclusive_group()
     holes.add_argument("--hole", type=cli.parse_number, metavar="V", help=hole)
     holes.add_argument("--no-holes", action="store_true", default=None, help="all numbers are depths")
 
 
-def add_figures(parser: argparse.ArgumentParser, quiet: str | None) -> None:
-    """Add the options of reports."""
+def _add_figures(parser: argparse.ArgumentParser, quiet: str | None) -> None:
     text = "write the results as JSON; - for standard output instead of text"
     parser.add_argument("--json", metavar="FILE", help=text)
     if quiet is not None:
@@ -97,7 +92,7 @@ def _add_encode_options(parser: argparse.ArgumentParser) -> None:
         "default: auto"
     )
     maps.add_argument("--edges", metavar="{auto,canny,none,FILE}", help=edges)
-    add_hole_options(parser, "0 in pictures without --near-far")
+    _add_hole_options(parser, "0 in pictures without --near-far")
     share = (
         "share of the bits for edges and depth; auto: that with the best views near a picture; "
         "default: 0.2, more if masks of layers need it"
@@ -108,24 +103,24 @@ def _add_encode_options(parser: argparse.ArgumentParser) -> None:
         "disparities, or all; default: auto"
     )
     maps.add_argument("--keep", choices=KEEP, help=keep)
-    add_figures(parser, "show no progress and print no summary")
+    _add_figures(parser, "show no progress and print no summary")
 
 
 def _add_decode_options(parser: argparse.ArgumentParser) -> None:
-    add_stream(parser)
+    _add_stream(parser)
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
-    add_layers(parser)
+    _add_layers(parser)
     text = "halve both sides J times"
     cli.add_integer(parser, "--resolution", (0, 15), text, default=0, metavar="J")
     truth = "original of a stream of one map; adds PSNR"
     parser.add_argument("--truth-depth", metavar="MAP", help=f"{truth} of the map")
     parser.add_argument("--truth-image", metavar="IMAGE", help=f"{truth} of the picture")
-    add_hole_options(parser, "0 in pictures")
-    add_figures(parser, "print no summary")
+    _add_hole_options(parser, "0 in pictures")
+    _add_figures(parser, "print no summary")
 
 
 def _add_render_options(parser: argparse.ArgumentParser) -> None:
-    add_stream(parser)
+    _add_stream(parser)
     viewpoints = parser.add_mutually_exclusive_group(required=True)
     view = "position on the lattice, or the number of a view of the stream"
     viewpoints.add_argument("--view", type=parse_view, metavar="M,N|K", help=view)
@@ -136,25 +131,25 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frame-rate", type=cli.parse_frame_rate, default="25", metavar="F", help=rate)
     out = "picture (.png), or video (.mp4, .mkv, .y4m) with --path"
     parser.add_argument("--out", metavar="FILE", required=True, help=out)
-    add_layers(parser)
+    _add_layers(parser)
     blend = "references that see a point: their mean by distance, or the nearest; default: %(default)s"
     parser.add_argument("--blend", choices=BLENDS, default=BLENDS[0], help=blend)
     truth = "picture taken from the viewpoint; adds PSNR and SSIM"
     parser.add_argument("--truth", metavar="VIEW", help=truth)
-    add_figures(parser, "show no progress and print no summary")
+    _add_figures(parser, "show no progress and print no summary")
 
 
 def _add_view_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("path", metavar="SCENE", help="stream, whole or cut, or folder of layers or sprites")
     parser.add_argument("--out", metavar="PAGE.html", required=True, help="page to write")
-    add_memory(parser)
-    add_layers(parser)
+    _add_memory(parser)
+    _add_layers(parser)
     truth = (
         "pictures taken at the views of the stream, in their order, or at given positions; the page "
         "shows their PSNR"
     )
     parser.add_argument("--truth", nargs="+", default=[], metavar="[M,N=|K=]VIEW", help=truth)
-    add_figures(parser, "show no progress and print no summary")
+    _add_figures(parser, "show no progress and print no summary")
 
 
 def _add_evaluate_options(parser: argparse.ArgumentParser) -> None:
@@ -162,13 +157,13 @@ def _add_evaluate_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth-depth", metavar="MAP", help="original map of the streams")
     parser.add_argument("--truth-image", metavar="IMAGE", help="original picture of the streams")
     parser.add_argument("--out", metavar="DIR", help="folder to write curves to, new or empty")
-    add_memory(parser)
-    add_figures(parser, "print no table")
+    _add_memory(parser)
+    _add_figures(parser, "print no table")
 
 
 def _add_info_options(parser: argparse.ArgumentParser) -> None:
-    add_stream(parser)
-    add_figures(parser, None)
+    _add_stream(parser)
+    _add_figures(parser, None)
 
 
 def parse_depths(text: str) -> tuple[float, float, int | None]:

@@ -51,20 +51,14 @@ class DepthImage:
 
 @dataclass(frozen=True)
 class DepthOptions:
-    """Transform of a depth map."""
+    """Transform of a depth map and of its picture, if any."""
 
     wavelet: str = "9/7"  # ``9/7`` or ``5/3``
-    num_levels: int = 5  # number of times that it is split
-    order: int = 1  # order of the extrapolation at edges
-
-
-@dataclass(frozen=True)
-class PictureOptions:
-    """Coding of a picture with its depth map."""
-
-    order: int = 0  # order of the extrapolation at edges
-    # share of the bytes that the map has; None: that at which rendered views are best for small
-    # displacements
+    num_levels: int = 5  # number of times that they are split; less for small pieces
+    order: int = 1  # order of the extrapolation of the map at edges
+    picture_order: int = 0  # order of the extrapolation of the picture at edges
+    # share of the bytes for edges and map, more if masks need it; None: that at which rendered views of a
+    # picture are best for small displacements
     depth_share: float | None = DEPTH_SHARE
 
 
@@ -141,7 +135,6 @@ def encode_to_size(
     max_bytes: int,
     edges: CodedEdges | None = NO_EDGES,
     depth_options: DepthOptions | None = None,
-    picture_options: PictureOptions | None = None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> EncodedDepthImage:
     """Code a depth map, with or without its picture, to a file of at most some length.
@@ -155,9 +148,7 @@ def encode_to_size(
     edges : CodedEdges, optional
         Edges at which transforms stop, by default none; None: those that are worth their bits.
     depth_options : DepthOptions, optional
-        Transform of the map.
-    picture_options : PictureOptions, optional
-        Coding of the picture.
+        Transform of the map and the picture.
     advance : callable, optional
         Called with the number of steps done, out of `NUM_STEPS`, if edges are selected.
 
@@ -173,7 +164,7 @@ def encode_to_size(
     """
     shape = image.depth.shape[0], image.depth.shape[1]
     check_map(shape, image.scale)
-    options, of_picture = depth_options or DepthOptions(), picture_options or PictureOptions()
+    options = depth_options or DepthOptions()
     nothing, num_parts = PlaneCode(PictureHeader(0, 0), 0, b""), 2 if image.picture is None else 3
     picture = None if image.picture is None else nothing
     empty = DepthImageStream(shape, image.scale, b"", EdgeCode.ADAPTIVE, nothing, picture)
@@ -181,7 +172,7 @@ def encode_to_size(
     room, edge_bytes = max_bytes - overhead, 0 if edges is None else len(edges.data)
     if room < edge_bytes:
         raise ConfigError(f"{max_bytes} bytes are too few: header and edges take {overhead + edge_bytes}")
-    largest = 1.0 if image.picture is None else of_picture.depth_share or float(_SHARES[-1])
+    largest = 1.0 if image.picture is None else options.depth_share or float(_SHARES[-1])
     most = int(largest * room)
     if edges is None:
         candidates = code_with_selections(image.depth, image.scale, most, options, advance)
@@ -189,7 +180,7 @@ def encode_to_size(
         candidates = [code_with_edges(image.depth, image.scale, edges, max(most, edge_bytes), options)]
     most = room
     if image.picture is not None:
-        share = of_picture.depth_share or _best_share(image, candidates, room, options)
+        share = options.depth_share or _best_share(image, candidates, room, options)
         most = max(round(share * room), edge_bytes)
     best = best_at(candidates, most)
     assert best is not None, "the code without edges, or with those given, fits"
@@ -197,7 +188,7 @@ def encode_to_size(
     if image.picture is not None:
         remaining = room - len(best.edges.data) - len(best.plane.data)
         maps = best.edges.maps
-        picture, picture_edges = code_picture(image.picture, maps, remaining, options, of_picture.order)
+        picture, picture_edges = code_picture(image.picture, maps, remaining, options, options.picture_order)
     stream = DepthImageStream(
         shape, image.scale, best.edges.data, best.edges.code, best.plane, picture, picture_edges
     )

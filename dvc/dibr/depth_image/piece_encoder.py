@@ -1,7 +1,7 @@
 """The encoder of layers and sprites, for streams of a given length."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +40,6 @@ _DEPTH_WEIGHT = (_PEAK / NUM_LEVELS) ** 2
 """Weight of squared errors of depth, which makes them errors in units of the squared range."""
 
 
-@dataclass(frozen=True)
-class LayeredOptions:
-    """Coding of pieces."""
-
-    depth: DepthOptions = field(default_factory=DepthOptions)  # small pieces have fewer levels
-    picture_order: int = 0  # order of the extrapolation at edges in pictures
-    depth_share: float = DEPTH_SHARE  # share of the bytes for edges and depth, more if masks need it
-    gray: bool = False  # code only luma
-
-
 @dataclass(frozen=True, eq=False)
 class EncodedPieces:
     """A stream and the sizes of its parts."""
@@ -76,9 +66,10 @@ class _Coding:
 def encode_to_size(
     scene: Pieces,
     max_bytes: int,
-    options: LayeredOptions | None = None,
+    options: DepthOptions | None = None,
     advance: Callable[[int], None] = lambda _: None,
     weights: Sequence[float] | None = None,
+    gray: bool = False,
 ) -> EncodedPieces:
     """Code layers or sprites, with all their values, to a file of at most some length.
 
@@ -88,12 +79,14 @@ def encode_to_size(
         Layers or sprites.
     max_bytes : int
         Largest length.
-    options : LayeredOptions, optional
+    options : DepthOptions, optional
         Coding of pieces.
     advance : callable, optional
         Called with 1 for each piece.
     weights : sequence of float, optional
         Relative weights of the errors of each piece; by default all the same.
+    gray : bool, optional
+        Whether only luma is coded.
 
     Returns
     -------
@@ -105,8 +98,8 @@ def encode_to_size(
     ConfigError
         If header and masks do not fit.
     """
-    chosen = options or LayeredOptions()
-    codings = _codings(scene, chosen, weights or [1.0] * len(scene.pieces))
+    chosen = options or DepthOptions()
+    codings = _codings(scene, chosen, weights or [1.0] * len(scene.pieces), gray)
     rectangles = [rectangle_of(piece) for piece in scene.pieces]
     sizes = [max_bytes if rectangle.width else 0 for rectangle in rectangles]
     room = max_bytes - len(encode_header(scene.canvas, scene.kind, rectangles, sizes))
@@ -116,7 +109,7 @@ def encode_to_size(
             one.picture.shape[:2], one.scale, b"", EdgeCode.ADAPTIVE, nothing, nothing, masked=True
         )
         room -= len(encode_image(empty, is_piece=True)) + 3 * (len(encode_varint(max_bytes)) - 1)
-    depths = _code_depths(codings, mask_bytes(scene), room, chosen.depth_share, advance)
+    depths = _code_depths(codings, mask_bytes(scene), room, chosen.depth_share or DEPTH_SHARE, advance)
     remaining = room - sum(len(depth.edges.data) + len(depth.plane.data) for depth in depths)
     maps = [depth.edges.maps for depth in depths]
     pictures, multiplier = _code_pictures(codings, maps, remaining, chosen.picture_order)
@@ -145,20 +138,20 @@ def rectangle_of(piece: Sprite) -> Rectangle:
     return Rectangle(piece.left, piece.top, width, height) if piece.mask.any() else Rectangle(0, 0, 0, 0)
 
 
-def _codings(scene: Pieces, options: LayeredOptions, weights: Sequence[float]) -> list[_Coding]:
+def _codings(scene: Pieces, options: DepthOptions, weights: Sequence[float], gray: bool) -> list[_Coding]:
     """Return the pieces that are not empty; only their luma if no piece has any colour."""
-    gray = options.gray or all((piece.colour == piece.colour[..., :1]).all() for piece in scene.pieces)
+    gray = gray or all((piece.colour == piece.colour[..., :1]).all() for piece in scene.pieces)
     values = [piece.disparity[piece.mask].astype(np.float64) for piece in scene.pieces]
     # one scale for all maps, each about the middle of its own numbers
     whole = DepthScale.of(np.concatenate(values) if scene.num_values else np.zeros(1))
     codings = []
     for piece, depth, weight in zip(scene.pieces, values, weights, strict=True):
         if piece.mask.any():
-            levels = min(options.depth.num_levels, most_levels(piece.mask.shape))
+            levels = min(options.num_levels, most_levels(piece.mask.shape))
             middle = 0.5 * (float(depth.min()) + float(depth.max()))
             scale = replace(whole, lowest=float(np.float32(middle - 0.5 * whole.extent)))
             picture = luma(piece.colour) if gray else piece.colour
-            codings.append(_Coding(piece, picture, replace(options.depth, num_levels=levels), weight, scale))
+            codings.append(_Coding(piece, picture, replace(options, num_levels=levels), weight, scale))
     return codings
 
 

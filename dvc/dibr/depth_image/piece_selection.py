@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.depth_image.piece_encoder import EncodedPieces, LayeredOptions, encode_to_size, mask_bytes
+from dvc.dibr.depth_image.depth_image_encoder import DEPTH_SHARE, DepthOptions
+from dvc.dibr.depth_image.piece_encoder import EncodedPieces, encode_to_size, mask_bytes
 from dvc.dibr.depth_image.piece_stream import decode, decode_stream
 from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, bounds_of_pieces, draw_pieces, filled, luma_from
 from dvc.dibr.view_rendering import picture_of
@@ -54,14 +55,15 @@ class SelectedPieces:
 def encode_best(
     scene: Pieces,
     max_bytes: int,
-    options: LayeredOptions | None = None,
+    options: DepthOptions | None = None,
     advance: Callable[[int], None] = lambda _: None,
+    gray: bool = False,
 ) -> SelectedPieces:
     """Code the layers or sprites that are worth their bytes."""
-    chosen, done = options or LayeredOptions(), 0
+    chosen, done = options or DepthOptions(), 0
     if not scene.num_values:
         advance(MOST_TRIALS)
-        return SelectedPieces(encode_to_size(scene, max_bytes, chosen), scene, 0.0)
+        return SelectedPieces(encode_to_size(scene, max_bytes, chosen, gray=gray), scene, 0.0)
     viewpoints = viewpoints_of(scene)
     views = [luma_from(scene, viewpoint) for viewpoint in viewpoints]
 
@@ -69,7 +71,7 @@ def encode_best(
         nonlocal done
         done += 1
         advance(1)
-        encoded = encode_to_size(candidate, max_bytes, chosen, weights=weights)
+        encoded = encode_to_size(candidate, max_bytes, chosen, weights=weights, gray=gray)
         decoded = decode(decode_stream(encoded.data)).scene
         errors = [
             float(np.mean((luma_from(decoded, viewpoint) - view) ** 2))
@@ -97,7 +99,7 @@ def encode_best(
             if trial.squared_error > best.squared_error and factor < FACTORS[1]:
                 break
             best = min(trial, best, key=lambda one: one.squared_error)
-    if mask_bytes(scene) <= chosen.depth_share * max_bytes:
+    if mask_bytes(scene) <= (chosen.depth_share or DEPTH_SHARE) * max_bytes:
         with suppress(ConfigError):
             best = min(_try(scene), best, key=lambda one: one.squared_error)
     advance(MOST_TRIALS - done)

@@ -9,7 +9,6 @@ from dvc.dibr.depth_image.depth_image_encoder import (
     NUM_STEPS,
     DepthImage,
     DepthOptions,
-    PictureOptions,
     code_edges,
     code_with_edges,
     encode_to_size,
@@ -118,11 +117,11 @@ def test_pictures_share_the_edges_where_that_helps():
 def test_shares_are_kept_and_automatic_ones_are_between():
     picture = texture()
     for share in (0.1, 0.2):
-        encoded = encode(DISCS, 1500, picture=picture, picture_options=PictureOptions(depth_share=share))
+        encoded = encode(DISCS, 1500, picture=picture, depth_options=DepthOptions(depth_share=share))
         parts = encoded.part_bytes
         found = (parts["edges"] + parts["depth"]) / (len(encoded.data) - parts["header"])
         assert found == pytest.approx(share, abs=0.01)
-    automatic = encode(DISCS, 1500, picture=picture, picture_options=PictureOptions(depth_share=None))
+    automatic = encode(DISCS, 1500, picture=picture, depth_options=DepthOptions(depth_share=None))
     assert 0.01 < automatic.part_bytes["depth"] / 1500 < 0.6
 
 

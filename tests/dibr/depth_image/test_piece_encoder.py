@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dvc.dibr.depth_image.piece_encoder import Choices, LayeredOptions, allot, encode_to_size
+from dvc.dibr.depth_image.depth_image_encoder import DepthOptions
+from dvc.dibr.depth_image.piece_encoder import Choices, allot, encode_to_size
 from dvc.dibr.depth_image.piece_stream import DecodedPieces, decode, decode_stream
 from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of, read_pieces, write_pieces
 from dvc.errors import BitstreamError
@@ -70,11 +71,11 @@ def test_gray_and_other_options() -> None:
     assert all((piece.colour == piece.colour[..., :1]).all() for piece in found.pieces)
     assert psnr(found, gray) > psnr(decoded(encode_to_size(scene, 1000).data).scene, scene)
     shares = [
-        encode_to_size(SCENES["odd"], 1200, LayeredOptions(depth_share=share)).part_bytes["image"]
+        encode_to_size(SCENES["odd"], 1200, DepthOptions(depth_share=share)).part_bytes["image"]
         for share in (0.1, 0.6)
     ]
     assert shares[0] > shares[1]
-    assert decoded(encode_to_size(scene, 2000, LayeredOptions(gray=True)).data).damage is None
+    assert decoded(encode_to_size(scene, 2000, gray=True).data).damage is None
 
 
 def test_empty_layers() -> None:
