@@ -14,16 +14,9 @@ from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_l
 
 
 def test_bounds_are_beyond_all_sides() -> None:
-    assert bounds_around(-1.0, 3.0, 0.0, 1.0) == (
-        -1 - 4 * BEYOND,
-        3 + 4 * BEYOND,
-        -4 * BEYOND,
-        1 + 4 * BEYOND,
-    )
+    beyond = 4 * BEYOND
+    assert bounds_around(-1.0, 3.0, 0.0, 1.0) == (-1 - beyond, 3 + beyond, -beyond, 1 + beyond)
     assert bounds_around(0.0, 1.0, 2.0, 5.0) == (-3 * BEYOND, 1 + 3 * BEYOND, 2 - 3 * BEYOND, 5 + 3 * BEYOND)
-
-
-def test_one_view_bears_some_parallax() -> None:
     assert bounds_of_one(200, 5.0) == pytest.approx([-40 * ACROSS, 40 * ACROSS] * 2)
 
 
