@@ -4,12 +4,8 @@ A window of one disparity is wrong on slanted surfaces. Here labels of neighbour
 surface*, an estimate of the disparities, so that a window follows it; arms end at its jumps. Costs without
 weight take the values of their neighbours.
 
-References
-----------
-[Zhang2009] K. Zhang, J. Lu, G. Lafruit, "Cross-based local stereo matching using orthogonal integral images",
-IEEE Trans. Circuits Syst. Video Technol. 19(7), 2009.
-[Scharstein2017] D. Scharstein, T. Taniai, S. Sinha, "Semi-global stereo matching with surface orientation
-priors", 3DV, 2017: labels counted from a surface.
+[Zhang2009] K. Zhang et al., "Cross-based local stereo matching using orthogonal integral images", CSVT 19(7);
+[Scharstein2017] "Semi-global stereo matching with surface orientation priors": labels counted from a surface.
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
@@ -19,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
-from dvc.arrays import Bytes, Integers, Singles
+from dvc.arrays import Bytes, Integers, Mask, Singles
 from dvc.geometry.matching_costs import WeightedCosts
 
 Labels = Integers
@@ -45,17 +41,16 @@ def cross_arms(image: Bytes, window: Window) -> Arms:
     """Find the arms of each pixel [Zhang2009]."""
     levels = evened_levels()[image]
     down, right = (np.abs(np.diff(levels, axis=axis)).max(axis=2) < window.limit for axis in (0, 1))
-    arms = np.empty((*image.shape[:2], 4), np.int16)
-    _count_even_steps(down, right, arms)
-    limits = window.reach_px, window.near_reach_px, window.limit, window.far_limit
-    _shorten_arms(levels, *limits, arms)
+    arms = _even_steps(down, right)
+    _shorten_arms(levels, window.reach_px, window.near_reach_px, window.limit, window.far_limit, arms)
     return arms
 
 
 @kernel
-def _count_even_steps(even_down, even_right, runs):
+def _even_steps(even_down: Mask, even_right: Mask) -> Arms:
     """Count the even steps from each pixel to the next ones in all four directions."""
-    height, width = runs.shape[:2]
+    height, width = even_right.shape[0], even_down.shape[1]
+    runs = np.empty((height, width, 4), np.int16)
     for y in range(height):
         for x in range(width):
             runs[y, x, BEFORE_Y] = runs[y - 1, x, BEFORE_Y] + 1 if y > 0 and even_down[y - 1, x] else 0
@@ -65,6 +60,7 @@ def _count_even_steps(even_down, even_right, runs):
             below, right = y + 1 < height and even_down[y, x], x + 1 < width and even_right[y, x]
             runs[y, x, AFTER_Y] = runs[y + 1, x, AFTER_Y] + 1 if below else 0
             runs[y, x, AFTER_X] = runs[y, x + 1, AFTER_X] + 1 if right else 0
+    return runs
 
 
 @kernel
@@ -77,21 +73,15 @@ def _shorten_arms(image, reach, near_reach, limit, far_limit, arms):
                 dx = (0, 0, -1, 1)[side]
                 length, most = 0, min(arms[y, x, side], reach - 1)
                 while length < most:
-                    distance = _colour_distance(image, y, x, y + dy * (length + 1), x + dx * (length + 1))
+                    distance = np.int64(0)
+                    i, j = y + dy * (length + 1), x + dx * (length + 1)
+                    for channel in range(3):
+                        step = abs(np.int64(image[y, x, channel]) - np.int64(image[i, j, channel]))
+                        distance = max(distance, step)
                     if distance >= limit or (length >= near_reach and distance >= far_limit):
                         break
                     length += 1
                 arms[y, x, side] = length
-
-
-@kernel
-def _colour_distance(image, y, x, i, j):
-    """Largest difference of two pixels over the channels."""
-    largest = np.int64(0)
-    for channel in range(3):
-        difference = abs(np.int64(image[y, x, channel]) - np.int64(image[i, j, channel]))
-        largest = max(largest, difference)
-    return largest
 
 
 def evened_levels() -> NDArray[np.int16]:
@@ -104,10 +94,8 @@ def aggregate(
     costs: WeightedCosts, arms: Arms, base: Labels, origin: Labels, max_jump: int, iterations: int
 ) -> None:
     """Replace costs by the weighted mean over the cross-shaped regions of pixels."""
-    cut = np.empty_like(arms)
     down, right = (np.abs(np.diff(base, axis=axis)) <= max_jump for axis in (0, 1))
-    _count_even_steps(down, right, cut)
-    np.minimum(cut, arms, out=cut)
+    cut = np.minimum(_even_steps(down, right), arms)
     first = base - origin
     cost, weight = costs
     work = np.empty_like(cost)
@@ -116,13 +104,10 @@ def aggregate(
         support = np.ones((*base.shape, 1), np.float32)
         single = np.empty_like(support)
         flat = np.zeros_like(base)
+        sums = (_sum_rows, _sum_columns) if iteration % 2 == 0 else (_sum_columns, _sum_rows)
         for volume, surface, other in ((cost, first, work), (weight, first, work), (support, flat, single)):
-            if iteration % 2 == 0:
-                _sum_rows(volume, surface, cut, other)
-                _sum_columns(other, surface, cut, volume)
-            else:
-                _sum_columns(volume, surface, cut, other)
-                _sum_rows(other, surface, cut, volume)
+            sums[0](volume, surface, cut, other)
+            sums[1](other, surface, cut, volume)
         _normalise(cost, weight, support[:, :, 0])
 
 
@@ -186,15 +171,10 @@ def _normalise(cost, weight, support):
                 weight[y, x, k] = min(total / support[y, x], np.float32(1.0))
 
 
-def smaller_costs(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
-    """Take the smaller cost of two views on opposite sides: one of them sees the point (2.18)."""
-    _keep_smaller(*first, *second)
-    return first
-
-
 @kernel
-def _keep_smaller(cost, weight, other_cost, other_weight):
-    """Replace costs by the smaller of two if both are defined, else by the better defined one."""
+def smaller_costs(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
+    """Replace costs by the smaller of two views on opposite sides, or the better defined one (2.18)."""
+    (cost, weight), (other_cost, other_weight) = first, second
     for y in range(cost.shape[0]):
         for x in range(cost.shape[1]):
             for k in range(cost.shape[2]):
@@ -204,17 +184,13 @@ def _keep_smaller(cost, weight, other_cost, other_weight):
                 if mine < needed or (theirs >= needed and other_cost[y, x, k] < cost[y, x, k]):
                     cost[y, x, k] = other_cost[y, x, k]
                     weight[y, x, k] = theirs
-
-
-def mean_costs(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
-    """Take the weighted mean of two costs (2.20)."""
-    _keep_mean(*first, *second)
     return first
 
 
 @kernel
-def _keep_mean(cost, weight, other_cost, other_weight):
-    """Replace costs by the weighted mean of two, and weights by the larger one."""
+def mean_costs(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
+    """Replace costs by the weighted mean of two (2.20), and weights by the larger one."""
+    (cost, weight), (other_cost, other_weight) = first, second
     for y in range(cost.shape[0]):
         for x in range(cost.shape[1]):
             for k in range(cost.shape[2]):
@@ -223,6 +199,7 @@ def _keep_mean(cost, weight, other_cost, other_weight):
                     total = mine * cost[y, x, k] + theirs * other_cost[y, x, k]
                     cost[y, x, k] = total / (mine + theirs)
                     weight[y, x, k] = max(mine, theirs)
+    return first
 
 
 def defined_costs(costs: WeightedCosts, constant: float, share: float) -> Singles:

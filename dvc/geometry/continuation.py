@@ -12,7 +12,7 @@ from dvc._jit import kernel
 from dvc.arrays import Floats
 from dvc.geometry.warping import warp_point
 
-CONSISTENT, OUTSIDE, OCCLUDED = 0, 1, 2
+CONSISTENT, OUTSIDE, OCCLUDED = range(3)
 """Values of `Visibility` for compiled code."""
 EDGE_LEVELS = 15.0
 """Step in luma that halves the weight of surfaces behind it: well above the noise of a decoded frame."""
@@ -36,8 +36,7 @@ class Slopes(NamedTuple):
 
     radius_px: int  # radius in which the slope of a surface is measured
     limit: float  # largest difference of inverse depth on a surface in this radius
-    # reach of slopes; farther away their error would be larger than that of constant depth
-    reach_px: float
+    reach_px: float  # reach of slopes; farther away their error would be larger than that of constant depth
     spacing_px: int = 1  # spacing of the points that measure slopes; a divisor of the radius
 
 

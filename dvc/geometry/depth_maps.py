@@ -27,7 +27,7 @@ from dvc.geometry.continuation import (
     continue_surfaces,
     is_transparent,
 )
-from dvc.geometry.plane_sweep import GRADIENT_SWEEP, SweepSettings, depth_hypotheses, sweep
+from dvc.geometry.plane_sweep import GRADIENT_SWEEP, SweepSettings, depth_hypotheses, sweep_views
 from dvc.geometry.warping import inverse_warp, warp_matrix, warp_point
 
 Luma = Bytes
@@ -110,8 +110,7 @@ def estimate_depths(
     back = inverse_warp(there)
     lumas, warps = (first, second), ((there, back), (back, there))
     swept = [
-        _settled(known[k])
-        or _swept(lumas[k], lumas[1 - k], warps[k][0], pair.inverse_depth_ranges[k], known[k], settings)
+        _swept(lumas[k], lumas[1 - k], warps[k][0], pair.inverse_depth_ranges[k], known[k], settings)
         for k in (0, 1)
     ]
     visible = [_checked(swept[k], swept[1 - k][0], warps[k]) for k in (0, 1)]
@@ -145,13 +144,6 @@ def without_speckles(depth: DepthMap) -> DepthMap:
     cv2.filterSpeckles(levels, -1, MIN_REGION_PX, 600)
     visibility[(levels == -1) & (visibility == Visibility.CONSISTENT)] = Visibility.OCCLUDED
     return DepthMap(inverse, visibility)
-
-
-def _settled(known: KnownDepth | None) -> tuple[Floats, Floats] | None:
-    """Return settled inverse depth with infinite confidence, if any."""
-    if known is None or known.depth is None or not known.is_settled:
-        return None
-    return known.depth.inverse_depth, np.full(known.depth.inverse_depth.shape, np.inf)
 
 
 def _with_points(depth: Floats, visibility: NDArray[np.int8], known: KnownDepth | None) -> DepthMap:
@@ -188,25 +180,18 @@ def _swept(
     known: KnownDepth | None,
     settings: SweepSettings,
 ) -> tuple[Floats, Floats]:
-    """Return inverse depth and its confidence by a plane sweep."""
-    to_search = _with_nearest(inverse_depth_range, known, settings)
-    hypotheses = depth_hypotheses(to_search, there, luma.shape, settings)
+    """Return inverse depth and its confidence: settled ones, or by a plane sweep up to the nearest point."""
     expected = known.depth if known else None
-    prior = (expected.inverse_depth, expected.reliable) if expected else None
-    return sweep(luma, other, there, hypotheses, settings, prior)
-
-
-def _with_nearest(
-    inverse_depth_range: tuple[float, float], known: KnownDepth | None, settings: SweepSettings
-) -> tuple[float, float]:
-    """Extend a range of inverse depth to the nearest known point, if hypotheses would not reach it."""
-    if known is None or not len(known.points):
-        return inverse_depth_range
+    if expected and known and known.is_settled:
+        return expected.inverse_depth, np.full(expected.inverse_depth.shape, np.inf)
     lowest, highest = inverse_depth_range
-    span, nearest = highest - lowest, float(known.inverse_depth.max())
-    if nearest <= highest + settings.near_margin * span:
-        return inverse_depth_range
-    return lowest, min(nearest, highest + MAX_STRETCH * span)
+    if known is not None and len(known.points):
+        span, nearest = highest - lowest, float(known.inverse_depth.max())
+        if nearest > highest + settings.near_margin * span:
+            highest = min(nearest, highest + MAX_STRETCH * span)
+    hypotheses = depth_hypotheses((lowest, highest), there, luma.shape, settings)
+    prior = (expected.inverse_depth, expected.reliable) if expected else None
+    return sweep_views(luma, [(other, there)], hypotheses, settings, prior)
 
 
 def _checked(estimate: tuple[Floats, Floats], other: Floats, warps: Warps) -> NDArray[np.int8]:
@@ -240,19 +225,11 @@ def _check_consistency(depth, other, there, back, tolerance, visibility):
                         break
 
 
-def discontinuities(inverse_depth: Floats, warp: Floats) -> Mask:
-    """Find the cells of a grid of pixels with corners that do not move together."""
-    height, width = inverse_depth.shape
-    cells = np.empty((height - 1, width - 1), np.bool_)
-    _discontinuities(inverse_depth, warp, DISCONTINUITY_PX, cells)
-    return cells
-
-
 @kernel
-def _discontinuities(depth, warp, tolerance_px, cells):
-    """Mark the cells of a grid of pixels with corners that do not move alike."""
+def discontinuities(depth: Floats, warp: Floats, tolerance_px: float = DISCONTINUITY_PX) -> Mask:
+    """Find the cells of a grid of pixels with corners that do not move together."""
     height, width = depth.shape
-    motion = np.empty((2, width, 2))
+    cells, motion = np.empty((height - 1, width - 1), np.bool_), np.empty((2, width, 2))
     for y in range(height):
         below, above = motion[y & 1], motion[1 - (y & 1)]
         for x in range(width):
@@ -266,6 +243,7 @@ def _discontinuities(depth, warp, tolerance_px, cells):
                 a, b, c, d = above[x, axis], above[x + 1, axis], below[x, axis], below[x + 1, axis]
                 spread = max(spread, max(a, b, c, d) - min(a, b, c, d))
             cells[y - 1, x] = spread > tolerance_px
+    return cells
 
 
 def _aligned(luma: Luma, own: DepthMap, other: DepthMap, warps: Warps) -> DepthMap:

@@ -3,12 +3,8 @@
 The other view is moved as a whole for each label; positions between pixels are interpolated once for each of
 a few phases. A cost has no weight if the point lies outside the other view, or in an empty part of it.
 
-References
-----------
-[Mei2011] X. Mei et al., "On building an accurate stereo matching system on graphics hardware", ICCV
-Workshops, 2011: census and levels, each through ``1 - exp(-x / scale)``.
-[ZabihWoodfill1994] R. Zabih, J. Woodfill, "Non-parametric local transforms for computing visual
-correspondence", ECCV, 1994.
+[Mei2011] "On building an accurate stereo matching system on graphics hardware": ``1 - exp(-x / scale)``;
+[ZabihWoodfill1994] "Non-parametric local transforms for computing visual correspondence": census.
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
@@ -39,8 +35,7 @@ _MARGIN_ROWS = CENSUS_RADIUS_PX + 2  # needed above and below by census and inte
 class Band(NamedTuple):
     """Labels to try at each pixel: all, or a few around an estimate."""
 
-    # first label; costs are undefined for labels outside the range of all
-    origin: Integers
+    origin: Integers  # first label; costs are undefined for labels outside the range of all
     num_labels: int  # number of consecutive labels
 
 
@@ -67,73 +62,49 @@ class MatchingCost:
     ) -> WeightedCosts:
         """Compare some rows of a view with another view."""
         pictures, shifts, needed = phases(other, view.position, labels, rows)
-        image, seen, region = view.image.astype(np.float32), other.seen[needed], (band.origin, rows.start)
-        shape = rows.stop - rows.start, view.shape[1], band.num_labels
+        image, seen, origin = view.image.astype(np.float32), other.seen[needed], band.origin[rows]
+        shape, limit = (*origin.shape, band.num_labels), np.float32(0.0)
         costs = WeightedCosts(np.empty(shape, np.float32), np.empty(shape, np.float32))
+        bits, other_bits = np.zeros(origin.shape, np.uint32), np.zeros((1, 1, 1), np.uint32)
         if self.kind == "squared":
-            _squared_cost(image, pictures, seen, shifts, *region, np.float32(SQUARED_LIMIT), *costs)
-            return costs
-        bits = np.stack([census(picture) for picture in pictures])
-        bit_table = _robust(np.arange((2 * CENSUS_RADIUS_PX + 1) ** 2), CENSUS_SCALE)
-        level_table = _robust(np.arange(3 * 256) / 3.0, np.inf if self.kind == "bits" else LEVEL_SCALE)
-        tables = bit_table, level_table
-        _census_cost(image, census(image), pictures, bits, seen, shifts, *region, *tables, *costs)
+            limit = np.float32(SQUARED_LIMIT)
+        else:
+            bits, other_bits = census(image)[rows], np.stack([census(picture) for picture in pictures])
+        distances = np.arange((2 * CENSUS_RADIUS_PX + 1) ** 2), np.arange(3 * 256) / 3.0
+        scales = CENSUS_SCALE, np.inf if self.kind == "bits" else LEVEL_SCALE
+        tables = [(1.0 - np.exp(-distances[k] / scales[k])).astype(np.float32) for k in (0, 1)]
+        pixels, others = (image[rows], bits), (pictures, other_bits, seen)
+        _compare(*pixels, *others, shifts, origin, tables[0], tables[1], limit, *costs)
         return costs
 
 
 @kernel
-def _census_cost(
-    image, bits, pictures, other_bits, seen, shifts, origin, top, census_table, level_table, cost, weight
+def _compare(
+    image, bits, pictures, other_bits, seen, shifts, origin, bit_table, level_table, limit, cost, weight
 ):
-    """Compute the robust distance of census bits and of levels, per pixel and label."""
-    for i in range(cost.shape[0]):
-        y = top + i
+    """Compare pixels by census bits and levels; with a limit, by the truncated squared difference (2.18)."""
+    for y in range(cost.shape[0]):
         for x in range(cost.shape[1]):
             red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
             word, first = bits[y, x], origin[y, x]
             for k in range(cost.shape[2]):
                 label = first + k
-                cost[i, x, k] = 0.0
-                weight[i, x, k] = 0.0
+                cost[y, x, k] = 0.0
+                weight[y, x, k] = 0.0
                 if label < 0 or label >= shifts.shape[0]:
                     continue
                 phase, u, v = shifts[label, 0], x + shifts[label, 1], y + shifts[label, 2]
-                if not _sees(u, v, seen):
+                if not (0 <= u < seen.shape[1] and 0 <= v < seen.shape[0] and seen[v, u]):
                     continue
+                weight[y, x, k] = 1.0
                 pixel = pictures[phase, v, u]
+                if limit > 0.0:
+                    total = (red - pixel[0]) ** 2 + (green - pixel[1]) ** 2 + (blue - pixel[2]) ** 2
+                    cost[y, x, k] = min(total / np.float32(3.0), limit) / limit
+                    continue
                 difference = abs(red - pixel[0]) + abs(green - pixel[1]) + abs(blue - pixel[2])
                 different = count_bits(np.uint64(word ^ other_bits[phase, v, u]))
-                cost[i, x, k] = census_table[different] + level_table[int(difference)]
-                weight[i, x, k] = 1.0
-
-
-@kernel
-def _squared_cost(image, pictures, seen, shifts, origin, top, limit, cost, weight):
-    """Compute the truncated squared difference (2.18) over its limit, per pixel and label."""
-    for i in range(cost.shape[0]):
-        y = top + i
-        for x in range(cost.shape[1]):
-            red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
-            first = origin[y, x]
-            for k in range(cost.shape[2]):
-                label = first + k
-                cost[i, x, k] = 0.0
-                weight[i, x, k] = 0.0
-                if label < 0 or label >= shifts.shape[0]:
-                    continue
-                phase, u, v = shifts[label, 0], x + shifts[label, 1], y + shifts[label, 2]
-                if not _sees(u, v, seen):
-                    continue
-                pixel = pictures[phase, v, u]
-                total = (red - pixel[0]) ** 2 + (green - pixel[1]) ** 2 + (blue - pixel[2]) ** 2
-                cost[i, x, k] = min(total / np.float32(3.0), limit) / limit
-                weight[i, x, k] = 1.0
-
-
-@kernel
-def _sees(u, v, seen):
-    """Return whether a view shows something at a pixel."""
-    return 0 <= u < seen.shape[1] and 0 <= v < seen.shape[0] and seen[v, u]
+                cost[y, x, k] = bit_table[different] + level_table[int(difference)]
 
 
 def census(image: Singles) -> NDArray[np.uint32]:
@@ -185,8 +156,7 @@ class Phases(NamedTuple):
     """Some rows of a view, interpolated at a few fractions of a pixel."""
 
     pictures: Singles
-    # for each label: index of the picture, columns and rows from a point to the same one in the pictures
-    shifts: Integers
+    shifts: Integers  # for each label: index of the picture, columns and rows from the compared rows to it
     rows: slice  # rows of the view in the pictures
 
 
@@ -202,7 +172,7 @@ def phases(other: ArrayView, position: LatticePosition, labels: DisparityLabels,
     pictures = np.empty((len(distinct), *image.shape), np.float32)
     for picture, step in zip(pictures, distinct, strict=True):
         picture[:] = _moved(image, *(step / PHASES_PER_PX))
-    shifts = np.ascontiguousarray(np.column_stack([number.ravel(), whole[:, 0], down - start]))
+    shifts = np.ascontiguousarray(np.column_stack([number.ravel(), whole[:, 0], down + rows.start - start]))
     return Phases(pictures, shifts, slice(start, stop))
 
 
@@ -226,18 +196,9 @@ def _moved(image: Singles, dx: float, dy: float) -> Singles:
 def _cubic_taps(fraction: float) -> Singles:
     """Return Keys's kernel with a = -1/2 at positions -1, 0, 1 and 2."""
     t = fraction
-    taps = (
-        ((-0.5 * t + 1.0) * t - 0.5) * t,
-        (1.5 * t - 2.5) * t * t + 1.0,
-        ((-1.5 * t + 2.0) * t + 0.5) * t,
-        (0.5 * t - 0.5) * t * t,
-    )
-    return np.array(taps, np.float32)
-
-
-def _robust(distance: Floats | Integers, scale: float) -> Singles:
-    robust: Singles = (1.0 - np.exp(-distance / scale)).astype(np.float32)
-    return robust
+    before, at = ((-0.5 * t + 1.0) * t - 0.5) * t, (1.5 * t - 2.5) * t * t + 1.0
+    after, beyond = ((-1.5 * t + 2.0) * t + 0.5) * t, (0.5 * t - 0.5) * t * t
+    return np.array((before, at, after, beyond), np.float32)
 
 
 COSTS = {name: MatchingCost(name) for name in ("census", "squared")}

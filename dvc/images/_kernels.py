@@ -77,20 +77,6 @@ class Run(NamedTuple):
 
 
 @kernel
-def count_planes(exact, planes):
-    """Set the bit planes of magnitudes; return the most of them."""
-    most = 0
-    for i in range(len(exact)):
-        magnitude, number = np.int64(abs(exact[i])), 0
-        while magnitude:
-            magnitude >>= 1
-            number += 1
-        planes[i] = number
-        most = max(most, number)
-    return most
-
-
-@kernel
 def gather_below(bands, values, below, deeper):
     """Set the largest of values among descendants of each node, and among those but children."""
     for number in range(len(bands) - 1, -1, -1):
@@ -126,8 +112,6 @@ def _place(band, i):
 @kernel
 def _parent(run, band, i):
     """Return the parent of a node, or 0."""
-    if band[ABOVE] == NONE:
-        return 0
     row, column = _place(band, i)
     return parent_at(run.bands, band, row, column)
 
@@ -161,7 +145,19 @@ def code_planes(run, roots, num_planes, lowest_plane):
     for plane in range(num_planes - 1, lowest_plane - 1, -1):
         fields[PLANE] = plane
         last = fields[SIGNIFICANT_END]
-        _pending_pass(run)
+        before, i = 0, fields[PENDING]
+        while i and not fields[STOPPED]:
+            after = np.int64(links[i])
+            if not _code_coefficient(run, i, _SINGLE, _NO):
+                before = i
+            else:
+                if before == 0:
+                    fields[PENDING] = after
+                else:
+                    links[before] = after
+                if after == 0:
+                    fields[PENDING_END] = before
+            i = after
         _set_pass(run)
         i = fields[SIGNIFICANT] if last else 0
         while i and not fields[STOPPED]:
@@ -186,25 +182,6 @@ def _append(fields, links, chain, i):
 def _append_set(run, entry):
     run.sets[run.fields[SETS]] = entry
     run.fields[SETS] += 1
-
-
-@kernel
-def _pending_pass(run):
-    """Code which of the coefficients that are not yet significant are now."""
-    fields, links = run.fields, run.links
-    before, i = 0, fields[PENDING]
-    while i and not fields[STOPPED]:
-        after = np.int64(links[i])
-        if not _code_coefficient(run, i, _SINGLE, _NO):
-            before = i
-        else:
-            if before == 0:
-                fields[PENDING] = after
-            else:
-                links[before] = after
-            if after == 0:
-                fields[PENDING_END] = before
-        i = after
 
 
 @kernel
@@ -300,12 +277,6 @@ def _level(value, plane):
 
 
 @kernel
-def _exact(run, i):
-    """Return a coefficient of a writer."""
-    return 0.0 if run.coder.fields[READING] else run.exact[i]
-
-
-@kernel
 def _code_significance(run, i, mode, plane, significant):
     """Code whether a coefficient is significant, in contexts of those around it and of its parent."""
     values, band = run.values, run.bands[run.marks[i, BAND]]
@@ -334,7 +305,7 @@ def _code_coefficient(run, i, mode, certain):
     """Code whether a coefficient is significant and, if so, its sign; 0 too once the data are used up."""
     fields, values, marks = run.fields, run.values, run.marks
     plane = fields[PLANE]
-    exact = _exact(run, i)
+    exact = 0.0 if run.coder.fields[READING] else run.exact[i]
     if not certain and not _code_significance(run, i, mode, plane, np.int64(abs(exact)) >> plane > 0):
         if not fields[STOPPED]:
             marks[i, LAST_PLANE] = plane
@@ -369,7 +340,7 @@ def _refine(run, i):
     first = age * 10 + min(_level(h + v, plane + 1), 9)
     second = (age * 8 + min(band[LEVEL], 7)) * 2 + min(band[COMPONENT], 1)
     third = age * 5 + min(_level(parent, plane), 9) // 2
-    exact = abs(_exact(run, i))
+    exact = 0.0 if run.coder.fields[READING] else abs(run.exact[i])
     digit = np.int64(exact) >> plane & 1
     bit = _decide(run, _REFINEMENT, first, second, third, age, digit > 0)
     if fields[STOPPED]:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from dvc.errors import DvcError
-from dvc.images.chain_code import Chains, draw, trace
+from dvc.images.chain_code import draw, trace
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.lifting import Plane
 from dvc.picture_files import read_levels, write_png
@@ -41,15 +41,8 @@ def canny_edges(depth: Plane) -> EdgeMaps:
     edges = edges_of_jumps(depth, _JUMP * extent)
     edges.between_rows[:-1] &= marked[:-1] | marked[1:]
     edges.between_columns[:, :-1] &= marked[:, :-1] | marked[:, 1:]
-    return _without_short_chains(edges)
-
-
-def _without_short_chains(edges: EdgeMaps) -> EdgeMaps:
     chains = trace(edges)
-    kept = chains.lengths >= SHORTEST_CHAIN
-    parts = [part for part, keep in zip(chains.parts(), kept, strict=True) if keep]
-    directions = np.concatenate(parts) if parts else chains.directions[:0]
-    return draw(Chains(chains.shape, chains.starts[kept], chains.lengths[kept], directions))
+    return draw(chains.take(np.flatnonzero(chains.lengths >= SHORTEST_CHAIN)))
 
 
 def write_edges(path: Path, edges: EdgeMaps) -> None:

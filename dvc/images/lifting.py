@@ -21,14 +21,13 @@ from itertools import islice, repeat
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dvc._jit import kernel
+from dvc.arrays import Floats, Mask
 from dvc.images.edge_maps import EdgeMaps, Flags
 
-Plane = NDArray[np.float64]
-
-Mask = NDArray[np.bool_]
+Plane = Floats
 
 EXTRAPOLATION = np.array(
     [[1.0, 0.0, 0.0, 0.0], [2.0, -1.0, 0.0, 0.0], [3.0, -3.0, 1.0, 0.0], [4.0, -6.0, 4.0, -1.0]]
@@ -134,10 +133,10 @@ class Transform:
         if self.mask is not None:
             low[~self.mask] = 0.0
         for level, maps in enumerate(self._scales(0)):
-            self._split(low, None if maps is None else maps.between_rows)
+            self._lift(low, None if maps is None else maps.between_rows)
             self._clear(low, level)
             across = np.ascontiguousarray(low.T)
-            self._split(across, None if maps is None else maps.between_columns.T)
+            self._lift(across, None if maps is None else maps.between_columns.T)
             self._clear(across.T, level)
             details.append(Details(across.T[0::2, 1::2], across.T[1::2, 0::2], across.T[1::2, 1::2]))
             low = np.ascontiguousarray(across.T[0::2, 0::2])
@@ -156,10 +155,10 @@ class Transform:
                 across = np.empty(plane[rows].shape[::-1])
                 across.T[0::2, 0::2], across.T[0::2, 1::2] = low[pairs], details.horizontal[pairs]
                 across.T[1::2, 0::2], across.T[1::2, 1::2] = details.vertical[pairs], details.diagonal[pairs]
-                self._merge(across, None if maps is None else maps.between_columns[rows].T)
+                self._lift(across, None if maps is None else maps.between_columns[rows].T, inverse=True)
                 plane[rows] = across.T
             self._clear(plane, skipped + k)
-            self._merge(plane, None if maps is None else maps.between_rows)
+            self._lift(plane, None if maps is None else maps.between_rows, inverse=True)
             self._clear(plane, skipped + k)
             low = plane
         return low
@@ -174,25 +173,17 @@ class Transform:
         if self.mask is not None:
             plane[~self.mask[:: 2**level, :: 2**level]] = 0.0
 
-    def _split(self, samples: Plane, edges: Flags | None) -> None:
-        """Turn the columns of a plane into a low and a high band, in place, one row of each in turn."""
-        if len(samples) > 1:
-            self._lift(samples, edges, inverse=False)
-            for band, scale in enumerate(WAVELETS[self.wavelet].scales):
-                samples[band::2] *= scale
-
-    def _merge(self, samples: Plane, edges: Flags | None) -> None:
-        """Turn bands into the columns of a plane; the inverse of `_split`."""
-        if len(samples) > 1:
-            for band, scale in enumerate(WAVELETS[self.wavelet].scales):
-                samples[band::2] /= scale
-            self._lift(samples, edges, inverse=True)
-
-    def _lift(self, samples: Plane, edges: Flags | None, *, inverse: bool) -> None:
+    def _lift(self, samples: Plane, edges: Flags | None, *, inverse: bool = False) -> None:
+        """Turn the columns of a plane into a low and a high band in place, a row of each in turn; or back."""
+        if len(samples) < 2:
+            return
         wavelet = WAVELETS[self.wavelet]
-        weights: NDArray[np.float64] = np.array(wavelet.weights)
         flags = np.zeros(samples.shape, np.uint8) if edges is None else np.ascontiguousarray(edges)
-        lift_columns(samples, flags, weights, wavelet.gain, self.order, inverse)
+        for band, scale in enumerate(wavelet.scales if inverse else ()):
+            samples[band::2] /= scale
+        lift_columns(samples, flags, np.array(wavelet.weights), wavelet.gain, self.order, inverse)
+        for band, scale in enumerate(() if inverse else wavelet.scales):
+            samples[band::2] *= scale
 
 
 def mask_pyramid(mask: Mask, num_levels: int) -> Pyramid:

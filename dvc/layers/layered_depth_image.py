@@ -16,6 +16,8 @@ positions of cameras need not be whole numbers. Choices that (2.21) leaves open:
 * A value has the median colour of its voters; the first one inside the frame that of the reference view.
 """
 
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,12 +26,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc._jit import kernel
 from dvc.array_files import MAX_NUMBER, MIN_STEP
 from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.errors import DvcError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, Reconstruction
-from dvc.layers import _kernels
-from dvc.layers.canvas import Canvas, Frame
+from dvc.layers.canvas import Canvas, Frame, sort_points, splat
 
 Masks = list[Mask]
 
@@ -43,6 +45,12 @@ MAX_POINTS_PER_PIXEL = MAX_CANVAS_FRAMES
 """Largest average number of points per pixel of all views: surfaces without folds have one."""
 _ROWS = 64
 """Rows of the canvas in one vote."""
+REFUTED, HIDDEN, CONFIRMED = range(3)
+"""Verdicts of a camera on a surface."""
+JUST_BELOW = 0.999
+"""Factor on limits that rounding may miss."""
+NO_CAMERA = -1
+"""Owner of cells that no camera sees first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,15 +114,36 @@ def unrefuted(reconstruction: Reconstruction) -> Masks:
     for index, (view, surface) in enumerate(zip(array, surfaces, strict=True)):
         mask = view.seen.copy()
         for pair in _neighbours(array, index):
-            best, worst = np.zeros(array.shape, np.uint8), np.full(array.shape, _kernels.CONFIRMED, np.uint8)
+            best, worst = np.zeros(array.shape, np.uint8), np.full(array.shape, CONFIRMED, np.uint8)
             for other in pair:
                 verdict = np.zeros(array.shape, np.uint8)
                 dm, dn = np.subtract(array[other].position, view.position)
-                _kernels.judge(surface.disparity, surfaces[other].disparity, dm, dn, tolerance, verdict)
+                judge(surface.disparity, surfaces[other].disparity, dm, dn, tolerance, verdict)
                 best, worst = np.maximum(best, verdict), np.minimum(worst, verdict)
-            mask &= (best == _kernels.CONFIRMED) | (worst > _kernels.REFUTED)
+            mask &= (best == CONFIRMED) | (worst > REFUTED)
         masks.append(mask)
     return masks
+
+
+@kernel
+def judge(disparity, other, dm, dn, tolerance, verdict):
+    """Raise verdicts on a surface by the verdict of another camera, (dm, dn) away."""
+    height, width = disparity.shape
+    for y in range(height):
+        for x in range(width):
+            d = disparity[y, x]
+            u, v = x - dm * d, y - dn * d
+            left, top = int(np.floor(u + 1e-6)), int(np.floor(v + 1e-6))
+            right, bottom = int(np.ceil(u - 1e-6)), int(np.ceil(v - 1e-6))
+            seen = HIDDEN if right < 0 or left >= width or bottom < 0 or top >= height else REFUTED
+            for row in range(max(top, 0), min(bottom, height - 1) + 1):
+                for column in range(max(left, 0), min(right, width - 1) + 1):
+                    difference = other[row, column] - d
+                    if abs(difference) <= tolerance:
+                        seen = CONFIRMED
+                    elif difference > 0.0 and seen == REFUTED:
+                        seen = HIDDEN
+            verdict[y, x] = max(verdict[y, x], seen)
 
 
 def _neighbours(array: CameraArray, index: int) -> list[list[int]]:
@@ -161,8 +190,13 @@ def layered_depth_image(
         If magnitudes are out of range, the canvas would be larger than `MAX_CANVAS_FRAMES` views, or views
         have more than `MAX_POINTS_PER_PIXEL`.
     """
-    array = reconstruction.array
-    _check_magnitudes(reconstruction)
+    array, step = reconstruction.array, reconstruction.labels.step
+    largest = max(float(np.abs(surface.disparity).max()) for surface in reconstruction.surfaces)
+    farthest = float(np.abs([view.position for view in array]).max())
+    if not (MIN_STEP <= step <= MAX_NUMBER and max(largest, farthest) <= MAX_NUMBER):
+        raise DvcError(
+            f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, are out of range"
+        )
     reference = array[array.reference]
     masks = unrefuted(reconstruction) if voters is None else list(voters)
     masks[array.reference] = reference.seen
@@ -172,17 +206,6 @@ def layered_depth_image(
     colour, disparity, votes = _vote(reconstruction, positions, canvas, points)
     colour[0, *canvas.frame.slices][reference.seen] = reference.image[reference.seen]
     return LayeredDepthImage(canvas, colour, disparity, votes)
-
-
-def _check_magnitudes(reconstruction: Reconstruction) -> None:
-    """Refuse magnitudes out of range."""
-    step = reconstruction.labels.step
-    positions = np.array([view.position for view in reconstruction.array])
-    largest = max(float(np.abs(surface.disparity).max()) for surface in reconstruction.surfaces)
-    if not (MIN_STEP <= step <= MAX_NUMBER and max(largest, float(np.abs(positions).max())) <= MAX_NUMBER):
-        raise DvcError(
-            f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, are out of range"
-        )
 
 
 def _canvas(reconstruction: Reconstruction, masks: Masks, positions: Floats) -> Canvas:
@@ -246,7 +269,7 @@ def _splat(
             corner = -canvas.frame.left, -canvas.frame.top
             m, n = positions[camera]
             target = m, n, corner, canvas.shape, jump, camera
-            _kernels.splat(surface.disparity, mask, *target, next_free, points, cameras)
+            splat(surface.disparity, mask, *target, next_free, points, cameras)
             if points.size:
                 advance(1)
 
@@ -261,7 +284,7 @@ def _splat(
         )
     points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
     enter(starts[:-1].copy(), points, cameras)
-    _kernels.sort_points(starts, points, cameras)
+    sort_points(starts, points, cameras)
     return starts, points, cameras
 
 
@@ -285,16 +308,15 @@ def _vote(
         inside = frame.left, frame.top - top, frame.left + frame.width, frame.top + frame.height - top
         cells = starts[top * width : (top + shape[1]) * width + 1], points, cameras
         levels = labels.lowest, labels.step, reach
-        _kernels.vote(*cells, *levels, positions, images, inside, array.reference, layers)
+        vote(*cells, *levels, positions, images, inside, array.reference, layers)
         num_layers = max(1, int(layers[1].any(axis=(1, 2)).sum()))
         strips.append([values[:num_layers] for values in layers])
-    num_layers = max(len(strip[0]) for strip in strips)
-    whole = []
-    for kind in range(3):
-        parts = [_deepened(strip[kind], num_layers) for strip in strips]
-        whole.append(np.concatenate(parts, axis=1))
-    colour, disparity, votes = _without_strays(whole[2], whole[0], whole[1])
-    return colour, disparity, votes
+    num_layers, whole = max(len(strip[0]) for strip in strips), []
+    for parts in zip(*strips, strict=True):
+        deeper = [(0, 0)] * (parts[0].ndim - 1)
+        padded = [np.pad(part, [(0, num_layers - len(part)), *deeper]) for part in parts]
+        whole.append(np.concatenate(padded, axis=1))
+    return _without_strays(whole[2], whole[0], whole[1])
 
 
 def _without_strays(colour: Bytes, disparity: Singles, votes: Bytes) -> tuple[Bytes, Singles, Bytes]:
@@ -309,5 +331,87 @@ def _without_strays(colour: Bytes, disparity: Singles, votes: Bytes) -> tuple[By
     return colour[:depth], disparity[:depth], votes[:depth]
 
 
-def _deepened(layers: NDArray[Any], num_layers: int) -> NDArray[Any]:
-    return np.pad(layers, [(0, num_layers - len(layers))] + [(0, 0)] * (layers.ndim - 1))
+@kernel
+def vote(starts, points, cameras, lowest, step, reach, positions, images, frame, reference, layers):
+    """Peel the values of every cell (2.21): disparity, votes, and the median colour of the voters."""
+    disparity, votes, colour = layers
+    width = disparity.shape[2]
+    longest = 1
+    for cell in range(starts.size - 1):
+        longest = max(longest, starts[cell + 1] - starts[cell])
+    levels, samples = np.empty(longest, np.int64), np.empty((positions.shape[0], 3))
+    alive, chosen = np.empty(longest, np.bool_), np.empty(longest, np.bool_)
+    seen = np.empty(positions.shape[0], np.bool_)
+    left, top, right, bottom = frame
+    baselines = np.maximum(np.abs(positions[:, 0]), np.abs(positions[:, 1]))
+    for cell in range(starts.size - 1):
+        start, count = starts[cell], starts[cell + 1] - starts[cell]
+        row, column = cell // width, cell % width
+        in_frame = top <= row < bottom and left <= column < right
+        d, c = points[start : start + count], cameras[start : start + count]
+        for i in range(count):
+            levels[i], alive[i] = int(np.floor((d[i] - lowest) / step + 0.5)), True
+        for layer in range(disparity.shape[0]):
+            owner = reference if in_frame and layer == 0 else NO_CAMERA
+            value, number = peel(d, c, levels, step, reach, baselines, owner, seen, alive, chosen)
+            if number == 0:
+                break
+            slot = layer
+            while slot > 0 and disparity[slot - 1, row, column] < value:
+                disparity[slot, row, column] = disparity[slot - 1, row, column]
+                votes[slot, row, column] = votes[slot - 1, row, column]
+                colour[slot, row, column] = colour[slot - 1, row, column]
+                slot -= 1
+            disparity[slot, row, column], votes[slot, row, column] = value, min(number, 255)
+            number = 0
+            for i in range(count):
+                if chosen[i]:
+                    x = column - left - positions[c[i], 0] * d[i]
+                    y = row - top - positions[c[i], 1] * d[i]
+                    _sample(images[c[i]], x, y, samples[number])
+                    number += 1
+            for channel in range(3):
+                median = np.median(samples[:number, channel])
+                colour[slot, row, column, channel] = int(np.floor(median + 0.5))
+
+
+@kernel
+def peel(points, cameras, levels, step, reach, baselines, owner, seen, alive, chosen):
+    """Choose the next value of a cell by (2.21), and remove its points and impossible ones from `alive`."""
+    seen[:] = False
+    best, most, best_sum = 0, 0, 0.0
+    level, run, total = 0, 0, 0.0
+    for i in range(points.size):
+        chosen[i] = alive[i] and not seen[cameras[i]]
+        if not chosen[i]:
+            continue
+        seen[cameras[i]] = True
+        if run == 0 or levels[i] != level:
+            level, run, total = levels[i], 0, 0.0
+        run, total = run + 1, total + points[i]
+        if run > most or (run == most and level == best):
+            best, most, best_sum = level, run, total
+    votes, value = 0, best_sum / max(most, 1)
+    for i in range(points.size):
+        near = alive[i] and abs(levels[i] - best) <= reach
+        behind = value - points[i]
+        hidden = behind > JUST_BELOW * step and behind * baselines[cameras[i]] > JUST_BELOW and not chosen[i]
+        chosen[i] = chosen[i] and near
+        votes += chosen[i]
+        alive[i] = alive[i] and cameras[i] != owner and (not near or hidden)
+        alive[i] = alive[i] and (owner < 0 or levels[i] <= best)
+    return value, votes
+
+
+@kernel
+def _sample(image, x, y, sample):
+    """Interpolate a picture linearly, with a repeated border."""
+    height, width = image.shape[:2]
+    x, y = min(max(x, 0.0), width - 1.0), min(max(y, 0.0), height - 1.0)
+    left, top = min(int(x), max(width - 2, 0)), min(int(y), max(height - 2, 0))
+    right, bottom = min(left + 1, width - 1), min(top + 1, height - 1)
+    s, t = x - left, y - top
+    for channel in range(3):
+        above = (1.0 - s) * image[top, left, channel] + s * image[top, right, channel]
+        below = (1.0 - s) * image[bottom, left, channel] + s * image[bottom, right, channel]
+        sample[channel] = (1.0 - t) * above + t * below

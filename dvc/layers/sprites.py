@@ -119,7 +119,12 @@ class _Layers:
     """Rest of a layered depth image, with disparities or depths in units of resolution."""
 
     def __init__(self, image: LayeredDepthImage, space: str) -> None:
-        values = _depths(image) if space == "depth" else image.disparity.astype(np.float64)
+        values = image.disparity.astype(np.float64)
+        if space == "depth":  # negative (2.12), scaled to change like disparities at the median
+            scale, shift = image.canvas.depth_scale
+            median = float(np.median(image.disparity[image.occupied])) if image.occupied.any() else 1.0
+            disparity = np.where(image.occupied, image.disparity, np.float32(median)).astype(np.float64)
+            values = -(scale / (disparity + shift)) * (median + shift) ** 2 / scale
         self.depth = values / image.canvas.resolution
         self.alpha = image.occupied.copy()
         self.source = np.broadcast_to(np.arange(len(self.alpha))[:, None, None], self.alpha.shape).copy()
@@ -134,14 +139,6 @@ class _Layers:
                 values[index:-1, rows, columns] = values[index + 1 :, rows, columns]
             self.alpha[-1, rows, columns] = False
         return taken
-
-
-def _depths(image: LayeredDepthImage) -> Floats:
-    """Return negative depths (2.12), scaled to change like disparities at the median."""
-    scale, shift = image.canvas.depth_scale
-    median = float(np.median(image.disparity[image.occupied])) if image.occupied.any() else 1.0
-    disparity = np.where(image.occupied, image.disparity, np.float32(median)).astype(np.float64)
-    return -(scale / (disparity + shift)) * (median + shift) ** 2 / scale
 
 
 def extract_sprites(
@@ -217,9 +214,8 @@ def _grow(layers: _Layers, mask: Mask, settings: SpriteSettings) -> Integers:
     depth = np.where(mask, layers.depth[0], 0.0)
     unchanged, index = 0, 0
     while unchanged < len(layers.alpha):
-        added = fused_mask(depth, layer >= 0, layers.depth[index], layers.alpha[index], settings) & (
-            layer < 0
-        )
+        fused = fused_mask(depth, layer >= 0, layers.depth[index], layers.alpha[index], settings)
+        added = fused & (layer < 0)
         layer[added] = index
         depth[added] = layers.depth[index][added]
         unchanged = 0 if added.any() else unchanged + 1
@@ -277,13 +273,7 @@ def _reach(depth, alpha, mask, jump, order, entered):
 @kernel
 def _neighbour(y, x, side):
     """Return the neighbour to the right, below, to the left or above; (s + 2) % 4 is opposite to side s."""
-    if side == 0:
-        return y, x + 1
-    if side == 1:
-        return y + 1, x
-    if side == 2:
-        return y, x - 1
-    return y - 1, x
+    return y + int(side == 1) - int(side == 3), x + int(side == 0) - int(side == 2)
 
 
 @kernel

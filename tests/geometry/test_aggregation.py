@@ -14,8 +14,6 @@ from dvc.geometry.aggregation import (
     cross_arms,
     defined_costs,
     evened_levels,
-    mean_costs,
-    smaller_costs,
 )
 from dvc.geometry.matching_costs import WeightedCosts
 from tests.reference import cost_volumes as reference
@@ -25,16 +23,8 @@ SHAPE = (7, 9)
 JUMP = 20
 """A step of the base surface that is a discontinuity."""
 WINDOW = Window(reach_px=5, near_reach_px=2, iterations=1)
-KERNELS = (
-    "_count_even_steps",
-    "_shorten_arms",
-    "_sum_rows",
-    "_sum_columns",
-    "_normalise",
-    "_keep_smaller",
-    "_keep_mean",
-)
-_kind = compiled_and_python(aggregation, *KERNELS)
+KERNELS = "_even_steps", "_shorten_arms", "_sum_rows", "_sum_columns", "_normalise"
+_kind = compiled_and_python(aggregation, *KERNELS, "smaller_costs", "mean_costs")
 pytestmark = [pytest.mark.nojit, pytest.mark.usefixtures("_kind")]
 
 
@@ -146,7 +136,7 @@ def copied(one: WeightedCosts) -> WeightedCosts:
 
 def test_smaller_cost_of_two_that_are_known() -> None:
     first, second = costs(1), costs(2)
-    found = smaller_costs(copied(first), second)
+    found = aggregation.smaller_costs(copied(first), second)
     both = (first.weight > 0) & (second.weight > 0)
     np.testing.assert_array_equal(found.cost[both], np.minimum(first.cost, second.cost)[both])
     for one, other in ((first, second), (second, first)):
@@ -161,7 +151,7 @@ def test_smaller_cost_of_two_that_are_known() -> None:
 )
 def test_cost_of_which_little_is_known_does_not_count(mine: float, theirs: float, is_compared: bool) -> None:
     first, second = costs(1, mine), costs(2, theirs)
-    found = smaller_costs(copied(first), second)
+    found = aggregation.smaller_costs(copied(first), second)
     better = first if mine > theirs else second
     expected = np.minimum(first.cost, second.cost) if is_compared else better.cost
     np.testing.assert_array_equal(found.cost, expected)
@@ -171,7 +161,7 @@ def test_cost_of_which_little_is_known_does_not_count(mine: float, theirs: float
 def test_mean_is_weighted() -> None:
     """The mean of defined costs (2.20) has the larger weight."""
     first, second = costs(3), costs(4, np.linspace(0.0, 1.0, COST_SHAPE[2]))
-    found = mean_costs(copied(first), second)
+    found = aggregation.mean_costs(copied(first), second)
     total = first.weight + second.weight
     known = total > 0
     expected = (first.cost * first.weight + second.cost * second.weight)[known] / total[known]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dvc.geometry import (
-    block_sweep,
     continuation,
     depth_maps,
     label_inference,
@@ -30,8 +29,7 @@ TO_KEYS = [warp_matrix(camera_at(0.4), camera_at(position), FRAME) for position 
 
 def test_warp_grid(choose: Choose, rng: np.random.Generator) -> None:
     depth = rng.uniform(-40, 10, (4, 5))
-    got = np.empty((4, 5, 3))
-    choose(warping._warp_grid)(BACK, depth, -3.0, 2.5, got)
+    got = choose(warping.warp_grid)(BACK, depth, -3.0, 2.5)
     behind = 0
     for i, j in np.ndindex(depth.shape):
         x, y, w = reference.moved(BACK, -3.0 + 2.5 * j, -3.0 + 2.5 * i, depth[i, j])
@@ -65,14 +63,11 @@ def test_rasterise_discontinuities(choose: Choose) -> None:
 
 def test_discontinuities(choose: Choose, rng: np.random.Generator) -> None:
     depth = np.where(rng.random(SHAPE) < 0.3, 0.9, 0.2)
-    moved = np.empty((*SHAPE, 3))
-    warping._warp_grid(THERE, depth, 0.0, 1.0, moved)
-    motion = moved[..., :2] - np.indices(SHAPE)[::-1].transpose(1, 2, 0)
+    motion = warping.warp_grid(THERE, depth)[..., :2] - np.indices(SHAPE)[::-1].transpose(1, 2, 0)
     corners = np.stack([motion[:-1, :-1], motion[:-1, 1:], motion[1:, :-1], motion[1:, 1:]])
     spread = np.ptp(corners, axis=0).max(axis=-1)
-    found = np.empty(spread.shape, np.bool_)
     tolerance = float(np.median(spread)) + 1e-6
-    choose(depth_maps._discontinuities)(depth, THERE, tolerance, found)
+    found = choose(depth_maps.discontinuities)(depth, THERE, tolerance)
     np.testing.assert_array_equal(found, spread > tolerance)
     assert 0 < found.sum() < found.size
 
@@ -109,8 +104,7 @@ def test_matching_cost(choose: Choose, rng: np.random.Generator) -> None:
 def test_box_mean(choose: Choose, rng: np.random.Generator) -> None:
     """Costs are averaged over 3x3 pixels and rounded down, the picture being continued by its edge."""
     cost = rng.integers(0, 200, (5, 7, 3)).astype(np.int16)
-    mean = np.empty_like(cost)
-    choose(plane_sweep._box_mean)(cost, mean)
+    mean = choose(plane_sweep._box_mean)(cost)
     around = np.lib.stride_tricks.sliding_window_view(
         np.pad(cost, ((1, 1), (1, 1), (0, 0)), mode="edge"), (3, 3), axis=(0, 1)
     )
@@ -141,10 +135,8 @@ def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> Non
         choose(label_inference._aggregate_path)(cost, image, dy, dx, 8, 60, lines[0], lines[1], total)
     expected = reference.aggregate(cost, image, 8, 60)
     np.testing.assert_array_equal(total, expected)
-    hypothesis, confidence = np.empty(SHAPE), np.empty(SHAPE)
-    choose(label_inference._best_hypothesis)(total, hypothesis, confidence)
-    np.testing.assert_allclose(hypothesis, reference.best_hypothesis(expected)[0])
-    np.testing.assert_allclose(confidence, reference.best_hypothesis(expected)[1])
+    found = choose(label_inference._best_hypothesis)(total)
+    np.testing.assert_allclose(found, reference.best_hypothesis(expected))
 
 
 def test_check_consistency(choose: Choose, rng: np.random.Generator) -> None:
@@ -224,8 +216,7 @@ def test_visibility_weights(choose: Choose, rng: np.random.Generator) -> None:
     positions = np.stack(
         [rng.uniform(-2, 10, SHAPE), rng.uniform(-2, 8, SHAPE), rng.uniform(0, 0.9, SHAPE)], -1
     )
-    weights = np.empty(SHAPE)
-    choose(rendering._visibility_weights)(positions, depth, visibility, BACK, weights)
+    weights = choose(rendering._visibility_weights)(positions, depth, visibility, BACK)
     values = {
         "outside": rendering.OUTSIDE_WEIGHT,
         "occluded": rendering.OCCLUDED_WEIGHT,
@@ -240,10 +231,11 @@ def test_visibility_weights(choose: Choose, rng: np.random.Generator) -> None:
 def test_block_cost_and_error(choose: Choose, rng: np.random.Generator) -> None:
     first, second = rng.uniform(0, 80, (2, 3, 14, 18)).astype(np.float32)
     limits = plane_sweep.LEVEL_LIMIT, plane_sweep.GRADIENT_LIMIT, plane_sweep.GRADIENT_LIMIT
-    cost = np.empty((3, 4, 3), np.int16)
-    choose(block_sweep._block_cost)(first, second, *TO_KEYS, 0.0, 0.3, 4, 1.5, cost)
+    view = plane_sweep.VirtualView((first, second), (TO_KEYS[0], TO_KEYS[1]), 4)
+    cost = choose(plane_sweep.block_costs)(view, plane_sweep.DepthHypotheses(0.0, 0.3, 3), 1.5)
+    assert cost.shape == (4, 5, 3)
     offsets = 1.5 * (np.arange(4) - 1.5)
-    for i, j, k in np.ndindex(cost.shape):
+    for i, j, k in np.ndindex(3, 4, 3):
         total = 0.0
         for dy, dx in ((dy, dx) for dy in offsets for dx in offsets):
             places = [reference.moved(t, 4 * j + 1.5 + dx, 4 * i + 1.5 + dy, 0.3 * k)[:2] for t in TO_KEYS]
@@ -257,7 +249,7 @@ def test_block_cost_and_error(choose: Choose, rng: np.random.Generator) -> None:
                 total += min(abs(levels[0] - levels[1]), limits[m])
         assert abs(cost[i, j, k] - int(total / 16)) <= 1
     for x in (8.0, 1.0):
-        got = choose(block_sweep._block_error)(first[0], second[0], *TO_KEYS, x, 7.0, 0.4, 2)
+        got = choose(plane_sweep._block_error)(first[0], second[0], *TO_KEYS, x, 7.0, 0.4, 2)
         expected = reference.window_error(first[0], second[0], TO_KEYS, x, 7.0, 0.4, 2)
         assert got == pytest.approx(expected, rel=1e-5)
 
@@ -269,13 +261,10 @@ def test_golden_search(choose: Choose) -> None:
     to_second[0, 3] = 6.0
     second = (100 + 40 * np.sin((columns - 6.0 * 0.35) / 3.0)).astype(np.float32)
     depth = np.full((1, 1), 0.3)
-    search = choose(block_sweep._golden_search)
-    search(first, second, to_first, to_second, 12, 3, 0.2, depth)
-    assert depth[0, 0] == pytest.approx(0.35, abs=0.02)
-    still = np.full((1, 1), 0.3)
-    search(first, second, to_first, to_first, 12, 3, 0.2, still)
-    assert still[0, 0] == 0.3
-    assert choose(block_sweep._parallax)(to_first, to_second, 3.0, 3.0, 0.1, 0.3) == pytest.approx(1.2)
+    for warp, expected, tolerance in ((to_second, 0.35, 0.02), (to_first, 0.3, 0.0)):
+        view = plane_sweep.VirtualView((first[None], second[None]), (to_first, warp), 12)
+        refined = choose(plane_sweep.refine_blocks)(view, depth, 0.2, 3)
+        assert refined[0, 0] == pytest.approx(expected, abs=tolerance)
 
 
 def test_membranes(choose: Choose, rng: np.random.Generator) -> None:

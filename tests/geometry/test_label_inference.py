@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dvc.geometry import label_inference
-from dvc.geometry.label_inference import BeliefPropagation, Inference, SemiGlobal, chosen
+from dvc.geometry.label_inference import BeliefPropagation, Inference, SemiGlobal
 from tests.reference import cost_volumes as reference
 from tests.twins import Choose, compiled_and_python
 
@@ -15,7 +15,7 @@ SHAPE = (6, 8)
 NOTHING = np.zeros(SHAPE, np.int64)
 
 
-_kind = compiled_and_python(label_inference, "_choose")
+_kind = compiled_and_python(label_inference, "chosen")
 
 
 @pytest.mark.nojit
@@ -24,7 +24,7 @@ def test_smallest_cost(rng: np.random.Generator) -> None:
     """The label of smallest cost counts from the origin; the ends of the range have no offset."""
     total = rng.random((*SHAPE, 7)).astype(np.float32)
     origin = rng.integers(-3, 9, SHAPE)
-    found = chosen(total, origin)
+    found = label_inference.chosen(total, origin)
     best = total.argmin(axis=2)
     np.testing.assert_array_equal(found.label, best + origin)
     inner = (best > 0) & (best < 6)
@@ -41,7 +41,7 @@ def test_smallest_cost(rng: np.random.Generator) -> None:
 def test_offset_points_to_the_minimum_between_labels(minimum: float) -> None:
     """Of costs that rise alike to both sides the place is met, labels and offset together."""
     total = np.broadcast_to(np.abs(np.arange(6) - minimum), (*SHAPE, 6)).astype(np.float32)
-    found = chosen(total, NOTHING)
+    found = label_inference.chosen(total, NOTHING)
     np.testing.assert_allclose(found.label + found.offset, minimum, atol=1e-6)
 
 

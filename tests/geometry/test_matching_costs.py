@@ -56,9 +56,12 @@ def test_census_cost(choose: Choose, rng: np.random.Generator) -> None:
     bit_table, level_table = rng.random(25).astype(np.float32), rng.random(766).astype(np.float32)
     top, origin = 2, rng.integers(-2, 3, SHAPE)
     cost, weight = np.full((2, 4, SHAPE[1], 3), 9.0, np.float32)
-    pictures, region = (image, words[0], others, words[1:], seen), (shifts, origin, top)
+    rows, tables = slice(top, top + 4), (bit_table, level_table, np.float32(0.0))
+    pictures = image[rows], words[0][rows], others, words[1:], seen
     with np.errstate(over="ignore"):
-        choose(matching_costs._census_cost)(*pictures, *region, bit_table, level_table, cost, weight)
+        choose(matching_costs._compare)(
+            *pictures, np.add(shifts, (0, 0, top)), origin[rows], *tables, cost, weight
+        )
     for i, x, k in np.ndindex(cost.shape):
         found = place(x, top + i, origin[top + i, x] + k, shifts, seen)
         expected = 0.0
@@ -81,8 +84,9 @@ def test_squared_cost(choose: Choose, rng: np.random.Generator) -> None:
     shifts = np.array([[0, 0, 0], [0, -2, 0], [0, 1, 3]])
     origin = rng.integers(-1, 2, SHAPE)
     cost, weight = np.full((2, *SHAPE, 3), 9.0, np.float32)
-    region, limit = (shifts, origin, 0), np.float32(150.0)
-    choose(matching_costs._squared_cost)(image, others, seen, *region, limit, cost, weight)
+    table, bits = np.zeros(1, np.float32), np.zeros((1, *SHAPE), np.uint32)
+    pictures, tables = (image, bits[0], others, bits, seen), (table, table, np.float32(150.0))
+    choose(matching_costs._compare)(*pictures, shifts, origin, *tables, cost, weight)
     for y, x, k in np.ndindex(cost.shape):
         found = place(x, y, origin[y, x] + k, shifts, seen)
         error = 0.0 if found is None else float(((image[y, x] - others[found]) ** 2).mean())

@@ -166,11 +166,10 @@ def test_epipolar_lines_separate_background_and_object():
     generator = np.random.default_rng(5)
     depth = np.where(generator.random((13, 17)) < 0.4, generator.normal(size=(13, 17)), EMPTY)
     for epipole in ([1.0, 0.0, 0.0], [0.0, -2.0, 0.0], [6.0, 5.0, 1.0], [0.0, 0.0, 0.0]):
-        found, expected = np.empty((2, 13, 17)), np.empty((2, 13, 17))
-        _along_epipolar_lines(depth, np.array(epipole), *found)
-        twin(depth, np.array(epipole), *expected)
-        np.testing.assert_array_equal(found, expected)
-    _along_epipolar_lines(depth, ALONG_ROWS, *found)
+        np.testing.assert_array_equal(
+            _along_epipolar_lines(depth, np.array(epipole)), twin(depth, np.array(epipole))
+        )
+    found = np.array(_along_epipolar_lines(depth, ALONG_ROWS))
     y, x = np.argwhere((depth == EMPTY) & (np.abs(np.arange(17) - 8) < 3))[10]
     left, right = depth[y, :x][depth[y, :x] > EMPTY], depth[y, x:][depth[y, x:] > EMPTY]
     assert left.size
