@@ -8,7 +8,8 @@ from decoder.side_information.synthesis import block_medians, interpolate, rende
 from decoder.side_information.weighting import neighbourhood
 from dvc.arrays import Bytes, Floats
 from dvc.geometry.cameras import homogeneous, inverse_depth_range
-from dvc.geometry.depth_maps import DepthMap, DepthView, Known, estimate_depths
+from dvc.geometry.continuation import DepthMap
+from dvc.geometry.depth_maps import DepthView, Known, estimate_depths
 from dvc.geometry.label_inference import semi_global
 from dvc.geometry.plane_sweep import (
     CENSUS_SWEEP,

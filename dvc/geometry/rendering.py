@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import PixelFrame
-from dvc.geometry.continuation import CONSISTENT, OtherView, Visibility, fill_depth
-from dvc.geometry.depth_maps import DepthMap, DepthView
+from dvc.geometry.continuation import CONSISTENT, DepthMap, OtherView, Visibility, fill_depth
+from dvc.geometry.depth_maps import DepthView
 from dvc.geometry.warping import EMPTY, warp_grid, warp_matrix, warp_point
 
 OUTSIDE_WEIGHT, OCCLUDED_WEIGHT, EDGE_WEIGHT = 1e-6, 1e-4, 0.02
@@ -123,9 +123,8 @@ def fill_holes(inverse_depth: Floats) -> Floats:
     while empty.any():
         visibility = np.where(empty, Visibility.OUTSIDE, Visibility.CONSISTENT).astype(np.int8)
         even, slopes, no_warp = np.zeros(empty.shape), np.zeros((*empty.shape, 2)), np.zeros((3, 4))
-        source, filled = filled, np.empty(empty.shape)
-        no_view = OtherView(no_warp, no_warp, source, outside, 0.0)
-        fill_depth(source, visibility, even, slopes, 0.0, 0.0, no_view, filled)
+        no_view = OtherView(no_warp, no_warp, filled, outside, 0.0)
+        filled = fill_depth(filled, visibility, even, slopes, 0.0, 0.0, no_view)
         empty = filled <= EMPTY
     return filled
 

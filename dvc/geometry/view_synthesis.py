@@ -1,14 +1,9 @@
 """View synthesis: the picture of another view from pictures with depth, and the filling of its holes.
 
 Surfaces are drawn forward in depth order (3.4); every pixel that they reach then fetches its levels from
-between the pixels of the source.
-
-A hole opens between a near surface that has moved and a far one that it no longer covers, along the epipolar
-line. Its pixels belong to the far one: their levels are a membrane (the Poisson equation) over the hole that
-is fixed to the background and free at the near surface. Holes at the border of the frame are fixed to all
-that surrounds them.
-
-[Perez2003] P. Pérez, M. Gangnet, A. Blake, "Poisson image editing", ACM Trans. Graph. 22(3), 2003.
+between the pixels of the source. A hole between a near surface and a far one, along the epipolar line,
+belongs to the far one: its levels are a membrane (the Poisson equation, [Perez2003]) that is fixed to the
+background and free at the near surface. Holes at the border of the frame are fixed to all around them.
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 

@@ -1,11 +1,9 @@
 """Edges as chains from vertex to vertex, and chains as bytes: by code words of the thesis, or adaptively.
 
-By code words, a chain is its first vertex, its first direction and its length, of fixed numbers of bits, and
-then a word for each differential direction: 10, 0, 11 for -1, 0, 1. By adaptive arithmetic coding, starts are
-distances from one to the next, and each step is coded in contexts of the last steps and of the last two
-straight runs: whether the chain ends (likely at junctions), whether it continues straight, and to which side
-it turns. Steps onto coded edges are left out. If edges bound a mask, a code of the regions inside follows the
-chains.
+By code words, a chain is its first vertex, direction and length, and a word for each differential direction:
+10, 0, 11 for -1, 0, 1. Adaptively, starts are distances from one to the next, and each step is coded in
+contexts of the last steps and straight runs: end, straight on, side of the turn; not onto coded edges. If
+edges bound a mask, a code of the regions inside follows.
 """
 
 from dataclasses import dataclass, replace
@@ -307,28 +305,6 @@ def _code_step(
 
 
 @kernel
-def _code_turn(
-    coder: CoderState,
-    mixture: Mixture,
-    ways: tuple[bool, bool, bool],
-    context: tuple[int, int, int],
-    turn: int,
-    target: int,
-) -> Any:
-    """Code the step of a chain among those possible: 0 straight, 1 to the left, -1 to the right."""
-    (straight, left, after), (seen, runs, run) = ways, context
-    if straight:
-        if not (left or after):
-            return 0
-        if _code_step(coder, mixture, STRAIGHT, seen, runs, run, int(target == 0)):
-            return 0
-    if not (left and after):
-        return 1 if left else -1
-    again = _code_step(coder, mixture, TURN, seen, runs, run, int((target > 0) == (turn >= 0)))
-    return 1 if (again > 0) == (turn >= 0) else -1
-
-
-@kernel
 def code_chain(
     coder: CoderState,
     mixture: Mixture,
@@ -366,7 +342,16 @@ def code_chain(
         if code_mixed(coder, mixture, base + touched, second, third, touched, int(count == length)):
             return count
         target: Any = (np.int64(directions[count]) - last + 1) % 4 - 1 if count < length else 0
-        step = _code_turn(coder, mixture, (straight, left, after), (seen, runs, run), turn, target)
+        # among the possible steps: 0 straight, 1 to the left, -1 to the right
+        is_straight = straight and not (left or after)
+        if straight and not is_straight:
+            is_straight = bool(_code_step(coder, mixture, STRAIGHT, seen, runs, run, int(target == 0)))
+        step: Any = np.int64(0)
+        if not is_straight:
+            step = 1 if left else -1
+            if left and after:
+                again = _code_step(coder, mixture, TURN, seen, runs, run, int((target > 0) == (turn >= 0)))
+                step = 1 if (again > 0) == (turn >= 0) else -1
         history = (history * 3 + step + 1) % NUM_HISTORIES
         if step == 0:
             run = min(run + 1, MAX_RUN)

@@ -1,11 +1,9 @@
 """Edges on the lattice dual to that of samples: neighbours that a transform treats as independent; masks.
 
-Vertex (row, column) of the dual lattice is the upper left corner of that sample, so it has one more of each.
-Directions are 0 right, 1 up, 2 left, 3 down. In kernels, `below` and `right` are the maps of `EdgeMaps`.
-
-The border of a mask is among the edges, and each region that edges separate is inside or outside. Regions are
-numbered by their first samples, row by row. Edges never separate samples outside, so a region that begins
-below or to the right of one outside is inside, and nothing is coded for it.
+Vertex (row, column) of the dual lattice is the upper left corner of that sample. In kernels, `below` and
+`right` are the maps of `EdgeMaps`. The border of a mask is among the edges, and each region that edges
+separate is inside or outside. Edges never separate samples outside, so a region that begins below or to the
+right of one outside is inside, and nothing is coded for it.
 """
 
 from collections.abc import Iterator
@@ -54,22 +52,18 @@ class EdgeMaps:
         """Return the number of edge elements."""
         return int(np.count_nonzero(self.between_rows)) + int(np.count_nonzero(self.between_columns))
 
-    def coarser(self) -> Self:
-        """Return the edges of the low band (4.5)."""
-        return type(self)(*coarser(self.between_rows, self.between_columns))
-
     def pyramid(self, num_levels: int) -> Iterator[Self]:
         """Yield the edges of all scales that are split."""
         maps = self
         for level in range(num_levels):
             if level:
-                maps = maps.coarser()
+                maps = type(self)(*coarser(maps.between_rows, maps.between_columns))
             yield maps
 
 
 @kernel
 def coarser(below: Flags, right: Flags) -> tuple[Flags, Flags]:
-    """Return the edges of the low band (4.5), compiled."""
+    """Return the edges of the low band (4.5)."""
     height, width = (below.shape[0] + 1) // 2, (below.shape[1] + 1) // 2
     less_below, less_right = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
     for i in range(height):

@@ -1,22 +1,35 @@
-"""Automatic selection of the edges that are worth their bits, at any rate.
+"""Edges of depth maps: by Canny's detector, of a file, or selected as those that are worth their bits.
 
-A contour is kept if it reduces the cost of coefficients, their squared error and their bits, by more than its
-own bits are worth. Candidates are cut into short pieces at junctions, and each piece is removed or added
-again by the change of cost in a transform of its surroundings, until nothing changes. The only parameter is
-the step of the quantiser, which a search over rates provides; all else is in units of it.
+A contour is selected if it reduces the cost of coefficients, their squared error and their bits, by more than
+its own bits are worth. Candidates are cut into short pieces at junctions, and each piece is removed or added
+again by the change of cost in a transform of its surroundings, until nothing changes.
 """
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
-from dvc.images.chain_code import Chains, trace
-from dvc.images.edge_extraction import edges_of_jumps
+from dvc.errors import DvcError
+from dvc.images.chain_code import Chains, draw, trace
 from dvc.images.edge_maps import DOWN, RIGHT, EdgeMaps, Flags, Mask, coarser, degree, next_vertex, set_element
 from dvc.images.lifting import FORWARD, WAVELETS, Plane, Wavelet, lift_columns
+from dvc.picture_files import read_levels, write_png
+
+CANNY_THRESHOLDS = 40.0, 100.0
+"""Weaker and stronger threshold of the detector, for maps stretched to levels from 0 to 255."""
+
+SHORTEST_CHAIN = 8
+"""Edge elements of the shortest chain that Canny's detector keeps."""
+
+_JUMP = 0.02
+
+RIGHT_LEVEL, BELOW_LEVEL = 85, 170
+"""Levels of a sample that is cut off from that to its right, and from that below it; both: their sum."""
 
 CANDIDATE_STEPS = 0.5
 """Least difference of neighbours with a candidate edge, in steps."""
@@ -48,6 +61,48 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 LiftingWeights = tuple[Floats, float, float, float]
 """Weights and gain of a wavelet, and the scales of the low and the high band."""
+
+
+def edges_of_jumps(depth: Plane, least: float) -> EdgeMaps:
+    """Return the edges between neighbours that differ."""
+    edges = EdgeMaps.none((depth.shape[0], depth.shape[1]))
+    edges.between_rows[:-1] = np.abs(np.diff(depth, axis=0)) > least
+    edges.between_columns[:, :-1] = np.abs(np.diff(depth, axis=1)) > least
+    return edges
+
+
+def canny_edges(depth: Plane) -> EdgeMaps:
+    """Return the edges at pixels that Canny's detector marks, without short chains."""
+    extent = float(np.ptp(depth))
+    if not extent:
+        return EdgeMaps.none((depth.shape[0], depth.shape[1]))
+    levels = np.round((depth - depth.min()) * (255.0 / extent)).astype(np.uint8)
+    marked = cv2.Canny(levels, *CANNY_THRESHOLDS, L2gradient=True) > 0
+    edges = edges_of_jumps(depth, _JUMP * extent)
+    edges.between_rows[:-1] &= marked[:-1] | marked[1:]
+    edges.between_columns[:, :-1] &= marked[:, :-1] | marked[:, 1:]
+    chains = trace(edges)
+    return draw(chains.take(np.flatnonzero(chains.lengths >= SHORTEST_CHAIN)))
+
+
+def write_edges(path: Path, edges: EdgeMaps) -> None:
+    """Write edges; the inverse of `read_edges`."""
+    write_png(path, RIGHT_LEVEL * edges.between_columns + BELOW_LEVEL * edges.between_rows)
+
+
+def read_edges(path: str | Path, shape: tuple[int, int]) -> EdgeMaps:
+    """Read edges; those beyond the last row and column have no meaning."""
+    levels = read_levels(path, "a picture of edges, as decode writes it")
+    if levels.shape != shape:
+        sizes = [f"{size[1]}x{size[0]}" for size in (levels.shape, shape)]
+        raise DvcError(f"{path}: edges of {sizes[0]}, but the depth map is {sizes[1]}")
+    known = (0, RIGHT_LEVEL, BELOW_LEVEL, RIGHT_LEVEL + BELOW_LEVEL)
+    if not np.isin(levels, known).all():
+        raise DvcError(f"{path}: edges have the levels {', '.join(map(str, known))}")
+    right = np.isin(levels, (RIGHT_LEVEL, RIGHT_LEVEL + BELOW_LEVEL)).astype(np.uint8)
+    below = (levels >= BELOW_LEVEL).astype(np.uint8)
+    below[-1], right[:, -1] = 0, 0
+    return EdgeMaps(below, right)
 
 
 def select(

@@ -1,17 +1,12 @@
 """Lifting: the 9/7 and 5/3 wavelet transforms of planes of any size; they may stop at edges.
 
-Even samples become the low band, odd ones the high band. Each step changes one of the two cosets by the sum
-of the neighbours in the other, so the same steps backward, with opposite signs, are the inverse for any
-choice of neighbours beyond a border: here the symmetric extension about the last sample.
-
-Samples beyond an edge are extrapolated from the samples of the same coset on this side
-by a polynomial (4.4), so the inverse knows it too. With too few of them the polynomial has a lower degree.
-In the last step details beyond an edge are taken to be zero, as if the polynomial fitted there; not so with
-degree 0, which is the symmetric extension of shape-adaptive transforms. A sample of the low band that is
-isolated between edges is scaled as a constant is; one of the high band is predicted from beyond its edges.
-
-The border of a mask is among the edges. Samples and coefficients outside are zero after each step, so that
-those inside do not depend on them.
+Even samples become the low band, odd ones the high band. Each step changes one coset by neighbours in the
+other, so the same steps backward, with opposite signs, are the inverse for any extension at a border.
+Samples beyond an edge are extrapolated from those of their coset on this side by a polynomial (4.4), of a
+lower degree if they are too few. In the last step, except with degree 0 (the symmetric extension of
+shape-adaptive transforms), details beyond an edge are taken to be zero. A sample of the low band isolated
+between edges is scaled as a constant is; one of the high band is predicted from beyond its edges. The border
+of a mask is among the edges; samples and coefficients outside are zero after each step.
 """
 
 import math

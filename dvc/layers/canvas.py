@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.arrays import Floats
-from dvc.geometry.camera_array import DisparityLabels
+from dvc.errors import DvcError
+from dvc.geometry.camera_array import DisparityLabels, Reconstruction
 
 DEPTH_RANGE = 20.0
 """Largest ratio of the farthest and the nearest depth without calibration."""
@@ -82,6 +83,23 @@ class Canvas:
         depth = self.depth_scale.depth(disparity)
         right, down = (x - (width - 1) / 2) / width, (y - (height - 1) / 2) / width
         return np.stack([right * depth, down * depth, depth], axis=-1)
+
+
+def world_from_reference(reconstruction: Reconstruction) -> Floats | None:
+    """Return the inverse of (2.12) in the frame of the reference camera, after a rectification."""
+    rectification = reconstruction.figures.get("rectification")
+    if rectification is None:
+        return None
+    try:
+        rectified_from_world = np.array(rectification["rectified_from_world"], np.float64).reshape(4, 4)
+        shear = np.eye(4)
+        shear[:2, 2] = -np.array(reconstruction.array[reconstruction.array.reference].position)
+        matrix = np.linalg.inv(shear @ rectified_from_world)
+    except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as err:
+        raise DvcError("the reconstruction has a rectification without its homography of space") from err
+    if not np.isfinite(matrix).all() or matrix[3, 2] == 0.0:
+        raise DvcError("the homography of space of the reconstruction gives no depth")
+    return np.asarray(matrix / np.abs(matrix).max())
 
 
 @kernel

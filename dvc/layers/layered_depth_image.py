@@ -1,19 +1,13 @@
 """Layered depth image (2.21): the surfaces of all cameras in the frame of one, several values a pixel.
 
-Surfaces are sheared into the frame of the reference camera as points, not as volumes, so disparities and
-positions of cameras need not be whole numbers. Choices that (2.21) leaves open:
+Surfaces are sheared into the frame of the reference camera as points. Choices that (2.21) leaves open:
 
-* A pixel votes unless a neighbouring camera refutes it, by seeing through it (2.15). Pixels that no other
-  view sees vote as well: they are the only evidence of surfaces hidden from the reference.
-* In the reference frame, only the nearest remaining point of each camera is visible and votes.
-* The label with most votes is a value, the larger one of equals; its disparity is the mean of its voters.
-  Points within `resolution` of it are removed with it, so that cameras that disagree by a
-  label make no layers; but if a camera itself sees both surfaces, a label and a pixel or more apart, there
-  are two.
-* Inside the frame the reference sees the first value, so nothing lies before it, and the surface of the
-  reference itself is not left for a deeper layer. Further values of a pixel are sorted from near to far.
-* Regions of a few pixels behind two other surfaces are left out.
-* A value has the median colour of its voters; the first one inside the frame that of the reference view.
+* A pixel votes unless a neighbouring camera refutes it, by seeing through it (2.15); of each camera, only the
+  nearest remaining point of a pixel votes.
+* The label with most votes is a value, the larger one of equals; its disparity is the mean of its voters, its
+  colour their median, or inside the frame that of the reference view. Points within `resolution` are removed
+  with it, unless a camera itself sees both surfaces, a label and a pixel or more apart.
+* Inside the frame nothing lies before the first value; the surface of the reference lies in no deeper one.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
@@ -31,9 +25,7 @@ from dvc.array_files import MAX_NUMBER, MIN_STEP
 from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.errors import DvcError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, Reconstruction
-from dvc.layers.canvas import Canvas, Frame, sort_points, splat
-
-Masks = list[Mask]
+from dvc.layers.canvas import Canvas, Frame, sort_points, splat, world_from_reference
 
 MAX_LAYERS = 8
 """Largest number of values at a pixel; more are errors of the surfaces."""
@@ -49,8 +41,6 @@ REFUTED, HIDDEN, CONFIRMED = range(3)
 """Verdicts of a camera on a surface."""
 JUST_BELOW = 0.999
 """Factor on limits that rounding may miss."""
-NO_CAMERA = -1
-"""Owner of cells that no camera sees first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +96,7 @@ def resolution(array: CameraArray, labels: DisparityLabels) -> float:
     return max(labels.step, 1.0 / span) if span > 0.0 else labels.step
 
 
-def unrefuted(reconstruction: Reconstruction) -> Masks:
+def unrefuted(reconstruction: Reconstruction) -> list[Mask]:
     """Return masks of the pixels that no neighbouring camera refutes, after (2.15)."""
     array, surfaces = reconstruction.array, reconstruction.surfaces
     tolerance = 1.001 * resolution(array, reconstruction.labels)
@@ -116,9 +106,8 @@ def unrefuted(reconstruction: Reconstruction) -> Masks:
         for pair in _neighbours(array, index):
             best, worst = np.zeros(array.shape, np.uint8), np.full(array.shape, CONFIRMED, np.uint8)
             for other in pair:
-                verdict = np.zeros(array.shape, np.uint8)
                 dm, dn = np.subtract(array[other].position, view.position)
-                judge(surface.disparity, surfaces[other].disparity, dm, dn, tolerance, verdict)
+                verdict = judge(surface.disparity, surfaces[other].disparity, dm, dn, tolerance)
                 best, worst = np.maximum(best, verdict), np.minimum(worst, verdict)
             mask &= (best == CONFIRMED) | (worst > REFUTED)
         masks.append(mask)
@@ -126,9 +115,10 @@ def unrefuted(reconstruction: Reconstruction) -> Masks:
 
 
 @kernel
-def judge(disparity, other, dm, dn, tolerance, verdict):
-    """Raise verdicts on a surface by the verdict of another camera, (dm, dn) away."""
+def judge(disparity, other, dm, dn, tolerance):
+    """Return the verdicts on a surface of another camera, (dm, dn) away."""
     height, width = disparity.shape
+    verdict = np.empty((height, width), np.uint8)
     for y in range(height):
         for x in range(width):
             d = disparity[y, x]
@@ -143,7 +133,8 @@ def judge(disparity, other, dm, dn, tolerance, verdict):
                         seen = CONFIRMED
                     elif difference > 0.0 and seen == REFUTED:
                         seen = HIDDEN
-            verdict[y, x] = max(verdict[y, x], seen)
+            verdict[y, x] = seen
+    return verdict
 
 
 def _neighbours(array: CameraArray, index: int) -> list[list[int]]:
@@ -208,7 +199,7 @@ def layered_depth_image(
     return LayeredDepthImage(canvas, colour, disparity, votes)
 
 
-def _canvas(reconstruction: Reconstruction, masks: Masks, positions: Floats) -> Canvas:
+def _canvas(reconstruction: Reconstruction, masks: list[Mask], positions: Floats) -> Canvas:
     """Return the smallest canvas that holds the reference view and all voters."""
     array, labels = reconstruction.array, reconstruction.labels
     height, width = array.shape
@@ -232,30 +223,13 @@ def _canvas(reconstruction: Reconstruction, masks: Masks, positions: Floats) -> 
         resolution(array, labels),
         array[array.reference].name,
         len(array),
-        _world_from_reference(reconstruction),
+        world_from_reference(reconstruction),
     )
-
-
-def _world_from_reference(reconstruction: Reconstruction) -> Floats | None:
-    """Return the inverse of (2.12) in the frame of the reference camera, after a rectification."""
-    rectification = reconstruction.figures.get("rectification")
-    if rectification is None:
-        return None
-    try:
-        rectified_from_world = np.array(rectification["rectified_from_world"], np.float64).reshape(4, 4)
-        shear = np.eye(4)
-        shear[:2, 2] = -np.array(reconstruction.array[reconstruction.array.reference].position)
-        matrix = np.linalg.inv(shear @ rectified_from_world)
-    except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as err:
-        raise DvcError("the reconstruction has a rectification without its homography of space") from err
-    if not np.isfinite(matrix).all() or matrix[3, 2] == 0.0:
-        raise DvcError("the homography of space of the reconstruction gives no depth")
-    return np.asarray(matrix / np.abs(matrix).max())
 
 
 def _splat(
     reconstruction: Reconstruction,
-    masks: Masks,
+    masks: list[Mask],
     positions: Floats,
     canvas: Canvas,
     advance: Callable[[int], None],
@@ -352,7 +326,7 @@ def vote(starts, points, cameras, lowest, step, reach, positions, images, frame,
         for i in range(count):
             levels[i], alive[i] = int(np.floor((d[i] - lowest) / step + 0.5)), True
         for layer in range(disparity.shape[0]):
-            owner = reference if in_frame and layer == 0 else NO_CAMERA
+            owner = reference if in_frame and layer == 0 else -1
             value, number = peel(d, c, levels, step, reach, baselines, owner, seen, alive, chosen)
             if number == 0:
                 break

@@ -2,18 +2,14 @@
 
 Choices that the thesis leaves open:
 
-* Sprites are defined in depth, which is ``scale / (disparity + shift)`` in a rectified space (2.12). A
-  difference of depth counts relative to its resolution there, and for any such depth this ratio is
-  ``|z - z'| / sqrt(r r') = |d - d'| / r_d``, with resolutions r, r' of the depths and r_d of the disparity:
-  differences of disparity are compared, and neither scale nor shift matter. The alternative compares
-  depths in units of their resolution at the median.
+* A difference of depth, ``scale / (disparity + shift)`` (2.12), counts relative to its resolution; this ratio
+  is ``|z - z'| / sqrt(r r') = |d - d'| / r_d``, so differences of disparity are compared.
 * Differences up to half of `resolution` are smooth, above one and a half discontinuities, in between small.
 * A sprite begins as the largest region of a watershed, in the first layer, of the distance to
   pixels that are not smooth.
-* The likelihoods are the beliefs of message passing. A pixel sends each neighbour the transition of its
-  belief without the message of that neighbour; messages combine like independent ones, by the product of
-  their odds. They run outwards from the sprite and back until they converge, over all pixels that can be
-  reached from it without a discontinuity. The result is deterministic.
+* The likelihoods are beliefs: a pixel sends each neighbour the transition of its belief without the message
+  of that neighbour; messages multiply their odds. They run outwards from the sprite and back until they
+  converge, over all pixels that can be reached from it without a discontinuity.
 * Scattered pixels that remain without a region of `min_values` form one last sprite for each layer.
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc.geometry import aggregation
-from dvc.geometry.aggregation import (
+from dvc.geometry import matching_costs as aggregation
+from dvc.geometry.matching_costs import (
     DARK_LEVEL,
+    WeightedCosts,
     Window,
     aggregate,
     cross_arms,
     defined_costs,
     evened_levels,
 )
-from dvc.geometry.matching_costs import WeightedCosts
 from tests.reference import cost_volumes as reference
 from tests.twins import compiled_and_python
 

@@ -141,8 +141,7 @@ def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> Non
 
 def test_check_consistency(choose: Choose, rng: np.random.Generator) -> None:
     depth, other = rng.uniform(0.2, 0.9, (2, *SHAPE))
-    visibility = np.empty(SHAPE, np.int8)
-    choose(depth_maps._check_consistency)(depth, other, THERE, BACK, 0.4, visibility)
+    visibility = choose(depth_maps._check_consistency)(depth, other, THERE, BACK, 0.4)
     np.testing.assert_array_equal(visibility, reference.consistency(depth, other, THERE, BACK, 0.4))
     assert set(np.unique(visibility)) == {0, 1, 2}
 
@@ -161,13 +160,12 @@ def test_planes_are_continued_across_gaps(choose: Choose) -> None:
     plane = 0.3 + 0.01 * columns - 0.004 * rows
     visibility = np.zeros(plane.shape, np.int8)
     visibility[5:8, 6:14] = 1
-    slopes, filled = np.empty((*plane.shape, 2)), np.empty_like(plane)
     damaged = np.where(visibility == 0, plane, 9.0)
-    choose(continuation._local_slopes)(damaged, visibility == 0, visibility == 0, 3, 1, 0.1, slopes)
+    slopes = choose(continuation._local_slopes)(damaged, visibility == 0, visibility == 0, 3, 1, 0.1)
     np.testing.assert_allclose(slopes[2, 3], [0.01, -0.004], rtol=1e-6)
     other = continuation.OtherView(THERE, BACK, plane, np.ones(plane.shape, np.int8), 1.0)
     luma = np.zeros(plane.shape)
-    choose(continuation.fill_depth)(damaged, visibility, luma, slopes, 30.0, 0.5, other, filled)
+    filled = choose(continuation.fill_depth)(damaged, visibility, luma, slopes, 30.0, 0.5, other)
     np.testing.assert_allclose(filled, plane, rtol=1e-4)
 
 
@@ -184,11 +182,9 @@ def test_depths_that_the_other_view_looks_through_are_refused(choose: Choose) ->
     seen = np.full((1, 9), far)
     arguments = depth, visibility, np.zeros((1, 9)), np.zeros((1, 9, 2)), 30.0, 0.9
     for other_state, expected in ((0, far), (1, near)):
-        filled = np.empty_like(depth)
         others = np.full((1, 9), other_state, np.int8)
         other = continuation.OtherView(stay, back, seen, others, 0.5)
-        choose(continuation.fill_depth)(*arguments, other, filled)
-        assert filled[0, 5] == expected
+        assert choose(continuation.fill_depth)(*arguments, other)[0, 5] == expected
 
 
 def test_guided_median(choose: Choose) -> None:
@@ -201,10 +197,9 @@ def test_guided_median(choose: Choose) -> None:
     chosen = np.ones(image.shape, bool)
     chosen[9, 10] = False
     nowhere = np.ones(image.shape, np.int8)
-    median = np.empty_like(depth)
     other = continuation.OtherView(THERE, BACK, depth, nowhere, 1.0)
     trust, bins = np.ones(image.shape), (0.2, 0.6 / 255)
-    choose(depth_maps._guided_median)(ragged, trust, image, chosen, *bins, other, median)
+    median = choose(depth_maps._guided_median)(ragged, trust, image, chosen, *bins, other)
     expected = depth.copy()
     expected[9, 10] = 0.8
     np.testing.assert_allclose(median, expected, atol=1e-12)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dvc.errors import DvcError
-from dvc.images.edge_extraction import read_edges, write_edges
 from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_selection import read_edges, write_edges
 from dvc.picture_files import write_png
 
 
@@ -16,7 +16,7 @@ def test_coarse_samples_are_separated_where_fine_ones_are():
     for shape in ((8, 8), (7, 9), (1, 5), (5, 1), (2, 3)):
         below, right = ((rng.random(shape) < 0.3).astype(np.uint8) for _ in range(2))
         below[-1], right[:, -1] = 0, 0
-        coarse = EdgeMaps(below, right).coarser()
+        coarse = list(EdgeMaps(below, right).pyramid(2))[1]
         assert coarse.shape == ((shape[0] + 1) // 2, (shape[1] + 1) // 2)
         for s in range(coarse.shape[0] - 1):
             for t in range(coarse.shape[1]):

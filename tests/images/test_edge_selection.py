@@ -8,12 +8,12 @@ import pytest
 from dvc.images import edge_selection as kernels
 from dvc.images import edge_selection as selection
 from dvc.images.chain_code import trace
-from dvc.images.edge_extraction import edges_of_jumps
 from dvc.images.edge_maps import EdgeMaps, degree, next_vertex
 from dvc.images.edge_selection import (
     BITS_PER_OCTAVE,
     MULTIPLIER,
     SIGNIFICANCE_BITS,
+    edges_of_jumps,
     ladder,
     select,
 )

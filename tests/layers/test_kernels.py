@@ -14,8 +14,7 @@ BASELINES = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
 @pytest.mark.parametrize(("dm", "dn"), [(1.0, 0.0), (0.0, -1.0), (0.63, -1.21)])
 def test_judge(choose: Choose, rng: np.random.Generator, dm: float, dn: float) -> None:
     disparity, other = (rng.integers(0, 7, (12, 14)).astype(np.float32) for _ in range(2))
-    verdict = np.zeros(disparity.shape, np.uint8)
-    choose(layered_depth_image.judge)(disparity, other, dm, dn, 1.0, verdict)
+    verdict = choose(layered_depth_image.judge)(disparity, other, dm, dn, 1.0)
     expected = reference.judged(disparity.astype(float), other.astype(float), dm, dn, 1.0)
     np.testing.assert_array_equal(verdict, expected)
     assert set(np.unique(verdict)) == {0, 1, 2}

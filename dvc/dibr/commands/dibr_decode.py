@@ -31,7 +31,7 @@ from dvc.dibr.depth_image.scene_pieces import write_pieces
 from dvc.dibr.view_stream import Stream
 from dvc.errors import ConfigError
 from dvc.files import atomic_folder, check_folder
-from dvc.images.edge_extraction import write_edges
+from dvc.images.edge_selection import write_edges
 from dvc.index_files import write_index
 from dvc.picture_files import read_picture, write_pfm, write_png
 from dvc.web.drawing import colour_disparity

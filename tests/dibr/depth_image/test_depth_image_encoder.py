@@ -18,8 +18,8 @@ from dvc.dibr.depth_image.depth_image_stream import decode, decode_stream
 from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.errors import BitstreamError, ConfigError
 from dvc.images.chain_code import EdgeCode
-from dvc.images.edge_extraction import canny_edges, edges_of_jumps
 from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_selection import canny_edges, edges_of_jumps
 from tests.dibr.depth_maps import texture, two_discs
 
 DISCS = two_discs()
