@@ -193,7 +193,10 @@ def _moved(image: Singles, dx: float, dy: float) -> Singles:
     for axis, fraction in ((1, dx), (0, dy)):
         if fraction == 0.0:
             continue
-        taps = _cubic_taps(fraction)
+        t = fraction  # Keys's kernel with a = -1/2 at positions -1, 0, 1 and 2
+        before, at = ((-0.5 * t + 1.0) * t - 0.5) * t, (1.5 * t - 2.5) * t * t + 1.0
+        after, beyond = ((-1.5 * t + 2.0) * t + 0.5) * t, (0.5 * t - 0.5) * t * t
+        taps = np.array((before, at, after, beyond), np.float32)
         pad = [(0, 0)] * 3
         pad[axis] = (1, 2)
         padded, length = np.pad(image, pad, mode="edge"), image.shape[axis]
@@ -201,14 +204,6 @@ def _moved(image: Singles, dx: float, dy: float) -> Singles:
         image = parts[0] + parts[1] + parts[2] + parts[3]
     moved: Singles = np.clip(image, 0.0, 255.0)
     return moved
-
-
-def _cubic_taps(fraction: float) -> Singles:
-    """Return Keys's kernel with a = -1/2 at positions -1, 0, 1 and 2."""
-    t = fraction
-    before, at = ((-0.5 * t + 1.0) * t - 0.5) * t, (1.5 * t - 2.5) * t * t + 1.0
-    after, beyond = ((-1.5 * t + 2.0) * t + 0.5) * t, (0.5 * t - 0.5) * t * t
-    return np.array((before, at, after, beyond), np.float32)
 
 
 COSTS = {name: MatchingCost(name) for name in ("census", "squared")}

@@ -129,16 +129,6 @@ def fill_from_background(image: Floats, inverse_depth: Floats, epipole: Floats) 
     return filled, fill_holes(far)
 
 
-def poisson_filled(image: Floats, holes: Mask) -> Floats:
-    """Fill holes from all surfaces around them, near or far."""
-    if not holes.any() or holes.all():
-        return image
-    flat = np.where(holes, EMPTY, 0.0)
-    filled = image.copy()
-    filled[holes] = _membrane(image, holes, flat, np.full(holes.shape, np.inf))
-    return filled
-
-
 @kernel
 def _along_epipolar_lines(depth, epipole):
     """Return the farthest and nearest depth at both ends of the epipolar line through each hole."""

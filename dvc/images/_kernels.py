@@ -195,7 +195,7 @@ def _set_pass(run):
         node = abs(entry)
         if not fields[STOPPED] and _code_set(run, node, deeper):
             if deeper:
-                _split(run, node)
+                _code_below(run, node, HAS_CHILDREN)
             else:
                 _open(run, node)
             while fields[OPENING] and not fields[STOPPED]:
@@ -220,47 +220,44 @@ def _open(run, node):
 @kernel
 def _code_children(run, node):
     """Code the children of a node with a significant descendant; implied decisions take no bits."""
-    fields = run.fields
-    first, stride, rows, columns = _children(run, node)
-    left, found = 0, False
-    for row in range(rows):
-        for column in range(columns):
-            left += _has(run, first + row * stride + column, EXISTS)
-    for row in range(rows):
-        for column in range(columns):
-            child = first + row * stride + column
-            if _has(run, child, EXISTS):
-                left -= 1
-                certain = left == 0 and not found and not _has(run, node, HAS_GRANDCHILDREN)
-                if _code_coefficient(run, child, _CHILD, certain):
-                    found = True
-                else:
-                    _append(fields, run.links, PENDING, child)
+    found = _code_below(run, node, EXISTS)
     if _has(run, node, HAS_GRANDCHILDREN):
         if not found or _code_set(run, node, _YES):
-            _split(run, node)
+            _code_below(run, node, HAS_CHILDREN)
         else:
             _append_set(run, -node)
 
 
 @kernel
-def _split(run, node):
-    """Code which children have significant descendants, given that one of them has."""
+def _code_below(run, node, flag):
+    """Code which children are significant, or with `HAS_CHILDREN` have descendants that are; return if any.
+
+    The last one is certain if none of the earlier ones is, unless grandchildren may be instead.
+    """
     first, stride, rows, columns = _children(run, node)
+    is_set = flag == HAS_CHILDREN
     left, found = 0, False
     for row in range(rows):
         for column in range(columns):
-            left += _has(run, first + row * stride + column, HAS_CHILDREN)
+            left += _has(run, first + row * stride + column, flag)
     for row in range(rows):
         for column in range(columns):
             child = first + row * stride + column
-            if _has(run, child, HAS_CHILDREN):
-                left -= 1
-                if (left == 0 and not found) or _code_set(run, child, _NO):
+            if not _has(run, child, flag):
+                continue
+            left -= 1
+            certain = left == 0 and not found
+            if is_set:
+                if certain or _code_set(run, child, _NO):
                     found = True
                     _open(run, child)
                 else:
                     _append_set(run, child)
+            elif _code_coefficient(run, child, _CHILD, certain and not _has(run, node, HAS_GRANDCHILDREN)):
+                found = True
+            else:
+                _append(run.fields, run.links, PENDING, child)
+    return found
 
 
 @kernel

@@ -200,46 +200,28 @@ def lift_columns(
     for k in range(num_steps):
         step = num_steps - 1 - k if inverse else k
         weight = -weights[step] if inverse else weights[step]
-        if step % 2 == 0:
-            _predict(samples, edges, weight, order)
-        else:
-            _update(samples, edges, weight, order, order > 0 and step == num_steps - 1)
-            if step == 1:
-                _scale_lone(samples, edges, 1.0 / gain if inverse else gain)
+        final = order > 0 and step == num_steps - 1 and step % 2 == 1
+        _change(samples, edges, 1 - step % 2, weight, order, final)
+        if step == 1:
+            _scale_lone(samples, edges, 1.0 / gain if inverse else gain)
 
 
 @kernel
-def _predict(samples: Plane, edges: Flags, weight: float, order: int) -> None:
-    """Change odd samples. One that is isolated between edges is predicted from beyond them."""
+def _change(samples: Plane, edges: Flags, first: int, weight: float, order: int, final: bool) -> None:
+    """Change odd or even samples; with `final`, details beyond an edge are taken to be zero.
+
+    If a sample is isolated between edges, an odd one is predicted from beyond them, an even one stays.
+    """
     num_rows, num_columns = samples.shape
     last = num_rows - 1
-    for i in range(1, num_rows, 2):
-        for t in range(num_columns):
-            cut_before = edges[i - 1, t] != 0
-            cut_after = i < last and edges[i, t] != 0
-            if cut_before and (cut_after or i == last):
-                before = samples[i - 1, t]
-                after = samples[i + 1, t] if i < last else before
-            else:
-                before = _beyond(samples, edges, i, t, _BEFORE, order) if cut_before else samples[i - 1, t]
-                if i == last:
-                    after = samples[i - 1, t]
-                else:
-                    after = _beyond(samples, edges, i, t, _AFTER, order) if cut_after else samples[i + 1, t]
-            samples[i, t] += weight * (before + after)
-
-
-@kernel
-def _update(samples: Plane, edges: Flags, weight: float, order: int, final: bool) -> None:
-    """Change even samples; with `final`, details beyond an edge are taken to be zero."""
-    num_rows, num_columns = samples.shape
-    last = num_rows - 1
-    for i in range(0, num_rows, 2):
+    for i in range(first, num_rows, 2):
         for t in range(num_columns):
             cut_before = i > 0 and edges[i - 1, t] != 0
             cut_after = i < last and edges[i, t] != 0
             if (cut_before or i == 0) and (cut_after or i == last):
-                continue
+                if first == 0:
+                    continue
+                cut_before = cut_after = False
             before, after = 0.0, 0.0
             if i == 0:
                 before = samples[i + 1, t]

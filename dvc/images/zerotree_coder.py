@@ -110,33 +110,29 @@ def zerotrees(
             first = position + _MARGIN * stride + _MARGIN
             bands.append(Band(component, level, kind, (rows, columns), first, stride))
             position += (rows + 2 * _MARGIN) * stride + _MARGIN
-    table = _table(bands)
-    marks = np.zeros((position, 2), np.uint8)
-    exists = np.zeros(position, np.uint8)
-    for number, band in enumerate(bands):
-        band.of(marks)[..., kernels.BAND] = number
-        band.of(exists)[:] = 1 if masks is None else _band_of(masks[band.component], band) != 0
-    below, deeper = np.zeros((2, position), np.uint8)
-    kernels.gather_below(table, exists, below, deeper)
-    flags = kernels.EXISTS, kernels.HAS_CHILDREN, kernels.HAS_GRANDCHILDREN
-    for flag, found in zip(flags, (exists, below, deeper), strict=True):
-        marks[:, kernels.FLAGS] |= np.multiply(found, flag, dtype=np.uint8)
-    return Forest(tuple(bands), table, marks, tuple(num_levels))
-
-
-def _table(bands: Sequence[Band]) -> NDArray[np.int64]:
-    """Return bands as kernels take them; empty bands have no children."""
     numbers = {
         (band.component, band.level, band.kind): k
         for k, band in enumerate(bands)
         if band.kind and 0 not in band.shape
     }
-    table = []
+    rows_of_table = []
     for band in bands:
-        levels = band.level + 1, band.level - 1
-        around = [numbers.get((band.component, level, band.kind), kernels.NONE) for level in levels]
-        table.append([band.first, band.stride, *band.shape, band.kind, band.level, band.component, *around])
-    return np.array(table, np.int64)
+        around = [(band.component, level, band.kind) for level in (band.level + 1, band.level - 1)]
+        above, below = (numbers.get(key, kernels.NONE) for key in around)
+        own = band.first, band.stride, *band.shape, band.kind, band.level, band.component
+        rows_of_table.append([*own, above, below])
+    table = np.array(rows_of_table, np.int64)
+    marks = np.zeros((position, 2), np.uint8)
+    exists = np.zeros(position, np.uint8)
+    for number, band in enumerate(bands):
+        band.of(marks)[..., kernels.BAND] = number
+        band.of(exists)[:] = 1 if masks is None else _band_of(masks[band.component], band) != 0
+    children, deeper = np.zeros((2, position), np.uint8)
+    kernels.gather_below(table, exists, children, deeper)
+    flags = kernels.EXISTS, kernels.HAS_CHILDREN, kernels.HAS_GRANDCHILDREN
+    for flag, found in zip(flags, (exists, children, deeper), strict=True):
+        marks[:, kernels.FLAGS] |= np.multiply(found, flag, dtype=np.uint8)
+    return Forest(tuple(bands), table, marks, tuple(num_levels))
 
 
 def _band_of(pyramid: Pyramid, band: Band) -> NDArray[np.float64]:

@@ -82,7 +82,6 @@ def test_rendering_from_the_own_camera_gives_the_own_depth() -> None:
 
 
 def test_holes_take_the_depth_behind() -> None:
-    """A hole between near and far becomes far, and the farthest corner is reached."""
     depth = np.full((9, 12), 0.2)
     depth[:, 8:] = 0.9
     depth[:, 5:8] = EMPTY

@@ -51,7 +51,6 @@ def test_rasterise(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_rasterise_discontinuities(choose: Choose) -> None:
-    """The pieces of a discontinuous cell reach half way from each corner, at the corner's own depth."""
     stay = np.eye(3, 4)
     depth = np.array([[1.0, 2.0], [3.0, 4.0]])
     fine = np.full((5, 5), EMPTY)
@@ -73,7 +72,6 @@ def test_discontinuities(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_sample_image(choose: Choose) -> None:
-    """Cubics are reproduced inside, samples are met, and the border repeats."""
     x = np.arange(12.0)
     cubic = 0.05 * x**3 - 0.4 * x**2 + x
     image = cubic[:, None] + cubic[None, :]
@@ -102,7 +100,6 @@ def test_matching_cost(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_box_mean(choose: Choose, rng: np.random.Generator) -> None:
-    """Costs are averaged over 3x3 pixels and rounded down, the picture being continued by its edge."""
     cost = rng.integers(0, 200, (5, 7, 3)).astype(np.int16)
     mean = choose(plane_sweep._box_mean)(cost)
     around = np.lib.stride_tricks.sliding_window_view(
@@ -112,7 +109,6 @@ def test_box_mean(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_census_cost(choose: Choose, rng: np.random.Generator) -> None:
-    """Levels that differ, up to a limit, and bits that differ at the nearest pixel."""
     levels = rng.uniform(0, 60, (2, *SHAPE)).astype(np.float32)
     bits = rng.integers(0, 1 << 24, (2, *SHAPE)).astype(np.uint32)
     cost = np.empty((*SHAPE, 4), np.int16)
@@ -126,7 +122,6 @@ def test_census_cost(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> None:
-    """Path costs and the hypotheses chosen from them are those of a plain recursion."""
     cost = rng.integers(0, 90, (*SHAPE, 6)).astype(np.int16)
     image = rng.uniform(0, 255, SHAPE).astype(np.float32)
     total = np.zeros(cost.shape, np.int16)
@@ -155,7 +150,6 @@ def test_weighted_quantile(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_planes_are_continued_across_gaps(choose: Choose) -> None:
-    """A slanted surface with a gap is filled by its own plane."""
     rows, columns = np.indices((14, 14))
     plane = 0.3 + 0.01 * columns - 0.004 * rows
     visibility = np.zeros(plane.shape, np.int8)
@@ -263,7 +257,6 @@ def test_golden_search(choose: Choose) -> None:
 
 
 def test_membranes(choose: Choose, rng: np.random.Generator) -> None:
-    """Equations, their product with levels, and their solution are those of a matrix."""
     holes = rng.random(SHAPE) < 0.5
     count = int(holes.sum())
     number = np.full(SHAPE, -1, np.int32)

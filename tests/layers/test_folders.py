@@ -75,7 +75,6 @@ def test_round_trip(tmp_path: Path, seed: int) -> None:
 
 
 def test_homography_is_kept(tmp_path: Path, image: LayeredDepthImage) -> None:
-    """A homography of space is read back exactly."""
     matrix = np.diag([0.1, 0.1, 1.0, 1.0])[[0, 1, 3, 2]] + 1e-3
     canvas = image.canvas
     plain = canvas.shape, canvas.frame, canvas.labels, canvas.resolution, canvas.reference, canvas.num_cameras
@@ -85,7 +84,6 @@ def test_homography_is_kept(tmp_path: Path, image: LayeredDepthImage) -> None:
 
 
 def test_files_can_be_opened_by_others(tmp_path: Path, image: LayeredDepthImage) -> None:
-    """OpenCV reads the maps; pixels without a value are transparent, and infinitely disparate."""
     layer_folders.write_layers(tmp_path, image)
     layer_folders.write_sprites(tmp_path, extract_sprites(image))
     disparity = cv2.imread(str(tmp_path / "disparity-1.pfm"), cv2.IMREAD_UNCHANGED)
@@ -138,14 +136,12 @@ def _entries(index: dict[str, Any]) -> list[Any]:
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "[" * 100000, '{"format": "dvc3d layers"}', "\xff"])
 def test_no_index(index: Path, text: str) -> None:
-    """Other files in its place are refused."""
     index.write_bytes(text.encode("latin-1"))
     with pytest.raises(DvcError, match=r"not|version"):
         _read(index)
 
 
 def test_layers_in_wrong_order(tmp_path: Path, image: LayeredDepthImage) -> None:
-    """Layers that do not lie behind each other are refused."""
     layer_folders.write_layers(tmp_path, image)
     index = tmp_path / layer_folders.LAYERS_INDEX
     values = json.loads(index.read_text())
@@ -188,7 +184,6 @@ JUNK = st.one_of(
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
 @given(data=st.data())
 def test_any_index(index: Path, data: st.DataObject) -> None:
-    """With any value in place of another, a folder is read, or refused as a user can understand."""
     original = index.read_text()
     values = json.loads(original)
     place: Any = values

@@ -43,7 +43,6 @@ def test_splat(choose: Choose, rng: np.random.Generator, m: float, n: float) -> 
 
 
 def test_peel(choose: Choose, rng: np.random.Generator) -> None:
-    """Values come off a cell in the order of their votes, larger disparities first among equals."""
     num_layers = set()
     for _ in range(200):
         count = int(rng.integers(1, 12))
