@@ -193,8 +193,29 @@ def layered_depth_image(
     masks[array.reference] = reference.seen
     positions = np.array([np.subtract(view.position, reference.position) for view in array], np.float64)
     canvas = _canvas(reconstruction, masks, positions)
-    points = _splat(reconstruction, masks, positions, canvas, advance)
-    colour, disparity, votes = _vote(reconstruction, positions, canvas, points)
+    corner, jump = (-canvas.frame.left, -canvas.frame.top), 1.001 * canvas.resolution
+
+    def _enter(next_free: Integers, points: Singles, cameras: NDArray[np.int16]) -> None:
+        for camera, (surface, mask) in enumerate(zip(reconstruction.surfaces, masks, strict=True)):
+            m, n = positions[camera]
+            target = m, n, corner, canvas.shape, jump, camera
+            splat(surface.disparity, mask, *target, next_free, points, cameras)
+            if points.size:
+                advance(1)
+
+    counts = np.zeros(canvas.shape[0] * canvas.shape[1], np.int64)
+    _enter(counts, np.empty(0, np.float32), np.empty(0, np.int16))
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    num_pixels = sum(surface.disparity.size for surface in reconstruction.surfaces)
+    if starts[-1] > MAX_POINTS_PER_PIXEL * num_pixels:
+        raise DvcError(
+            f"surfaces of {num_pixels} pixels have {starts[-1]} points; "
+            f"at most {MAX_POINTS_PER_PIXEL} a pixel are accepted"
+        )
+    points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
+    _enter(starts[:-1].copy(), points, cameras)
+    sort_points(starts, points, cameras)
+    colour, disparity, votes = _vote(reconstruction, positions, canvas, starts, points, cameras)
     colour[0, *canvas.frame.slices][reference.seen] = reference.image[reference.seen]
     return LayeredDepthImage(canvas, colour, disparity, votes)
 
@@ -227,50 +248,16 @@ def _canvas(reconstruction: Reconstruction, masks: list[Mask], positions: Floats
     )
 
 
-def _splat(
-    reconstruction: Reconstruction,
-    masks: list[Mask],
-    positions: Floats,
-    canvas: Canvas,
-    advance: Callable[[int], None],
-) -> tuple[Integers, Singles, NDArray[np.int16]]:
-    """Return start indices of the points of each cell, their disparities from near to far, and cameras."""
-    jump = 1.001 * canvas.resolution
-    num_cells = canvas.shape[0] * canvas.shape[1]
-
-    def enter(next_free: Integers, points: Singles, cameras: NDArray[np.int16]) -> None:
-        for camera, (surface, mask) in enumerate(zip(reconstruction.surfaces, masks, strict=True)):
-            corner = -canvas.frame.left, -canvas.frame.top
-            m, n = positions[camera]
-            target = m, n, corner, canvas.shape, jump, camera
-            splat(surface.disparity, mask, *target, next_free, points, cameras)
-            if points.size:
-                advance(1)
-
-    counts = np.zeros(num_cells, np.int64)
-    enter(counts, np.empty(0, np.float32), np.empty(0, np.int16))
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    num_pixels = sum(surface.disparity.size for surface in reconstruction.surfaces)
-    if starts[-1] > MAX_POINTS_PER_PIXEL * num_pixels:
-        raise DvcError(
-            f"surfaces of {num_pixels} pixels have {starts[-1]} points; "
-            f"at most {MAX_POINTS_PER_PIXEL} a pixel are accepted"
-        )
-    points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
-    enter(starts[:-1].copy(), points, cameras)
-    sort_points(starts, points, cameras)
-    return starts, points, cameras
-
-
 def _vote(
     reconstruction: Reconstruction,
     positions: Floats,
     canvas: Canvas,
-    points_of_cells: tuple[Integers, Singles, NDArray[np.int16]],
+    starts: Integers,
+    points: Singles,
+    cameras: NDArray[np.int16],
 ) -> tuple[Bytes, Singles, Bytes]:
     """Return colour, disparity and votes of all layers."""
     array, labels = reconstruction.array, reconstruction.labels
-    starts, points, cameras = points_of_cells
     reach = round(canvas.resolution / labels.step)
     images = np.stack([view.image for view in array])
     height, width = canvas.shape
