@@ -31,7 +31,7 @@ class Visibility(enum.IntEnum):
 class Slopes(NamedTuple):
     """Measurement and reach of the slopes of surfaces."""
 
-    radius_px: int  # radius in which the slope of a surface is measured
+    radius_px: int  # radius around a point that measures the slope of a surface
     limit: float  # largest difference of inverse depth on a surface in this radius
     reach_px: float  # reach of slopes; farther away their error would be larger than that of constant depth
     spacing_px: int = 1  # spacing of the points that measure slopes; a divisor of the radius
@@ -45,7 +45,7 @@ class DepthMap(NamedTuple):
 
     @property
     def reliable(self) -> Mask:
-        """Mask (H, W) of pixels with a depth on which two views agree."""
+        """Mask (H, W) of pixels with a depth that two views confirm."""
         return np.asarray(self.visibility == CONSISTENT)
 
 

@@ -83,8 +83,8 @@ class MatchingCost:
         distances = np.arange((2 * CENSUS_RADIUS_PX + 1) ** 2), np.arange(3 * 256) / 3.0
         scales = CENSUS_SCALE, np.inf if self.kind == "bits" else LEVEL_SCALE
         tables = [(1.0 - np.exp(-distances[k] / scales[k])).astype(np.float32) for k in (0, 1)]
-        pixels, others = (image[rows], bits), (pictures, other_bits, seen)
-        _compare(*pixels, *others, shifts, origin, tables[0], tables[1], limit, *costs)
+        compared = image[rows], bits, pictures, other_bits, seen
+        _compare(*compared, shifts, origin, tables[0], tables[1], limit, *costs)
         return costs
 
 

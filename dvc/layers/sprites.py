@@ -139,7 +139,7 @@ def extract_sprites(
         median = float(np.median(image.disparity[image.occupied])) if image.occupied.any() else 1.0
         disparity = np.where(image.occupied, image.disparity, np.float32(median)).astype(np.float64)
         values = -(scale / (disparity + shift)) * (median + shift) ** 2 / scale
-    depth, alpha = values / image.canvas.resolution, image.occupied.copy()  # of the values that remain
+    depth, alpha = values / image.canvas.resolution, image.occupied.copy()
     source, sprites = np.indices(alpha.shape)[0], []
     while alpha[0].any():
         region = _largest_region(depth[0], alpha[0], settings)
