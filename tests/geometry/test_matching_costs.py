@@ -255,20 +255,6 @@ def test_weighted_means_along_a_base_surface(rng: np.random.Generator, iteration
 
 
 @twins
-def test_region_of_one_colour_is_a_window() -> None:
-    rng = np.random.default_rng(3)
-    cost = rng.random((13, 15, 3))
-    costs = WeightedCosts(cost.astype(np.float32), np.ones(cost.shape, np.float32))
-    window = Window(4, 4, 1)
-    arms, nothing = cross_arms(np.zeros((13, 15, 3), np.uint8), window), np.zeros((13, 15), np.int64)
-    aggregate(costs, arms, nothing, nothing, 2, 1)
-    for y, x in np.ndindex(13, 15):
-        square = cost[max(y - 3, 0) : y + 4, max(x - 3, 0) : x + 4]
-        np.testing.assert_allclose(costs.cost[y, x], square.mean(axis=(0, 1)), rtol=1e-4)
-    np.testing.assert_allclose(costs.weight, 1.0, rtol=1e-6)
-
-
-@twins
 def test_what_is_not_known_takes_what_its_region_says() -> None:
     cost = np.full((9, 9, 2), 0.25, np.float32)
     weight = np.ones_like(cost)
