@@ -26,7 +26,7 @@ STAGES = {
     "geometry: cameras from tracks": ("decoder.side_information.tracked_scene.estimate_geometry",),
     "depth: plane sweep": ("dvc.geometry.depth_maps._swept",),
     "depth: consistency, continuation, edges": (
-        "dvc.geometry.depth_maps._checked",
+        "dvc.geometry.depth_maps.checked_depth",
         "dvc.geometry.depth_maps._with_points",
         "dvc.geometry.depth_maps._continued",
         "dvc.geometry.depth_maps._aligned",

@@ -34,8 +34,8 @@ from dvc.errors import BitstreamError
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.geometry.viewpoints import CalibratedViewpoint, Viewpoint, between
 from dvc.images.chain_code import EdgeCode
-from dvc.images.edge_extraction import edges_of_jumps
 from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_selection import edges_of_jumps
 from dvc.layers.canvas import Canvas
 from dvc.layers.canvas import Frame as CanvasFrame
 from dvc.layers.sprites import Sprite

@@ -31,8 +31,8 @@ from dvc.geometry.camera_array import (
     Surface,
 )
 from dvc.geometry.camera_files import load_cameras
-from dvc.images.edge_extraction import read_edges, write_edges
 from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_selection import read_edges, write_edges
 from dvc.picture_files import read_picture, write_pfm, write_png
 from dvc.rd.points_csv import import_points
 from dvc.rd.rd_results import read_results

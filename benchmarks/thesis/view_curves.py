@@ -20,8 +20,9 @@ from dvc.dibr.view_set import Views
 from dvc.dibr.view_stream import METHODS, Decoded, decode, decode_stream, encode_layer
 from dvc.errors import RdCurveError
 from dvc.geometry.camera_array import DisparityLabels
-from dvc.geometry.view_synthesis import poisson_filled
+from dvc.geometry.view_synthesis import fill_from_background
 from dvc.geometry.viewpoints import Viewpoint, warp_between
+from dvc.geometry.warping import EMPTY
 from dvc.images import picture_codec
 from dvc.images.colour import Picture
 from dvc.images.picture_codec import multipliers_around
@@ -171,7 +172,8 @@ def render_planes(pair: PictureAndDisparity, viewpoint: Viewpoint) -> Picture:
         mask = cv2.warpPerspective(plane, homography, shape, flags=cv2.INTER_LINEAR) >= 0.5
         rendered[mask] = cv2.warpPerspective(picture, homography, shape, flags=cv2.INTER_LINEAR)[mask]
         covered |= mask
-    filled = poisson_filled(rendered[..., None], ~covered)[..., 0]
+    flat = np.where(covered, 0.0, EMPTY)
+    filled = fill_from_background(rendered[..., None], flat, np.zeros(3))[0][..., 0]
     return np.clip(np.floor(filled + 0.5), 0.0, 255.0).astype(np.uint8)
 
 

@@ -20,8 +20,8 @@ from decoder.side_information.protocol import Interpolation
 from decoder.side_information.synthesis import render_between
 from dvc.arrays import Bytes, Floats, Integers, Mask
 from dvc.geometry.cameras import homogeneous
-from dvc.geometry.continuation import Visibility
-from dvc.geometry.depth_maps import DepthMap, DepthView, Known
+from dvc.geometry.continuation import DepthMap, Visibility
+from dvc.geometry.depth_maps import DepthView, Known
 from dvc.geometry.rendering import fill_holes, render_grid
 from dvc.geometry.triangulation import inverse_depths
 from dvc.geometry.warping import EMPTY, inverse_warp, sample, warp_grid, warp_matrix

@@ -13,7 +13,8 @@ from dvc.arrays import Bytes, Floats
 from dvc.video import Frame
 
 if TYPE_CHECKING:  # frames go from process to process without what makes them
-    from dvc.geometry.depth_maps import DepthMap, DepthView, Known
+    from dvc.geometry.continuation import DepthMap
+    from dvc.geometry.depth_maps import DepthView, Known
     from dvc.tracks import FeaturePoints, PointTracks
     from sfm.scene_model import Model
 

@@ -7,18 +7,21 @@ from decoder.side_information.protocol import Interpolation
 from decoder.side_information.synthesis import block_medians, interpolate, render_between
 from decoder.side_information.weighting import neighbourhood
 from dvc.arrays import Bytes, Floats
-from dvc.geometry.block_sweep import VirtualView, block_costs, refine_blocks
 from dvc.geometry.cameras import homogeneous, inverse_depth_range
-from dvc.geometry.depth_maps import DepthMap, DepthView, Known, estimate_depths
+from dvc.geometry.continuation import DepthMap
+from dvc.geometry.depth_maps import DepthView, Known, estimate_depths
 from dvc.geometry.label_inference import semi_global
 from dvc.geometry.plane_sweep import (
     CENSUS_SWEEP,
     GRADIENT_SWEEP,
     DepthHypotheses,
     SweepSettings,
+    VirtualView,
+    block_costs,
     depth_hypotheses,
     luma_features,
     parallax_px,
+    refine_blocks,
 )
 from dvc.geometry.rendering import render_depth
 from dvc.geometry.warping import warp_matrix

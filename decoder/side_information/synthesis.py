@@ -15,7 +15,8 @@ from decoder.side_information.protocol import Interpolation, Prediction
 from decoder.side_information.track_interpolation import NEAR, Field, corrected_positions
 from dvc.arrays import Bytes, Floats, Integers, Mask
 from dvc.geometry.cameras import PixelFrame
-from dvc.geometry.depth_maps import DepthMap, DepthView
+from dvc.geometry.continuation import DepthMap
+from dvc.geometry.depth_maps import DepthView
 from dvc.geometry.rendering import OCCLUDED_WEIGHT, render_depth, visibility_weights
 from dvc.geometry.warping import inverse_warp, sample, warp_grid, warp_matrix
 from dvc.video import Frame

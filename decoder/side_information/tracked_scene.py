@@ -32,7 +32,8 @@ from decoder.side_information.weighting import blend_tracked
 from dvc.arrays import Bytes, Floats
 from dvc.config import CodecConfig
 from dvc.geometry.cameras import oriented
-from dvc.geometry.depth_maps import DepthMap, KnownDepth
+from dvc.geometry.continuation import DepthMap
+from dvc.geometry.depth_maps import KnownDepth
 from dvc.geometry.triangulation import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased, rebase

@@ -100,25 +100,17 @@ def camera_from_matrices(
     values = np.concatenate([K.ravel(), R.ravel(), t])
     _check(name, np.isfinite(values).all(), "a matrix is not finite")
     _check(name, np.abs(values).max() <= LARGEST, f"a matrix has numbers beyond {LARGEST:g}")
-    triangular = np.abs(K[[1, 2, 2], [0, 0, 1]]).max() <= 1e-9 * np.abs(K).max() and K[2, 2] != 0.0
-    _check(
-        name,
-        triangular and min(K[0, 0] * K[2, 2], K[1, 1] * K[2, 2]) > 0.0,
-        "K is not upper triangular with positive focal lengths",
-    )
+    is_valid = np.abs(K[[1, 2, 2], [0, 0, 1]]).max() <= 1e-9 * np.abs(K).max() and K[2, 2] != 0.0
+    is_valid = is_valid and min(K[0, 0] * K[2, 2], K[1, 1] * K[2, 2]) > 0.0
+    _check(name, is_valid, "K is not upper triangular with positive focal lengths")
     K = np.triu(K / K[2, 2])
-    focal = K[0, 0], K[1, 1]
-    _check(
-        name, min(focal) >= _MIN_FOCAL_PX and max(focal) <= _MAX_FOCAL_PX, "no lens has such a focal length"
-    )
+    is_valid = min(K[0, 0], K[1, 1]) >= _MIN_FOCAL_PX and max(K[0, 0], K[1, 1]) <= _MAX_FOCAL_PX
+    _check(name, is_valid, "no lens has such a focal length")
     u, singular, vt = np.linalg.svd(R)
     _check(name, np.abs(singular - 1.0).max() < 1e-2, "R is not a rotation")
-    _check(
-        name,
-        np.linalg.det(u @ vt) > 0.0,
-        'R is a reflection; if rows are counted upwards, say "rows": "bottom-up"',
-    )
     R = u @ vt
+    reflection = 'R is a reflection; if rows are counted upwards, say "rows": "bottom-up"'
+    _check(name, np.linalg.det(R) > 0.0, reflection)
     if bottom_up:
         mirror = np.array([1.0, -1.0, 1.0])
         K = K * np.array([[1.0, -1.0, 1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])

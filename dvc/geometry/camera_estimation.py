@@ -14,9 +14,8 @@ from weakref import WeakKeyDictionary
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from dvc.arrays import Bytes, Floats, Singles
+from dvc.arrays import Bytes, Floats
 from dvc.errors import ConfigError, DvcError
 from dvc.geometry.calibrated_cameras import CalibratedViews, Camera, camera_from_matrices
 from dvc.geometry.cameras import COLMAP_FIRST_PIXEL_PX, homogeneous
@@ -53,19 +52,19 @@ class Features:
         keypoints, descriptors = detector.detectAndCompute(grey, None)
         self.points: Floats = np.array([point.pt for point in keypoints], np.float64).reshape(-1, 2)
         self._matches = WeakKeyDictionary[Features, tuple[Floats, Floats]]()  # cached
-        self._descriptors = np.zeros((0, 128), np.float32) if descriptors is None else _rooted(descriptors)
+        self._descriptors = np.zeros((0, 128), np.float32)
+        if descriptors is not None:  # RootSIFT: distances are Hellinger's, large gradients count less
+            shares = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
+            self._descriptors = np.asarray(np.sqrt(shares), np.float32)
 
     def match(self, other: "Features") -> tuple[Floats, Floats]:
         """Match with another picture."""
         if other not in self._matches:
-            self._matches[other] = self._matched(other)
+            forward, backward = self._nearest(other), other._nearest(self)
+            pairs = [(a, b) for a, b in forward.items() if backward.get(b) == a]
+            index = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+            self._matches[other] = self.points[index[:, 0]], other.points[index[:, 1]]
         return self._matches[other]
-
-    def _matched(self, other: "Features") -> tuple[Floats, Floats]:
-        forward, backward = self._nearest(other), other._nearest(self)
-        pairs = [(a, b) for a, b in forward.items() if backward.get(b) == a]
-        index = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-        return self.points[index[:, 0]], other.points[index[:, 1]]
 
     def _nearest(self, other: "Features") -> dict[int, int]:
         if min(len(self.points), len(other.points)) < 2:
@@ -74,12 +73,6 @@ class Features:
         return {
             best.queryIdx: best.trainIdx for best, second in pairs if best.distance < RATIO * second.distance
         }
-
-
-def _rooted(descriptors: NDArray[Any]) -> Singles:
-    """Return RootSIFT descriptors: their Euclidean distance is Hellinger's, large gradients count less."""
-    shares = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
-    return np.asarray(np.sqrt(shares), np.float32)
 
 
 def estimate_cameras(
@@ -104,8 +97,7 @@ def estimate_cameras(
                 "give them by --cameras FILE"
             )
         views = _views(model, numbered, [(width, height)] * len(numbered), "the estimate")
-    cameras = zip(names, views.cameras, strict=True)
-    named = [Camera(name, c.K, c.R, c.t, c.size, c.distortion) for name, c in cameras]
+    named = [replace(camera, name=name) for name, camera in zip(names, views.cameras, strict=True)]
     return CalibratedViews(tuple(named), views.points)
 
 
@@ -116,11 +108,6 @@ class _Pose:
     R: Floats
     t: Floats  # of length 1
     focal_length: float  # in units of the longer side
-
-    def cameras(self, names: Sequence[str], size: Size) -> tuple[Camera, Camera]:
-        K = _intrinsics(size, self.focal_length)
-        first = Camera(names[0], K, np.eye(3), np.zeros(3), size)
-        return first, Camera(names[1], K, self.R, self.t, size)
 
 
 def cameras_of_matches(names: Sequence[str], size: Size, first: Floats, second: Floats) -> CalibratedViews:
@@ -134,10 +121,16 @@ def cameras_of_matches(names: Sequence[str], size: Size, first: Floats, second: 
         )
     pose = min(fitted, key=lambda entry: entry[1])[0]
     inliers = np.abs(_sampson_distances(pose, size, first, second)) < MAX_ERROR_PX
-    views = []
+    K, views = _intrinsics(size, pose.focal_length), []
     for t in (pose.t, -pose.t):  # epipolar lines leave the sign open; points lie in front of the cameras
-        cameras = replace(pose, t=t).cameras(names, size)
-        views.append(CalibratedViews(cameras, _triangulated(cameras, first[inliers], second[inliers])))
+        cameras = Camera(names[0], K, np.eye(3), np.zeros(3), size), Camera(names[1], K, pose.R, t, size)
+        matches = first[inliers].T, second[inliers].T
+        solved = cv2.triangulatePoints(cameras[0].projection, cameras[1].projection, *matches)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            points = (solved[:3] / solved[3]).T
+        depths = [points @ camera.R[2] + camera.t[2] for camera in cameras]
+        visible = np.isfinite(points).all(axis=1) & (depths[0] > 0.0) & (depths[1] > 0.0)
+        views.append(CalibratedViews(cameras, np.asarray(points[visible], np.float64)))
     return max(views, key=lambda candidate: len(candidate.points))
 
 
@@ -194,16 +187,6 @@ def _sampson_distances(pose: _Pose, size: Size, first: Floats, second: Floats) -
     lines, back = a @ F.T, b @ F
     gradient = (lines[:, :2] ** 2).sum(axis=1) + (back[:, :2] ** 2).sum(axis=1)
     return np.asarray((b * lines).sum(axis=1) / np.sqrt(np.maximum(gradient, 1e-300)))
-
-
-def _triangulated(cameras: tuple[Camera, Camera], first: Floats, second: Floats) -> Floats:
-    """Return the points of the world in front of both cameras."""
-    solved = cv2.triangulatePoints(cameras[0].projection, cameras[1].projection, first.T, second.T)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        points = (solved[:3] / solved[3]).T
-    depths = [points @ camera.R[2] + camera.t[2] for camera in cameras]
-    visible = np.isfinite(points).all(axis=1) & (depths[0] > 0.0) & (depths[1] > 0.0)
-    return np.asarray(points[visible], dtype=np.float64)
 
 
 def read_model(folder: Path, names: Sequence[str], sizes: Sequence[Size]) -> CalibratedViews:
@@ -278,8 +261,7 @@ def _camera(model: Any, image: Any, name: str, size: Size) -> Camera:
     k1, k2, p1, p2 = (float(values.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2"))
     pose = np.asarray(image.cam_from_world().matrix(), dtype=np.float64)
     made = camera_from_matrices(name, K, pose[:, :3], pose[:, 3], size)
-    distortion = (float(values.get("k", k1)), k2, p1, p2)
-    return Camera(name, made.K, made.R, made.t, size, distortion)
+    return replace(made, distortion=(float(values.get("k", k1)), k2, p1, p2))
 
 
 @contextlib.contextmanager
@@ -314,40 +296,29 @@ def _mapped(folder: Path, names: Sequence[str]) -> Any | None:
     )
     matching = pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=1)
     pycolmap.match_exhaustive(database, matching_options=matching, device=pycolmap.Device.cpu)
-    for attempt, options in enumerate((_options(True, 2.0), _options(False, 0.25))):
+    for refined, min_angle_deg in ((True, 2.0), (False, 0.25)):
+        options = pycolmap.IncrementalPipelineOptions(
+            num_threads=1,
+            random_seed=SEED,
+            multiple_models=False,
+            min_model_size=2,
+            ba_refine_focal_length=refined,
+            ba_refine_extra_params=refined,
+        )
+        options.mapper.init_min_num_inliers = MIN_MATCHES
+        options.mapper.init_min_tri_angle = min_angle_deg
+        options.mapper.filter_min_tri_angle = min(min_angle_deg, options.mapper.filter_min_tri_angle)
+        options.triangulation.min_angle = min(min_angle_deg, options.triangulation.min_angle)
         pycolmap.set_random_seed(SEED)
-        output = folder / str(attempt)
+        output = folder / f"refined-{refined}"
         output.mkdir()
-        models = pycolmap.incremental_mapping(database, folder, output, options)
-        complete = [model for model in models.values() if model.num_reg_images() == len(names)]
-        if complete and _plausible(complete[0]):
-            return complete[0]
+        for model in pycolmap.incremental_mapping(database, folder, output, options).values():
+            if model.num_reg_images() == len(names):
+                lenses = [
+                    (c.mean_focal_length() / max(c.width, c.height), c.params[3])
+                    for c in model.cameras.values()
+                ]
+                if all(MIN_FOCAL_LENGTH <= f <= MAX_FOCAL_LENGTH and abs(k) <= _MAX_K1 for f, k in lenses):
+                    return model
+                break
     return None
-
-
-def _options(refined: bool, min_angle_deg: float) -> Any:
-    """Return options of the mapper: whether intrinsics are refined, and the smallest angle between rays."""
-    import pycolmap
-
-    options = pycolmap.IncrementalPipelineOptions(
-        num_threads=1,
-        random_seed=SEED,
-        multiple_models=False,
-        min_model_size=2,
-        ba_refine_focal_length=refined,
-        ba_refine_extra_params=refined,
-    )
-    options.mapper.init_min_num_inliers = MIN_MATCHES
-    options.mapper.init_min_tri_angle = min_angle_deg
-    options.mapper.filter_min_tri_angle = min(min_angle_deg, options.mapper.filter_min_tri_angle)
-    options.triangulation.min_angle = min(min_angle_deg, options.triangulation.min_angle)
-    return options
-
-
-def _plausible(model: Any) -> bool:
-    """Return whether the intrinsics are plausible for lenses."""
-    for camera in model.cameras.values():
-        focal = camera.mean_focal_length() / max(camera.width, camera.height)
-        if not (MIN_FOCAL_LENGTH <= focal <= MAX_FOCAL_LENGTH and abs(camera.params[3]) <= _MAX_K1):
-            return False
-    return True

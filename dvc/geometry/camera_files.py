@@ -9,6 +9,7 @@ of the scene, (x, y, z) in the world.
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,6 @@ from dvc.files import read_whole
 from dvc.geometry.calibrated_cameras import LARGEST, CalibratedViews, Camera, camera_from_matrices, decomposed
 from dvc.geometry.camera_estimation import Features, estimate_cameras, read_model
 
-Picture = Bytes
-
 AUTO = "auto"
 """Value instead of a file that asks for estimated cameras."""
 _NOTHING = np.zeros((0, 3))
@@ -30,7 +29,7 @@ _NOTHING = np.zeros((0, 3))
 def load_cameras(
     source: str | Path,
     paths: Sequence[str | Path],
-    pictures: Sequence[Picture],
+    pictures: Sequence[Bytes],
     features: Sequence[Features] = (),
 ) -> CalibratedViews:
     """Read the cameras of pictures, or estimate them, from features if these are given."""
@@ -41,19 +40,15 @@ def load_cameras(
     source = Path(source)
     if source.is_dir():
         return read_model(source, names, sizes)
-    text = _text(source)
+    try:
+        text = read_whole(source).decode()
+    except UnicodeDecodeError as err:
+        raise ConfigError(f"{source}: not a text file of cameras") from err
     if text.lstrip()[:1] in ("[", "{"):
         return _from_json(source, text, names, sizes)
     if re.match(r"\s*cam0\s*=", text):
         return _from_middlebury(source, text, names, sizes)
     raise ConfigError(f"{source}: not a JSON file, Middlebury's calib.txt or the folder of a COLMAP model")
-
-
-def _text(path: Path) -> str:
-    try:
-        return read_whole(path).decode()
-    except UnicodeDecodeError as err:
-        raise ConfigError(f"{path}: not a text file of cameras") from err
 
 
 def _from_json(
@@ -93,7 +88,7 @@ def _json_camera(entry: dict[str, Any], name: str, size: tuple[int, int]) -> Cam
         raise ConfigError(f"camera of {name}: rows counted upwards cannot have a distortion")
     camera = camera_from_matrices(name, K, R, t, size, bottom_up=rows == "bottom-up")
     k1, k2, p1, p2 = (*distortion, 0.0, 0.0, 0.0, 0.0)[:4]
-    return Camera(camera.name, camera.K, camera.R, camera.t, size, (k1, k2, p1, p2))
+    return replace(camera, distortion=(k1, k2, p1, p2))
 
 
 def _matrix(values: Any, shape: tuple[int, ...]) -> Floats:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
-from dvc.arrays import Floats
+from dvc.arrays import Floats, Mask
 from dvc.geometry.warping import warp_point
 
-CONSISTENT, OUTSIDE, OCCLUDED = 0, 1, 2
+CONSISTENT, OUTSIDE, OCCLUDED = range(3)
 """Values of `Visibility` for compiled code."""
 EDGE_LEVELS = 15.0
 """Step in luma that halves the weight of surfaces behind it: well above the noise of a decoded frame."""
@@ -23,29 +23,30 @@ CONTINUED_QUANTILE = 0.5
 class Visibility(enum.IntEnum):
     """Visibility of a point in another view."""
 
-    CONSISTENT = CONSISTENT
-    """Both depth maps agree on the point."""
-    OUTSIDE = OUTSIDE
-    """The point lies outside its frame."""
-    OCCLUDED = OCCLUDED
-    """The other view shows something else there, or one of both depths is wrong."""
+    CONSISTENT = CONSISTENT  # both depth maps agree on the point
+    OUTSIDE = OUTSIDE  # the point lies outside its frame
+    OCCLUDED = OCCLUDED  # the other view shows something else there, or one of both depths is wrong
 
 
 class Slopes(NamedTuple):
     """Measurement and reach of the slopes of surfaces."""
 
-    radius_px: int  # radius in which the slope of a surface is measured
+    radius_px: int  # radius around a point that measures the slope of a surface
     limit: float  # largest difference of inverse depth on a surface in this radius
-    # reach of slopes; farther away their error would be larger than that of constant depth
-    reach_px: float
+    reach_px: float  # reach of slopes; farther away their error would be larger than that of constant depth
     spacing_px: int = 1  # spacing of the points that measure slopes; a divisor of the radius
 
 
-class SeenDepth(NamedTuple):
-    """Inverse depth of a view and its visibility."""
+class DepthMap(NamedTuple):
+    """Depth of a view."""
 
-    inverse_depth: Floats  # of every pixel
-    visibility: NDArray[np.int8]  # a `Visibility` of every pixel: consistent ones are reliable
+    inverse_depth: Floats  # inverse depth of every pixel
+    visibility: NDArray[np.int8]  # a `Visibility` of every pixel in the other view
+
+    @property
+    def reliable(self) -> Mask:
+        """Mask (H, W) of pixels with a depth that two views confirm."""
+        return np.asarray(self.visibility == CONSISTENT)
 
 
 class OtherView(NamedTuple):
@@ -59,33 +60,30 @@ class OtherView(NamedTuple):
 
 
 def continue_surfaces(
-    own: SeenDepth,
+    own: DepthMap,
     luma: Floats,
-    other: SeenDepth,
+    other: DepthMap,
     warps: tuple[Floats, Floats],
     slopes: Slopes,
     slack_px: float,  # distance between surfaces that may be one,
 ) -> Floats:
     """Continue the planes of reliable surfaces in eight directions."""
-    reliable = own.visibility == CONSISTENT
-    measured, filled = np.empty((*reliable.shape, 2)), np.empty(reliable.shape)
+    reliable = own.reliable
     # only the rim of consistent regions is continued
     rim = reliable & (cv2.dilate((~reliable).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
     window = slopes.radius_px, slopes.spacing_px, slopes.limit
-    _local_slopes(own.inverse_depth, reliable, rim, *window, measured)
+    measured = _local_slopes(own.inverse_depth, reliable, rim, *window)
     view = OtherView(*warps, *other, slack_px)
-    fill_depth(*own, luma, measured, slopes.reach_px, CONTINUED_QUANTILE, view, filled)
-    return filled
+    return fill_depth(*own, luma, measured, slopes.reach_px, CONTINUED_QUANTILE, view)
 
 
 @kernel
-def _local_slopes(depth, reliable, chosen, radius, spacing, limit, slopes):
+def _local_slopes(depth, reliable, chosen, radius, spacing, limit):
     """Fit a plane to the reliable neighbours of like depth around each chosen point; return its slopes."""
     height, width = depth.shape
+    slopes = np.zeros((height, width, 2))
     for y in range(height):
         for x in range(width):
-            slopes[y, x, 0] = 0.0
-            slopes[y, x, 1] = 0.0
             if not chosen[y, x]:
                 continue
             xx, xy, yy, xr, yr, rr = 1e-9, 0.0, 1e-9, 0.0, 0.0, 1e-30
@@ -114,12 +112,21 @@ def _local_slopes(depth, reliable, chosen, radius, spacing, limit, slopes):
                 explained = min(max((slope_x * xr + slope_y * yr) / rr, 0.0), 1.0)
                 slopes[y, x, 0] = explained * slope_x
                 slopes[y, x, 1] = explained * slope_y
+    return slopes
 
 
 @kernel
-def fill_depth(depth, visibility, image, slopes, reach, quantile, other, filled):
+def fill_depth(
+    depth: Floats,
+    visibility: NDArray[np.int8],
+    image: Floats,
+    slopes: Floats,
+    reach: float,
+    quantile: float,
+    other: OtherView,
+) -> Floats:
     """Continue the planes of reliable points in eight directions over the other points."""
-    values, weights = np.empty(8), np.empty(8)
+    values, weights, filled = np.empty(8), np.empty(8), depth.copy()
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
     nearest = np.empty((8, *depth.shape), np.int32)
     edges = np.empty((8, *depth.shape))
@@ -128,7 +135,6 @@ def fill_depth(depth, visibility, image, slopes, reach, quantile, other, filled)
         _nearest_reliable(visibility, image, dy, dx, nearest[direction], edges[direction])
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
-            filled[y, x] = depth[y, x]
             if visibility[y, x] == CONSISTENT:
                 continue
             count = 0
@@ -148,6 +154,7 @@ def fill_depth(depth, visibility, image, slopes, reach, quantile, other, filled)
                 count += 1
             if count > 0:
                 filled[y, x] = _weighted_quantile(values, weights, count, quantile)
+    return filled
 
 
 @kernel

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.arrays import Bytes, Floats, Mask
@@ -20,14 +19,14 @@ from dvc.geometry.continuation import (
     CONSISTENT,
     OCCLUDED,
     OUTSIDE,
+    DepthMap,
     OtherView,
-    SeenDepth,
     Slopes,
     Visibility,
     continue_surfaces,
     is_transparent,
 )
-from dvc.geometry.plane_sweep import GRADIENT_SWEEP, SweepSettings, depth_hypotheses, sweep
+from dvc.geometry.plane_sweep import GRADIENT_SWEEP, SweepSettings, depth_hypotheses, sweep_views
 from dvc.geometry.warping import inverse_warp, warp_matrix, warp_point
 
 Luma = Bytes
@@ -57,20 +56,6 @@ _SQUARED_OFFSETS = np.add.outer(*2 * [np.arange(-MEDIAN_RADIUS_PX, MEDIAN_RADIUS
 _WEIGHTS_BY_OFFSET = 1.0 / (1.0 + 2.0 * _SQUARED_OFFSETS / MEDIAN_RADIUS_PX**2)
 DISCONTINUITY_PX = 1.5
 """Largest difference of motion between neighbours on one surface."""
-
-
-@dataclass(frozen=True, eq=False)
-class DepthMap:
-    """Depth of a view."""
-
-    inverse_depth: Floats  # inverse depth of every pixel
-    visibility: NDArray[np.int8]  # a `Visibility` of every pixel in the other view
-
-    @property
-    def reliable(self) -> Mask:
-        """Mask (H, W) of pixels with a depth on which two views agree."""
-        reliable: Mask = self.visibility == Visibility.CONSISTENT
-        return reliable
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +95,10 @@ def estimate_depths(
     back = inverse_warp(there)
     lumas, warps = (first, second), ((there, back), (back, there))
     swept = [
-        _settled(known[k])
-        or _swept(lumas[k], lumas[1 - k], warps[k][0], pair.inverse_depth_ranges[k], known[k], settings)
+        _swept(lumas[k], lumas[1 - k], warps[k][0], pair.inverse_depth_ranges[k], known[k], settings)
         for k in (0, 1)
     ]
-    visible = [_checked(swept[k], swept[1 - k][0], warps[k]) for k in (0, 1)]
-    maps = [_with_points(swept[k][0], visible[k], known[k]) for k in (0, 1)]
+    maps = [_with_points(checked_depth(swept[k], swept[1 - k][0], *warps[k]), known[k]) for k in (0, 1)]
     maps = [_continued(lumas[k], maps[k], maps[1 - k], warps[k]) for k in (0, 1)]
     maps = [_aligned(lumas[k], maps[k], maps[1 - k], warps[k]) for k in (0, 1)]
     first_view, second_view = (
@@ -125,9 +108,15 @@ def estimate_depths(
     return first_view, second_view
 
 
-def checked_depth(depth: tuple[Floats, Floats], other: Floats, there: Floats) -> DepthMap:
-    """Check inverse depths and their confidence against the inverse depths of another view."""
-    return DepthMap(depth[0], _checked(depth, other, (there, inverse_warp(there))))
+def checked_depth(
+    estimate: tuple[Floats, Floats], other: Floats, there: Floats, back: Floats | None = None
+) -> DepthMap:
+    """Check inverse depths with confidence against another view; consistent depth is sure and no speckle."""
+    depth, confidence = estimate
+    back = inverse_warp(there) if back is None else back
+    visibility = _check_consistency(depth, other, there, back, AGREEMENT_PX)
+    visibility[(visibility == Visibility.CONSISTENT) & (confidence < MIN_CONFIDENCE)] = Visibility.OCCLUDED
+    return without_speckles(DepthMap(depth, visibility))
 
 
 def completed_depth(luma: Luma, own: DepthMap, other: DepthMap, there: Floats) -> DepthMap:
@@ -147,19 +136,13 @@ def without_speckles(depth: DepthMap) -> DepthMap:
     return DepthMap(inverse, visibility)
 
 
-def _settled(known: KnownDepth | None) -> tuple[Floats, Floats] | None:
-    """Return settled inverse depth with infinite confidence, if any."""
-    if known is None or known.depth is None or not known.is_settled:
-        return None
-    return known.depth.inverse_depth, np.full(known.depth.inverse_depth.shape, np.inf)
-
-
-def _with_points(depth: Floats, visibility: NDArray[np.int8], known: KnownDepth | None) -> DepthMap:
+def _with_points(checked: DepthMap, known: KnownDepth | None) -> DepthMap:
     """Replace inconsistent depth around known points by theirs, as consistent depth."""
     if known is None or not len(known.points):
-        return DepthMap(depth, visibility)
+        return checked
     from scipy.ndimage import distance_transform_edt
 
+    depth, visibility = checked
     column, row = np.floor(known.points + 0.5).astype(np.int64).T
     at_points = np.full(depth.shape, np.nan)
     at_points[row, column] = known.inverse_depth
@@ -175,8 +158,7 @@ def _continued(luma: Luma, own: DepthMap, other: DepthMap, warps: Warps) -> Dept
     """Continue the consistent planes over the rest of a view."""
     limit = 0.03 * float(np.ptp(own.inverse_depth))
     slopes = Slopes(SLOPE_RADIUS_PX, limit, MAX_CONTINUATION_PX, SLOPE_SPACING_PX)
-    seen, other_seen = (SeenDepth(depth.inverse_depth, depth.visibility) for depth in (own, other))
-    filled = continue_surfaces(seen, luma.astype(np.float64), other_seen, warps, slopes, AGREEMENT_PX)
+    filled = continue_surfaces(own, luma.astype(np.float64), other, warps, slopes, AGREEMENT_PX)
     return DepthMap(filled, own.visibility)
 
 
@@ -188,40 +170,25 @@ def _swept(
     known: KnownDepth | None,
     settings: SweepSettings,
 ) -> tuple[Floats, Floats]:
-    """Return inverse depth and its confidence by a plane sweep."""
-    to_search = _with_nearest(inverse_depth_range, known, settings)
-    hypotheses = depth_hypotheses(to_search, there, luma.shape, settings)
+    """Return inverse depth and its confidence: settled ones, or by a plane sweep up to the nearest point."""
     expected = known.depth if known else None
-    prior = (expected.inverse_depth, expected.reliable) if expected else None
-    return sweep(luma, other, there, hypotheses, settings, prior)
-
-
-def _with_nearest(
-    inverse_depth_range: tuple[float, float], known: KnownDepth | None, settings: SweepSettings
-) -> tuple[float, float]:
-    """Extend a range of inverse depth to the nearest known point, if hypotheses would not reach it."""
-    if known is None or not len(known.points):
-        return inverse_depth_range
+    if expected and known and known.is_settled:
+        return expected.inverse_depth, np.full(expected.inverse_depth.shape, np.inf)
     lowest, highest = inverse_depth_range
-    span, nearest = highest - lowest, float(known.inverse_depth.max())
-    if nearest <= highest + settings.near_margin * span:
-        return inverse_depth_range
-    return lowest, min(nearest, highest + MAX_STRETCH * span)
-
-
-def _checked(estimate: tuple[Floats, Floats], other: Floats, warps: Warps) -> NDArray[np.int8]:
-    """Return the visibility in the other view; consistent depth is confident and no speckle."""
-    depth, confidence = estimate
-    visibility = np.empty(depth.shape, np.int8)
-    _check_consistency(depth, other, *warps, AGREEMENT_PX, visibility)
-    visibility[(visibility == Visibility.CONSISTENT) & (confidence < MIN_CONFIDENCE)] = Visibility.OCCLUDED
-    return without_speckles(DepthMap(depth, visibility)).visibility
+    if known is not None and len(known.points):
+        span, nearest = highest - lowest, float(known.inverse_depth.max())
+        if nearest > highest + settings.near_margin * span:
+            highest = min(nearest, highest + MAX_STRETCH * span)
+    hypotheses = depth_hypotheses((lowest, highest), there, luma.shape, settings)
+    prior = (expected.inverse_depth, expected.reliable) if expected else None
+    return sweep_views(luma, [(other, there)], hypotheses, settings, prior)
 
 
 @kernel
-def _check_consistency(depth, other, there, back, tolerance, visibility):
+def _check_consistency(depth, other, there, back, tolerance):
     """Compare a depth map with another view: consistent, outside it, or occluded (or wrong)."""
     height, width = depth.shape
+    visibility = np.empty((height, width), np.int8)
     for y in range(height):
         for x in range(width):
             u, v, _ = warp_point(there, x, y, depth[y, x])
@@ -238,21 +205,14 @@ def _check_consistency(depth, other, there, back, tolerance, visibility):
                     if abs(a - x) + abs(b - y) <= tolerance:
                         visibility[y, x] = CONSISTENT
                         break
-
-
-def discontinuities(inverse_depth: Floats, warp: Floats) -> Mask:
-    """Find the cells of a grid of pixels with corners that do not move together."""
-    height, width = inverse_depth.shape
-    cells = np.empty((height - 1, width - 1), np.bool_)
-    _discontinuities(inverse_depth, warp, DISCONTINUITY_PX, cells)
-    return cells
+    return visibility
 
 
 @kernel
-def _discontinuities(depth, warp, tolerance_px, cells):
-    """Mark the cells of a grid of pixels with corners that do not move alike."""
+def discontinuities(depth: Floats, warp: Floats, tolerance_px: float = DISCONTINUITY_PX) -> Mask:
+    """Find the cells of a grid of pixels with corners that do not move together."""
     height, width = depth.shape
-    motion = np.empty((2, width, 2))
+    cells, motion = np.empty((height - 1, width - 1), np.bool_), np.empty((2, width, 2))
     for y in range(height):
         below, above = motion[y & 1], motion[1 - (y & 1)]
         for x in range(width):
@@ -266,6 +226,7 @@ def _discontinuities(depth, warp, tolerance_px, cells):
                 a, b, c, d = above[x, axis], above[x + 1, axis], below[x, axis], below[x + 1, axis]
                 spread = max(spread, max(a, b, c, d) - min(a, b, c, d))
             cells[y - 1, x] = spread > tolerance_px
+    return cells
 
 
 def _aligned(luma: Luma, own: DepthMap, other: DepthMap, warps: Warps) -> DepthMap:
@@ -274,25 +235,23 @@ def _aligned(luma: Luma, own: DepthMap, other: DepthMap, warps: Warps) -> DepthM
     span = float(np.ptp(depth)) + 1e-300
     around = np.ones((5, 5), np.uint8)
     jump = cv2.dilate(depth, around) - cv2.erode(depth, around) > 0.04 * span
-    aligned = np.empty_like(depth)
     trust, chosen = np.where(reliable, 1.0, 0.3), jump | ~reliable
-    view = OtherView(*warps, other.inverse_depth, other.visibility, AGREEMENT_PX)
-    _guided_median(depth, trust, luma, chosen, depth.min(), span / 255.0, view, aligned)
+    view = OtherView(*warps, *other, AGREEMENT_PX)
+    aligned: Floats = _guided_median(depth, trust, luma, chosen, depth.min(), span / 255.0, view)
     return DepthMap(aligned, own.visibility)
 
 
 @kernel
-def _guided_median(depth, trust, image, chosen, low, step, other, median):
+def _guided_median(depth, trust, image, chosen, low, step, other):
     """Replace the chosen depths by the median of every second neighbour, weighted by likeness of level."""
     height, width = depth.shape
-    radius = MEDIAN_RADIUS_PX
+    radius, median = MEDIAN_RADIUS_PX, depth.copy()
     bins, sums, number = np.zeros(256), np.zeros(256), np.empty((height, width), np.uint8)
     for y in range(height):
         for x in range(width):
             number[y, x] = min(max(int((depth[y, x] - low) / step), 0), 255)
     for y in range(height):
         for x in range(width):
-            median[y, x] = depth[y, x]
             if not chosen[y, x]:
                 continue
             first = last = np.int64(number[y, x])
@@ -317,3 +276,4 @@ def _guided_median(depth, trust, image, chosen, low, step, other, median):
                     median[y, x] = value
             bins[first : last + 1] = 0.0
             sums[first : last + 1] = 0.0
+    return median

@@ -1,11 +1,7 @@
 """Inference of one label for each pixel from a cost volume, smooth except at discontinuities.
 
-References
-----------
-[Felzenszwalb2006] P. Felzenszwalb, D. Huttenlocher, "Efficient belief propagation for early vision",
-Int. J. Comput. Vis. 70(1), 2006.
-[Hirschmuller2008] H. Hirschmuller, "Stereo processing by semiglobal matching and mutual information", IEEE
-Trans. Pattern Anal. Mach. Intell. 30(2), 2008.
+[Felzenszwalb2006] "Efficient belief propagation for early vision", Int. J. Comput. Vis. 70(1);
+[Hirschmuller2008] "Stereo processing by semiglobal matching and mutual information", IEEE PAMI 30(2).
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
@@ -73,9 +69,7 @@ def semi_global(
     for direction in DIRECTIONS:
         lines = np.full((2, columns, count + 3), UNREACHED, np.int16)
         _aggregate_path(cost, levels, *direction, *jumps, lines[0], lines[1], total)
-    hypothesis, confidence = np.empty(cost.shape[:2]), np.empty(cost.shape[:2])
-    _best_hypothesis(total, hypothesis, confidence)
-    return hypothesis, confidence
+    return _best_hypothesis(total)
 
 
 @kernel
@@ -110,9 +104,10 @@ def _aggregate_path(cost, image, dy, dx, small, large, previous, current, total)
 
 
 @kernel
-def _best_hypothesis(total, hypothesis, confidence):
-    """Choose the hypothesis of smallest cost, refined by a parabola through its neighbours."""
+def _best_hypothesis(total: NDArray[np.int16]) -> tuple[Floats, Floats]:
+    """Choose the hypothesis of smallest cost, refined by a parabola through its neighbours; its lead, too."""
     height, width, count = total.shape
+    hypothesis, confidence = np.empty((height, width)), np.empty((height, width))
     for y in range(height):
         for x in range(width):
             line = total[y, x]
@@ -132,6 +127,7 @@ def _best_hypothesis(total, hypothesis, confidence):
             if best + 3 < count:
                 second = min(second, np.int64(_smallest_of(line, best + 3, count)))
             confidence[y, x] = second - np.int64(lowest)
+    return hypothesis, confidence
 
 
 @kernel
@@ -176,16 +172,13 @@ class BeliefPropagation:
 
     def infer(self, cost: Volume, image: Bytes, base: Labels, origin: Labels) -> Inferred:
         """Choose labels; see `Inference`."""
-        return chosen(self.beliefs(cost, image, base, origin), origin)
-
-    def beliefs(self, cost: Volume, image: Bytes, base: Labels, origin: Labels) -> Volume:
-        """Return the costs of all labels plus the final messages."""
         grids = self._grids(cost, image, base, origin)
         messages = [np.zeros(grids[-1][0].shape, np.float32) for _ in range(4)]
         slope, limit = np.float32(self.slope), np.float32(self.limit)
         for level, (costs, across, down, rise_x, rise_y) in reversed(list(enumerate(grids))):
             if level < len(grids) - 1:
-                messages = [_finer(message, costs.shape[:2]) for message in messages]
+                rows, columns = (np.arange(size) // 2 for size in costs.shape[:2])
+                messages = [message[rows[:, None], columns] for message in messages]
             up, downwards, left, right = messages
             for turn in range(self.iterations):
                 strengths, parity = (across, down, rise_x, rise_y), (turn + level) % 2
@@ -193,55 +186,33 @@ class BeliefPropagation:
         total = cost.copy()
         for message in messages:
             total += message
-        return total
+        return chosen(total, origin)
 
     def _grids(
         self, cost: Volume, image: Bytes, base: Labels, origin: Labels
     ) -> list[tuple[Volume, Singles, Singles, Labels, Labels]]:
         """Costs, strengths and rises of the base surface to the right and downwards, from fine to coarse."""
-        levels = image.astype(np.float32)
-        across, down = (self._strength(np.diff(levels, axis=axis)) for axis in (1, 0))
-        rise_x, rise_y = (
-            self._small(np.diff(base, axis=axis)) - np.diff(origin, axis=axis) for axis in (1, 0)
-        )
-        grids = [(cost, across, down, rise_x, rise_y)]
+        strengths, rises = [], []
+        for axis in (1, 0):
+            difference = np.abs(np.diff(image.astype(np.float32), axis=axis)).max(axis=2)
+            falling = (1.0 - self.edge_strength) * np.exp(-difference / np.float32(self.edge_levels))
+            strengths.append((self.edge_strength + falling).astype(np.float32))
+            rise = np.diff(base, axis=axis)
+            rises.append(np.where(np.abs(rise) > self.max_jump, 0, rise) - np.diff(origin, axis=axis))
+        across, down = strengths
+        grids = [(cost, across, down, rises[0], rises[1])]
         while len(grids) < self.levels and min(cost.shape[:2]) > 1:
-            cost = _coarser(cost)
-            rows, columns = cost.shape[:2]
+            rows, columns = (cost.shape[0] + 1) // 2, (cost.shape[1] + 1) // 2
+            coarse = np.zeros((rows, columns, cost.shape[2]), np.float32)
+            for dy, dx in np.ndindex(2, 2):
+                part = cost[dy::2, dx::2]
+                coarse[: part.shape[0], : part.shape[1]] += part
+            cost = coarse
             across = np.ascontiguousarray(across[::2, 1::2][:, : columns - 1])
             down = np.ascontiguousarray(down[1::2, ::2][: rows - 1])
-            grids.append(
-                (cost, across, down, np.zeros(across.shape, np.int64), np.zeros(down.shape, np.int64))
-            )
+            flat = np.zeros(across.shape, np.int64), np.zeros(down.shape, np.int64)
+            grids.append((cost, across, down, *flat))
         return grids
-
-    def _small(self, rise: Labels) -> Labels:
-        return np.ascontiguousarray(np.where(np.abs(rise) > self.max_jump, 0, rise))
-
-    def _strength(self, difference: Singles) -> Singles:
-        falling = np.exp(-np.abs(difference).max(axis=2) / np.float32(self.edge_levels))
-        strength: Singles = (self.edge_strength + (1.0 - self.edge_strength) * falling).astype(np.float32)
-        return strength
-
-
-def _coarser(cost: Volume) -> Volume:
-    """Sum the costs of four pixels."""
-    rows, columns = (cost.shape[0] + 1) // 2, (cost.shape[1] + 1) // 2
-    coarse = np.zeros((rows, columns, cost.shape[2]), np.float32)
-    for dy in (0, 1):
-        for dx in (0, 1):
-            part = cost[dy::2, dx::2]
-            coarse[: part.shape[0], : part.shape[1]] += part
-    return coarse
-
-
-def _finer(message: Volume, shape: tuple[int, ...]) -> Volume:
-    fine = np.empty((*shape, message.shape[2]), np.float32)
-    for dy in (0, 1):
-        for dx in (0, 1):
-            part = fine[dy::2, dx::2]
-            part[...] = message[: part.shape[0], : part.shape[1]]
-    return fine
 
 
 @kernel
@@ -322,28 +293,21 @@ def _message_space(count, slope, limit):
     return np.full((2, count + 2 * margin), np.inf, np.float32)
 
 
-def chosen(total: Volume, origin: Labels) -> Inferred:
-    """Choose the best label of each pixel."""
-    shape = total.shape[:2]
-    inferred = Inferred(np.empty(shape, np.int64), np.empty(shape, np.float32))
-    _choose(total, *inferred)
-    return inferred._replace(label=inferred.label + origin)
-
-
 @kernel
-def _choose(total, label, offset):
-    """Find the label of smallest cost, and the offset of the minimum of a parabola from it."""
+def chosen(total: Volume, origin: Labels) -> Inferred:
+    """Choose the label of smallest cost, and the offset of the minimum of a parabola from it."""
     height, width, count = total.shape
+    label, offset = np.empty((height, width), np.int64), np.zeros((height, width), np.float32)
     for y in range(height):
         for x in range(width):
             best = 0
             for k in range(1, count):
                 if total[y, x, k] < total[y, x, best]:
                     best = k
-            label[y, x] = best
-            offset[y, x] = 0.0
+            label[y, x] = best + origin[y, x]
             if 0 < best < count - 1:
                 before = total[y, x, best - 1] - total[y, x, best]
                 after = total[y, x, best + 1] - total[y, x, best]
                 if max(before, after) > 0.0:
                     offset[y, x] = 0.5 * (before - after) / max(before, after)
+    return Inferred(label, offset)

@@ -1,8 +1,8 @@
-"""Plane sweep: the inverse depth of every pixel of a view.
+"""Plane sweep: the inverse depth of every pixel of a view, or of the blocks of a view without a picture.
 
 For every pixel and every depth hypothesis (a plane of constant inverse depth) the levels of two pictures, and
-their gradients or census bits, are compared at the positions given by the warp; semi-global inference favours
-depths without jumps, and a parabola refines the best hypothesis.
+their gradients or census bits, are compared at the positions given by the warp. Blocks of a virtual view are
+matched along their epipolar lines in two pictures ([Maitre2008] Sec. 5.3.2).
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
@@ -17,7 +17,7 @@ from dvc._jit import kernel
 from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.geometry.label_inference import semi_global
 from dvc.geometry.matching_costs import census_bits, count_bits
-from dvc.geometry.warping import warp_points
+from dvc.geometry.warping import warp_point, warp_points
 
 Costs = NDArray[np.int16]
 Luma = Bytes
@@ -38,6 +38,10 @@ STEPS = np.int32(32)
 """Fractions of a pixel to which positions are rounded."""
 LANE, LANE_MASK = np.uint64(21), (1 << 21) - 1
 """Bits of each of three numbers in a word; they hold 2047 times the square of the fractions."""
+GOLDEN_STEPS = 6
+"""Steps of the golden-section search; each keeps 0.618 of the interval."""
+MIN_PARALLAX_PX = 0.05
+"""Smallest displacement of a block by a search over two hypotheses that changes its depth."""
 
 
 @dataclass(frozen=True)
@@ -100,19 +104,33 @@ def parallax_px(inverse_depths: tuple[float, float], warp: Floats, shape: tuple[
     return float(np.quantile(np.minimum(parallax, max(shape)), 0.95))
 
 
-def sweep(
+def sweep_views(
     base: Luma,
-    other: Luma,
-    warp: Floats,
+    other_views: Sequence[tuple[Luma, Floats]],
     hypotheses: DepthHypotheses,
     settings: SweepSettings,
     prior: tuple[Floats, Mask] | None = None,
 ) -> tuple[Floats, Floats]:
-    """Find the inverse depth of every pixel of a view."""
-    cost = _box((_census_costs if settings.census else _gradient_costs)(base, other, warp, hypotheses))
+    """Find the inverse depth of every pixel, and its confidence, from other views with the warp to each.
+
+    For every pixel and hypothesis the two best views count: the point may be hidden in the rest.
+    """
+    if not other_views:
+        raise ValueError("`other_views` must hold at least one view")
+    best = _costs(base, *other_views[0], hypotheses, settings.census)
+    second: Costs | None = None
+    for other in other_views[1:]:
+        cost = _costs(base, *other, hypotheses, settings.census)
+        larger = np.maximum(best, cost)
+        second = larger if second is None else np.minimum(second, larger, out=second)
+        np.minimum(best, cost, out=best)
+    if second is not None:
+        best += second
+        best //= 2
+    mean = _box_mean(best)
     if prior is not None:
-        _add_prior(*prior, hypotheses.lowest, hypotheses.step, cost)
-    chosen, confidence = semi_global(cost, base, settings.small_jump, settings.large_jump)
+        _add_prior(*prior, hypotheses.lowest, hypotheses.step, mean)
+    chosen, confidence = semi_global(mean, base, settings.small_jump, settings.large_jump)
     return hypotheses.inverse_depth(chosen), confidence
 
 
@@ -129,37 +147,15 @@ def _add_prior(expected, defined, low, step, cost):
                 cost[y, x, k] += np.int16(min(PRIOR_WEIGHT * abs(k - position), PRIOR_LIMIT))
 
 
-def sweep_views(
-    base: Luma,
-    other_views: Sequence[tuple[Luma, Floats]],
-    hypotheses: DepthHypotheses,
-    settings: SweepSettings,
-) -> tuple[Floats, Floats]:
-    """Find the inverse depth of every pixel from several other views, each with the warp to it.
-
-    For every pixel and hypothesis the two best views count: the point may be hidden in the rest.
-    """
-    if not other_views:
-        raise ValueError("`other_views` must hold at least one view")
-    costs = _census_costs if settings.census else _gradient_costs
-    best = costs(base, *other_views[0], hypotheses)
-    second: Costs | None = None
-    for other in other_views[1:]:
-        cost = costs(base, *other, hypotheses)
-        larger = np.maximum(best, cost)
-        second = larger if second is None else np.minimum(second, larger, out=second)
-        np.minimum(best, cost, out=best)
-    if second is not None:
-        best += second
-        best //= 2
-    chosen, confidence = semi_global(_box(best), base, settings.small_jump, settings.large_jump)
-    return hypotheses.inverse_depth(chosen), confidence
-
-
-def _gradient_costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypotheses) -> Costs:
+def _costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypotheses, census: bool) -> Costs:
     lowest, step, count = hypotheses
     cost = np.empty((*base.shape, count), np.int16)
-    _matching_cost(packed_features(base), packed_features(other), warp, lowest, step, cost)
+    if census:
+        levels, other_levels = base.astype(np.float32), other.astype(np.float32)
+        bits = census_bits(levels), census_bits(other_levels)
+        _census_cost(levels, bits[0], other_levels, bits[1], warp, lowest, step, cost)
+    else:
+        _matching_cost(packed_features(base), packed_features(other), warp, lowest, step, cost)
     return cost
 
 
@@ -245,15 +241,6 @@ def packed_features(luma: Luma) -> NDArray[np.uint64]:
     return packed
 
 
-def _census_costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypotheses) -> Costs:
-    lowest, step, count = hypotheses
-    cost = np.empty((*base.shape, count), np.int16)
-    levels, other_levels = base.astype(np.float32), other.astype(np.float32)
-    bits, other_bits = census_bits(levels), census_bits(other_levels)
-    _census_cost(levels, bits, other_levels, other_bits, warp, lowest, step, cost)
-    return cost
-
-
 @kernel
 def _census_cost(levels, bits, other_levels, other_bits, warp, low, step, cost):
     """Add the truncated difference of levels and the cost of differing census bits."""
@@ -291,17 +278,11 @@ def _split_positions(us, vs, width, height, offsets, nearest):
         us[k], vs[k] = u - column, v - row
 
 
-def _box(cost: Costs) -> Costs:
-    """Return means over 3x3 pixels."""
-    mean = np.empty_like(cost)
-    _box_mean(cost, mean)
-    return mean
-
-
 @kernel
-def _box_mean(cost, mean):
+def _box_mean(cost):
     """Average each hypothesis over 3x3 pixels, with a repeated border."""
     height, width, count = cost.shape
+    mean = np.empty_like(cost)
     rows = np.empty((width, count), np.int16)
     for y in range(height):
         above, here, below = cost[max(y - 1, 0)], cost[y], cost[min(y + 1, height - 1)]
@@ -312,3 +293,108 @@ def _box_mean(cost, mean):
             left, right = max(x - 1, 0), min(x + 1, width - 1)
             for k in range(count):
                 mean[y, x, k] = np.uint16(rows[left, k] + rows[x, k] + rows[right, k]) // np.uint16(9)
+    return mean
+
+
+class VirtualView(NamedTuple):
+    """A view without a picture, and two pictures of its scene."""
+
+    features: tuple[Singles, Singles]  # `luma_features` of the pictures
+    warps: tuple[Floats, Floats]  # from the view to each of them
+    block_px: int  # side of the view's blocks
+
+
+@kernel
+def block_costs(view: VirtualView, hypotheses: DepthHypotheses, spacing_px: float) -> Costs:
+    """Compare two pictures along the epipolar lines through each block of a virtual view [Maitre2008]."""
+    (first, second), (to_first, to_second), block = view
+    low, step, count = hypotheses
+    height, width = first.shape[1:]
+    cost = np.empty((-(-height // block), -(-width // block), count), np.int16)
+    for i in range(cost.shape[0]):
+        for j in range(cost.shape[1]):
+            left = (j + 0.5) * block - 0.5 - 1.5 * spacing_px
+            top = (i + 0.5) * block - 0.5 - 1.5 * spacing_px
+            for hypothesis in range(count):
+                total = 0.0
+                rho = low + hypothesis * step
+                for k in range(16):
+                    x, y = left + (k % 4) * spacing_px, top + (k // 4) * spacing_px
+                    a, b, _ = warp_point(to_first, x, y, rho)
+                    c, d, _ = warp_point(to_second, x, y, rho)
+                    if not (_inside(a, b, width, height) and _inside(c, d, width, height)):
+                        total += OUTSIDE_COST
+                        continue
+                    for m in range(3):
+                        difference = _bilinear(first[m], a, b) - _bilinear(second[m], c, d)
+                        total += min(abs(difference), np.float32(LEVEL_LIMIT if m == 0 else GRADIENT_LIMIT))
+                cost[i, j, hypothesis] = np.int16(total / 16.0)
+    return cost
+
+
+@kernel
+def refine_blocks(view: VirtualView, depth: Floats, reach: float, window_radius_px: int) -> Floats:
+    """Refine the inverse depth of each block within `reach` by golden sections, if it moves enough."""
+    (first_features, second_features), (to_first, to_second), block = view
+    first, second, half = first_features[0], second_features[0], window_radius_px
+    golden, refined = 0.6180339887498949, depth.copy()
+    for i in range(depth.shape[0]):
+        for j in range(depth.shape[1]):
+            x, y, rho = (j + 0.5) * block - 0.5, (i + 0.5) * block - 0.5, depth[i, j]
+            low, high = rho - reach, rho + reach
+            parallax = 0.0
+            for warp in (to_first, to_second):
+                a, b, _ = warp_point(warp, x, y, low)
+                c, d, _ = warp_point(warp, x, y, high)
+                parallax = parallax + abs(c - a) + abs(d - b)
+            if parallax < MIN_PARALLAX_PX:
+                continue
+            start = _block_error(first, second, to_first, to_second, x, y, rho, half)
+            a, b = high - golden * (high - low), low + golden * (high - low)
+            at_a = _block_error(first, second, to_first, to_second, x, y, a, half)
+            at_b = _block_error(first, second, to_first, to_second, x, y, b, half)
+            for _ in range(GOLDEN_STEPS):
+                if at_a <= at_b:
+                    high, b, at_b = b, a, at_a
+                    a = high - golden * (high - low)
+                    at_a = _block_error(first, second, to_first, to_second, x, y, a, half)
+                else:
+                    low, a, at_a = a, b, at_b
+                    b = low + golden * (high - low)
+                    at_b = _block_error(first, second, to_first, to_second, x, y, b, half)
+            if min(at_a, at_b) < start:
+                refined[i, j] = a if at_a <= at_b else b
+    return refined
+
+
+@kernel
+def _block_error(first, second, to_first, to_second, x, y, rho, half):
+    """Return the mean squared difference over a window around a point; huge if it leaves a picture."""
+    height, width = first.shape
+    total = 0.0
+    for dy in range(-half, half + 1):
+        for dx in range(-half, half + 1):
+            a, b, _ = warp_point(to_first, x + dx, y + dy, rho)
+            c, d, _ = warp_point(to_second, x + dx, y + dy, rho)
+            if not (_inside(a, b, width, height) and _inside(c, d, width, height)):
+                return 1e9
+            difference = _bilinear(first, a, b) - _bilinear(second, c, d)
+            total += difference * difference
+    return total / ((2 * half + 1) * (2 * half + 1))
+
+
+@kernel
+def _bilinear(plane, x, y):
+    """Interpolate a plane linearly inside the image."""
+    height, width = plane.shape
+    x0, y0 = min(int(x), width - 2), min(int(y), height - 2)
+    fx, fy = x - x0, y - y0
+    upper = plane[y0, x0] + fx * (plane[y0, x0 + 1] - plane[y0, x0])
+    lower = plane[y0 + 1, x0] + fx * (plane[y0 + 1, x0 + 1] - plane[y0 + 1, x0])
+    return upper + fy * (lower - upper)
+
+
+@kernel
+def _inside(x, y, width, height):
+    """Return whether a position lies between pixel centres."""
+    return 0.0 <= x <= width - 1.0 and 0.0 <= y <= height - 1.0

@@ -1,19 +1,19 @@
 """Rendering of depth views into another view: forward with z-test, hole filling, and visibility.
 
-Depth maps are drawn into the target view with depth order, reliable parts first; pixels that nothing reaches
-take the depth behind them. They may then be fetched from every view that sees them (a backward warp).
+Depth maps are drawn in depth order, reliable parts first; pixels that nothing reaches take the depth behind.
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import PixelFrame
-from dvc.geometry.continuation import CONSISTENT, OtherView, Visibility, fill_depth
-from dvc.geometry.depth_maps import DepthMap, DepthView
+from dvc.geometry.continuation import CONSISTENT, DepthMap, OtherView, Visibility, fill_depth
+from dvc.geometry.depth_maps import DepthView
 from dvc.geometry.warping import EMPTY, warp_grid, warp_matrix, warp_point
 
 OUTSIDE_WEIGHT, OCCLUDED_WEIGHT, EDGE_WEIGHT = 1e-6, 1e-4, 0.02
@@ -31,8 +31,8 @@ def render_depth(views: Sequence[DepthView], camera: Floats, frame: PixelFrame) 
     reliable = np.full((frame.height_px, frame.width_px), EMPTY)
     rest = reliable.copy()
     for view in views:
-        warp = warp_matrix(view.camera, camera, frame)
-        doubtful = _cells(~view.depth.reliable)
+        warp, known = warp_matrix(view.camera, camera, frame), view.depth.reliable
+        doubtful = ~(known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:])
         for buffer, chosen in ((reliable, ~doubtful), (rest, doubtful)):
             draw(view.depth.inverse_depth, warp, view.discontinuities, chosen, buffer)
     drawn = reliable > EMPTY
@@ -98,10 +98,8 @@ def _rasterise_discontinuities(warp, depth, chosen, nearest):
                 top, bottom = y + min(0.0, dy), y + max(0.0, dy)
                 left, right = x + min(0.0, dx), x + max(0.0, dx)
                 for m in range(4):
-                    u, v, w = warp_point(
-                        warp, right if m % 2 == 1 else left, bottom if m // 2 == 1 else top, rho
-                    )
-                    corners[m, 0], corners[m, 1] = u, v
+                    x_m, y_m = right if m % 2 == 1 else left, bottom if m // 2 == 1 else top
+                    corners[m, 0], corners[m, 1], w = warp_point(warp, x_m, y_m, rho)
                     corners[m, 2] = rho / w if w >= 1e-6 else EMPTY
                 _rasterise_triangle(corners[0], corners[1], corners[2], nearest)
                 _rasterise_triangle(corners[3], corners[2], corners[1], nearest)
@@ -112,12 +110,6 @@ def render_grid(vertices: Floats, shape: tuple[int, ...]) -> Floats:
     drawn = np.full(shape, EMPTY)
     _rasterise(vertices, np.zeros((vertices.shape[0] - 1, vertices.shape[1] - 1), dtype=bool), drawn)
     return fill_holes(drawn)
-
-
-def _cells(points: Mask) -> Mask:
-    """Return the cells with at least one of their four corners in a set."""
-    cells: Mask = points[:-1, :-1] | points[:-1, 1:] | points[1:, :-1] | points[1:, 1:]
-    return cells
 
 
 def fill_holes(inverse_depth: Floats) -> Floats:
@@ -131,24 +123,24 @@ def fill_holes(inverse_depth: Floats) -> Floats:
     while empty.any():
         visibility = np.where(empty, Visibility.OUTSIDE, Visibility.CONSISTENT).astype(np.int8)
         even, slopes, no_warp = np.zeros(empty.shape), np.zeros((*empty.shape, 2)), np.zeros((3, 4))
-        source, filled = filled, np.empty(empty.shape)
-        no_view = OtherView(no_warp, no_warp, source, outside, 0.0)
-        fill_depth(source, visibility, even, slopes, 0.0, 0.0, no_view, filled)
+        no_view = OtherView(no_warp, no_warp, filled, outside, 0.0)
+        filled = fill_depth(filled, visibility, even, slopes, 0.0, 0.0, no_view)
         empty = filled <= EMPTY
     return filled
 
 
 def visibility_weights(view: DepthView, positions: Floats) -> Floats:
     """Return weights for how well a view sees points."""
-    weights, depth = np.empty(positions.shape[:2]), view.depth
-    _visibility_weights(positions, depth.inverse_depth, depth.visibility, view.to_other, weights)
-    return weights
+    return _visibility_weights(positions, view.depth.inverse_depth, view.depth.visibility, view.to_other)
 
 
 @kernel
-def _visibility_weights(positions, depth, visibility, back, weights):
+def _visibility_weights(
+    positions: Floats, depth: Floats, visibility: NDArray[np.int8], back: Floats
+) -> Floats:
     """Weigh points (x, y, inverse depth) by their visibility: 1, edge, occluded or outside."""
     height, width = depth.shape
+    weights = np.empty(positions.shape[:2])
     for i in range(positions.shape[0]):
         for j in range(positions.shape[1]):
             u, v, rho = positions[i, j, 0], positions[i, j, 1], positions[i, j, 2]
@@ -172,3 +164,4 @@ def _visibility_weights(positions, depth, visibility, back, weights):
                 weights[i, j] = OCCLUDED_WEIGHT
             else:
                 weights[i, j] = EDGE_WEIGHT if near else 1.0
+    return weights

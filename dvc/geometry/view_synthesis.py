@@ -1,21 +1,13 @@
 """View synthesis: the picture of another view from pictures with depth, and the filling of its holes.
 
-Surfaces are drawn forward with depth order, so that near ones cover far ones; every pixel that they reach
-then fetches its levels from between the pixels of the source.
-
-A hole opens between a near surface that has moved and a far one that it no longer covers, along the epipolar
-line. Its pixels belong to the far one: their levels are a membrane (the Poisson equation) over the hole that
-is fixed to the background and free at the near surface. Holes at the border of the frame are fixed to all
-that surrounds them.
-
-References
-----------
-[Maitre2008] Sec. 3.2: several pictures with depth in one stream; (3.4): forward compensation.
-[Perez2003] P. Pérez, M. Gangnet, A. Blake, "Poisson image editing", ACM Trans. Graph. 22(3), 2003.
+Surfaces are drawn forward in depth order (3.4); every pixel that they reach then fetches its levels from
+between the pixels of the source. A hole between a near surface and a far one, along the epipolar line,
+belongs to the far one: its levels are a membrane (the Poisson equation, [Perez2003]) that is fixed to the
+background and free at the near surface. Holes at the border of the frame are fixed to all around them.
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -57,17 +49,7 @@ class SynthesisedView(NamedTuple):
     drawn: Mask  # pixels from a source; the rest is filled
 
 
-Surface = Callable[[Sequence[PictureWithDepth], Sequence[Floats]], Floats]
-"""Function that chooses the inverse depth of a view from that of each source."""
-
-
-def nearest_surface(sources: Sequence[PictureWithDepth], drawn: Sequence[Floats]) -> Floats:
-    """Choose the nearest depth of all sources."""
-    nearest: Floats = np.maximum.reduce(drawn)
-    return nearest
-
-
-def agreed_surface(sources: Sequence[PictureWithDepth], drawn: Sequence[Floats]) -> Floats:
+def _agreed_surface(sources: Sequence[PictureWithDepth], drawn: Sequence[Floats]) -> Floats:
     """Choose the depth with the largest weight of agreeing sources: a wrong one covers nothing."""
     backs = [inverse_warp(source.warp) for source in sources]
     chosen, most = np.full(drawn[0].shape, EMPTY), np.zeros(drawn[0].shape)
@@ -75,26 +57,20 @@ def agreed_surface(sources: Sequence[PictureWithDepth], drawn: Sequence[Floats])
         votes = np.zeros(depth.shape)
         for source, back, other in zip(sources, backs, drawn, strict=True):
             both = (depth > EMPTY) & (other > EMPTY)
-            pair = np.where(both, depth, 0.0), np.where(both, other, 0.0)
-            same = _parallax_px(back, *pair) <= SAME_SURFACE_PX
+            first, second = (warp_grid(back, np.where(both, plane, 0.0)) for plane in (depth, other))
+            same = np.hypot(*(first - second)[..., :2].transpose(2, 0, 1)) <= SAME_SURFACE_PX
             votes += np.where(both & same, max(source.weight, FALLBACK_WEIGHT), 0.0)
         better = (votes > most) | ((votes == most) & (depth > chosen))
         chosen, most = np.where(better, depth, chosen), np.where(better, votes, most)
     return chosen
 
 
-def _parallax_px(warp: Floats, first: Floats, second: Floats) -> Floats:
-    """Return the distance in another view between points of two depths."""
-    apart = warp_grid(warp, first)[..., :2] - warp_grid(warp, second)[..., :2]
-    return np.asarray(np.hypot(apart[..., 0], apart[..., 1]))
-
-
 def synthesise(
-    sources: Sequence[PictureWithDepth], shape: tuple[int, int], surface: Surface = nearest_surface
+    sources: Sequence[PictureWithDepth], shape: tuple[int, int], agreed: bool = False
 ) -> SynthesisedView:
-    """Render the target view of some sources."""
+    """Render the target view of some sources, at the nearest depth of all or at one that is agreed."""
     drawn = [drawn_depth(source, shape) for source in sources]
-    nearest = surface(sources, drawn)
+    nearest = _agreed_surface(sources, drawn) if agreed else np.maximum.reduce(drawn)
     total = np.zeros(shape)
     image = np.zeros((*shape, sources[0].image.shape[2]))
     for source, depth in zip(sources, drawn, strict=True):
@@ -123,18 +99,14 @@ def drawn_depth(source: PictureWithDepth, shape: tuple[int, int]) -> Floats:
     depth = source.inverse_depth
     missing = [(0, max(2 - size, 0)) for size in depth.shape]  # a cell has four corners
     depth = np.pad(depth, missing, mode="edge") if any(pad for _, pad in missing) else depth
+    flat = np.full(depth.shape, depth.min(where=depth > EMPTY, initial=np.inf))
+    motion = (warp_grid(source.warp, depth) - warp_grid(source.warp, flat))[..., :2]
+    spread = _spread(depth)
+    jumps = (_spread(motion).max(axis=-1) > DISCONTINUITY_PX) & (spread > 1.5 * source.step)
+    jumps |= spread >= -0.5 * EMPTY
     nearest = np.full(shape, EMPTY)
-    jumps = _discontinuities(depth, source.warp, source.step)
     draw(depth, source.warp, jumps, np.ones(jumps.shape, dtype=bool), nearest)
     return nearest
-
-
-def _discontinuities(depth: Floats, warp: Floats, step: float) -> Mask:
-    """Return the cells with corners on different surfaces."""
-    x_and_y = warp_grid(warp, depth)[..., :2]
-    flat = warp_grid(warp, np.full(depth.shape, depth.min(where=depth > EMPTY, initial=np.inf)))[..., :2]
-    torn: Mask = (_spread(x_and_y - flat).max(axis=-1) > DISCONTINUITY_PX) & (_spread(depth) > 1.5 * step)
-    return torn | (_spread(depth) >= -0.5 * EMPTY)
 
 
 def _spread(plane: Floats) -> Floats:
@@ -151,27 +123,17 @@ def fill_from_background(image: Floats, inverse_depth: Floats, epipole: Floats) 
         return image, inverse_depth
     if holes.all():
         return np.zeros_like(image), np.zeros_like(inverse_depth)
-    far, near = np.empty_like(inverse_depth), np.empty_like(inverse_depth)
-    _along_epipolar_lines(inverse_depth, np.ascontiguousarray(epipole), far, near)
+    far, near = _along_epipolar_lines(inverse_depth, np.ascontiguousarray(epipole))
     filled = image.copy()
     filled[holes] = _membrane(image, holes, inverse_depth, 0.5 * (far + near))
     return filled, fill_holes(far)
 
 
-def poisson_filled(image: Floats, holes: Mask) -> Floats:
-    """Fill holes from all surfaces around them, near or far."""
-    if not holes.any() or holes.all():
-        return image
-    flat = np.where(holes, EMPTY, 0.0)
-    filled = image.copy()
-    filled[holes] = _membrane(image, holes, flat, np.full(holes.shape, np.inf))
-    return filled
-
-
 @kernel
-def _along_epipolar_lines(depth, epipole, far, near):
-    """Find the farthest and nearest depth at both ends of the epipolar line through a hole."""
+def _along_epipolar_lines(depth, epipole):
+    """Return the farthest and nearest depth at both ends of the epipolar line through each hole."""
     height, width = depth.shape
+    far, near = np.empty_like(depth), np.empty_like(depth)
     for y in range(height):
         for x in range(width):
             if depth[y, x] > EMPTY:
@@ -197,6 +159,7 @@ def _along_epipolar_lines(depth, epipole, far, near):
                 far[y, x] = near[y, x] = EMPTY
             if ends < 2:
                 near[y, x] = np.inf
+    return far, near
 
 
 def _membrane(image: Floats, holes: Mask, depth: Floats, limit: Floats) -> Floats:

@@ -4,10 +4,7 @@ Convention: between two views (pixels, first pixel centre at 0) cameras become a
 ``[H | e]`` of the infinite homography H and the epipole e. The homogeneous point x of the source view with
 inverse depth rho lies at ``H x + rho e`` in the target view; its inverse depth there is rho over the third
 coordinate. Planes are affine in inverse depth for every camera.
-
-References
-----------
-[Maitre2008] Sec. 5.3.2, Fig. 5.4: trifocal transfer is triangulation in two views and a warp to the third.
+[Maitre2008] Fig. 5.4: trifocal transfer is triangulation in two views and a warp to the third.
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
@@ -45,22 +42,18 @@ def inverse_warp(warp: Floats) -> Floats:
     return np.column_stack([inverse, -inverse @ warp[:, 3]])
 
 
-def warp_grid(warp: Floats, inverse_depth: Floats, origin_px: float = 0.0, step_px: float = 1.0) -> Floats:
-    """Warp every point of a regular grid, by default every pixel."""
-    warped = np.empty((*inverse_depth.shape, 3))
-    _warp_grid(warp, inverse_depth, origin_px, step_px, warped)
-    return warped
-
-
 @kernel
-def _warp_grid(warp, depth, origin, step, positions):
-    """Move the vertices of a depth map to another view: (x, y, inverse depth); far away if behind it."""
-    for i in range(depth.shape[0]):
-        for j in range(depth.shape[1]):
-            x, y, w = warp_point(warp, origin + j * step, origin + i * step, depth[i, j])
-            positions[i, j, 0] = x
-            positions[i, j, 1] = y
-            positions[i, j, 2] = depth[i, j] / w if w >= 1e-6 else EMPTY
+def warp_grid(warp: Floats, inverse_depth: Floats, origin_px: float = 0.0, step_px: float = 1.0) -> Floats:
+    """Warp the points of a regular grid, by default all pixels: (x, y, inverse depth); far away if behind."""
+    height, width = inverse_depth.shape
+    warped = np.empty((height, width, 3))
+    for i in range(height):
+        for j in range(width):
+            rho = inverse_depth[i, j]
+            x, y, w = warp_point(warp, origin_px + j * step_px, origin_px + i * step_px, rho)
+            warped[i, j, 0], warped[i, j, 1] = x, y
+            warped[i, j, 2] = rho / w if w >= 1e-6 else EMPTY
+    return warped
 
 
 @kernel
@@ -118,21 +111,15 @@ def _sample(padded, positions, samples):
 @kernel
 def _cubic_weights(s):
     """Return the weights of six-point cubic convolution of fourth order at fraction s (Keys 1981)."""
-    t = 1.0 - s
-    outer, inner, near = _far(2.0 + s), _middle(1.0 + s), _near(s)
-    return outer, inner, near, _near(t), _middle(1.0 + t), _far(2.0 + t)
+    near, middle, far = _cubics(s)
+    near_after, middle_after, far_after = _cubics(1.0 - s)
+    return far, middle, near, near_after, middle_after, far_after
 
 
 @kernel
-def _near(d):
-    return np.float32((4.0 / 3.0 * d - 7.0 / 3.0) * d * d + 1.0)
-
-
-@kernel
-def _middle(d):
-    return np.float32(((-7.0 / 12.0 * d + 3.0) * d - 59.0 / 12.0) * d + 2.5)
-
-
-@kernel
-def _far(d):
-    return np.float32(((1.0 / 12.0 * d - 2.0 / 3.0) * d + 1.75) * d - 1.5)
+def _cubics(d):
+    """Return the weights of the samples at a distance, and one and two samples beyond it."""
+    e, f = 1.0 + d, 2.0 + d
+    near = np.float32((4.0 / 3.0 * d - 7.0 / 3.0) * d * d + 1.0)
+    middle = np.float32(((-7.0 / 12.0 * e + 3.0) * e - 59.0 / 12.0) * e + 2.5)
+    return near, middle, np.float32(((1.0 / 12.0 * f - 2.0 / 3.0) * f + 1.75) * f - 1.5)

@@ -77,20 +77,6 @@ class Run(NamedTuple):
 
 
 @kernel
-def count_planes(exact, planes):
-    """Set the bit planes of magnitudes; return the most of them."""
-    most = 0
-    for i in range(len(exact)):
-        magnitude, number = np.int64(abs(exact[i])), 0
-        while magnitude:
-            magnitude >>= 1
-            number += 1
-        planes[i] = number
-        most = max(most, number)
-    return most
-
-
-@kernel
 def gather_below(bands, values, below, deeper):
     """Set the largest of values among descendants of each node, and among those but children."""
     for number in range(len(bands) - 1, -1, -1):
@@ -126,8 +112,6 @@ def _place(band, i):
 @kernel
 def _parent(run, band, i):
     """Return the parent of a node, or 0."""
-    if band[ABOVE] == NONE:
-        return 0
     row, column = _place(band, i)
     return parent_at(run.bands, band, row, column)
 
@@ -161,7 +145,19 @@ def code_planes(run, roots, num_planes, lowest_plane):
     for plane in range(num_planes - 1, lowest_plane - 1, -1):
         fields[PLANE] = plane
         last = fields[SIGNIFICANT_END]
-        _pending_pass(run)
+        before, i = 0, fields[PENDING]
+        while i and not fields[STOPPED]:
+            after = np.int64(links[i])
+            if not _code_coefficient(run, i, _SINGLE, _NO):
+                before = i
+            else:
+                if before == 0:
+                    fields[PENDING] = after
+                else:
+                    links[before] = after
+                if after == 0:
+                    fields[PENDING_END] = before
+            i = after
         _set_pass(run)
         i = fields[SIGNIFICANT] if last else 0
         while i and not fields[STOPPED]:
@@ -189,25 +185,6 @@ def _append_set(run, entry):
 
 
 @kernel
-def _pending_pass(run):
-    """Code which of the coefficients that are not yet significant are now."""
-    fields, links = run.fields, run.links
-    before, i = 0, fields[PENDING]
-    while i and not fields[STOPPED]:
-        after = np.int64(links[i])
-        if not _code_coefficient(run, i, _SINGLE, _NO):
-            before = i
-        else:
-            if before == 0:
-                fields[PENDING] = after
-            else:
-                links[before] = after
-            if after == 0:
-                fields[PENDING_END] = before
-        i = after
-
-
-@kernel
 def _set_pass(run):
     """Code which sets hold a significant coefficient, and all that follows from it."""
     fields, sets = run.fields, run.sets
@@ -218,7 +195,7 @@ def _set_pass(run):
         node = abs(entry)
         if not fields[STOPPED] and _code_set(run, node, deeper):
             if deeper:
-                _split(run, node)
+                _code_below(run, node, HAS_CHILDREN)
             else:
                 _open(run, node)
             while fields[OPENING] and not fields[STOPPED]:
@@ -243,47 +220,44 @@ def _open(run, node):
 @kernel
 def _code_children(run, node):
     """Code the children of a node with a significant descendant; implied decisions take no bits."""
-    fields = run.fields
-    first, stride, rows, columns = _children(run, node)
-    left, found = 0, False
-    for row in range(rows):
-        for column in range(columns):
-            left += _has(run, first + row * stride + column, EXISTS)
-    for row in range(rows):
-        for column in range(columns):
-            child = first + row * stride + column
-            if _has(run, child, EXISTS):
-                left -= 1
-                certain = left == 0 and not found and not _has(run, node, HAS_GRANDCHILDREN)
-                if _code_coefficient(run, child, _CHILD, certain):
-                    found = True
-                else:
-                    _append(fields, run.links, PENDING, child)
+    found = _code_below(run, node, EXISTS)
     if _has(run, node, HAS_GRANDCHILDREN):
         if not found or _code_set(run, node, _YES):
-            _split(run, node)
+            _code_below(run, node, HAS_CHILDREN)
         else:
             _append_set(run, -node)
 
 
 @kernel
-def _split(run, node):
-    """Code which children have significant descendants, given that one of them has."""
+def _code_below(run, node, flag):
+    """Code which children are significant, or with `HAS_CHILDREN` have descendants that are; return if any.
+
+    The last one is certain if none of the earlier ones is, unless grandchildren may be instead.
+    """
     first, stride, rows, columns = _children(run, node)
+    is_set = flag == HAS_CHILDREN
     left, found = 0, False
     for row in range(rows):
         for column in range(columns):
-            left += _has(run, first + row * stride + column, HAS_CHILDREN)
+            left += _has(run, first + row * stride + column, flag)
     for row in range(rows):
         for column in range(columns):
             child = first + row * stride + column
-            if _has(run, child, HAS_CHILDREN):
-                left -= 1
-                if (left == 0 and not found) or _code_set(run, child, _NO):
+            if not _has(run, child, flag):
+                continue
+            left -= 1
+            certain = left == 0 and not found
+            if is_set:
+                if certain or _code_set(run, child, _NO):
                     found = True
                     _open(run, child)
                 else:
                     _append_set(run, child)
+            elif _code_coefficient(run, child, _CHILD, certain and not _has(run, node, HAS_GRANDCHILDREN)):
+                found = True
+            else:
+                _append(run.fields, run.links, PENDING, child)
+    return found
 
 
 @kernel
@@ -297,12 +271,6 @@ def _level(value, plane):
         level += 2
         steps >>= 1
     return level + min(steps - 1, 1)
-
-
-@kernel
-def _exact(run, i):
-    """Return a coefficient of a writer."""
-    return 0.0 if run.coder.fields[READING] else run.exact[i]
 
 
 @kernel
@@ -334,7 +302,7 @@ def _code_coefficient(run, i, mode, certain):
     """Code whether a coefficient is significant and, if so, its sign; 0 too once the data are used up."""
     fields, values, marks = run.fields, run.values, run.marks
     plane = fields[PLANE]
-    exact = _exact(run, i)
+    exact = 0.0 if run.coder.fields[READING] else run.exact[i]
     if not certain and not _code_significance(run, i, mode, plane, np.int64(abs(exact)) >> plane > 0):
         if not fields[STOPPED]:
             marks[i, LAST_PLANE] = plane
@@ -369,7 +337,7 @@ def _refine(run, i):
     first = age * 10 + min(_level(h + v, plane + 1), 9)
     second = (age * 8 + min(band[LEVEL], 7)) * 2 + min(band[COMPONENT], 1)
     third = age * 5 + min(_level(parent, plane), 9) // 2
-    exact = abs(_exact(run, i))
+    exact = 0.0 if run.coder.fields[READING] else abs(run.exact[i])
     digit = np.int64(exact) >> plane & 1
     bit = _decide(run, _REFINEMENT, first, second, third, age, digit > 0)
     if fields[STOPPED]:

@@ -1,16 +1,14 @@
 """Edges as chains from vertex to vertex, and chains as bytes: by code words of the thesis, or adaptively.
 
-By code words, a chain is its first vertex, its first direction and its length, of fixed numbers of bits, and
-then a word for each differential direction: 10, 0, 11 for -1, 0, 1. By adaptive arithmetic coding, starts are
-distances from one to the next, and each step is coded in contexts of the last steps and of the last two
-straight runs: whether the chain ends (likely at junctions), whether it continues straight, and to which side
-it turns. Steps onto coded edges are left out. If edges bound a mask, a code of the regions inside follows the
-chains.
+By code words, a chain is its first vertex, direction and length, and a word for each differential direction:
+10, 0, 11 for -1, 0, 1. Adaptively, starts are distances from one to the next, and each step is coded in
+contexts of the last steps and straight runs: end, straight on, side of the turn; not onto coded edges. If
+edges bound a mask, a code of the regions inside follows.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +67,14 @@ class Chains:
         """Return the directions of each chain."""
         return np.split(self.directions, np.cumsum(self.lengths)[:-1]) if len(self.lengths) else []
 
+    def take(self, indices: NDArray[np.int64]) -> Self:
+        """Return some chains in a given order."""
+        parts = self.parts()
+        directions = np.concatenate([self.directions[:0], *(parts[k] for k in indices)])
+        return replace(
+            self, starts=self.starts[indices], lengths=self.lengths[indices], directions=directions
+        )
+
 
 def trace(edges: EdgeMaps) -> Chains:
     """Return edges as chains, as few as possible; the inverse of `draw`."""
@@ -77,11 +83,8 @@ def trace(edges: EdgeMaps) -> Chains:
     directions = np.zeros(number, np.int8)
     below, right = edges.between_rows.copy(), edges.between_columns.copy()
     found = trace_edges(below, right, starts, lengths, directions)
-    order = np.argsort(starts[:found], kind="stable")
-    parts = np.split(directions, np.cumsum(lengths[:found])[:-1]) if found else []
-    sorted_parts = [parts[k] for k in order]
-    joined = np.concatenate(sorted_parts) if found else directions
-    return Chains(edges.shape, starts[:found][order], lengths[:found][order], joined)
+    chains = Chains(edges.shape, starts[:found], lengths[:found], directions)
+    return chains.take(np.argsort(chains.starts, kind="stable"))
 
 
 def draw(chains: Chains) -> EdgeMaps:
@@ -142,19 +145,13 @@ def _read(coder: RangeCoder, shape: tuple[int, int], code: EdgeCode, num_bytes: 
     return edges
 
 
-def _field_bits(shape: tuple[int, int], chains: Chains) -> tuple[int, int, int]:
-    """Return the bits of rows, columns and lengths."""
-    longest = int(chains.lengths.max(initial=1))
-    return shape[0].bit_length(), shape[1].bit_length(), longest.bit_length()
-
-
 def _code_fixed(coder: RangeCoder, chains: Chains, most: int) -> EdgeMaps:
     """Write or read chains by code words."""
     edges = EdgeMaps.none(chains.shape)
     height, width = chains.shape
-    row_bits, column_bits, length_bits = _field_bits(chains.shape, chains)
+    row_bits, column_bits = height.bit_length(), width.bit_length()
     number = coder.uniform(2**_LENGTH_BITS, len(chains.starts))
-    length_bits = coder.uniform(32, length_bits)
+    length_bits = coder.uniform(32, int(chains.lengths.max(initial=1)).bit_length())
     if length_bits > _LENGTH_BITS or number > most:
         raise BitstreamError("the edges are damaged")
     parts = chains.parts() if len(chains.starts) else []
@@ -292,26 +289,9 @@ def draw_chain(below: Flags, right: Flags, row: int, column: int, directions: Di
 
 
 @kernel
-def _is_touched(below: Flags, right: Flags, row: int, column: int, last: int) -> Any:
-    """Return whether a vertex has edges other than the one that led there."""
-    for direction in range(4):
-        if (direction + 2) % 4 != last and has_element(below, right, row, column, direction):
-            return 1
-    return 0
-
-
-@kernel
 def _is_open(below: Flags, right: Flags, row: int, column: int, direction: int) -> Any:
     """Return whether a new edge can lead from a vertex in a direction."""
     return is_inside(below, row, column, direction) and not has_element(below, right, row, column, direction)
-
-
-@kernel
-def _code_end(coder: CoderState, mixture: Mixture, touched: int, seen: int, run: int, ended: int) -> Any:
-    """Code whether a chain ends, which is likely at junctions."""
-    base = END * _SIZES
-    second, third = base + 2 + touched * 3 + seen % 3, base + 8 + touched * 12 + run
-    return code_mixed(coder, mixture, base + touched, second, third, touched, ended)
 
 
 @kernel
@@ -322,28 +302,6 @@ def _code_step(
     base = kind * _SIZES
     second, third = base + 81 + seen, base + 81 + NUM_HISTORIES + runs
     return code_mixed(coder, mixture, base + seen % 81, second, third, 2 * kind + min(run, 1), decision)
-
-
-@kernel
-def _code_turn(
-    coder: CoderState,
-    mixture: Mixture,
-    ways: tuple[bool, bool, bool],
-    context: tuple[int, int, int],
-    turn: int,
-    target: int,
-) -> Any:
-    """Code the step of a chain among those possible: 0 straight, 1 to the left, -1 to the right."""
-    (straight, left, after), (seen, runs, run) = ways, context
-    if straight:
-        if not (left or after):
-            return 0
-        if _code_step(coder, mixture, STRAIGHT, seen, runs, run, int(target == 0)):
-            return 0
-    if not (left and after):
-        return 1 if left else -1
-    again = _code_step(coder, mixture, TURN, seen, runs, run, int((target > 0) == (turn >= 0)))
-    return 1 if (again > 0) == (turn >= 0) else -1
 
 
 @kernel
@@ -373,13 +331,27 @@ def code_chain(
         after = _is_open(below, right, row, column, (last + 3) % 4)
         if not (straight or left or after) or count >= len(directions):
             return count
-        touched = _is_touched(below, right, row, column, last)
+        touched = zero  # whether the vertex has other edges; a chain is likely to end there
+        for direction in range(4):
+            if (direction + 2) % 4 != last and has_element(below, right, row, column, direction):
+                touched = touched | 1
         seen = history if turn >= 0 else NUM_HISTORIES - 1 - history  # as if the last turn were to the left
         runs = (run * (MAX_RUN + 1) + run_before) * 3 + same + 1
-        if _code_end(coder, mixture, touched, seen, run, int(count == length)):
+        base = END * _SIZES
+        second, third = base + 2 + touched * 3 + seen % 3, base + 8 + touched * 12 + run
+        if code_mixed(coder, mixture, base + touched, second, third, touched, int(count == length)):
             return count
         target: Any = (np.int64(directions[count]) - last + 1) % 4 - 1 if count < length else 0
-        step = _code_turn(coder, mixture, (straight, left, after), (seen, runs, run), turn, target)
+        # among the possible steps: 0 straight, 1 to the left, -1 to the right
+        is_straight = straight and not (left or after)
+        if straight and not is_straight:
+            is_straight = bool(_code_step(coder, mixture, STRAIGHT, seen, runs, run, int(target == 0)))
+        step: Any = np.int64(0)
+        if not is_straight:
+            step = 1 if left else -1
+            if left and after:
+                again = _code_step(coder, mixture, TURN, seen, runs, run, int((target > 0) == (turn >= 0)))
+                step = 1 if (again > 0) == (turn >= 0) else -1
         history = (history * 3 + step + 1) % NUM_HISTORIES
         if step == 0:
             run = min(run + 1, MAX_RUN)

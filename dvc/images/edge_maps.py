@@ -1,11 +1,9 @@
 """Edges on the lattice dual to that of samples: neighbours that a transform treats as independent; masks.
 
-Vertex (row, column) of the dual lattice is the upper left corner of that sample, so it has one more of each.
-Directions are 0 right, 1 up, 2 left, 3 down. In kernels, `below` and `right` are the maps of `EdgeMaps`.
-
-The border of a mask is among the edges, and each region that edges separate is inside or outside. Regions are
-numbered by their first samples, row by row. Edges never separate samples outside, so a region that begins
-below or to the right of one outside is inside, and nothing is coded for it.
+Vertex (row, column) of the dual lattice is the upper left corner of that sample. In kernels, `below` and
+`right` are the maps of `EdgeMaps`. The border of a mask is among the edges, and each region that edges
+separate is inside or outside. Edges never separate samples outside, so a region that begins below or to the
+right of one outside is inside, and nothing is coded for it.
 """
 
 from collections.abc import Iterator
@@ -22,6 +20,7 @@ from dvc.entropy.mixing import code_adaptive
 from dvc.entropy.range_coder import CoderState
 
 Flags = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
 
 RIGHT, UP, LEFT, DOWN = range(4)
 
@@ -53,22 +52,18 @@ class EdgeMaps:
         """Return the number of edge elements."""
         return int(np.count_nonzero(self.between_rows)) + int(np.count_nonzero(self.between_columns))
 
-    def coarser(self) -> Self:
-        """Return the edges of the low band (4.5)."""
-        return type(self)(*coarser(self.between_rows, self.between_columns))
-
     def pyramid(self, num_levels: int) -> Iterator[Self]:
         """Yield the edges of all scales that are split."""
         maps = self
         for level in range(num_levels):
             if level:
-                maps = maps.coarser()
+                maps = type(self)(*coarser(maps.between_rows, maps.between_columns))
             yield maps
 
 
 @kernel
 def coarser(below: Flags, right: Flags) -> tuple[Flags, Flags]:
-    """Return the edges of the low band (4.5), compiled."""
+    """Return the edges of the low band (4.5)."""
     height, width = (below.shape[0] + 1) // 2, (below.shape[1] + 1) // 2
     less_below, less_right = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
     for i in range(height):
@@ -81,51 +76,37 @@ def coarser(below: Flags, right: Flags) -> tuple[Flags, Flags]:
 
 
 @kernel
+def is_inside(below: Flags, row: int, column: int, direction: int) -> bool:
+    """Return whether an edge can lead from a vertex in a direction, between two samples."""
+    height, width = below.shape
+    if direction % 2 == 0:
+        first = int(direction == LEFT)
+        return bool(0 < row < height and first <= column < width + first)
+    first = int(direction == UP)
+    return bool(0 < column < width and first <= row < height + first)
+
+
+@kernel
 def has_element(below: Flags, right: Flags, row: int, column: int, direction: int) -> bool:
     """Return whether an edge leads from a vertex in a direction."""
     if not is_inside(below, row, column, direction):
         return False
-    if direction == RIGHT:
-        return bool(below[row - 1, column] != 0)
-    if direction == LEFT:
-        return bool(below[row - 1, column - 1] != 0)
-    if direction == DOWN:
-        return bool(right[row, column - 1] != 0)
-    return bool(right[row - 1, column - 1] != 0)
-
-
-@kernel
-def is_inside(below: Flags, row: int, column: int, direction: int) -> bool:
-    """Return whether an edge can lead from a vertex in a direction, between two samples."""
-    height, width = below.shape
-    if direction in (RIGHT, LEFT):
-        return bool(0 < row < height and (0 <= column < width if direction == RIGHT else 0 < column <= width))
-    return bool(0 < column < width and (0 <= row < height if direction == DOWN else 0 < row <= height))
-
-
-@kernel
-def next_vertex(row: int, column: int, direction: int) -> tuple[int, int]:
-    """Return the vertex that an edge leads to."""
-    if direction == RIGHT:
-        return row, column + 1
-    if direction == LEFT:
-        return row, column - 1
-    if direction == DOWN:
-        return row + 1, column
-    return row - 1, column
+    maps = below if direction % 2 == 0 else right
+    return bool(maps[row - int(direction != DOWN), column - int(direction != RIGHT)] != 0)
 
 
 @kernel
 def set_element(below: Flags, right: Flags, row: int, column: int, direction: int, value: int) -> None:
     """Set the edge from a vertex in a direction."""
-    if direction == RIGHT:
-        below[row - 1, column] = value
-    elif direction == LEFT:
-        below[row - 1, column - 1] = value
-    elif direction == DOWN:
-        right[row, column - 1] = value
-    else:
-        right[row - 1, column - 1] = value
+    maps = below if direction % 2 == 0 else right
+    maps[row - int(direction != DOWN), column - int(direction != RIGHT)] = value
+
+
+@kernel
+def next_vertex(row: int, column: int, direction: int) -> tuple[int, int]:
+    """Return the vertex that an edge leads to."""
+    row += int(direction == DOWN) - int(direction == UP)
+    return row, column + int(direction == RIGHT) - int(direction == LEFT)
 
 
 @kernel
@@ -138,25 +119,23 @@ def degree(below: Flags, right: Flags, row: int, column: int) -> int:
     return number
 
 
-Mask = NDArray[np.bool_]
-
 _INITIAL_PERCENT = 70, 30
 """Probability that a region is inside: the first one, and one next to regions inside only."""
 
 
 def border(mask: Mask) -> EdgeMaps:
     """Return the edges between samples inside and outside a mask."""
-    edges = EdgeMaps.none((mask.shape[0], mask.shape[1]))
-    edges.between_rows[:-1] = mask[:-1] != mask[1:]
-    edges.between_columns[:, :-1] = mask[:, :-1] != mask[:, 1:]
-    return edges
+    return edges_inside(EdgeMaps.none((mask.shape[0], mask.shape[1])), mask)
 
 
 def edges_inside(edges: EdgeMaps, mask: Mask) -> EdgeMaps:
     """Return the border of a mask, and the edges between samples inside it."""
-    found = border(mask)
-    found.between_rows[:-1] |= edges.between_rows[:-1] & mask[:-1] & mask[1:]
-    found.between_columns[:, :-1] |= edges.between_columns[:, :-1] & mask[:, :-1] & mask[:, 1:]
+    found = EdgeMaps.none(edges.shape)
+    for target, source, before, after in (
+        (found.between_rows[:-1], edges.between_rows[:-1], mask[:-1], mask[1:]),
+        (found.between_columns[:, :-1], edges.between_columns[:, :-1], mask[:, :-1], mask[:, 1:]),
+    ):
+        target[:] = (before != after) | (source & before & after)
     return found
 
 
@@ -182,8 +161,7 @@ def code_mask(coder: RangeCoder, edges: EdgeMaps, mask: Mask | None = None) -> M
     counts = context_counts(np.array(_INITIAL_PERCENT))
     _code_regions(coder.room_for(len(first)), counts, found, first, inside)
     coder.check()
-    known: Mask = inside[found] != 0
-    return known
+    return np.asarray(inside[found] != 0)
 
 
 @kernel

@@ -1,22 +1,35 @@
-"""Automatic selection of the edges that are worth their bits, at any rate.
+"""Edges of depth maps: by Canny's detector, of a file, or selected as those that are worth their bits.
 
-A contour is kept if it reduces the cost of coefficients, their squared error and their bits, by more than its
-own bits are worth. Candidates are cut into short pieces at junctions, and each piece is removed or added
-again by the change of cost in a transform of its surroundings, until nothing changes. The only parameter is
-the step of the quantiser, which a search over rates provides; all else is in units of it.
+A contour is selected if it reduces the cost of coefficients, their squared error and their bits, by more than
+its own bits are worth. Candidates are cut into short pieces at junctions, and each piece is removed or added
+again by the change of cost in a transform of its surroundings, until nothing changes.
 """
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
-from dvc.images.chain_code import Chains, trace
-from dvc.images.edge_extraction import edges_of_jumps
+from dvc.errors import DvcError
+from dvc.images.chain_code import Chains, draw, trace
 from dvc.images.edge_maps import DOWN, RIGHT, EdgeMaps, Flags, Mask, coarser, degree, next_vertex, set_element
 from dvc.images.lifting import FORWARD, WAVELETS, Plane, Wavelet, lift_columns
+from dvc.picture_files import read_levels, write_png
+
+CANNY_THRESHOLDS = 40.0, 100.0
+"""Weaker and stronger threshold of the detector, for maps stretched to levels from 0 to 255."""
+
+SHORTEST_CHAIN = 8
+"""Edge elements of the shortest chain that Canny's detector keeps."""
+
+_JUMP = 0.02
+
+RIGHT_LEVEL, BELOW_LEVEL = 85, 170
+"""Levels of a sample that is cut off from that to its right, and from that below it; both: their sum."""
 
 CANDIDATE_STEPS = 0.5
 """Least difference of neighbours with a candidate edge, in steps."""
@@ -34,6 +47,7 @@ PIECE_AREA, FEW_PIECES = 32, 2000
 """Pixels to a piece of candidates, beyond a few: more of them are noise, and take long."""
 
 _PIECE_LENGTH = 32
+_STEPS = np.array([[0, 1], [-1, 0], [0, -1], [1, 0]])  # rows and columns, by direction
 _NUM_LEVELS, _MARGIN, _MAX_PASSES = 4, 16, 3
 _LADDER_RATIO = 2.0**-0.5
 _FINEST = 1 / 512
@@ -49,41 +63,65 @@ LiftingWeights = tuple[Floats, float, float, float]
 """Weights and gain of a wavelet, and the scales of the low and the high band."""
 
 
-class Pieces(NamedTuple):
-    """Pieces of chains."""
+def edges_of_jumps(depth: Plane, least: float) -> EdgeMaps:
+    """Return the edges between neighbours that differ."""
+    edges = EdgeMaps.none((depth.shape[0], depth.shape[1]))
+    edges.between_rows[:-1] = np.abs(np.diff(depth, axis=0)) > least
+    edges.between_columns[:, :-1] = np.abs(np.diff(depth, axis=1)) > least
+    return edges
 
-    elements: Integers  # vertex and direction of each edge of the pieces
-    bounds: Integers  # index of the first edge of each piece, and the end
-    order: Integers  # order of weighing
-    present: Flags  # 1 if a piece is in
+
+def canny_edges(depth: Plane) -> EdgeMaps:
+    """Return the edges at pixels that Canny's detector marks, without short chains."""
+    extent = float(np.ptp(depth))
+    if not extent:
+        return EdgeMaps.none((depth.shape[0], depth.shape[1]))
+    levels = np.round((depth - depth.min()) * (255.0 / extent)).astype(np.uint8)
+    marked = cv2.Canny(levels, *CANNY_THRESHOLDS, L2gradient=True) > 0
+    edges = edges_of_jumps(depth, _JUMP * extent)
+    edges.between_rows[:-1] &= marked[:-1] | marked[1:]
+    edges.between_columns[:, :-1] &= marked[:, :-1] | marked[:, 1:]
+    chains = trace(edges)
+    return draw(chains.take(np.flatnonzero(chains.lengths >= SHORTEST_CHAIN)))
 
 
-class Surroundings(NamedTuple):
-    """Data for weighing pieces."""
+def write_edges(path: Path, edges: EdgeMaps) -> None:
+    """Write edges; the inverse of `read_edges`."""
+    write_png(path, RIGHT_LEVEL * edges.between_columns + BELOW_LEVEL * edges.between_rows)
 
-    plane: Plane  # samples, in steps
-    wavelet: LiftingWeights
-    order: int  # order of the extrapolation
-    num_levels: int  # number of scales
-    margin: int  # samples around a piece
+
+def read_edges(path: str | Path, shape: tuple[int, int]) -> EdgeMaps:
+    """Read edges; those beyond the last row and column have no meaning."""
+    levels = read_levels(path, "a picture of edges, as decode writes it")
+    if levels.shape != shape:
+        sizes = [f"{size[1]}x{size[0]}" for size in (levels.shape, shape)]
+        raise DvcError(f"{path}: edges of {sizes[0]}, but the depth map is {sizes[1]}")
+    known = (0, RIGHT_LEVEL, BELOW_LEVEL, RIGHT_LEVEL + BELOW_LEVEL)
+    if not np.isin(levels, known).all():
+        raise DvcError(f"{path}: edges have the levels {', '.join(map(str, known))}")
+    right = np.isin(levels, (RIGHT_LEVEL, RIGHT_LEVEL + BELOW_LEVEL)).astype(np.uint8)
+    below = (levels >= BELOW_LEVEL).astype(np.uint8)
+    below[-1], right[:, -1] = 0, 0
+    return EdgeMaps(below, right)
 
 
 def select(
     depth: Plane, edges: EdgeMaps, step: float, order: int, wavelet: Wavelet = WAVELETS["9/7"]
 ) -> EdgeMaps:
     """Return the edges that are worth their bits."""
-    chains = trace(edges)
-    if not len(chains.starts):
+    elements, bounds = _pieces(trace(edges), edges)
+    if not len(elements):
         return edges
-    elements, bounds = _pieces(chains, edges)
     below, right = edges.between_rows.copy(), edges.between_columns.copy()
-    jumps = np.add.reduceat(_jumps(depth, elements), bounds[:-1]) / np.diff(bounds)
-    present = np.ones(len(bounds) - 1, np.uint8)
-    pieces = Pieces(elements, bounds, np.argsort(jumps, kind="stable"), present)
-    weights = (np.array(wavelet.weights), wavelet.gain, *wavelet.scales)
-    surroundings = Surroundings(depth / step, weights, order, _NUM_LEVELS, _MARGIN)
+    rows, columns, directions = elements.T
+    first_row, first_column = rows - (directions != DOWN), columns - (directions != RIGHT)
+    flat = directions % 2 == 0
+    jumps = np.abs(depth[first_row + flat, first_column + ~flat] - depth[first_row, first_column])
+    mean_jumps = np.add.reduceat(jumps, bounds[:-1]) / np.diff(bounds)
+    sequence, present = np.argsort(mean_jumps, kind="stable"), np.ones(len(bounds) - 1, np.uint8)
+    plane, weights = depth / step, (np.array(wavelet.weights), wavelet.gain, *wavelet.scales)
     for _ in range(_MAX_PASSES):
-        if not weigh_pieces(surroundings, below, right, pieces):
+        if not weigh_pieces(plane, weights, order, below, right, elements, bounds, sequence, present):
             break
     return EdgeMaps(below, right)
 
@@ -108,7 +146,8 @@ def ladder(
             if mask is not None:
                 found.between_rows[:-1] &= mask[:-1] & mask[1:]
                 found.between_columns[:, :-1] &= mask[:, :-1] & mask[:, 1:]
-            if found.count() * ELEMENT_BITS <= 2.0 * max_bits and _num_pieces(found) <= most_pieces:
+            is_cheap = found.count() * ELEMENT_BITS <= 2.0 * max_bits
+            if is_cheap and len(_pieces(trace(found), found)[1]) <= most_pieces + 1:
                 edges = found
         if edges is not None:
             edges = select(depth, edges, step, order, wavelet)
@@ -118,49 +157,22 @@ def ladder(
         step /= _LADDER_RATIO
 
 
-def _num_pieces(edges: EdgeMaps) -> int:
-    chains = trace(edges)
-    return len(_pieces(chains, edges)[1]) - 1 if len(chains.starts) else 0
-
-
-def _pieces(chains: Chains, edges: EdgeMaps) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the elements and bounds of chains cut at junctions, and into short pieces."""
-    width = chains.shape[1] + 1
+def _pieces(chains: Chains, edges: EdgeMaps) -> tuple[Integers, Integers]:
+    """Return vertex and direction of all edges, and the bounds of pieces: short, and cut at junctions."""
     begins = np.cumsum(chains.lengths) - chains.lengths
-    rows = _from_starts(_ROW_STEPS[chains.directions], chains.starts // width, begins, chains.lengths)
-    columns = _from_starts(_COLUMN_STEPS[chains.directions], chains.starts % width, begins, chains.lengths)
-    cut = degrees(edges.between_rows, edges.between_columns, rows, columns) != 2
+    steps = _STEPS[chains.directions]
+    before = np.cumsum(steps, axis=0) - steps
+    starts = np.stack(np.divmod(chains.starts, chains.shape[1] + 1), axis=1)
+    vertices = before + np.repeat(starts - before[begins], chains.lengths, axis=0)
+    cut = degrees(edges.between_rows, edges.between_columns, vertices) != 2
     cut[begins] = True
     first = np.flatnonzero(cut)
-    lengths = np.diff(first, append=len(rows))
+    lengths = np.diff(first, append=len(vertices))
     numbers = -(-lengths // _PIECE_LENGTH)
     within = np.arange(1, numbers.sum() + 1) - np.repeat(np.cumsum(numbers) - numbers, numbers)
     ends = np.repeat(first, numbers) + np.repeat(lengths, numbers) * within // np.repeat(numbers, numbers)
-    elements = np.stack([rows, columns, chains.directions], axis=1)
+    elements = np.column_stack([vertices, chains.directions])
     return elements.astype(np.int64), np.concatenate([[0], ends])
-
-
-_ROW_STEPS, _COLUMN_STEPS = np.array([0, -1, 0, 1]), np.array([1, 0, -1, 0])
-
-
-def _from_starts(
-    steps: NDArray[np.int64], starts: NDArray[np.int64], begins: NDArray[np.int64], lengths: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return the row or column of the start of each element, chain by chain."""
-    before = np.cumsum(steps) - steps
-    found: NDArray[np.int64] = before + np.repeat(starts - before[begins], lengths)
-    return found
-
-
-def _jumps(depth: Plane, elements: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the difference across each edge."""
-    rows, columns, directions = elements.T
-    flat = directions % 2 == 0
-    first_row = np.where(directions == DOWN, rows, rows - 1)
-    first_column = np.where(directions == RIGHT, columns, columns - 1)
-    second_row, second_column = first_row + flat, first_column + ~flat
-    jumps: Plane = np.abs(depth[second_row, second_column] - depth[first_row, first_column])
-    return jumps
 
 
 @kernel
@@ -213,34 +225,29 @@ def _set_piece(below: Flags, right: Flags, elements: Integers, value: Any) -> No
 
 
 @kernel
-def _window(elements: Integers, margin: int, alignment: int, height: int, width: int) -> Any:
-    """Return the part of a plane around a piece of a chain, aligned to the coarsest scale."""
-    top, bottom = elements[:, 0].min() - margin, elements[:, 0].max() + margin
-    left, right = elements[:, 1].min() - margin, elements[:, 1].max() + margin
+def _window_cost(
+    plane: Plane, wavelet: LiftingWeights, order: int, below: Flags, right: Flags, elements: Integers
+) -> Any:
+    """Return the cost of the part of a plane around a piece of a chain, aligned to the coarsest scale."""
+    alignment = 1 << _NUM_LEVELS
+    height, width = below.shape
+    top, bottom = elements[:, 0].min() - _MARGIN, elements[:, 0].max() + _MARGIN
+    left, end = elements[:, 1].min() - _MARGIN, elements[:, 1].max() + _MARGIN
     top, left = max(top // alignment * alignment, 0), max(left // alignment * alignment, 0)
     bottom = min((bottom + alignment - 1) // alignment * alignment, height)
-    right = min((right + alignment - 1) // alignment * alignment, width)
-    return top, bottom, left, right
-
-
-@kernel
-def _window_cost(
-    surroundings: Surroundings, below: Flags, right: Flags, window: tuple[int, int, int, int]
-) -> Any:
-    top, bottom, left, end = window
+    end = min((end + alignment - 1) // alignment * alignment, width)
     part_below = below[top:bottom, left:end].copy()
     part_right = right[top:bottom, left:end].copy()
     part_below[bottom - top - 1], part_right[:, end - left - 1] = 0, 0
-    plane, wavelet, order, num_levels, _ = surroundings
-    return transform_cost(plane[top:bottom, left:end], part_below, part_right, num_levels, wavelet, order)
+    return transform_cost(plane[top:bottom, left:end], part_below, part_right, _NUM_LEVELS, wavelet, order)
 
 
 @kernel
-def degrees(below: Flags, right: Flags, rows: Integers, columns: Integers) -> Any:
+def degrees(below: Flags, right: Flags, vertices: Integers) -> Any:
     """Return the number of edges that meet at each vertex."""
-    found = np.empty(len(rows), np.int64)
-    for k in range(len(rows)):
-        found[k] = degree(below, right, rows[k], columns[k])
+    found = np.empty(len(vertices), np.int64)
+    for k in range(len(vertices)):
+        found[k] = degree(below, right, vertices[k, 0], vertices[k, 1])
     return found
 
 
@@ -256,20 +263,26 @@ def _odd_ends(below: Flags, right: Flags, elements: Integers) -> Any:
 
 
 @kernel
-def weigh_pieces(surroundings: Surroundings, below: Flags, right: Flags, pieces: Pieces) -> Any:
+def weigh_pieces(
+    plane: Plane,
+    wavelet: LiftingWeights,
+    order: int,
+    below: Flags,
+    right: Flags,
+    elements: Integers,
+    bounds: Integers,
+    sequence: Integers,
+    present: Flags,
+) -> Any:
     """Add or remove each piece of chains if that costs less; return the number of changes."""
-    elements, bounds, order_of_pieces, present = pieces
-    alignment = 1 << surroundings.num_levels
-    height, width = below.shape
     changes = 0
-    for k in order_of_pieces:
+    for k in sequence:
         piece = elements[bounds[k] : bounds[k + 1]]
-        window = _window(piece, surroundings.margin, alignment, height, width)
-        cost = _window_cost(surroundings, below, right, window)
+        cost = _window_cost(plane, wavelet, order, below, right, piece)
         ends = _odd_ends(below, right, piece)
         sign = -1 if present[k] else 1
         _set_piece(below, right, piece, np.uint8(1 - present[k]))
-        changed_cost = _window_cost(surroundings, below, right, window)
+        changed_cost = _window_cost(plane, wavelet, order, below, right, piece)
         changed_ends = _odd_ends(below, right, piece)
         bits = sign * ELEMENT_BITS * len(piece) + 0.5 * CHAIN_BITS * (changed_ends - ends)
         if changed_cost + MULTIPLIER * bits < cost:

@@ -1,17 +1,12 @@
 """Lifting: the 9/7 and 5/3 wavelet transforms of planes of any size; they may stop at edges.
 
-Even samples become the low band, odd ones the high band. Each step changes one of the two cosets by the sum
-of the neighbours in the other, so the same steps backward, with opposite signs, are the inverse for any
-choice of neighbours beyond a border: here the symmetric extension about the last sample.
-
-Samples beyond an edge are extrapolated from the samples of the same coset on this side
-by a polynomial (4.4), so the inverse knows it too. With too few of them the polynomial has a lower degree.
-In the last step details beyond an edge are taken to be zero, as if the polynomial fitted there; not so with
-degree 0, which is the symmetric extension of shape-adaptive transforms. A sample of the low band that is
-isolated between edges is scaled as a constant is; one of the high band is predicted from beyond its edges.
-
-The border of a mask is among the edges. Samples and coefficients outside are zero after each step, so that
-those inside do not depend on them.
+Even samples become the low band, odd ones the high band. Each step changes one coset by neighbours in the
+other, so the same steps backward, with opposite signs, are the inverse for any extension at a border.
+Samples beyond an edge are extrapolated from those of their coset on this side by a polynomial (4.4), of a
+lower degree if they are too few. In the last step, except with degree 0 (the symmetric extension of
+shape-adaptive transforms), details beyond an edge are taken to be zero. A sample of the low band isolated
+between edges is scaled as a constant is; one of the high band is predicted from beyond its edges. The border
+of a mask is among the edges; samples and coefficients outside are zero after each step.
 """
 
 import math
@@ -21,14 +16,13 @@ from itertools import islice, repeat
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dvc._jit import kernel
+from dvc.arrays import Floats, Mask
 from dvc.images.edge_maps import EdgeMaps, Flags
 
-Plane = NDArray[np.float64]
-
-Mask = NDArray[np.bool_]
+Plane = Floats
 
 EXTRAPOLATION = np.array(
     [[1.0, 0.0, 0.0, 0.0], [2.0, -1.0, 0.0, 0.0], [3.0, -3.0, 1.0, 0.0], [4.0, -6.0, 4.0, -1.0]]
@@ -134,10 +128,10 @@ class Transform:
         if self.mask is not None:
             low[~self.mask] = 0.0
         for level, maps in enumerate(self._scales(0)):
-            self._split(low, None if maps is None else maps.between_rows)
+            self._lift(low, None if maps is None else maps.between_rows)
             self._clear(low, level)
             across = np.ascontiguousarray(low.T)
-            self._split(across, None if maps is None else maps.between_columns.T)
+            self._lift(across, None if maps is None else maps.between_columns.T)
             self._clear(across.T, level)
             details.append(Details(across.T[0::2, 1::2], across.T[1::2, 0::2], across.T[1::2, 1::2]))
             low = np.ascontiguousarray(across.T[0::2, 0::2])
@@ -156,10 +150,10 @@ class Transform:
                 across = np.empty(plane[rows].shape[::-1])
                 across.T[0::2, 0::2], across.T[0::2, 1::2] = low[pairs], details.horizontal[pairs]
                 across.T[1::2, 0::2], across.T[1::2, 1::2] = details.vertical[pairs], details.diagonal[pairs]
-                self._merge(across, None if maps is None else maps.between_columns[rows].T)
+                self._lift(across, None if maps is None else maps.between_columns[rows].T, inverse=True)
                 plane[rows] = across.T
             self._clear(plane, skipped + k)
-            self._merge(plane, None if maps is None else maps.between_rows)
+            self._lift(plane, None if maps is None else maps.between_rows, inverse=True)
             self._clear(plane, skipped + k)
             low = plane
         return low
@@ -174,25 +168,17 @@ class Transform:
         if self.mask is not None:
             plane[~self.mask[:: 2**level, :: 2**level]] = 0.0
 
-    def _split(self, samples: Plane, edges: Flags | None) -> None:
-        """Turn the columns of a plane into a low and a high band, in place, one row of each in turn."""
-        if len(samples) > 1:
-            self._lift(samples, edges, inverse=False)
-            for band, scale in enumerate(WAVELETS[self.wavelet].scales):
-                samples[band::2] *= scale
-
-    def _merge(self, samples: Plane, edges: Flags | None) -> None:
-        """Turn bands into the columns of a plane; the inverse of `_split`."""
-        if len(samples) > 1:
-            for band, scale in enumerate(WAVELETS[self.wavelet].scales):
-                samples[band::2] /= scale
-            self._lift(samples, edges, inverse=True)
-
-    def _lift(self, samples: Plane, edges: Flags | None, *, inverse: bool) -> None:
+    def _lift(self, samples: Plane, edges: Flags | None, *, inverse: bool = False) -> None:
+        """Turn the columns of a plane into a low and a high band in place, a row of each in turn; or back."""
+        if len(samples) < 2:
+            return
         wavelet = WAVELETS[self.wavelet]
-        weights: NDArray[np.float64] = np.array(wavelet.weights)
         flags = np.zeros(samples.shape, np.uint8) if edges is None else np.ascontiguousarray(edges)
-        lift_columns(samples, flags, weights, wavelet.gain, self.order, inverse)
+        for band, scale in enumerate(wavelet.scales if inverse else ()):
+            samples[band::2] /= scale
+        lift_columns(samples, flags, np.array(wavelet.weights), wavelet.gain, self.order, inverse)
+        for band, scale in enumerate(() if inverse else wavelet.scales):
+            samples[band::2] *= scale
 
 
 def mask_pyramid(mask: Mask, num_levels: int) -> Pyramid:
@@ -214,46 +200,28 @@ def lift_columns(
     for k in range(num_steps):
         step = num_steps - 1 - k if inverse else k
         weight = -weights[step] if inverse else weights[step]
-        if step % 2 == 0:
-            _predict(samples, edges, weight, order)
-        else:
-            _update(samples, edges, weight, order, order > 0 and step == num_steps - 1)
-            if step == 1:
-                _scale_lone(samples, edges, 1.0 / gain if inverse else gain)
+        final = order > 0 and step == num_steps - 1 and step % 2 == 1
+        _change(samples, edges, 1 - step % 2, weight, order, final)
+        if step == 1:
+            _scale_lone(samples, edges, 1.0 / gain if inverse else gain)
 
 
 @kernel
-def _predict(samples: Plane, edges: Flags, weight: float, order: int) -> None:
-    """Change odd samples. One that is isolated between edges is predicted from beyond them."""
+def _change(samples: Plane, edges: Flags, first: int, weight: float, order: int, final: bool) -> None:
+    """Change odd or even samples; with `final`, details beyond an edge are taken to be zero.
+
+    If a sample is isolated between edges, an odd one is predicted from beyond them, an even one stays.
+    """
     num_rows, num_columns = samples.shape
     last = num_rows - 1
-    for i in range(1, num_rows, 2):
-        for t in range(num_columns):
-            cut_before = edges[i - 1, t] != 0
-            cut_after = i < last and edges[i, t] != 0
-            if cut_before and (cut_after or i == last):
-                before = samples[i - 1, t]
-                after = samples[i + 1, t] if i < last else before
-            else:
-                before = _beyond(samples, edges, i, t, _BEFORE, order) if cut_before else samples[i - 1, t]
-                if i == last:
-                    after = samples[i - 1, t]
-                else:
-                    after = _beyond(samples, edges, i, t, _AFTER, order) if cut_after else samples[i + 1, t]
-            samples[i, t] += weight * (before + after)
-
-
-@kernel
-def _update(samples: Plane, edges: Flags, weight: float, order: int, final: bool) -> None:
-    """Change even samples; with `final`, details beyond an edge are taken to be zero."""
-    num_rows, num_columns = samples.shape
-    last = num_rows - 1
-    for i in range(0, num_rows, 2):
+    for i in range(first, num_rows, 2):
         for t in range(num_columns):
             cut_before = i > 0 and edges[i - 1, t] != 0
             cut_after = i < last and edges[i, t] != 0
             if (cut_before or i == 0) and (cut_after or i == last):
-                continue
+                if first == 0:
+                    continue
+                cut_before = cut_after = False
             before, after = 0.0, 0.0
             if i == 0:
                 before = samples[i + 1, t]

@@ -6,7 +6,7 @@ picture that depends on these bytes only: an encoder calls `decode` for the pict
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, Self
 
@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from dvc.errors import BitstreamError
 from dvc.images import zerotree_coder
 from dvc.images.colour import rgb_from_ycbcr, ycbcr_from_rgb
-from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_maps import EdgeMaps, Mask
 from dvc.images.lifting import (
     WAVELETS,
-    Mask,
     Pyramid,
     Transform,
     low_band_gain,
@@ -53,6 +52,7 @@ _MULTIPLIER_STEPS = 40
 _MOST_GAIN = 16.0
 _MIDDLE = 128.0
 _PEAK = 255.0
+_SCALES = ((_MIDDLE, 1.0), (0.0, CHROMA_WEIGHT), (0.0, CHROMA_WEIGHT))  # middle and weight of each plane
 _ROWS_AT_ONCE = 16
 _POINT_STEP, _FIRST_POINT, _NUM_POINTS = 1 / 32, 2, 16
 
@@ -183,8 +183,12 @@ def encode(
     mask: Mask | None = None,
 ) -> PictureCode:
     """Code a picture."""
-    planes = _planes_of(np.asarray(picture, np.float64))
-    shape = (planes[0].shape[0], planes[0].shape[1])
+    samples = np.asarray(picture, np.float64)
+    if samples.ndim not in (2, 3) or samples.shape[2:] not in ((), (3,)) or not samples.size:
+        raise ValueError(f"`picture` must be of shape (H, W) or (H, W, 3), not empty, got {samples.shape}")
+    components = samples[np.newaxis] if samples.ndim == 2 else ycbcr_from_rgb(samples)
+    planes = [(plane - middle) * weight for plane, (middle, weight) in zip(components, _SCALES, strict=False)]
+    shape = samples.shape[0], samples.shape[1]
     if num_levels is None:
         num_levels = min(DEFAULT_LEVELS, most_levels(shape))
     if not 0 <= num_levels <= MAX_LEVELS:
@@ -218,8 +222,16 @@ def decode(
         raise ValueError(
             f"`num_skipped_levels` must be from 0 to {header.num_levels}, got {num_skipped_levels}"
         )
+    size = scale_shapes(shape, num_skipped_levels)[-1]
+    scales = _SCALES[: 3 if header.colour else 1]
     if not data or not header.num_bit_planes:
-        return _without_coefficients(header, shape, num_skipped_levels)
+        planes = np.broadcast_to(
+            np.array([middle for middle, _ in scales])[:, None, None], (len(scales), *size)
+        )
+        shapes = scale_shapes(shape, most_levels(shape))[1:]
+        return DecodedPicture(
+            planes, [np.full(each, k >= header.num_levels) for k, each in enumerate(shapes)]
+        )
     bands, known = _read(header, data, shape, mask)
     points = tuple((point + _FIRST_POINT) * _POINT_STEP for point in header.points)
 
@@ -230,17 +242,13 @@ def decode(
         return np.multiply(found, STEP, out=found)
 
     transform = Transform(header.num_levels, header.wavelet, edges, order, mask)
-    planes = _synthesised(scatter(bands, _coefficients), transform, header.colour, shape, num_skipped_levels)
+    gain, planes = low_band_gain(shape, num_skipped_levels), np.empty((len(scales), *size))
+    pyramids = scatter(bands, _coefficients)  # one plane after the other: pictures may be large
+    for k, pyramid in enumerate(pyramids):
+        kept = Pyramid(pyramid.low, pyramid.details[num_skipped_levels:])
+        np.divide(transform.synthesise(kept), gain * scales[k][1], out=planes[k])
+        planes[k] += scales[k][0]
     return DecodedPicture(planes, significance_maps(bands, known, shape, most_levels(shape)))
-
-
-def _without_coefficients(header: PictureHeader, shape: Shape, num_skipped_levels: int) -> DecodedPicture:
-    """Return a picture without significant coefficients; planes take no memory."""
-    middles = np.array([middle for middle, _ in _SCALES[: 3 if header.colour else 1]])
-    size = scale_shapes(shape, num_skipped_levels)[-1]
-    planes = np.broadcast_to(middles[:, None, None], (len(middles), *size))
-    shapes = scale_shapes(shape, most_levels(shape))[1:]
-    return DecodedPicture(planes, [np.full(each, k >= header.num_levels) for k, each in enumerate(shapes)])
 
 
 def _read(
@@ -249,37 +257,6 @@ def _read(
     """Return bands and coefficients, without the trees that reading takes."""
     forest = _forest(shape, header.num_levels, header.colour, mask)
     return forest.bands, zerotree_coder.decode(forest, data, header.num_bit_planes, header.adaptive)
-
-
-def _synthesised(
-    pyramids: Iterator[Pyramid], transform: Transform, colour: bool, shape: Shape, num_skipped_levels: int
-) -> NDArray[np.float64]:
-    """Return planes, synthesised one after the other: pictures may be large."""
-    gain = low_band_gain(shape, num_skipped_levels)
-    size = scale_shapes(shape, num_skipped_levels)[-1]
-    planes = np.empty((3 if colour else 1, *size))
-    for component, (middle, weight) in enumerate(_SCALES[: len(planes)]):
-        pyramid = next(pyramids)
-        kept = Pyramid(pyramid.low, pyramid.details[num_skipped_levels:])
-        np.divide(transform.synthesise(kept), gain * weight, out=planes[component])
-        planes[component] += middle
-    return planes
-
-
-_SCALES = ((_MIDDLE, 1.0), (0.0, CHROMA_WEIGHT), (0.0, CHROMA_WEIGHT))
-
-
-def _planes_of(picture: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Return the planes of a picture as they are transformed."""
-    if picture.ndim == 2:
-        planes = picture[np.newaxis]
-    elif picture.ndim == 3 and picture.shape[2] == 3:
-        planes = ycbcr_from_rgb(picture)
-    else:
-        raise ValueError(f"`picture` must be of shape (H, W) or (H, W, 3), got {picture.shape}")
-    if planes.size == 0:
-        raise ValueError("`picture` must not be empty")
-    return [(plane - middle) * weight for plane, (middle, weight) in zip(planes, _SCALES, strict=False)]
 
 
 def _forest(shape: Shape, num_levels: int, colour: bool, mask: Mask | None) -> Forest:

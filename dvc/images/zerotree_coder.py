@@ -2,13 +2,9 @@
 
 Magnitudes are whole numbers of steps, with a dead zone. Their bit planes are coded from the highest on; in
 each, first the single coefficients, then the sets, then the next digits of coefficients that were
-significant before. From the original algorithm this differs in its contexts, in that decisions that follow
-from others are left out, and in that a set is coded down to its leaves at once.
-
-The probability of a decision is a logistic mixture of those of three adaptive contexts: the neighbours,
-parent and children, and the surroundings at that scale.
-
-A reader of a part of the bytes takes exactly the decisions that these bytes settle.
+significant before. Unlike in the original algorithm, decisions have contexts (the neighbours, parent and
+children, and the surroundings at that scale, mixed), decisions that follow from earlier ones are left out,
+and a set is coded down to its leaves at once. A part of the bytes settles exactly some first decisions.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -66,11 +62,7 @@ class Forest:
     @property
     def exists(self) -> NDArray[np.bool_]:
         """Mask of nodes that are coefficients."""
-        return self.flag(kernels.EXISTS)
-
-    def flag(self, flag: int) -> NDArray[np.bool_]:
-        """Return which nodes have a flag."""
-        return np.asarray(self.marks[:, kernels.FLAGS] & flag != 0)
+        return np.asarray(self.marks[:, kernels.FLAGS] & kernels.EXISTS != 0)
 
     @property
     def roots(self) -> NDArray[np.int32]:
@@ -106,54 +98,41 @@ def zerotrees(
     bands: list[Band] = []
     position = 0
     for component, (shape, levels) in enumerate(zip(shapes, num_levels, strict=True)):
-        for kind, level, rows, columns in _band_sizes(shape, levels):
+        sizes = scale_shapes(shape, levels)
+        kinds = [(kernels.LOW_BAND, levels, *sizes[-1])]
+        for level in range(levels, 0, -1):
+            (low_rows, low_columns), (rows, columns) = sizes[level], sizes[level - 1]
+            kinds.append((kernels.HORIZONTAL, level, low_rows, columns // 2))
+            kinds.append((kernels.VERTICAL, level, rows // 2, low_columns))
+            kinds.append((kernels.DIAGONAL, level, rows // 2, columns // 2))
+        for kind, level, rows, columns in kinds:
             stride = columns + _MARGIN
             first = position + _MARGIN * stride + _MARGIN
             bands.append(Band(component, level, kind, (rows, columns), first, stride))
             position += (rows + 2 * _MARGIN) * stride + _MARGIN
-    table = _table(bands)
+    numbers = {
+        (band.component, band.level, band.kind): k
+        for k, band in enumerate(bands)
+        if band.kind and 0 not in band.shape
+    }
+    rows_of_table = []
+    for band in bands:
+        around = [(band.component, level, band.kind) for level in (band.level + 1, band.level - 1)]
+        above, below = (numbers.get(key, kernels.NONE) for key in around)
+        own = band.first, band.stride, *band.shape, band.kind, band.level, band.component
+        rows_of_table.append([*own, above, below])
+    table = np.array(rows_of_table, np.int64)
     marks = np.zeros((position, 2), np.uint8)
     exists = np.zeros(position, np.uint8)
     for number, band in enumerate(bands):
         band.of(marks)[..., kernels.BAND] = number
         band.of(exists)[:] = 1 if masks is None else _band_of(masks[band.component], band) != 0
-    below, deeper = np.zeros((2, position), np.uint8)
-    kernels.gather_below(table, exists, below, deeper)
-    for flag, found in (
-        (kernels.EXISTS, exists),
-        (kernels.HAS_CHILDREN, below),
-        (kernels.HAS_GRANDCHILDREN, deeper),
-    ):
+    children, deeper = np.zeros((2, position), np.uint8)
+    kernels.gather_below(table, exists, children, deeper)
+    flags = kernels.EXISTS, kernels.HAS_CHILDREN, kernels.HAS_GRANDCHILDREN
+    for flag, found in zip(flags, (exists, children, deeper), strict=True):
         marks[:, kernels.FLAGS] |= np.multiply(found, flag, dtype=np.uint8)
     return Forest(tuple(bands), table, marks, tuple(num_levels))
-
-
-def _table(bands: Sequence[Band]) -> NDArray[np.int64]:
-    """Return bands as kernels take them; empty bands have no children."""
-    numbers = {
-        (band.component, band.level, band.kind): k for k, band in enumerate(bands) if 0 not in band.shape
-    }
-    table = []
-    for band in bands:
-        around = [
-            numbers.get((band.component, band.level + step, band.kind), kernels.NONE)
-            if band.kind
-            else kernels.NONE
-            for step in (1, -1)
-        ]
-        table.append([band.first, band.stride, *band.shape, band.kind, band.level, band.component, *around])
-    return np.array(table, np.int64)
-
-
-def _band_sizes(shape: Shape, num_levels: int) -> list[tuple[int, int, int, int]]:
-    shapes = scale_shapes(shape, num_levels)
-    sizes = [(kernels.LOW_BAND, num_levels, *shapes[-1])]
-    for level in range(num_levels, 0, -1):
-        (low_rows, low_columns), (rows, columns) = shapes[level], shapes[level - 1]
-        sizes.append((kernels.HORIZONTAL, level, low_rows, columns // 2))
-        sizes.append((kernels.VERTICAL, level, rows // 2, low_columns))
-        sizes.append((kernels.DIAGONAL, level, rows // 2, columns // 2))
-    return sizes
 
 
 def _band_of(pyramid: Pyramid, band: Band) -> NDArray[np.float64]:
@@ -167,10 +146,7 @@ MAX_PLANES = 30
 
 _NEVER = 40  # a bit plane above all
 _MAX_BYTES_PER_NODE = 8
-_MORE_THAN_ALL_PER_NODE, _MORE_THAN_ALL = (
-    16,
-    64,
-)  # bytes that no code reaches: for each node, and further ones
+_MORE_THAN_ALL_PER_NODE, _MORE_THAN_ALL = 16, 64  # bytes that no code reaches: for a node, and further ones
 _FIRST_WEIGHT = 0.4
 
 
@@ -238,12 +214,12 @@ def encode(
     most = _MAX_BYTES_PER_NODE * forest.num_nodes
     if max_bytes is not None:
         most = min(max_bytes, _MORE_THAN_ALL_PER_NODE * forest.num_nodes + _MORE_THAN_ALL)
-    marks = _new_marks(forest, kernels.NUM_WRITER_MARKS)
-    planes = np.empty(forest.num_nodes, np.uint8)
-    num_planes = int(kernels.count_planes(coefficients, planes))
+    planes = np.maximum(np.frexp(coefficients)[1], 0).astype(np.uint8)  # those of whole magnitudes
+    num_planes = int(planes.max())
     energy = float(np.sum(coefficients * coefficients))
     if not num_planes:
         return EmbeddedCode(b"", 0, np.zeros(1), np.array([energy]))
+    marks = _new_marks(forest, kernels.NUM_WRITER_MARKS)
     below, deeper = np.zeros((2, forest.num_nodes), np.uint8)
     kernels.gather_below(forest.table, planes, below, deeper)
     marks[:, kernels.PLANES_BELOW], marks[:, kernels.PLANES_DEEPER] = below, deeper
@@ -292,7 +268,7 @@ def _new_run(
     num_bytes: int,
     adaptive: bool,
 ) -> kernels.Run:
-    num_parents = int(np.count_nonzero(forest.flag(kernels.HAS_CHILDREN)))
+    num_parents = int(np.count_nonzero(forest.marks[:, kernels.FLAGS] & kernels.HAS_CHILDREN))
     return kernels.Run(
         coder,
         np.zeros(kernels.NUM_FIELDS, np.int64),

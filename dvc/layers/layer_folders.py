@@ -43,8 +43,16 @@ def read_layers(folder: str | Path) -> LayeredDepthImage:
     index = read_index(Path(folder) / LAYERS_INDEX, LAYERS_FORMAT, VERSION, "dvc-stereo layers")
     canvas = read_canvas(index)
     entries = index.entries("layers", MAX_LAYERS)
-    parts = [_read_layer(entry, canvas) for entry in entries]
-    colour, disparity, votes = (np.stack([part[kind] for part in parts]) for kind in range(3))
+    parts = []
+    for entry in entries:
+        picture, opacity = _read_colour(entry, canvas.shape)
+        votes = read_plane(entry.file("votes"), 1, canvas.shape)
+        if not np.array_equal(opacity, votes > 0):
+            expected = "opacity must be 255 at pixels with votes and 0 at other pixels"
+            raise DvcError(f"{entry.file('colour')}: {expected}")
+        parts.append((picture, read_disparity(entry.file("disparity"), opacity), votes))
+    stacked: list[Any] = [np.stack(part) for part in zip(*parts, strict=True)]
+    colour, disparity, votes = stacked
     occupied = votes > 0
     behind = occupied[1:]
     if (behind & ~occupied[:-1]).any() or (behind & (disparity[1:] >= disparity[:-1])).any():
@@ -52,28 +60,13 @@ def read_layers(folder: str | Path) -> LayeredDepthImage:
     return LayeredDepthImage(canvas, colour, disparity, votes)
 
 
-def _read_layer(entry: Entry, canvas: Canvas) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    colour, opacity = _read_colour(entry, canvas.shape)
-    votes = read_plane(entry.file("votes"), 1, canvas.shape)
-    mask = votes > 0
-    if not np.array_equal(opacity, mask):
-        raise DvcError(
-            f"{entry.file('colour')}: opacity must be 255 at pixels with votes and 0 at other pixels"
-        )
-    return colour, read_disparity(entry.file("disparity"), mask), votes
-
-
 def write_sprites(folder: Path, sprites: SpriteSet) -> None:
     """Write sprites; inverse of `read_sprites`."""
     scale = sprites.canvas.depth_scale
     entries = []
     for number, sprite in enumerate(sprites.sprites):
-        kinds = {
-            "colour": "sprite-{:04d}.png",
-            "disparity": "disparity-{:04d}.pfm",
-            "depth": "depth-{:04d}.pfm",
-        }
-        names = {kind: name.format(number) for kind, name in kinds.items()}
+        names = {"colour": f"sprite-{number:04d}.png"}
+        names |= {kind: f"{kind}-{number:04d}.pfm" for kind in ("disparity", "depth")}
         _write_values(folder, names, sprite.colour, sprite.disparity, sprite.mask)
         depth = np.full(sprite.mask.shape, np.inf, np.float32)
         depth[sprite.mask] = scale.depth(sprite.disparity[sprite.mask])
@@ -90,19 +83,21 @@ def read_sprites(folder: str | Path) -> SpriteSet:
     """Read a folder of `write_sprites`."""
     index = read_index(Path(folder) / SPRITES_INDEX, SPRITES_FORMAT, VERSION, "dvc-stereo sprites")
     canvas = read_canvas(index)
-    entries = index.entries("sprites", MAX_SPRITES)
-    return SpriteSet(canvas, tuple(_read_sprite(entry, canvas) for entry in entries))
+    sprites = []
+    for entry in index.entries("sprites", MAX_SPRITES):
+        left, top, width, height = _read_frame(entry, canvas.shape)
+        colour, mask = _read_colour(entry, (height, width))
+        if entry.integer("num_values", 0, width * height) != np.count_nonzero(mask):
+            entry.refuse("'num_values' is not the number of opaque pixels")
+        sprites.append(Sprite(left, top, mask, colour, read_disparity(entry.file("disparity"), mask)))
+    return SpriteSet(canvas, tuple(sprites))
 
 
-def _read_sprite(entry: Entry, canvas: Canvas) -> Sprite:
-    left, top = entry.integer("left", 0, canvas.shape[1] - 1), entry.integer("top", 0, canvas.shape[0] - 1)
-    width = entry.integer("width", 1, canvas.shape[1] - left)
-    height = entry.integer("height", 1, canvas.shape[0] - top)
-    colour, mask = _read_colour(entry, (height, width))
-    disparity = read_disparity(entry.file("disparity"), mask)
-    if entry.integer("num_values", 0, width * height) != np.count_nonzero(mask):
-        entry.refuse("'num_values' is not the number of opaque pixels")
-    return Sprite(left, top, mask, colour, disparity)
+def _read_frame(entry: Entry, shape: tuple[int, int]) -> Frame:
+    left, top = entry.integer("left", 0, shape[1] - 1), entry.integer("top", 0, shape[0] - 1)
+    return Frame(
+        left, top, entry.integer("width", 1, shape[1] - left), entry.integer("height", 1, shape[0] - top)
+    )
 
 
 def _write_values(folder: Path, names: dict[str, str], colour: Bytes, disparity: Singles, mask: Mask) -> None:
@@ -139,16 +134,14 @@ def canvas_values(canvas: Canvas) -> dict[str, Any]:
 def read_canvas(index: Entry) -> Canvas:
     """Read a canvas from an index file; inverse of `canvas_values`."""
     shape = index.shape()
-    inner = index.entry("frame")
-    left, top = inner.integer("left", 0, shape[1] - 1), inner.integer("top", 0, shape[0] - 1)
-    width, height = inner.integer("width", 1, shape[1] - left), inner.integer("height", 1, shape[0] - top)
+    frame = _read_frame(index.entry("frame"), shape)
     labels = read_labels(index.entry("disparities"))
     matrix = None if index.value("world_from_rectified") is None else index.matrix("world_from_rectified", 4)
     if matrix is not None and matrix[3, 2] == 0.0:
         index.refuse("'world_from_rectified' gives no depth")
     return Canvas(
         shape,
-        Frame(left, top, width, height),
+        frame,
         labels,
         index.number("resolution", 0.0),
         index.text("reference"),

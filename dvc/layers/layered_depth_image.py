@@ -1,20 +1,16 @@
 """Layered depth image (2.21): the surfaces of all cameras in the frame of one, several values a pixel.
 
-Surfaces are sheared into the frame of the reference camera as points, not as volumes, so disparities and
-positions of cameras need not be whole numbers. Choices that (2.21) leaves open:
+Surfaces are sheared into the frame of the reference camera as points. Choices that (2.21) leaves open:
 
-* A pixel votes unless a neighbouring camera refutes it, by seeing through it (2.15). Pixels that no other
-  view sees vote as well: they are the only evidence of surfaces hidden from the reference.
-* In the reference frame, only the nearest remaining point of each camera is visible and votes.
-* The label with most votes is a value, the larger one of equals; its disparity is the mean of its voters.
-  Points within `resolution` of it are removed with it, so that cameras that disagree by a
-  label make no layers; but if a camera itself sees both surfaces, a label and a pixel or more apart, there
-  are two.
-* Inside the frame the reference sees the first value, so nothing lies before it, and the surface of the
-  reference itself is not left for a deeper layer. Further values of a pixel are sorted from near to far.
-* Regions of a few pixels behind two other surfaces are left out.
-* A value has the median colour of its voters; the first one inside the frame that of the reference view.
+* A pixel votes unless a neighbouring camera refutes it, by seeing through it (2.15); of each camera, only the
+  nearest remaining point of a pixel votes.
+* The label with most votes is a value, the larger one of equals; its disparity is the mean of its voters, its
+  colour their median, or inside the frame that of the reference view. Points within `resolution` are removed
+  with it, unless a camera itself sees both surfaces, a label and a pixel or more apart.
+* Inside the frame nothing lies before the first value; the surface of the reference lies in no deeper one.
 """
+
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,14 +20,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc._jit import kernel
 from dvc.array_files import MAX_NUMBER, MIN_STEP
 from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 from dvc.errors import DvcError
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, Reconstruction
-from dvc.layers import _kernels
-from dvc.layers.canvas import Canvas, Frame
-
-Masks = list[Mask]
+from dvc.layers.canvas import Canvas, Frame, sort_points, splat, world_from_reference
 
 MAX_LAYERS = 8
 """Largest number of values at a pixel; more are errors of the surfaces."""
@@ -43,6 +37,10 @@ MAX_POINTS_PER_PIXEL = MAX_CANVAS_FRAMES
 """Largest average number of points per pixel of all views: surfaces without folds have one."""
 _ROWS = 64
 """Rows of the canvas in one vote."""
+REFUTED, HIDDEN, CONFIRMED = range(3)
+"""Verdicts of a camera on a surface."""
+JUST_BELOW = 0.999
+"""Factor on limits that rounding may miss."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +96,7 @@ def resolution(array: CameraArray, labels: DisparityLabels) -> float:
     return max(labels.step, 1.0 / span) if span > 0.0 else labels.step
 
 
-def unrefuted(reconstruction: Reconstruction) -> Masks:
+def unrefuted(reconstruction: Reconstruction) -> list[Mask]:
     """Return masks of the pixels that no neighbouring camera refutes, after (2.15)."""
     array, surfaces = reconstruction.array, reconstruction.surfaces
     tolerance = 1.001 * resolution(array, reconstruction.labels)
@@ -106,15 +104,37 @@ def unrefuted(reconstruction: Reconstruction) -> Masks:
     for index, (view, surface) in enumerate(zip(array, surfaces, strict=True)):
         mask = view.seen.copy()
         for pair in _neighbours(array, index):
-            best, worst = np.zeros(array.shape, np.uint8), np.full(array.shape, _kernels.CONFIRMED, np.uint8)
+            best, worst = np.zeros(array.shape, np.uint8), np.full(array.shape, CONFIRMED, np.uint8)
             for other in pair:
-                verdict = np.zeros(array.shape, np.uint8)
                 dm, dn = np.subtract(array[other].position, view.position)
-                _kernels.judge(surface.disparity, surfaces[other].disparity, dm, dn, tolerance, verdict)
+                verdict = judge(surface.disparity, surfaces[other].disparity, dm, dn, tolerance)
                 best, worst = np.maximum(best, verdict), np.minimum(worst, verdict)
-            mask &= (best == _kernels.CONFIRMED) | (worst > _kernels.REFUTED)
+            mask &= (best == CONFIRMED) | (worst > REFUTED)
         masks.append(mask)
     return masks
+
+
+@kernel
+def judge(disparity, other, dm, dn, tolerance):
+    """Return the verdicts on a surface of another camera, (dm, dn) away."""
+    height, width = disparity.shape
+    verdict = np.empty((height, width), np.uint8)
+    for y in range(height):
+        for x in range(width):
+            d = disparity[y, x]
+            u, v = x - dm * d, y - dn * d
+            left, top = int(np.floor(u + 1e-6)), int(np.floor(v + 1e-6))
+            right, bottom = int(np.ceil(u - 1e-6)), int(np.ceil(v - 1e-6))
+            seen = HIDDEN if right < 0 or left >= width or bottom < 0 or top >= height else REFUTED
+            for row in range(max(top, 0), min(bottom, height - 1) + 1):
+                for column in range(max(left, 0), min(right, width - 1) + 1):
+                    difference = other[row, column] - d
+                    if abs(difference) <= tolerance:
+                        seen = CONFIRMED
+                    elif difference > 0.0 and seen == REFUTED:
+                        seen = HIDDEN
+            verdict[y, x] = seen
+    return verdict
 
 
 def _neighbours(array: CameraArray, index: int) -> list[list[int]]:
@@ -161,31 +181,46 @@ def layered_depth_image(
         If magnitudes are out of range, the canvas would be larger than `MAX_CANVAS_FRAMES` views, or views
         have more than `MAX_POINTS_PER_PIXEL`.
     """
-    array = reconstruction.array
-    _check_magnitudes(reconstruction)
+    array, step = reconstruction.array, reconstruction.labels.step
+    largest = max(float(np.abs(surface.disparity).max()) for surface in reconstruction.surfaces)
+    farthest = float(np.abs([view.position for view in array]).max())
+    if not (MIN_STEP <= step <= MAX_NUMBER and max(largest, farthest) <= MAX_NUMBER):
+        raise DvcError(
+            f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, are out of range"
+        )
     reference = array[array.reference]
     masks = unrefuted(reconstruction) if voters is None else list(voters)
     masks[array.reference] = reference.seen
     positions = np.array([np.subtract(view.position, reference.position) for view in array], np.float64)
     canvas = _canvas(reconstruction, masks, positions)
-    points = _splat(reconstruction, masks, positions, canvas, advance)
-    colour, disparity, votes = _vote(reconstruction, positions, canvas, points)
+    corner, jump = (-canvas.frame.left, -canvas.frame.top), 1.001 * canvas.resolution
+
+    def _enter(next_free: Integers, points: Singles, cameras: NDArray[np.int16]) -> None:
+        for camera, (surface, mask) in enumerate(zip(reconstruction.surfaces, masks, strict=True)):
+            m, n = positions[camera]
+            target = m, n, corner, canvas.shape, jump, camera
+            splat(surface.disparity, mask, *target, next_free, points, cameras)
+            if points.size:
+                advance(1)
+
+    counts = np.zeros(canvas.shape[0] * canvas.shape[1], np.int64)
+    _enter(counts, np.empty(0, np.float32), np.empty(0, np.int16))
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    num_pixels = sum(surface.disparity.size for surface in reconstruction.surfaces)
+    if starts[-1] > MAX_POINTS_PER_PIXEL * num_pixels:
+        raise DvcError(
+            f"surfaces of {num_pixels} pixels have {starts[-1]} points; "
+            f"at most {MAX_POINTS_PER_PIXEL} a pixel are accepted"
+        )
+    points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
+    _enter(starts[:-1].copy(), points, cameras)
+    sort_points(starts, points, cameras)
+    colour, disparity, votes = _vote(reconstruction, positions, canvas, starts, points, cameras)
     colour[0, *canvas.frame.slices][reference.seen] = reference.image[reference.seen]
     return LayeredDepthImage(canvas, colour, disparity, votes)
 
 
-def _check_magnitudes(reconstruction: Reconstruction) -> None:
-    """Refuse magnitudes out of range."""
-    step = reconstruction.labels.step
-    positions = np.array([view.position for view in reconstruction.array])
-    largest = max(float(np.abs(surface.disparity).max()) for surface in reconstruction.surfaces)
-    if not (MIN_STEP <= step <= MAX_NUMBER and max(largest, float(np.abs(positions).max())) <= MAX_NUMBER):
-        raise DvcError(
-            f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, are out of range"
-        )
-
-
-def _canvas(reconstruction: Reconstruction, masks: Masks, positions: Floats) -> Canvas:
+def _canvas(reconstruction: Reconstruction, masks: list[Mask], positions: Floats) -> Canvas:
     """Return the smallest canvas that holds the reference view and all voters."""
     array, labels = reconstruction.array, reconstruction.labels
     height, width = array.shape
@@ -209,71 +244,20 @@ def _canvas(reconstruction: Reconstruction, masks: Masks, positions: Floats) -> 
         resolution(array, labels),
         array[array.reference].name,
         len(array),
-        _world_from_reference(reconstruction),
+        world_from_reference(reconstruction),
     )
-
-
-def _world_from_reference(reconstruction: Reconstruction) -> Floats | None:
-    """Return the inverse of (2.12) in the frame of the reference camera, after a rectification."""
-    rectification = reconstruction.figures.get("rectification")
-    if rectification is None:
-        return None
-    try:
-        rectified_from_world = np.array(rectification["rectified_from_world"], np.float64).reshape(4, 4)
-        shear = np.eye(4)
-        shear[:2, 2] = -np.array(reconstruction.array[reconstruction.array.reference].position)
-        matrix = np.linalg.inv(shear @ rectified_from_world)
-    except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as err:
-        raise DvcError("the reconstruction has a rectification without its homography of space") from err
-    if not np.isfinite(matrix).all() or matrix[3, 2] == 0.0:
-        raise DvcError("the homography of space of the reconstruction gives no depth")
-    return np.asarray(matrix / np.abs(matrix).max())
-
-
-def _splat(
-    reconstruction: Reconstruction,
-    masks: Masks,
-    positions: Floats,
-    canvas: Canvas,
-    advance: Callable[[int], None],
-) -> tuple[Integers, Singles, NDArray[np.int16]]:
-    """Return start indices of the points of each cell, their disparities from near to far, and cameras."""
-    jump = 1.001 * canvas.resolution
-    num_cells = canvas.shape[0] * canvas.shape[1]
-
-    def enter(next_free: Integers, points: Singles, cameras: NDArray[np.int16]) -> None:
-        for camera, (surface, mask) in enumerate(zip(reconstruction.surfaces, masks, strict=True)):
-            corner = -canvas.frame.left, -canvas.frame.top
-            m, n = positions[camera]
-            target = m, n, corner, canvas.shape, jump, camera
-            _kernels.splat(surface.disparity, mask, *target, next_free, points, cameras)
-            if points.size:
-                advance(1)
-
-    counts = np.zeros(num_cells, np.int64)
-    enter(counts, np.empty(0, np.float32), np.empty(0, np.int16))
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    num_pixels = sum(surface.disparity.size for surface in reconstruction.surfaces)
-    if starts[-1] > MAX_POINTS_PER_PIXEL * num_pixels:
-        raise DvcError(
-            f"surfaces of {num_pixels} pixels have {starts[-1]} points; "
-            f"at most {MAX_POINTS_PER_PIXEL} a pixel are accepted"
-        )
-    points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
-    enter(starts[:-1].copy(), points, cameras)
-    _kernels.sort_points(starts, points, cameras)
-    return starts, points, cameras
 
 
 def _vote(
     reconstruction: Reconstruction,
     positions: Floats,
     canvas: Canvas,
-    points_of_cells: tuple[Integers, Singles, NDArray[np.int16]],
+    starts: Integers,
+    points: Singles,
+    cameras: NDArray[np.int16],
 ) -> tuple[Bytes, Singles, Bytes]:
     """Return colour, disparity and votes of all layers."""
     array, labels = reconstruction.array, reconstruction.labels
-    starts, points, cameras = points_of_cells
     reach = round(canvas.resolution / labels.step)
     images = np.stack([view.image for view in array])
     height, width = canvas.shape
@@ -285,16 +269,15 @@ def _vote(
         inside = frame.left, frame.top - top, frame.left + frame.width, frame.top + frame.height - top
         cells = starts[top * width : (top + shape[1]) * width + 1], points, cameras
         levels = labels.lowest, labels.step, reach
-        _kernels.vote(*cells, *levels, positions, images, inside, array.reference, layers)
+        vote(*cells, *levels, positions, images, inside, array.reference, layers)
         num_layers = max(1, int(layers[1].any(axis=(1, 2)).sum()))
         strips.append([values[:num_layers] for values in layers])
-    num_layers = max(len(strip[0]) for strip in strips)
-    whole = []
-    for kind in range(3):
-        parts = [_deepened(strip[kind], num_layers) for strip in strips]
-        whole.append(np.concatenate(parts, axis=1))
-    colour, disparity, votes = _without_strays(whole[2], whole[0], whole[1])
-    return colour, disparity, votes
+    num_layers, whole = max(len(strip[0]) for strip in strips), []
+    for parts in zip(*strips, strict=True):
+        deeper = [(0, 0)] * (parts[0].ndim - 1)
+        padded = [np.pad(part, [(0, num_layers - len(part)), *deeper]) for part in parts]
+        whole.append(np.concatenate(padded, axis=1))
+    return _without_strays(whole[2], whole[0], whole[1])
 
 
 def _without_strays(colour: Bytes, disparity: Singles, votes: Bytes) -> tuple[Bytes, Singles, Bytes]:
@@ -309,5 +292,87 @@ def _without_strays(colour: Bytes, disparity: Singles, votes: Bytes) -> tuple[By
     return colour[:depth], disparity[:depth], votes[:depth]
 
 
-def _deepened(layers: NDArray[Any], num_layers: int) -> NDArray[Any]:
-    return np.pad(layers, [(0, num_layers - len(layers))] + [(0, 0)] * (layers.ndim - 1))
+@kernel
+def vote(starts, points, cameras, lowest, step, reach, positions, images, frame, reference, layers):
+    """Peel the values of every cell (2.21): disparity, votes, and the median colour of the voters."""
+    disparity, votes, colour = layers
+    width = disparity.shape[2]
+    longest = 1
+    for cell in range(starts.size - 1):
+        longest = max(longest, starts[cell + 1] - starts[cell])
+    levels, samples = np.empty(longest, np.int64), np.empty((positions.shape[0], 3))
+    alive, chosen = np.empty(longest, np.bool_), np.empty(longest, np.bool_)
+    seen = np.empty(positions.shape[0], np.bool_)
+    left, top, right, bottom = frame
+    baselines = np.maximum(np.abs(positions[:, 0]), np.abs(positions[:, 1]))
+    for cell in range(starts.size - 1):
+        start, count = starts[cell], starts[cell + 1] - starts[cell]
+        row, column = cell // width, cell % width
+        in_frame = top <= row < bottom and left <= column < right
+        d, c = points[start : start + count], cameras[start : start + count]
+        for i in range(count):
+            levels[i], alive[i] = int(np.floor((d[i] - lowest) / step + 0.5)), True
+        for layer in range(disparity.shape[0]):
+            owner = reference if in_frame and layer == 0 else -1
+            value, number = peel(d, c, levels, step, reach, baselines, owner, seen, alive, chosen)
+            if number == 0:
+                break
+            slot = layer
+            while slot > 0 and disparity[slot - 1, row, column] < value:
+                disparity[slot, row, column] = disparity[slot - 1, row, column]
+                votes[slot, row, column] = votes[slot - 1, row, column]
+                colour[slot, row, column] = colour[slot - 1, row, column]
+                slot -= 1
+            disparity[slot, row, column], votes[slot, row, column] = value, min(number, 255)
+            number = 0
+            for i in range(count):
+                if chosen[i]:
+                    x = column - left - positions[c[i], 0] * d[i]
+                    y = row - top - positions[c[i], 1] * d[i]
+                    _sample(images[c[i]], x, y, samples[number])
+                    number += 1
+            for channel in range(3):
+                median = np.median(samples[:number, channel])
+                colour[slot, row, column, channel] = int(np.floor(median + 0.5))
+
+
+@kernel
+def peel(points, cameras, levels, step, reach, baselines, owner, seen, alive, chosen):
+    """Choose the next value of a cell by (2.21), and remove its points and impossible ones from `alive`."""
+    seen[:] = False
+    best, most, best_sum = 0, 0, 0.0
+    level, run, total = 0, 0, 0.0
+    for i in range(points.size):
+        chosen[i] = alive[i] and not seen[cameras[i]]
+        if not chosen[i]:
+            continue
+        seen[cameras[i]] = True
+        if run == 0 or levels[i] != level:
+            level, run, total = levels[i], 0, 0.0
+        run, total = run + 1, total + points[i]
+        if run > most or (run == most and level == best):
+            best, most, best_sum = level, run, total
+    votes, value = 0, best_sum / max(most, 1)
+    for i in range(points.size):
+        near = alive[i] and abs(levels[i] - best) <= reach
+        behind = value - points[i]
+        hidden = behind > JUST_BELOW * step and behind * baselines[cameras[i]] > JUST_BELOW and not chosen[i]
+        chosen[i] = chosen[i] and near
+        votes += chosen[i]
+        alive[i] = alive[i] and cameras[i] != owner and (not near or hidden)
+        alive[i] = alive[i] and (owner < 0 or levels[i] <= best)
+    return value, votes
+
+
+@kernel
+def _sample(image, x, y, sample):
+    """Interpolate a picture linearly, with a repeated border."""
+    height, width = image.shape[:2]
+    x, y = min(max(x, 0.0), width - 1.0), min(max(y, 0.0), height - 1.0)
+    left, top = min(int(x), max(width - 2, 0)), min(int(y), max(height - 2, 0))
+    right, bottom = min(left + 1, width - 1), min(top + 1, height - 1)
+    s, t = x - left, y - top
+    for channel in range(3):
+        above = (1.0 - s) * image[top, left, channel] + s * image[top, right, channel]
+        below = (1.0 - s) * image[bottom, left, channel] + s * image[bottom, right, channel]
+        sample[channel] = (1.0 - t) * above + t * below

@@ -2,18 +2,14 @@
 
 Choices that the thesis leaves open:
 
-* Sprites are defined in depth, which is ``scale / (disparity + shift)`` in a rectified space (2.12). A
-  difference of depth counts relative to its resolution there, and for any such depth this ratio is
-  ``|z - z'| / sqrt(r r') = |d - d'| / r_d``, with resolutions r, r' of the depths and r_d of the disparity:
-  differences of disparity are compared, and neither scale nor shift matter. The alternative compares
-  depths in units of their resolution at the median.
+* A difference of depth, ``scale / (disparity + shift)`` (2.12), counts relative to its resolution; this ratio
+  is ``|z - z'| / sqrt(r r') = |d - d'| / r_d``, so differences of disparity are compared.
 * Differences up to half of `resolution` are smooth, above one and a half discontinuities, in between small.
 * A sprite begins as the largest region of a watershed, in the first layer, of the distance to
   pixels that are not smooth.
-* The likelihoods are the beliefs of message passing. A pixel sends each neighbour the transition of its
-  belief without the message of that neighbour; messages combine like independent ones, by the product of
-  their odds. They run outwards from the sprite and back until they converge, over all pixels that can be
-  reached from it without a discontinuity. The result is deterministic.
+* The likelihoods are beliefs: a pixel sends each neighbour the transition of its belief without the message
+  of that neighbour; messages multiply their odds. They run outwards from the sprite and back until they
+  converge, over all pixels that can be reached from it without a discontinuity.
 * Scattered pixels that remain without a region of `min_values` form one last sprite for each layer.
 """
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
@@ -115,35 +111,6 @@ class SpriteSet:
     sprites: tuple[Sprite, ...]
 
 
-class _Layers:
-    """Rest of a layered depth image, with disparities or depths in units of resolution."""
-
-    def __init__(self, image: LayeredDepthImage, space: str) -> None:
-        values = _depths(image) if space == "depth" else image.disparity.astype(np.float64)
-        self.depth = values / image.canvas.resolution
-        self.alpha = image.occupied.copy()
-        self.source = np.broadcast_to(np.arange(len(self.alpha))[:, None, None], self.alpha.shape).copy()
-
-    def take(self, layer: Integers) -> Integers:
-        """Remove the value in a layer (-1: none) of each pixel, and move the values behind it forward."""
-        taken = np.full(layer.shape, -1)
-        for index in range(len(self.alpha)):
-            rows, columns = np.nonzero(layer == index)
-            taken[rows, columns] = self.source[index, rows, columns]
-            for values in (self.depth, self.alpha, self.source):
-                values[index:-1, rows, columns] = values[index + 1 :, rows, columns]
-            self.alpha[-1, rows, columns] = False
-        return taken
-
-
-def _depths(image: LayeredDepthImage) -> Floats:
-    """Return negative depths (2.12), scaled to change like disparities at the median."""
-    scale, shift = image.canvas.depth_scale
-    median = float(np.median(image.disparity[image.occupied])) if image.occupied.any() else 1.0
-    disparity = np.where(image.occupied, image.disparity, np.float32(median)).astype(np.float64)
-    return -(scale / (disparity + shift)) * (median + shift) ** 2 / scale
-
-
 def extract_sprites(
     image: LayeredDepthImage,
     settings: SpriteSettings = DEFAULT_SETTINGS,
@@ -166,15 +133,26 @@ def extract_sprites(
     SpriteSet
         The sprites.
     """
-    layers = _Layers(image, settings.space)
-    sprites = []
-    while layers.alpha[0].any():
-        region = _largest_region(layers.depth[0], layers.alpha[0], settings)
-        if np.count_nonzero(region) < settings.min_values:
-            layer = np.where(layers.alpha[0], 0, -1)
-        else:
-            layer = _grow(layers, region, settings)
-        sprites.append(_cut(image, layers.take(layer)))
+    values = image.disparity.astype(np.float64)
+    if settings.space == "depth":  # negative (2.12), scaled to change like disparities at the median
+        scale, shift = image.canvas.depth_scale
+        median = float(np.median(image.disparity[image.occupied])) if image.occupied.any() else 1.0
+        disparity = np.where(image.occupied, image.disparity, np.float32(median)).astype(np.float64)
+        values = -(scale / (disparity + shift)) * (median + shift) ** 2 / scale
+    depth, alpha = values / image.canvas.resolution, image.occupied.copy()
+    source, sprites = np.indices(alpha.shape)[0], []
+    while alpha[0].any():
+        region = _largest_region(depth[0], alpha[0], settings)
+        is_small = np.count_nonzero(region) < settings.min_values
+        layer = np.where(alpha[0], 0, -1) if is_small else _grow(depth, alpha, region, settings)
+        taken = np.full(layer.shape, -1)
+        for index in range(len(alpha)):  # values behind the sprite move forward
+            rows, columns = np.nonzero(layer == index)
+            taken[rows, columns] = source[index, rows, columns]
+            for rest in (depth, alpha, source):
+                rest[index:-1, rows, columns] = rest[index + 1 :, rows, columns]
+            alpha[-1, rows, columns] = False
+        sprites.append(_cut(image, taken))
         advance(sprites[-1].num_values)
     return SpriteSet(image.canvas, tuple(sprites))
 
@@ -211,19 +189,17 @@ def _largest(regions: NDArray[np.integer]) -> Mask:
     return np.asarray(regions == 1 + sizes.argmax())
 
 
-def _grow(layers: _Layers, mask: Mask, settings: SpriteSettings) -> Integers:
+def _grow(depth: Floats, alpha: Mask, mask: Mask, settings: SpriteSettings) -> Integers:
     """Return the layer of each pixel of a sprite that begins with a mask in the first layer, -1 elsewhere."""
     layer = np.where(mask, 0, -1)
-    depth = np.where(mask, layers.depth[0], 0.0)
+    surface = np.where(mask, depth[0], 0.0)
     unchanged, index = 0, 0
-    while unchanged < len(layers.alpha):
-        added = fused_mask(depth, layer >= 0, layers.depth[index], layers.alpha[index], settings) & (
-            layer < 0
-        )
+    while unchanged < len(alpha):
+        added = fused_mask(surface, layer >= 0, depth[index], alpha[index], settings) & (layer < 0)
         layer[added] = index
-        depth[added] = layers.depth[index][added]
+        surface[added] = depth[index][added]
         unchanged = 0 if added.any() else unchanged + 1
-        index = (index + 1) % len(layers.alpha)
+        index = (index + 1) % len(alpha)
     return layer
 
 
@@ -277,13 +253,7 @@ def _reach(depth, alpha, mask, jump, order, entered):
 @kernel
 def _neighbour(y, x, side):
     """Return the neighbour to the right, below, to the left or above; (s + 2) % 4 is opposite to side s."""
-    if side == 0:
-        return y, x + 1
-    if side == 1:
-        return y + 1, x
-    if side == 2:
-        return y, x - 1
-    return y - 1, x
+    return y + int(side == 1) - int(side == 3), x + int(side == 0) - int(side == 2)
 
 
 @kernel

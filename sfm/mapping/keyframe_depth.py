@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
-from dvc.geometry.continuation import Visibility
+from dvc.geometry.continuation import DepthMap, Visibility
 from dvc.geometry.depth_maps import (
     MIN_CONFIDENCE,
-    DepthMap,
     checked_depth,
     completed_depth,
     discontinuities,

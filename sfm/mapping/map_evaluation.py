@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dvc.arrays import Bytes, Floats
-from dvc.geometry.view_synthesis import PictureWithDepth, SynthesisedView, agreed_surface, synthesise
+from dvc.geometry.view_synthesis import PictureWithDepth, SynthesisedView, synthesise
 from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp
 from sfm.mapping.scene_map import MapPiece
 
@@ -107,4 +107,4 @@ def render_view(
         inverse = np.where(np.isfinite(depth), 1.0 / depth, 0.0)  # unknown depth is mostly sky
         warp = calibrated_warp(CalibratedViewpoint(piece.intrinsics, piece.poses[frame]), target)
         sources.append(PictureWithDepth(pictures[frame], inverse, warp, weight=float(weight)))
-    return synthesise(sources, piece.depths[chosen[0]].shape, agreed_surface)
+    return synthesise(sources, piece.depths[chosen[0]].shape, agreed=True)

@@ -31,7 +31,7 @@ from dvc.environment import baseline_environment
 from dvc.geometry.calibrated_cameras import Camera
 from dvc.geometry.camera_array import DisparityLabels, LatticePosition
 from dvc.images.chain_code import EdgeCode
-from dvc.images.edge_extraction import canny_edges
+from dvc.images.edge_selection import canny_edges
 from tests import frozen
 from tests.dibr.piece_scenes import odd_sprites, plane_layers
 from tests.dibr.scenes import FOCAL_PX, texture, two_discs, views_of_square

@@ -52,7 +52,6 @@ def test_projection_matrices_are_decomposed(seed: int, scale: float) -> None:
 
 @given(st.integers(0, 10**6))
 def test_distortion_is_undone(seed: int) -> None:
-    """`undistorted` inverts `distorted` over the whole picture."""
     rng = np.random.default_rng(seed)
     camera = random_rig(seed, [(0.0, 0.0)])[0]
     k1, k2, p1, p2 = rng.uniform(-1, 1, 4) * (0.1, 0.02, 0.005, 0.005)
@@ -62,7 +61,6 @@ def test_distortion_is_undone(seed: int) -> None:
 
 
 def test_distortion_that_folds_the_picture_is_refused() -> None:
-    """No straight picture belongs to it."""
     camera = random_rig(0, [(0.0, 0.0)])[0]
     camera = Camera(camera.name, camera.K, camera.R, camera.t, camera.size, (-9.0, 0.0, 0.0, 0.0))
     with pytest.raises(ConfigError, match="too strong"):
@@ -75,7 +73,6 @@ def test_radial_distortion_is_as_documented() -> None:
 
 
 def test_json_of_matrices_and_points(tmp_path: Path) -> None:
-    """Cameras are matched by file name in any order; P serves for K, R, t; points come along."""
     first, second = random_rig(1, [(0.0, 0.0), (1.0, 0.0)])
     entries = [{"file": "view1.png", "P": second.projection.tolist(), "distortion": [0.01]}, entry(first)]
     path = written(tmp_path / "c.json", {"cameras": entries, "points": [[1, 2, 3]]})
@@ -87,7 +84,6 @@ def test_json_of_matrices_and_points(tmp_path: Path) -> None:
 
 
 def test_rows_counted_upwards_are_mirrored() -> None:
-    """A point of the mirrored world is seen in the mirrored row."""
     rig = random_rig(2, [(0.0, 0.0)])[0]
     camera = camera_from_matrices(rig.name, rig.K, rig.R, rig.t, rig.size, bottom_up=True)
     point = rig.centre + 5 * rig.R[2] + np.array([0.3, -0.2, 0.1])
@@ -100,7 +96,6 @@ def test_rows_counted_upwards_are_mirrored() -> None:
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"], ids=["lf", "crlf"])
 def test_middlebury_calibration(end: str, tmp_path: Path) -> None:
-    """d = f B / z - doffs between the pictures, and the bounds of the file are points at these depths."""
     (tmp_path / "calib.txt").write_bytes(MIDDLEBURY.replace("\n", end).encode())
     views = load_cameras(tmp_path / "calib.txt", ["im0.png", "im1.png"], PICTURES)
     for z, d in zip(views.points[:, 2], (5.0, 30.0), strict=True):
@@ -123,7 +118,6 @@ def write_model(tmp_path: Path) -> None:
 
 
 def test_colmap_model(tmp_path: Path) -> None:
-    """A model in text form: pixel centres move by half a pixel, distortion and points are read."""
     write_model(tmp_path)
     views = load_cameras(tmp_path, NAMES, PICTURES)
     np.testing.assert_allclose(views.cameras[0].K, [[150, 0, 80], [0, 150, 60], [0, 0, 1]])
@@ -167,7 +161,6 @@ def test_wrong_files_say_what_is_wrong(tmp_path: Path, document: object, message
 
 
 def test_folder_without_a_model_is_refused(tmp_path: Path) -> None:
-    """So is a damaged model."""
     with pytest.raises(ConfigError, match="no COLMAP model"):
         load_cameras(tmp_path, NAMES, PICTURES)
     (tmp_path / "cameras.bin").write_bytes(b"\x01\x02")
@@ -180,7 +173,6 @@ def test_folder_without_a_model_is_refused(tmp_path: Path) -> None:
     [("cameras", 0), ("images", 0), ("images", 82), ("points3D", 0), ("points3D", 51), ("frames", 0)],
 )
 def test_counts_beyond_binary_files_are_refused(tmp_path: Path, name: str, offset: int) -> None:
-    """COLMAP would fill the memory with records or tracks that the file does not have."""
     text, binary = tmp_path / "text", tmp_path / "binary"
     for folder in (text, binary):
         folder.mkdir()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from dvc.geometry.cameras import inverse_depth_range
-from dvc.geometry.continuation import SeenDepth, Slopes, Visibility, continue_surfaces
+from dvc.geometry.continuation import DepthMap, Slopes, Visibility, continue_surfaces
 from dvc.geometry.depth_maps import KnownDepth, estimate_depths
 from dvc.geometry.plane_sweep import SweepSettings, depth_hypotheses
 from dvc.geometry.rendering import OCCLUDED_WEIGHT, fill_holes, render_depth, visibility_weights
@@ -82,7 +82,6 @@ def test_rendering_from_the_own_camera_gives_the_own_depth() -> None:
 
 
 def test_holes_take_the_depth_behind() -> None:
-    """A hole between near and far becomes far, and the farthest corner is reached."""
     depth = np.full((9, 12), 0.2)
     depth[:, 8:] = 0.9
     depth[:, 5:8] = EMPTY
@@ -109,8 +108,8 @@ def test_slopes_end_beyond_their_reach() -> None:
     visibility = np.where(column < 15, Visibility.CONSISTENT, Visibility.OCCLUDED).astype(np.int8)
     away = np.eye(3, 4)
     away[0, 3] = 1000.0
-    unseen = SeenDepth(np.zeros(shape), np.full(shape, Visibility.OCCLUDED, np.int8))
+    unseen = DepthMap(np.zeros(shape), np.full(shape, Visibility.OCCLUDED, np.int8))
     luma, slopes = np.full(shape, 90.0), Slopes(6, 0.1, 5.0)
-    filled = continue_surfaces(SeenDepth(plane, visibility), luma, unseen, (away, away), slopes, 1.0)
+    filled = continue_surfaces(DepthMap(plane, visibility), luma, unseen, (away, away), slopes, 1.0)
     assert filled[5, 16] - filled[5, 14] > 0.006
     assert filled[:, 15:].max() <= plane[0, 14] + 5.0 * 0.004 + 1e-9

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dvc.geometry import label_inference
-from dvc.geometry.label_inference import BeliefPropagation, Inference, SemiGlobal, chosen
+from dvc.geometry.label_inference import BeliefPropagation, Inference, SemiGlobal
 from tests.reference import cost_volumes as reference
 from tests.twins import Choose, compiled_and_python
 
@@ -15,16 +15,15 @@ SHAPE = (6, 8)
 NOTHING = np.zeros(SHAPE, np.int64)
 
 
-_kind = compiled_and_python(label_inference, "_choose")
+_kind = compiled_and_python(label_inference, "chosen")
 
 
 @pytest.mark.nojit
 @pytest.mark.usefixtures("_kind")
 def test_smallest_cost(rng: np.random.Generator) -> None:
-    """The label of smallest cost counts from the origin; the ends of the range have no offset."""
     total = rng.random((*SHAPE, 7)).astype(np.float32)
     origin = rng.integers(-3, 9, SHAPE)
-    found = chosen(total, origin)
+    found = label_inference.chosen(total, origin)
     best = total.argmin(axis=2)
     np.testing.assert_array_equal(found.label, best + origin)
     inner = (best > 0) & (best < 6)
@@ -39,9 +38,8 @@ def test_smallest_cost(rng: np.random.Generator) -> None:
 @pytest.mark.usefixtures("_kind")
 @pytest.mark.parametrize("minimum", [2.0, 2.2, 2.5, 2.9, 3.0])
 def test_offset_points_to_the_minimum_between_labels(minimum: float) -> None:
-    """Of costs that rise alike to both sides the place is met, labels and offset together."""
     total = np.broadcast_to(np.abs(np.arange(6) - minimum), (*SHAPE, 6)).astype(np.float32)
-    found = chosen(total, NOTHING)
+    found = label_inference.chosen(total, NOTHING)
     np.testing.assert_allclose(found.label + found.offset, minimum, atol=1e-6)
 
 
@@ -68,21 +66,15 @@ def test_single_wrong_labels_are_smoothed_away(rng: np.random.Generator, method:
     assert np.abs(found.offset).max() <= 0.5
 
 
-def test_one_label_is_all_there_is(rng: np.random.Generator, method: Inference) -> None:
-    cost, nothing = rng.random((6, 8, 1)).astype(np.float32), np.zeros((6, 8), np.int64)
-    found = method.infer(cost, np.zeros((6, 8, 3), np.uint8), nothing, nothing + 4)
-    assert (found.label == 4).all()
-    assert not found.offset.any()
-
-
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 3)])
-def test_small_views(rng: np.random.Generator, method: Inference, shape: tuple[int, int]) -> None:
-    cost = rng.random((*shape, 4)).astype(np.float32)
-    nothing = np.zeros(shape, np.int64)
-    found = method.infer(cost, np.zeros((*shape, 3), np.uint8), nothing, nothing)
+@pytest.mark.parametrize("count", [1, 4])
+def test_small_views(rng: np.random.Generator, method: Inference, shape: tuple[int, int], count: int) -> None:
+    cost, nothing = rng.random((*shape, count)).astype(np.float32), np.zeros(shape, np.int64)
+    found = method.infer(cost, np.zeros((*shape, 3), np.uint8), nothing, nothing + 4)
     assert found.label.shape == shape
-    if shape == (1, 1):
-        assert found.label[0, 0] == cost.argmin()
+    if shape == (1, 1) or count == 1:
+        np.testing.assert_array_equal(found.label, cost.argmin(axis=2) + 4)
+    assert count > 1 or not found.offset.any()
 
 
 def test_labels_are_deterministic(rng: np.random.Generator, method: Inference) -> None:
@@ -123,35 +115,6 @@ def test_message(choose: Choose, rng: np.random.Generator, shift: int) -> None:
         np.testing.assert_allclose(message, expected, atol=1e-5)
 
 
-@pytest.mark.nojit
-def test_messages_go_to_all_four_neighbours(choose: Choose, rng: np.random.Generator) -> None:
-    shape, count = (3, 4), 5
-    cost = rng.random((*shape, count)).astype(np.float32)
-    heard = rng.random((4, *shape, count)).astype(np.float32)
-    across, down = rng.random((3, 3)).astype(np.float32), rng.random((2, 4)).astype(np.float32)
-    rise_x, rise_y = rng.integers(-2, 3, (3, 3)), rng.integers(-2, 3, (2, 4))
-    sent = heard.copy()
-    edges = across, down, rise_x, rise_y
-    slope, limit = np.float32(0.3), np.float32(0.8)
-    choose(label_inference._exchange)(cost, *edges, *sent, slope, limit, 1)
-    # what goes up, down, left and right: step, strength and rise of the edge
-    for y, x in np.ndindex(shape):
-        for way, (dy, dx) in enumerate(((-1, 0), (1, 0), (0, -1), (0, 1))):
-            v, u = y + dy, x + dx
-            if not (0 <= v < shape[0] and 0 <= u < shape[1]):
-                continue
-            if (y + x) % 2 != 1:
-                np.testing.assert_array_equal(sent[way, v, u], heard[way, v, u])
-                continue
-            back = (1, 0, 3, 2)[way]
-            belief = cost[y, x] + sum(heard[k, y, x] for k in range(4) if k != back)
-            edge = min(y, v), min(x, u)
-            strength = (down if dx == 0 else across)[edge]
-            rise = int((rise_y if dx == 0 else rise_x)[edge]) * (dy + dx)
-            expected = reference.message(belief.astype(np.float64), float(strength), 0.3, 0.8, rise)
-            np.testing.assert_allclose(sent[way, v, u], expected, atol=1e-5)
-
-
 @pytest.mark.parametrize("upright", [False, True])
 def test_chain_has_the_best_labels(upright: bool, rng: np.random.Generator) -> None:
     length, count = 14, 6
@@ -190,7 +153,6 @@ def test_without_smoothness_every_pixel_is_alone(rng: np.random.Generator) -> No
 
 
 def test_band_around_a_surface_is_the_same_as_all_labels(rng: np.random.Generator) -> None:
-    """Costs counted from an origin of each pixel have the labels that the whole volume has."""
     shape, count = (8, 10), 12
     origin = rng.integers(0, 3, shape)
     band = rng.random((*shape, count - 3)).astype(np.float32)

@@ -21,7 +21,6 @@ def tracks() -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
 
 @pytest.mark.parametrize("view", [0, 2, 4])
 def test_exact_tracks_have_exact_depths(view: int) -> None:
-    """Depths in any view are those of the points."""
     positions, cameras, points = tracks()
     found = track_depths(positions, cameras, view, FRAME)
     np.testing.assert_allclose(found.inverse_depth, 1.0 / project(cameras[view], points)[1], rtol=1e-6)
@@ -29,7 +28,6 @@ def test_exact_tracks_have_exact_depths(view: int) -> None:
 
 
 def test_short_tracks_have_less_certain_depths() -> None:
-    """A point that was lost early still has a depth, with a larger deviation."""
     positions, cameras, points = tracks()
     whole = track_depths(positions, cameras, 0, FRAME)
     positions[:, 2:] = np.nan
@@ -59,7 +57,6 @@ def test_wrong_tracks_are_reported_by_their_distance() -> None:
 
 
 def test_what_is_not_known_has_no_depth() -> None:
-    """Points that the view, or every other view, does not see; views without cameras do not count."""
     positions, cameras, _ = tracks()
     positions[0, 0] = np.nan
     positions[1, 1:] = np.nan

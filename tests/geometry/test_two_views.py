@@ -31,7 +31,6 @@ def seen(camera: Camera, points: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("ratio", [0.7, 0.85, 1.5])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_cameras_and_depths_are_found(ratio: float, seed: int) -> None:
-    """A quarter of the matches are wrong: focal length, rotation, direction and depths are right."""
     rng = np.random.default_rng(seed)
     true = pair_of_cameras(ratio)
     pixels, depth = rng.uniform((0, 0), SIZE, (400, 2)), rng.uniform(3.0, 12.0, (400, 1))
@@ -81,7 +80,6 @@ def test_matches_without_a_common_geometry_are_refused() -> None:
 
 
 def test_faint_points_are_found() -> None:
-    """A wall with texture of a few levels, moved by some pixels, has enough matches."""
     rng = np.random.default_rng(3)
     levels = rng.normal(size=(40, 60)).repeat(4, axis=0).repeat(4, axis=1)
     wall = np.rint(128.0 + 3.0 * levels).astype(np.uint8)[:, :, None].repeat(3, axis=2)

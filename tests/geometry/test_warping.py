@@ -37,7 +37,6 @@ def test_points_of_two_views_are_found_in_the_third(factor: float) -> None:
 
 
 def test_warps_compose_and_invert() -> None:
-    """Going to a second view and on to a third is going there at once; the way back leads home."""
     first_second, second_third, first_third = (
         warp_matrix(CAMERAS[a], CAMERAS[b], FRAME) for a, b in ((0, 1), (1, 2), (0, 2))
     )
@@ -78,6 +77,5 @@ def test_never_nan(values: list[float], forward: bool) -> None:
     "camera", [np.eye(3), np.full((3, 4), np.nan), np.column_stack([np.zeros((3, 3)), np.ones(3)])]
 )
 def test_cameras_that_are_none_are_refused(camera: np.ndarray) -> None:
-    """Wrong shapes, nan, and centres at infinity are errors of the caller."""
     with pytest.raises(ValueError, match="source"):
         warp_matrix(camera, CAMERAS[1], FRAME)

@@ -1,9 +1,21 @@
-"""One step of the transform on each column of a plane by itself."""
+"""Random edges, and one step of the transform on each column of a plane by itself."""
 
 import numpy as np
 
 from dvc.images.edge_maps import EdgeMaps
 from dvc.images.lifting import Details, Pyramid, Transform
+
+
+def random_edges(rng, shape, share):
+    """Return random edges; a share of all pairs of neighbours is separated."""
+    below, right = ((rng.random(shape) < share).astype(np.uint8) for _ in range(2))
+    below[-1:], right[:, -1:] = 0, 0
+    return EdgeMaps(below, right)
+
+
+def assert_same_edges(one, other):
+    np.testing.assert_array_equal(one.between_rows, other.between_rows)
+    np.testing.assert_array_equal(one.between_columns, other.between_columns)
 
 
 def split(samples, name="9/7", cuts=None, order=0):

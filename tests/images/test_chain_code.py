@@ -9,22 +9,15 @@ from dvc.dibr.depth_image.depth_image_encoder import code_edges
 from dvc.errors import BitstreamError, ConfigError
 from dvc.images import chain_code
 from dvc.images.chain_code import Chains, EdgeCode, draw, trace
-from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_maps import EdgeMaps, border
+from tests.images.columns import assert_same_edges, random_edges
 from tests.reference.freeman import code_bits, differences, directions_of
 
 SHAPES = st.tuples(st.integers(1, 20), st.integers(1, 20))
 
 
 def edges_of(shape, share, seed):
-    rng = np.random.default_rng(seed)
-    below, right = ((rng.random(shape) < share).astype(np.uint8) for _ in range(2))
-    below[-1], right[:, -1] = 0, 0
-    return EdgeMaps(below, right)
-
-
-def assert_equal(one, other):
-    np.testing.assert_array_equal(one.between_rows, other.between_rows)
-    np.testing.assert_array_equal(one.between_columns, other.between_columns)
+    return random_edges(np.random.default_rng(seed), shape, share)
 
 
 def test_the_example_of_the_thesis_takes_seven_bits():
@@ -48,7 +41,7 @@ def test_chains_are_drawn_as_they_were_traced(shape, share, seed):
     chains = trace(edges)
     assert len(chains.directions) == edges.count() == chains.lengths.sum()
     assert (np.diff(chains.starts) >= 0).all()
-    assert_equal(draw(chains), edges)
+    assert_same_edges(draw(chains), edges)
 
 
 @pytest.mark.nojit
@@ -73,7 +66,7 @@ def test_edges_come_back_from_either_code(code, shape, share, seed):
     edges = edges_of(shape, share, seed)
     data = chain_code.encode(trace(edges), code)
     if edges.count():
-        assert_equal(chain_code.decode(data, shape, code), edges)
+        assert_same_edges(chain_code.decode(data, shape, code), edges)
     else:
         with pytest.raises(BitstreamError, match="none"):
             chain_code.decode(data, shape, code)
@@ -96,12 +89,8 @@ def test_chains_that_code_words_cannot_count_are_refused_and_coded_otherwise(mon
 
 
 def test_arithmetic_coding_is_shorter_for_contours():
-    edges = EdgeMaps.none((200, 200))
     y, x = np.mgrid[:200, :200]
-    disc = np.hypot(y - 100, x - 90) < 60
-    edges.between_rows[:-1] = disc[1:] != disc[:-1]
-    edges.between_columns[:, :-1] = disc[:, 1:] != disc[:, :-1]
-    chains = trace(edges)
+    chains = trace(border(np.hypot(y - 100, x - 90) < 60))
     adaptive, fixed = (len(chain_code.encode(chains, code)) for code in (EdgeCode.ADAPTIVE, EdgeCode.FIXED))
     assert len(chains.starts) == 1
     assert adaptive < 0.8 * fixed

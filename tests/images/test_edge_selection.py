@@ -5,20 +5,20 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dvc.images import edge_selection as kernels
 from dvc.images import edge_selection as selection
 from dvc.images.chain_code import trace
-from dvc.images.edge_extraction import edges_of_jumps
-from dvc.images.edge_maps import EdgeMaps, degree, next_vertex
+from dvc.images.edge_maps import degree, next_vertex
 from dvc.images.edge_selection import (
     BITS_PER_OCTAVE,
     MULTIPLIER,
     SIGNIFICANCE_BITS,
+    edges_of_jumps,
     ladder,
     select,
 )
 from dvc.images.lifting import WAVELETS, Transform
 from tests.dibr.scenes import two_discs
+from tests.images.columns import random_edges
 
 WEIGHTS = WAVELETS["9/7"]
 
@@ -39,11 +39,11 @@ def plain_cost(plane, edges, num_levels, order):
 def test_the_cost_of_a_transform_is_that_of_a_plain_twin(shape):
     rng = np.random.default_rng(4)
     plane = 5.0 * rng.normal(size=shape)
-    below, right = ((rng.random(shape) < 0.1).astype(np.uint8) for _ in range(2))
-    below[-1], right[:, -1] = 0, 0
+    edges = random_edges(rng, shape, 0.1)
+    maps = edges.between_rows, edges.between_columns
     wavelet = (np.array(WEIGHTS.weights), WEIGHTS.gain, *WEIGHTS.scales)
-    found = kernels.transform_cost(plane, below, right, 3, wavelet, 1)
-    assert found == pytest.approx(plain_cost(plane, EdgeMaps(below, right), 3, 1), rel=1e-9)
+    found = selection.transform_cost(plane, *maps, 3, wavelet, 1)
+    assert found == pytest.approx(plain_cost(plane, edges, 3, 1), rel=1e-9)
 
 
 def test_contours_of_objects_are_kept_and_steps_of_slopes_are_not():
@@ -52,9 +52,8 @@ def test_contours_of_objects_are_kept_and_steps_of_slopes_are_not():
     contours = edges_of_jumps(depth, 5.0)
     candidates = edges_of_jumps(depth, 0.2)
     assert candidates.count() > 2 * contours.count()
-    kept = np.sum(edges.between_columns & contours.between_columns) + np.sum(
-        edges.between_rows & contours.between_rows
-    )
+    kept = np.sum(edges.between_columns & contours.between_columns)
+    kept += np.sum(edges.between_rows & contours.between_rows)
     assert kept >= 0.97 * contours.count()
     assert edges.count() <= 1.1 * contours.count()
 
@@ -78,10 +77,8 @@ def test_a_ladder_leads_to_fewer_edges_each_out_of_those_before():
 
 def test_pieces_end_where_chains_meet_and_are_short():
     rng = np.random.default_rng(1)
-    below, right = ((rng.random((40, 60)) < 0.2).astype(np.uint8) for _ in range(2))
-    below[20], below[-1], right[:, -1] = 1, 0, 0
-    below[20, 10:50] = 1
-    edges = EdgeMaps(below, right)
+    edges = random_edges(rng, (40, 60), 0.2)
+    edges.between_rows[20] = 1
     chains = trace(edges)
     elements, bounds = selection._pieces(chains, edges)
     assert (elements[:, 2] == chains.directions).all()
@@ -92,7 +89,9 @@ def test_pieces_end_where_chains_meet_and_are_short():
     meeting = [
         number
         for number, (row, column, _) in enumerate(elements.tolist())
-        if number == 0 or number in ends or degree(below, right, row, column) != 2
+        if number == 0
+        or number in ends
+        or degree(edges.between_rows, edges.between_columns, row, column) != 2
     ]
     assert set(meeting) <= set(bounds.tolist())
     assert np.diff(bounds).max() <= 32

@@ -31,12 +31,10 @@ def test_nothing_is_behind_the_camera() -> None:
 
 
 def test_one_label() -> None:
-    """A range of a single disparity, even 0, has a depth."""
     assert np.isfinite(_canvas(DisparityLabels(0.0, 1.0, 1)).depth_scale.depth(np.zeros(1))).all()
 
 
 def test_points_without_calibration() -> None:
-    """The middle of the reference view lies on the axis; x grows to the right, and depth away."""
     canvas = _canvas(DisparityLabels(5.0, 1.0, 10))
     points = canvas.points(np.full(canvas.shape, 5.0))
     np.testing.assert_allclose(points[..., 2], 0.2)

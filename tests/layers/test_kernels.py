@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from dvc.layers import _kernels as kernels
-from dvc.layers import sprites
+from dvc.layers import canvas, layered_depth_image, sprites
 from tests.reference import stereo_layers as reference
 from tests.twins import Choose
 
@@ -15,8 +14,7 @@ BASELINES = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
 @pytest.mark.parametrize(("dm", "dn"), [(1.0, 0.0), (0.0, -1.0), (0.63, -1.21)])
 def test_judge(choose: Choose, rng: np.random.Generator, dm: float, dn: float) -> None:
     disparity, other = (rng.integers(0, 7, (12, 14)).astype(np.float32) for _ in range(2))
-    verdict = np.zeros(disparity.shape, np.uint8)
-    choose(kernels.judge)(disparity, other, dm, dn, 1.0, verdict)
+    verdict = choose(layered_depth_image.judge)(disparity, other, dm, dn, 1.0)
     expected = reference.judged(disparity.astype(float), other.astype(float), dm, dn, 1.0)
     np.testing.assert_array_equal(verdict, expected)
     assert set(np.unique(verdict)) == {0, 1, 2}
@@ -32,12 +30,12 @@ def test_splat(choose: Choose, rng: np.random.Generator, m: float, n: float) -> 
     counts = np.zeros(shape[0] * shape[1], np.int64)
     entry = disparity, votes, m, n, corner, shape, 1.0, 4
     nothing = np.empty(0, np.float32), np.empty(0, np.int16)
-    choose(kernels.splat)(*entry, counts, *nothing)
+    choose(canvas.splat)(*entry, counts, *nothing)
     assert counts.tolist() == [len(values) for values in expected.values()]
     starts = np.concatenate([[0], np.cumsum(counts)])
     points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
-    choose(kernels.splat)(*entry, starts[:-1].copy(), points, cameras)
-    choose(kernels.sort_points)(starts, points, cameras)
+    choose(canvas.splat)(*entry, starts[:-1].copy(), points, cameras)
+    choose(canvas.sort_points)(starts, points, cameras)
     for number, values in enumerate(expected.values()):
         found = points[starts[number] : starts[number + 1]]
         np.testing.assert_allclose(found, sorted(values, reverse=True), atol=1e-4)
@@ -45,7 +43,6 @@ def test_splat(choose: Choose, rng: np.random.Generator, m: float, n: float) -> 
 
 
 def test_peel(choose: Choose, rng: np.random.Generator) -> None:
-    """Values come off a cell in the order of their votes, larger disparities first among equals."""
     num_layers = set()
     for _ in range(200):
         count = int(rng.integers(1, 12))
@@ -56,14 +53,14 @@ def test_peel(choose: Choose, rng: np.random.Generator) -> None:
         expected = reference.peeled(sorted(set(pairs)), 0.0, 0.5, 1, BASELINES, owner)
         points, cameras = (np.array(part) for part in zip(*sorted(set(pairs)), strict=True))
         points, cameras, count = points.astype(np.float32), cameras.astype(np.int16), len(points)
-        choose(kernels.sort_points)(np.array([0, count]), points, cameras)
+        choose(canvas.sort_points)(np.array([0, count]), points, cameras)
         levels = np.array([reference.label_of(float(d), 0.0, 0.5) for d in points])
         alive, chosen = np.ones(count, np.bool_), np.zeros(count, np.bool_)
         state = np.zeros(5, np.bool_), alive, chosen
         found = []
         while alive.any():
             cell = points, cameras, levels
-            found.append(choose(kernels.peel)(*cell, 0.5, 1, BASELINES, owner, *state))
+            found.append(choose(layered_depth_image.peel)(*cell, 0.5, 1, BASELINES, owner, *state))
             assert chosen.sum() == found[-1][1]
             owner = -1
         assert len(found) == len(expected)

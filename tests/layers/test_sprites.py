@@ -30,7 +30,6 @@ def random_layers(seed: int, num_labels: int, shape: tuple[int, int] = (12, 15))
 
 @given(seed=st.integers(0, 2**32 - 1), num_labels=st.integers(3, 9))
 def test_each_value_is_in_exactly_one_sprite(seed: int, num_labels: int) -> None:
-    """All sprites together have the values of the layers, each once; composited they show the first layer."""
     image = random_layers(seed, num_labels)
     sprites = extract_sprites(image)
     found = np.zeros(image.votes.shape, np.int64)
@@ -103,7 +102,6 @@ def test_small_differences_stop_a_sprite_only_where_they_say_nothing(rho_small: 
 
 
 def test_a_discontinuity_holds_against_a_way_round() -> None:
-    """A surface beyond a long discontinuity is not joined by a short bridge of small steps."""
     depth = np.zeros((20, 20))
     depth[:, 10:] = 4.0
     depth[10, 8:12] = [1.0, 2.0, 3.0, 4.0]

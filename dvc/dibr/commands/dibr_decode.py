@@ -42,8 +42,8 @@ from dvc.errors import ConfigError
 from dvc.files import atomic_folder, check_folder
 from dvc.geometry.camera_array import LatticePosition
 from dvc.images.colour import luma
-from dvc.images.edge_extraction import write_edges
 from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_selection import write_edges
 from dvc.images.picture_codec import PictureHeader
 from dvc.index_files import write_index
 from dvc.picture_files import read_picture, write_pfm, write_png

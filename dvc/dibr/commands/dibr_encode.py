@@ -42,8 +42,8 @@ from dvc.files import atomic_output
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.geometry.camera_files import load_cameras
 from dvc.images.colour import luma
-from dvc.images.edge_extraction import canny_edges, read_edges
 from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_selection import canny_edges, read_edges
 from dvc.images.lifting import most_levels
 from dvc.picture_files import read_picture
 

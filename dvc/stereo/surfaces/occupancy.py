@@ -20,9 +20,19 @@ import numpy as np
 from dvc._jit import kernel
 from dvc.array_files import MAX_LABELS
 from dvc.arrays import Floats, Integers, Mask, Singles
-from dvc.geometry.aggregation import Arms, Window, aggregate, defined_costs, mean_costs, smaller_costs
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.matching_costs import Band, MatchingCost, WeightedCosts, offsets
+from dvc.geometry.matching_costs import (
+    Arms,
+    Band,
+    MatchingCost,
+    WeightedCosts,
+    Window,
+    aggregate,
+    defined_costs,
+    mean_costs,
+    offsets,
+    smaller_costs,
+)
 from dvc.stereo.surfaces.stereo_settings import UNDEFINED_COST, max_jump, tolerance
 
 Labels = Integers

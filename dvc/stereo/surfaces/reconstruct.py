@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from dvc.arrays import Floats, Integers
 from dvc.errors import ConfigError
-from dvc.geometry.aggregation import Arms, Window, cross_arms
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, Reconstruction, Surface
 from dvc.geometry.label_inference import Inferred
-from dvc.geometry.matching_costs import COSTS, Band, MatchingCost
+from dvc.geometry.matching_costs import COSTS, Arms, Band, MatchingCost, Window, cross_arms
 from dvc.stereo.surfaces.occupancy import (
     EXPOSURE_RATIO,
     Comparison,

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dvc.geometry.aggregation import Window
     from dvc.geometry.label_inference import Inference
+    from dvc.geometry.matching_costs import Window
 
 TUNING_PAIRS = (
     *("tsukuba", "venus", "teddy", "cones"),
@@ -113,7 +113,7 @@ class StereoSettings:
 
     def windows(self, iteration: int) -> "tuple[Window, ...]":
         """Return the windows of aggregation; none for costs of single pixels."""
-        from dvc.geometry.aggregation import Window
+        from dvc.geometry.matching_costs import Window
 
         if self.cost == "squared":
             return ()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.continuation import SeenDepth, Slopes, Visibility, continue_surfaces
+from dvc.geometry.continuation import DepthMap, Slopes, Visibility, continue_surfaces
 from dvc.stereo.surfaces.occupancy import Labels, Occupancy, fineness, neighbours, seen_elsewhere, shifts
 from dvc.stereo.surfaces.stereo_settings import tolerance
 
@@ -56,7 +56,7 @@ def continued(
     red, green, blue = np.moveaxis(image.astype(np.float64), 2, 0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
     mine, theirs = (
-        SeenDepth(
+        DepthMap(
             label.astype(np.float64),
             np.where(supported, Visibility.CONSISTENT, Visibility.OCCLUDED).astype(np.int8),
         )

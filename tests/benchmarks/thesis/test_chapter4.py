@@ -31,8 +31,8 @@ from benchmarks.thesis.map_curves import (
     standard_point,
 )
 from dvc.images.chain_code import EdgeCode
-from dvc.images.edge_extraction import edges_of_jumps
 from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_selection import edges_of_jumps
 from tests.dibr.scenes import texture, two_discs
 from tests.stereo.data import REAL_SETS, real_set
 

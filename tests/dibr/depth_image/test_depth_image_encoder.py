@@ -16,8 +16,8 @@ from dvc.dibr.depth_image.depth_image_encoder import (
 from dvc.dibr.depth_image.depth_image_stream import DepthScale, decode, decode_stream
 from dvc.errors import BitstreamError, ConfigError
 from dvc.images.chain_code import EdgeCode
-from dvc.images.edge_extraction import canny_edges, edges_of_jumps
 from dvc.images.edge_maps import EdgeMaps
+from dvc.images.edge_selection import canny_edges, edges_of_jumps
 from tests.dibr.scenes import texture, two_discs
 
 DISCS = two_discs()

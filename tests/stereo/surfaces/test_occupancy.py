@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc.geometry.aggregation import Window, cross_arms
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.matching_costs import COSTS, SQUARED_LIMIT, Band
+from dvc.geometry.matching_costs import COSTS, SQUARED_LIMIT, Band, Window, cross_arms
 from dvc.stereo.surfaces import occupancy
 from dvc.stereo.surfaces.occupancy import (
     MIN_POINTS,
