@@ -38,7 +38,7 @@ from dvc.rd.points_csv import import_points
 from dvc.rd.rd_results import read_results
 from dvc.rd.specification import build_sweep, expand, read_spec
 from dvc.stereo.surfaces.surface_folder import INDEX, read_reconstruction, write_reconstruction
-from dvc.stream.recording import open_stream
+from dvc.stream.reader import open_stream
 from dvc.video import open_video
 
 Planes = NDArray[np.uint8]

@@ -22,7 +22,6 @@ class KeyFrameRule:
     cut_share: float = 0.9  # share of the points lost from one frame to the next at a cut
 
     def __post_init__(self) -> None:
-        """Refuse values that make no sense."""
         if not self.longest_track_px > 0:
             raise ConfigError(f"the longest track must be above 0 pixels, got {self.longest_track_px}")
         for share in (self.lost_share, self.cut_share):

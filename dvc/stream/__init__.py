@@ -4,6 +4,7 @@ from dvc.stream.gop import (
     MAX_DEVIATION_TICKS,
     Deviations,
     GopRecord,
+    StreamWriter,
     check_times,
     decode_gop,
     encode_gop,
@@ -11,10 +12,8 @@ from dvc.stream.gop import (
     gop_bits,
     planned_tick,
 )
-from dvc.stream.reader import StreamReader
-from dvc.stream.recording import RecordingReader, open_stream
+from dvc.stream.reader import RecordingReader, StreamReader, open_stream
 from dvc.stream.records import FORMAT_VERSION, MAGIC, Form, RecordType, StreamIndex
-from dvc.stream.writer import StreamWriter
 
 __all__ = [
     "FORMAT_VERSION",

@@ -1,16 +1,18 @@
-"""Reading of streams, one group of pictures at a time; nothing in a stream is trusted."""
+"""Reading of streams and recordings, one group of pictures at a time; nothing in a stream is trusted."""
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from bisect import bisect_right
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
-from dvc.bits import MAX_VARINT_BYTES, decode_varint
+from dvc.bits import MAX_VARINT_BYTES
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
-from dvc.files import Closing
-from dvc.stream.gop import GopRecord, decode_gop, decode_head
+from dvc.files import PARTIAL_SUFFIX, Closing, natural_key
+from dvc.stream.gop import Deviations, GopRecord, decode_gop, decode_head, following
 from dvc.stream.records import (
     CRC_BYTES,
     FORMAT_VERSION,
@@ -21,88 +23,16 @@ from dvc.stream.records import (
     Form,
     IndexEntry,
     RecordPosition,
+    RecordSource,
     RecordType,
+    StreamEnds,
     StreamIndex,
-    check_payload_size,
     decode_configuration,
     decode_end,
     framed_size,
-    record_crc,
 )
 
-_CHUNK_BYTES = 2**20  # largest read before more memory is spent on a record
-
-
-class _StreamEnds(BitstreamError):
-    """The stream ends too early; the data before the end are valid."""
-
-
-class _RecordSource:
-    """Reads records from a file or a pipe."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self.file = file
-        self.position = 0
-        self.size: int | None = None  # size of the whole stream, None for a pipe
-        if file.seekable():
-            self.size = file.seek(0, os.SEEK_END)
-            file.seek(0)
-
-    def seek(self, position: int) -> None:
-        self.file.seek(position)
-        self.position = position
-
-    def read(self, count: int) -> bytes:
-        """Read `count` bytes, fewer only at the end of the stream; memory grows with the data that arrive."""
-        parts = []
-        while count > 0:
-            try:
-                part = self.file.read(min(count, _CHUNK_BYTES))
-            except OSError as err:
-                raise BitstreamError(f"cannot read byte {self.position}: {err.strerror or err}") from err
-            if not part:
-                break
-            parts.append(part)
-            count -= len(part)
-            self.position += len(part)
-        return b"".join(parts)
-
-    def read_head(self, number: int | None) -> tuple[RecordPosition, int, bytes]:
-        """Return the position of a record, the size of its payload, and the bytes of its type and length."""
-        record_at = RecordPosition(number, self.position)
-        head = self.read(1)
-        if not head:
-            raise _StreamEnds(record_at.message("the stream ends without its end record"))
-        try:
-            record_at = RecordPosition(number, record_at.offset, RecordType(head[0]))
-        except ValueError as err:
-            raise record_at.error(f"unknown type {head[0]}") from err
-        assert record_at.type is not None
-        while len(head) <= MAX_VARINT_BYTES:
-            byte = self.read(1)
-            head += byte
-            if not byte or byte[0] < 0x80:
-                break
-        try:
-            size, _ = decode_varint(head, 1)
-        except BitstreamError as err:
-            kind = BitstreamError if byte else _StreamEnds
-            raise kind(record_at.message(f"length: {err}")) from err
-        check_payload_size(record_at.type, size, record_at)
-        if self.size is not None and size + CRC_BYTES > self.size - self.position:
-            left = max(self.size - self.position, 0)
-            raise _StreamEnds(record_at.message(f"{size + CRC_BYTES} bytes promised, {left} left"))
-        return record_at, size, head
-
-    def read_record(self, number: int | None) -> tuple[RecordPosition, bytes]:
-        """Read the next record and check its CRC-32."""
-        record_at, size, head = self.read_head(number)
-        payload, crc = self.read(size), self.read(CRC_BYTES)
-        if len(payload) < size or len(crc) < CRC_BYTES:
-            raise _StreamEnds(record_at.message("the stream ends within the record"))
-        if crc != record_crc(head, payload):
-            raise record_at.error("checksum mismatch")
-        return record_at, payload
+STREAM_SUFFIX = ".dvc"
 
 
 class StreamReader(Closing):
@@ -133,7 +63,7 @@ class StreamReader(Closing):
         self.missing = None
         self._unfinished = unfinished
         self._owned = isinstance(source, (str, os.PathLike))
-        self._source = _RecordSource(_open(source))
+        self._source = RecordSource(_open(source))
         self._index: StreamIndex | None = None
         self._done = False
         self._seen: list[IndexEntry] = []  # GOPs before the current position
@@ -160,7 +90,7 @@ class StreamReader(Closing):
         try:
             self.config, self.form = decode_configuration(payload)
         except BitstreamError as err:
-            raise record_at.error(str(err)) from err
+            raise record_at.error(err) from err
 
     def __iter__(self) -> Iterator[GopRecord]:
         return self
@@ -172,7 +102,7 @@ class StreamReader(Closing):
         offset = self._source.position
         try:
             record_at, payload = self._source.read_record(len(self._seen) + 1)
-        except _StreamEnds as err:
+        except StreamEnds as err:
             self._miss(self._seen, err)
             raise StopIteration from err
         try:
@@ -181,7 +111,7 @@ class StreamReader(Closing):
                 raise StopIteration
             record = self._accept_gop(record_at, payload)
         except BitstreamError as err:
-            raise record_at.error(str(err)) from err
+            raise record_at.error(err) from err
         number, entry = len(self._seen), IndexEntry(offset, self._source.position - offset, record.num_frames)
         self._seen.append(entry)
         if self._index is not None and self._index.entries[number : number + 1] != (entry,):
@@ -202,7 +132,7 @@ class StreamReader(Closing):
             raise BitstreamError("a predicted key frame has no reference here")
         return record
 
-    def _miss(self, finished: Sequence[IndexEntry], end: _StreamEnds) -> None:
+    def _miss(self, finished: Sequence[IndexEntry], end: StreamEnds) -> None:
         """Record the missing end of an unfinished stream; raise it for any other stream."""
         if not (self._unfinished and finished):
             raise end
@@ -214,7 +144,7 @@ class StreamReader(Closing):
         found = sum(entry.num_frames for entry in self._seen)
         if num_frames != found:
             raise BitstreamError(f"{num_frames} frames promised, {found} found")
-        if entries is not None and entries != tuple(self._seen):
+        if entries is not None and entries != self._seen:
             raise BitstreamError("the index does not agree with the records")
         if self._source.read(1):
             raise BitstreamError("bytes follow the end record")
@@ -261,11 +191,11 @@ class StreamReader(Closing):
             max_gops = (end_offset - self._first_offset) // framed_size(1)
             num_frames, entries = decode_end(payload, self.form, self._first_offset, max_gops)
         except BitstreamError as err:
-            raise record_at.error(str(err)) from err
+            raise record_at.error(err) from err
         assert entries is not None
         if self._first_offset + sum(entry.size for entry in entries) != end_offset:
             raise record_at.error("the index does not agree with the records")
-        return StreamIndex(num_frames, entries)
+        return StreamIndex(num_frames, tuple(entries))
 
     def _hop(self) -> StreamIndex:
         """Build the index from the lengths of the records, without their payloads."""
@@ -275,7 +205,7 @@ class StreamReader(Closing):
         while True:
             try:
                 record_at, size, head = source.read_head(len(entries) + 1)
-            except _StreamEnds as err:
+            except StreamEnds as err:
                 self._miss(entries, err)
                 break
             if record_at.type is not RecordType.GOP or len(entries) == MAX_GOPS:
@@ -284,7 +214,7 @@ class StreamReader(Closing):
             try:
                 num_frames = decode_head(beginning).num_frames
             except BitstreamError as err:
-                raise record_at.error(str(err)) from err
+                raise record_at.error(err) from err
             entries.append(IndexEntry(record_at.offset, framed_size(size), num_frames))
             source.seek(record_at.offset + len(head) + size + CRC_BYTES)
         if not self.missing and record_at.type is not RecordType.END:
@@ -313,3 +243,138 @@ def _open(source: BinaryIO | str | os.PathLike[str]) -> BinaryIO:
         return Path(source).open("rb")
     except OSError as err:
         raise BitstreamError(f"cannot read {source}: {err.strerror}") from err
+
+
+class RecordingReader(Closing):
+    """Reads the segments of a recording as one stream, as `StreamReader` reads a file.
+
+    Groups of pictures and frames are counted through all segments, and the index is that of all of them. No
+    more than one segment is open at a time.
+
+    Parameters
+    ----------
+    folder : path
+        Folder of segments, files ``*.dvc`` in natural order of their names.
+    unfinished : bool, optional
+        Whether segments may end before their end records; files with names that end in ``.part`` are read,
+        too. `missing` lists the missing parts.
+
+    Raises
+    ------
+    BitstreamError
+        If the folder has no segment, or a segment has another configuration than the first.
+    """
+
+    config: CodecConfig
+    form: Form
+
+    def __init__(self, folder: str | os.PathLike[str], *, unfinished: bool = False) -> None:
+        self._unfinished = unfinished
+        self._missing: list[str] = []
+        self._paths: list[Path] = []
+        self._index: StreamIndex | None = None
+        self._starts: list[int] = []  # number of the first GOP of each segment, once the index is read
+        self.num_bytes = 0  # size of all segments
+        for path in _segments(Path(folder), unfinished):
+            with _naming(path):
+                self._add(path)
+        if not self._paths:
+            raise BitstreamError("a folder without segments (*.dvc)")
+        self._records = self._read()
+
+    def _add(self, path: Path) -> None:
+        """Add a segment, unless it is unfinished and has no group of pictures yet."""
+        try:
+            with StreamReader(path, unfinished=self._unfinished) as reader:
+                if path.suffix == PARTIAL_SUFFIX:
+                    reader.seek_gop(0)  # fails if it has none
+        except BitstreamError as err:
+            if path.suffix != PARTIAL_SUFFIX:
+                raise
+            self._missing.append(f"{path.name}: {err}")
+            return
+        if not self._paths:
+            self.config, self.form = reader.config, reader.form
+        elif (reader.config, reader.form) != (self.config, self.form):
+            raise BitstreamError(f"its configuration differs from that of {self._paths[0].name}")
+        self._paths.append(path)
+        self.num_bytes += reader.num_bytes
+
+    def __iter__(self) -> Iterator[GopRecord]:
+        return self._records
+
+    def _read(self, segment: int = 0, gop: int = 0) -> Generator[GopRecord]:
+        last: Deviations | None = None  # deviations of the last group, relative to the first segment
+        for path in self._paths[segment:]:
+            before = last
+            with _naming(path), StreamReader(path, unfinished=self._unfinished) as reader:
+                if gop:
+                    reader.seek_gop(gop)
+                    gop = 0
+                for record in reader:
+                    last = following(before, record.deviations, record.num_frames)
+                    yield replace(record, deviations=last)
+                if reader.missing is not None:
+                    self._missing.append(f"{path.name}: {reader.missing}")
+
+    @property
+    def missing(self) -> str | None:
+        """Missing parts of unfinished segments, once they are reached."""
+        return "; ".join(self._missing) or None
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames that the end records of all segments state; 0 if one is damaged."""
+        with suppress(BitstreamError):
+            return self.index.num_frames
+        return 0
+
+    @property
+    def index(self) -> StreamIndex:
+        """All groups of pictures, each with its offset in its segment."""
+        if self._index is None:
+            entries: list[IndexEntry] = []
+            for path in self._paths:
+                with _naming(path), StreamReader(path, unfinished=self._unfinished) as reader:
+                    self._starts.append(len(entries))
+                    entries += reader.index.entries
+            self._index = StreamIndex(sum(entry.num_frames for entry in entries), tuple(entries))
+        return self._index
+
+    def seek_gop(self, number: int) -> None:
+        """Continue with a GOP by its number from 0; the number of GOPs is the end of the recording."""
+        num_gops = len(self.index.entries)
+        if not 0 <= number <= num_gops:
+            raise ValueError(f"`number` must be from 0 to {num_gops}, got {number}")
+        segment = bisect_right(self._starts, number) - 1
+        self._records.close()
+        self._records = self._read(segment, number - self._starts[segment])
+
+    def close(self) -> None:
+        """Close the segment that is open."""
+        self._records.close()
+
+
+def open_stream(path: str, *, unfinished: bool = False) -> StreamReader | RecordingReader:
+    """Open a stream, or a folder of segments."""
+    opened = RecordingReader if Path(path).is_dir() else StreamReader
+    return opened(path, unfinished=unfinished)
+
+
+def _segments(folder: Path, unfinished: bool) -> list[Path]:
+    suffixes = (STREAM_SUFFIX, STREAM_SUFFIX + PARTIAL_SUFFIX) if unfinished else (STREAM_SUFFIX,)
+    try:
+        entries = list(folder.iterdir())
+    except OSError as err:
+        raise BitstreamError(f"cannot be read ({err.strerror})") from err
+    segments = [path for path in entries if path.name.endswith(suffixes) and not path.name.startswith(".")]
+    return sorted(segments, key=natural_key)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Prefix errors with the name of a segment."""
+    try:
+        yield
+    except BitstreamError as err:
+        raise BitstreamError(f"{path.name}: {err}") from err
