@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from dvc.config.fields import check_range
+from dvc.config.sections import check_range
 
 WINDOW_S = 2.0
 TOLERANCE = 0.05

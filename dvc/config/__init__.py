@@ -11,7 +11,6 @@ from typing import Any
 
 import msgspec
 
-from dvc.config.fields import Section, check_choice, check_range, field_types, is_section, shown
 from dvc.config.sections import (
     CODERS,
     DEFAULT_CODER,
@@ -33,13 +32,19 @@ from dvc.config.sections import (
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
+    Section,
     SideInformationConfig,
     TracksConfig,
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
+    check_choice,
+    check_range,
     coder_type,
+    field_types,
+    is_section,
     key_lambda,
+    shown,
 )
 from dvc.config.variants import (
     DEFAULT_CODEC,

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from dvc.config.fields import check_choice
-from dvc.config.sections import INTRA_PERIOD, SideInformationConfig, TracksConfig
+from dvc.config.sections import INTRA_PERIOD, SideInformationConfig, TracksConfig, check_choice
 from dvc.errors import ConfigError
 
 MAX_TRACKS_BPP = 0.01

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.bits import encode_varint
-from dvc.config.fields import check_choice
+from dvc.config.sections import check_choice
 from dvc.dibr import dibr_streams
 from dvc.dibr.dibr_streams import (
     BUILT_IN_CODECS,

@@ -21,7 +21,7 @@ from dvc.config import (
     VideoConfig,
     codec_config,
 )
-from dvc.config.fields import Section
+from dvc.config.sections import Section
 from dvc.stream import Form, GopRecord, StreamReader, StreamWriter
 from dvc.stream.records import encode_configuration
 from tests.reference.stream_reader import read_configuration
