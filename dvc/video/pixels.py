@@ -1,5 +1,6 @@
 """Conversion of all pixel formats of FFmpeg to 8-bit 4:2:0, and of frames to FFmpeg's pictures."""
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -117,56 +118,37 @@ def _subsampling(picture: "av.VideoFrame") -> str:
     return names.get((chroma.width, chroma.height), "420")
 
 
-def _is_plain_planar(picture: "av.VideoFrame") -> bool:
-    """Return whether every component is a plane of its own, of unsigned integers in the low bits."""
-    kind = picture.format
-    if (
-        _is_rgb(picture)
-        or kind.is_bit_stream
-        or "f16" in kind.name
-        or "f32" in kind.name
-        or "msb" in kind.name
-    ):
-        return False
-    own_planes = [c.plane for c in kind.components] == list(range(len(picture.planes)))
-    return own_planes and all(c.bits in _PLANAR_BITS for c in kind.components)
-
-
 def _as_planar(picture: "av.VideoFrame") -> "av.VideoFrame":
     """Return the picture in a format with directly readable planes, of the same range and depth."""
     from av.video.reformatter import ColorRange, Colorspace
 
-    if _is_plain_planar(picture):
-        return picture
+    kind, convert = picture.format, partial(picture.reformat, threads=1)
     if _is_rgb(picture):
-        return _reformat(
-            picture, "yuv444p16le", dst_colorspace=Colorspace.ITU601, dst_color_range=ColorRange.MPEG
+        return convert(
+            format="yuv444p16le", dst_colorspace=Colorspace.ITU601, dst_color_range=ColorRange.MPEG
         )
-    components = [c for c in picture.format.components if not c.is_alpha]
+    is_plain = not kind.is_bit_stream and not any(part in kind.name for part in ("f16", "f32", "msb"))
+    has_planes = [c.plane for c in kind.components] == list(range(len(picture.planes)))
+    if is_plain and has_planes and all(c.bits in _PLANAR_BITS for c in kind.components):
+        return picture
+    components = [c for c in kind.components if not c.is_alpha]
     bits = components[0].bits
     suffix = "" if bits <= 8 else f"{bits}le" if bits in {10, 12} else "16le"
     if len(components) == 1:
-        return _reformat(picture, "gray" + suffix)
-    kept = ColorRange.JPEG if is_full_range(picture) else ColorRange.MPEG
+        return convert(format="gray" + suffix)
+    same = ColorRange.JPEG if is_full_range(picture) else ColorRange.MPEG
     name = f"yuv{_subsampling(picture)}p{suffix}"
-    return _reformat(picture, name, src_color_range=kept, dst_color_range=kept)
-
-
-def _reformat(picture: "av.VideoFrame", pixel_format: str, **options: int) -> "av.VideoFrame":
-    """Convert with swscale in one thread."""
-    return picture.reformat(format=pixel_format, threads=1, **options)
+    return convert(format=name, src_color_range=same, dst_color_range=same)
 
 
 def _samples(picture: "av.VideoFrame", index: int, bits: int) -> NDArray[Any]:
     """Return a view of the samples of one plane, without the padding at the ends of its rows."""
     plane = picture.planes[index]
-    rows = np.frombuffer(memoryview(cast(Any, plane)), np.uint8).reshape(-1, abs(plane.line_size))[
-        : plane.height
-    ]
+    padded = np.frombuffer(memoryview(cast(Any, plane)), np.uint8).reshape(-1, abs(plane.line_size))
     if bits == 8:
-        return rows[:, : plane.width]
+        return padded[: plane.height, : plane.width]
     order = ">u2" if picture.format.is_big_endian else "<u2"
-    return rows[:, : 2 * plane.width].view(order)
+    return padded[: plane.height, : 2 * plane.width].view(order)
 
 
 def _to_8_bits(samples: NDArray[Any], bits: int) -> Plane:

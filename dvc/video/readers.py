@@ -3,32 +3,50 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from itertools import chain, count, islice
+from math import ceil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dvc.errors import VideoError
 from dvc.files import Closing, natural_key
-from dvc.video.containers import (
+from dvc.video.decoding import (
+    LOCAL,
+    Extent,
+    av_errors,
     consistent_frames,
-    is_device,
-    open_container,
-    open_live,
-    open_pipe,
+    decoded,
+    file_extent,
+    open_file,
     read_image,
+    refuse_text,
+    silence,
+    video_stream,
 )
-from dvc.video.frames import Frame, TimeStamp, VideoInfo, check_size, exact_frame_rate
+from dvc.video.frames import Frame, TimeStamp, VideoInfo, check_frame_rate, check_size, exact_frame_rate
 from dvc.video.pixels import conversion_notices, is_full_range, planar_frame, planar_frame_bytes
 from dvc.video.sources import (
     DEFAULT_FRAME_RATE,
     STANDARD_INPUT,
     Pipe,
+    PipeFeed,
     Request,
+    SourceClock,
     VideoReader,
     is_pipe,
 )
 
+if TYPE_CHECKING:
+    import av
+    from av.container import InputContainer
+    from av.video.stream import VideoStream
+
+_NETWORK = "crypto,http,https,httpproxy,rtmp,rtmps,rtmpt,rtp,rtsp,rtsps,srtp,tcp,tls,udp"
+_LONGEST_S = 86400
+_VIDEO_DEVICE = "/dev/video"
 RAW_FORMAT = "rawvideo"
 _ALIASES = {"y4m": "yuv4mpegpipe", "raw": RAW_FORMAT}
 RAW_SUFFIXES = frozenset({".yuv", ".raw"})
@@ -110,45 +128,29 @@ def open_video(
         raise VideoError(f"{path}: --listen requires an address to which a source can connect")
     if str(path) == STANDARD_INPUT:
         return _open_pipe(request)
-    if "://" in str(path) or is_device(request):
-        return open_live(replace(request, path=str(path)))
-    return _open_path(request, Path(path))
-
-
-def _open_path(request: Request, path: Path) -> VideoReader:
-    """Open a file, a folder or a named pipe."""
+    if "://" in str(path) or _is_device(request):
+        return _open_live(replace(request, path=str(path)))
+    path = Path(path)
     if not path.exists():
         raise VideoError(f"{path}: no such file or folder")
     if path.is_dir():
         return _open_folder(request, path)
     if is_pipe(path):
         return _open_pipe(request)
-    if request.input_format == RAW_FORMAT or (
-        request.input_format is None and path.suffix.lower() in RAW_SUFFIXES
-    ):
-        return _open_raw_file(request, path)
-    return open_container(request, path)
+    if name == RAW_FORMAT or (name is None and path.suffix.lower() in RAW_SUFFIXES):
+        return _open_pipe(replace(request, input_format=RAW_FORMAT), path.stat().st_size)
+    return _frame_stream(request, open_file(path, input_format=name), partial(file_extent, path))
 
 
-def _open_pipe(request: Request) -> VideoReader:
-    """Open a pipe: raw frames if their size is given without another format, else any format of FFmpeg."""
+def _open_pipe(request: Request, file_bytes: int | None = None) -> VideoReader:
+    """Open a pipe, or a raw file of a known size; a pipe is raw if a size is given without another format."""
     pipe = Pipe(request.path)
     named = replace(request, path=pipe.name)
     is_raw = request.size is not None if request.input_format is None else request.input_format == RAW_FORMAT
     try:
-        return _open_raw(named, pipe) if is_raw else open_pipe(named, pipe)
+        return _open_raw(named, pipe, file_bytes) if is_raw else _open_piped_format(named, pipe)
     except BaseException:
         pipe.close()
-        raise
-
-
-def _open_raw_file(request: Request, path: Path) -> VideoReader:
-    """Open a headerless file of planar 4:2:0 frames."""
-    file = Pipe(path)
-    try:
-        return _open_raw(request, file, path.stat().st_size)
-    except BaseException:
-        file.close()
         raise
 
 
@@ -221,6 +223,125 @@ def _open_folder(request: Request, folder: Path) -> VideoReader:
     request.check_size(info)
     pictures = chain([(chosen[0], first)], ((f, read_image(f)) for f in chosen[1:]))
     return VideoReader(info, consistent_frames(pictures, info), lambda: None)
+
+
+def _open_live(request: Request) -> VideoReader:
+    """Open a device or a network address through FFmpeg, and wait for its first frame."""
+    import av
+
+    name, input_format, timeout_s = str(request.path), request.input_format, None
+    options = {}
+    if "://" in name:
+        timeout_s = request.timeout_s
+        options["protocol_whitelist"] = _NETWORK  # data from a network must not refer to local files
+        if name.startswith("rtsp") and request.listen:  # FFmpeg's default timeout exceeds its range
+            options |= {"rtsp_flags": "listen", "listen_timeout": str(ceil(timeout_s or _LONGEST_S))}
+        elif name.startswith("rtsp"):
+            options["rtsp_transport"] = "tcp"  # over UDP packets get lost
+        elif request.listen:
+            options["listen"] = "1"
+    else:
+        input_format = input_format or "v4l2"
+        if request.size is not None:
+            options["video_size"] = f"{request.size[0]}x{request.size[1]}"
+        if request.frame_rate is not None:
+            options["framerate"] = str(request.frame_rate)
+    with av_errors(name, "is not a video that FFmpeg can read"):
+        try:
+            container = av.open(name, format=input_format, options=options, timeout=timeout_s)
+        except av.error.ExitError as err:
+            raise silence(name, timeout_s or 0.0) from err
+    refuse_text(container, name)
+    return _frame_stream(request, container, None, live=True)
+
+
+def _open_piped_format(request: Request, pipe: Pipe) -> VideoReader:
+    """Open a pipe through FFmpeg, and wait for its first frame."""
+    import av
+
+    feed = PipeFeed(pipe)
+    with feed.raising():
+        with av_errors(pipe.name, "is not a video that FFmpeg can read"):
+            container = av.open(feed, "r", format=request.input_format, options=LOCAL)
+        refuse_text(container, pipe.name)
+        stream = _frame_stream(request, container, pipe.extent, live=True)
+
+    def _frames() -> Iterator[Frame]:
+        with feed.raising():
+            yield from stream
+
+    def _close() -> None:
+        stream.close()
+        pipe.close()
+
+    return VideoReader(stream.info, _frames(), _close, stream.clock)
+
+
+def _is_device(request: Request) -> bool:
+    """Return whether frames come from a device, by its name or by FFmpeg's name of its kind."""
+    name = request.input_format
+    if name is None:
+        return str(request.path).startswith(_VIDEO_DEVICE)
+    from av import ContainerFormat
+
+    try:
+        return bool(ContainerFormat(name, "r").no_file)
+    except ValueError as err:
+        raise VideoError(f"{request.path}: FFmpeg reads no format {name}") from err
+
+
+def _frame_stream(
+    request: Request, container: "InputContainer", extent: Extent | None, *, live: bool = False
+) -> VideoReader:
+    """Decode the first frame; return a reader of all requested frames."""
+    try:
+        stream = video_stream(container, request.path)
+        if live:
+            stream.thread_type = "SLICE"  # threads for frames would hold some back
+        pictures = decoded(container, stream, request.path, extent, request.timeout_s if live else None)
+        first = next(islice(pictures, request.start, None), None)
+        if first is None:
+            raise request.too_short()
+        info = _stream_info(request, stream, first, live=live)
+        request.check_size(info)
+    except BaseException:
+        container.close()
+        raise
+    clock = SourceClock()
+
+    def _pictures() -> Iterator[tuple[Path | str, "av.VideoFrame"]]:
+        for picture in islice(chain([first], pictures), request.num_frames):
+            if live:
+                clock.tick(picture.time, info.frame_rate)
+            yield request.path, picture
+
+    timed = request.frame_rate is None or _is_device(request)  # a device may ignore the requested rate
+    return VideoReader(info, consistent_frames(_pictures(), info, timed=timed), container.close, clock)
+
+
+def _stream_info(request: Request, stream: "VideoStream", first: "av.VideoFrame", *, live: bool) -> VideoInfo:
+    """Gather the properties of the container and the first picture."""
+    notices = list(conversion_notices(first))
+    mean, finest = stream.average_rate, stream.base_rate
+    declared = mean or stream.guessed_rate
+    is_variable = mean and finest and all(abs(finest / mean - factor) > 0.01 for factor in (1, 2))
+    if request.frame_rate is None and not declared:
+        notices.append(f"the file states no frame rate: {DEFAULT_FRAME_RATE} frames per second assumed")
+    elif request.frame_rate is None and is_variable:
+        notices.append("variable frame rate: time stamps are kept")
+    if (aspect := stream.sample_aspect_ratio) and aspect != 1:
+        notices.append(f"pixels are not square ({aspect.numerator}:{aspect.denominator}): taken as they are")
+    rate = request.frame_rate or Fraction(declared or DEFAULT_FRAME_RATE)
+    check_frame_rate(rate, str(request.path))
+    return VideoInfo(
+        width=first.width,
+        height=first.height,
+        frame_rate=rate,
+        num_frames=request.count_of(stream.frames) if stream.frames > request.start else None,
+        notices=tuple(notices),
+        full_range=is_full_range(first),
+        live=live,
+    )
 
 
 class FrameLookup(Closing):

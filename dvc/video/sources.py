@@ -12,7 +12,7 @@ from pathlib import Path
 
 from dvc.errors import VideoError
 from dvc.files import Closing
-from dvc.video.damage import HEAD_BYTES
+from dvc.video.decoding import HEAD_BYTES
 from dvc.video.frames import Frame, VideoInfo
 
 DEFAULT_FRAME_RATE = Fraction(25)

@@ -13,11 +13,11 @@ import numpy as np
 
 from dvc.errors import VideoError
 from dvc.files import OutputFile
-from dvc.video.frames import Frame, Plane, check_frame_rate, check_size, exact_frame_rate
+from dvc.video.frames import Frame, check_frame_rate, check_size, exact_frame_rate
 from dvc.video.pixels import picture_from_frame
 
 if TYPE_CHECKING:
-    from av import Packet, VideoFrame
+    from av import VideoFrame
     from av.video.stream import VideoStream
 
 _LOG = logging.getLogger(__name__)
@@ -72,18 +72,14 @@ class VideoWriter(ABC):
             raise ValueError("`frame` cannot be written: the video is closed")
         if (frame.width, frame.height) != self._size:
             raise ValueError(f"`frame` must be {self._size} pixels, got {(frame.width, frame.height)}")
-        with self._cleaning_up():
-            self._store(frame, self._deviating_time_s(time_s))
-        self._num_frames += 1
-
-    def _deviating_time_s(self, time_s: Fraction | None) -> Fraction | None:
-        """Return the time of the next frame after the first one; None at the constant rate."""
         planned_s = self._num_frames / self._rate
         if self._num_frames == 0:
             self._start_s = time_s or planned_s
         time_s = planned_s if time_s is None else time_s - self._start_s
         self._last_s = max(time_s, self._last_s + min(1 / self._rate, _TICK_S))
-        return None if self._last_s == planned_s else self._last_s
+        with self._cleaning_up():
+            self._store(frame, None if self._last_s == planned_s else self._last_s)
+        self._num_frames += 1
 
     def close(self) -> None:
         """Finish the file and rename it into place; harmless when repeated."""
@@ -251,27 +247,26 @@ class _FfmpegWriter(VideoWriter):
 
         self._lossless = self._path.suffix.lower() == ".mkv"
         self._pixel_format = "gray" if self._luma_only and self._lossless else "yuv420p"
+        size, rate, codec, settings = self._size, self._rate, "libx264", _H264_OPTIONS
+        if self._lossless:
+            # FFmpeg cannot divide small pictures or odd chroma by four.
+            slices = "4" if min(size) >= 16 and not any(side % 4 for side in size) else "1"
+            codec, settings = "ffv1", {"level": "3", "slicecrc": "1", "g": "1", "slices": slices}
         # Without "bitexact" the muxers write random identifiers, and two runs would differ.
         options = {"fflags": "+bitexact"} | ({} if self._lossless else {"movflags": "+faststart"})
         options |= {"flush_packets": "1"} if self._kept else {}  # all but the last frame
         with _ffmpeg_errors():
             path, muxer = f"file:{self._output.temporary}", "matroska" if self._lossless else "mp4"
             self._container = av.open(path, "w", format=muxer, container_options=options)
-            self._stream = self._add_stream(full_range)
+            stream = cast("VideoStream", self._container.add_stream(codec, rate=rate, options=settings))
+            stream.width, stream.height = size if self._lossless else (side + side % 2 for side in size)
+            stream.pix_fmt = self._pixel_format
+            stream.codec_context.color_range = 2 if full_range else 1
+            stream.codec_context.thread_count = 1
+            stream.time_base = stream.codec_context.time_base = 1 / rate
+        self._stream = stream
         # Times of frames with pending packets, without those at the constant rate.
         self._times_s: dict[int, Fraction] = {}
-
-    def _add_stream(self, full_range: bool) -> "VideoStream":
-        """Set up the encoder."""
-        size, rate = self._size, self._rate
-        codec, options = ("ffv1", _ffv1_options(size)) if self._lossless else ("libx264", _H264_OPTIONS)
-        stream = cast("VideoStream", self._container.add_stream(codec, rate=rate, options=options))
-        stream.width, stream.height = size if self._lossless else (side + side % 2 for side in size)
-        stream.pix_fmt = self._pixel_format
-        stream.codec_context.color_range = 2 if full_range else 1
-        stream.codec_context.thread_count = 1
-        stream.time_base = stream.codec_context.time_base = 1 / rate
-        return stream
 
     def _store(self, frame: Frame, time_s: Fraction | None) -> None:
         if self._luma_only:
@@ -290,18 +285,14 @@ class _FfmpegWriter(VideoWriter):
         with _ffmpeg_errors():
             for packet in self._stream.encode(picture):
                 if self._times_s:
-                    self._set_times(packet)
+                    numbers = cast("tuple[int, int]", (packet.pts, packet.dts))
+                    times_s = [self._times_s.get(number, number / self._rate) for number in numbers]
+                    packet.pts, packet.dts = (round(time_s / _MICROSECOND_S) for time_s in times_s)
+                    packet.duration = round(1 / self._rate / _MICROSECOND_S)
+                    packet.time_base = _MICROSECOND_S
+                    for number in [number for number in self._times_s if number < numbers[1]]:
+                        del self._times_s[number]
                 self._container.mux(packet)
-
-    def _set_times(self, packet: "Packet[VideoStream]") -> None:
-        """Replace the frame numbers of a packet by times."""
-        numbers = cast("tuple[int, int]", (packet.pts, packet.dts))
-        times_s = [self._times_s.get(number, number / self._rate) for number in numbers]
-        packet.pts, packet.dts = (round(time_s / _MICROSECOND_S) for time_s in times_s)
-        packet.duration = round(1 / self._rate / _MICROSECOND_S)
-        packet.time_base = _MICROSECOND_S
-        for number in [number for number in self._times_s if number < numbers[1]]:
-            del self._times_s[number]
 
     def _finish(self) -> None:
         with _ffmpeg_errors():
@@ -324,12 +315,6 @@ def _ffmpeg_errors() -> Iterator[None]:
         raise OSError(err.errno, err.strerror) from err
 
 
-def _ffv1_options(size: tuple[int, int]) -> dict[str, str]:
-    """Return FFV1 settings; one slice if FFmpeg cannot divide small pictures or odd chroma by four."""
-    slices = "4" if min(size) >= 16 and not any(side % 4 for side in size) else "1"
-    return {"level": "3", "slicecrc": "1", "g": "1", "slices": slices}
-
-
 def pad_frame(frame: Frame, multiple: int) -> Frame:
     """Extend a picture to sides that are multiples of a number, repeating its last column and row.
 
@@ -345,16 +330,11 @@ def pad_frame(frame: Frame, multiple: int) -> Frame:
     Frame
         The picture itself if nothing is missing.
     """
-    height, width = (-(-side // multiple) * multiple for side in (frame.height, frame.width))
-    if (height, width) == (frame.height, frame.width):
+    sides = [-(-side // multiple) * multiple for side in frame.luma.shape]
+    if sides == list(frame.luma.shape):
         return frame
-    chroma = None
-    if frame.chroma is not None:
-        cb, cr = (_pad_plane(plane, height // 2, width // 2) for plane in frame.chroma)
-        chroma = (cb, cr)
-    return Frame(_pad_plane(frame.luma, height, width), chroma)
-
-
-def _pad_plane(plane: Plane, height: int, width: int) -> Plane:
-    """Repeat the last row and column."""
-    return np.pad(plane, ((0, height - plane.shape[0]), (0, width - plane.shape[1])), mode="edge")
+    luma, *chroma = (
+        np.pad(plane, [(0, size // part - old) for size, old in zip(sides, plane.shape, strict=True)], "edge")
+        for plane, part in zip((frame.luma, *(frame.chroma or ())), (1, 2, 2), strict=False)
+    )
+    return Frame(luma, (chroma[0], chroma[1]) if chroma else None)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dvc.errors import VideoError
 from dvc.video import Frame, open_video
-from dvc.video.damage import HEAD_BYTES, checksum_is_valid, ffv1_slices, matroska_bytes
+from dvc.video.decoding import HEAD_BYTES, checksum_is_valid, ffv1_slices, matroska_bytes
 from tests.clips import same_frame, write_clip
 
 MakeFrames = Callable[..., list[Frame]]
