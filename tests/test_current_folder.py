@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from dvc.contracts.side_information import moving_texture
-from dvc.rd.provenance import _git
+from dvc.rd.originals import _git
 from tests.clips import write_clip
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -16,9 +16,9 @@ from dvc.environment import python_module
 from dvc.errors import DvcError
 from dvc.rd.child_processes import ProcessGroup
 from dvc.rd.comparison import bd_rate_text
-from dvc.rd.measure import read_picture
 from dvc.rd.originals import available_clips, check_source, default_cache, find_source, source_name
 from dvc.rd.rd_curves import Curve, compare_curves, crossing_text
+from dvc.rd.rd_page import read_picture
 from dvc.rd.rd_results import PictureFiles, PointResult, options_of, read_results
 from dvc.rd.run_points import run_points
 from dvc.rd.specification import Point, Sweep

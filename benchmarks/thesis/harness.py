@@ -15,7 +15,7 @@ from dvc import cli
 from dvc.errors import DvcError
 from dvc.files import atomic_output
 from dvc.picture_files import write_png
-from dvc.rd.provenance import input_digest, values_digest
+from dvc.rd.originals import input_digest, values_digest
 from dvc.versions import CODEC, library_versions, packages_digest
 from dvc.web.drawing import Picture
 from dvc.web.gallery import Gallery, Group, Shown, Table, markdown, write_gallery

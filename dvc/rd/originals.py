@@ -1,18 +1,25 @@
-"""Originals of an experiment: video files, and scenes that are rendered once into a cache."""
+"""Originals of an experiment, scenes that are rendered once into a cache, and the version of the code."""
 
+import hashlib
 import json
 import os
 import re
+import subprocess
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
+from importlib import metadata, util
 from pathlib import Path
 from typing import Any
 
-from dvc.environment import python_module
+import dvc
+from dvc.environment import child_environment, python_module
 from dvc.files import lock
 from dvc.rd.child_processes import ProcessGroup
-from dvc.rd.provenance import files_digest, input_digest, package_sources
+from dvc.versions import codec_digest
 
+_CODEC_PACKAGES = ("dvc", "encoder", "decoder", "sfm")
 _POLL_S = 0.2
 
 
@@ -81,3 +88,75 @@ def _catalogue(processes: ProcessGroup, *arguments: str) -> Any:
         processes.run(python_module("sequences", *arguments), output)
         output.seek(0)
         return json.load(output)
+
+
+@dataclass(frozen=True)
+class CodeVersion:
+    """Version of the codec."""
+
+    version: str  # version of the distribution
+    # commit of the repository that tracks the code, with ``-dirty`` if a package of the codec was changed
+    commit: str | None
+    digest: str  # digest of the code of the codec
+
+
+@cache
+def code_version() -> CodeVersion:
+    """Return the version of the code that would run."""
+    return CodeVersion(version=dvc.__version__, commit=_commit(Path(dvc.__file__)), digest=codec_digest())
+
+
+@cache
+def anchors_digest() -> str:
+    """Digest the sources that run the anchors and the version of PyAV, which brings their encoders."""
+    sources = files_digest(package_sources("dvc.rd.anchors"))
+    return values_digest([sources, metadata.version("av")])
+
+
+def package_sources(name: str) -> list[Path]:
+    """List the source files of a package without importing it."""
+    spec = util.find_spec(name)
+    return [] if spec is None or spec.origin is None else sorted(Path(spec.origin).parent.rglob("*.py"))
+
+
+def files_digest(paths: Iterable[Path]) -> str:
+    """Digest the names and contents of files."""
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(f"{path.parent.name}/{path.name}\0{path.stat().st_size}\0".encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:32]
+
+
+def input_digest(path: Path) -> str:
+    """Digest the contents of a video file, or names and contents of a folder of images."""
+    if path.is_dir():
+        return files_digest(sorted(entry for entry in path.iterdir() if entry.is_file()))
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:32]
+
+
+def values_digest(values: object) -> str:
+    """Digest JSON-safe values."""
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _commit(source: Path) -> str | None:
+    """Return the commit of the repository that tracks a source file, or None without one or without git."""
+    folder = source.parent
+    try:
+        if _git(folder, "ls-files", "--error-unmatch", source.name) is None:
+            return None
+        commit = _git(folder, "rev-parse", "--short=12", "HEAD")
+        changed = _git(folder.parent, "status", "--porcelain", "--", *_CODEC_PACKAGES)
+    except OSError:
+        return None
+    return commit if not (commit and changed) else f"{commit}-dirty"
+
+
+def _git(folder: Path, *command: str) -> str | None:
+    """Return the output of git, or None if it fails; the repository may not name a program to run."""
+    words = ["git", "-c", "core.fsmonitor=false", "-C", str(folder), *command]
+    done = subprocess.run(words, env=child_environment(), capture_output=True, check=False, text=True)
+    return done.stdout.strip() if done.returncode == 0 else None

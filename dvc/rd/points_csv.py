@@ -13,7 +13,7 @@ import msgspec
 from msgspec import Meta
 
 from dvc.errors import DvcError
-from dvc.rd.provenance import values_digest
+from dvc.rd.originals import values_digest
 from dvc.rd.rd_curves import experiments
 from dvc.rd.rd_results import (
     IMPORTED,

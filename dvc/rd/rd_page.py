@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.rd.comparison import NOTHING, RateCost, Verdict, rate_costs, verdicts
-from dvc.rd.measure import read_picture
 from dvc.rd.rd_curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.rd_results import PointResult, mean
 from dvc.rd.rd_tables import (
@@ -31,6 +30,8 @@ from dvc.web.plotting import MATPLOTLIB_DASHES
 
 MAX_PAGE_BYTES = 8_000_000
 MAX_PICTURE_BYTES = 6_000_000
+MAX_PICTURE_SIDE_PX = 8192
+MAX_FILE_BYTES = 2**27
 MAX_POINTS = 40
 """Largest number of points with pictures."""
 NOISE_GAIN = 4
@@ -344,6 +345,23 @@ def _encoded(candidates: Sequence[tuple[Experiment, Curve, int]], quality: int) 
             entry[kind] = None if plane is None else _add_source(plane, quality, gallery, indices)
         gallery.shown.setdefault(one.slug, []).append(entry)
     return gallery
+
+
+def read_picture(path: Path) -> Picture | None:
+    """Read a picture of a point; return None if it is missing, damaged or too large."""
+    import cv2
+
+    try:
+        with path.open("rb") as file:
+            head = file.read(24)
+            width, height = (int.from_bytes(head[i : i + 4], "big") for i in (16, 20))
+            if not head.startswith(b"\x89PNG") or not 0 < max(width, height) <= MAX_PICTURE_SIDE_PX:
+                return None
+            coded = head + file.read(MAX_FILE_BYTES)
+        plane: Any = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except (OSError, cv2.error):
+        return None
+    return None if plane is None else np.asarray(plane, dtype=np.uint8)
 
 
 def _add_source(plane: Picture, quality: int, gallery: Gallery, indices: dict[bytes, int]) -> int:

@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from dvc import cli
 from dvc.errors import DvcError
-from dvc.rd.provenance import values_digest
+from dvc.rd.originals import values_digest
 from dvc.rd.specification import SCHEMA, Point, Task
 
 POINTS_FOLDER = "points"

@@ -15,8 +15,7 @@ from dvc.config import DEFAULT_CODEC, MAX_QP, DiscoverMatrix, Qp, Quality, varia
 from dvc.errors import ConfigError
 from dvc.files import read_whole
 from dvc.rd.anchors import ANCHOR_CODECS
-from dvc.rd.originals import Source
-from dvc.rd.provenance import CodeVersion, anchors_digest, values_digest
+from dvc.rd.originals import CodeVersion, Source, anchors_digest, values_digest
 from dvc.versions import library_versions
 
 SCHEMA = "dvc3d-rd-point/1"

@@ -28,8 +28,7 @@ from dvc.rd.anchors.anchor_files import (
     without_overhead,
 )
 from dvc.rd.child_processes import ProcessGroup
-from dvc.rd.originals import find_source
-from dvc.rd.provenance import CodeVersion
+from dvc.rd.originals import CodeVersion, find_source
 from dvc.rd.rd_results import POINTS_FOLDER, PointResult, read_results
 from dvc.rd.run_points import run_points
 from dvc.rd.specification import Point, Task

@@ -19,7 +19,7 @@ from dvc.errors import DvcError
 from dvc.rd import rd_results, run_points
 from dvc.rd.__main__ import main
 from dvc.rd.child_processes import ProcessGroup, Stopped
-from dvc.rd.provenance import CodeVersion
+from dvc.rd.originals import CodeVersion
 from dvc.rd.rd_results import POINTS_FOLDER, PictureFiles, PointResult
 from dvc.rd.specification import Point, Task
 from dvc.versions import codec_digest

@@ -17,8 +17,7 @@ from distributed import Client, LocalCluster
 from dvc.errors import DvcError
 from dvc.rd.__main__ import main
 from dvc.rd.child_processes import ProcessGroup
-from dvc.rd.originals import Source, find_source
-from dvc.rd.provenance import CodeVersion, code_version
+from dvc.rd.originals import CodeVersion, Source, code_version, find_source
 from dvc.rd.rd_results import POINTS_FOLDER
 from dvc.rd.run_points import measure_on_worker, run_points
 from dvc.rd.specification import Point, Task

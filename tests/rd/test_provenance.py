@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from dvc.rd.provenance import _commit
+from dvc.rd.originals import _commit
 
 
 def _git(folder: Path, *command: str) -> None:

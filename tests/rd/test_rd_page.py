@@ -13,13 +13,13 @@ from plotly.offline import get_plotlyjs
 from dvc.errors import DvcError
 from dvc.rd import __main__ as command
 from dvc.rd.comparison import verdicts
-from dvc.rd.measure import read_picture
 from dvc.rd.rd_curves import experiments
 from dvc.rd.rd_page import (
     MAX_PAGE_BYTES,
     build_gallery,
     cost_table,
     frame_columns,
+    read_picture,
     side_information_table,
     write_page,
 )

@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from dvc.errors import DvcError
-from dvc.rd.originals import Source
-from dvc.rd.provenance import CodeVersion, code_version, input_digest, values_digest
+from dvc.rd.originals import CodeVersion, Source, code_version, input_digest, values_digest
 from dvc.rd.rd_results import (
     POINTS_FOLDER,
     is_finished,

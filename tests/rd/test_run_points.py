@@ -19,11 +19,9 @@ from dvc.metrics import psnr_db
 from dvc.rd import originals
 from dvc.rd.__main__ import main
 from dvc.rd.child_processes import ProcessGroup, Stopped
-from dvc.rd.measure import PICTURES_FOLDER
-from dvc.rd.originals import find_source
-from dvc.rd.provenance import CodeVersion
+from dvc.rd.originals import CodeVersion, find_source
 from dvc.rd.rd_results import POINTS_FOLDER, read_results
-from dvc.rd.run_points import run_points
+from dvc.rd.run_points import PICTURES_FOLDER, run_points
 from dvc.rd.specification import Point, Task
 from dvc.video import Frame, create_video, open_video
 from tests.rd.made_up import result_data
@@ -158,7 +156,7 @@ def test_failing_point_does_not_stop_the_sweep(
 
 def test_dishonest_rate_is_a_failure(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A point has no result if its punctured stream decodes to other frames."""
-    monkeypatch.setattr("dvc.rd.measure.filecmp.cmp", lambda *_, **__: False)
+    monkeypatch.setattr("dvc.rd.run_points.filecmp.cmp", lambda *_, **__: False)
     summary = run_points([Point(str(clip), "2d", None, "40", 1)], tmp_path, tmp_path)
     assert [reason for _, reason in summary.failures] == [
         "a fresh process decodes the punctured stream to other frames"
