@@ -122,9 +122,10 @@ def _add_report(report: argparse.ArgumentParser) -> None:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from dvc.rd.comparison import find_label
-    from dvc.rd.rd_curves import ANCHOR_LABEL
-    from dvc.rd.rd_report import write_reports
+    from dvc.rd.comparison import find_label, verdicts
+    from dvc.rd.rd_curves import ANCHOR_LABEL, experiments
+    from dvc.rd.rd_page import write_page
+    from dvc.rd.rd_report import write_report
     from dvc.rd.rd_results import read_folders
 
     outputs = [arguments.folders[0] / f"report.{end}" for end in REPORTS]
@@ -133,15 +134,17 @@ def _report(arguments: argparse.Namespace) -> int:
     if outputs[0].suffix[1:] not in REPORTS:
         raise ConfigError(f"--out must be a file name that ends with .html or .md, got {str(outputs[0])!r}")
     collection = read_folders(arguments.folders)
-    results = collection.results
-    written = write_reports(
-        results,
-        outputs,
-        find_label(results, arguments.against) if arguments.against else ANCHOR_LABEL,
-        figures=arguments.figures,
-        notes=collection.notes,
-        pictures=arguments.pictures,
-    )
+    results, figures = collection.results, arguments.figures
+    anchor = find_label(results, arguments.against) if arguments.against else ANCHOR_LABEL
+    judged = verdicts(experiments(results))
+    texts = [path for path in outputs if path.suffix == ".md"]
+    written = list(outputs)
+    for path in set(outputs) - set(texts):
+        notes, pictures = collection.notes, arguments.pictures
+        write_page(results, path, anchor, notes=notes, pictures=pictures, judged=judged)
+    if texts or figures is not None:
+        stem, folder = (texts or outputs)[0].stem, texts[0].parent if figures is None else figures
+        written += write_report(results, texts, anchor, folder=folder, judged=judged, stem=stem)
     sys.stdout.write("".join(f"{name}\n" for name in written))
     return 0
 
@@ -193,7 +196,7 @@ def _compare(arguments: argparse.Namespace) -> int:
 def _print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table: drawn on a terminal, as Markdown elsewhere."""
     if not sys.stdout.isatty():
-        from dvc.rd.rd_tables import table
+        from dvc.rd.rd_report import table
 
         sys.stdout.write(table(head, rows))
         return

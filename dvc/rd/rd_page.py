@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from dvc.rd.comparison import NOTHING, RateCost, Verdict, rate_costs, verdicts
 from dvc.rd.rd_curves import ANCHOR_LABEL, Curve, Experiment, experiments
-from dvc.rd.rd_results import PointResult, mean
-from dvc.rd.rd_tables import (
+from dvc.rd.rd_report import (
     RATE_COST_CAPTION,
     Style,
     code_digests,
@@ -24,7 +23,8 @@ from dvc.rd.rd_tables import (
     rate_cost_cells,
     rates_text,
 )
-from dvc.web.document import SHARED, asset, data_uri, render_page, script_json, write_text
+from dvc.rd.rd_results import PointResult, mean
+from dvc.web.document import SHARED, asset, content_policy, data_uri, script_json, template
 from dvc.web.gallery import Table
 from dvc.web.plotting import MATPLOTLIB_DASHES
 

@@ -25,8 +25,8 @@ from dvc.rd.comparison import (
     find_label,
 )
 from dvc.rd.rd_curves import MEASURES, Curve, crossing_text, crossings_kbps
+from dvc.rd.rd_report import table
 from dvc.rd.rd_results import SequenceInfo, parse_result, read_results
-from dvc.rd.rd_tables import table
 from tests.rd.made_up import add_result, result_data, write_colour_results, write_results
 
 CODEC, INTRA = "2D-DVC, GOP 2", "H.264 intra"

@@ -12,8 +12,8 @@ from dvc.rd import points_csv
 from dvc.rd.__main__ import main
 from dvc.rd.points_csv import FRAME_COLUMNS, POINT_COLUMNS, results_csv
 from dvc.rd.rd_curves import experiments
+from dvc.rd.rd_report import preface
 from dvc.rd.rd_results import POINTS_FOLDER, parse_result, read_results
-from dvc.rd.rd_tables import preface
 from tests.rd.made_up import result_data, write_colour_results, write_results
 
 HEAD = "sequence,codec,rate_kbps,psnr_y_db,frames"

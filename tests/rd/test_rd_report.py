@@ -10,9 +10,8 @@ import pytest
 
 from dvc.rd.comparison import bd_rate_text, rate_costs
 from dvc.rd.rd_curves import compare_curves, experiments
-from dvc.rd.rd_report import write_reports
+from dvc.rd.rd_report import points_cells, rates_text, table, write_report
 from dvc.rd.rd_results import PointResult, parse_result, read_results
-from dvc.rd.rd_tables import points_cells, rates_text, table
 from dvc.rd.specification import NO_FEEDBACK
 from tests.rd.made_up import result_data, write_colour_results, write_results
 from tests.rd.made_up_page import HOSTILE
@@ -85,22 +84,24 @@ def test_cells_are_plain_text(cell: str, shown: str) -> None:
 def test_report_has_tables_and_pictures(tmp_path: Path) -> None:
     """The report names its pictures, a PNG and a well-formed SVG, and is the same when made again."""
     results = read_results(write_results(tmp_path / "a"))
-    written = write_reports(results, [tmp_path / "report.md"])
-    stems = ["report.md", "report-clip.png", "report-clip.svg"]
+    written = write_report(results, [tmp_path / "report.md"], folder=tmp_path)
+    stems = ["report-clip.png", "report-clip.svg"]
     stems += ["report-rate-against-cost.png", "report-rate-against-cost.svg"]
     assert [path.name for path in written] == stems
-    text = written[0].read_text(encoding="utf-8")
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "(report-clip.png)" in text
     assert "-20.0 %" in text
     pairs = text.split("## Every curve against every other")[1].split("\n## ")[0]
     assert "<summary>Against 2D-DVC, GOP 2</summary>\n\n| sequence | H.264 intra |" in pairs
     assert "| clip | +25.0 % |" in pairs
     assert "python -m encoder clip.mkv stream.dvc" in text
-    assert written[1].read_bytes().startswith(PNG_MAGIC)
-    svg = ET.parse(written[2]).getroot()
+    assert written[0].read_bytes().startswith(PNG_MAGIC)
+    svg = ET.parse(written[1]).getroot()
     assert any("H.264 intra" in (element.text or "") for element in svg.iter())
+    written.append(tmp_path / "report.md")
     before = [path.read_bytes() for path in written]
-    assert [path.read_bytes() for path in write_reports(results, [tmp_path / "report.md"])] == before
+    write_report(results, [tmp_path / "report.md"], folder=tmp_path)
+    assert [path.read_bytes() for path in written] == before
 
 
 def test_names_and_commands_are_no_markup(tmp_path: Path) -> None:
@@ -108,8 +109,8 @@ def test_names_and_commands_are_no_markup(tmp_path: Path) -> None:
     data = result_data(60.0, 30.0, commands=["````", "# title", HOSTILE])
     data["sequence"]["name"] = f"{HOSTILE}\n# title"
     data["code"]["commit"] = HOSTILE
-    (report, *_) = write_reports([parse_result("a", data)], [tmp_path / "r.md"])
-    shown, block = report.read_text(encoding="utf-8").split("<details>")
+    write_report([parse_result("a", data)], [tmp_path / "r.md"], folder=tmp_path)
+    shown, block = (tmp_path / "r.md").read_text(encoding="utf-8").split("<details>")
     assert "<" not in shown
     assert "\n# title" not in shown
     fence = "`" * 5
@@ -137,8 +138,8 @@ def test_text_counts_proven_streams() -> None:
 
 def test_report_of_single_points(tmp_path: Path) -> None:
     """One point without an anchor is a report as well."""
-    (report, *_) = write_reports([parse_result("a", result_data(60.0, 30.0))], [tmp_path / "r.md"])
-    assert "| clip | 2D-DVC, GOP 2 | – |" in report.read_text(encoding="utf-8")
+    write_report([parse_result("a", result_data(60.0, 30.0))], [tmp_path / "r.md"], folder=tmp_path)
+    assert "| clip | 2D-DVC, GOP 2 | – |" in (tmp_path / "r.md").read_text(encoding="utf-8")
 
 
 def test_rate_costs_are_means_over_common_sequences(tmp_path: Path) -> None:
@@ -158,12 +159,12 @@ def test_rate_costs_are_means_over_common_sequences(tmp_path: Path) -> None:
 def test_report_shows_rate_against_cost(tmp_path: Path) -> None:
     """With two codecs of known cost the report has a table and a plot; with one codec it has neither."""
     results = read_results(write_results(tmp_path / "a"))
-    written = write_reports(results, [tmp_path / "report.md"])
+    written = write_report(results, [tmp_path / "report.md"], folder=tmp_path)
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "| 2D-DVC, GOP 2 | 1.00 | -20.0 % | 1 |" in text
     assert "](report-rate-against-cost.png)" in text
     assert (tmp_path / "report-rate-against-cost.svg") in written
-    write_reports([one for one in results if one.codec == "2d"], [tmp_path / "b.md"])
+    write_report([one for one in results if one.codec == "2d"], [tmp_path / "b.md"], folder=tmp_path)
     assert "Rate against cost" not in (tmp_path / "b.md").read_text(encoding="utf-8")
 
 
@@ -172,8 +173,8 @@ def test_report_shows_luma_and_colour(tmp_path: Path) -> None:
     results = read_results(write_colour_results(tmp_path / "a"))
     (experiment,) = experiments(results)
     assert experiment.title.endswith(", colour")
-    written = write_reports(results, [tmp_path / "report.md"])
-    text = written[0].read_text(encoding="utf-8")
+    write_report(results, [tmp_path / "report.md"], folder=tmp_path)
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "PSNRs are means of frames: of luma, and in colour (6 Y + Cb + Cr) / 8." in text
     heads = [line for line in text.splitlines() if "BD-rate against" in line and line.startswith("| ")]
     assert (
