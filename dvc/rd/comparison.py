@@ -39,24 +39,21 @@ CSV_COLUMNS = (
 
 def at_equal(results: Sequence[PointResult], quality: str) -> list[PointResult]:
     """Return points that have one measure of quality as their only PSNR."""
-    return [
-        replace(result, totals=replace(result.totals, psnr_y_db=_psnr_db(result, quality), psnr_yuv_db=None))
-        for result in results
-    ]
-
-
-def _psnr_db(result: PointResult, quality: str) -> float:
-    if quality == "mse":
-        psnrs_db = [frame.psnr_y_db for frame in result.per_frame if frame.psnr_y_db is not None]
-        if not psnrs_db or len(psnrs_db) < len(result.per_frame):
-            reason = "a frame without PSNR" if result.per_frame else "no frames"
-            raise ConfigError(f"{result.name} has {reason}")
-        return psnr_of_mean_error_db(psnrs_db)
-    if quality == "colour":
-        if result.totals.psnr_yuv_db is None:
+    changed = []
+    for result in results:
+        psnr_db: float | None = result.psnr_y_db
+        if quality == "mse":
+            psnrs_db = [frame.psnr_y_db for frame in result.per_frame if frame.psnr_y_db is not None]
+            if not psnrs_db or len(psnrs_db) < len(result.per_frame):
+                reason = "a frame without PSNR" if result.per_frame else "no frames"
+                raise ConfigError(f"{result.name} has {reason}")
+            psnr_db = psnr_of_mean_error_db(psnrs_db)
+        elif quality == "colour":
+            psnr_db = result.totals.psnr_yuv_db
+        if psnr_db is None:
             raise ConfigError(f"{result.name} has no chroma: `dvc-rd run` measures it without --luma-only")
-        return result.totals.psnr_yuv_db
-    return result.psnr_y_db
+        changed.append(replace(result, totals=replace(result.totals, psnr_y_db=psnr_db, psnr_yuv_db=None)))
+    return changed
 
 
 def compare(
@@ -106,10 +103,8 @@ def find_label(results: Sequence[PointResult], text: str) -> str:
 
 def bd_rate_text(difference: BdResult | str) -> str:
     """Write a difference in rate with its overlap."""
-    if difference == NO_CHROMA:
-        return NOTHING
     if isinstance(difference, str):
-        return f"not comparable: {difference}"
+        return _difference_text(difference, 1, "%")
     low, high = difference.overlap
     reference, other = difference.num_points
     return f"{difference.value:+.1f} % ({low:.1f} to {high:.1f} dB, {other} and {reference} points)"
@@ -133,30 +128,23 @@ def comparison_table(comparisons: Sequence[Comparison]) -> tuple[list[str], list
         [
             *(one.sequence, one.other.label, one.reference.label),
             *(bd_rate_text(one.rates[measure]) for measure in measures),
-            *(_psnr_text(one.psnrs[measure]) for measure in measures),
+            *(
+                NOTHING if isinstance(psnr, str) else f"{psnr.value:+.2f} dB"
+                for psnr in (one.psnrs[measure] for measure in measures)
+            ),
             crossing_text(one.reference, one.other),
         ]
         for one in comparisons
     ]
-    return head, rows + _mean_rows(comparisons, measures)
-
-
-def _psnr_text(difference: BdResult | str) -> str:
-    return NOTHING if isinstance(difference, str) else f"{difference.value:+.2f} dB"
-
-
-def _mean_rows(comparisons: Sequence[Comparison], measures: Sequence[Measure]) -> list[list[str]]:
-    """Return a row for each pair of curves that is compared on several sequences."""
     groups: dict[tuple[str, str], list[Comparison]] = {}
     for one in comparisons:
         groups.setdefault((one.other.label, one.reference.label), []).append(one)
-    rows = []
     for labels, members in groups.items():
         cells = [_mean_cells(members, measure) for measure in measures]
         if any(rate != NOTHING for rate, _ in cells):
             rates, gains = zip(*cells, strict=True)
             rows.append(["*mean*", *labels, *rates, *gains, NOTHING])
-    return rows
+    return head, rows
 
 
 def _mean_cells(members: Sequence[Comparison], measure: Measure) -> tuple[str, str]:
@@ -305,9 +293,16 @@ def _verdict(found: Sequence[Experiment], anchor: str, labels: Sequence[str]) ->
         for name, pairs in by_sequence.items()
     }
     matrix = [(name, tuple(map(_cell, cells))) for name, cells in differences.items()]
-    means = tuple(map(_mean_cell, zip(*differences.values(), strict=True)))
+    means = []
+    for column in zip(*differences.values(), strict=True):
+        results = [one for one in column if isinstance(one, BdResult)]
+        cell = Cell(NOTHING)
+        if len(results) > 1:
+            result = replace(results[0], value=sum(one.value for one in results) / len(results))
+            cell = Cell(f"{_signed(result.value, 1, '%')} ({len(results)})", _outcome(result))
+        means.append(cell)
     if any(cell.text != NOTHING for cell in means):
-        matrix.append(("mean (sequences)", means))
+        matrix.append(("mean (sequences)", tuple(means)))
     rows = [_row(pair, measures) for pairs in by_sequence.values() for pair in pairs.values()]
     return Verdict(anchor, tuple(codecs), measures, tuple(matrix), tuple(rows))
 
@@ -350,15 +345,6 @@ def _cell(difference: BdResult | str | None) -> Cell:
     if isinstance(difference, str):
         return Cell("not comparable")
     return Cell(_signed(difference.value, 1, "%"), _outcome(difference))
-
-
-def _mean_cell(differences: Sequence[BdResult | str | None]) -> Cell:
-    """Return the mean over the sequences that have a difference, if at least two."""
-    results = [one for one in differences if isinstance(one, BdResult)]
-    if len(results) < 2:
-        return Cell(NOTHING)
-    result = replace(results[0], value=sum(one.value for one in results) / len(results))
-    return Cell(f"{_signed(result.value, 1, '%')} ({len(results)})", _outcome(result))
 
 
 def _outcome(difference: BdResult | str) -> Outcome:

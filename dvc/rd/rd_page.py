@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.rd.comparison import NOTHING, RateCost, Verdict, rate_costs, verdicts
+from dvc.files import atomic_output
+from dvc.rd.comparison import NOTHING, Verdict, rate_costs, verdicts
 from dvc.rd.rd_curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.rd_report import (
     RATE_COST_CAPTION,
-    Style,
     code_digests,
     curve_styles,
     number_text,
@@ -79,6 +79,7 @@ def write_page(
     anchors = [verdict.anchor for verdict in judged]
     anchor = anchor if anchor in anchors else next(iter(anchors), "")
     costs = rate_costs(found, anchor)
+    head, rows = rate_cost_cells(costs, anchor)
     page = {
         "preface": preface(results),
         "rates": rates_text(results),
@@ -88,7 +89,9 @@ def write_page(
         "anchor": anchor,
         "share_titles": SHARE_TITLES,
         "tables": {"side_information": side_information_table(found), "cost": cost_table(found)},
-        "rate_cost": rate_cost_table(costs, anchor) if len(costs) > 1 else None,
+        "rate_cost": Table("Rate against cost", RATE_COST_CAPTION, tuple(head), tuple(map(tuple, rows)))
+        if len(costs) > 1
+        else None,
         "single": [
             f"{one.name}: {curve.label}"
             for one in found
@@ -96,7 +99,17 @@ def write_page(
             if len(curve.points) == 1 and not curve.has_lossless_keys
         ],
         "sizes": sorted({(result.sequence.width, result.sequence.height) for result in results}),
-        "styles": {label: _style(style) for label, style in curve_styles(found).items()},
+        "styles": {
+            label: {
+                "colour": style.colour,
+                "marker": style.marker,
+                "symbol": _SYMBOLS[style.marker] + ("-open" if style.is_open else ""),
+                "dash": style.dash,
+                "strokes": " ".join(str(2 * length) for length in MATPLOTLIB_DASHES[style.dash][1]),
+                "open": style.is_open,
+            }
+            for label, style in curve_styles(found).items()
+        },
         "sequences": [_sequence(one) for one in found],
     }
     data = {
@@ -110,8 +123,17 @@ def write_page(
         room = min(MAX_PAGE_BYTES - len(text.encode()) - 50_000, MAX_PICTURE_BYTES)
         gallery = build_gallery(found, max(room, 0))
         if gallery.sources or gallery.num_missing or gallery.num_left_out:
-            text = _render(page, data, gallery, [*notes, *_picture_notes(gallery)])
-    write_text(path, text)
+            notes = list(notes)
+            if gallery.num_left_out > 0:
+                notes.append(
+                    f"Pictures of {gallery.num_points} points are shown (at most {MAX_POINTS}: the middle "
+                    f"and the ends of each curve); those of {gallery.num_left_out} more are in the results."
+                )
+            if gallery.num_missing:
+                notes.append(f"The pictures of {gallery.num_missing} points are missing or damaged.")
+            text = _render(page, data, gallery, notes)
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 @dataclass
@@ -146,55 +168,27 @@ def _render(page: dict[str, Any], data: dict[str, Any], gallery: Gallery, notes:
     )
 
 
-def _style(style: Style) -> dict[str, Any]:
-    return {
-        "colour": style.colour,
-        "marker": style.marker,
-        "symbol": _SYMBOLS[style.marker] + ("-open" if style.is_open else ""),
-        "dash": style.dash,
-        "strokes": " ".join(str(2 * length) for length in MATPLOTLIB_DASHES[style.dash][1]),
-        "open": style.is_open,
-    }
-
-
 def _sequence(one: Experiment) -> dict[str, Any]:
     curves = []
     for curve in one.curves:
         head, rows = points_cells(curve)
-        curves.append(
-            {
-                "label": curve.label,
-                "lossless": curve.has_lossless_keys,
-                "head": head,
-                "rows": rows,
-                "shares": [_shares(point) for point in curve.points],
-                "reproduce": [_reproduce(point) for point in curve.points],
-            }
-        )
+        shares, reproduce = [], []
+        for point in curve.points:
+            parts, code = point.bit_shares, point.code
+            text = ", ".join(f"{SHARE_TITLES.get(kind, kind)} {share:.1f} %" for kind, share in parts.items())
+            shares.append({"name": point.label, "text": text, "parts": list(parts.items())})
+            version = f"dvc3d {code.version} ({code.commit or 'no commit'}, {code.digest})"
+            libraries = [f"{name} {number}" for name, number in sorted(point.libraries.items())]
+            versions = ", ".join([version if code.digest else code.version, *libraries])
+            origin = {"commands": point.commands, "versions": versions, "date": point.date}
+            reproduce.append({"name": point.label, **origin})
+        table = {"label": curve.label, "lossless": curve.has_lossless_keys, "head": head, "rows": rows}
+        curves.append({**table, "shares": shares, "reproduce": reproduce})
     has_frames = any(
         frame.psnr_y_db is not None for c in one.curves for p in c.points for frame in p.per_frame
     )
-    return {
-        "slug": one.slug,
-        "name": one.name,
-        "title": one.title,
-        "curves": curves,
-        "has_frames": has_frames,
-    }
-
-
-def _shares(point: PointResult) -> dict[str, Any]:
-    parts = point.bit_shares
-    text = ", ".join(f"{SHARE_TITLES.get(kind, kind)} {share:.1f} %" for kind, share in parts.items())
-    return {"name": point.label, "text": text, "parts": list(parts.items())}
-
-
-def _reproduce(point: PointResult) -> dict[str, Any]:
-    code = point.code
-    version = f"dvc3d {code.version} ({code.commit or 'no commit'}, {code.digest})"
-    libraries = [f"{name} {number}" for name, number in sorted(point.libraries.items())]
-    versions = ", ".join([version if code.digest else code.version, *libraries])
-    return {"name": point.label, "commands": point.commands, "versions": versions, "date": point.date}
+    names = {"slug": one.slug, "name": one.name, "title": one.title}
+    return {**names, "curves": curves, "has_frames": has_frames}
 
 
 def _chart_curve(curve: Curve) -> dict[str, Any]:
@@ -283,12 +277,6 @@ def cost_table(found: Sequence[Experiment]) -> Table:
     return Table("Cost", caption, head, tuple(rows), 2)
 
 
-def rate_cost_table(points: Sequence[RateCost], reference: str) -> Table:
-    """Return rate against cost."""
-    head, rows = rate_cost_cells(points, reference)
-    return Table("Rate against cost", RATE_COST_CAPTION, tuple(head), tuple(map(tuple, rows)))
-
-
 def build_gallery(found: Sequence[Experiment], max_bytes: int) -> Gallery:
     """Encode the pictures of the most important points of every curve."""
     candidates = list(_by_importance(found))[:MAX_POINTS]
@@ -324,6 +312,8 @@ def _has_pictures(point: PointResult) -> bool:
 
 
 def _encoded(candidates: Sequence[tuple[Experiment, Curve, int]], quality: int) -> Gallery:
+    import cv2
+
     gallery = Gallery()
     indices: dict[bytes, int] = {}
     for one, curve, number in candidates:
@@ -340,9 +330,18 @@ def _encoded(candidates: Sequence[tuple[Experiment, Curve, int]], quality: int) 
         entry: dict[str, Any] = {"curve": one.curves.index(curve), "label": curve.label, "point": number}
         entry |= {"index": files.index or 0, "type": _TYPE_NAMES.get(types.get(files.index, ""), "")}
         entry |= {"width": original.shape[1], "height": original.shape[0]}
-        planes = {"original": original, "decoded": decoded, "noise": _noise(original, predicted)}
+        planes = {"original": original, "decoded": decoded}
+        if predicted is not None and predicted.shape == original.shape:
+            difference = NOISE_GAIN * (original.astype(np.int32) - predicted) + 128
+            planes["noise"] = np.asarray(np.clip(difference, 0, 255), dtype=np.uint8)
         for kind, plane in planes.items():
-            entry[kind] = None if plane is None else _add_source(plane, quality, gallery, indices)
+            key = plane.tobytes()
+            if key not in indices:  # equal pictures are added once
+                _, coded = cv2.imencode(".webp", plane, [cv2.IMWRITE_WEBP_QUALITY, quality])
+                indices[key] = len(gallery.sources)
+                gallery.sources.append(data_uri("image/webp", coded.tobytes()))
+            entry[kind] = indices[key]
+        entry.setdefault("noise", None)
         gallery.shown.setdefault(one.slug, []).append(entry)
     return gallery
 
@@ -362,35 +361,3 @@ def read_picture(path: Path) -> Picture | None:
     except (OSError, cv2.error):
         return None
     return None if plane is None else np.asarray(plane, dtype=np.uint8)
-
-
-def _add_source(plane: Picture, quality: int, gallery: Gallery, indices: dict[bytes, int]) -> int:
-    """Return the index of a picture in the sources; equal pictures are added once."""
-    import cv2
-
-    key = plane.tobytes()
-    if key not in indices:
-        _, coded = cv2.imencode(".webp", plane, [cv2.IMWRITE_WEBP_QUALITY, quality])
-        indices[key] = len(gallery.sources)
-        gallery.sources.append(data_uri("image/webp", coded.tobytes()))
-    return indices[key]
-
-
-def _noise(original: Picture, predicted: Picture | None) -> Picture | None:
-    """Return original minus prediction, amplified, grey if they are equal."""
-    if predicted is None or predicted.shape != original.shape:
-        return None
-    difference = NOISE_GAIN * (original.astype(np.int32) - predicted) + 128
-    return np.asarray(np.clip(difference, 0, 255), dtype=np.uint8)
-
-
-def _picture_notes(gallery: Gallery) -> list[str]:
-    notes = []
-    if gallery.num_left_out > 0:
-        notes.append(
-            f"Pictures of {gallery.num_points} points are shown (at most {MAX_POINTS}: the middle and "
-            f"the ends of each curve); those of {gallery.num_left_out} more are in the results."
-        )
-    if gallery.num_missing:
-        notes.append(f"The pictures of {gallery.num_missing} points are missing or damaged.")
-    return notes
