@@ -16,7 +16,7 @@ from dvc.environment import python_module
 from dvc.errors import DvcError
 from dvc.rd.child_processes import ProcessGroup
 from dvc.rd.comparison import bd_rate_text
-from dvc.rd.originals import available_clips, check_source, default_cache, find_source, source_name
+from dvc.rd.originals import catalogue, default_cache, find_source, source_name
 from dvc.rd.rd_curves import Curve, compare_curves, crossing_text
 from dvc.rd.rd_page import read_picture
 from dvc.rd.rd_results import PictureFiles, PointResult, options_of, read_results
@@ -319,9 +319,10 @@ def _matches(processes: ProcessGroup, video: str, distance: int, folder: Path) -
 def _steps(task: Task) -> list[Step]:
     sequences, preset = task.chosen, _preset(task)
     for sequence in sequences:
-        check_source(sequence, ProcessGroup())
+        catalogue(ProcessGroup(), "info", "--json", "--", sequence)  # fails without an original
     if not sequences:
-        available = available_clips(ProcessGroup())
+        entries = catalogue(ProcessGroup(), "list", "--json")
+        available = [entry["name"] for entry in entries if entry["kind"] == "file"]
         sequences = (*preset.scenes, *(name for name in preset.clips if name in available))
     steps = []
     for sequence in sequences:

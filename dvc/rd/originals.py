@@ -6,10 +6,9 @@ import os
 import re
 import subprocess
 import tempfile
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from importlib import metadata, util
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import dvc
 from dvc.environment import child_environment, python_module
 from dvc.files import lock
 from dvc.rd.child_processes import ProcessGroup
-from dvc.versions import codec_digest
+from dvc.versions import codec_digest, packages_digest
 
 _CODEC_PACKAGES = ("dvc", "encoder", "decoder", "sfm")
 _POLL_S = 0.2
@@ -39,12 +38,11 @@ def default_cache() -> Path:
 
 def find_source(sequence: str, cache: Path, processes: ProcessGroup) -> Source:
     """Return the original of a name or path; render a scene that the cache lacks."""
-    entry = _catalogue(processes, "info", "--json", "--", sequence)
+    entry = catalogue(processes, "info", "--json", "--", sequence)
     if entry["path"] is not None:
         path = Path(entry["path"])
         return Source(source_name(path), path, input_digest(path))
-    renderer = files_digest(package_sources("sequences"))
-    path = cache / f"{entry['name']}-{renderer[:12]}.mkv"
+    path = cache / f"{entry['name']}-{packages_digest(['sequences'])[:12]}.mkv"
     if not path.is_file():
         cache.mkdir(parents=True, exist_ok=True)
         _render(entry["name"], path, processes)
@@ -66,23 +64,13 @@ def _render(scene: str, path: Path, processes: ProcessGroup) -> None:
         lock_path.unlink(missing_ok=True)
 
 
-def check_source(sequence: str, processes: ProcessGroup) -> None:
-    """Raise `DvcError` unless a name or path has an original."""
-    _catalogue(processes, "info", "--json", "--", sequence)
-
-
-def available_clips(processes: ProcessGroup) -> list[str]:
-    """List the clips of the folder of video files."""
-    return [entry["name"] for entry in _catalogue(processes, "list", "--json") if entry["kind"] == "file"]
-
-
 def source_name(sequence: str | Path) -> str:
     """Return the short name of an original, without looking for it."""
     path = Path(sequence)
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem or path.name)[:60] or "video"
 
 
-def _catalogue(processes: ProcessGroup, *arguments: str) -> Any:
+def catalogue(processes: ProcessGroup, *arguments: str) -> Any:
     """Return the answer of the catalogue of sequences."""
     with tempfile.TemporaryFile() as output:
         processes.run(python_module("sequences", *arguments), output)
@@ -109,31 +97,19 @@ def code_version() -> CodeVersion:
 @cache
 def anchors_digest() -> str:
     """Digest the sources that run the anchors and the version of PyAV, which brings their encoders."""
-    sources = files_digest(package_sources("dvc.rd.anchors"))
-    return values_digest([sources, metadata.version("av")])
-
-
-def package_sources(name: str) -> list[Path]:
-    """List the source files of a package without importing it."""
-    spec = util.find_spec(name)
-    return [] if spec is None or spec.origin is None else sorted(Path(spec.origin).parent.rglob("*.py"))
-
-
-def files_digest(paths: Iterable[Path]) -> str:
-    """Digest the names and contents of files."""
-    digest = hashlib.sha256()
-    for path in paths:
-        digest.update(f"{path.parent.name}/{path.name}\0{path.stat().st_size}\0".encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:32]
+    return values_digest([packages_digest(["dvc.rd.anchors"]), metadata.version("av")])
 
 
 def input_digest(path: Path) -> str:
     """Digest the contents of a video file, or names and contents of a folder of images."""
     if path.is_dir():
-        return files_digest(sorted(entry for entry in path.iterdir() if entry.is_file()))
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()[:32]
+        digest = hashlib.sha256()
+        for file in sorted(entry for entry in path.iterdir() if entry.is_file()):
+            digest.update(f"{path.name}/{file.name}\0{file.stat().st_size}\0".encode())
+            digest.update(file.read_bytes())
+        return digest.hexdigest()[:32]
+    with path.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()[:32]
 
 
 def values_digest(values: object) -> str:

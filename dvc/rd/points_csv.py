@@ -19,7 +19,6 @@ from dvc.rd.rd_results import (
     IMPORTED,
     MAX_NUMBER,
     POINTS_FOLDER,
-    FrameResult,
     PointResult,
     read_results,
     write_result,
@@ -37,6 +36,11 @@ _SIZE = ("width", "height", "frames_per_s")
 Column = Callable[[PointResult], object]
 
 
+def _columns(section: str, names: str, prefix: str = "") -> dict[str, Column]:
+    """Return columns that are fields of a section of results."""
+    return {prefix + name: attrgetter(f"{section}.{name}") for name in names.split()}
+
+
 def _bits(kind: str) -> Column:
     return lambda point: point.totals.bits.get(kind)
 
@@ -50,44 +54,27 @@ def _options(point: PointResult) -> str:
 POINT_COLUMNS: dict[str, Column] = {
     "point": attrgetter("name"),
     "codec": attrgetter("codec"),
-    "gop": attrgetter("options.gop"),
-    "wz_q": attrgetter("options.wz_q"),
+    **_columns("options", "gop wz_q"),
     "key_qp": attrgetter("key.qp"),
     "lossless_keys": attrgetter("key.lossless"),
     "side_information": attrgetter("options.side_information"),
     "options": _options,
-    "width": attrgetter("sequence.width"),
-    "height": attrgetter("sequence.height"),
-    "frames_per_s": attrgetter("sequence.frames_per_s"),
+    **_columns("sequence", "width height frames_per_s"),
     "first_frame": attrgetter("options.start"),
     "frames": attrgetter("totals.frames"),
     "luma_only": attrgetter("options.luma_only"),
-    "rate_kbps": attrgetter("totals.rate_kbps"),
-    "psnr_y_db": attrgetter("totals.psnr_y_db"),
-    "key_psnr_y_db": attrgetter("totals.key_psnr_y_db"),
-    "wz_psnr_y_db": attrgetter("totals.wz_psnr_y_db"),
-    "si_psnr_y_db": attrgetter("totals.si_psnr_y_db"),
-    "refined_si_psnr_y_db": attrgetter("totals.refined_si_psnr_y_db"),
+    **_columns("totals", "rate_kbps psnr_y_db key_psnr_y_db wz_psnr_y_db si_psnr_y_db refined_si_psnr_y_db"),
     "stream_bytes": attrgetter("totals.stream_bytes"),
     **{f"{kind}_bits": _bits(kind) for kind in ("key", "tracks", "parity", "crc", "header")},
-    "num_requests": attrgetter("totals.num_requests"),
-    "num_failed_planes": attrgetter("totals.num_failed_planes"),
-    "encode_cpu_s": attrgetter("times.encode_cpu_s"),
-    "decode_cpu_s": attrgetter("times.decode_cpu_s"),
-    "code_version": attrgetter("code.version"),
-    "code_commit": attrgetter("code.commit"),
-    "code_digest": attrgetter("code.digest"),
+    **_columns("totals", "num_requests num_failed_planes"),
+    **_columns("times", "encode_cpu_s decode_cpu_s"),
+    **_columns("code", "version commit digest", "code_"),
     "sequence_digest": attrgetter("sequence.digest"),
     "date": attrgetter("date"),
     **{f"{kind}_bits": _bits(kind) for kind in ("intra", "inter")},
-    "key_encode_cpu_s": attrgetter("times.key_encode_cpu_s"),
-    "wz_encode_cpu_s": attrgetter("times.wz_encode_cpu_s"),
-    "tracking_cpu_s": attrgetter("times.tracking_cpu_s"),
-    "coding_cpu_s": attrgetter("times.coding_cpu_s"),
+    **_columns("times", "key_encode_cpu_s wz_encode_cpu_s tracking_cpu_s coding_cpu_s"),
     "qp": attrgetter("options.qp"),
-    "psnr_cb_db": attrgetter("totals.psnr_cb_db"),
-    "psnr_cr_db": attrgetter("totals.psnr_cr_db"),
-    "psnr_yuv_db": attrgetter("totals.psnr_yuv_db"),
+    **_columns("totals", "psnr_cb_db psnr_cr_db psnr_yuv_db"),
 }
 """Columns of `results_csv` after `sequence` and `curve`; new ones are added at the end only."""
 
@@ -108,20 +95,15 @@ def results_csv(results: Sequence[PointResult], *, per_frame: bool = False) -> s
         for curve in one.curves:
             for point in curve.points:
                 cells = [point.sequence.name, curve.label, *(POINT_COLUMNS[name](point) for name in names)]
-                if per_frame:
-                    rows += [[*cells, *_frame_cells(frame)] for frame in point.per_frame]
-                else:
+                for frame in point.per_frame if per_frame else ():
+                    values = asdict(frame)
+                    if isinstance(frame.bits, dict):  # by kind
+                        values["bits"] = sum(frame.bits.values())
+                        values |= {f"{kind}_bits": count for kind, count in frame.bits.items()}
+                    rows.append([*cells, *(values.get(name) for name in FRAME_COLUMNS)])
+                if not per_frame:
                     rows.append(cells)
     return csv_text(("sequence", "curve", *names, *(FRAME_COLUMNS if per_frame else ())), rows)
-
-
-def _frame_cells(frame: FrameResult) -> list[object]:
-    """Return the cells of a frame; its bits are one number, or one for each kind."""
-    cells = asdict(frame)
-    if isinstance(frame.bits, dict):
-        cells["bits"] = sum(frame.bits.values())
-        cells |= {f"{kind}_bits": count for kind, count in frame.bits.items()}
-    return [cells.get(name) for name in FRAME_COLUMNS]
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -196,7 +178,9 @@ def import_points(path: Path, folder: Path) -> list[PointResult]:
         except ValueError as err:
             problem = str(err).replace("$.", "")
             raise DvcError(f"{name}: line {number}: {problem}") from err
-        stem = _stem(data)
+        words = [data["sequence"]["name"], data["options"]["options"]["curve"]]
+        words.append(values_digest([data["sequence"]["name"], data["options"]])[:8])
+        stem = "-".join(re.sub(r"[^A-Za-z0-9_.]+", "_", word)[:60] for word in words)
         if stem in points:
             raise DvcError(f"{name}: line {number}: the same point a second time: give it a name in 'point'")
         points[stem] = data
@@ -304,11 +288,3 @@ def _sequence(row: ImportedRow) -> dict[str, Any]:
         raise ValueError(f"{', '.join(missing)} must be given, as nothing is measured here on {span}")
     digest = row.sequence_digest or values_digest([IMPORTED, row.sequence])
     return {"name": row.sequence, "digest": digest, **{name: getattr(row, name) for name in _SIZE}}
-
-
-def _stem(data: Mapping[str, Any]) -> str:
-    """Return the name of the file: sequence and curve, then a unique digest."""
-    options = data["options"]
-    unique = values_digest([data["sequence"]["name"], options])[:8]
-    words = [data["sequence"]["name"], options["options"]["curve"], unique]
-    return "-".join(re.sub(r"[^A-Za-z0-9_.]+", "_", word)[:60] for word in words)

@@ -33,6 +33,7 @@ from dvc.rd.rd_results import POINTS_FOLDER, PointResult, read_results
 from dvc.rd.run_points import run_points
 from dvc.rd.specification import Point, Task
 from dvc.video import Frame, VideoReader, create_video, open_video
+from dvc.video.pixels import picture_from_frame
 
 NUM_FRAMES = 5
 EVERY_CODEC = pytest.mark.parametrize("codec", ANCHOR_CODECS.values(), ids=lambda codec: codec.name)
@@ -228,9 +229,13 @@ def test_av1_with_random_access_waits_for_later_frames(tmp_path: Path) -> None:
         frames, info = [frame.without_chroma() for frame in reader], reader.info
 
     def _num_taken(name: str) -> int:
-        encoder = anchor_files._Encoder(ANCHOR_CODECS[name], 30, info.size, info.frame_rate)
-        counts = (count for count, frame in enumerate(frames, 1) if any(encoder.encode([frame])))
-        return next(counts, len(frames) + 1)
+        encoder = anchor_files._open(ANCHOR_CODECS[name], 30, info.size, info.frame_rate, "yuv420p")
+        for count, frame in enumerate(frames):
+            picture = picture_from_frame(frame, "yuv420p")
+            picture.pts = count
+            if encoder.encode(picture):
+                return count
+        return len(frames)
 
     assert _num_taken("svtav1-6") > _num_taken("svtav1")
 

@@ -6,6 +6,9 @@ from typing import Final, Literal
 from dvc.config import MAX_QP
 from dvc.errors import ConfigError
 
+Library = Literal["libx264", "libx265", "libsvtav1"]
+Structure = Literal["intra", "ippp", "random access"]
+_LIBRARIES: dict[str, Library] = {"x264": "libx264", "x265": "libx265", "svtav1": "libsvtav1"}
 _MAX_AV1_QP = 63
 _FILES = {"libx264": (".264", "h264"), "libx265": (".265", "hevc"), "libsvtav1": (".obu", "obu")}
 """Suffix of the elementary streams of each encoder, and FFmpeg's name of their format."""
@@ -34,11 +37,11 @@ class AnchorCodec:
 
     name: str  # on the command line and in results
     label: str  # in tables and plots
-    library: Literal["libx264", "libx265", "libsvtav1"]  # encoder, as FFmpeg names it
+    library: Library  # encoder, as FFmpeg names it
     preset: str
     parameters: str  # words NAME=VALUE in the encoder's syntax, without the QP
     # prediction of frames: none, each from earlier ones only, or with B frames
-    structure: Literal["intra", "ippp", "random access"]
+    structure: Structure
     intra_period: int = 0  # frames from one intra frame to the next; 0: only the first is intra
 
     @property
@@ -69,47 +72,37 @@ class AnchorCodec:
         return {name: value for name, _, value in words} | {"qp": str(self.encoder_qp(qp))}
 
 
-def _x264(
-    name: str, label: str, preset: str, options: str = "keyint=infinite", period: int = 0
+def _anchor(
+    name: str, label: str, preset: str, parameters: str, structure: Structure = "ippp", period: int = 0
 ) -> AnchorCodec:
-    structure: Literal["intra", "ippp"] = "intra" if options == "keyint=1" else "ippp"
-    first, *rest = options.split()
-    words = " ".join([first, _X264, *rest])
-    return AnchorCodec(name, label, "libx264", preset, words, structure, period)
-
-
-def _x264_preset(preset: str) -> AnchorCodec:
-    name, label = f"x264-{preset}", f"x264 {preset}"
-    return AnchorCodec(name, label, "libx264", preset, _X264_PRESET, "random access")
-
-
-def _x265(name: str, label: str, preset: str = "medium") -> AnchorCodec:
-    return AnchorCodec(name, label, "libx265", preset, f"keyint=-1 {_X265_LOW_DELAY}", "ippp")
-
-
-def _svtav1(name: str, label: str, preset: str) -> AnchorCodec:
-    return AnchorCodec(name, label, "libsvtav1", preset, f"keyint=-1 {_SVTAV1}", "ippp")
+    library = _LIBRARIES[name.partition("-")[0]]
+    return AnchorCodec(name, label, library, preset, parameters, structure, period)
 
 
 _ALL = (
-    _x264("x264-intra", "x264 intra", "medium", "keyint=1"),
-    _x264("x264-ippp", "x264 IPPP", "medium"),
-    _x264("x264-ippp-16", "x264 IPPP, intra every 16", "medium", "keyint=16", 16),
-    *(_x264(f"x264-{one}", f"x264 IPPP, {one}", one) for one in ("ultrafast", "superfast", "veryfast")),
+    _anchor("x264-intra", "x264 intra", "medium", f"keyint=1 {_X264}", "intra"),
+    _anchor("x264-ippp", "x264 IPPP", "medium", f"keyint=infinite {_X264}"),
+    _anchor("x264-ippp-16", "x264 IPPP, intra every 16", "medium", f"keyint=16 {_X264}", period=16),
     *(
-        _x264(f"x264-{one}-no-asm", f"x264 IPPP, {one}, no vector code", one, "keyint=infinite asm=0")
+        _anchor(f"x264-{one}", f"x264 IPPP, {one}", one, f"keyint=infinite {_X264}")
+        for one in ("ultrafast", "superfast", "veryfast")
+    ),
+    *(
+        _anchor(
+            f"x264-{one}-no-asm", f"x264 IPPP, {one}, no vector code", one, f"keyint=infinite {_X264} asm=0"
+        )
         for one in ("ultrafast", "superfast")
     ),
-    _x264_preset("medium"),
-    _x264_preset("slower"),
-    AnchorCodec("x265-intra", "x265 intra", "libx265", "medium", f"keyint=1 {_X265_LOW_DELAY}", "intra"),
-    _x265("x265", "x265 IPPP"),
-    _x265("x265-ultrafast", "x265 IPPP, ultrafast", "ultrafast"),
-    AnchorCodec("x265-medium", "x265 medium", "libx265", "medium", f"keyint=-1 {_X265}", "random access"),
-    AnchorCodec("svtav1-intra", "SVT-AV1 intra", "libsvtav1", "5", f"keyint=1 {_SVTAV1}", "intra"),
-    _svtav1("svtav1", "SVT-AV1 low delay", "5"),
-    _svtav1("svtav1-fastest", "SVT-AV1 low delay, fastest", "13"),
-    AnchorCodec("svtav1-6", "SVT-AV1 preset 6", "libsvtav1", "6", _SVTAV1_RANDOM_ACCESS, "random access"),
+    _anchor("x264-medium", "x264 medium", "medium", _X264_PRESET, "random access"),
+    _anchor("x264-slower", "x264 slower", "slower", _X264_PRESET, "random access"),
+    _anchor("x265-intra", "x265 intra", "medium", f"keyint=1 {_X265_LOW_DELAY}", "intra"),
+    _anchor("x265", "x265 IPPP", "medium", f"keyint=-1 {_X265_LOW_DELAY}"),
+    _anchor("x265-ultrafast", "x265 IPPP, ultrafast", "ultrafast", f"keyint=-1 {_X265_LOW_DELAY}"),
+    _anchor("x265-medium", "x265 medium", "medium", f"keyint=-1 {_X265}", "random access"),
+    _anchor("svtav1-intra", "SVT-AV1 intra", "5", f"keyint=1 {_SVTAV1}", "intra"),
+    _anchor("svtav1", "SVT-AV1 low delay", "5", f"keyint=-1 {_SVTAV1}"),
+    _anchor("svtav1-fastest", "SVT-AV1 low delay, fastest", "13", f"keyint=-1 {_SVTAV1}"),
+    _anchor("svtav1-6", "SVT-AV1 preset 6", "6", _SVTAV1_RANDOM_ACCESS, "random access"),
 )
 ANCHOR_CODECS: Final = {codec.name: codec for codec in _ALL}
 """Anchors that are measured as files, by name."""

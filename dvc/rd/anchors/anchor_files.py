@@ -3,7 +3,7 @@
 import os
 import re
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
@@ -16,7 +16,7 @@ from dvc.files import atomic_output
 from dvc.metrics import PSNR_CAP_DB, mean_psnr_db, psnr_db, psnr_yuv_db
 from dvc.rd.anchors import FILE_FORMATS, AnchorCodec
 from dvc.video import Frame, create_video, open_video
-from dvc.video.frames import Plane, check_size
+from dvc.video.frames import check_size
 from dvc.video.pixels import frame_from_picture, picture_from_frame
 
 if TYPE_CHECKING:
@@ -50,63 +50,55 @@ def encode_file(
     """Code a video, or its luma, into a file; return counts, processor time and configuration."""
     if Path(path).suffix != codec.suffix:
         raise ConfigError(f"a file of {codec.name} ends in {codec.suffix}, got {str(path)!r}")
-    cpu_s, num_frames = 0.0, 0
+    import av
+
+    pixel_format = codec.pixel_format(luma_only=luma_only)
+    num_frames, is_finished = 0, False
     with open_video(source, start=start, num_frames=frames) as reader, atomic_output(path) as temporary:
-        encoder = _Encoder(codec, qp, reader.info.size, reader.info.frame_rate, luma_only=luma_only)
+        started = time.process_time()
+        context = _open(codec, qp, reader.info.size, reader.info.frame_rate, pixel_format)
+        # The first packet of AV1 holds the sequence header.
+        header = b"" if codec.file_format == "obu" else context.extradata or b""
+        cpu_s = time.process_time() - started
         frames_left = iter(reader)
         with temporary.open("wb") as file:
-            while batch := [
-                frame.without_chroma() if luma_only else frame for frame in islice(frames_left, READ_AT_ONCE)
-            ]:
-                num_frames += len(batch)
+            file.write(without_overhead(header, codec.file_format))
+            while not is_finished:
+                batch = [
+                    one.without_chroma() if luma_only else one for one in islice(frames_left, READ_AT_ONCE)
+                ]
+                is_finished = not batch
                 started = time.process_time()
-                data = b"".join(encoder.encode(batch))
+                packets = []
+                for frame in batch:
+                    picture = picture_from_frame(frame, pixel_format)
+                    picture.pts = num_frames
+                    num_frames += 1
+                    packets += context.encode(picture)
+                if is_finished:  # the encoder still holds frames
+                    packets += context.encode(None)
+                parts = [without_overhead(bytes(packet), codec.file_format, header) for packet in packets]
                 cpu_s += time.process_time() - started
-                file.write(data)
-            started = time.process_time()
-            data = b"".join(encoder.finish())
-            cpu_s += time.process_time() - started
-            file.write(data)
+                file.write(b"".join(parts))
         num_bytes = temporary.stat().st_size
     return {
         "frames": num_frames,
         "bytes": num_bytes,
-        "coding_cpu_s": cpu_s + encoder.opening_cpu_s,
-        "config": _configuration(codec, qp, codec.pixel_format(luma_only=luma_only)),
+        "coding_cpu_s": cpu_s,
+        "config": {
+            "encoder": codec.library,
+            "preset": codec.preset,
+            "pixel_format": pixel_format,
+            "qp": qp,
+            "encoder_qp": codec.encoder_qp(qp),
+            "parameters": codec.encoder_parameters(qp),
+            "libraries": {
+                "av": av.__version__,
+                codec.library: _library_version(codec.library),
+                "libavcodec": ".".join(str(part) for part in av.library_versions["libavcodec"]),
+            },
+        },
     }
-
-
-class _Encoder:
-    """An open encoder that returns the parts of its file: parameter sets once, then pictures."""
-
-    def __init__(
-        self, codec: AnchorCodec, qp: int, size: tuple[int, int], rate: Fraction, *, luma_only: bool = False
-    ) -> None:
-        started = time.process_time()
-        self._context = _open(codec, qp, size, rate, codec.pixel_format(luma_only=luma_only))
-        self._format = codec.file_format
-        # The first packet of AV1 holds the sequence header.
-        self._header = b"" if self._format == "obu" else self._context.extradata or b""
-        self._num_frames = 0
-        self.opening_cpu_s = time.process_time() - started
-
-    def encode(self, frames: Iterable[Frame]) -> Iterator[bytes]:
-        """Code frames."""
-        for frame in frames:
-            if not self._num_frames:
-                yield without_overhead(self._header, self._format)
-            picture = picture_from_frame(frame, self._context.pix_fmt or "")
-            picture.pts = self._num_frames
-            self._num_frames += 1
-            yield from self._packets(picture)
-
-    def finish(self) -> Iterator[bytes]:
-        """Code the frames that the encoder still holds."""
-        yield from self._packets(None)
-
-    def _packets(self, picture: "VideoFrame | None") -> Iterator[bytes]:
-        for packet in self._context.encode(picture):
-            yield without_overhead(bytes(packet), self._format, self._header)
 
 
 def _open(
@@ -135,25 +127,6 @@ def _open(
     except (av.FFmpegError, ValueError) as err:
         raise ConfigError(f"{codec.library} does not code {size[0]}x{size[1]} pictures in this way") from err
     return context
-
-
-def _configuration(codec: AnchorCodec, qp: int, pixel_format: str) -> dict[str, Any]:
-    """Return the options and the version of the encoder."""
-    import av
-
-    return {
-        "encoder": codec.library,
-        "preset": codec.preset,
-        "pixel_format": pixel_format,
-        "qp": qp,
-        "encoder_qp": codec.encoder_qp(qp),
-        "parameters": codec.encoder_parameters(qp),
-        "libraries": {
-            "av": av.__version__,
-            codec.library: _library_version(codec.library),
-            "libavcodec": ".".join(str(part) for part in av.library_versions["libavcodec"]),
-        },
-    }
 
 
 def _library_version(library: str) -> str | None:
@@ -205,21 +178,19 @@ def _av1_units(packet: bytes) -> Iterator[tuple[int, int]]:
         start, header = position, packet[position]
         position += 2 if header & 4 else 1
         size = len(packet) - position
-        if header & 2:
-            size, position = _leb128(packet, position)
+        if header & 2:  # a size in LEB128
+            size = 0
+            for index, byte in enumerate(packet[position : position + _MAX_LEB128_BYTES]):
+                size |= (byte & 127) << 7 * index
+                if byte < 128:
+                    position += index + 1
+                    break
+            else:
+                raise BitstreamError("AV1: a unit without a valid length")
         position += size
         if position > len(packet):
             raise BitstreamError("AV1: a unit is longer than its packet")
         yield header >> 3 & 15, position - start
-
-
-def _leb128(data: bytes, position: int) -> tuple[int, int]:
-    value = 0
-    for index, byte in enumerate(data[position : position + _MAX_LEB128_BYTES]):
-        value |= (byte & 127) << 7 * index
-        if byte < 128:
-            return value, position + index + 1
-    raise BitstreamError("AV1: a unit without a valid length")
 
 
 @dataclass(frozen=True)
@@ -234,6 +205,7 @@ class DecodedPicture:
 def decode_file(path: Path) -> Iterator[DecodedPicture]:
     """Decode an elementary stream."""
     import av
+    from av.video.frame import PictureType
 
     file_format = FILE_FORMATS.get(path.suffix)
     if file_format is None:
@@ -245,8 +217,11 @@ def decode_file(path: Path) -> Iterator[DecodedPicture]:
             for picture in _pictures(container, sizes, file_format):
                 if picture.is_corrupt:
                     raise VideoError(f"{path.name}: damaged after {num_pictures} pictures")
+                if picture.pts is None:
+                    raise ValueError("a picture without a packet")
                 num_pictures += 1
-                yield _decoded(picture, sizes)
+                is_intra = picture.pict_type == PictureType.I
+                yield DecodedPicture(frame_from_picture(picture), is_intra, sizes[picture.pts])
     except (av.FFmpegError, ValueError, IndexError) as err:
         raise VideoError(
             f"{path.name}: damaged after {num_pictures} pictures ({getattr(err, 'strerror', None) or err})"
@@ -271,15 +246,6 @@ def _pictures(container: "InputContainer", sizes: list[int], file_format: str) -
         yield from stream.decode(packet)
 
 
-def _decoded(picture: "VideoFrame", sizes: list[int]) -> DecodedPicture:
-    from av.video.frame import PictureType
-
-    if picture.pts is None:
-        raise ValueError("a picture without a packet")
-    is_intra = picture.pict_type == PictureType.I
-    return DecodedPicture(frame_from_picture(picture), is_intra, sizes[picture.pts])
-
-
 def measure_file(
     path: Path,
     reference: str | Path,
@@ -302,7 +268,12 @@ def measure_file(
                 if picture.frame.luma.shape != frame.luma.shape:
                     shapes = f"{picture.frame.luma.shape}, not {frame.luma.shape}"
                     raise VideoError(f"{path.name}: pictures of {shapes}")
-                rows.append(_row(index, picture, frame.without_chroma() if luma_only else frame))
+                originals = (frame.luma, *(() if luma_only else frame.chroma or ()))
+                coded = (picture.frame.luma, *(picture.frame.chroma or ()))
+                psnrs_db = (min(psnr_db(*pair), PSNR_CAP_DB) for pair in zip(originals, coded, strict=False))
+                kind = "intra" if picture.is_intra else "inter"
+                row: dict[str, Any] = {"index": index, "type": kind, "bits": picture.num_bits}
+                rows.append(row | dict(zip(_PSNRS, psnrs_db, strict=False)))
                 if output is not None:
                     output.write(picture.frame.without_chroma())
             if not rows:
@@ -314,20 +285,6 @@ def measure_file(
         "totals": _totals(rows, path.stat().st_size, float(len(rows) / info.frame_rate)),
         "per_frame": rows,
     }
-
-
-def _row(index: int, picture: DecodedPicture, original: Frame) -> dict[str, Any]:
-    planes = zip(_planes(original), _planes(picture.frame), strict=False)
-    return {
-        "index": index,
-        "type": "intra" if picture.is_intra else "inter",
-        "bits": picture.num_bits,
-        **{name: min(psnr_db(*pair), PSNR_CAP_DB) for name, pair in zip(_PSNRS, planes, strict=False)},
-    }
-
-
-def _planes(frame: Frame) -> tuple[Plane, ...]:
-    return frame.luma, *(frame.chroma or ())
 
 
 def _totals(rows: list[dict[str, Any]], num_bytes: int, duration_s: float) -> dict[str, Any]:
