@@ -78,15 +78,24 @@ def experiments(results: Sequence[PointResult]) -> list[Experiment]:
     """Group results into experiments and curves."""
     groups: dict[tuple[str, int, int, bool], dict[str, list[PointResult]]] = {}
     for result in results:
-        groups.setdefault(frames_key(result), {}).setdefault(_label(result), []).append(result)
+        options = result.options
+        key = result.sequence.digest, options.start, result.totals.frames, options.luma_only
+        groups.setdefault(key, {}).setdefault(_label(result), []).append(result)
     built: list[Experiment] = []
     named = [(next(iter(curves.values()))[0].sequence.name, key) for key, curves in groups.items()]
     for name, key in sorted(named):
-        curves = [_curve(label, points) for label, points in groups[key].items()]
+        curves = []
+        for label, points in groups[key].items():
+            points.sort(key=lambda point: (point.rate_kbps, point.psnr_y_db))
+            is_anchor = points[0].codec in (*ANCHORS.values(), IMPORTED)
+            curves.append(Curve(label, is_anchor, tuple(points)))
         slug = re.sub(r"[^A-Za-z0-9_.-]+", "_", name)
         if any(other.slug == slug for other in built):
             slug = f"{slug}-{len(built) + 1}"
-        title = _title(next(iter(groups[key].values()))[0])
+        (_, first, count, luma_only), sequence = key, curves[0].points[0].sequence
+        size = f"{sequence.width}\N{MULTIPLICATION SIGN}{sequence.height}"
+        frames = f"frames {first} to {first + count - 1} at {sequence.frames_per_s:.4g} Hz"
+        title = f"{sequence.name}: {size}, {frames}, {'luma only' if luma_only else 'colour'}"
         curves.sort(key=lambda curve: (curve.is_anchor, curve.label))
         built.append(Experiment(name, title, slug, key, tuple(curves)))
     return _with_unique_names(built)
@@ -105,12 +114,6 @@ def _with_unique_names(built: list[Experiment]) -> list[Experiment]:
             extra = f"frames {first} to {last}" if differ else str(number)
             names[one.key] = f"{name} ({extra})" if len(members) > 1 else name
     return [replace(one, name=names[one.key]) for one in built]
-
-
-def frames_key(result: PointResult) -> tuple[str, int, int, bool]:
-    """Return digest of the sequence, first frame, number of frames, and whether only luma was coded."""
-    options = result.options
-    return result.sequence.digest, options.start, result.totals.frames, options.luma_only
 
 
 def _label(result: PointResult) -> str:
@@ -132,18 +135,6 @@ def _label(result: PointResult) -> str:
     if result.key.lossless:
         extra.append("lossless key frames")
     return ", ".join([f"{result.codec.upper()}-DVC, GOP {options.gop}", *extra])
-
-
-def _curve(label: str, points: list[PointResult]) -> Curve:
-    ordered = sorted(points, key=lambda point: (point.rate_kbps, point.psnr_y_db))
-    return Curve(label, points[0].codec in (*ANCHORS.values(), IMPORTED), tuple(ordered))
-
-
-def _title(result: PointResult) -> str:
-    sequence, first = result.sequence, result.options.start
-    size = f"{sequence.width}\N{MULTIPLICATION SIGN}{sequence.height}"
-    frames = f"frames {first} to {first + result.totals.frames - 1} at {sequence.frames_per_s:.4g} Hz"
-    return f"{sequence.name}: {size}, {frames}, {'luma only' if result.options.luma_only else 'colour'}"
 
 
 @dataclass(frozen=True)
@@ -199,7 +190,12 @@ def table_measures(in_colour: bool) -> tuple[Measure, ...]:
 
 def crossings_kbps(reference: Curve, other: Curve) -> list[tuple[float, bool]]:
     """Return the lower ends of the ranges of rates with a better (True) or worse (False) curve."""
-    return _pieces(*_gains(reference, other))
+    samples, gains_db = _gains(reference, other)
+    if not samples.size:
+        return []
+    better = gains_db > EQUAL_DB
+    starts = [0, *(np.flatnonzero(better[1:] != better[:-1]) + 1)]
+    return [(float(10 ** samples[i]), bool(better[i])) for i in starts]
 
 
 def crossing_text(reference: Curve, other: Curve) -> str:
@@ -210,7 +206,7 @@ def crossing_text(reference: Curve, other: Curve) -> str:
         return "a curve of one point" if is_single else "no rates in common"
     if (np.abs(gains_db) <= EQUAL_DB).all():
         return "equal at all common rates"
-    pieces = _pieces(samples, gains_db)
+    pieces = crossings_kbps(reference, other)
     if len(pieces) == 1:
         return f"{'better' if pieces[0][1] else 'worse'} at all common rates"
     spans = []
@@ -220,14 +216,6 @@ def crossing_text(reference: Curve, other: Curve) -> str:
             end = f"up to {pieces[number + 1][0]:.0f} " if number + 1 < len(pieces) else ""
             spans.append(start + end)
     return f"better {'and '.join(spans)}kbit/s"
-
-
-def _pieces(samples: NDArray[np.float64], gains_db: NDArray[np.float64]) -> list[tuple[float, bool]]:
-    if not samples.size:
-        return []
-    better = gains_db > EQUAL_DB
-    starts = [0, *(np.flatnonzero(better[1:] != better[:-1]) + 1)]
-    return [(float(10 ** samples[i]), bool(better[i])) for i in starts]
 
 
 def _gains(reference: Curve, other: Curve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

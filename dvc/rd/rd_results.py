@@ -259,10 +259,9 @@ def parse_result(name: str, data: object) -> PointResult:
 def read_result(path: Path) -> PointResult:
     """Read and check a result."""
     try:
-        data = path.read_bytes()
+        return parse_result(path.stem, path.read_bytes())
     except OSError as err:
         raise DvcError(f"{path.name}: damaged result: {err}") from err
-    return parse_result(path.stem, data)
 
 
 def write_result(folder: Path, name: str, data: dict[str, Any]) -> PointResult:
@@ -333,9 +332,11 @@ def read_folders(folders: Sequence[Path]) -> Collection:
                 newest[key] = _with_absolute_pictures(result, folder)
     notes = []
     if damaged:
-        notes.append(f"{_count(len(damaged), 'damaged file')} left out: {', '.join(damaged)}.")
+        noun = "damaged file" if len(damaged) == 1 else "damaged files"
+        notes.append(f"{len(damaged)} {noun} left out: {', '.join(damaged)}.")
     if num_replaced:
-        notes.append(f"{_count(num_replaced, 'result')} of an older measurement left out for a newer one.")
+        noun = "result" if num_replaced == 1 else "results"
+        notes.append(f"{num_replaced} {noun} of an older measurement left out for a newer one.")
     return Collection(tuple(newest.values()), tuple(notes))
 
 
@@ -350,7 +351,3 @@ def _with_absolute_pictures(result: PointResult, folder: Path) -> PointResult:
         path = root if name is None or "\0" in name else (root / name).resolve()
         located[kind] = str(path) if root in path.parents else None
     return replace(result, pictures=replace(result.pictures, **located))
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"

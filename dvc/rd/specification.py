@@ -187,8 +187,10 @@ class Sweep:
                 )
             for anchor in self.anchors:
                 codec = ANCHORS[anchor]
-                for qp in self.anchor_qps():
-                    yield point(codec=codec, wz_q=None, key_qp=str(qp), gop=anchor_gop(codec))
+                is_intra = codec == INTRA or ANCHOR_CODECS[codec].structure == "intra"
+                gop = 1 if is_intra else ANCHOR_CODECS[codec].intra_period  # 0: only the first is intra
+                for qp in self._anchor_qps():
+                    yield point(codec=codec, wz_q=None, key_qp=str(qp), gop=gop)
 
     def _has_levels(self) -> bool:
         """Return whether points differ in matrix or quality; a matrix has no effect on key frames."""
@@ -208,7 +210,7 @@ class Sweep:
         is_intra = options.get("key-frames") == "intra" or (bool(self.wz_q) and not is_chosen)
         return variant_of(self.codec).groups(options.get("references"), 0 if is_intra else None).length
 
-    def anchor_qps(self) -> list[int]:
+    def _anchor_qps(self) -> list[int]:
         """Return the QPs of the anchors: their own, and those of the sweep's key frames."""
         qps = set(self.anchor_qp)
         levels = self._levels()
@@ -219,12 +221,6 @@ class Sweep:
             elif key_qp.isdecimal():
                 qps.add(int(key_qp))
         return sorted(qps)
-
-
-def anchor_gop(codec: str) -> int:
-    """Return the distance between the intra frames of an anchor; 0: only the first is intra."""
-    is_intra = codec == INTRA or ANCHOR_CODECS[codec].structure == "intra"
-    return 1 if is_intra else ANCHOR_CODECS[codec].intra_period
 
 
 def check_option(name: str) -> None:

@@ -20,6 +20,7 @@ _X264 = (
     "psy=0 ipratio=1 qpmin=0 scenecut=0 mbtree=0 bframes=0 b-adapt=0 ref=1 weightp=0 rc-lookahead=0 "
     "sync-lookahead=0 sliced-threads=0 threads=1"
 )
+_X264_WITHOUT_VECTORS = f"keyint=infinite {_X264} asm=0"
 # As most users run it: the preset chooses B frames, references, lookahead, and QPs of I and B frames.
 _X264_PRESET = "psy=0 qpmin=0 scenecut=0 keyint=infinite threads=1"
 _X265 = "psy-rd=0 psy-rdoq=0 aq-mode=0 scenecut=0 cutree=0 pools=none frame-threads=1 wpp=0 info=0"
@@ -88,9 +89,7 @@ _ALL = (
         for one in ("ultrafast", "superfast", "veryfast")
     ),
     *(
-        _anchor(
-            f"x264-{one}-no-asm", f"x264 IPPP, {one}, no vector code", one, f"keyint=infinite {_X264} asm=0"
-        )
+        _anchor(f"x264-{one}-no-asm", f"x264 IPPP, {one}, no vector code", one, _X264_WITHOUT_VECTORS)
         for one in ("ultrafast", "superfast")
     ),
     _anchor("x264-medium", "x264 medium", "medium", _X264_PRESET, "random access"),
