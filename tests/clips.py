@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dvc.contracts.side_information import moving_texture
+from dvc.contracts.test_side_information import moving_texture
 from dvc.video import Frame, create_video
 from dvc.video.frames import Plane
 

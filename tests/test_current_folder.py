@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from dvc.contracts.side_information import moving_texture
+from dvc.contracts.test_side_information import moving_texture
 from dvc.rd.originals import _git
 from tests.clips import write_clip
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dvc.config import CODERS, CascadeConfig
-from dvc.contracts.plane_coders import Bits, PlaneCoderContract, PlaneSource, exchange, noisy
+from dvc.contracts.test_plane_coders import Bits, PlaneCoderContract, PlaneSource, exchange, noisy
 from dvc.slepian_wolf import PlaneCoder, drive
 from tests.coders import coder_of
 

@@ -3,7 +3,7 @@
 import pytest
 
 from decoder.side_information.methods import METHODS
-from dvc.contracts.side_information import Make, SideInformationContract
+from dvc.contracts.test_side_information import Make, SideInformationContract
 
 
 class TestMethods(SideInformationContract):

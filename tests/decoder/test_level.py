@@ -11,7 +11,7 @@ from decoder import wyner_ziv
 from decoder.group_tasks import DecodedFrame
 from decoder.wyner_ziv import Decoded, FrameCoroutine, Prior, Wish, decode_level
 from dvc.config import CascadeConfig
-from dvc.contracts.plane_coders import noisy
+from dvc.contracts.test_plane_coders import noisy
 from dvc.slepian_wolf import (
     CRC_BITS,
     FrameCheck,

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.config import CascadeConfig
-from dvc.contracts.plane_coders import Bits, PlaneSource
+from dvc.contracts.test_plane_coders import Bits, PlaneSource
 from dvc.slepian_wolf import NeighbourCoupling, PlaneResult, drive
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
 from dvc.slepian_wolf.cascade.reconciliation import PlaneReconciliation

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.searches.key_pictures import REFERENCE, Coded, Tried, coded, front, main, parameters_of, tried
-from dvc.contracts.side_information import moving_texture
+from dvc.contracts.test_side_information import moving_texture
 from tests.clips import write_clip
 
 FRAMES = moving_texture(4, 48, 64)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.searches.requests import Run, recorded, row
-from dvc.contracts.plane_coders import noisy
+from dvc.contracts.test_plane_coders import noisy
 from dvc.slepian_wolf.cascade.cascade_coder import CascadeDecoder
 from tests.golden_streams import FOLDER
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dvc.config import CascadeConfig
-from dvc.contracts.plane_coders import Bits, PlaneSource, exchange, noisy
+from dvc.contracts.test_plane_coders import Bits, PlaneSource, exchange, noisy
 from dvc.slepian_wolf import CRC_BITS, ParityRequest, PlaneCoder, PlaneResult, crc, drive, joint_check
 from tests.coders import coder_of
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from dvc.contracts.plane_coders import noisy
+from dvc.contracts.test_plane_coders import noisy
 from dvc.slepian_wolf.turbo import _kernels
 from dvc.slepian_wolf.turbo.turbo_decoder import LaneDecoder, TurboDecoder, bcjr_recursions, lane_layout, siso
 from dvc.slepian_wolf.turbo.turbo_encoder import CLASSICAL, encode_planes, trellis

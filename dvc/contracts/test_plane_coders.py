@@ -1,11 +1,13 @@
 """Contract of a coder of planes, and an encoder that answers the requests of its decoder."""
 
+from importlib.metadata import entry_points
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dvc import extensions
 from dvc.slepian_wolf import (
     CRC_BITS,
     ParityRequest,
@@ -175,3 +177,21 @@ class PlaneCoderContract:
         check = drive(decoder.check(0), _answer)
         assert sum(counts) <= 3 * (2 * num_bits + 200)
         assert len(check.corrected) <= 3
+
+
+@pytest.mark.parametrize("group", extensions.GROUPS)
+def test_names_can_be_in_streams(group: str) -> None:
+    """Options and streams ignore all other names."""
+    names = {entry.name for entry in entry_points(group=group)}
+    ignored = sorted(names - set(extensions.installed(group)))
+    assert not ignored, f"{group}: {ignored} do not match {extensions.NAME.pattern}"
+
+
+class TestInstalledCoders(PlaneCoderContract):
+    """Coders of planes that are installed."""
+
+    @pytest.fixture(params=extensions.installed(extensions.PLANE_CODERS))
+    def coder(self, request: pytest.FixtureRequest) -> PlaneCoder:
+        """Return a coder."""
+        coder: PlaneCoder = extensions.make(extensions.PLANE_CODERS, request.param, 1)
+        return coder

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame, SideInformationMethod
+from dvc import extensions
 from dvc.config import CodecConfig, TracksConfig, VideoConfig, codec_config
 from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
@@ -180,3 +182,12 @@ class SideInformationContract:
         references = [ReferenceFrame(index, frames[index]) for index in (0, 2, 4)]
         for prediction in subject.make().predict(references, subject.points(frames), [1, 3]):
             check(prediction, frames[0])
+
+
+class TestInstalledMethods(SideInformationContract):
+    """Methods of side information that are installed."""
+
+    @pytest.fixture(params=extensions.installed(extensions.SIDE_INFORMATION))
+    def make(self, request: pytest.FixtureRequest) -> Make:
+        """Return the factory of a method."""
+        return METHODS[request.param]
