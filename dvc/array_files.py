@@ -87,17 +87,12 @@ def read_pictures(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
 
     if len(paths) < 2:
         raise ConfigError("at least two views are needed")
-    _check_names(paths)
-    return [read_picture(path) for path in paths]
-
-
-def _check_names(paths: Sequence[str | Path]) -> None:
-    """Refuse names that are not Unicode or not distinct."""
     for path in paths:
         if not is_unicode(Path(path).name):
             raise ConfigError(f"{path}: the name is not of Unicode characters")
     stems = [Path(path).stem for path in paths]
     _check_distinct("name", stems, stems)
+    return [read_picture(path) for path in paths]
 
 
 def is_unicode(text: str) -> bool:
@@ -116,11 +111,9 @@ def read_pictures_of_one_size(paths: Sequence[str | Path]) -> list["NDArray[np.u
 
 
 def _check_distinct(kind: str, values: Sequence[object], texts: Sequence[str]) -> None:
-    repeated = next(
-        (text for value, text in zip(values, texts, strict=True) if values.count(value) > 1), None
-    )
-    if repeated is not None:
-        raise ConfigError(f"two views have the {kind} {repeated}")
+    for value, text in zip(values, texts, strict=True):
+        if values.count(value) > 1:
+            raise ConfigError(f"two views have the {kind} {text}")
 
 
 def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition"] | None) -> "CameraArray":

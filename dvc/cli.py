@@ -123,22 +123,20 @@ def run(prog: str, command: Callable[[], int]) -> int:
         with _cleaning_up_when_terminated():
             return command()
     except PartialOutputError as err:
-        sys.stderr.write(f"{prog}: {one_line(err)}\n")
-        return EXIT_PARTIAL
+        status, message = EXIT_PARTIAL, one_line(err)
     except DvcError as err:
-        message = one_line(err)
+        status, message = EXIT_BAD_INPUT, one_line(err)
     except OSError as err:
+        status = EXIT_BAD_INPUT
         message = one_line(f"{err.filename}: {err.strerror}" if err.filename else err.strerror or err)
     except MemoryError:
-        message = "out of memory"
+        status, message = EXIT_BAD_INPUT, "out of memory"
     except Terminated:
-        sys.stderr.write(f"{prog}: terminated\n")
-        return EXIT_TERMINATED
+        status, message = EXIT_TERMINATED, "terminated"
     except KeyboardInterrupt:
-        sys.stderr.write(f"{prog}: interrupted\n")
-        return EXIT_INTERRUPTED
+        status, message = EXIT_INTERRUPTED, "interrupted"
     sys.stderr.write(f"{prog}: {message}\n")
-    return EXIT_BAD_INPUT
+    return status
 
 
 def command(
@@ -198,32 +196,23 @@ def progress_bar(label: str, total: int | None, quiet: bool = False) -> Iterator
     if quiet or not sys.stderr.isatty():
         yield lambda steps, note="": None
         return
+    from rich import progress
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        ProgressColumn,
-        Task,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    class SpeedColumn(ProgressColumn):
-        def render(self, task: Task) -> str:
+    class SpeedColumn(progress.ProgressColumn):
+        def render(self, task: progress.Task) -> str:
             return f"{task.completed / task.elapsed:.3g}/s" if task.elapsed and task.completed else ""
 
     columns = (
-        TextColumn(label),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        progress.TextColumn(label),
+        progress.BarColumn(),
+        progress.MofNCompleteColumn(),
+        progress.TimeElapsedColumn(),
+        progress.TimeRemainingColumn(),
         SpeedColumn(),
-        TextColumn("{task.fields[note]}"),
+        progress.TextColumn("{task.fields[note]}"),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with progress.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(label, total=total, note="")
         yield lambda steps, note="": bar.update(task, advance=steps, note=note)
 

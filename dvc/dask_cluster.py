@@ -34,7 +34,18 @@ def connected(address: str, digest: str) -> Iterator["Client"]:
         raise DvcError(f"no Dask scheduler answers at {address!r}: {err}") from err
     with client, dask.config.set({_LARGE_GRAPHS: "1GiB"}):  # pictures go with their task: it may run again
         require_workers(client)
-        _check_workers(client, digest)
+        try:
+            digests, libraries = client.run(codec_digest), client.run(library_versions)
+        except ImportError as err:
+            raise DvcError(f"a worker of the Dask cluster cannot load the codec: {err}") from err
+        for worker, other in digests.items():
+            if other != digest:
+                versions = f"{other[:12]}, not {digest[:12]}"
+                raise DvcError(f"worker {worker} has another version of the code ({versions})")
+            for name, version in library_versions().items():
+                installed = libraries[worker].get(name, "missing")
+                if installed != version:
+                    raise DvcError(f"worker {worker} has {name} {installed}, not {version}")
         yield client
 
 
@@ -45,24 +56,6 @@ def require_workers(client: "Client") -> None:
     except TimeoutError as err:
         address = client.scheduler.address if client.scheduler is not None else ""
         raise DvcError(f"the Dask cluster at {address!r} has no workers") from err
-
-
-def _check_workers(client: "Client", digest: str) -> None:
-    """Raise `DvcError` if a worker has other code or libraries."""
-    try:
-        digests = client.run(codec_digest)
-        libraries = client.run(library_versions)
-    except ImportError as err:
-        raise DvcError(f"a worker of the Dask cluster cannot load the codec: {err}") from err
-    for worker, other in digests.items():
-        if other != digest:
-            raise DvcError(
-                f"worker {worker} has another version of the code ({other[:12]}, not {digest[:12]})"
-            )
-    for worker, versions in libraries.items():
-        for name, version in library_versions().items():
-            if versions.get(name) != version:
-                raise DvcError(f"worker {worker} has {name} {versions.get(name, 'missing')}, not {version}")
 
 
 def failure_text(error: BaseException, work: str) -> str:

@@ -144,7 +144,9 @@ class OutputFile:
         if not self._target.parent.is_dir():
             raise error(f"cannot write {path}: the folder {self._target.parent} does not exist")
         self.partial = self._target.with_name(name + PARTIAL_SUFFIX)
-        self.temporary = self.partial if visible else self._target.with_name(f".{_shortened(name)}.tmp")
+        if len(os.fsencode(name)) > MAX_NAME_BYTES:
+            name = f"{name[: MAX_NAME_BYTES // 8]}.{zlib.crc32(os.fsencode(name)):08x}"
+        self.temporary = self.partial if visible else self._target.with_name(f".{name}.tmp")
         with self.naming():
             self._descriptor = self._locked()
 
@@ -154,11 +156,15 @@ class OutputFile:
             descriptor = os.open(self.temporary, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
             try:
                 lock(descriptor)
-                if _is_still(descriptor, self.temporary):
-                    if self.temporary != self.partial or os.fstat(descriptor).st_size == 0:
-                        os.ftruncate(descriptor, 0)
-                        return descriptor
-                    _put_aside(self.partial)
+                status = os.fstat(descriptor)
+                with suppress(FileNotFoundError):  # another program has renamed or removed it since
+                    if os.path.samestat(status, self.temporary.stat()):
+                        if self.temporary != self.partial or status.st_size == 0:
+                            os.ftruncate(descriptor, 0)
+                            return descriptor
+                        names = (f"{self.partial.stem}.{n}{PARTIAL_SUFFIX}" for n in count(1))
+                        paths = (self.partial.with_name(name) for name in names)
+                        self.partial.rename(next(path for path in paths if not path.exists()))
             except BlockingIOError:
                 os.close(descriptor)
                 raise self._error(f"cannot write {self._named}: another program is writing it") from None
@@ -204,13 +210,6 @@ class OutputFile:
         os.close(descriptor)
 
 
-def _shortened(name: str) -> str:
-    """Return a name short enough to append characters."""
-    if len(os.fsencode(name)) <= MAX_NAME_BYTES:
-        return name
-    return f"{name[: MAX_NAME_BYTES // 8]}.{zlib.crc32(os.fsencode(name)):08x}"
-
-
 def lock(descriptor: int) -> None:
     """Lock a file until it is closed; `BlockingIOError` if another program has locked it."""
     try:
@@ -218,23 +217,6 @@ def lock(descriptor: int) -> None:
     except OSError as err:
         if err.errno not in _CANNOT_LOCK:
             raise
-
-
-def _is_still(descriptor: int, path: Path) -> bool:
-    """Return whether a path still refers to an open file."""
-    try:
-        return os.path.samestat(os.fstat(descriptor), path.stat())
-    except FileNotFoundError:
-        return False
-
-
-def _put_aside(partial: Path) -> None:
-    """Rename the partial file of an earlier run."""
-    for number in count(1):
-        aside = partial.with_name(f"{partial.stem}.{number}{PARTIAL_SUFFIX}")
-        if not aside.exists():
-            partial.rename(aside)
-            return
 
 
 @contextmanager

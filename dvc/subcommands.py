@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from types import ModuleType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from dvc import cli
 
@@ -17,16 +17,14 @@ class Subcommand(NamedTuple):
     run: Callable[[argparse.Namespace], int]  # returns the exit status
     examples: str = ""  # last lines of its own help
 
-    @classmethod
-    def of(cls, module: ModuleType) -> Self:
-        """Return the subcommand that a module defines."""
-        return cls(module.SUMMARY, module.DESCRIPTION, module.add_options, module.run, module.EXAMPLES)
-
 
 def by_name(modules: Sequence[ModuleType]) -> dict[str, Subcommand]:
     """Return the subcommands that modules define, by name."""
     names = [module.__name__.rpartition(".")[2].replace("_", "-") for module in modules]
-    return {name: Subcommand.of(module) for name, module in zip(names, modules, strict=True)}
+    return {
+        name: Subcommand(module.SUMMARY, module.DESCRIPTION, module.add_options, module.run, module.EXAMPLES)
+        for name, module in zip(names, modules, strict=True)
+    }
 
 
 def command(
