@@ -78,7 +78,6 @@ def configs(draw: st.DrawFn) -> CodecConfig:
 
 @given(configs())
 def test_bytes_and_dictionary_give_back_any_configuration(config: CodecConfig) -> None:
-    """Both forms give the configuration back, the dictionary also through JSON text."""
     assert decode_config(encode_config(config)) == config
     assert CodecConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
 
@@ -92,7 +91,6 @@ def test_bytes_and_dictionary_give_back_any_configuration(config: CodecConfig) -
     ],
 )
 def test_headers_are_small(config: CodecConfig, num_bytes: int) -> None:
-    """Size of a header without the parameter sets."""
     sets = replace(config, key=replace(config.key, parameter_sets=bytes(30)))
     assert len(encode_config(config)) <= num_bytes
     assert len(encode_config(sets)) <= num_bytes + 30 + 8
@@ -149,21 +147,18 @@ NESTED = st.recursive(
 
 @given(st.binary(max_size=60))
 def test_arbitrary_bytes_raise_only_bitstream_errors(data: bytes) -> None:
-    """Bytes are refused, or are the one form of a configuration."""
     check_header(data)
     check_header(encode_config(DEFAULT) + data)
 
 
 @given(st.lists(NESTED, max_size=11))
 def test_arbitrary_values_raise_only_bitstream_errors(values: list[Any]) -> None:
-    """Values of any kind at any place."""
     check_header(msgspec.msgpack.encode(values))
     check_header(header_of(*values))
 
 
 @given(configs(), st.data())
 def test_changed_values_raise_only_bitstream_errors(config: CodecConfig, data: st.DataObject) -> None:
-    """A value that is another, missing or too many."""
     values = msgspec.msgpack.decode(encode_config(config))
     array = data.draw(st.sampled_from([values, *(value for value in values if isinstance(value, list))]))
     place = data.draw(st.integers(0, len(array) - 1))
@@ -229,7 +224,6 @@ def test_hostile_headers_are_refused(header: bytes, message: str) -> None:
     ],
 )
 def test_other_forms_and_kinds_are_refused(values: list[Any], message: str) -> None:
-    """Other forms of a configuration, and values of the wrong type, after `video`."""
     with pytest.raises(BitstreamError, match=message):
         decode_config(header_of(*values))
     check_header(header_of(*values))
@@ -240,7 +234,6 @@ def test_other_forms_and_kinds_are_refused(values: list[Any], message: str) -> N
     [b"\xdc\x00\x01\x94\xcc\xb0\xcc\x90\x0f\x01", b"\x91\x94\xcd\x00\xb0\xcc\x90\x0f\x01"],
 )
 def test_longer_forms_are_refused(longer: bytes) -> None:
-    """An array or number with more bytes than it needs."""
     assert encode_config(DEFAULT) == bytes.fromhex("91 94 cc b0 cc 90 0f 01")
     with pytest.raises(BitstreamError, match="one form"):
         decode_config(longer)

@@ -35,7 +35,6 @@ def test_steps_double_every_six_qps() -> None:
 
 @pytest.mark.parametrize("qp", [1, 30, MAX_QP])
 def test_every_quality_makes_a_stream(qp: int) -> None:
-    """The configuration survives its header, and steps can be coded."""
     config = codec_config(VideoConfig(16, 16, 25, 1), "2d", Qp(qp))
     assert decode_config(encode_config(config)) == config
     step = config.wyner_ziv.step(2)
@@ -43,14 +42,12 @@ def test_every_quality_makes_a_stream(qp: int) -> None:
 
 
 def config_of(*options: str) -> CodecConfig:
-    """Return the configuration that the encoder makes of options."""
     arguments = parser().parse_args(["in.mkv", "out.dvc", *options])
     return session(arguments, VideoInfo(16, 16, Fraction(25), None)).config
 
 
 @pytest.mark.parametrize("options", ["--codec 3d-te --qp 30", "--codec 3d-td --wz-q 4"])
 def test_references_are_warped_by_tracks_at_every_quality(options: str) -> None:
-    """Rendered frames are corrected by the tracks, too."""
     config = config_of(*options.split())
     assert config.side_information.fallback == "tracks"
     assert config.side_information.track_corrections

@@ -33,7 +33,6 @@ DEFAULT = codec_config(QCIF)
 
 
 def test_zigzag_and_matrices_follow_the_standard() -> None:
-    """The scan is the one that H.264 draws, and matrices follow it."""
     assert np.argsort(ZIGZAG).reshape(4, 4).tolist() == ZIGZAG_RANK.tolist()
     for q, raster in enumerate(DISCOVER_LEVELS, start=1):
         levels = DiscoverMatrix(q).wyner_ziv.levels
@@ -45,7 +44,6 @@ def test_zigzag_and_matrices_follow_the_standard() -> None:
 
 
 def test_a_coder_has_its_own_settings_only() -> None:
-    """Settings of another coder are refused."""
     turbo = replace(DEFAULT, coder=TurboConfig())
     assert turbo.to_dict()["coder"] == {"name": "turbo"}
     values = turbo.to_dict() | {"coder": {"name": "turbo", "batch_percent": 3}}
@@ -54,7 +52,6 @@ def test_a_coder_has_its_own_settings_only() -> None:
 
 
 def test_key_qp_follows_the_quantiser() -> None:
-    """Eight quantisers have their key QP; all other numbers are refused."""
     assert [DiscoverMatrix(q).key_qp for q in range(1, 9)] == [40, 39, 38, 34, 34, 32, 29, 25]
     for q in (0, 9, -1, True, 2.0, "4"):
         with pytest.raises(ConfigError, match="from 1 to 8"):
@@ -106,7 +103,6 @@ def test_sizes_of_planes() -> None:
     ],
 )
 def test_wrong_values_are_refused(section: str, name: str, value: object, message: str) -> None:
-    """A value of the wrong type or out of range is named in one line."""
     values = DEFAULT.to_dict()
     values[section][name] = value
     with pytest.raises(ConfigError, match=message) as caught:
@@ -130,13 +126,11 @@ def test_wrong_values_are_refused(section: str, name: str, value: object, messag
     ],
 )
 def test_wrong_tables_are_refused(values: object, message: str) -> None:
-    """Missing and unknown sections and fields are named."""
     with pytest.raises(ConfigError, match=message):
         CodecConfig.from_dict(values)  # type: ignore[arg-type]
 
 
 def test_constructor_checks_too() -> None:
-    """Sections built in code are checked like those from a dictionary; an integer will do for a float."""
     with pytest.raises(ConfigError, match="`length`"):
         GopConfig(0)
     with pytest.raises(ConfigError, match="`gop` must be a table of fields, got 2"):
@@ -145,7 +139,6 @@ def test_constructor_checks_too() -> None:
 
 
 def test_importing_the_configuration_is_quick() -> None:
-    """Commands can print their help without numpy."""
     check = "import dvc.config, sys; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False, timeout=60).returncode == 0
 
@@ -180,7 +173,6 @@ def test_groups_of_pictures_follow_from_codec_and_quality(
 
 
 def test_values_that_make_no_sense_are_refused_by_name() -> None:
-    """Groups, codecs, and qualities off their scales."""
     for make, message in (
         (lambda: codec_config(QCIF, gop={"length": 0}), "`length`"),
         (lambda: codec_config(QCIF, gop={"references": "none"}), "`references`"),

@@ -16,11 +16,8 @@ ALL: dict[str, PlaneCoder] = {name: coder_of(name) for name in CODERS} | {
 
 
 class TestCoders(PlaneCoderContract):
-    """All coders."""
-
     @pytest.fixture(params=ALL.values(), ids=ALL)
     def coder(self, request: pytest.FixtureRequest) -> PlaneCoder:
-        """Return a coder."""
         coder: PlaneCoder = request.param
         return coder
 
@@ -53,7 +50,6 @@ class TestCoders(PlaneCoderContract):
         "wrong", [lambda n: np.zeros(n + 1, "u1"), np.zeros, lambda n: np.full(n, 2, "u1")]
     )
     def test_wrong_answers_are_refused(self, coder: PlaneCoder, wrong: Callable[[int], Bits]) -> None:
-        """Bits of the wrong number, type or value end the coroutine."""
         coroutine = coder.decoder(50).decode(np.full(50, 2.0), (0, 0))
         request = next(coroutine)
         with pytest.raises(ValueError, match=f"expected {request.count} {request.kind} bits"):
@@ -63,6 +59,5 @@ class TestCoders(PlaneCoderContract):
     def test_side_information_must_be_a_vector_of_numbers(
         self, coder: PlaneCoder, llr_ch: np.ndarray
     ) -> None:
-        """Other shapes and NaN are refused."""
         with pytest.raises(ValueError, match="llr_ch"):
             next(coder.decoder(4).decode(llr_ch, (0, 0)))

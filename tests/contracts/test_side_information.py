@@ -7,9 +7,6 @@ from dvc.contracts.test_side_information import Make, SideInformationContract
 
 
 class TestMethods(SideInformationContract):
-    """All methods."""
-
     @pytest.fixture(params=METHODS)
     def make(self, request: pytest.FixtureRequest) -> Make:
-        """Return what builds a method."""
         return METHODS[request.param]

@@ -71,7 +71,6 @@ def _frame(
 
 
 def _pictures(folder: Path, name: str, stem: str, predicted: bool, level: int) -> dict[str, Any]:
-    """Write the pictures of a point: a pattern, and the same with noise."""
     width, height = SIDES_PX[name]
     rng = np.random.default_rng(level)
     rows, columns = np.mgrid[:height, :width]

@@ -40,7 +40,6 @@ EVERY_CODEC = pytest.mark.parametrize("codec", ANCHOR_CODECS.values(), ids=lambd
 
 
 def write_clip(path: Path, width: int, height: int, num_frames: int = NUM_FRAMES) -> Path:
-    """Write a texture that moves by two pixels a frame."""
     rng = np.random.default_rng(7)
     texture = np.kron(rng.integers(40, 210, (24, 24)), np.ones((4, 4))).astype(np.uint8)
     with create_video(path, (width, height), 25, luma_only=True) as writer:
@@ -51,7 +50,6 @@ def write_clip(path: Path, width: int, height: int, num_frames: int = NUM_FRAMES
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write a moving clip of whole macroblocks."""
     return write_clip(tmp_path_factory.mktemp("anchors") / "clip.mkv", 48, 32)
 
 
@@ -79,7 +77,6 @@ def test_files_are_what_is_measured(
 
 @pytest.mark.parametrize("name", ["x264-medium", "x265-medium", "svtav1-6"])
 def test_chroma_is_coded_unless_luma_is_asked_for(tmp_path: Path, name: str) -> None:
-    """In colour, the chroma is that of the original; with luma only, the file has none."""
     noise = np.random.default_rng(3).integers(60, 200, (2, 16, 24)).astype(np.uint8)
     cb, cr = (cv2.GaussianBlur(plane, (0, 0), 3) for plane in noise)
     clip, codec = tmp_path / "clip.mkv", ANCHOR_CODECS[name]
@@ -100,7 +97,6 @@ def test_chroma_is_coded_unless_luma_is_asked_for(tmp_path: Path, name: str) -> 
 
 @EVERY_CODEC
 def test_coarser_quantization_needs_less(clip: Path, tmp_path: Path, codec: AnchorCodec) -> None:
-    """A larger QP gives a smaller file of less quality, and the same file whenever it is made again."""
     found = []
     for number, qp in enumerate((20, 44, 44)):
         file = tmp_path / f"{number}{codec.suffix}"
@@ -144,7 +140,6 @@ def test_time_of_reading_is_not_that_of_coding(
 
 
 def test_qps_of_av1_cover_the_same_range() -> None:
-    """AV1's quantizer grows with the QP, without leaving its range."""
     codec = ANCHOR_CODECS["svtav1"]
     qps = [codec.encoder_qp(qp) for qp in range(1, 52)]
     assert qps == sorted(qps)
@@ -213,7 +208,6 @@ def _num_references(path: Path) -> int:
 def test_files_have_the_frame_types_and_references_of_the_preset(
     tmp_path: Path, name: str, types: set[str], references: int | None
 ) -> None:
-    """One intra frame comes first; B frames, and the references that are kept, are those of the preset."""
     clip = write_clip(tmp_path / "long.mkv", 48, 32, 25)
     file = tmp_path / f"file{ANCHOR_CODECS[name].suffix}"
     encode_file(clip, file, ANCHOR_CODECS[name], 30)
@@ -244,7 +238,6 @@ def test_av1_with_random_access_waits_for_later_frames(tmp_path: Path) -> None:
 def test_missing_encoder_is_named(
     clip: Path, tmp_path: Path, codec: AnchorCodec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without the encoder, the error names it."""
     monkeypatch.setattr(av, "codecs_available", set())
     with pytest.raises(ConfigError, match=f"{codec.name}: .* without the encoder {codec.library}"):
         encode_file(clip, tmp_path / f"x{codec.suffix}", codec, 30, luma_only=True)
@@ -252,7 +245,6 @@ def test_missing_encoder_is_named(
 
 @pytest.mark.parametrize("name", ["x264-ippp", "x265", "svtav1"])
 def test_damaged_files_are_refused(clip: Path, tmp_path: Path, name: str) -> None:
-    """A file that is cut or changed gives other pictures or a DvcError, never anything else."""
     codec = ANCHOR_CODECS[name]
     file = tmp_path / f"whole{codec.suffix}"
     encode_file(clip, file, codec, 30, luma_only=True)
@@ -286,7 +278,6 @@ def test_damaged_files_are_refused(clip: Path, tmp_path: Path, name: str) -> Non
 def test_bad_input_is_one_line(
     clip: Path, tmp_path: Path, arguments: list[str], message: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Wrong input ends with one line on standard error and status 2."""
     words = [word.format(clip=clip, out=tmp_path / "x") for word in arguments]
     with pytest.raises(SystemExit, match="2"):
         sys.exit(main(words))
@@ -296,7 +287,6 @@ def test_bad_input_is_one_line(
 
 
 def test_originals_of_another_size_or_length_are_refused(clip: Path, tmp_path: Path) -> None:
-    """A file is compared with its own original or not at all."""
     file = tmp_path / "x.264"
     encode_file(clip, file, ANCHOR_CODECS["x264-intra"], 30)
     with pytest.raises(VideoError, match="not \\(30, 48\\)"):
@@ -306,7 +296,6 @@ def test_originals_of_another_size_or_length_are_refused(clip: Path, tmp_path: P
 
 
 def test_too_small_pictures_are_refused(tmp_path: Path) -> None:
-    """A size that an encoder does not take is named."""
     tiny = write_clip(tmp_path / "tiny.mkv", 3, 3, 1)
     with pytest.raises(ConfigError, match="libsvtav1 does not code 3x3 pictures"):
         encode_file(tiny, tmp_path / "x.obu", ANCHOR_CODECS["svtav1"], 30)
@@ -328,7 +317,6 @@ def results(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
 
 
 def test_anchors_are_measured_by_processes(results: tuple[Path, list[PointResult]], clip: Path) -> None:
-    """A result holds commands and measurements, and names no folder."""
     folder, (result,) = results
     data = json.loads((folder / POINTS_FOLDER / f"{result.name}.json").read_text(encoding="utf-8"))
     assert data["proof"]["decoded_by"] == "FFmpeg"
@@ -340,7 +328,6 @@ def test_anchors_are_measured_by_processes(results: tuple[Path, list[PointResult
 
 
 def test_pictures_of_an_anchor(results: tuple[Path, list[PointResult]], clip: Path) -> None:
-    """The original and the decoded picture of one frame are saved, and no prediction."""
     folder, (result,) = results
     pictures = result.pictures
     assert pictures is not None
@@ -355,7 +342,6 @@ def test_pictures_of_an_anchor(results: tuple[Path, list[PointResult]], clip: Pa
 
 
 def test_anchors_do_not_change_with_the_codec(clip: Path) -> None:
-    """Another version of the codec changes the identity of points of the codec, not of anchors."""
     source = find_source(str(clip), clip.parent, ProcessGroup())
     versions = (CodeVersion("1", None, "a"), CodeVersion("2", None, "b"))
     anchor, codec = Point(str(clip), "x265", None, "30", 0), Point(str(clip), "2d", 1, "auto", 2)
@@ -367,40 +353,34 @@ SPS, SEI, SLICE = (b"\0\0\0\1" + bytes([first, 0x80]) for first in (0x67, 0x06, 
 
 
 def test_units_keep_their_start_codes() -> None:
-    """Units of three and four bytes of start code together make the stream."""
     assert nal_units(SPS + SLICE[1:] + SEI) == [SPS, SLICE[1:], SEI]
     assert nal_units(b"") == []
 
 
 def test_messages_and_known_parameter_sets_are_left_out() -> None:
-    """Messages and repeated parameter sets are dropped for start codes of either length."""
     assert without_overhead(SPS + SEI + SLICE, "h264") == SPS + SLICE
     assert without_overhead(SPS[1:] + SEI + SLICE, "h264", header=SPS) == SLICE
     assert without_overhead(b"\x12\0", "obu") == b"\x12\0"
 
 
 def test_slices_are_counted() -> None:
-    """Only slices count as picture."""
     assert picture_bytes(SPS + SEI + SLICE, "h264") == len(SLICE)
     assert picture_bytes(b"\0\0\1\x26\1\xff" + b"\0\0\1\x42\1", "hevc") == 6
 
 
 def test_frames_of_av1_are_counted() -> None:
-    """A temporal delimiter, a sequence header of two bytes and a frame of three bytes."""
     stream = b"\x12\0" + b"\x0a\2ab" + b"\x32\3abc"
     assert picture_bytes(stream, "obu") == 5
 
 
 @pytest.mark.parametrize("stream", [b"\x12", b"\x32\5abc", b"\x32\x80", b"\x32" + b"\xff" * 9])
 def test_wrong_lengths_are_refused(stream: bytes) -> None:
-    """A unit of AV1 that is cut or has no length raises BitstreamError."""
     with pytest.raises(BitstreamError, match="AV1"):
         picture_bytes(stream, "obu")
 
 
 @given(st.binary(max_size=60), st.sampled_from(["h264", "hevc", "obu"]))
 def test_any_bytes_are_counted_or_refused(stream: bytes, file_format: str) -> None:
-    """Arbitrary bytes give a count within their length, or BitstreamError."""
     try:
         assert 0 <= picture_bytes(stream, file_format) <= len(stream)
     except BitstreamError:

@@ -46,7 +46,6 @@ def _command(clip: Path, out: Path, qps: Iterable[int] = (30,)) -> list[str]:
 
 
 def _leftovers(folder: Path) -> list[str]:
-    """List all files of an experiment."""
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
 
 
@@ -54,7 +53,6 @@ def _leftovers(folder: Path) -> list[str]:
 def test_signals_leave_whole_points_and_the_sweep_continues(
     clip: Path, tmp_path: Path, number: signal.Signals
 ) -> None:
-    """After a signal no part of a point remains, and missing points can be measured."""
     out = tmp_path / "out"
     with subprocess.Popen(_command(clip, out, range(20, 40)), stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60
@@ -75,7 +73,6 @@ def test_signals_leave_whole_points_and_the_sweep_continues(
 
 
 def test_a_disk_without_room_for_streams(clip: Path, tmp_path: Path) -> None:
-    """If the processes cannot write, the point fails with one line, and no file remains."""
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))
@@ -93,7 +90,6 @@ def test_a_disk_without_room_for_streams(clip: Path, tmp_path: Path) -> None:
 
 
 def test_a_disk_without_room_for_results(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """If a result cannot be written, its point fails with one line, and no partial file remains."""
     monkeypatch.setattr(run_points, "measure", lambda *_: result_data(60.0, 30.0))
 
     def full(*_: object, **__: object) -> int:
@@ -109,7 +105,6 @@ def test_a_disk_without_room_for_results(clip: Path, tmp_path: Path, monkeypatch
 
 
 def test_a_disk_without_room_for_folders(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """If no folder can be made for a point, it fails with one line."""
 
     def full(*_: object, **__: object) -> str:
         raise NO_SPACE
@@ -122,7 +117,6 @@ def test_a_disk_without_room_for_folders(clip: Path, tmp_path: Path, monkeypatch
 def test_a_decoder_that_is_not_installed(
     clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Without the decoder the command ends with one line that names it, before anything is measured."""
     found = util.find_spec
     monkeypatch.setattr(util, "find_spec", lambda name: None if name == "decoder" else found(name))
     assert main(["run", str(clip), "--out", str(tmp_path / "out")]) == 2
@@ -134,7 +128,6 @@ def test_a_decoder_that_is_not_installed(
 def test_an_interpreter_that_is_not_there(
     clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A program that cannot be started fails the point with one line that names it."""
     monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
     summary = run_points.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
     assert [reason for _, reason in summary.failures] == [
@@ -143,7 +136,6 @@ def test_an_interpreter_that_is_not_there(
 
 
 def test_an_unexpected_error(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Any error fails only its own point, with its type as the reason."""
 
     def measure(task: Task, *_: object) -> dict[str, Any]:
         if task.point.key_qp == "30":
@@ -158,7 +150,6 @@ def test_an_unexpected_error(clip: Path, tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_processes_have_one_thread(tmp_path: Path) -> None:
-    """The processes of a point neither compile nor filter on more than one thread."""
     found = tmp_path / "found"
     numbers = "cv2.getNumThreads(), numba.get_num_threads()"
     code = f"import cv2, numba; print({numbers}, file=open({str(found)!r}, 'w'))"
@@ -178,14 +169,12 @@ def test_stopping_processes_that_have_ended() -> None:
 
 
 def test_a_process_that_is_killed() -> None:
-    """The error of a process that a signal ended names the signal."""
     code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
     with pytest.raises(DvcError, match=r"^the process was ended by SIGKILL$"):
         ProcessGroup().run([sys.executable, "-c", code])
 
 
 def test_code_that_changes_meanwhile(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A point has no result if its code was edited while it was measured."""
     monkeypatch.setattr(run_points, "measure", lambda *_: result_data(60.0, 30.0))
     monkeypatch.setattr(run_points, "code_version", lambda: CodeVersion("1", None, "f" * 32))
     summary = run_points.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
@@ -195,7 +184,6 @@ def test_code_that_changes_meanwhile(clip: Path, tmp_path: Path, monkeypatch: py
 
 
 def test_sequences_of_several_sizes_in_one_report(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """Sequences of one name but other sizes are sections of their own, and never compared."""
     other = {"name": "clip", "digest": "d2", "width": 32, "height": 16, "frames_per_s": 12.5}
     for number, rate_kbps in enumerate((60.0, 90.0)):
         add_result(tmp_path, f"a{number}", result_data(rate_kbps, 30.0 + number))
@@ -214,7 +202,6 @@ def test_sequences_of_several_sizes_in_one_report(tmp_path: Path, capfd: pytest.
 def test_results_that_name_another_schema_are_left_out(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A result of a later version is named and left out, and the rest is used."""
     add_result(tmp_path, "good", result_data(60.0, 30.0))
     add_result(tmp_path, "later", result_data(60.0, 30.0, schema="dvc3d-rd-point/99"))
     assert [type(result) for result in rd_results.read_results(tmp_path)] == [PointResult]

@@ -52,7 +52,6 @@ def test_curves_that_two_experiments_have_in_common(tmp_path: Path) -> None:
 
 
 def test_curves_within_an_experiment(tmp_path: Path) -> None:
-    """Without a second folder all are compared with H.264 intra, or with the curve that is named."""
     results = read_results(write_results(tmp_path / "a"))
     (one,) = compare(results)
     assert (one.other.label, one.reference.label) == (CODEC, INTRA)
@@ -84,21 +83,18 @@ def test_all_curves_of_an_experiment_against_one_of_another(tmp_path: Path) -> N
     ],
 )
 def test_labels_that_say_nothing_are_refused(tmp_path: Path, arguments: dict[str, Any], message: str) -> None:
-    """An unknown or ambiguous label raises ConfigError that lists the labels."""
     results = read_results(write_results(tmp_path / "a"))
     with pytest.raises(ConfigError, match=message):
         compare(results, **arguments)
 
 
 def test_two_curves_of_two_experiments_are_refused(tmp_path: Path) -> None:
-    """Two labels belong to one experiment."""
     results = read_results(write_results(tmp_path / "a"))
     with pytest.raises(ConfigError, match="give one folder"):
         compare(results, results, curves=("a", "b"))
 
 
 def test_a_whole_label_is_found_although_it_is_part_of_another(tmp_path: Path) -> None:
-    """A label that is part of another one can still be named."""
     data = result_data(60.0, 30.0)
     longer = {**data, "options": {**data["options"], "options": {"seed": "2"}}}
     results = [parse_result("a", data), parse_result("b", longer)]
@@ -107,7 +103,6 @@ def test_a_whole_label_is_found_although_it_is_part_of_another(tmp_path: Path) -
 
 
 def test_means_over_sequences(tmp_path: Path) -> None:
-    """Curves that are compared on several sequences have a row with the mean and the spread."""
     folder = write_results(tmp_path / "a")
     sequence = {"name": "other", "digest": "d2", "width": 32, "height": 16, "frames_per_s": 25.0}
     for number, (rate_kbps, psnr_y_db) in enumerate([(60.0, 29.0), (90.0, 31.5)]):
@@ -131,19 +126,16 @@ def test_means_over_sequences(tmp_path: Path) -> None:
     ],
 )
 def test_where_a_curve_is_better(points: list[tuple[float, float]], text: str) -> None:
-    """The crossing of two curves is found, and the better curve on each side of it."""
     reference = _curve((50.0, 29.0), (200.0, 35.0))
     assert crossing_text(reference, _curve(*points)) == text
 
 
 def test_rates_that_differ_by_rounding_are_one() -> None:
-    """The better of two points at one rate counts."""
     curve, twice = _curve((100, 30), (200, 33)), _curve((100, 29), (100.00000000000001, 30), (200, 33))
     assert crossing_text(curve, twice) == "equal at all common rates"
 
 
 def test_several_crossings() -> None:
-    """Curves that cross twice are better in between, or at both ends."""
     line = _curve((50.0, 30.0), (100.0, 32.0), (200.0, 34.0))
     bent = _curve((50.0, 29.0), (100.0, 33.0), (200.0, 33.5))
     inside, outside = crossing_text(line, bent), crossing_text(bent, line)
@@ -167,7 +159,6 @@ def test_crossings_of_any_curves(a: list[tuple[float, float]], b: list[tuple[flo
 
 
 def test_csv_of_comparisons(tmp_path: Path) -> None:
-    """A comparison is one line of numbers; a refused one says why and has none."""
     folder = write_results(tmp_path / "a")
     single = result_data(61.0, 30.0)
     single["options"] = {**single["options"], "gop": 8}
@@ -182,7 +173,6 @@ def test_csv_of_comparisons(tmp_path: Path) -> None:
 
 
 def test_compare_command(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """The command prints a Markdown table into a pipe, and writes numbers to a file or standard output."""
     a, b = write_results(tmp_path / "a"), write_results(tmp_path / "b", 0.9)
     assert main(["compare", str(a), str(b), "--csv", str(tmp_path / "c.csv")]) == 0
     printed = capfd.readouterr().out
@@ -197,7 +187,6 @@ def test_compare_command(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> N
 def test_compare_on_a_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On a terminal the table is drawn."""
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     monkeypatch.setenv("COLUMNS", "200")
     assert main(["compare", str(write_results(tmp_path / "a"))]) == 0
@@ -219,7 +208,6 @@ def test_nothing_comparable_is_an_error(tmp_path: Path, capfd: pytest.CaptureFix
 
 
 def test_columns_of_comparisons_are_documented() -> None:
-    """The document of results names every column."""
     text = (Path(__file__).parents[2] / "docs" / "rd.md").read_text(encoding="utf-8")
     assert all(f"`{column}`" in text for column in CSV_COLUMNS)
 
@@ -255,7 +243,6 @@ def test_curves_are_compared_at_other_qualities(tmp_path: Path, capsys: pytest.C
 def test_curves_are_compared_by_luma_and_in_colour(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Both measures are shown, or only the chosen one."""
     folder = write_colour_results(tmp_path / "a")
     (one,) = compare(read_results(folder))
     values = [getattr(one.rates[measure], "value", None) for measure in MEASURES]
@@ -277,7 +264,6 @@ def test_curves_are_compared_by_luma_and_in_colour(
 
 
 def test_means_are_shown_for_each_measure(tmp_path: Path) -> None:
-    """The mean in colour is over the sequences that have chroma."""
     results = read_results(write_colour_results(tmp_path / "a"))
     other = SequenceInfo("other", "d2", 32, 16, 25.0)
     moved = [replace(one, name=f"b{one.name}", sequence=other) for one in results]

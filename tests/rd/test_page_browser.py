@@ -26,7 +26,6 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def page(browser: Browser, address: str) -> Iterator[Page]:
-    """Open the page once for all tests that do not care about size and colours."""
     context = browser.new_context(viewport=DESKTOP_PX)  # type: ignore[arg-type]
     opened = context.new_page()
     opened.set_default_timeout(TIMEOUT_MS)
@@ -41,7 +40,6 @@ def num_lines(page: Page, slug: str) -> int:
 
 
 def test_page_opens_without_an_error_or_a_request(browser: Browser, address: str) -> None:
-    """Nothing is logged, nothing leaves the page, hostile names do not run, and text is there soon."""
     context = browser.new_context(viewport=DESKTOP_PX)  # type: ignore[arg-type]
     opened = context.new_page()
     logged: list[str] = []
@@ -64,7 +62,6 @@ def test_page_opens_without_an_error_or_a_request(browser: Browser, address: str
 
 
 def test_legend_hides_a_curve(page: Page) -> None:
-    """A box of the legend takes its curve out of the chart, and brings it back, by keyboard."""
     box = page.locator('[data-legend="street"] input').nth(1)
     box.scroll_into_view_if_needed()
     page.wait_for_selector('[data-rd="street"] .scatterlayer path.js-line', state="attached")
@@ -81,7 +78,6 @@ def test_legend_hides_a_curve(page: Page) -> None:
 
 
 def test_chart_zooms(page: Page) -> None:
-    """The buttons change the range of the axes, the box their scale."""
     block = page.locator('[data-zoom="street"]')
     range_of = "document.querySelector('[data-rd=\"street\"]')._fullLayout?.xaxis"
     page.locator('figure.chart:has([data-rd="street"])').scroll_into_view_if_needed()
@@ -95,7 +91,6 @@ def test_chart_zooms(page: Page) -> None:
 
 
 def test_anchor_changes_the_verdict(page: Page) -> None:
-    """Another anchor shows another table, and the other side of the same comparison."""
     visible = page.locator(".verdict:visible table.matrix")
     assert "against H.264 intra" in visible.locator("caption").inner_text()
     before = visible.locator("tbody").inner_text()
@@ -122,7 +117,6 @@ def test_frames_follow_the_choice(page: Page) -> None:
 
 
 def test_slider_moves_the_border(page: Page) -> None:
-    """The slider obeys the keyboard, and the choice of a point changes the pictures."""
     block = page.locator('[data-pictures="street"]')
     slider = block.get_by_role("slider")
     slider.scroll_into_view_if_needed()
@@ -199,7 +193,6 @@ def test_page_can_be_read_without_a_pointer(page: Page) -> None:
 
 
 def test_page_without_scripts_shows_tables(browser: Browser, address: str) -> None:
-    """Without scripts the page shows tables and verdict, and explains why it has no charts."""
     context = browser.new_context(viewport=DESKTOP_PX, java_script_enabled=False)  # type: ignore[arg-type]
     opened = context.new_page()
     opened.goto(address, timeout=TIMEOUT_MS)

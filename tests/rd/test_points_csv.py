@@ -21,7 +21,6 @@ SIZE = "width,height,frames_per_s"
 
 
 def write_points(folder: Path, *lines: str) -> str:
-    """Write a file of points."""
     path = folder / "theirs.csv"
     path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     return str(path)
@@ -64,7 +63,6 @@ def test_other_frames_are_another_experiment(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_points_of_opendvc(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """They are part of the package, need no other points, and have less rate than intra."""
     folder = tmp_path / "new" / "folder"
     assert main(["import", "opendvc", "--out", str(folder)]) == 0
     results = read_results(folder)
@@ -79,7 +77,6 @@ def test_points_of_opendvc(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 
 
 def test_what_was_exported_can_be_imported(tmp_path: Path) -> None:
-    """Curves of another folder come over with their labels, rates and frames."""
     ours, table, theirs = write_results(tmp_path / "ours"), tmp_path / "points.csv", tmp_path / "theirs"
     assert main(["export", str(ours), "--csv", str(table)]) == 0
     assert main(["import", str(table), "--out", str(theirs)]) == 0
@@ -161,7 +158,6 @@ def test_importing_again_replaces(tmp_path: Path) -> None:
 def test_damaged_files_are_refused(
     lines: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line names the error and its line; nothing is written."""
     assert main(["import", write_points(tmp_path, *lines), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert error.startswith(f"dvc-rd: theirs.csv: {message}")
@@ -172,7 +168,6 @@ def test_damaged_files_are_refused(
 def test_files_that_cannot_be_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A file that is missing, no text or without end is refused."""
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe")
     monkeypatch.setattr(points_csv, "MAX_CHARACTERS", 1000)
     for name in ("missing.csv", "bytes.csv", "/dev/zero"):
@@ -183,7 +178,6 @@ def test_files_that_cannot_be_read(
 
 
 def test_damaged_imported_results_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A result that has lost the name of its curve is not shown."""
     assert main(["import", "opendvc", "--out", str(tmp_path)]) == 0
     path = min((tmp_path / POINTS_FOLDER).iterdir())
     data = json.loads(path.read_text(encoding="utf-8"))
@@ -194,7 +188,6 @@ def test_damaged_imported_results_are_left_out(tmp_path: Path, caplog: pytest.Lo
 
 
 def test_points_are_lines(tmp_path: Path) -> None:
-    """Every point is a line, by curve and rate, with the columns in their order."""
     rows = list(csv.DictReader(io.StringIO(results_csv(read_results(write_results(tmp_path / "a"))))))
     assert list(rows[0]) == ["sequence", "curve", *POINT_COLUMNS]
     assert [row["curve"] for row in rows] == ["2D-DVC, GOP 2"] * 3 + ["H.264 intra"] * 3
@@ -205,7 +198,6 @@ def test_points_are_lines(tmp_path: Path) -> None:
 
 
 def test_points_in_colour_have_psnrs_of_chroma(tmp_path: Path) -> None:
-    """The PSNRs of both planes and of all; empty without chroma."""
     names = ("psnr_cb_db", "psnr_cr_db", "psnr_yuv_db")
     text = results_csv(read_results(write_colour_results(tmp_path / "a")))
     first = next(csv.DictReader(io.StringIO(text)))
@@ -215,7 +207,6 @@ def test_points_in_colour_have_psnrs_of_chroma(tmp_path: Path) -> None:
 
 
 def test_frames_are_lines() -> None:
-    """Every frame is a line that names its point; cells without a value are empty."""
     frames = [
         {"index": 0, "type": "intra", "bits": 800, "psnr_y_db": 31.5},
         {
@@ -238,7 +229,6 @@ def test_frames_are_lines() -> None:
 
 
 def test_names_with_commas_and_quotes_survive() -> None:
-    """A name with separators of cells is read back unchanged."""
     sequence = {**result_data(60.0, 30.0)["sequence"], "name": 'a, "b"\nc'}
     text = results_csv([parse_result("p", result_data(60.0, 30.0, sequence=sequence))])
     (row,) = csv.DictReader(io.StringIO(text, newline=""))
@@ -246,7 +236,6 @@ def test_names_with_commas_and_quotes_survive() -> None:
 
 
 def test_export_command(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """The command writes a file in one piece, or to standard output."""
     folder = write_results(tmp_path / "a")
     assert main(["export", str(folder), "--csv", str(tmp_path / "points.csv")]) == 0
     assert len((tmp_path / "points.csv").read_text(encoding="utf-8").splitlines()) == 7
@@ -257,7 +246,6 @@ def test_export_command(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> No
 
 
 def test_columns_are_documented() -> None:
-    """The document of results names every column, in the order of the file."""
     text = (Path(__file__).parents[2] / "docs" / "rd.md").read_text(encoding="utf-8")
     points, frames = (
         re.findall(r"`([a-z_]+)`", re.sub(r"\([^)]*\)", "", line))

@@ -28,7 +28,6 @@ QPS = (28, 38, 48)
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write two frames of noise."""
     path = tmp_path_factory.mktemp("clip") / "clip.mkv"
     rng = np.random.default_rng(5)
     with create_video(path, (48, 32), 25) as writer:
@@ -39,7 +38,6 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def workers() -> Iterator[LocalCluster]:
-    """Start a scheduler and two worker processes of one thread each."""
     with LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
     ) as started:
@@ -110,7 +108,6 @@ def test_a_failing_point_on_a_cluster(clip: Path, workers: LocalCluster, tmp_pat
 def test_workers_with_other_code_are_refused(
     clip: Path, workers: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A worker that would measure another codec is refused before anything is measured."""
     other = CodeVersion("0", None, "f" * 32)
     monkeypatch.setattr("dvc.rd.run_points.code_version", lambda: other)
     with pytest.raises(DvcError, match="has another version of the code"):
@@ -135,7 +132,6 @@ def test_an_original_that_is_another_one_is_refused(clip: Path, tmp_path: Path) 
 def test_a_cluster_that_is_not_there(
     clip: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An address without a scheduler is one line and status 2, like a missing package."""
     monkeypatch.setattr("dvc.dask_cluster.CONNECT_S", 0.2)
     arguments = ["run", str(clip), "--gop", "1", "--key-qp", "40", "--out", str(tmp_path), "--dask"]
     assert main([*arguments, "tcp://127.0.0.1:1"]) == 2

@@ -15,7 +15,6 @@ def _git(folder: Path, *command: str) -> None:
 
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
-    """Make a repository with a package and a document, and return the package's first file."""
     source = tmp_path / "dvc" / "__init__.py"
     source.parent.mkdir()
     source.write_text("")
@@ -27,7 +26,6 @@ def source(tmp_path: Path) -> Path:
 
 
 def test_documents_leave_the_code_clean(source: Path) -> None:
-    """Only changes of the codec make a commit dirty."""
     clean = _commit(source)
     (source.parents[1] / "notes.md").write_text("changed")
     assert clean is not None
@@ -43,7 +41,6 @@ def test_changed_code_is_dirty(source: Path) -> None:
 
 
 def test_no_repository_has_no_commit(source: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Code outside a repository, or that it does not track, has no commit."""
     other = source.parent / "other.py"
     other.write_text("")
     assert _commit(other) is None

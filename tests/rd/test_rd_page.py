@@ -47,7 +47,6 @@ def own_text(page: str) -> str:
 
 @pytest.fixture(scope="module")
 def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with the results of 3 sequences and 5 curves."""
     return write_many(tmp_path_factory.mktemp("page") / "results", levels=3)
 
 
@@ -64,7 +63,6 @@ def test_page_holds_everything_and_names_stay_text(many: Path, tmp_path: Path) -
 
 
 def test_page_is_the_same_when_made_again(tmp_path: Path) -> None:
-    """The same results give the same bytes."""
     results = list(read_folders([write_results(tmp_path / "a")]).results)
     assert page_of(results, tmp_path / "1.html") == page_of(results, tmp_path / "2.html")
 
@@ -99,7 +97,6 @@ def test_curves_that_cannot_be_compared_say_why(tmp_path: Path) -> None:
 
 
 def test_frames_and_shares() -> None:
-    """Numbers of frames come by column, shares of bits in per cent."""
     row = {"index": 0, "type": "wz", "bits": {"parity": 1500, "crc": 500}, "si_psnr_y_db": 30.0}
     point = parse_result("a", result_data(60.0, 30.0, per_frame=[{"type": "key", "bits": 4000}, row]))
     columns = frame_columns(point)
@@ -120,7 +117,6 @@ def test_side_information_prefers_lossless_keys() -> None:
 
 
 def test_experiments_of_one_name_get_distinct_names(tmp_path: Path) -> None:
-    """Two lengths of one sequence are named by their frames."""
     longer = result_data(60.0, 30.0)
     longer["totals"] |= {"frames": 5}
     results = [parse_result("a", result_data(60.0, 30.0)), parse_result("b", longer)]
@@ -130,7 +126,6 @@ def test_experiments_of_one_name_get_distinct_names(tmp_path: Path) -> None:
 
 
 def test_lossless_key_frames_have_no_part_in_the_verdict() -> None:
-    """Points with lossless key frames measure side information and are not compared."""
     lossless = [
         parse_result(str(i), result_data(600.0 + i, 40.0 + i, key={"qp": 0, "lossless": True}))
         for i in (0, 1)
@@ -148,7 +143,6 @@ def test_cost_is_per_frame_and_relative_to_intra(tmp_path: Path) -> None:
 
 
 def test_page_shows_rate_against_cost(tmp_path: Path) -> None:
-    """The page has a table and a chart of rate against cost if two codecs have both."""
     results = read_results(write_results(tmp_path / "a"))
     assert "Rate against cost of encoding" in own_text(page_of(results, tmp_path / "both.html"))
     one = [result for result in results if result.codec == "2d"]
@@ -164,7 +158,6 @@ def test_cost_without_a_part_is_not_shown() -> None:
 
 
 def test_damaged_and_repeated_results_are_named(tmp_path: Path) -> None:
-    """A damaged file is left out and named; of a point measured twice the newer one counts."""
     first, second = write_results(tmp_path / "a"), write_results(tmp_path / "b", scale=1.1)
     (first / POINTS_FOLDER / "broken.json").write_text("{", encoding="utf-8")
     for path in (second / POINTS_FOLDER).glob("*.json"):
@@ -177,7 +170,6 @@ def test_damaged_and_repeated_results_are_named(tmp_path: Path) -> None:
 
 
 def test_pictures_outside_the_folder_are_not_read(tmp_path: Path) -> None:
-    """Names that lead out of the folder of results are dropped."""
     folder = write_results(tmp_path / "a")
     outside = tmp_path / "secret.png"
     cv2.imwrite(str(outside), np.zeros((8, 8), np.uint8))
@@ -220,7 +212,6 @@ def test_command_writes_both_reports(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_page_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
-    """It is refused with a line that says so."""
     with pytest.raises(DvcError, match="does not exist"):
         write_page([parse_result("a", result_data(60.0, 30.0))], tmp_path / "none" / "page.html")
 
@@ -236,14 +227,12 @@ def test_page_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
     ],
 )
 def test_files_that_are_no_pictures_of_points(tmp_path: Path, data: bytes) -> None:
-    """Files that are damaged, of another type, or have a huge size in the header are not read."""
     (tmp_path / "p.png").write_bytes(data)
     assert read_picture(tmp_path / "p.png") is None
     assert read_picture(tmp_path / "none.png") is None
 
 
 def test_page_shows_luma_and_colour(tmp_path: Path) -> None:
-    """In colour the verdict has a column for each measure, and points of charts have both PSNRs."""
     results = read_results(write_colour_results(tmp_path / "a"))
     judged = {verdict.anchor: verdict for verdict in verdicts(experiments(results))}
     intra = judged["H.264 intra"]

@@ -20,7 +20,6 @@ PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
 
 def test_results_are_sorted_into_experiments_and_curves(tmp_path: Path) -> None:
-    """Points of one codec on the same frames form a curve by increasing rate, the anchor last."""
     (experiment,) = experiments(read_results(write_results(tmp_path / "a")))
     assert [curve.label for curve in experiment.curves] == ["2D-DVC, GOP 2", "H.264 intra"]
     assert experiment.curves[0].rates_kbps == [60.0, 90.0, 200.0]
@@ -48,7 +47,6 @@ def test_other_frames_and_options_are_separated() -> None:
 
 
 def test_chosen_key_qps_make_another_curve() -> None:
-    """Points with chosen QPs of key frames are a curve of their own."""
     data = result_data(70.0, 30.5)
     chosen = {**data, "options": {**data["options"], "key_qp": "30"}}
     (experiment,) = experiments([parse_result("a", result_data(60.0, 30.0)), parse_result("b", chosen)])
@@ -77,7 +75,6 @@ def test_tables_leave_out_empty_columns(tmp_path: Path) -> None:
     ("cell", "shown"), [("x|y", "x\\|y"), ("<b>", "&lt;b>"), ("<script>", "&lt;script>"), ("a\nb", "a b")]
 )
 def test_cells_are_plain_text(cell: str, shown: str) -> None:
-    """Bars, tags and ends of lines are escaped."""
     assert table([cell], [[cell]]) == f"| {shown} |\n| --- |\n| {shown} |\n"
 
 
@@ -105,7 +102,6 @@ def test_report_has_tables_and_pictures(tmp_path: Path) -> None:
 
 
 def test_names_and_commands_are_no_markup(tmp_path: Path) -> None:
-    """No text of a result becomes an element, a heading or the end of a block."""
     data = result_data(60.0, 30.0, commands=["````", "# title", HOSTILE])
     data["sequence"]["name"] = f"{HOSTILE}\n# title"
     data["code"]["commit"] = HOSTILE
@@ -137,7 +133,6 @@ def test_text_counts_proven_streams() -> None:
 
 
 def test_report_of_single_points(tmp_path: Path) -> None:
-    """One point without an anchor is a report as well."""
     write_report([parse_result("a", result_data(60.0, 30.0))], [tmp_path / "r.md"], folder=tmp_path)
     assert "| clip | 2D-DVC, GOP 2 | – |" in (tmp_path / "r.md").read_text(encoding="utf-8")
 
@@ -169,7 +164,6 @@ def test_report_shows_rate_against_cost(tmp_path: Path) -> None:
 
 
 def test_report_shows_luma_and_colour(tmp_path: Path) -> None:
-    """Points in colour have two PSNRs, and curves two BD-rates, in every table and in the plot."""
     results = read_results(write_colour_results(tmp_path / "a"))
     (experiment,) = experiments(results)
     assert experiment.title.endswith(", colour")

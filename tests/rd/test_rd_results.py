@@ -28,7 +28,6 @@ def _store(folder: Path, data: object) -> Path:
 
 
 def test_results_survive_writing_and_reading(tmp_path: Path) -> None:
-    """A result reads back as it was written."""
     (tmp_path / POINTS_FOLDER).mkdir()
     data = result_data(64.0, 30.0)
     written = write_result(tmp_path, "point", data)
@@ -49,14 +48,12 @@ def test_identity_depends_on_configuration_input_and_code() -> None:
 
 
 def test_finished_points_are_known(tmp_path: Path) -> None:
-    """A result of the same identity counts."""
     assert not is_finished(tmp_path, TASK)
     _store(tmp_path, result_data(60.0, 30.0, identity=TASK.identity))
     assert is_finished(tmp_path, TASK)
 
 
 def test_results_of_other_code_are_measured_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A result of another version does not count, with a notice, unless that is allowed."""
     _store(tmp_path, result_data(60.0, 30.0, options=POINT.to_dict()))
     with caplog.at_level(logging.WARNING):
         assert not is_finished(tmp_path, TASK)
@@ -117,7 +114,6 @@ DAMAGED = [
 
 @pytest.mark.parametrize("data", DAMAGED, ids=range(len(DAMAGED)))
 def test_damaged_results_are_refused(tmp_path: Path, data: object, caplog: pytest.LogCaptureFixture) -> None:
-    """A damaged or foreign file raises DvcError that names it, and its point is measured again."""
     path = _store(tmp_path, data)
     with pytest.raises(DvcError, match=path.stem):
         read_result(path)
@@ -127,7 +123,6 @@ def test_damaged_results_are_refused(tmp_path: Path, data: object, caplog: pytes
 
 
 def test_reports_leave_damaged_results_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Good results are read although another is damaged; a folder without any is refused."""
     with pytest.raises(DvcError, match="no results"):
         read_results(tmp_path)
     write_results(tmp_path / "good")
@@ -150,12 +145,10 @@ def test_digest_of_an_input_is_that_of_its_contents(tmp_path: Path) -> None:
 
 
 def test_order_of_keys_does_not_change_a_digest() -> None:
-    """Equal values have equal digests."""
     assert values_digest({"a": 1, "b": 2}) == values_digest({"b": 2, "a": 1})
 
 
 def test_code_version_is_that_of_the_package() -> None:
-    """The version names the distribution and a digest of its sources."""
     import dvc
 
     assert code_version().version == dvc.__version__

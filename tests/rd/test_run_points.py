@@ -44,7 +44,6 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def folder(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Measure one point of the codec and one of the anchor, with real processes."""
     out = tmp_path_factory.mktemp("rd")
     arguments = [str(clip), *POINTS, "--out", str(out)]
     assert main(["run", *arguments]) == 0
@@ -52,7 +51,6 @@ def folder(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _contents(folder: Path) -> list[dict[str, Any]]:
-    """Return the contents of all result files."""
     return [
         json.loads(path.read_text(encoding="utf-8")) for path in sorted((folder / POINTS_FOLDER).iterdir())
     ]
@@ -99,7 +97,6 @@ def test_pictures_are_saved_with_the_points(folder: Path, clip: Path) -> None:
 
 
 def test_streams_without_feedback_are_measured_as_they_are(clip: Path, tmp_path: Path) -> None:
-    """The rate is the size of the encoder's own file, which a second process decodes."""
     arguments = [str(clip), "--qp", "36", "--no-feedback", "--out", str(tmp_path)]
     assert main(["run", *arguments, "--quiet"]) == 0
     (point,) = _contents(tmp_path)
@@ -115,7 +112,6 @@ def test_streams_without_feedback_are_measured_as_they_are(clip: Path, tmp_path:
 
 
 def test_results_name_no_machine(folder: Path, clip: Path) -> None:
-    """Results name neither the folder of the clip nor their own."""
     for path in (folder / POINTS_FOLDER).iterdir():
         text = path.read_text(encoding="utf-8")
         assert str(clip.parent) not in text
@@ -123,13 +119,11 @@ def test_results_name_no_machine(folder: Path, clip: Path) -> None:
 
 
 def test_nothing_else_stays_behind(folder: Path) -> None:
-    """Streams and decoded videos are gone, and no temporary file is left."""
     assert sorted(path.name for path in folder.iterdir()) == [PICTURES_FOLDER, POINTS_FOLDER]
     assert all(path.suffix == ".json" for path in (folder / POINTS_FOLDER).iterdir())
 
 
 def test_finished_points_are_skipped(folder: Path, clip: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """The same sweep again measures nothing."""
     before = {path: path.stat().st_mtime_ns for path in (folder / POINTS_FOLDER).iterdir()}
     arguments = [str(clip), *POINTS, "--out", str(folder)]
     assert main(["run", *arguments]) == 0
@@ -140,7 +134,6 @@ def test_finished_points_are_skipped(folder: Path, clip: Path, capfd: pytest.Cap
 def test_failing_point_does_not_stop_the_sweep(
     clip: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A sequence that is not there and a start beyond the end are reported; the good point is measured."""
     spec = tmp_path / "sweep.toml"
     spec.write_text(
         f'[defaults]\ngop = 1\nkey_qp = "40"\n[[sweep]]\nsequences = ["nowhere.mkv", "{clip}"]\n'
@@ -155,7 +148,6 @@ def test_failing_point_does_not_stop_the_sweep(
 
 
 def test_dishonest_rate_is_a_failure(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A point has no result if its punctured stream decodes to other frames."""
     monkeypatch.setattr("dvc.rd.run_points.filecmp.cmp", lambda *_, **__: False)
     summary = run_points([Point(str(clip), "2d", None, "40", 1)], tmp_path, tmp_path)
     assert [reason for _, reason in summary.failures] == [
@@ -165,7 +157,6 @@ def test_dishonest_rate_is_a_failure(clip: Path, tmp_path: Path, monkeypatch: py
 
 
 def test_failed_process_is_named_by_its_last_line() -> None:
-    """The error is the last line on standard error, or the status of a silent process."""
     processes = ProcessGroup()
     with pytest.raises(DvcError, match=r"^the reason$"):
         processes.run([sys.executable, "-c", "import sys; sys.exit('first\\nthe reason')"])
@@ -174,13 +165,11 @@ def test_failed_process_is_named_by_its_last_line() -> None:
 
 
 def test_times_of_a_process() -> None:
-    """A process that computes takes processor time, and not more than it was there for."""
     times = ProcessGroup().run([sys.executable, "-c", "sum(range(10**6))"])
     assert 0 < times.cpu_s <= times.wall_s + 0.1
 
 
 def test_interrupted_process_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An interrupt while a process is waited for leaves no process behind."""
     numbers = []
 
     def _interrupted(number: int, _: int) -> None:
@@ -222,7 +211,6 @@ def test_a_scene_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_names_of_results_are_safe(clip: Path) -> None:
-    """The name of a result has only characters that every file system takes."""
     strange = clip.with_name("a clip: käse?.mkv")
     os.link(clip, strange)
     source = find_source(str(strange), clip.parent, ProcessGroup())
@@ -245,7 +233,6 @@ def test_names_of_results_are_safe(clip: Path) -> None:
     ],
 )
 def test_bad_input_is_one_line(arguments: list[str], message: str, capfd: pytest.CaptureFixture[str]) -> None:
-    """Wrong input ends with one line on standard error and status 2."""
     assert main(arguments) == 2
     captured = capfd.readouterr()
     assert captured.out == ""
@@ -254,12 +241,10 @@ def test_bad_input_is_one_line(arguments: list[str], message: str, capfd: pytest
 
 
 def test_made_up_results_are_of_the_schema(folder: Path) -> None:
-    """The results that other tests use have the entries of real ones."""
     real = _contents(folder)[0]
     assert set(result_data(60.0, 30.0)) <= set(real)
 
 
 def test_help_is_quick_to_load() -> None:
-    """`--help` loads neither numpy nor anything heavier."""
     code = "import sys; sys.argv=['dvc-rd']; import dvc.rd.__main__; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

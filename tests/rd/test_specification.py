@@ -27,7 +27,6 @@ from dvc.rd.specification import (
     [("4", (4,)), ("1-3", (1, 2, 3)), ("8,1-2,2", (8, 1, 2)), ("2-8:3", (2, 5, 8)), (" 1 , 3 ", (1, 3))],
 )
 def test_numbers_are_read_in_order_and_once(text: str, numbers: tuple[int, ...]) -> None:
-    """Lists, ranges and steps give each number once, in the order given."""
     assert parse_numbers(text, 1, 8) == numbers
 
 
@@ -35,14 +34,12 @@ def test_numbers_are_read_in_order_and_once(text: str, numbers: tuple[int, ...])
     "text", ["", "0", "9", "3-1", "1-9", "a", "1,,2", "-1", "1-3:0", "1.5", "99999999999"]
 )
 def test_other_numbers_are_refused(text: str) -> None:
-    """A text that is not a list of numbers in the range raises ConfigError."""
     with pytest.raises(ConfigError, match="expected numbers from 1 to 8"):
         parse_numbers(text, 1, 8)
 
 
 @given(st.text(max_size=20))
 def test_any_text_is_numbers_or_refused(text: str) -> None:
-    """Arbitrary text gives numbers in the range or ConfigError."""
     try:
         numbers = parse_numbers(text, 1, 8)
     except ConfigError:
@@ -52,7 +49,6 @@ def test_any_text_is_numbers_or_refused(text: str) -> None:
 
 
 def test_options_are_sorted_and_flags_true() -> None:
-    """NAME=VALUE and NAME give sorted pairs."""
     assert parse_options(["coder=turbo", "adaptive"]) == (
         ("adaptive", "true"),
         ("coder", "turbo"),
@@ -67,7 +63,6 @@ def test_options_of_the_experiment_itself_are_refused(word: str) -> None:
 
 
 def test_encoder_options_name_everything() -> None:
-    """A point gives the encoder its options, flags without a value."""
     point = Point(
         "clip", "2d", 3, "auto", 4, 5, 7, luma_only=True, options=(("adaptive", "true"), ("seed", "2"))
     )
@@ -109,13 +104,11 @@ def test_qualities_take_the_place_of_presets() -> None:
 
 
 def test_key_qps_go_with_the_presets() -> None:
-    """One key QP per preset is taken in order."""
     points = expand([Sweep(("clip",), "2d", wz_q=(1, 2), key_qp=("40", "30"))])
     assert [(point.wz_q, point.key_qp) for point in points] == [(1, "40"), (2, "30")]
 
 
 def test_points_of_several_sweeps_are_listed_once() -> None:
-    """The same point of two sweeps is measured once."""
     sweeps = [
         Sweep(("clip",), "2d", wz_q=(1, 2), anchors=("intra",)),
         Sweep(("clip",), "2d", wz_q=(2, 3), anchors=("intra",)),
@@ -126,14 +119,12 @@ def test_points_of_several_sweeps_are_listed_once() -> None:
 
 
 def test_key_frames_only_have_no_presets() -> None:
-    """With GOP 1 a sweep has one point."""
     assert [point.wz_q for point in Sweep(("clip",), gop=1, key_qp=("30",)).points()] == [None]
     several = list(Sweep(("clip",), gop=1, key_qp=("30", "34", "38")).points())
     assert [(point.wz_q, point.key_qp) for point in several] == [(None, "30"), (None, "34"), (None, "38")]
 
 
 def test_key_frames_only_have_qualities() -> None:
-    """Given qualities go to the encoder; points have no prediction."""
     points = list(Sweep(("clip",), gop=1, qp=(22, 26)).points())
     assert [(point.qp, point.key_qp) for point in points] == [(22, "auto"), (26, "auto")]
     assert "--gop 1 --key-qp auto --start 0 --qp 22" in " ".join(points[0].encoder_options())
@@ -162,13 +153,11 @@ def test_key_frames_only_have_qualities() -> None:
     ],
 )
 def test_senseless_sweeps_are_refused(given_values: dict[str, object], message: str) -> None:
-    """A wrong value raises ConfigError that names it."""
     with pytest.raises(ConfigError, match=re.escape(message)):
         build_sweep(given_values)
 
 
 def test_spec_merges_defaults(tmp_path: Path) -> None:
-    """Every sweep of a file has the defaults that it does not override."""
     path = tmp_path / "sweep.toml"
     path.write_text(
         '[defaults]\nframes = 9\nsequences = ["a"]\n[[sweep]]\nwz_q = "1-2"\n'
@@ -196,7 +185,6 @@ def test_spec_merges_defaults(tmp_path: Path) -> None:
     ],
 )
 def test_other_specs_are_refused(tmp_path: Path, text: str) -> None:
-    """A file that is no specification raises ConfigError that names it."""
     path = tmp_path / "sweep.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match=r"sweep\.toml"):
@@ -244,13 +232,11 @@ def test_side_information_is_an_option_of_the_decoder() -> None:
 
 @pytest.mark.parametrize("value", [3, "a b", "--json"])
 def test_other_methods_are_refused(value: object) -> None:
-    """A value that cannot be the name of a method raises ConfigError."""
     with pytest.raises(ConfigError, match=r"side_information|cannot be given"):
         build_sweep({"sequences": ["clip"], "side_information": value})
 
 
 def test_streams_without_feedback_are_options_of_points() -> None:
-    """Beside those that are given."""
     sweep = build_sweep({"sequences": ["clip"], "qp": "28,34", "no_feedback": True, "options": {"seed": 2}})
     assert [point.options for point in sweep.points()] == [(("no-feedback", "true"), ("seed", "2"))] * 2
     assert all(point.no_feedback for point in sweep.points())
@@ -259,7 +245,6 @@ def test_streams_without_feedback_are_options_of_points() -> None:
 
 
 def test_the_file_that_the_document_shows_is_read(tmp_path: Path) -> None:
-    """All of its entries mean something."""
     text = (Path(__file__).resolve().parents[2] / "docs" / "rd.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     path = tmp_path / "sweep.toml"

@@ -49,7 +49,6 @@ def field_rows(section: Any, place: str = "", path: str = "") -> Iterator[str]:
 
 
 def field_table() -> str:
-    """Return the list of all fields with their defaults."""
     return "```text\n" + "".join(field_rows(CodecConfig(VideoConfig(1, 1, 1, 1)))) + "```\n"
 
 
@@ -65,7 +64,6 @@ def test_all_fields_of_the_configuration_are_described() -> None:
 
 
 def leaves(values: dict[str, Any]) -> list[Any]:
-    """Return all values in order, without names."""
     return [
         leaf for value in values.values() for leaf in (leaves(value) if isinstance(value, dict) else [value])
     ]

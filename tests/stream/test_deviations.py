@@ -34,7 +34,6 @@ def test_times_are_whole_ticks_where_they_are_not_constant() -> None:
 
 
 def records(count: int) -> tuple[CodecConfig, list[GopRecord]]:
-    """Encode key frames."""
     session = EncoderSession(CodecConfig(VIDEO))
     frames = [Frame(frame.luma) for frame in moving_texture(count, 24, 32)]
     return session.config, [next(iter(one(session, frame))) for frame in frames]
@@ -58,7 +57,6 @@ def with_times(
 
 @pytest.mark.parametrize(("late_ticks", "number"), [([0, -34, 0], 1), ([0, 40, 0], 2), ([34, 0, 0], 1)])
 def test_frames_must_follow_each_other(late_ticks: list[int], number: int) -> None:
-    """Times that do not increase are refused, after all earlier groups."""
     config, coded = records(3)
     reader = StreamReader(io.BytesIO(with_times(config, coded, late_ticks)))
     groups = []
@@ -81,7 +79,6 @@ def test_segments_go_on_where_the_one_before_ended(tmp_path: Path) -> None:
 
 
 def test_segments_do_not_add_up_to_more_than_a_stream_holds(tmp_path: Path) -> None:
-    """The recording can be read with any number of segments."""
     config, coded = records(2)
     for number in range(2):
         (tmp_path / f"{number}.dvc").write_bytes(with_times(config, coded, [0, MAX_DEVIATION_TICKS], 1))

@@ -40,13 +40,11 @@ records = st.builds(
 
 @given(records)
 def test_decode_gives_back_what_was_encoded(record: GopRecord) -> None:
-    """Any group of pictures comes back."""
     assert decode_gop(encode_gop(record)) == record
 
 
 @given(records)
 def test_every_bit_is_accounted_for(record: GopRecord) -> None:
-    """Header, key, tracks and Wyner-Ziv bits add up to the record in the file."""
     bits = gop_bits(record)
     assert bits.total == 8 * len(frame_record(RecordType.GOP, encode_gop(record)))
     assert bits.key == 8 * len(record.key)
@@ -82,7 +80,6 @@ def test_the_first_field_tells_what_follows(record: GopRecord, payload: bytes) -
 
 
 def test_limits_of_a_record() -> None:
-    """A record has one payload for each Wyner-Ziv frame, and a limited number of frames."""
     longest = GopRecord(MAX_GOP_LENGTH, b"k", True, b"", (b"",) * (MAX_GOP_LENGTH - 1))
     assert decode_gop(encode_gop(longest)) == longest
     for num_frames, num_payloads in (
@@ -122,14 +119,12 @@ def test_limits_of_a_record() -> None:
     ],
 )
 def test_malformed_payloads_are_refused(payload: bytes, message: str) -> None:
-    """Numbers that do not fit are named."""
     with pytest.raises(BitstreamError, match=message):
         decode_gop(payload)
 
 
 @given(st.binary(max_size=40))
 def test_arbitrary_payloads_raise_only_bitstream_errors(payload: bytes) -> None:
-    """Bytes are refused, or are the one form of a group of pictures."""
     try:
         record = decode_gop(payload)
     except BitstreamError:

@@ -50,7 +50,6 @@ def in_form(form: Form | str, records: list[GopRecord]) -> list[GopRecord]:
 
 
 def write(form: Form | str, records: list[GopRecord], config: CodecConfig = CONFIG) -> bytes:
-    """Return a stream of these records."""
     file = io.BytesIO()
     with StreamWriter(file, config, form) as writer:
         for record in in_form(form, records):
@@ -108,7 +107,6 @@ def test_unfinished_streams_have_an_index(form: Form) -> None:
 
 
 def test_damage_is_no_unfinished_end() -> None:
-    """A wrong byte in a whole record is refused in an unfinished stream, too."""
     data = bytearray(write("buffered", RECORDS))
     data[StreamReader(io.BytesIO(bytes(data))).index.entries[2].offset + 9] ^= 1
     reader = StreamReader(io.BytesIO(bytes(data)), unfinished=True)
@@ -151,7 +149,6 @@ def test_streams_come_back(form: Form, lengths: list[int], rng: np.random.Genera
 
 @forms
 def test_seeking_before_and_while_reading(form: Form, tmp_path: Path) -> None:
-    """Reading continues from the requested GOP; the index does not change the position."""
     path = tmp_path / "s.dvc"
     path.write_bytes(write(form, RECORDS))
     with StreamReader(path) as reader:
@@ -216,7 +213,6 @@ def test_writer_refuses_what_readers_would() -> None:
 
 
 def test_failed_writing_leaves_no_end() -> None:
-    """A stream is recognised as cut if writing failed."""
     file = io.BytesIO()
 
     def fail() -> None:
@@ -233,7 +229,6 @@ def test_failed_writing_leaves_no_end() -> None:
 
 @forms
 def test_pipes_are_read_in_order(form: Form) -> None:
-    """A stream that cannot be searched is read all the same, while it is being written."""
     read_end, write_end = os.pipe()
 
     def fill() -> None:
@@ -252,8 +247,6 @@ def test_pipes_are_read_in_order(form: Form) -> None:
 
 
 class Dribble(io.RawIOBase):
-    """A file that gives a few bytes at a time."""
-
     def __init__(self, data: bytes) -> None:
         self.data = data
 
@@ -266,13 +259,11 @@ class Dribble(io.RawIOBase):
 
 
 def test_short_reads_are_put_together() -> None:
-    """A file may give fewer bytes than asked for."""
     assert list(StreamReader(cast(BinaryIO, Dribble(write("buffered", RECORDS))))) == RECORDS
 
 
 @forms
 def test_every_cut_is_noticed(form: Form) -> None:
-    """The whole GOPs of a cut stream are read, then an error is raised."""
     data = write(form, RECORDS)
     entries = StreamReader(io.BytesIO(data)).index.entries
     for size in range(len(data)):
@@ -289,7 +280,6 @@ def test_every_cut_is_noticed(form: Form) -> None:
 
 @forms
 def test_every_changed_byte_is_noticed(form: Form) -> None:
-    """Any byte changed anywhere raises, after all GOPs before it."""
     data = write(form, RECORDS)
     entries = StreamReader(io.BytesIO(data)).index.entries
     for position in range(len(data)):
@@ -304,7 +294,6 @@ def test_every_changed_byte_is_noticed(form: Form) -> None:
 
 
 def test_messages_name_record_type_and_offset() -> None:
-    """A message names the problem, the record and its offset."""
     data = write("buffered", RECORDS)
     offset = StreamReader(io.BytesIO(data)).index.entries[1].offset
     damaged = bytearray(data)
@@ -320,7 +309,6 @@ def test_messages_name_record_type_and_offset() -> None:
 
 
 def head(form: Form) -> bytes:
-    """Return the beginning of a stream, up to its first GOP record."""
     data = write(form, [])
     return data[: len(data) - (12 if form is Form.BUFFERED else 7)]
 
@@ -397,7 +385,6 @@ def test_wrong_index_is_refused(payload: bytes) -> None:
 
 
 def test_index_of_damaged_streams_is_refused() -> None:
-    """Random access to a stream with a damaged end or a damaged length fails with a message."""
     for form in Form:
         data = write(form, RECORDS)
         for size in range(len(head(form)), len(data), 3):
@@ -423,14 +410,12 @@ def test_record_that_the_index_denies_is_refused() -> None:
 
 
 def test_unreadable_files_are_bitstream_errors(tmp_path: Path) -> None:
-    """A missing file and a folder end with one line."""
     for path in (tmp_path, tmp_path / "missing.dvc"):
         with pytest.raises(BitstreamError, match="cannot read"):
             StreamReader(path)
 
 
 def test_random_mutations_raise_only_bitstream_errors() -> None:
-    """Random changes, cuts and insertions never raise anything else."""
     rng = np.random.default_rng(20)
     streams = [write(form, RECORDS) for form in Form]
     for trial in range(2000):
@@ -443,7 +428,6 @@ def test_random_mutations_raise_only_bitstream_errors() -> None:
 
 @given(st.binary(max_size=60))
 def test_arbitrary_payloads_behind_right_checksums(payload: bytes) -> None:
-    """Any payload in a valid frame raises only `BitstreamError`."""
     for form in Form:
         for record_type in RecordType:
             read_outcome(head(form) + frame_record(record_type, payload))
@@ -480,7 +464,6 @@ def test_promises_cost_no_memory() -> None:
 
 
 def test_memory_is_that_of_one_gop() -> None:
-    """Reading a long stream holds one record at a time."""
     data = write("punctured", [GopRecord(1, bytes(2**18))] * 40)
     with allocating_at_most(2**21):
         for record in StreamReader(io.BytesIO(data)):

@@ -47,7 +47,6 @@ def test_segments_are_read_in_order(folder: Path) -> None:
 
 @pytest.mark.parametrize("number", range(10))
 def test_reading_goes_on_with_any_group(folder: Path, number: int) -> None:
-    """Groups are counted through all segments, also after other reads."""
     with RecordingReader(folder) as reader:
         everything = keys(reader)
         reader.seek_gop(number)
@@ -55,13 +54,11 @@ def test_reading_goes_on_with_any_group(folder: Path, number: int) -> None:
 
 
 def test_there_are_no_groups_behind_the_end(folder: Path) -> None:
-    """A recording behaves like a single stream."""
     with RecordingReader(folder) as reader, pytest.raises(ValueError, match="from 0 to 9, got 10"):
         reader.seek_gop(10)
 
 
 def test_damage_names_its_segment(folder: Path) -> None:
-    """All groups before it are read."""
     path = folder / "day-10.dvc"
     data = path.read_bytes()
     path.write_bytes(data.replace(b"10:1", b"10:x"))
@@ -103,7 +100,6 @@ def test_a_folder_without_segments_is_refused(tmp_path: Path) -> None:
 
 
 def test_streams_and_folders_are_opened(folder: Path) -> None:
-    """A file is opened as a stream."""
     with open_stream(str(folder)) as reader:
         assert isinstance(reader, RecordingReader)
     with open_stream(str(folder / "day-9.dvc")) as one:

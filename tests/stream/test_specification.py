@@ -37,7 +37,6 @@ def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @cache
 def golden_of(name: str) -> Golden:
-    """Return a frozen stream."""
     return next(golden for golden in GOLDEN if golden.name == name)
 
 
@@ -67,7 +66,6 @@ def check_planes(config: CodecConfig, frame: reader.Frame) -> None:
 
 
 def check_bins(config: dict, frame: reader.Frame, original: Frame) -> None:
-    """Coefficients lie in the bins that the planes encode."""
     coefficients = [reader.transform(block) for block in padded_blocks(original.luma)]
     first = 0
     for band, count in enumerate(frame.counts):
@@ -121,7 +119,6 @@ def test_key_frames_are_h264(golden: Golden) -> None:
 
 
 def test_nothing_is_sent_of_frames_without_feedback() -> None:
-    """Their payloads are empty; tracks are read as in other forms."""
     config, groups = reader.read_stream(golden_of("3d-te").path("no-feedback").read_bytes())
     assert any(group.wyner_ziv for group in groups)
     for group in groups:
@@ -131,7 +128,6 @@ def test_nothing_is_sent_of_frames_without_feedback() -> None:
 
 
 def test_points_are_read() -> None:
-    """They equal those of the decoder."""
     golden = golden_of("3d-td-luma")
     config, groups = reader.read_stream(golden.path("buffered").read_bytes())
     with StreamReader(golden.path("buffered")) as stream:
@@ -171,14 +167,12 @@ def tracks_of(config: dict, data: bytes, num_instants: int) -> tuple[list, list]
 
 
 def positions(tracks: list, scale: float) -> np.ndarray:
-    """Return tracks as the packages have them."""
     lost = (np.nan, np.nan)
     return np.array([[lost if point is None else point for point in track] for track in tracks]) / scale
 
 
 @pytest.mark.parametrize("name", ["3d-te-colour", "3d-te-odd", "3d-te-predicted"])
 def test_tracks_are_read(name: str) -> None:
-    """They equal those of the decoder."""
     golden = golden_of(name)
     config, groups = reader.read_stream(golden.path("buffered").read_bytes())
     scale = 2.0 ** config["subpixel_bits"]

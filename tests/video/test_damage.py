@@ -30,7 +30,6 @@ def read_all(path: Path) -> tuple[list[Frame], str]:
 
 @pytest.fixture(scope="module")
 def intact(tmp_path_factory: pytest.TempPathFactory, moving_frames: MakeFrames) -> dict[str, Path]:
-    """Write one video in each format."""
     folder = tmp_path_factory.mktemp("intact")
     paths = {}
     for suffix in (".y4m", ".mkv", ".mp4"):
@@ -43,7 +42,6 @@ def intact(tmp_path_factory: pytest.TempPathFactory, moving_frames: MakeFrames) 
 def test_cut_file_gives_its_frames_and_then_an_error(
     tmp_path: Path, intact: dict[str, Path], suffix: str, share: float
 ) -> None:
-    """All that comes is right, and the end is not taken for the end of the video."""
     data = intact[suffix].read_bytes()
     path = tmp_path / f"cut{suffix}"
     path.write_bytes(data[: int(len(data) * share)])
@@ -80,7 +78,6 @@ def test_every_damaged_slice_of_ffv1_is_found(tmp_path: Path, intact: dict[str, 
 def test_damage_anywhere_raises_nothing_but_video_error(
     tmp_path: Path, intact: dict[str, Path], seed: int, suffix: str
 ) -> None:
-    """Bytes overwritten at random, headers included, never crash the reader."""
     rng = np.random.default_rng(seed)
     data = bytearray(intact[suffix].read_bytes())
     region = min(len(data), 900) if seed % 2 else len(data)
@@ -117,7 +114,6 @@ def test_checksum_is_that_of_ffv1() -> None:
 
 
 def test_slices_are_split_from_the_end() -> None:
-    """Sizes follow their slices; sizes that do not add up give nothing."""
     first, second = b"abc" + b"\x00\x00\x03" + bytes(5), b"\x00\x00\x00" + bytes(5)
     assert ffv1_slices(first + second) == [second, first]
     assert ffv1_slices(b"x" + first) is None

@@ -18,7 +18,6 @@ from tests.clips import same_frame
 
 
 def colour_picture(width: int = 38, height: int = 22) -> av.VideoFrame:
-    """Return a smooth RGB picture."""
     rows, columns = np.mgrid[:height, :width]
     channels = [
         columns * 255 // width,
@@ -51,7 +50,6 @@ def exact_ycbcr(picture: av.VideoFrame) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("size", [(38, 22), (37, 21), (1, 1), (64, 48)])
 def test_rgb_follows_bt601(size: tuple[int, int]) -> None:
-    """Luma is the exact value rounded; chroma is filtered as documented."""
     picture = colour_picture(*size)
     luma, *chroma = exact_ycbcr(picture)
     frame = frame_from_picture(picture)
@@ -74,7 +72,6 @@ def test_rgb_is_converted_the_same_every_time() -> None:
 @pytest.mark.parametrize("size", [(8, 6), (7, 5), (1, 1), (3, 1)])
 @pytest.mark.parametrize("pixel_format", ["gray", "yuv420p"])
 def test_plain_formats_are_copied_both_ways(size: tuple[int, int], pixel_format: str) -> None:
-    """A frame goes into FFmpeg's picture and comes back unchanged."""
     rng = np.random.default_rng(0)
     width, height = size
     planes = [
@@ -89,7 +86,6 @@ def test_plain_formats_are_copied_both_ways(size: tuple[int, int], pixel_format:
 @pytest.mark.parametrize("order", ["le", "be"])
 @pytest.mark.parametrize("bits", [9, 10, 12, 16])
 def test_deep_samples_are_rounded_to_nearest(bits: int, order: str) -> None:
-    """Every value of a deep format maps to the nearest of 8 bits, never above 255."""
     values = np.linspace(0, 2**bits - 1, 64 * 64).astype(np.int64).reshape(64, 64)
     picture = planar_picture(f"gray{bits}{order}", [values])
     expected = np.minimum(np.floor(values / 2 ** (bits - 8) + 0.5), 255)
@@ -101,7 +97,6 @@ def test_deep_samples_are_rounded_to_nearest(bits: int, order: str) -> None:
 @pytest.mark.parametrize("pixel_format", ["yuv444p", "yuv422p", "yuv440p", "yuv420p", "yuv411p", "yuv410p"])
 @pytest.mark.parametrize("size", [(16, 8), (13, 7)])
 def test_flat_colours_survive_any_chroma_resolution(pixel_format: str, size: tuple[int, int]) -> None:
-    """Resampling changes neither a flat colour nor the luma."""
     layout = av.VideoFormat(pixel_format, *size).components
     rng = np.random.default_rng(0)
     luma = rng.integers(0, 256, (size[1], size[0]))
@@ -116,7 +111,6 @@ def test_flat_colours_survive_any_chroma_resolution(pixel_format: str, size: tup
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 1), (1, 2)])
 def test_chroma_resolution_of_tiny_pictures_is_that_of_the_format(size: tuple[int, int]) -> None:
-    """One pixel of 4:2:0 needs no conversion, one of 4:4:4 is named as such."""
     assert conversion_notices(av.VideoFrame(*size, "yuv420p")) == ()
     assert conversion_notices(av.VideoFrame(*size, "yuv444p")) == ("4:4:4 chroma subsampled to 4:2:0",)
 
@@ -151,7 +145,6 @@ def test_packed_formats_equal_their_planar_twins(pixel_format: str) -> None:
     ],
 )
 def test_notices_say_what_is_changed(pixel_format: str, notices: tuple[str, ...]) -> None:
-    """Alpha, range and RGB are named, and nothing else."""
     got = conversion_notices(av.VideoFrame(16, 16, pixel_format))
     assert got[: len(notices)] == notices
 
@@ -170,7 +163,6 @@ def test_full_range_samples_are_not_changed() -> None:
 
 
 def test_grey_with_alpha_keeps_its_samples() -> None:
-    """Dropping alpha does not rescale the luma."""
     luma = np.arange(256, dtype=np.uint8).reshape(16, 16)
     picture = av.VideoFrame(16, 16, "ya8")
     rows = np.zeros((16, picture.planes[0].line_size), np.uint8)

@@ -22,12 +22,10 @@ MakeFrames = Callable[..., list[Frame]]
 
 
 def write_raw(path: Path, frames: list[Frame]) -> None:
-    """Write planes one after the other."""
     path.write_bytes(b"".join(p.tobytes() for f in frames for p in (f.luma, *(f.chroma or ()))))
 
 
 def write_images(folder: Path, images: list[np.ndarray], suffix: str = ".png") -> None:
-    """Write images as 1.png, 2.png, ..., 10.png, ..."""
     folder.mkdir(exist_ok=True)
     for index, image in enumerate(images):
         assert cv2.imwrite(str(folder / f"{index + 1}{suffix}"), image)
@@ -69,7 +67,6 @@ def silence() -> av.AudioFrame:
 def test_raw_files_need_size_and_rate(
     tmp_path: Path, moving_frames: MakeFrames, size: tuple[int, int], suffix: str
 ) -> None:
-    """Chroma of odd sides is rounded up; the number of frames is known."""
     frames = moving_frames(3, *size)
     path = tmp_path / f"a{suffix}"
     write_raw(path, frames)
@@ -82,7 +79,6 @@ def test_raw_files_need_size_and_rate(
 
 
 def test_raw_file_of_another_size_is_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """A length that is no whole number of frames names both numbers."""
     write_raw(tmp_path / "a.yuv", moving_frames(3, 16, 12))
     with pytest.raises(VideoError, match=r"864 bytes are not a whole number of 16x14 .* \(336 bytes each\)"):
         open_video(tmp_path / "a.yuv", size=(16, 14), frame_rate=25)
@@ -119,7 +115,6 @@ def test_images_come_in_natural_order(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".tiff", ".bmp", ".ppm", ".webp"])
 def test_image_formats_in_colour(tmp_path: Path, suffix: str) -> None:
-    """Each usual format opens, to about the same luma as OpenCV's."""
     rows, columns = np.mgrid[:21, :35]
     image = np.stack([columns * 7, rows * 12, 255 - columns * 5], axis=-1).astype(np.uint8)
     write_images(tmp_path, [image, image], suffix)
@@ -138,7 +133,6 @@ def test_image_formats_in_colour(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".pgm"])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_grey_images_have_no_chroma(tmp_path: Path, suffix: str, dtype: type) -> None:
-    """8-bit samples are kept, 16-bit samples rounded."""
     values: np.ndarray = np.arange(256, dtype=dtype).reshape(16, 16) * (257 if dtype == np.uint16 else 1)
     write_images(tmp_path, [values], suffix)
     with open_video(tmp_path) as reader:
@@ -150,7 +144,6 @@ def test_grey_images_have_no_chroma(tmp_path: Path, suffix: str, dtype: type) ->
 
 
 def test_image_names_are_taken_literally(tmp_path: Path) -> None:
-    """A percent sign or a colon in a name is no pattern and no protocol."""
     folder = tmp_path / "a:b %03d"
     folder.mkdir()
     (tmp_path / "plain").mkdir()
@@ -160,7 +153,6 @@ def test_image_names_are_taken_literally(tmp_path: Path) -> None:
 
 
 def test_bad_images_are_named(tmp_path: Path) -> None:
-    """Another size, grey among colour, a broken file and an empty folder are refused."""
     colour, grey = np.full((6, 8, 3), 90, np.uint8), np.full((6, 8), 90, np.uint8)
     for name, images, message in (
         ("size", [colour, colour[:4]], r"2\.png: the picture size changes from 8x6 to 8x4"),
@@ -177,7 +169,6 @@ def test_bad_images_are_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["mkv", "y4m", "yuv", "folder"])
 def test_start_and_count_choose_a_part(tmp_path: Path, moving_frames: MakeFrames, kind: str) -> None:
-    """Any source can be read from a frame on, and not beyond its end."""
     frames = moving_frames(6, 16, 12, grey=kind == "folder")
     path = tmp_path / f"a.{kind}"
     size, rate = None, None
@@ -198,7 +189,6 @@ def test_start_and_count_choose_a_part(tmp_path: Path, moving_frames: MakeFrames
 
 @pytest.mark.parametrize(("name", "codec"), [("a.mp4", "libx264"), ("a.avi", "mpeg4"), ("a.mov", "mjpeg")])
 def test_usual_containers_open(tmp_path: Path, moving_frames: MakeFrames, name: str, codec: str) -> None:
-    """Size, rate and number of frames come from the file; the rate can be replaced."""
     frames = moving_frames(8, 48, 32)
     pixel_format = "yuvj420p" if codec == "mjpeg" else "yuv420p"
     write_container(tmp_path / name, frames, codec, pixel_format=pixel_format)
@@ -245,7 +235,6 @@ def test_fields_and_rotation_are_noted(tmp_path: Path, moving_frames: MakeFrames
 
 
 def test_first_video_stream_is_taken(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """Sound and further pictures do not disturb."""
     first, second = moving_frames(3, 16, 16), moving_frames(3, 32, 16)
     with av.open(str(tmp_path / "a.mkv"), "w") as container:
         sound = container.add_stream("pcm_s16le", rate=8000, layout="mono")
@@ -283,7 +272,6 @@ def test_what_is_no_video_is_refused_in_one_line(tmp_path: Path, capfd: pytest.C
 
 
 def test_wrong_arguments_are_refused(tmp_path: Path) -> None:
-    """Numbers that make no sense are the caller's error."""
     for name, value in (("start", -1), ("num_frames", 0), ("frame_rate", 0), ("size", (0, 4))):
         with pytest.raises(ValueError, match=name):
             open_video(tmp_path, **{name: value})  # type: ignore[arg-type]
@@ -307,7 +295,6 @@ def test_frame_rates_become_fractions(given: float | Fraction, expected: Fractio
 
 
 def test_rates_that_nothing_has_are_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """They are accepted if the caller replaces them."""
     path = write_clip(tmp_path / "a.y4m", moving_frames(1, 16, 12))
     path.write_bytes(path.read_bytes().replace(b" F25:1 ", b" F2000000:1 ", 1))
     with pytest.raises(VideoError, match=r"a\.y4m: 2e\+06 frames per second are not supported"):
@@ -317,7 +304,6 @@ def test_rates_that_nothing_has_are_refused(tmp_path: Path, moving_frames: MakeF
 
 
 def test_frame_size_that_changes_midway_is_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """The frames before the change come, then an error names both sizes."""
     for name, size in (("a", (32, 16)), ("b", (16, 32))):
         write_container(tmp_path / f"{name}.h264", moving_frames(4, *size), "libx264")
     joined = tmp_path / "joined.h264"
@@ -330,7 +316,6 @@ def test_frame_size_that_changes_midway_is_refused(tmp_path: Path, moving_frames
 
 @pytest.mark.parametrize("suffix", [".y4m", ".yuv", ".mkv"])
 def test_memory_does_not_grow_with_the_video(tmp_path: Path, moving_frames: MakeFrames, suffix: str) -> None:
-    """A video of 80 frames is read within the room of a few."""
     frames = moving_frames(4, 128, 96)
     path = tmp_path / f"a{suffix}"
     if suffix == ".yuv":
@@ -348,7 +333,6 @@ def test_memory_does_not_grow_with_the_video(tmp_path: Path, moving_frames: Make
 
 
 def test_real_sequences_open(shared_sequences: Path) -> None:
-    """The real clips have the sizes and lengths that are stated of them."""
     expected = {"foreman_qcif15": ((176, 144), 15, 150), "stone": ((352, 288), 25, 83)}
     for name, (size, rate, count) in expected.items():
         with open_video(shared_sequences / f"{name}.mkv") as reader:
@@ -359,13 +343,11 @@ def test_real_sequences_open(shared_sequences: Path) -> None:
 
 @pytest.fixture
 def clip(tmp_path: Path, moving_frames: Callable[..., list[Frame]]) -> tuple[Path, list[Frame]]:
-    """Write a clip, and return its frames as well."""
     frames = moving_frames(6, 32, 24)
     return write_clip(tmp_path / "clip.mkv", frames), frames
 
 
 def test_frames_are_found_in_any_order(clip: tuple[Path, list[Frame]]) -> None:
-    """Forward, again, and backward."""
     path, frames = clip
     with FrameLookup(path) as frame:
         for number in (0, 1, 1, 4, 5, 2, 0, 5):
@@ -387,7 +369,6 @@ def test_rising_numbers_open_the_video_once(
 
 
 def test_frames_that_are_not_there(clip: tuple[Path, list[Frame]]) -> None:
-    """They are an error that names the video."""
     with FrameLookup(clip[0]) as frame, pytest.raises(VideoError, match=r"clip\.mkv"):
         frame(6)
     with FrameLookup(clip[0]) as frame:

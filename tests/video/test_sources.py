@@ -95,7 +95,6 @@ def test_frames_come_whole_from_pieces(
 
 
 def test_part_of_a_pipe_is_read(tmp_path: Path, frames: list[Frame], raw: bytes, y4m: bytes) -> None:
-    """Frames are skipped and counted as those of a file; the rest of the pipe is not read."""
     for name, data, options in (("a", raw, RAW), ("b", y4m, {})):
         found, problem = read(tmp_path / name, [data], start=1, num_frames=2, **options)
         assert problem == ""
@@ -106,7 +105,6 @@ def test_part_of_a_pipe_is_read(tmp_path: Path, frames: list[Frame], raw: bytes,
 def test_pipe_that_ends_within_a_frame_is_damaged(
     tmp_path: Path, frames: list[Frame], raw: bytes, y4m: bytes, missing: int
 ) -> None:
-    """The frames before a cut one are returned, and one line names the cut."""
     for name, data, options, words in (
         ("a", raw, RAW, "ends within frame 4"),
         ("b", y4m, {}, "damaged after 4 frames"),
@@ -118,7 +116,6 @@ def test_pipe_that_ends_within_a_frame_is_damaged(
 
 
 def test_pipes_without_frames_are_refused(tmp_path: Path, raw: bytes) -> None:
-    """Empty pipes, parts of frames, and other data are refused in one line each."""
     for name, data, options in (
         ("a", b"", RAW),
         ("b", b"", {}),
@@ -134,7 +131,6 @@ def test_pipes_without_frames_are_refused(tmp_path: Path, raw: bytes) -> None:
 
 
 def test_size_change_in_a_pipe_is_refused(tmp_path: Path) -> None:
-    """Pictures of another size are one line, after all pictures before them."""
     rng = np.random.default_rng(0)
     pictures = [
         cv2.imencode(".jpg", rng.integers(0, 256, (side, side), np.uint8))[1].tobytes()
@@ -172,7 +168,6 @@ def test_clock_of_a_source_tells_of_lost_frames() -> None:
 def test_time_stamps_of_a_pipe_are_compared_with_its_frames(
     tmp_path: Path, moving_frames: MakeFrames
 ) -> None:
-    """A gap in a Matroska file through a pipe is measured in seconds."""
     with create_video(tmp_path / "gap.mkv", (16, 16), 25) as writer:
         for time, frame in zip((0, 1, 52, 53), moving_frames(4, 16, 16), strict=True):
             writer.write(frame, Fraction(time, 25))
@@ -199,7 +194,6 @@ def address(tmp_path: Path, y4m: bytes) -> Iterator[str]:
 
 
 def test_addresses_are_opened(tmp_path: Path, address: str, frames: list[Frame]) -> None:
-    """A video behind an address is read as it comes; a list there must not name local files."""
     with open_video(f"{address}/clip.y4m", timeout_s=30) as reader:
         assert reader.info.live
         assert same_frames(reader, frames)

@@ -30,7 +30,6 @@ every_format = pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])
 def test_lossless_formats_give_back_every_sample(
     tmp_path: Path, moving_frames: MakeFrames, suffix: str, grey: bool, size: tuple[int, int]
 ) -> None:
-    """Frames, count, size and rate survive, also for odd sides, without a conversion."""
     frames = moving_frames(5, *size, grey=grey)
     for index, rate in enumerate(RATES):
         path = tmp_path / f"{index}{suffix}"
@@ -81,7 +80,6 @@ def test_full_range_mark_survives(tmp_path: Path, moving_frames: MakeFrames, suf
 
 @every_format
 def test_two_runs_write_the_same_bytes(tmp_path: Path, moving_frames: MakeFrames, suffix: str) -> None:
-    """No time, random number or name gets into a file."""
     frames = moving_frames(3, 32, 16)
     for name in ("a", "b"):
         write_clip(tmp_path / f"{name}{suffix}", frames)
@@ -113,7 +111,6 @@ def test_file_appears_only_when_it_is_complete(
 
 
 def test_wrong_arguments_are_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """Unknown suffixes, absent folders, giant pictures, no frames and frames of another size are named."""
     for name, size, rate, message in (
         ("a.avi", (32, 16), 25, r"must end in \.y4m, \.mkv or \.mp4"),
         ("absent/a.mkv", (32, 16), 25, "does not exist"),
@@ -162,7 +159,6 @@ def test_full_disk_is_one_clear_error(tmp_path: Path) -> None:
 
 
 def test_reader_keeps_its_protocol(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """A reader continues where it stopped, and yields nothing once it is closed."""
     frames = moving_frames(4, 16, 16)
     reader = open_video(write_clip(tmp_path / "a.mkv", frames))
     assert same_frame(next(iter(reader)), frames[0])
