@@ -5,9 +5,12 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dvc.metrics import psnr_yuv_db
 from dvc.rd.rd_results import POINTS_FOLDER
 from dvc.rd.specification import SCHEMA
+from dvc.video import Frame, create_video
 
 
 def result_data(
@@ -21,13 +24,8 @@ def result_data(
 ) -> dict[str, Any]:
     """Return the contents of a result file, with a PSNR of chroma in colour."""
     wyner_ziv = codec != "h264-intra"
-    totals: dict[str, Any] = {
-        "frames": 3,
-        "duration_s": 0.12,
-        "stream_bytes": 1000,
-        "rate_kbps": rate_kbps,
-        "psnr_y_db": psnr_y_db,
-    }
+    totals: dict[str, Any] = {"frames": 3, "duration_s": 0.12, "stream_bytes": 1000}
+    totals |= {"rate_kbps": rate_kbps, "psnr_y_db": psnr_y_db}
     totals |= {"bits": {"key": 6000, "tracks": 0, "parity": 1600, "crc": 80, "header": 320}}
     if chroma_db is not None:
         yuv_db = psnr_yuv_db(psnr_y_db, chroma_db, chroma_db)
@@ -95,3 +93,12 @@ def write_colour_results(folder: Path) -> Path:
         for name, data in ((f"codec-{number}", codec), (f"intra-{number}", intra)):
             add_result(folder, name, data)
     return folder
+
+
+def write_noise(path: Path) -> Path:
+    """Write a clip of two frames of noise."""
+    rng = np.random.default_rng(4)
+    with create_video(path, (48, 32), 25) as writer:
+        for _ in range(2):
+            writer.write(Frame(rng.integers(60, 190, (32, 48)).astype(np.uint8)))
+    return path

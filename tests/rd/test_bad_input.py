@@ -6,13 +6,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import astuple
 from importlib import util
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from dvc.errors import DvcError
@@ -22,9 +21,7 @@ from dvc.rd.child_processes import ProcessGroup, Stopped
 from dvc.rd.originals import CodeVersion
 from dvc.rd.rd_results import POINTS_FOLDER, PictureFiles, PointResult
 from dvc.rd.specification import Point, Task
-from dvc.versions import codec_digest
-from dvc.video import Frame, create_video
-from tests.rd.made_up import add_result, result_data
+from tests.rd.made_up import add_result, result_data, write_noise
 
 NO_SPACE = OSError(errno.ENOSPC, "No space left on device")
 
@@ -32,12 +29,7 @@ NO_SPACE = OSError(errno.ENOSPC, "No space left on device")
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write two frames of noise, so that even a small stream takes some room."""
-    path = tmp_path_factory.mktemp("clip") / "clip.mkv"
-    rng = np.random.default_rng(4)
-    with create_video(path, (64, 48), 25) as writer:
-        for _ in range(2):
-            writer.write(Frame(rng.integers(0, 256, (48, 64)).astype(np.uint8)))
-    return path
+    return write_noise(tmp_path_factory.mktemp("clip") / "clip.mkv")
 
 
 def _command(clip: Path, out: Path, qps: Iterable[int] = (30,)) -> list[str]:
@@ -91,12 +83,8 @@ def test_a_disk_without_room_for_streams(clip: Path, tmp_path: Path) -> None:
 
 def test_a_disk_without_room_for_results(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_points, "measure", lambda *_: result_data(60.0, 30.0))
-
-    def full(*_: object, **__: object) -> int:
-        raise NO_SPACE
-
     with monkeypatch.context() as patched:
-        patched.setattr(Path, "write_text", full)
+        patched.setattr(Path, "write_text", _fail(NO_SPACE))
         points = [Point(str(clip), "2d", None, str(qp), 1) for qp in (30, 31)]
         summary = run_points.run_points(points, tmp_path / "out", tmp_path, jobs=2)
     assert [reason.endswith("No space left on device") for _, reason in summary.failures] == [True, True]
@@ -104,14 +92,32 @@ def test_a_disk_without_room_for_results(clip: Path, tmp_path: Path, monkeypatch
     assert run_points.run_points(points, tmp_path / "out", tmp_path).num_measured == 2
 
 
-def test_a_disk_without_room_for_folders(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _fail(error: Exception) -> Callable[..., Any]:
+    def failing(*_: object, **__: object) -> None:
+        raise error
 
-    def full(*_: object, **__: object) -> str:
-        raise NO_SPACE
+    return failing
 
-    monkeypatch.setattr("tempfile.mkdtemp", full)
-    summary = run_points.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
-    assert ["No space left on device" in reason for _, reason in summary.failures] == [True]
+
+@pytest.mark.parametrize(
+    ("target", "value", "reason"),
+    [
+        ("tempfile.mkdtemp", _fail(NO_SPACE), "No space left on device"),
+        ("sys.executable", "/nowhere/python", "cannot start /nowhere/python: No such file or directory"),
+        ("dvc.rd.run_points.measure", _fail(KeyError("totals")), "KeyError: 'totals'"),
+        # The code was edited while the point was measured.
+        ("dvc.rd.run_points.code_version", lambda: CodeVersion("1", None, "f" * 32), "the code was changed"),
+    ],
+)
+def test_failing_points_have_a_reason_and_no_result(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str, value: object, reason: str
+) -> None:
+    monkeypatch.setattr(run_points, "measure", lambda *_: result_data(60.0, 30.0))
+    monkeypatch.setattr(target, value)
+    points = [Point(str(clip), "2d", None, "30", 1)]
+    summary = run_points.run_points(points, tmp_path / "out", tmp_path)
+    assert [reason in text for _, text in summary.failures] == [True]
+    assert _leftovers(tmp_path / "out") == []
 
 
 def test_a_decoder_that_is_not_installed(
@@ -123,16 +129,6 @@ def test_a_decoder_that_is_not_installed(
     message = capfd.readouterr().err
     assert message == "dvc-rd: the package 'decoder' is not installed, so that no point can be measured\n"
     assert not (tmp_path / "out").exists()
-
-
-def test_an_interpreter_that_is_not_there(
-    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    summary = run_points.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
-    assert [reason for _, reason in summary.failures] == [
-        f"cannot start {tmp_path / 'python'}: No such file or directory"
-    ]
 
 
 def test_an_unexpected_error(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,15 +168,6 @@ def test_a_process_that_is_killed() -> None:
     code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
     with pytest.raises(DvcError, match=r"^the process was ended by SIGKILL$"):
         ProcessGroup().run([sys.executable, "-c", code])
-
-
-def test_code_that_changes_meanwhile(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_points, "measure", lambda *_: result_data(60.0, 30.0))
-    monkeypatch.setattr(run_points, "code_version", lambda: CodeVersion("1", None, "f" * 32))
-    summary = run_points.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
-    assert "the code was changed" in summary.failures[0][1]
-    assert codec_digest() != "f" * 32
-    assert _leftovers(tmp_path / "out") == []
 
 
 def test_sequences_of_several_sizes_in_one_report(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from distributed import Client, LocalCluster
 
@@ -21,19 +20,14 @@ from dvc.rd.originals import CodeVersion, Source, code_version, find_source
 from dvc.rd.rd_results import POINTS_FOLDER
 from dvc.rd.run_points import measure_on_worker, run_points
 from dvc.rd.specification import Point, Task
-from dvc.video import Frame, create_video
+from tests.rd.made_up import write_noise
 
 QPS = (28, 38, 48)
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("clip") / "clip.mkv"
-    rng = np.random.default_rng(5)
-    with create_video(path, (48, 32), 25) as writer:
-        for _ in range(2):
-            writer.write(Frame(rng.integers(60, 190, (32, 48)).astype(np.uint8)))
-    return path
+    return write_noise(tmp_path_factory.mktemp("clip") / "clip.mkv")
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -97,15 +98,21 @@ def test_qualities_take_the_place_of_presets() -> None:
     assert [point.qp for point in Sweep(("clip",)).points()] == list(USUAL_QPS)
     assert points[0].to_dict()["qp"] == 24
     assert "qp" not in points[2].to_dict()
-    with pytest.raises(ConfigError, match="either qualities"):
-        Sweep(("clip",), wz_q=(1,), qp=(30,))
-    with pytest.raises(ConfigError, match="from 1 to 51"):
-        build_sweep({"sequences": ["clip"], "qp": "0"})
 
 
-def test_key_qps_go_with_the_presets() -> None:
-    points = expand([Sweep(("clip",), "2d", wz_q=(1, 2), key_qp=("40", "30"))])
-    assert [(point.wz_q, point.key_qp) for point in points] == [(1, "40"), (2, "30")]
+@pytest.mark.parametrize(
+    ("options", "points"),
+    [
+        ({"codec": "2d", "wz_q": (1, 2), "key_qp": ("40", "30")}, [(1, None, "40"), (2, None, "30")]),
+        ({"gop": 1, "key_qp": ("30",)}, [(None, None, "30")]),
+        ({"gop": 1, "key_qp": ("30", "34")}, [(None, None, "30"), (None, None, "34")]),
+        ({"gop": 1, "qp": (22, 26)}, [(None, 22, "auto"), (None, 26, "auto")]),
+    ],
+)
+def test_levels_and_key_qps_make_points(options: dict[str, Any], points: list[tuple[Any, ...]]) -> None:
+    found = list(Sweep(("clip",), **options).points())
+    assert [(point.wz_q, point.qp, point.key_qp) for point in found] == points
+    assert any(point.has_wyner_ziv for point in found) == (options.get("gop") != 1)
 
 
 def test_points_of_several_sweeps_are_listed_once() -> None:
@@ -118,21 +125,6 @@ def test_points_of_several_sweeps_are_listed_once() -> None:
     assert sum(point.wz_q == 2 for point in points) == 1
 
 
-def test_key_frames_only_have_no_presets() -> None:
-    assert [point.wz_q for point in Sweep(("clip",), gop=1, key_qp=("30",)).points()] == [None]
-    several = list(Sweep(("clip",), gop=1, key_qp=("30", "34", "38")).points())
-    assert [(point.wz_q, point.key_qp) for point in several] == [(None, "30"), (None, "34"), (None, "38")]
-
-
-def test_key_frames_only_have_qualities() -> None:
-    points = list(Sweep(("clip",), gop=1, qp=(22, 26)).points())
-    assert [(point.qp, point.key_qp) for point in points] == [(22, "auto"), (26, "auto")]
-    assert "--gop 1 --key-qp auto --start 0 --qp 22" in " ".join(points[0].encoder_options())
-    assert not any(point.has_wyner_ziv for point in points)
-    with pytest.raises(ConfigError, match="3 key QPs for 2 qualities"):
-        Sweep(("clip",), gop=1, qp=(22, 26), key_qp=("30", "34", "38"))
-
-
 @pytest.mark.parametrize(
     ("given_values", "message"),
     [
@@ -141,15 +133,15 @@ def test_key_frames_only_have_qualities() -> None:
         ({"sequences": ["a"], "wz_q": "1-9"}, "expected numbers from 1 to 8"),
         ({"sequences": ["a"], "wz_q": [1.5]}, "`wz_q` must be a list"),
         ({"sequences": []}, "`sequences` must be a list"),
+        ({"sequences": ["a"], "wz_q": [1], "qp": [30]}, "either qualities"),
+        ({"sequences": ["a"], "qp": "0"}, "from 1 to 51"),
         ({"sequences": ["a"], "key_qp": [30, 31, 32], "wz_q": [1, 2]}, "3 key QPs for 2 matrices"),
-        ({"sequences": ["a"], "key_qp": [30, 31, 32], "qp": [1, 2]}, "3 key QPs for 2 qualities"),
+        ({"sequences": ["a"], "key_qp": [30, 31, 32], "qp": [1, 2], "gop": 1}, "3 key QPs for 2 qualities"),
         ({"sequences": ["a"], "gop": 0}, "`gop`: Expected `int` >= 1"),
-        ({"sequences": ["a"], "frames": True}, "`frames`: Expected `int | null`, got `bool`"),
         ({"sequences": ["a"], "luma_only": "yes"}, "`luma_only`: Expected `bool`, got `str`"),
         ({"sequences": ["a"], "anchors": ["jpeg"]}, "the anchor must be one of"),
         ({"sequences": ["a"], "options": {"wz-q": 3}}, "cannot be given"),
         ({"sequences": ["a"], "options": 3}, "`options`: Expected `array`"),
-        ({"sequences": ["a"], "codec": ["2d"]}, "`codec`: Expected `str`, got `array`"),
     ],
 )
 def test_senseless_sweeps_are_refused(given_values: dict[str, object], message: str) -> None:
