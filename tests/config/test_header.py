@@ -145,14 +145,10 @@ NESTED = st.recursive(
 )
 
 
-@given(st.binary(max_size=60))
-def test_arbitrary_bytes_raise_only_bitstream_errors(data: bytes) -> None:
+@given(st.binary(max_size=60), st.lists(NESTED, max_size=11))
+def test_arbitrary_bytes_and_values_raise_only_bitstream_errors(data: bytes, values: list[Any]) -> None:
     check_header(data)
     check_header(encode_config(DEFAULT) + data)
-
-
-@given(st.lists(NESTED, max_size=11))
-def test_arbitrary_values_raise_only_bitstream_errors(values: list[Any]) -> None:
     check_header(msgspec.msgpack.encode(values))
     check_header(header_of(*values))
 
@@ -195,7 +191,6 @@ def test_hostile_headers_are_refused(header: bytes, message: str) -> None:
     [
         (["3d-te"], "one form"),
         ([None], "one form"),
-        (["2d", None], "one form"),
         ([None, []], "one form"),
         ([None, [None]], "one form"),
         ([None, [DEFAULT.gop.length, "keys"]], "one form"),
@@ -203,21 +198,14 @@ def test_hostile_headers_are_refused(header: bytes, message: str) -> None:
         ([None, None, None, None, ["", 3]], "plane coder '' is not installed"),
         ([None, None, None, None, None, None, [None, 8]], "one form"),
         ([b"2d"], "Expected `str`, got `bytes`"),
-        ([None, [2.0]], "Expected `int`, got `float`"),
         ([None, [True]], "Expected `int`, got `bool`"),
-        ([None, None, [None, 1]], "Expected `bool`, got `int`"),
         ([None, None, [*BEFORE_SETS, "30"]], "base64"),
         ([None, None, [*BEFORE_SETS, "MzAw"]], "one form"),
-        ([None, None, [*BEFORE_SETS, bytes(1025)]], "limited to 1024 bytes"),
-        ([None, None, None, [[2**64 - 1] * 16]], "powers of two"),
-        ([None, None, None, [[2] * 1000]], "16 entries"),
         ([None, None, None, None, ["turbo", 3]], "`coder` has 2 values, 1 known: made by a newer program"),
         ([None, None, None, None, [["turbo"]]], r"must be a string, got \['turbo'\]"),
         ([None, None, None, None, ["t\u00fcrbo"]], "plane coder 't.rbo' is not installed"),
         ([None, None, None, None, None, ["\u20ac"]], "`method` must be"),
         ([None, None, None, None, None, None, [None, float("nan")]], "finite"),
-        ([None, None, None, None, None, None, [None, float("inf")]], "finite"),
-        ([None, None, None, None, None, None, [None, 2**60]], "`path_regularity` must be from"),
         ([None] * 8 + [0], "one form"),
         ([None] * 9 + [0], "`configuration` has 11 values, 10 known: made by a newer program?"),
         ([None, [2] + 30 * [None]], "`gop` has 31 values, . known: made by a newer program?"),

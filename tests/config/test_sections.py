@@ -70,33 +70,27 @@ def test_sizes_of_planes() -> None:
         ("video", "width", 0, "`width` must be from 1 to 16384, got 0"),
         ("video", "width", 16385, "from 1 to 16384"),
         ("video", "width", True, "`width` is True: Expected `int`, got `bool`"),
-        ("video", "width", 176.0, "Expected `int`, got `float`"),
         ("video", "width", "176", "`width` is '176': Expected `int`"),
         ("video", "width", None, "Expected `int`, got `null`"),
         ("video", "width", 2**14000, "a number of 14001 bits"),
-        ("video", "frame_rate_den", 0, "`frame_rate_den`"),
         ("video", "luma_only", 1, "Expected `bool`, got `int`"),
         ("gop", "length", 257, "from 1 to 256"),
         ("key", "qp", 52, "from 1 to 51"),
         ("key", "intra_period", 1025, "`intra_period` must be from 0 to 1024, got 1025"),
-        ("key", "intra_period", -1, "from 0 to 1024"),
         ("key", "parameter_sets", "no base64!", "base64"),
         ("key", "parameter_sets", "A" * 2000, "limited to 1024 bytes"),
         ("key", "parameter_sets", "\u20ac", "base64"),
         ("wyner_ziv", "levels", [2] * 15, "16 entries"),
         ("wyner_ziv", "levels", [3] + [2] * 15, "powers of two"),
-        ("wyner_ziv", "levels", [512] + [2] * 15, "powers of two"),
         ("wyner_ziv", "levels", [-2] + [2] * 15, "powers of two"),
         ("wyner_ziv", "levels", [2.0] * 16, r"Expected `int`, got `float` - at `\$\[0\]`"),
         ("wyner_ziv", "levels", 2, "Expected `array`, got `int`"),
         ("geometry", "path_regularity", float("nan"), "finite"),
-        ("geometry", "path_regularity", float("inf"), "finite"),
         ("geometry", "path_regularity", 2**1328, "a number of 1329 bits: Number out of range"),
         ("geometry", "path_regularity", -1, "from 0.0"),
         ("coder", "name", "ldpc", "plane coder 'ldpc' is not installed; available: cascade, turbo"),
         ("coder", "batch_percent", 101, "`batch_percent` must be from 0 to 100"),
         ("side_information", "method", "../x", "`method`"),
-        ("side_information", "method", "", "`method`"),
         ("side_information", "method", "m" * 33, "`method`"),
         ("side_information", "fallback", "hope", "one of block-motion, tracks, got 'hope'"),
         ("side_information", "unknown", 1, "has no field 'unknown'"),
@@ -117,7 +111,6 @@ def test_wrong_values_are_refused(section: str, name: str, value: object, messag
         ({"codec": "4d", "video": VIDEO}, "`codec` must be one of 2d, 3d, 3d-td, 3d-te, got '4d'"),
         ({"codec": "2d"}, "lacks the field `video`"),
         ({"codec": "2d", "video": {}}, "`video` lacks the field `width`"),
-        ({"codec": "2d", "video": 3}, "`video` must be a table"),
         ({"codec": "2d", "video": VIDEO, "seed": 2**31}, "`seed`"),
         ({3: 4}, "has no field 3"),
         ([], "must be a table"),
@@ -135,6 +128,12 @@ def test_constructor_checks_too() -> None:
         GopConfig(0)
     with pytest.raises(ConfigError, match="`gop` must be a table of fields, got 2"):
         CodecConfig(QCIF, gop=2)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="`references`"):
+        codec_config(QCIF, gop={"references": "none"})
+    for qp in (0, MAX_QP + 1):
+        for kind in (Qp, lambda qp: WynerZivConfig(qp=qp)):
+            with pytest.raises(ConfigError, match="`qp`"):
+                kind(qp)
     assert GeometryConfig(path_regularity=8) == GeometryConfig(path_regularity=8.0)
 
 
@@ -170,15 +169,3 @@ def test_groups_of_pictures_follow_from_codec_and_quality(
     config = codec_config(QCIF, codec, quality, **given)
     assert (config.gop, config.key.intra_period) == (gop, intra_period)
     assert config.key.predicted is (intra_period > 0)
-
-
-def test_values_that_make_no_sense_are_refused_by_name() -> None:
-    for make, message in (
-        (lambda: codec_config(QCIF, gop={"length": 0}), "`length`"),
-        (lambda: codec_config(QCIF, gop={"references": "none"}), "`references`"),
-        (lambda: codec_config(QCIF, "4d"), "`codec`"),
-        *((lambda qp=qp: Qp(qp), "`qp`") for qp in (0, MAX_QP + 1)),
-        *((lambda qp=qp: WynerZivConfig(qp=qp), "`qp`") for qp in (0, MAX_QP + 1)),
-    ):
-        with pytest.raises(ConfigError, match=message):
-            make()

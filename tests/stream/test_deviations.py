@@ -13,15 +13,16 @@ from dvc.errors import BitstreamError
 from dvc.stream import (
     MAX_DEVIATION_TICKS,
     Deviations,
+    Form,
     GopRecord,
     RecordingReader,
     StreamReader,
-    StreamWriter,
     frame_times_s,
 )
 from dvc.video import Frame
 from encoder.encoder_session import EncoderSession
 from tests.clips import moving_texture
+from tests.streams import written
 
 VIDEO = VideoConfig(32, 24, 30, 1)
 
@@ -47,12 +48,9 @@ def with_times(
     config: CodecConfig, coded: list[GopRecord], late_ticks: list[int], clock: int = 1000
 ) -> bytes:
     """Write key frames that are later than at the constant rate."""
-    file = io.BytesIO()
-    with StreamWriter(file, config, "punctured") as writer:
-        for record, late in zip(coded, late_ticks, strict=True):
-            deviations = Deviations(clock, (late,)) if late else None
-            writer.write_gop(replace(record, deviations=deviations))
-    return file.getvalue()
+    deviations = [Deviations(clock, (late,)) if late else None for late in late_ticks]
+    records = [replace(record, deviations=one) for record, one in zip(coded, deviations, strict=True)]
+    return written(config, records, Form.PUNCTURED)
 
 
 @pytest.mark.parametrize(("late_ticks", "number"), [([0, -34, 0], 1), ([0, 40, 0], 2), ([34, 0, 0], 1)])

@@ -5,7 +5,7 @@ import os
 import threading
 import tracemalloc
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -58,6 +58,10 @@ def write(form: Form | str, records: list[GopRecord], config: CodecConfig = CONF
     return file.getvalue()
 
 
+def changed(data: bytes, position: int, bits: int) -> bytes:
+    return data[:position] + bytes([data[position] ^ bits]) + data[position + 1 :]
+
+
 def read_before_error(source: bytes | BinaryIO) -> tuple[list[GopRecord], str]:
     """Return the records that a reader yields before it raises, and the message."""
     records: list[GopRecord] = []
@@ -107,9 +111,9 @@ def test_unfinished_streams_have_an_index(form: Form) -> None:
 
 
 def test_damage_is_no_unfinished_end() -> None:
-    data = bytearray(write("buffered", RECORDS))
-    data[StreamReader(io.BytesIO(bytes(data))).index.entries[2].offset + 9] ^= 1
-    reader = StreamReader(io.BytesIO(bytes(data)), unfinished=True)
+    data = write("buffered", RECORDS)
+    position = StreamReader(io.BytesIO(data)).index.entries[2].offset + 9
+    reader = StreamReader(io.BytesIO(changed(data, position, 1)), unfinished=True)
     with pytest.raises(BitstreamError, match=r"record 3 .* checksum mismatch"):
         list(reader)
 
@@ -258,20 +262,16 @@ class Dribble(io.RawIOBase):
         return part
 
 
-def test_short_reads_are_put_together() -> None:
-    assert list(StreamReader(cast(BinaryIO, Dribble(write("buffered", RECORDS))))) == RECORDS
-
-
 @forms
 def test_every_cut_is_noticed(form: Form) -> None:
     data = write(form, RECORDS)
     entries = StreamReader(io.BytesIO(data)).index.entries
-    for size in range(len(data)):
-        records, message = read_before_error(data[:size]) if size >= entries[0].offset else ([], "")
-        if size < entries[0].offset:
-            with pytest.raises(BitstreamError):
-                StreamReader(io.BytesIO(data[:size]))
-            continue
+    assert list(StreamReader(cast(BinaryIO, Dribble(data)))) == in_form(form, RECORDS)
+    for size in range(entries[0].offset):
+        with pytest.raises(BitstreamError):
+            StreamReader(io.BytesIO(data[:size]))
+    for size in range(entries[0].offset, len(data)):
+        records, message = read_before_error(data[:size])
         num_whole = sum(entry.offset + entry.size <= size for entry in entries)
         assert records == in_form(form, RECORDS[:num_whole])
         assert message.startswith(f"record {num_whole + 1} ")
@@ -284,9 +284,7 @@ def test_every_changed_byte_is_noticed(form: Form) -> None:
     entries = StreamReader(io.BytesIO(data)).index.entries
     for position in range(len(data)):
         for change in (0x01, 0x80, 0xFF):
-            damaged = bytearray(data)
-            damaged[position] ^= change
-            records, message = read_before_error(bytes(damaged))
+            records, message = read_before_error(changed(data, position, change))
             num_whole = sum(entry.offset + entry.size <= position for entry in entries)
             assert message
             assert "\n" not in message
@@ -296,16 +294,13 @@ def test_every_changed_byte_is_noticed(form: Form) -> None:
 def test_messages_name_record_type_and_offset() -> None:
     data = write("buffered", RECORDS)
     offset = StreamReader(io.BytesIO(data)).index.entries[1].offset
-    damaged = bytearray(data)
-    damaged[offset + 20] ^= 4
-    assert read_before_error(bytes(damaged))[1] == (
-        f"record 2 (group of pictures) at byte {offset}: checksum mismatch"
-    )
-    assert "record 2 (group of pictures) at byte" in read_before_error(data[: offset + 40])[1]
-    damaged = bytearray(data)
-    damaged[offset] = 9
-    assert read_before_error(bytes(damaged))[1] == f"record 2 at byte {offset}: unknown type 9"
-    assert read_before_error(data + b"!")[1].endswith("bytes follow the end record")
+    for damaged, message in (
+        (changed(data, offset + 20, 4), f"record 2 (group of pictures) at byte {offset}: checksum mismatch"),
+        (data[: offset + 40], "record 2 (group of pictures) at byte"),
+        (changed(data, offset, 2 ^ 9), f"record 2 at byte {offset}: unknown type 9"),
+        (data + b"!", "bytes follow the end record"),
+    ):
+        assert message in read_before_error(damaged)[1]
 
 
 def head(form: Form) -> bytes:
@@ -314,48 +309,44 @@ def head(form: Form) -> bytes:
 
 
 READS = "this program reads version 2"
+START = head(Form.PUNCTURED)
+FIRST = frame_record(RecordType.GOP, encode_gop(RECORDS[0]))
+END = frame_record(RecordType.END, b"\x01")
 group = partial(frame_record, RecordType.GOP)
 configuration = partial(frame_record, RecordType.CONFIGURATION)
 
 
 @pytest.mark.parametrize(
-    ("build", "message"),
+    ("data", "message"),
     [
-        (lambda start, gop, end: b"", "not a dvc3d stream"),
-        (lambda start, gop, end: b"RIFF" + start[4:], "not a dvc3d stream"),
-        (lambda start, gop, end: start[:4], "format version missing"),
-        (lambda start, gop, end: start[:4] + b"\x09" + start[5:], f"version 9; {READS}"),
-        (lambda start, gop, end: start[:4] + b"\x01" + start[5:], f"1, made by .* dvc3d before 2; {READS}"),
-        (lambda start, gop, end: start[:5] + gop + end, r"record 0 \(group of pictures\) .*must be the conf"),
-        (lambda start, gop, end: start + start[5:] + end, r"record 1 \(configuration\) .*first and once"),
-        (lambda start, gop, end: start + gop + gop, "ends without its end record"),
-        (lambda start, gop, end: start + gop + end[:-1], "bytes promised"),
-        (lambda start, gop, end: start + end, "1 frames promised, 0 found"),
-        (lambda start, gop, end: start + gop + gop + end, "1 frames promised, 2 found"),
-        (lambda start, gop, end: start + gop + end + end, "bytes follow"),
-        (lambda start, gop, end: start + b"\2" + b"\xff" * 4 + b"\x7f", "bytes of payload, at most 67108864"),
-        (lambda start, gop, end: start + b"\2" + b"\x80" * 5 + b"\1", "length: integer"),
-        (lambda start, gop, end: start + b"\2", "length: data end"),
-        (lambda start, gop, end: start + group(encode_gop(RECORDS[1])) + end, "4 frames, at most 1 are"),
-        (lambda start, gop, end: start + gop + group(b"\x14" + bytes(9)) + end, "5 frames, at most 4 are"),
+        (b"", "not a dvc3d stream"),
+        (b"RIFF" + START[4:], "not a dvc3d stream"),
+        (START[:4], "format version missing"),
+        (START[:4] + b"\x09" + START[5:], f"version 9; {READS}"),
+        (START[:4] + b"\x01" + START[5:], f"1, made by .* dvc3d before 2; {READS}"),
+        (START[:5] + FIRST + END, r"record 0 \(group of pictures\) .*must be the conf"),
+        (START + START[5:] + END, r"record 1 \(configuration\) .*first and once"),
+        (START + FIRST + FIRST, "ends without its end record"),
+        (START + FIRST + END[:-1], "bytes promised"),
+        (START + END, "1 frames promised, 0 found"),
+        (START + FIRST + FIRST + END, "1 frames promised, 2 found"),
+        (START + FIRST + END + END, "bytes follow"),
+        (START + b"\2" + b"\xff" * 4 + b"\x7f", "bytes of payload, at most 67108864"),
+        (START + b"\2" + b"\x80" * 5 + b"\1", "length: integer"),
+        (START + b"\2", "length: data end"),
+        (START + group(encode_gop(RECORDS[1])) + END, "4 frames, at most 1 are"),
+        (START + FIRST + group(b"\x14" + bytes(9)) + END, "5 frames, at most 4 are"),
+        (START + FIRST + frame_record(RecordType.END, b"\1\0"), "1 bytes are left over"),
+        (START[:5] + configuration(b"\3"), "record 0 .*unknown form"),
+        (START[:5] + configuration(b""), "record 0 .*unknown form"),
         (
-            lambda start, gop, end: start + gop + frame_record(RecordType.END, b"\1\0"),
-            "1 bytes are left over",
-        ),
-        (lambda start, gop, end: start[:5] + configuration(b"\3"), "record 0 .*unknown form"),
-        (lambda start, gop, end: start[:5] + configuration(b""), "record 0 .*unknown form"),
-        (
-            lambda start, gop, end: start[:5] + configuration(b"\x01\x7f"),
+            START[:5] + configuration(b"\x01\x7f"),
             r"record 0 \(configuration\) at byte 5: configuration: `configuration` must be an array",
         ),
     ],
 )
-def test_wrong_order_and_sizes_are_refused(
-    build: Callable[[bytes, bytes, bytes], bytes], message: str
-) -> None:
+def test_wrong_order_and_sizes_are_refused(data: bytes, message: str) -> None:
     """Records with a right checksum, but out of place or with wrong numbers, are refused by name."""
-    gop = frame_record(RecordType.GOP, encode_gop(RECORDS[0]))
-    data = build(head(Form.PUNCTURED), gop, frame_record(RecordType.END, b"\x01"))
     with pytest.raises(BitstreamError, match=message):
         list(StreamReader(io.BytesIO(data)))
 
@@ -376,8 +367,7 @@ WRONG_INDICES = (
 @pytest.mark.parametrize("payload", [bytes.fromhex(digits) for digits in WRONG_INDICES])
 def test_wrong_index_is_refused(payload: bytes) -> None:
     """An index that is cut or does not agree with the records is refused, read in order or from the end."""
-    gop = frame_record(RecordType.GOP, encode_gop(RECORDS[0]))
-    data = head(Form.BUFFERED) + gop + frame_record(RecordType.END, payload)
+    data = head(Form.BUFFERED) + FIRST + frame_record(RecordType.END, payload)
     assert read_before_error(data)[0] == RECORDS[:1]
     assert "record 2 (end)" in read_before_error(data)[1]
     with pytest.raises(BitstreamError):

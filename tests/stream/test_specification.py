@@ -18,15 +18,8 @@ from tests.reference import stream_reader as reader
 from tests.reference import track_reader
 
 BUFFERED = [golden for golden in GOLDEN if "buffered" in golden.forms]
-KINDS = [
-    "2d-odd-luma",
-    "2d-odd-colour",
-    "2d-classical",
-    "2d-qp",
-    "2d-time-stamps",
-    "3d-te-odd",
-    "3d-te-predicted",
-]
+KINDS = ["2d-odd-luma", "2d-odd-colour", "2d-classical", "2d-qp", "2d-time-stamps"]
+KINDS += ["3d-te-odd", "3d-te-predicted"]
 START = b"\0\0\0\1"
 
 
@@ -38,6 +31,13 @@ def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
 @cache
 def golden_of(name: str) -> Golden:
     return next(golden for golden in GOLDEN if golden.name == name)
+
+
+def groups_of(name: str) -> tuple[dict, list, CodecConfig]:
+    """Return fields and groups of a frozen stream as the documents describe them, and its configuration."""
+    path = golden_of(name).path("buffered")
+    with StreamReader(path) as stream:
+        return *reader.read_stream(path.read_bytes()), stream.config
 
 
 def padded_blocks(luma: np.ndarray) -> list[list[list[int]]]:
@@ -79,10 +79,9 @@ def check_bins(config: dict, frame: reader.Frame, original: Frame) -> None:
 @pytest.mark.parametrize("name", KINDS)
 def test_planes_are_those_of_the_frames(name: str, tmp_path: Path) -> None:
     """All bits are found, and encode the samples of the frames."""
-    golden = golden_of(name)
-    config, groups = reader.read_stream(golden.path("buffered").read_bytes())
-    with open_video(source(golden, tmp_path)) as video, StreamReader(golden.path("buffered")) as stream:
-        originals, read_config = list(video), stream.config
+    config, groups, read_config = groups_of(name)
+    with open_video(source(golden_of(name), tmp_path)) as video:
+        originals = list(video)
     assert sum(group.num_frames for group in groups) == len(originals)
     index, num_checked = 0, 0
     for group in groups:
@@ -128,10 +127,7 @@ def test_nothing_is_sent_of_frames_without_feedback() -> None:
 
 
 def test_points_are_read() -> None:
-    golden = golden_of("3d-td-luma")
-    config, groups = reader.read_stream(golden.path("buffered").read_bytes())
-    with StreamReader(golden.path("buffered")) as stream:
-        other = stream.config
+    config, groups, other = groups_of("3d-td-luma")
     num_points = 0
     for group in groups:
         found = reader.read_points(config, group.tracks, len(group.wyner_ziv))
@@ -173,12 +169,8 @@ def positions(tracks: list, scale: float) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["3d-te-colour", "3d-te-odd", "3d-te-predicted"])
 def test_tracks_are_read(name: str) -> None:
-    golden = golden_of(name)
-    config, groups = reader.read_stream(golden.path("buffered").read_bytes())
-    scale = 2.0 ** config["subpixel_bits"]
-    with StreamReader(golden.path("buffered")) as stream:
-        other = stream.config
-    num_tracks = 0
+    config, groups, other = groups_of(name)
+    scale, num_tracks = 2.0 ** config["subpixel_bits"], 0
     for group in groups:
         if not group.tracks:
             continue
