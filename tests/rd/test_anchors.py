@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import av
 import cv2
@@ -29,7 +28,7 @@ from dvc.rd.anchors.anchor_files import (
 )
 from dvc.rd.child_processes import ProcessGroup
 from dvc.rd.originals import CodeVersion, find_source
-from dvc.rd.rd_results import POINTS_FOLDER, PointResult, read_results
+from dvc.rd.rd_results import POINTS_FOLDER, read_results
 from dvc.rd.run_points import run_points
 from dvc.rd.specification import Point, Task
 from dvc.video import Frame, VideoReader, create_video, open_video
@@ -113,25 +112,14 @@ def test_time_of_reading_is_not_that_of_coding(
 ) -> None:
     """Frames that take long to read make coding no dearer, however many are read at once."""
 
-    class Slow:
-        def __init__(self, reader: VideoReader) -> None:
-            self.info, self._reader = reader.info, reader
+    def slow(reader: VideoReader) -> Iterator[Frame]:
+        for frame in reader._frames:
+            until = time.process_time() + 0.2
+            while time.process_time() < until:
+                pass
+            yield frame
 
-        def __enter__(self) -> "Slow":
-            self._reader.__enter__()
-            return self
-
-        def __exit__(self, *of_what: Any) -> None:
-            self._reader.__exit__(*of_what)
-
-        def __iter__(self) -> Iterator[Frame]:
-            for frame in self._reader:
-                until = time.process_time() + 0.2
-                while time.process_time() < until:
-                    pass
-                yield frame
-
-    monkeypatch.setattr(anchor_files, "open_video", lambda *given, **named: Slow(open_video(*given, **named)))
+    monkeypatch.setattr(VideoReader, "__iter__", slow)
     monkeypatch.setattr(anchor_files, "READ_AT_ONCE", 2)
     started = time.process_time()
     coded = encode_file(clip, tmp_path / "slow.264", ANCHOR_CODECS["x264-superfast"], 30)
@@ -295,50 +283,34 @@ def test_originals_of_another_size_or_length_are_refused(clip: Path, tmp_path: P
         measure_file(file, write_clip(tmp_path / "short.mkv", 48, 32, 2))
 
 
-def test_too_small_pictures_are_refused(tmp_path: Path) -> None:
-    tiny = write_clip(tmp_path / "tiny.mkv", 3, 3, 1)
-    with pytest.raises(ConfigError, match="libsvtav1 does not code 3x3 pictures"):
-        encode_file(tiny, tmp_path / "x.obu", ANCHOR_CODECS["svtav1"], 30)
-
-
-@pytest.fixture(scope="module")
-def results(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[PointResult]]:
-    """Measure an anchor with real processes, and one with an encoder that refuses the pictures."""
-    folder = tmp_path_factory.mktemp("rd")
+def test_anchors_are_measured_by_processes(clip: Path, tmp_path: Path) -> None:
+    """Results and pictures of one anchor; another has an encoder that refuses the pictures."""
     points = [Point(str(clip), "x264-ippp", None, "30", 0, start=1, frames=3, luma_only=True)]
-    tiny = write_clip(clip.with_name("tiny.mkv"), 3, 3, 1)
+    tiny = write_clip(tmp_path / "tiny.mkv", 3, 3, 1)
     points.append(Point(str(tiny), "svtav1", None, "30", 0))
-    summary = run_points(points, folder, folder)
+    summary = run_points(points, tmp_path, tmp_path)
     assert summary.num_measured == 1
     assert [reason for _, reason in summary.failures] == [
         "dvc.rd.anchors: libsvtav1 does not code 3x3 pictures in this way"
     ]
-    return folder, read_results(folder)
-
-
-def test_anchors_are_measured_by_processes(results: tuple[Path, list[PointResult]], clip: Path) -> None:
-    folder, (result,) = results
-    data = json.loads((folder / POINTS_FOLDER / f"{result.name}.json").read_text(encoding="utf-8"))
+    (result,) = read_results(tmp_path)
+    data = json.loads((tmp_path / POINTS_FOLDER / f"{result.name}.json").read_text(encoding="utf-8"))
     assert data["proof"]["decoded_by"] == "FFmpeg"
     assert data["totals"]["frames"] == 3
     assert data["config"]["parameters"]["keyint"] == "infinite"
     assert data["config"]["libraries"]["libx264"] == "165"
     assert "dvc.rd.anchors decode stream.264 --reference clip.mkv" in data["commands"][1]
     assert str(clip.parent) not in json.dumps(data)
-
-
-def test_pictures_of_an_anchor(results: tuple[Path, list[PointResult]], clip: Path) -> None:
-    folder, (result,) = results
     pictures = result.pictures
     assert pictures is not None
     assert (pictures.index, pictures.predicted) == (1, None)
-    with open_video(clip, start=2, num_frames=1) as reader:
-        (frame,) = reader
-    with open_video(folder / str(pictures.original)) as reader:
-        (original,) = reader
-    assert np.array_equal(original.luma, frame.luma)
-    assert (folder / str(pictures.decoded)).read_bytes().startswith(b"\x89PNG")
-    assert len(list((folder / "pictures").iterdir())) == 2
+    with (
+        open_video(clip, start=2, num_frames=1) as frames,
+        open_video(tmp_path / str(pictures.original)) as originals,
+    ):
+        assert np.array_equal(next(iter(frames)).luma, next(iter(originals)).luma)
+    assert (tmp_path / str(pictures.decoded)).read_bytes().startswith(b"\x89PNG")
+    assert len(list((tmp_path / "pictures").iterdir())) == 2
 
 
 def test_anchors_do_not_change_with_the_codec(clip: Path) -> None:
@@ -352,25 +324,17 @@ def test_anchors_do_not_change_with_the_codec(clip: Path) -> None:
 SPS, SEI, SLICE = (b"\0\0\0\1" + bytes([first, 0x80]) for first in (0x67, 0x06, 0x65))
 
 
-def test_units_keep_their_start_codes() -> None:
+def test_units_are_split_counted_and_left_out() -> None:
+    """Start codes have three or four bytes; messages and repeated parameter sets are left out."""
     assert nal_units(SPS + SLICE[1:] + SEI) == [SPS, SLICE[1:], SEI]
     assert nal_units(b"") == []
-
-
-def test_messages_and_known_parameter_sets_are_left_out() -> None:
     assert without_overhead(SPS + SEI + SLICE, "h264") == SPS + SLICE
     assert without_overhead(SPS[1:] + SEI + SLICE, "h264", header=SPS) == SLICE
     assert without_overhead(b"\x12\0", "obu") == b"\x12\0"
-
-
-def test_slices_are_counted() -> None:
     assert picture_bytes(SPS + SEI + SLICE, "h264") == len(SLICE)
     assert picture_bytes(b"\0\0\1\x26\1\xff" + b"\0\0\1\x42\1", "hevc") == 6
-
-
-def test_frames_of_av1_are_counted() -> None:
-    stream = b"\x12\0" + b"\x0a\2ab" + b"\x32\3abc"
-    assert picture_bytes(stream, "obu") == 5
+    # A temporal delimiter, a sequence header of two bytes and a frame of three bytes.
+    assert picture_bytes(b"\x12\0" + b"\x0a\2ab" + b"\x32\3abc", "obu") == 5
 
 
 @pytest.mark.parametrize("stream", [b"\x12", b"\x32\5abc", b"\x32\x80", b"\x32" + b"\xff" * 9])

@@ -1,6 +1,8 @@
 """The page in a real browser: charts, controls, a phone, the dark, paper, and no request to anywhere."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page
@@ -24,15 +26,25 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     return path.as_uri()
 
 
+@contextmanager
+def opened_page(
+    browser: Browser, address: str | None, viewport: dict[str, int] = DESKTOP_PX, **options: Any
+) -> Iterator[Page]:
+    """Open a tab, and the page in it unless its address is None."""
+    context = browser.new_context(viewport=viewport, **options)  # type: ignore[arg-type]
+    page = context.new_page()
+    page.set_default_timeout(TIMEOUT_MS)
+    if address is not None:
+        page.goto(address)
+    yield page
+    context.close()
+
+
 @pytest.fixture(scope="module")
 def page(browser: Browser, address: str) -> Iterator[Page]:
-    context = browser.new_context(viewport=DESKTOP_PX)  # type: ignore[arg-type]
-    opened = context.new_page()
-    opened.set_default_timeout(TIMEOUT_MS)
-    opened.goto(address)
-    opened.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached")
-    yield opened
-    context.close()
+    with opened_page(browser, address) as page:
+        page.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached")
+        yield page
 
 
 def num_lines(page: Page, slug: str) -> int:
@@ -40,25 +52,23 @@ def num_lines(page: Page, slug: str) -> int:
 
 
 def test_page_opens_without_an_error_or_a_request(browser: Browser, address: str) -> None:
-    context = browser.new_context(viewport=DESKTOP_PX)  # type: ignore[arg-type]
-    opened = context.new_page()
-    logged: list[str] = []
-    requests: list[str] = []
-    opened.on("console", lambda message: logged.append(message.text))
-    opened.on("pageerror", lambda error: logged.append(str(error)))
-    opened.on("request", lambda request: requests.append(request.url))
-    opened.goto(address, timeout=TIMEOUT_MS)
-    opened.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached", timeout=TIMEOUT_MS)
-    for figure in opened.locator("figure.chart").all():
-        figure.scroll_into_view_if_needed()
-    browsers.wait_until(
-        opened, "document.querySelectorAll('.plot.rd:not([hidden]), .plots:not([hidden])').length == 6"
-    )
-    assert logged == []
-    assert {url.split(":", 1)[0] for url in requests} <= {"file", "data", "blob"}
-    assert [url for url in requests if url.startswith("file:")] == [address]
-    assert opened.evaluate("window.stolen") is None
-    context.close()
+    with opened_page(browser, None) as opened:
+        logged: list[str] = []
+        requests: list[str] = []
+        opened.on("console", lambda message: logged.append(message.text))
+        opened.on("pageerror", lambda error: logged.append(str(error)))
+        opened.on("request", lambda request: requests.append(request.url))
+        opened.goto(address)
+        opened.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached")
+        for figure in opened.locator("figure.chart").all():
+            figure.scroll_into_view_if_needed()
+        browsers.wait_until(
+            opened, "document.querySelectorAll('.plot.rd:not([hidden]), .plots:not([hidden])').length == 6"
+        )
+        assert logged == []
+        assert {url.split(":", 1)[0] for url in requests} <= {"file", "data", "blob"}
+        assert [url for url in requests if url.startswith("file:")] == [address]
+        assert opened.evaluate("window.stolen") is None
 
 
 def test_legend_hides_a_curve(page: Page) -> None:
@@ -141,38 +151,32 @@ def test_slider_moves_the_border(page: Page) -> None:
 
 def test_page_fits_a_phone(browser: Browser, address: str) -> None:
     """At 360 pixels nothing but tables in their frames is wider than the screen, charts included."""
-    context = browser.new_context(viewport=PHONE_PX)  # type: ignore[arg-type]
-    opened = context.new_page()
-    opened.goto(address, timeout=TIMEOUT_MS)
-    for figure in opened.locator("figure.chart").all():
-        figure.scroll_into_view_if_needed()
-    opened.wait_for_selector("[data-frames='street'] .scatterlayer", state="attached", timeout=TIMEOUT_MS)
-    opened.evaluate("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
-    assert opened.evaluate("document.documentElement.scrollWidth") <= PHONE_PX["width"]
-    context.close()
+    with opened_page(browser, address, PHONE_PX) as opened:
+        for figure in opened.locator("figure.chart").all():
+            figure.scroll_into_view_if_needed()
+        opened.wait_for_selector("[data-frames='street'] .scatterlayer", state="attached")
+        opened.evaluate("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
+        assert opened.evaluate("document.documentElement.scrollWidth") <= PHONE_PX["width"]
 
 
 def test_colours_follow_the_dark_and_paper(browser: Browser, address: str) -> None:
     """In the dark, text is light; on paper it is black, all charts are drawn, and details are open."""
-    context = browser.new_context(viewport=DESKTOP_PX, color_scheme="dark")  # type: ignore[arg-type]
-    opened = context.new_page()
-    opened.goto(address, timeout=TIMEOUT_MS)
-    opened.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached", timeout=TIMEOUT_MS)
-    assert opened.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
-    opened.emulate_media(media="print")
-    assert opened.evaluate("getComputedStyle(document.body).color") == "rgb(0, 0, 0)"
-    assert opened.locator("nav:visible").count() == 0
-    colour = "document.querySelector('[data-rd]')._fullLayout.font.color"
-    assert opened.evaluate(colour) == "#e8eaed"
-    opened.evaluate("window.dispatchEvent(new Event('beforeprint'))")
-    assert opened.locator("details:not([open]):visible").count() == 0
-    assert opened.evaluate(colour) == "#1b1f24"
-    assert opened.locator("[data-rd]:visible .main-svg").count() >= 3
-    assert opened.locator("[data-frames]:visible .one").count() >= 3
-    assert opened.locator("[data-costs]:visible .point").count() == 5
-    opened.evaluate("window.dispatchEvent(new Event('afterprint'))")
-    assert opened.evaluate(colour) == "#e8eaed"
-    context.close()
+    with opened_page(browser, address, color_scheme="dark") as opened:
+        opened.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached")
+        assert opened.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
+        opened.emulate_media(media="print")
+        assert opened.evaluate("getComputedStyle(document.body).color") == "rgb(0, 0, 0)"
+        assert opened.locator("nav:visible").count() == 0
+        colour = "document.querySelector('[data-rd]')._fullLayout.font.color"
+        assert opened.evaluate(colour) == "#e8eaed"
+        opened.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+        assert opened.locator("details:not([open]):visible").count() == 0
+        assert opened.evaluate(colour) == "#1b1f24"
+        assert opened.locator("[data-rd]:visible .main-svg").count() >= 3
+        assert opened.locator("[data-frames]:visible .one").count() >= 3
+        assert opened.locator("[data-costs]:visible .point").count() == 5
+        opened.evaluate("window.dispatchEvent(new Event('afterprint'))")
+        assert opened.evaluate(colour) == "#e8eaed"
 
 
 def test_page_can_be_read_without_a_pointer(page: Page) -> None:
@@ -193,11 +197,8 @@ def test_page_can_be_read_without_a_pointer(page: Page) -> None:
 
 
 def test_page_without_scripts_shows_tables(browser: Browser, address: str) -> None:
-    context = browser.new_context(viewport=DESKTOP_PX, java_script_enabled=False)  # type: ignore[arg-type]
-    opened = context.new_page()
-    opened.goto(address, timeout=TIMEOUT_MS)
-    assert opened.get_by_text("Charts are drawn only with JavaScript").count() == 3
-    assert opened.locator("figure.chart:visible").count() == 0
-    assert opened.locator(".verdict:visible table.matrix").count() == 1
-    assert opened.locator("select:visible, button:visible, input:visible").count() == 0
-    context.close()
+    with opened_page(browser, address, java_script_enabled=False) as opened:
+        assert opened.get_by_text("Charts are drawn only with JavaScript").count() == 3
+        assert opened.locator("figure.chart:visible").count() == 0
+        assert opened.locator(".verdict:visible table.matrix").count() == 1
+        assert opened.locator("select:visible, button:visible, input:visible").count() == 0

@@ -69,9 +69,7 @@ def test_points_are_measured_by_processes(folder: Path) -> None:
     assert min(codec["totals"]["psnr_yuv_db"], intra["totals"]["psnr_yuv_db"]) > 20
     assert codec["totals"]["duration_s"] == intra["totals"]["duration_s"] < codec["per_frame"][-1]["time_s"]
     assert intra["key"]["qp"] == 40
-    assert set(result_data(60.0, 30.0)) <= set(
-        codec
-    )  # made-up results have entries of real ones
+    assert set(result_data(60.0, 30.0)) <= set(codec)  # made-up results have entries of real ones
 
 
 def test_pictures_are_saved_with_the_points(folder: Path, clip: Path) -> None:

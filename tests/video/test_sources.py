@@ -3,6 +3,7 @@
 import os
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -37,35 +38,29 @@ def y4m(tmp_path: Path, frames: list[Frame]) -> bytes:
     return write_clip(tmp_path / "clip.y4m", frames).read_bytes()
 
 
-class Feeder:
-    """Writes into a named pipe from a thread."""
+@contextmanager
+def fed(path: Path, parts: list[bytes]) -> Iterator[Path]:
+    """Write into a named pipe from a thread."""
+    os.mkfifo(path)
 
-    def __init__(self, path: Path, parts: list[bytes]) -> None:
-        os.mkfifo(path)
-        self._path, self._parts = path, parts
-        self._thread = threading.Thread(target=self._feed)
+    def feed() -> None:
+        with path.open("wb", buffering=0) as pipe, suppress(BrokenPipeError):
+            for part in parts:
+                pipe.write(part)
 
-    def _feed(self) -> None:
-        with self._path.open("wb", buffering=0) as pipe:
-            for part in self._parts:
-                try:
-                    pipe.write(part)
-                except BrokenPipeError:
-                    return
-
-    def __enter__(self) -> Path:
-        self._thread.start()
-        return self._path
-
-    def __exit__(self, *_: object) -> None:
-        self._thread.join()
+    thread = threading.Thread(target=feed)
+    thread.start()
+    try:
+        yield path
+    finally:
+        thread.join()
 
 
 def read(path: Path, parts: list[bytes], **options: Any) -> tuple[list[Frame], str]:
     """Return the frames of a pipe that is fed with parts, and the final error."""
     found: list[Frame] = []
     try:
-        with Feeder(path, parts) as pipe, open_video(pipe, **options) as reader:
+        with fed(path, parts) as pipe, open_video(pipe, **options) as reader:
             assert reader.info.live
             for frame in reader:
                 found.append(frame)
@@ -173,7 +168,7 @@ def test_time_stamps_of_a_pipe_are_compared_with_its_frames(
             writer.write(frame, Fraction(time, 25))
     data = (tmp_path / "gap.mkv").read_bytes()
     with (
-        Feeder(tmp_path / "pipe", [data]) as pipe,
+        fed(tmp_path / "pipe", [data]) as pipe,
         open_video(pipe, input_format="matroska", frame_rate=25) as reader,
     ):
         assert len(list(reader)) == 4
