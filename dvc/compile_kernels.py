@@ -128,9 +128,22 @@ def _compile(arguments: argparse.Namespace) -> int:
         _write_inputs(folder)
 
         def run_chain(chain: str) -> bool:
+            """Run the commands of a chain; return whether all are installed."""
             for words in commands(chain):
-                if not _run(words, folder):
+                process = subprocess.run(
+                    python_module(words[0], *words[1:]),
+                    env=child_environment() | {COMPILATION_NOTICE: ""},
+                    cwd=folder,
+                    capture_output=True,
+                    check=False,
+                    text=True,
+                    errors="replace",
+                )
+                if INSTALL_EXTRA in process.stderr:
                     return False
+                if process.returncode:
+                    problem = process.stderr.strip() or f"status {process.returncode}"
+                    raise DvcError(f"{' '.join(words)}: {problem}")
                 done(1, " ".join(words[:2]))
             return True
 
@@ -162,24 +175,6 @@ def _write_inputs(folder: Path) -> None:
             frame = np.ascontiguousarray(luma[index : 80 + index, 2 * index : 96 + 2 * index])
             chroma = np.full((40, 48), 110 + index, np.uint8)
             clip.write(Frame(frame, (chroma, chroma)))
-
-
-def _run(words: list[str], folder: Path) -> bool:
-    """Run a command; return whether its extra is installed."""
-    done = subprocess.run(
-        python_module(words[0], *words[1:]),
-        env=child_environment() | {COMPILATION_NOTICE: ""},
-        cwd=folder,
-        capture_output=True,
-        check=False,
-        text=True,
-        errors="replace",
-    )
-    if INSTALL_EXTRA in done.stderr:
-        return False
-    if done.returncode:
-        raise DvcError(f"{' '.join(words)}: {done.stderr.strip() or f'status {done.returncode}'}")
-    return True
 
 
 main = cli.command(PROG, _parser, _compile)

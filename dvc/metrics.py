@@ -135,7 +135,6 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
 
 
 def _check_planes(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
-    """Raise `ValueError` unless both are planes of one size."""
     if a.dtype != np.uint8 or b.dtype != np.uint8:
         raise ValueError(f"`a` and `b` must be uint8, got {a.dtype} and {b.dtype}")
     if a.shape != b.shape or a.ndim != 2 or a.size == 0:

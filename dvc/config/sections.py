@@ -92,26 +92,23 @@ def is_section(hint: Any) -> "TypeGuard[type[Section]]":
     return isinstance(hint, type) and issubclass(hint, Section)
 
 
-def _converted(name: str, value: Any, hint: Any) -> Any:
-    """Return a value of the type of a field, made from its JSON form if need be."""
-    if is_section(hint):
-        return value if isinstance(value, hint) else hint.from_dict(value, name)
-    try:
-        result = msgspec.convert(value, hint)
-    except (msgspec.ValidationError, OverflowError) as err:
-        raise ConfigError(f"`{name}` is {shown(value)}: {err}") from err
-    if isinstance(result, float) and not math.isfinite(result):
-        raise ConfigError(f"`{name}` must be a finite number, got {shown(value)}")
-    return result
-
-
 @dataclass(frozen=True)
 class Section:
     """Part of a configuration: each field has its type, and the values pass the checks of the section."""
 
     def __post_init__(self) -> None:
         for name, hint in field_types(type(self)).items():
-            object.__setattr__(self, name, _converted(name, getattr(self, name), hint))
+            value = getattr(self, name)
+            if is_section(hint):
+                result = value if isinstance(value, hint) else hint.from_dict(value, name)
+            else:
+                try:
+                    result = msgspec.convert(value, hint)
+                except (msgspec.ValidationError, OverflowError) as err:
+                    raise ConfigError(f"`{name}` is {shown(value)}: {err}") from err
+            if isinstance(result, float) and not math.isfinite(result):
+                raise ConfigError(f"`{name}` must be a finite number, got {shown(value)}")
+            object.__setattr__(self, name, result)
         self._check_values()
 
     def _check_values(self) -> None:

@@ -41,7 +41,21 @@ class ProcessGroup:
         """Run a command to its end."""
         with tempfile.TemporaryFile() as errors:
             started = time.perf_counter()
-            process = self._start(command, output, errors)
+            with self._lock:
+                if self._stopped:
+                    raise Stopped
+                try:
+                    process = subprocess.Popen(
+                        command,
+                        stdin=subprocess.DEVNULL,
+                        stdout=output or subprocess.DEVNULL,
+                        stderr=errors,
+                        env=child_environment() | SINGLE_THREADED,
+                        start_new_session=True,
+                    )
+                except OSError as err:
+                    raise DvcError(f"cannot start {command[0]}: {err.strerror}") from err
+                self._running.add(process.pid)
             try:
                 _, status, usage = os.wait4(process.pid, 0)
             except BaseException:
@@ -70,26 +84,6 @@ class ProcessGroup:
         with self._lock:
             if self._stopped:
                 raise Stopped
-
-    def _start(
-        self, command: Sequence[str], output: IO[bytes] | None, errors: IO[bytes]
-    ) -> subprocess.Popen[bytes]:
-        with self._lock:
-            if self._stopped:
-                raise Stopped
-            try:
-                process = subprocess.Popen(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=output or subprocess.DEVNULL,
-                    stderr=errors,
-                    env=child_environment() | SINGLE_THREADED,
-                    start_new_session=True,
-                )
-            except OSError as err:
-                raise DvcError(f"cannot start {command[0]}: {err.strerror}") from err
-            self._running.add(process.pid)
-            return process
 
 
 def _terminate(group: int) -> None:

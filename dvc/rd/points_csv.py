@@ -205,7 +205,6 @@ def unmatched_sequences(points: Sequence[PointResult], folder: Path) -> list[str
 
 
 def _read_text(path: Path) -> tuple[str, str]:
-    """Return text and name of a file."""
     if str(path) == OPENDVC and not path.exists():
         path = Path(__file__).with_name(f"{OPENDVC}.csv")
     try:
@@ -238,7 +237,6 @@ def _rows(text: str, name: str) -> list[tuple[int, Mapping[str, str]]]:
 
 
 def _point(cells: Mapping[str, str], source: str, measured: Mapping[Frames, Any]) -> dict[str, Any]:
-    """Return the contents of a result."""
     given = {name: value.lower() if name == "luma_only" else value for name, value in cells.items() if value}
     row = msgspec.convert(given, ImportedRow, strict=False)
     frames = (row.sequence, row.first_frame, row.frames, row.luma_only)

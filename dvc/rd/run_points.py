@@ -350,7 +350,6 @@ def _save_pictures(task: Task, scratch: Path, per_frame: list[dict[str, Any]]) -
 
 
 def _write_luma(path: Path, video: Path, index: int) -> None:
-    """Write the luma of a frame as PNG."""
     from dvc.picture_files import write_png
 
     with open_video(video, start=index, num_frames=1) as reader, atomic_output(path) as temporary:

@@ -47,7 +47,6 @@ Positive = Annotated[int, Meta(ge=1)]
 
 
 def _arguments(options: Options) -> list[str]:
-    """Return options as arguments of a command."""
     given = [[f"--{name}"] if value == "true" else [f"--{name}", value] for name, value in options]
     return [word for words in given for word in words]
 

@@ -277,28 +277,24 @@ class RecordingReader(Closing):
         self.num_bytes = 0  # size of all segments
         for path in _segments(Path(folder), unfinished):
             with _naming(path):
-                self._add(path)
+                try:
+                    with StreamReader(path, unfinished=self._unfinished) as reader:
+                        if path.suffix == PARTIAL_SUFFIX:
+                            reader.seek_gop(0)  # fails if it has no group of pictures
+                except BitstreamError as err:
+                    if path.suffix != PARTIAL_SUFFIX:
+                        raise
+                    self._missing.append(f"{path.name}: {err}")
+                    continue
+                if not self._paths:
+                    self.config, self.form = reader.config, reader.form
+                elif (reader.config, reader.form) != (self.config, self.form):
+                    raise BitstreamError(f"its configuration differs from that of {self._paths[0].name}")
+                self._paths.append(path)
+                self.num_bytes += reader.num_bytes
         if not self._paths:
             raise BitstreamError("a folder without segments (*.dvc)")
         self._records = self._read()
-
-    def _add(self, path: Path) -> None:
-        """Add a segment, unless it is unfinished and has no group of pictures yet."""
-        try:
-            with StreamReader(path, unfinished=self._unfinished) as reader:
-                if path.suffix == PARTIAL_SUFFIX:
-                    reader.seek_gop(0)  # fails if it has none
-        except BitstreamError as err:
-            if path.suffix != PARTIAL_SUFFIX:
-                raise
-            self._missing.append(f"{path.name}: {err}")
-            return
-        if not self._paths:
-            self.config, self.form = reader.config, reader.form
-        elif (reader.config, reader.form) != (self.config, self.form):
-            raise BitstreamError(f"its configuration differs from that of {self._paths[0].name}")
-        self._paths.append(path)
-        self.num_bytes += reader.num_bytes
 
     def __iter__(self) -> Iterator[GopRecord]:
         return self._records

@@ -78,7 +78,6 @@ class Frame:
     time: TimeStamp | None = None
 
     def __post_init__(self) -> None:
-        """Check types and shapes of all planes."""
         if self.luma.dtype != np.uint8 or self.luma.ndim != 2 or self.luma.size == 0:
             raise ValueError(
                 f"`luma` must be a non-empty 2-D uint8 array, got {self.luma.dtype} {self.luma.shape}"

@@ -200,7 +200,6 @@ def _raw_frames(request: Request, source: Pipe, info: VideoInfo, first: int) -> 
 
 
 def _open_folder(request: Request, folder: Path) -> VideoReader:
-    """Open a folder of images."""
     try:
         entries = list(folder.iterdir())
     except OSError as err:
