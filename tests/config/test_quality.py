@@ -46,14 +46,6 @@ def config_of(*options: str) -> CodecConfig:
     return session(arguments, VideoInfo(16, 16, Fraction(25), None)).config
 
 
-@pytest.mark.parametrize("options", ["--codec 3d-te --qp 30", "--codec 3d-td --wz-q 4"])
-def test_references_are_warped_by_tracks_at_every_quality(options: str) -> None:
-    config = config_of(*options.split())
-    assert config.side_information.fallback == "tracks"
-    assert config.side_information.track_corrections
-    assert decode_config(encode_config(config)) == config
-
-
 @pytest.mark.parametrize(
     ("options", "length", "intra_period"),
     [
@@ -67,12 +59,16 @@ def test_references_are_warped_by_tracks_at_every_quality(options: str) -> None:
         ("--codec 2d", 2, 0),
         ("--codec 2d --key-frames predicted", 2, INTRA_PERIOD),
         ("--codec 2d --intra-period 5", 2, 5),
+        ("--codec 3d-td --wz-q 4", 10, 0),
     ],
 )
 def test_options_say_whether_key_frames_are_predicted(options: str, length: int, intra_period: int) -> None:
     """Groups are longer if key frames are not predicted, so that each costs more."""
     config = config_of(*options.split())
     assert (config.gop.length, config.key.intra_period) == (length, intra_period)
+    assert config.side_information.fallback == "tracks"
+    assert config.side_information.track_corrections
+    assert decode_config(encode_config(config)) == config
 
 
 def test_frames_that_predict_others_are_finer() -> None:

@@ -44,11 +44,10 @@ def _point(
     data["identity"] = f"{name}{codec}{sorted(options.items())}{level}"
     data["sequence"] |= {"name": name, "digest": f"d-{name}", "width": width, "height": height}
     data["options"] |= {"options": options, "frames": NUM_FRAMES}
-    if codec == "h264-intra":
-        data["options"]["key_qp"] = str(44 - 3 * level)
     data["key"]["qp"] = 44 - 3 * level
     data["totals"] |= {"frames": NUM_FRAMES, "refined_si_psnr_y_db": 32.0}
     if codec == "h264-intra":
+        data["options"]["key_qp"] = str(44 - 3 * level)
         data["totals"]["refined_si_psnr_y_db"] = None
     data["libraries"] = {"numpy": "2.0"}
     data["per_frame"] = [_frame(i, codec, psnr_y_db, rate_kbps, rng) for i in range(NUM_FRAMES)]

@@ -39,12 +39,8 @@ records = st.builds(
 
 
 @given(records)
-def test_decode_gives_back_what_was_encoded(record: GopRecord) -> None:
+def test_groups_come_back_and_every_bit_is_accounted_for(record: GopRecord) -> None:
     assert decode_gop(encode_gop(record)) == record
-
-
-@given(records)
-def test_every_bit_is_accounted_for(record: GopRecord) -> None:
     bits = gop_bits(record)
     assert bits.total == 8 * len(frame_record(RecordType.GOP, encode_gop(record)))
     assert bits.key == 8 * len(record.key)
@@ -82,14 +78,7 @@ def test_the_first_field_tells_what_follows(record: GopRecord, payload: bytes) -
 def test_limits_of_a_record() -> None:
     longest = GopRecord(MAX_GOP_LENGTH, b"k", True, b"", (b"",) * (MAX_GOP_LENGTH - 1))
     assert decode_gop(encode_gop(longest)) == longest
-    for num_frames, num_payloads in (
-        (0, 0),
-        (2, 0),
-        (2, 2),
-        (1, 2),
-        (MAX_GOP_LENGTH + 1, MAX_GOP_LENGTH),
-        (-1, 0),
-    ):
+    for num_frames, num_payloads in ((0, 0), (2, 0), (2, 2), (MAX_GOP_LENGTH + 1, MAX_GOP_LENGTH), (-1, 0)):
         with pytest.raises(ValueError, match=r"`num_frames`|`wyner_ziv`"):
             GopRecord(num_frames, b"", False, b"", (b"",) * num_payloads)
     with pytest.raises(ValueError, match="`deviations` must be of 2 frames, got 1"):
@@ -101,18 +90,15 @@ def test_limits_of_a_record() -> None:
     [
         (b"", "data end within an integer"),
         (b"\x00", "0 frames"),
-        (b"\x03", "0 frames"),
         (b"\x80\x10", "0 frames"),
         (b"\x84\x08", "257 frames"),
         (b"\xff\xff\xff\xff\x7f", "frames"),
         (b"\x05\x00", "announced, but empty"),
         (b"\x05\x05abcd", "5 bytes, at most|5 bytes promised, 4 left"),
-        (b"\x08", "data end within an integer"),
         (b"\x08\xff\xff\xff\xff\x7f", "bytes, at most"),
         (b"\x08\x03ab", "3 bytes promised, 2 left"),
         (b"\x84\x10\x00\x02k", "0 ticks a second"),
         (b"\x84\x10\xc1\x84\x3d\x02k", "1000001 ticks a second"),
-        (b"\x84\x10\x01", "data end within an integer"),
         (b"\x84\x10\x01\x00k", "equal those of the constant frame rate"),
         (b"\x84\x10\x01\x80\x80\x80\x80\x40k", "a time stamp is more than 8589934591 ticks off"),
         (b"\x84\x10\x01\xff\xff\xff\xff\x7fk", "a time stamp is more than 8589934591 ticks off"),
