@@ -12,10 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dvc._jit import kernel
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Luma = NDArray[np.uint8]
+from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
 
 SENSITIVITY = 0.04
 """Usual value of k."""
@@ -27,7 +24,7 @@ SOBEL_GAIN = 8.0
 """Response of the 3x3 operator to a slope of one luma level per pixel."""
 
 
-def corner_response(luma: Luma, window: ArrayLike, sensitivity: float = SENSITIVITY) -> Floats:
+def corner_response(luma: Bytes, window: ArrayLike, sensitivity: float = SENSITIVITY) -> Floats:
     """Compute the response under a separable window of whole numbers."""
     import cv2
 
@@ -42,14 +39,14 @@ def corner_response(luma: Luma, window: ArrayLike, sensitivity: float = SENSITIV
     return response
 
 
-def quick_corner_response(luma: Luma, window_px: int) -> NDArray[np.float32]:
+def quick_corner_response(luma: Bytes, window_px: int) -> Singles:
     """Compute the response under a square window in single precision, in half the time."""
     import cv2
 
     return np.asarray(cv2.cornerHarris(luma, window_px, 3, SENSITIVITY))
 
 
-def is_local_max(response: NDArray[np.floating], radius_px: int) -> NDArray[np.bool_]:
+def is_local_max(response: NDArray[np.floating], radius_px: int) -> Mask:
     """Return a mask of the values that are largest within a distance, by rows and by columns."""
     import cv2
 
@@ -57,14 +54,14 @@ def is_local_max(response: NDArray[np.floating], radius_px: int) -> NDArray[np.b
     return np.asarray(cv2.dilate(response, np.ones((side, side), np.uint8)) == response)
 
 
-def spaced(points: NDArray[np.int64] | Floats, max_points: int, min_distance_px: float) -> Indices:
+def spaced(points: Integers | Floats, max_points: int, min_distance_px: float) -> Integers:
     """Return indices of points in order, except those that are too close to an earlier one."""
     taken = np.empty(max_points, np.int64)
     return taken[: _take_spaced(points.astype(np.float64), min_distance_px**2, taken)]
 
 
 @kernel
-def _take_spaced(points: Floats, min_distance_px2: float, taken: Indices) -> int:
+def _take_spaced(points: Floats, min_distance_px2: float, taken: Integers) -> int:
     """Fill `taken`; return the number of its entries."""
     count = 0
     x, y = np.empty(taken.size), np.empty(taken.size)

@@ -45,23 +45,18 @@ def find_source(sequence: str, cache: Path, processes: ProcessGroup) -> Source:
     path = cache / f"{entry['name']}-{packages_digest(['sequences'])[:12]}.mkv"
     if not path.is_file():
         cache.mkdir(parents=True, exist_ok=True)
-        _render(entry["name"], path, processes)
+        lock_path = path.with_name(f".{path.name}.lock")
+        with lock_path.open("w") as file:
+            while True:
+                try:
+                    lock(file.fileno())
+                    break
+                except BlockingIOError:  # another process is rendering the scene
+                    processes.pause(_POLL_S)
+            if not path.is_file():
+                processes.run(python_module("sequences", "render", entry["name"], "--out", path))
+            lock_path.unlink(missing_ok=True)
     return Source(entry["name"], path, input_digest(path))
-
-
-def _render(scene: str, path: Path, processes: ProcessGroup) -> None:
-    """Render a scene, or wait for another process that is rendering it."""
-    lock_path = path.with_name(f".{path.name}.lock")
-    with lock_path.open("w") as file:
-        while True:
-            try:
-                lock(file.fileno())
-                break
-            except BlockingIOError:
-                processes.pause(_POLL_S)
-        if not path.is_file():
-            processes.run(python_module("sequences", "render", scene, "--out", path))
-        lock_path.unlink(missing_ok=True)
 
 
 def source_name(sequence: str | Path) -> str:

@@ -62,8 +62,14 @@ class StreamReader(Closing):
     def __init__(self, source: BinaryIO | str | os.PathLike[str], *, unfinished: bool = False) -> None:
         self.missing = None
         self._unfinished = unfinished
-        self._owned = isinstance(source, (str, os.PathLike))
-        self._source = RecordSource(_open(source))
+        self._owned = False
+        if isinstance(source, (str, os.PathLike)):
+            self._owned = True
+            try:
+                source = Path(source).open("rb")  # noqa: SIM115 -- closed by `close`
+            except OSError as err:
+                raise BitstreamError(f"cannot read {source}: {err.strerror}") from err
+        self._source = RecordSource(source)
         self._index: StreamIndex | None = None
         self._done = False
         self._seen: list[IndexEntry] = []  # GOPs before the current position
@@ -234,15 +240,6 @@ class StreamReader(Closing):
         """Close the file if the reader opened it."""
         if self._owned:
             self._source.file.close()
-
-
-def _open(source: BinaryIO | str | os.PathLike[str]) -> BinaryIO:
-    if not isinstance(source, (str, os.PathLike)):
-        return source
-    try:
-        return Path(source).open("rb")
-    except OSError as err:
-        raise BitstreamError(f"cannot read {source}: {err.strerror}") from err
 
 
 class RecordingReader(Closing):
