@@ -217,14 +217,12 @@ def test_other_forms_and_kinds_are_refused(values: list[Any], message: str) -> N
     check_header(header_of(*values))
 
 
-@pytest.mark.parametrize(
-    "longer",
-    [b"\xdc\x00\x01\x94\xcc\xb0\xcc\x90\x0f\x01", b"\x91\x94\xcd\x00\xb0\xcc\x90\x0f\x01"],
-)
-def test_longer_forms_are_refused(longer: bytes) -> None:
+def test_longer_forms_are_refused() -> None:
+    """An array or number with more bytes than it needs."""
     assert encode_config(DEFAULT) == bytes.fromhex("91 94 cc b0 cc 90 0f 01")
-    with pytest.raises(BitstreamError, match="one form"):
-        decode_config(longer)
+    for longer in ("dc 00 01 94 cc b0 cc 90 0f 01", "91 94 cd 00 b0 cc 90 0f 01"):
+        with pytest.raises(BitstreamError, match="one form"):
+            decode_config(bytes.fromhex(longer))
 
 
 def test_damaged_headers_raise_only_bitstream_errors() -> None:

@@ -30,11 +30,8 @@ def read_all(path: Path) -> tuple[list[Frame], str]:
 
 @pytest.fixture(scope="module")
 def intact(tmp_path_factory: pytest.TempPathFactory, moving_frames: MakeFrames) -> dict[str, Path]:
-    folder = tmp_path_factory.mktemp("intact")
-    paths = {}
-    for suffix in (".y4m", ".mkv", ".mp4"):
-        paths[suffix] = write_clip(folder / f"a{suffix}", moving_frames(12, 64, 48))
-    return paths
+    folder, frames = tmp_path_factory.mktemp("intact"), moving_frames(12, 64, 48)
+    return {suffix: write_clip(folder / f"a{suffix}", frames) for suffix in (".y4m", ".mkv", ".mp4")}
 
 
 @pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])

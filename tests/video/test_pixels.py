@@ -20,11 +20,8 @@ from tests.clips import same_frame
 
 def colour_picture(width: int = 38, height: int = 22) -> av.VideoFrame:
     rows, columns = np.mgrid[:height, :width]
-    channels = [
-        columns * 255 // width,
-        rows * 255 // height,
-        255 - (rows + columns) * 255 // (width + height),
-    ]
+    blue = 255 - (rows + columns) * 255 // (width + height)
+    channels = [columns * 255 // width, rows * 255 // height, blue]
     return av.VideoFrame.from_ndarray(np.stack(channels, axis=-1).astype(np.uint8), format="rgb24")
 
 

@@ -316,10 +316,7 @@ def test_frame_size_that_changes_midway_is_refused(tmp_path: Path, moving_frames
 def test_memory_does_not_grow_with_the_video(tmp_path: Path, moving_frames: MakeFrames, suffix: str) -> None:
     frames = moving_frames(4, 128, 96)
     path = tmp_path / f"a{suffix}"
-    if suffix == ".yuv":
-        write_raw(path, frames * 20)
-    else:
-        write_clip(path, frames * 20)
+    (write_raw if suffix == ".yuv" else write_clip)(path, frames * 20)
     with open_video(path, size=(128, 96), frame_rate=25) as reader:
         next(iter(reader))
     tracemalloc.start()
