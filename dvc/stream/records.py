@@ -101,6 +101,7 @@ class RecordSource:
             file.seek(0)
 
     def seek(self, position: int) -> None:
+        """Continue at a position of a file."""
         self.file.seek(position)
         self.position = position
 

@@ -129,6 +129,7 @@ def _in_time(
 
 
 def silence(path: Path | str, timeout_s: float) -> VideoError:
+    """Return the error that a source sent nothing."""
     return VideoError(f"{path}: nothing came for {timeout_s:g} s")
 
 
