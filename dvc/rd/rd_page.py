@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.files import atomic_output
 from dvc.rd.comparison import NOTHING, Verdict, rate_costs, verdicts
 from dvc.rd.rd_curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.rd_report import (
@@ -24,7 +23,7 @@ from dvc.rd.rd_report import (
     rates_text,
 )
 from dvc.rd.rd_results import PointResult, mean
-from dvc.web.document import SHARED, asset, content_policy, data_uri, script_json, template
+from dvc.web.document import SHARED, asset, data_uri, render_page, script_json, write_text
 from dvc.web.gallery import Table
 from dvc.web.plotting import MATPLOTLIB_DASHES
 
@@ -132,8 +131,7 @@ def write_page(
             if gallery.num_missing:
                 notes.append(f"The pictures of {gallery.num_missing} points are missing or damaged.")
             text = _render(page, data, gallery, notes)
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 @dataclass
