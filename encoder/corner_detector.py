@@ -10,7 +10,7 @@ from dvc.corners import SENT_WINDOW_PX, is_local_max, quick_corner_response, spa
 from dvc.tracks import FeaturePoints
 from dvc.tracks.point_sets import column_scan
 from dvc.video.frames import Plane
-from encoder.work import TrackingWork, coding_time_s
+from encoder.encoder_report import TrackingWork, coding_time_s
 
 Points = NDArray[np.int64]
 

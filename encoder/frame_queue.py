@@ -1,13 +1,16 @@
-"""Frames of a live source: a bounded queue for a slower decoder, and the lag behind the source."""
+"""Frames of a source until it ends or is stopped: lag behind a live one, and a queue for a slower decoder."""
 
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Self
 
+from dvc import cli
+from dvc.errors import PartialOutputError, VideoError
 from dvc.video import Frame
 
 MAX_CLOSING_S = 1.0
@@ -160,3 +163,50 @@ class PacedFrames:
                 self.behind_s = max(self.behind_s, late_s)
             before = now
             yield frame
+
+
+class InputFrames:
+    """Frames of a recording until it ends, the source fails, or a signal stops it."""
+
+    def __init__(self, source: Iterable[Frame | None]) -> None:
+        self.failure: VideoError | None = None  # failure of the source after its frames
+        self.stopped = False
+        self._source = iter(source)
+        self._waiting = False
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Frame | None:
+        if self.stopped or self.failure is not None:
+            raise StopIteration
+        try:
+            self._waiting = True
+            return next(self._source)
+        except VideoError as err:
+            self.failure = err
+            raise StopIteration from err
+        except KeyboardInterrupt:
+            if not self.stopped:
+                raise
+            raise StopIteration from None
+        finally:
+            self._waiting = False
+
+    def stopping_at_signals(self) -> AbstractContextManager[None]:
+        """End the frames at an interrupt or SIGTERM like at the end of the source; a second one aborts."""
+        return cli.stopping_at_signals(self._stop)
+
+    def _stop(self) -> None:
+        self.stopped = True
+        if self._waiting:
+            raise KeyboardInterrupt
+
+    def raise_end(self, kept: bool = False) -> None:
+        """Raise the reason if the frames ended before the source; `kept`: earlier frames are written."""
+        if kept and self.failure is not None:
+            raise PartialOutputError(f"{self.failure}; earlier frames are kept") from self.failure
+        if self.failure is not None:
+            raise self.failure
+        if self.stopped:
+            raise KeyboardInterrupt

@@ -19,7 +19,7 @@ from dvc.tracks import PointTracks
 from dvc.video.frames import Plane
 from encoder import _kernels
 from encoder.corner_detector import TRACKED_CORNERS, CornerSettings, find_corners
-from encoder.work import TrackingWork, coding_time_s
+from encoder.encoder_report import TrackingWork, coding_time_s
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -4,15 +4,14 @@ The limiter codes nothing: a plan is a coroutine that yields the codings to try 
 """
 
 import math
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import MAX_QP, CodecConfig, Delivery, Live, ParityBuffer
+from dvc.config import MAX_QP, CodecConfig, Delivery, ParityBuffer
 from dvc.errors import ConfigError
 from dvc.keyframes import KeyPicture
 from dvc.wynerziv.hierarchy import reference_distances
@@ -81,19 +80,6 @@ class _Trial(NamedTuple):
     key: _CodedKey | None  # None: a predicted key frame that is not coded yet
     frames: tuple[EncodedFrame, ...]
     expected: ExpectedBits
-
-
-def limited(config: CodecConfig, delivery: Delivery, limits: RateLimits) -> CodecConfig:
-    """Return the configuration of a stream within limits: headers state them to a live decoder."""
-    if not isinstance(delivery, Live) or limits.unlimited:
-        return config
-    return replace(config, wyner_ziv=replace(config.wyner_ziv, limited=True))
-
-
-def summed_up(reports: Sequence[Mapping[str, int]]) -> dict[str, int]:
-    """Sum up the reports of segments: the highest level, and the number of frames that are too large."""
-    columns = {name: [report[name] for report in reports] for name in reports[0]}
-    return {name: sum(values) if name == "too_large" else max(values) for name, values in columns.items()}
 
 
 class RateLimiter:

@@ -22,12 +22,11 @@ from dvc.tracks import PointTracks, decode_points, decode_tracks
 from dvc.video import Frame, open_video
 from encoder import spacing
 from encoder.__main__ import main
+from encoder.encoder_report import TrackingWork
 from encoder.encoder_session import EncoderSession
-from encoder.groups import CornerGroups, Group
+from encoder.groups import CornerGroups, Group, TrackedGroups, thinned, worthwhile
 from encoder.point_tracker import PointTracker
 from encoder.spacing import Spacing
-from encoder.tracked_groups import TrackedGroups, thinned, worthwhile
-from encoder.work import TrackingWork
 from tests.clips import moving_texture, write_clip
 
 SLOW = moving_texture(12, 96, 128, (0.0, 1.0))

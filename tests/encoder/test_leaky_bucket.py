@@ -211,8 +211,7 @@ def test_frames_are_coded_coarser_until_they_fit() -> None:
 @pytest.mark.parametrize("name", ["bits_per_s", "bits_per_frame"])
 def test_limits_are_numbers_of_bits(name: str) -> None:
     """Limits range from one bit to a terabit."""
-    assert RateLimits().unlimited
-    assert not RateLimits(**{name: 10**12}).unlimited
+    RateLimits(**{name: 10**12})
     for bits in (-5, 0, 10**12 + 1):
         with pytest.raises(ConfigError, match=f"{name}.* must be from 1 to"):
             RateLimits(**{name: bits})

@@ -18,6 +18,7 @@ from dvc.errors import BitstreamError
 from dvc.stream import GopRecord, StreamReader
 from dvc.video import Frame, VideoInfo
 from encoder import encoder_options as options
+from encoder.__main__ import new_session
 from tests.clips import moving_texture
 
 SIZE = (48, 32)
@@ -157,6 +158,6 @@ def test_memory_does_not_grow_with_the_recording(form: tuple[str, ...]) -> None:
             yield Frame(frame.luma.copy())
 
     with open(os.devnull, "wb") as file:
-        session = options.session(arguments, VideoInfo(176, 144, Fraction(25)))
+        session = new_session(arguments, VideoInfo(176, 144, Fraction(25)))
         session.write(camera(), file, lambda _: None)
     assert found[1] - found[0] < 20 * frames[0].luma.size

@@ -19,7 +19,8 @@ import decoder.__main__
 from dvc.errors import BitstreamError, ConfigError, VideoError
 from dvc.stream import StreamReader
 from dvc.video import Frame, open_video
-from encoder.segments import InputFrames, segment_names
+from encoder.frame_queue import InputFrames
+from encoder.segments import segment_names
 from tests.clips import moving_texture, same_frame
 from tests.waiting import wait_until
 

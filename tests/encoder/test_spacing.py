@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from dvc.keyframes import KeyPicture
 from encoder import _kernels
+from encoder.encoder_report import TrackingWork
 from encoder.point_tracker import PointTracker
 from encoder.spacing import (
     ALONE_COST,
@@ -20,7 +21,6 @@ from encoder.spacing import (
     interpolation_error,
     quantizer_step,
 )
-from encoder.work import TrackingWork
 from tests.clips import moving_texture
 from tests.reference import interpolation as reference
 from tests.twins import Choose

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dvc.config import VideoConfig
 from dvc.stream import Deviations, frame_times_s
 from dvc.video import Frame, TimeStamp
-from encoder.time_stamps import CodingClock
+from encoder.encoder_session import CodingClock
 
 LUMA = np.zeros((1, 1), np.uint8)
 rates = st.sampled_from([Fraction(30000, 1001), Fraction(25), Fraction(15, 2), Fraction(16)])

@@ -7,15 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dvc.config import VideoConfig, codec_config
 from dvc.corners import SENSITIVITY
 from dvc.tracks import PointTracks
 from dvc.tracks.regression import _kernels as kernels
 from dvc.tracks.regression._kernels import NUM_NEIGHBOURS
 from dvc.wynerziv import _kernels as wyner_ziv_kernels
 from dvc.wynerziv import transform
-from encoder import _kernels, work
+from encoder import _kernels
+from encoder import encoder_report as work
 from encoder.corner_detector import TRACKED_CORNERS, _response
-from encoder.work import Operations
+from encoder.encoder_report import Operations
 from tests.clips import moving_texture
 from tests.counting import Data, Tally, counting
 
@@ -194,11 +196,16 @@ def test_interpolation() -> None:
 
 def test_stages_add_up() -> None:
     """A run without work takes nothing; twice the work takes twice the operations."""
+    config = codec_config(VideoConfig(12, 8, 25, 1))
     none, once, twice = (
-        work.stages(
-            work.TrackingWork(9 * n, 5 * n, 500 * n, n, n, 7 * n, 6 * n, 3 * n, 2 * n), 96, 64, 4 * n, 8 * n
-        )
+        work.EncoderStatistics(
+            num_key_frames=1,
+            num_transformed=4 * n,
+            num_coded_bands=8 * n,
+            tracking=work.TrackingWork(9 * n, 5 * n, 500 * n, n, n, 7 * n, 6 * n, 3 * n, 2 * n),
+        ).operations_per_pixel(config)
         for n in (0, 1, 2)
     )
-    assert all(stage.total == stage.bytes == 0 for stage in none.values())
-    assert all(stage.total > 0 and twice[name] == stage.times(2) for name, stage in once.items())
+    for name, stage in once.items():
+        assert sum(none[name].values()) == 0.0 < sum(stage.values())
+        assert twice[name] == {kind: pytest.approx(2 * number) for kind, number in stage.items()}
