@@ -212,16 +212,6 @@ def coarse_to_fine_search(matching, quarter, i, last, spirals, around):
 
 
 @kernel
-def nearest_matches(first_x, first_y, matched):
-    """Return the nearest matched point of each, by squared distance and number."""
-    nearest_match = np.full(matched.size, UNKNOWN << 20)
-    for j in range(matched.size):
-        if matched[j]:
-            offer_motion(first_x, first_y, j, 0, nearest_match)
-    return nearest_match
-
-
-@kernel
 def track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search):
     """Search for each live point in a frame, and return the number of matches."""
     image, (first, small), (last, velocity, alive) = matching.image, points, movement
@@ -229,7 +219,10 @@ def track_frame(matching, quarter, points, movement, spirals, max_coarse_searche
     candidates = np.empty((3, 2), np.int64)
     around = np.empty(8, np.int64)
     first_x, first_y = first[:, 0].astype(np.int32), first[:, 1].astype(np.int32)
-    nearest_match = nearest_matches(first_x, first_y, matched)
+    nearest_match = np.full(matched.size, UNKNOWN << 20)  # nearest matched point, by distance and number
+    for j in range(matched.size):
+        if matched[j]:
+            offer_motion(first_x, first_y, j, 0, nearest_match)
     num_matched, coarse_searches = np.int64(matched.sum()), 0
     for i in range(alive.size):
         if matched[i] or not alive[i]:

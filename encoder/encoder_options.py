@@ -70,38 +70,22 @@ class _TrackOption(NamedTuple):
 
 _POINTS, _LENGTH = cli.integer(1, config.MAX_POINTS), cli.integer(1, config.MAX_GOP_LENGTH)
 _TRACK_OPTIONS = (
-    _TrackOption(
-        "--points", _POINTS, "N", lambda variant: variant.tracks.num_points,
-        "most tracks of a GOP, or corners of a frame", tracked=False,
-    ),
-    _TrackOption(
-        "--subpixel", cli.integer(0, 3), "BITS", lambda variant: variant.tracks.subpixel_bits,
-        "track to 1/2, 1/4 or 1/8 of a pixel, or to whole ones (0)", tracked=False,
-    ),
-    _TrackOption(
-        "--longest-track", float, "PX", _of_rule("longest_track"),
-        "end a GOP when a point has moved this distance",
-    ),
-    _TrackOption(
-        "--lost-tracks", float, "SHARE", _of_rule("lost_tracks"),
-        "end a GOP when this share of the points is lost",
-    ),
-    _TrackOption(
-        "--min-gop", _LENGTH, "N", _of_rule("min_gop"),
-        "least frames of a GOP, unless the scene changes",
-    ),
-    _TrackOption(
-        "--scene-change", float, "SHARE", _of_rule("scene_change"),
-        "points lost from one frame to the next that make both key frames, the second an IDR picture",
-    ),
-    _TrackOption(
-        "--tracks-bpp", float, "BITS", lambda _: config.MAX_TRACKS_BPP,
-        "most bits of tracks per pixel of the frames between the ends of a group: the best are kept",
-    ),
-    _TrackOption(
-        "--new-tracks", cli.integer(0, config.MAX_POINTS), "N", lambda _: config.MAX_NEW_TRACKS,
-        "most new tracks: points that are followed back from the closing key frame of a GOP",
-    ),
+    _TrackOption("--points", _POINTS, "N", lambda variant: variant.tracks.num_points,
+        "most tracks of a GOP, or corners of a frame", tracked=False),
+    _TrackOption("--subpixel", cli.integer(0, 3), "BITS", lambda variant: variant.tracks.subpixel_bits,
+        "track to 1/2, 1/4 or 1/8 of a pixel, or to whole ones (0)", tracked=False),
+    _TrackOption("--longest-track", float, "PX", _of_rule("longest_track"),
+        "end a GOP when a point has moved this distance"),
+    _TrackOption("--lost-tracks", float, "SHARE", _of_rule("lost_tracks"),
+        "end a GOP when this share of the points is lost"),
+    _TrackOption("--min-gop", _LENGTH, "N", _of_rule("min_gop"),
+        "least frames of a GOP, unless the scene changes"),
+    _TrackOption("--scene-change", float, "SHARE", _of_rule("scene_change"),
+        "points lost from one frame to the next that make both key frames, the second an IDR picture"),
+    _TrackOption("--tracks-bpp", float, "BITS", lambda _: config.MAX_TRACKS_BPP,
+        "most bits of tracks per pixel of the frames between the ends of a group: the best are kept"),
+    _TrackOption("--new-tracks", cli.integer(0, config.MAX_POINTS), "N", lambda _: config.MAX_NEW_TRACKS,
+        "most new tracks: points that are followed back from the closing key frame of a GOP"),
 )  # fmt: skip
 
 
@@ -163,8 +147,13 @@ def parser() -> argparse.ArgumentParser:
         " few percent of the raw video, and `dvc-decode --punctured` keeps the bits that a decoder needs; a"
         " kill leaves OUTPUT.part, for `dvc-decode --unfinished`",
     )
-    _add_coding(top.add_argument_group("coding"))
-    _add_tracks(top.add_argument_group(f"points and tracks ({', '.join(_with_points(tracked=False))})"))
+    coding = top.add_argument_group("coding")
+    for add in (_add_coding, _add_quality, _add_delivery):
+        add(coding)
+    tracks = top.add_argument_group(f"points and tracks ({', '.join(_with_points(tracked=False))})")
+    for name, read, metavar, default, text, tracked in _TRACK_OPTIONS:
+        usual = _defaults(default, _with_points(tracked))
+        tracks.add_argument(name, type=read, metavar=metavar, help=f"{text}; {usual}")
     _add_source(top.add_argument_group("input"))
     top.add_argument_group("long recordings").add_argument(
         "--segment",
@@ -193,8 +182,7 @@ def _defaults(value: Value, codecs: Iterable[str]) -> str:
 
 
 def _add_coding(group: argparse._ArgumentGroup) -> None:
-    add = group.add_argument
-    add(
+    group.add_argument(
         "--codec",
         choices=config.VARIANTS,
         default=config.DEFAULT_CODEC,
@@ -202,27 +190,6 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         + "; ".join(f"{name}: {variant.summary}" for name, variant in config.VARIANTS.items())
         + "; default: %(default)s",
     )
-    _add_groups(group)
-    _add_quality(group)
-    add(
-        "--coder",
-        choices=config.CODERS,
-        default=config.DEFAULT_CODER,
-        help="codes of the bit planes: parities of ranges that the decoder chooses, or punctured turbo codes"
-        " as in the thesis; default: %(default)s",
-    )
-    add("--luma-only", action="store_true", help="code no chroma")
-    add(
-        "--noise-model",
-        choices=config.NOISE_MODELS,
-        default=config.WynerZivConfig.noise_model,
-        help="correlation noise model of the decoder; default: %(default)s",
-    )
-    _add_delivery(group)
-    cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
-
-
-def _add_groups(group: argparse._ArgumentGroup) -> None:
     cli.add_integer(
         group,
         "--gop",
@@ -274,6 +241,20 @@ def _add_quality(group: argparse._ArgumentGroup) -> None:
 
 def _add_delivery(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
+        "--coder",
+        choices=config.CODERS,
+        default=config.DEFAULT_CODER,
+        help="codes of the bit planes: parities of ranges that the decoder chooses, or punctured turbo codes"
+        " as in the thesis; default: %(default)s",
+    )
+    group.add_argument("--luma-only", action="store_true", help="code no chroma")
+    group.add_argument(
+        "--noise-model",
+        choices=config.NOISE_MODELS,
+        default=config.WynerZivConfig.noise_model,
+        help="correlation noise model of the decoder; default: %(default)s",
+    )
+    group.add_argument(
         "--no-feedback",
         action="store_true",
         help="send only key frames and tracks, for a camera without a feedback channel: the decoder predicts"
@@ -294,12 +275,7 @@ def _add_delivery(group: argparse._ArgumentGroup) -> None:
         help="with --no-feedback or --serve: larger key frames are coded again, coarser; the limit also holds"
         " for the mean of the bits that a decoder may request for the frames between two key frames",
     )
-
-
-def _add_tracks(group: argparse._ArgumentGroup) -> None:
-    for name, read, metavar, default, text, tracked in _TRACK_OPTIONS:
-        usual = _defaults(default, _with_points(tracked))
-        group.add_argument(name, type=read, metavar=metavar, help=f"{text}; {usual}")
+    cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
 
 
 def _add_source(group: argparse._ArgumentGroup) -> None:

@@ -13,6 +13,7 @@ from dataclasses import asdict, astuple, dataclass, field, fields, is_dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import loaded_bytes, loading_time_s
 from dvc.config import CodecConfig
@@ -52,6 +53,12 @@ class TrackingWork:
     num_interpolated: int = 0  # blocks compared with their prediction by tracks, and pairs with nearby points
     num_near: int = 0
     cpu_s: float = 0.0  # processor time of tracking and of coding tracks or points, in seconds
+
+    def add_blocks(self, counts: NDArray[np.int64]) -> None:
+        """Add numbers of blocks and samples."""
+        num_blocks, num_samples = counts.tolist()
+        self.num_blocks += num_blocks
+        self.num_samples += num_samples
 
 
 def memory_report(baseline_bytes: int) -> dict[str, int]:

@@ -36,15 +36,6 @@ class LeftOut:
     gaps: int = 0
     named: list[list[int]] = field(default_factory=list)  # first and last frame of each gap, from 0
 
-    def add(self, number: int, begins_gap: bool) -> None:
-        """Count a frame."""
-        self.frames += 1
-        self.gaps += begins_gap
-        if self.gaps <= MAX_NAMED_GAPS:
-            if begins_gap:
-                self.named.append([number, number])
-            self.named[-1][1] = number
-
 
 class FrameQueue:
     """A bounded queue, filled by a thread; if it is full the source waits, or whole groups are left out.
@@ -121,7 +112,12 @@ class FrameQueue:
                 while self._num_waiting >= self._max_frames and not self._closed:
                     self._changed.wait()
             elif self._num_waiting + (self._group_length if self._leaves_out else 1) > self._max_frames:
-                self.left_out.add(number, not self._leaves_out)
+                left_out = self.left_out
+                left_out.frames += 1
+                left_out.gaps += not self._leaves_out
+                if left_out.gaps <= MAX_NAMED_GAPS:
+                    left_out.named += [[number, number]] * (not self._leaves_out)
+                    left_out.named[-1][1] = number
                 self._leaves_out = True
                 return not self._closed
             if self._leaves_out:

@@ -1,6 +1,5 @@
 """Bitrates are kept whatever groups take, as far as there are qualities that keep them."""
 
-import math
 from collections import deque
 from fractions import Fraction
 from itertools import accumulate
@@ -23,7 +22,7 @@ from encoder.leaky_bucket import (
     LeakyBucket,
     QualitySearch,
     QualityStep,
-    coarser_until,
+    coarser_qp,
     forecast,
 )
 from encoder.rate_limits import TOLERANCE, WINDOW_S, RateLimits
@@ -187,25 +186,15 @@ def test_what_decoders_ask_for_is_foreseen() -> None:
     assert forecast(QualityStep(30), [], 1000).size == 0
 
 
-def test_frames_are_coded_coarser_until_they_fit() -> None:
-    """As far as there are coarser ones."""
-    tried: list[int] = []
-
-    def bits(coarser: int) -> float:
-        tried.append(coarser)
-        return 8000 * 2.0 ** (-coarser / 6)
-
-    assert drive(coarser_until(8000, 51), bits)
-    assert tried == [0]
-    assert drive(coarser_until(2000, 51), bits)
-    assert 12 <= tried[-1] <= 18
-    assert not drive(coarser_until(1, 51), bits)
-    assert tried[-1] == 51
-    del tried[:]
-    assert not drive(coarser_until(7500, 0), bits)
-    assert not drive(coarser_until(5000, 3), bits)
-    assert tried == [0, 0, 3]
-    assert drive(coarser_until(math.inf, 51), bits)
+@pytest.mark.parametrize(("max_bits", "qps"), [(7900.0, [31]), (2000.0, [43] * 3), (1.0, [51] * 3)])
+def test_frames_that_do_not_fit_become_coarser(max_bits: float, qps: list[int]) -> None:
+    """Up to the coarsest quality, by the usual fall of bits."""
+    qp, found = 30, []
+    for _ in qps:
+        if (num_bits := 8000 * 2.0 ** ((30 - qp) / 6)) > max_bits:
+            qp = coarser_qp(qp, num_bits, max_bits)
+        found.append(qp)
+    assert found == qps
 
 
 @pytest.mark.parametrize("name", ["bits_per_s", "bits_per_frame"])
