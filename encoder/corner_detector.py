@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dvc.corners import SENT_WINDOW_PX, is_local_max, quick_corner_response, spaced
 from dvc.tracks import FeaturePoints
-from dvc.tracks.point_sets import column_scan
+from dvc.tracks.coding import column_scan
 from dvc.video.frames import Plane
 from encoder.encoder_report import TrackingWork, coding_time_s
 

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,18 +54,7 @@ class PointTracks:
 
     @classmethod
     def none(cls, num_instants: int) -> "PointTracks":
-        """Return no tracks at all.
-
-        Parameters
-        ----------
-        num_instants : int
-            Frames that they would go through.
-
-        Returns
-        -------
-        PointTracks
-            Of length 0.
-        """
+        """Return no tracks, of a number of frames."""
         return cls(np.empty((0, num_instants, 2)))
 
 

@@ -20,7 +20,7 @@ from dvc.tracks import (
     encode_points,
 )
 from dvc.tracks import encode_tracks as encode
-from dvc.tracks.point_sets import column_scan
+from dvc.tracks.coding import column_scan
 from tests.reference import point_sets as reference
 
 

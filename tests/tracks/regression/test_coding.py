@@ -6,6 +6,7 @@ import pytest
 from dvc._jit import python_twin
 from dvc.config import CodecConfig
 from dvc.tracks import PointTracks, decode_tracks, encode_tracks
+from dvc.tracks import _kernels as point_kernels
 from dvc.tracks.regression import _kernels
 from tests.reference import track_regression as reference
 from tests.tracks.test_coding import config_of, drawn_tracks, rows_of
@@ -98,7 +99,7 @@ def test_neighbours_are_the_nearest(seed: int, twin: bool) -> None:
 @pytest.mark.parametrize("count", [1, 2, 3, 8, 77])
 def test_first_tracks_are_far_apart(count: int, twin: bool) -> None:
     """Tracks are in the order of their numbers with binary digits reversed."""
-    spread_order = python_twin(_kernels.spread_order) if twin else _kernels.spread_order
+    spread_order = python_twin(point_kernels.spread_order) if twin else point_kernels.spread_order
     assert spread_order(count).tolist() == reference.spread_order(count)
 
 
@@ -113,18 +114,18 @@ def test_cells_near_given_tracks_are_not_free(seed: int, twin: bool) -> None:
     taken = rng.integers(0, [shape[0] << exponent, shape[1] << exponent], (5, 2))
     points = rng.integers(0, 100, (6, 2))
     free = np.ones(shape, np.bool_)
-    choose(_kernels.take_guarded)(free, taken, guard, exponent)
+    choose(point_kernels.take_guarded)(free, taken, guard, exponent)
     assert np.array_equal(free, reference.unguarded_cells(shape, taken, guard << exponent, 1 << exponent))
     square = ((points[:, None] - taken) ** 2).sum(axis=-1).min()
-    assert choose(_kernels.min_square)(points, taken) == square
-    assert choose(_kernels.min_square)(points, taken[:0]) == 0
+    assert choose(point_kernels.min_square)(points, taken) == square
+    assert choose(point_kernels.min_square)(points, taken[:0]) == 0
 
 
 @pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("reach", [0, 2, 7])
 def test_points_are_counted_in_cells_around_them(reach: int, twin: bool) -> None:
     """Cells after a point in the scan know how many points are within reach, up to three."""
-    count_near = python_twin(_kernels.count_near) if twin else _kernels.count_near
+    count_near = python_twin(point_kernels.count_near) if twin else point_kernels.count_near
     rng = np.random.default_rng(reach)
     points = sorted((int(x), int(y)) for x, y in rng.integers(0, [20, 15], (12, 2)))
     near = np.zeros((20, 15), np.uint8)
