@@ -1,6 +1,5 @@
 """Acceptance of one decoder, and of the same one after its connection was lost."""
 
-import math
 import queue
 import selectors
 import socket
@@ -33,7 +32,6 @@ class AcceptedPeer(NamedTuple):
 
     connection: Connection
     endpoint: EncoderEndpoint
-    deadline_s: float = math.inf  # of the hello
 
 
 class PeerAcceptor(Closing):
@@ -52,7 +50,8 @@ class PeerAcceptor(Closing):
         self._listener, self._config, self._protection = listener, config, protection
         self._timeout_s, self._patience_s, self._log = timeout_s, patience_s, log
         self._accepted: queue.SimpleQueue[AcceptedPeer] = queue.SimpleQueue()
-        self._greetings: dict[int, AcceptedPeer] = {}  # without hello, by file descriptors, oldest first
+        # deadlines of hellos and their peers by file descriptors, the oldest first
+        self._greetings: dict[int, tuple[float, AcceptedPeer]] = {}
         self._decoder_id: bytes | None = None
         self._current: Connection | None = None
         self._num_rejected = 0
@@ -80,18 +79,18 @@ class PeerAcceptor(Closing):
 
     def _run(self) -> None:
         while not self._closed:
-            deadline_s = min((greeting.deadline_s for greeting in self._greetings.values()), default=None)
+            deadline_s = min((deadline_s for deadline_s, _ in self._greetings.values()), default=None)
             left_s = None if deadline_s is None else max(deadline_s - time.monotonic(), 0.0)
             for key, _ in self._selector.select(left_s):
                 if key.fd in self._greetings:
-                    self._greet(self._greetings[key.fd])
+                    self._greet(self._greetings[key.fd][1])
                 elif key.fileobj is self._listener:
                     self._accept()
-            for greeting in [*self._greetings.values()]:
-                if greeting.deadline_s <= time.monotonic():
-                    self._reject(greeting, f"no hello within {HELLO_S:g} s")
-        for greeting in self._greetings.values():
-            greeting.connection.close(0.0)
+            for deadline_s, peer in [*self._greetings.values()]:
+                if deadline_s <= time.monotonic():
+                    self._reject(peer, f"no hello within {HELLO_S:g} s")
+        for _, peer in self._greetings.values():
+            peer.connection.close(0.0)
         self._selector.close()
         self._woken.close()
 
@@ -103,12 +102,11 @@ class PeerAcceptor(Closing):
         except (OSError, FeedbackError):  # too many open files, or the peer has gone
             max_greetings = 0
         else:
-            deadline_s, max_greetings = time.monotonic() + HELLO_S, MAX_GREETINGS
-            greeting = AcceptedPeer(connection, EncoderEndpoint(self._config), deadline_s)
-            self._greetings[connection.fileno()] = greeting
+            peer, max_greetings = AcceptedPeer(connection, EncoderEndpoint(self._config)), MAX_GREETINGS
+            self._greetings[connection.fileno()] = time.monotonic() + HELLO_S, peer
             self._selector.register(connection, selectors.EVENT_READ)
         if len(self._greetings) > max_greetings:
-            self._reject(next(iter(self._greetings.values())), "too many peers wait")
+            self._reject(next(iter(self._greetings.values()))[1], "too many peers wait")
         time.sleep(PAUSE_S)
 
     def _greet(self, peer: AcceptedPeer) -> None:

@@ -142,7 +142,7 @@ class _LiveEncoder:
         self._connect(peer)
 
     def _connect(self, peer: AcceptedPeer) -> None:
-        self.connection, self._endpoint, _ = peer
+        self.connection, self._endpoint = peer
         self._ended = False
         self._buffer = self._session.encoder_buffer(self._endpoint.num_slots)
         self._num_bits = np.zeros(self._endpoint.num_slots, np.int64)  # requested, by slot
