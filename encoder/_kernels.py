@@ -147,14 +147,6 @@ def spiral_search(matching, x, y, half, i, small, spiral):
 
 
 @kernel
-def median_motion(velocity, alive, median):
-    """Compute the median of each component over the live points, at least one."""
-    for axis in range(2):
-        ordered = np.sort(velocity[alive, axis])
-        median[axis] = ordered[ordered.size // 2]
-
-
-@kernel
 def move_as_nearest(points, ends, squares, velocity):
     """Compute squared distances of points from the nearest track, and its last motion back in time."""
     count = points.shape[0]
@@ -254,15 +246,6 @@ def track_frame(matching, quarter, points, movement, spirals, max_coarse_searche
     return num_matched
 
 
-@inlined_kernel
-def offset_between(before, here, after):
-    """Return the offset of a minimum between pixels: the tip of a V through three SADs."""
-    steepest = max(before, after) - here
-    if min(before, after) >= here and steepest > 0:
-        return 0.5 * (before - after) / steepest
-    return 0.0
-
-
 @kernel
 def finish_frame(points, last, search, scale, velocity, path):
     """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; nan for lost points.
@@ -279,9 +262,10 @@ def finish_frame(points, last, search, scale, velocity, path):
             square += moved * moved
             path[i, axis] = np.nan
             if matched[i]:
-                offset = 0.0
-                if scale > 1.0:
-                    offset = offset_between(adjacent[i, 2 * axis], sads[i], adjacent[i, 2 * axis + 1])
+                offset, before, after = 0.0, adjacent[i, 2 * axis], adjacent[i, 2 * axis + 1]
+                steepest = max(before, after) - sads[i]
+                if scale > 1.0 and min(before, after) >= sads[i] and steepest > 0:
+                    offset = 0.5 * (before - after) / steepest  # the tip of a V through three SADs
                 path[i, axis] = np.rint((position[i, axis] + offset) * scale) / scale
         longest = max(longest, square if matched[i] else 0)
     return longest

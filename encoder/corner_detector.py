@@ -80,19 +80,15 @@ def _strongest(response: NDArray[np.float32], worthy: NDArray[np.bool_], most: i
 class CornerDetector:
     """Detects the corners of Wyner-Ziv frames, each frame by itself."""
 
-    def __init__(
-        self, num_points: int, settings: CornerSettings | None = None, work: TrackingWork | None = None
-    ) -> None:
-        self._num_points = num_points
-        self._settings = settings or CornerSettings()
-        self.work = TrackingWork() if work is None else work
+    def __init__(self, num_points: int, work: TrackingWork | None = None) -> None:
+        self._num_points, self.work = num_points, work or TrackingWork()
 
     def detect(self, frames: Sequence[Plane]) -> FeaturePoints:
         """Detect the corners of frames."""
         started = coding_time_s()
         detected = []
         for luma in frames:
-            points = find_corners(luma, self._num_points, _MARGIN_PX, self._settings)
+            points = find_corners(luma, self._num_points, _MARGIN_PX)
             detected.append(points[column_scan(points)].astype(np.float64))
         self.work.num_corners += sum(map(len, detected))
         self.work.cpu_s += coding_time_s() - started

@@ -248,8 +248,7 @@ class _LiveEncoder:
         """Return the next group of the sequence, if there is one."""
         if self._again:
             return self._again.popleft()
-        group = next(self._source, None)
-        if group is None:
+        if (group := next(self._source, None)) is None:
             return None
         encoded = self._session.encode(group)
         sent = _SentGroup(self._num_groups, self._num_frames, encoded.record.num_frames, encoded)

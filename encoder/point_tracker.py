@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.arrays import Bytes, Floats, Integers, Mask
+from dvc.arrays import Bytes, Floats, Integers
 from dvc.config import MAX_NEW_TRACKS
 from dvc.tracks import PointTracks
 from dvc.video.frames import Plane
@@ -175,8 +175,7 @@ class PointTracker:
         self._num_points = num_points
         self._subpixel_bits = subpixel_bits
         self._settings = settings or PointTrackerSettings()
-        # motion into the last frame with any live point, and which points these are
-        self._last_moved: tuple[Integers, Mask] | None = None
+        self._last_moved = np.empty((0, 2), np.int64)  # motion of live points into the last frame with any
         self._num_before = 0
         self.work = TrackingWork() if work is None else work
 
@@ -184,9 +183,8 @@ class PointTracker:
         """Detect the points of a key frame; forget earlier tracks except for their last motion."""
         started = coding_time_s()
         points = KeyPoints.find(luma, self._num_points, self._settings, self.work)
-        count, median = len(points.positions), np.zeros(2, np.int64)
-        if self._last_moved:
-            _kernels.median_motion(*self._last_moved, median)
+        count, moved = len(points.positions), self._last_moved
+        median = np.sort(moved, axis=0)[len(moved) // 2] if len(moved) else moved.sum(axis=0)
         velocity = np.tile(median, (count, 1))
         self._matching = BlockMatchingTracker(points, velocity, self._subpixel_bits, self._settings)
         self._num_before = count
@@ -201,7 +199,7 @@ class PointTracker:
         self._num_before = matching.num_alive
         matching.step(luma, self._settings.max_coarse_searches, self.work)
         if matching.num_alive:
-            self._last_moved = matching.velocity, matching.alive
+            self._last_moved = matching.velocity[matching.alive]
         self.work.num_frames += 1
         self.work.cpu_s += coding_time_s() - started
 

@@ -65,10 +65,6 @@ def expected_planes(frame: Frame, luma_only: bool) -> Frame:
     return frame.without_chroma() if luma_only else frame.with_chroma()
 
 
-def decoder_of(size: tuple[int, int], encoder: KeyFrameEncoder, luma_only: bool = False) -> KeyFrameDecoder:
-    return KeyFrameDecoder(*size, encoder.parameter_sets, luma_only=luma_only)
-
-
 @pytest.mark.parametrize("size", [(48, 32), (33, 25), (1, 1), (2, 3), (17, 1), (16, 40)])
 @pytest.mark.parametrize(
     ("luma_only", "qp"), [(False, 22), (True, 40), (False, "lossless"), (True, "lossless")]

@@ -183,14 +183,6 @@ def test_the_decoder_comes_back() -> None:
         wait_until(lambda: len(lines) == 1)
 
 
-def test_a_decoder_of_another_encoder_is_refused() -> None:
-    """It has groups that this one has not sent."""
-    with opened() as (_, address, lines):
-        with pytest.raises(RefusedError, match="no decoder can continue here after 5 groups"):
-            greet(address, DecoderEndpoint(ID, 5, 20))
-        wait_until(lambda: lines)
-
-
 def test_without_patience_the_port_is_closed_after_the_first() -> None:
     """A lost connection ends the run then."""
     with opened(0.0) as (peers, address, _), greet(address, DecoderEndpoint(ID)), accepted(peers).connection:

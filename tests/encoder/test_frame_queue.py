@@ -14,7 +14,7 @@ from dvc.video import Frame
 from encoder.encoder_session import EncoderSession
 from encoder.frame_queue import FrameQueue, PacedFrames, default_frames
 from tests.clips import moving_texture
-from tests.waiting import wait_until
+from tests.waiting import Clock, wait_until
 
 FRAMES = [Frame(frame.luma) for frame in moving_texture(40, 24, 32)]
 NUMBERS = {id(frame): number for number, frame in enumerate(FRAMES)}
@@ -143,7 +143,8 @@ def test_groups_begin_anew_after_a_gap(codec: str) -> None:
     assert all(records[number].key for number in first)
 
 
-def test_runs_of_frames_are_taken_as_they_come() -> None:
+@pytest.mark.parametrize("codec", ["2d", "3d-te"])
+def test_runs_of_frames_are_taken_as_they_come(codec: str) -> None:
     """No frame beyond the one that ends a group is asked for."""
     asked: list[int] = []
 
@@ -152,7 +153,7 @@ def test_runs_of_frames_are_taken_as_they_come() -> None:
             asked.append(number)
             yield frame
 
-    config = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
+    config = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), codec, gop={"length": 2})
     seen = [len(asked) for _ in EncoderSession(config).groups(_asking())]
     assert [length for length, _ in groupby(seen)][:4] == [1, 3, 5, 6]
 
@@ -175,16 +176,6 @@ def test_a_group_can_be_read_once_it_is_there(monkeypatch: pytest.MonkeyPatch) -
     assert not queue.close()
     source.let_go(1)
     wait_until(queue.close)
-
-
-class Clock:
-    """A clock that moves when it is told to."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
 
 
 def behind_s(work_s: list[float], waiting_s: float = 0.0, reading_s: float = 0.0) -> float:

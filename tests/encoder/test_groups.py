@@ -1,7 +1,7 @@
 """Key frames chosen by tracks, and what the session writes of tracks and points."""
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -202,23 +202,6 @@ def test_a_still_camera_that_starts_to_move() -> None:
     assert group.tracks is not None
     moved = group.tracks.positions[:, :, 0] - group.tracks.positions[:, :1, 0]
     assert np.nanmedian(moved, axis=0).tolist() == [0, 0, 0, 0, 0, 1, 2, 3]
-
-
-def test_no_more_frames_are_held_than_a_group_has() -> None:
-    """A group is there as soon as its key frame is."""
-    taken = 0
-
-    def source() -> Iterator[Frame]:
-        nonlocal taken
-        for frame in SLOW:
-            taken += 1
-            yield frame
-
-    found = tracked(3).groups(source())
-    next(found)
-    assert taken == 1
-    next(found)
-    assert taken == 4
 
 
 def test_corners_of_wyner_ziv_frames() -> None:

@@ -21,6 +21,7 @@ from encoder.encoder_session import EncoderSession
 from encoder.live_encoder import DecoderPace, serve
 from encoder.rate_limits import RateLimits
 from tests.clips import moving_texture
+from tests.waiting import Clock
 
 LAST = encode_message(Finished())
 CONFIG = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
@@ -242,16 +243,6 @@ def test_requests_are_answered_while_frames_are_awaited() -> None:
     served(EncoderSession(CONFIG, Live()), frames, decoder, has_frames=_has_frames)
     assert sum(gop.record.num_frames for gop in decoder.records) == 5
     assert len(asked) > 10
-
-
-class Clock:
-    """A clock that moves when it is told to."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
 
 
 def test_a_late_decoder_is_logged_less_and_less_often() -> None:

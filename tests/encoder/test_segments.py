@@ -15,13 +15,12 @@ from typing import BinaryIO, cast
 import numpy as np
 import pytest
 
-import decoder.__main__
 from dvc.errors import BitstreamError, ConfigError, VideoError
 from dvc.stream import StreamReader
-from dvc.video import Frame, open_video
+from dvc.video import Frame
 from encoder.frame_queue import InputFrames
 from encoder.segments import segment_names
-from tests.clips import moving_texture, same_frame
+from tests.clips import moving_texture
 from tests.waiting import wait_until
 
 SIZE = (48, 32)
@@ -132,14 +131,6 @@ def feed(process: "subprocess.Popen[bytes]", data: bytes) -> None:
     pipe.flush()
 
 
-def decoded(path: Path) -> list[Frame]:
-    """Decode a segment, whole or not."""
-    video = path.with_name(f"{path.name}.y4m")
-    assert decoder.__main__.main([str(path), str(video), "--unfinished", "--quiet"]) == 0
-    with open_video(video) as reader:
-        return list(reader)
-
-
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir() if ".y4m" not in path.name)
 
@@ -178,32 +169,6 @@ def num_finished(path: Path) -> int:
             return len(reader.index.entries)
     except BitstreamError:  # not even the first
         return 0
-
-
-def test_kill_loses_no_finished_group(tmp_path: Path, frames: list[Frame], undisturbed: Path) -> None:
-    """Whenever an encoder is killed, what it had written is what an undisturbed run writes."""
-    rng = np.random.default_rng(0)
-    folders = [tmp_path / str(number) for number in range(3)]
-    for folder in folders:
-        folder.mkdir()
-    for number, (folder, process) in enumerate([(folder, start(folder, *RAW)) for folder in folders]):
-        feed(process, planes(frames))
-        begun = [folder / f"day-{number:04d}.dvc{suffix}" for suffix in (".part", "")]
-        wait_until(lambda begun=begun: any(path.exists() for path in begun), process.poll)
-        time.sleep(rng.uniform(0.0, 0.1))
-        process.kill()
-        status, _ = finish(process)
-        assert status == -signal.SIGKILL
-        found = names(folder)
-        assert found[:number] == [f"day-{k:04d}.dvc" for k in range(number)]
-        for name in found:
-            kept = (folder / name).read_bytes()
-            whole = (undisturbed / name.removesuffix(".part")).read_bytes()
-            assert whole.startswith(kept)
-            assert name.endswith(".part") or kept == whole
-    last = [folders[-1] / name for name in found if num_finished(folders[-1] / name)][-1]
-    undisturbed_frames = decoded(undisturbed / last.name.removesuffix(".part"))
-    assert all(map(same_frame, decoded(last), undisturbed_frames))
 
 
 def processor_s(process: "subprocess.Popen[bytes]") -> float:
