@@ -148,7 +148,7 @@ class EncoderStatistics:
     def operations_per_pixel(self, config: CodecConfig) -> dict[str, dict[str, float]]:
         """Count the operations of each stage by the model of this module."""
         height, width = config.video.height, config.video.width
-        num_samples = math.prod(band_shape(height, width)) * NUM_BANDS  # of a frame in whole blocks
+        num_samples = math.prod(band_shape(height, width)) * NUM_BANDS  # samples of a frame in whole blocks
         work = self.tracking
         num_large = work.num_samples - work.num_blocks * SMALL_SAMPLES
         num_large //= LARGE_SAMPLES - SMALL_SAMPLES

@@ -8,7 +8,6 @@ from functools import cache
 from itertools import groupby
 from typing import BinaryIO, cast
 
-from dvc import slepian_wolf
 from dvc.config import (
     MAX_TRACKS_BPP,
     VARIANTS,
@@ -23,7 +22,6 @@ from dvc.keyframes import KeyFrameEncoder, KeyPicture
 from dvc.slepian_wolf.requests import drive
 from dvc.stream import MAX_DEVIATION_TICKS, Deviations, Form, GopRecord, StreamWriter, planned_tick
 from dvc.video import Frame
-from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.hierarchy import reference_distances
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout
@@ -253,8 +251,3 @@ class EncoderSession:
         with self.statistics.timing("transform_cpu_s"):
             pairs = zip(group.wyner_ziv, steps, strict=True)
             return tuple(EncodedFrame.of(self._layout, frame.luma, step) for frame, step in pairs)
-
-    def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
-        """Return an empty buffer for up to `num_slots` open frames of a live decoder."""
-        assert self._layout is not None
-        return EncoderBuffer(self._layout, slepian_wolf.plane_coder(self.config), num_slots)

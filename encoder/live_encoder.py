@@ -11,9 +11,11 @@ import numpy as np
 
 from dvc.errors import BitstreamError, ConnectionLostError, DvcError, FeedbackError
 from dvc.feedback import GopDone
-from dvc.slepian_wolf import RequestTable
+from dvc.slepian_wolf import RequestTable, plane_coder
 from dvc.slepian_wolf.requests import COUNT, SLOT
 from dvc.video import Frame
+from dvc.wynerziv.encoder_buffer import EncoderBuffer
+from dvc.wynerziv.quantizer import FrameLayout
 from encoder.acceptor import AcceptedPeer, PeerAcceptor
 from encoder.encoder_session import EncodedGroup, EncoderSession, Progress
 from encoder.frame_queue import LeftOut
@@ -144,8 +146,9 @@ class _LiveEncoder:
     def _connect(self, peer: AcceptedPeer) -> None:
         self.connection, self._endpoint = peer
         self._ended = False
-        self._buffer = self._session.encoder_buffer(self._endpoint.num_slots)
-        self._num_bits = np.zeros(self._endpoint.num_slots, np.int64)  # requested, by slot
+        config, num_slots = self._session.config, self._endpoint.num_slots
+        self._buffer = EncoderBuffer(FrameLayout.of(config), plane_coder(config), num_slots)
+        self._num_bits = np.zeros(num_slots, np.int64)  # requested, by slot
         self._progressed_s = time.monotonic()
 
     def serve(self, peers: PeerAcceptor | None, patience_s: float) -> None:

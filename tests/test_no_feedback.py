@@ -69,7 +69,6 @@ def test_frames_are_as_they_are_predicted(clip: Path, stream: Path, tmp_path: Pa
 def test_a_frame_that_holds_anything_is_refused(
     stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In one line that names the group."""
     with StreamReader(stream) as reader, (tmp_path / "more.dvc").open("wb") as file:
         assert reader.form is Form.NO_FEEDBACK
         with StreamWriter(file, reader.config, reader.form) as writer:
@@ -94,7 +93,6 @@ def test_a_frame_that_holds_anything_is_refused(
     ids=" ".join,
 )
 def test_every_codec_and_quality_serves(clip: Path, tmp_path: Path, options: tuple[str, ...]) -> None:
-    """Nothing depends on how planes would be coded."""
     stream = tmp_path / "stream.dvc"
     assert encoder.main([str(clip), str(stream), "--no-feedback", "--luma-only", "--quiet", *options]) == 0
     report, _ = decoded(stream, tmp_path, "--reference", str(clip))
@@ -104,7 +102,6 @@ def test_every_codec_and_quality_serves(clip: Path, tmp_path: Path, options: tup
 
 
 def test_chroma_has_the_quality_of_luma(tmp_path: Path) -> None:
-    """As no other frame rests on it; it is finer where one does."""
     half = [frame.luma for frame in moving_texture(4, 16, 24)]
     lumas = [frame.luma for frame in moving_texture(2, 32, 48)]
     frames = [Frame(luma, (half[k], half[k + 2])) for k, luma in enumerate(lumas)]
@@ -133,7 +130,6 @@ def test_chroma_has_the_quality_of_luma(tmp_path: Path) -> None:
 def test_options_that_make_no_sense_are_refused(
     clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
 ) -> None:
-    """In one line, and nothing is written."""
     assert encoder.main([str(clip), str(tmp_path / "none.dvc"), "--quiet", *options]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line
@@ -141,7 +137,6 @@ def test_options_that_make_no_sense_are_refused(
 
 
 def test_a_cut_stream_is_told(stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Wherever it ends; so is that nothing can be punctured."""
     files = [str(stream), str(tmp_path / "v.y4m"), "--punctured", str(tmp_path / "p.dvc")]
     assert decoder.main([*files, "--quiet"]) == 2
     (line,) = capsys.readouterr().err.splitlines()

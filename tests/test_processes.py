@@ -294,7 +294,6 @@ def test_a_full_disk_leaves_nothing(
 
 
 def test_a_first_connection_that_is_lost_is_tried_again(clip: Path, buffered: Run, tmp_path: Path) -> None:
-    """The reason is logged once; then all is as ever."""
     with serving(clip, *CODING) as (encoder, address):
         with slow_link(*parse_address(address), 0.001, 1e9) as link:
             link.is_down = True
@@ -337,7 +336,6 @@ def test_decoder_and_encoder_prove_who_they_are(clip: Path, buffered: Run, tmp_p
 
 
 def test_a_network_is_not_served_without_tls(clip: Path) -> None:
-    """Unless the user allows it."""
     assert_refused(finish(start("encoder", clip, *CODING, "--serve", "0.0.0.0:0")), "TLS or --insecure")
 
 
@@ -460,7 +458,6 @@ def test_interrupt_leaves_nothing(tmp_path: Path, clip: Path) -> None:
 
 
 def test_termination_leaves_nothing(tmp_path: Path, stream: Path) -> None:
-    """A decoder that is terminated within a stream removes its output."""
     (tmp_path / "out").mkdir()
     os.mkfifo(tmp_path / "pipe.dvc")
     decoder = start("decoder", tmp_path / "pipe.dvc", tmp_path / "out" / "out.mkv")
@@ -628,7 +625,6 @@ class EachFault:
 def test_a_decoder_keeps_its_frames_if_another_encoder_comes(
     tmp_path: Path, long_clip: Path, unbroken: Run
 ) -> None:
-    """It is refused long before its patience ends."""
     words = (tmp_path / "out.y4m", "--patience", 10 * PATIENCE_S)
     with (
         serving(long_clip, *CODING) as (encoder, address),

@@ -13,7 +13,7 @@ LOST = -1
 GRID_EXPONENTS, DISTANCES = 8, 256
 """Number of grids and of distances of points."""
 MAX_CELLS = 2**18
-"""Largest number of cells of a grid for which first positions are coded directly."""
+"""Largest number of cells of a grid with directly coded first positions."""
 _MAX_GUARD = 256
 NUM_STAGES, NUM_NODES = 5, 25
 """Number of decisions of a residual with own curves, and of nodes of each curve."""

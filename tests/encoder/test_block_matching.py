@@ -13,7 +13,6 @@ STILL_LIFE = moving_texture(1, 120, 160)[0].luma
 
 
 def test_spiral_starts_at_rest_and_grows() -> None:
-    """Each displacement of the square is there once, small ones first."""
     displacements = spiral(3)
     assert displacements[0].tolist() == [0, 0]
     assert len({tuple(d) for d in displacements.tolist()}) == 49
@@ -102,7 +101,6 @@ def test_points_follow_the_nearest_that_is_found(seed: int, choose: Choose) -> N
 
 @pytest.mark.parametrize("scale", [1.0, 2.0, 8.0])
 def test_frames_are_finished_as_their_twin_says(scale: float, choose: Choose) -> None:
-    """Velocities, paths at parts of a pixel, and the longest way."""
     finish = choose(_kernels.finish_frame)
     rng = np.random.default_rng(int(scale))
     first, last, position = (rng.integers(0, 100, (40, 2)) for _ in range(3))

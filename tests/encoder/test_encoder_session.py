@@ -97,7 +97,6 @@ def test_idr_pictures_come_within_the_intra_period(
 
 
 def test_idr_pictures_come_at_cuts() -> None:
-    """The key frame after a cut is one."""
     session = chained_session(96)
     usual, cut = Group(tuple(FRAMES[:1]), FRAMES[1]), Group((), FRAMES[5], begins_scene=True)
     assert predicted_keys(session, [usual, usual, cut, usual]) == "IPIP"
@@ -107,7 +106,6 @@ def test_idr_pictures_come_at_cuts() -> None:
 def test_codecs_without_predicted_key_frames_write_intra_pictures(
     codec: str, quality: Quality | None
 ) -> None:
-    """All key frames are such."""
     config = codec_config(VideoConfig(12, 8, 25, 1), codec, quality, gop={"length": 2})
     session = EncoderSession(config)
     assert set(predicted_keys(session, list(session.groups(FRAMES)))) == {"I"}

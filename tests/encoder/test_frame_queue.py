@@ -52,12 +52,10 @@ def take(queue: FrameQueue, count: int) -> list[int | None]:
 
 
 def test_all_frames_come_in_order_and_then_the_end() -> None:
-    """None is lost where the source can wait, however small the queue."""
     assert [NUMBERS[id(frame)] for frame in FrameQueue(FRAMES, 1) if frame] == list(range(40))
 
 
 def test_a_source_that_can_wait_is_read_no_further_than_the_queue_holds() -> None:
-    """One frame is in hand, the others stay where they are."""
     source = Source()
     source.let_go(40)
     queue = FrameQueue(source, 5)
@@ -71,7 +69,6 @@ def test_a_source_that_can_wait_is_read_no_further_than_the_queue_holds() -> Non
 
 
 def test_frames_are_left_out_until_there_is_room_for_a_group() -> None:
-    """What waits stays whole; the gap is marked once, and counted."""
     source = Source()
     queue = FrameQueue(source, 6, 4)
     source.let_go(1)
@@ -90,7 +87,6 @@ def test_frames_are_left_out_until_there_is_room_for_a_group() -> None:
 
 
 def test_what_the_source_fails_with_comes_after_its_frames() -> None:
-    """Frames that were read before are not lost."""
     source = Source()
     queue = FrameQueue(source, 10)
     source.let_go(1)
@@ -145,7 +141,6 @@ def test_groups_begin_anew_after_a_gap(codec: str) -> None:
 
 @pytest.mark.parametrize("codec", ["2d", "3d-te"])
 def test_runs_of_frames_are_taken_as_they_come(codec: str) -> None:
-    """No frame beyond the one that ends a group is asked for."""
     asked: list[int] = []
 
     def _asking() -> Iterator[Frame | None]:

@@ -69,7 +69,6 @@ def test_groups_have_the_longest_length(num_frames: int, length: int) -> None:
 
 
 def test_long_tracks_ask_for_a_key_frame() -> None:
-    """A group ends as soon as a point has moved so far."""
     groups = cut(SLOW, 10, KeyFrameRule(longest_track_px=3.0, lost_share=1.0))
     check_cover(groups, SLOW)
     assert sizes_of(groups) == [1, 3, 3, 3, 2]
@@ -83,7 +82,6 @@ def test_groups_have_a_least_length() -> None:
 
 
 def test_lost_tracks_ask_for_a_key_frame() -> None:
-    """Points that leave the frame end the group in which they do."""
     fast = moving_texture(8, 64, 96, (0.0, 4.0))
     loose = sizes_of(cut(fast, 8, KeyFrameRule(1e6, 1.0)))
     strict = sizes_of(cut(fast, 8, KeyFrameRule(1e6, 0.1)))
@@ -196,7 +194,6 @@ def test_frames_without_corners_make_groups(luma: np.ndarray) -> None:
 
 
 def test_a_still_camera_that_starts_to_move() -> None:
-    """Tracks at rest stay, and follow once there is motion."""
     frames = [SLOW[0]] * 4 + list(SLOW[:4])
     (_, group) = cut(frames, 7)
     assert group.tracks is not None
@@ -205,7 +202,6 @@ def test_a_still_camera_that_starts_to_move() -> None:
 
 
 def test_corners_of_wyner_ziv_frames() -> None:
-    """Groups of a fixed length hold the corners of each Wyner-Ziv frame."""
     config = codec_config(VideoConfig(128, 96, 25, 1), "3d-td", gop={"length": 4}, tracks={"num_points": 30})
     groups = list(CornerGroups(config, TrackingWork()).groups(SLOW))
     assert sizes_of(groups) == [1, 4, 4, 3]
@@ -224,7 +220,6 @@ def test_corners_of_wyner_ziv_frames() -> None:
     ],
 )
 def test_rules_that_make_no_sense_are_refused(rule: dict[str, float]) -> None:
-    """Lengths are positive, shares between 0 and 1."""
     with pytest.raises(ConfigError):
         KeyFrameRule(**rule)  # type: ignore[arg-type]
 
@@ -389,7 +384,6 @@ def test_command_chooses_key_frames(tmp_path: Path) -> None:
 def test_command_refuses_options_that_make_no_sense(
     tmp_path: Path, options: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line, exit status 2 and no output."""
     clip = write_clip(tmp_path / "clip.mkv", SLOW[:2])
     try:
         status = main([str(clip), str(tmp_path / "out.dvc"), *options])

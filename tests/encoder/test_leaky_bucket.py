@@ -117,7 +117,6 @@ def live_group(bucket: LeakyBucket, complexity: float, ratio: float) -> list[int
 
 @pytest.mark.parametrize("ratio", [0.6, 1.0, 1.4])
 def test_what_decoders_ask_for_is_learnt(ratio: float) -> None:
-    """However much estimates are off."""
     bucket, bits = LeakyBucket(BITS_PER_S, FRAME_RATE), []
     for number in range(60):
         asked = live_group(bucket, 1.0, ratio)
@@ -166,7 +165,6 @@ def test_no_window_takes_more_than_is_allowed(random: st.DataObject) -> None:
 
 
 def test_steps_of_quality_begin_with_frames_that_predict_none() -> None:
-    """Those with the nearest references are the first to be coarser."""
     distances = [2, 4, 2, 16, 2, 4, 2, 8]
     assert QualityStep.of(30 * STEPS).qps(distances) == [30] * 8
     half = QualityStep.of(30 * STEPS + STEPS // 2).qps(distances)
@@ -175,7 +173,6 @@ def test_steps_of_quality_begin_with_frames_that_predict_none() -> None:
 
 
 def test_what_decoders_ask_for_is_foreseen() -> None:
-    """By how far references are apart, and by the QP of each frame."""
     found = forecast(QualityStep(30), [2, 4, 3, 8, 16], 1000)
     near, middle, far = (1000 * bits for bits in ASKED_BPP)
     assert found.tolist() == [near, middle, middle, far, far]
@@ -188,7 +185,6 @@ def test_what_decoders_ask_for_is_foreseen() -> None:
 
 @pytest.mark.parametrize(("max_bits", "qps"), [(7900.0, [31]), (2000.0, [43] * 3), (1.0, [51] * 3)])
 def test_frames_that_do_not_fit_become_coarser(max_bits: float, qps: list[int]) -> None:
-    """Up to the coarsest quality, by the usual fall of bits."""
     qp, found = 30, []
     for _ in qps:
         if (num_bits := 8000 * 2.0 ** ((30 - qp) / 6)) > max_bits:
@@ -199,7 +195,6 @@ def test_frames_that_do_not_fit_become_coarser(max_bits: float, qps: list[int]) 
 
 @pytest.mark.parametrize("name", ["bits_per_s", "bits_per_frame"])
 def test_limits_are_numbers_of_bits(name: str) -> None:
-    """Limits range from one bit to a terabit."""
     RateLimits(**{name: 10**12})
     for bits in (-5, 0, 10**12 + 1):
         with pytest.raises(ConfigError, match=f"{name}.* must be from 1 to"):

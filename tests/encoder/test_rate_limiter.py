@@ -70,7 +70,6 @@ def test_predicted_key_frames_are_coded_once() -> None:
 
 @pytest.mark.parametrize("predicted", [20, 100, 600])
 def test_the_bitrate_holds_however_much_predicted_key_frames_take(predicted: int) -> None:
-    """What they take is expected by the one before."""
     keys = Keys(1000, predicted)
     limiter = limiter_of(RateLimits(bits_per_s=20_000))
     bits = [8 * len(coded_within(limiter, keys, number == 0).key.data) for number in range(250)]  # type: ignore[union-attr]
@@ -109,7 +108,6 @@ def test_a_predicted_key_frame_that_is_too_large_gives_way_to_an_idr_picture(
 
 @pytest.mark.parametrize("limits", [RateLimits(bits_per_s=20_000), RateLimits(None, 500)])
 def test_only_a_live_decoder_is_told_what_it_may_ask_for(limits: RateLimits) -> None:
-    """If there is any limit."""
     for delivery, limit in ((Live(), limits), (NoFeedback(), limits), (Live(), None)):
         config = EncoderSession(CONFIG, delivery, limits=limit).config
         assert config.wyner_ziv.limited == (delivery == Live() and limit is not None)
@@ -132,7 +130,6 @@ def test_frames_may_take_no_more_than_the_limit_on_the_mean(bits_per_s: int | No
 
 
 def test_limits_are_for_those_who_choose_what_is_sent() -> None:
-    """Not for files with all parity, and not for fixed quantisers."""
     with pytest.raises(ConfigError, match="require --serve or --no-feedback"):
         RateLimiter(CONFIG, ParityBuffer(), RateLimits(1000))
 

@@ -48,7 +48,6 @@ def test_names_of_segments(output: str, name: str) -> None:
 
 @pytest.mark.parametrize("output", ["%d-%d.dvc", "%s.dvc", "%04x.dvc", "100%.dvc", "%4d.dvc"])
 def test_names_without_one_number_are_refused(output: str) -> None:
-    """Any other conversion is one line, not a file with a strange name."""
     with pytest.raises(ConfigError, match="need one number"):
         segment_names(output)
 

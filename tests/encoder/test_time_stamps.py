@@ -82,7 +82,6 @@ def test_frames_without_times_follow_at_the_usual_distance() -> None:
 
 
 def test_a_clock_that_is_too_coarse_tells_nothing() -> None:
-    """Ticks that are longer than frames, as of a whole second."""
     assert (
         coded(CodingClock(Fraction(10)), Fraction(10), [TimeStamp(n // 10, 1) for n in range(9)])[1]
         == [None] * 3

@@ -58,7 +58,6 @@ def test_fast_motion_is_reached() -> None:
 
 
 def test_operations_stay_small() -> None:
-    """Smooth motion costs a few comparisons a point."""
     frames = moving_texture(6, 120, 160, (1.0, 2.0))
     counts = followed(frames).work
     assert counts.num_corners == 40
@@ -138,7 +137,6 @@ def test_new_tracks_need_frames_between_the_key_frames() -> None:
 
 
 def test_nothing_appears_at_rest() -> None:
-    """Where all points are still there, none is followed back."""
     frames = moving_texture(1, 120, 160) * 4
     tracks = followed(frames).close([frame.luma for frame in frames[1:]])
     assert len(tracks) > 20
@@ -176,7 +174,6 @@ def test_odd_frames_close_a_group(name: str) -> None:
 
 
 def test_points_lost_at_an_instant_are_told_later() -> None:
-    """As they were when it was the last one."""
     first, *others = moving_texture(6, 64, 96, (0.0, 6.0))
     tracker, lost = PointTracker(30), []
     tracker.start(first.luma)

@@ -52,7 +52,6 @@ def test_transform() -> None:
 
 @pytest.mark.parametrize("planes", [[10, 4, 4, 3, 3, 2, 2, 1, 1, 1, 0, 0, 0, 0, 0, 0], [4] * 16])
 def test_quantisation(planes: Sequence[int]) -> None:
-    """Coefficients to words of planes: only bands that have some count."""
     tally, words = Tally(), np.zeros((1, CORE.shape[1]), np.uint64)
     given = transform.BAND_SCALE, 16.0, np.zeros(16), np.array(planes)
     kernel = wyner_ziv_kernels.pack_uniform
@@ -66,7 +65,6 @@ def test_quantisation(planes: Sequence[int]) -> None:
 
 @pytest.mark.parametrize("half_side_px", [_kernels.HALF_BLOCK_PX, _kernels.QUARTER_HALF_BLOCK_PX])
 def test_block_comparison(half_side_px: int) -> None:
-    """Every sample of a block, and those that are masked."""
     tally, side = Tally(), 2 * half_side_px + 1
     blocks = RNG.integers(0, 256, (2, side, side)).astype(np.uint8)
     counts = np.zeros(2, np.int64)
@@ -78,7 +76,6 @@ def test_block_comparison(half_side_px: int) -> None:
 
 
 def test_spatial_candidates() -> None:
-    """A point that was found is compared with all that are left."""
     tally, places = Tally(), RNG.integers(0, 200, (2, 9)).astype(np.int32)
     nearest_found = np.full(9, _kernels.UNKNOWN << 20)
     given = (*(Data(line, tally) for line in places), 2, 3, Data(nearest_found, tally))

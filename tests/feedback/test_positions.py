@@ -322,7 +322,6 @@ def test_runs_begin_in_turn(number: int, begun: Run) -> None:
 
 
 def test_a_frame_names_so_many_runs_and_no_more() -> None:
-    """Another frame of the group may name as many."""
     config = codec_config(VIDEO, "2d", gop={"length": 4})
     account, num_planes = opened(config, 4), sum(config.wyner_ziv.max_planes)
     planes = [divmod(number, num_planes) for number in range(2 * MAX_RUNS)]
@@ -418,7 +417,6 @@ def test_runs_end_with_their_group_of_pictures() -> None:
 
 
 def test_endpoint_refuses_requests_that_are_too_long() -> None:
-    """The length is judged before the bytes come."""
     encoder = EncoderEndpoint(CONFIG)
     encoder.receive(DecoderEndpoint(bytes(16)).bytes_to_send())
     encoder.send_welcome()

@@ -83,7 +83,6 @@ def serve_once(
 
 @pytest.mark.parametrize("trust", ["authority", "fingerprint", "both"])
 def test_a_trusted_encoder_is_talked_to(trust: str, certificates: Certificates) -> None:
-    """More data than a TLS record holds arrive in both directions."""
     tls = decoder_context(None if trust == "fingerprint" else certificates.authority)
     fingerprint = None if trust == "authority" else certificates.fingerprint
     said = bytes(range(256)) * 4000
@@ -112,7 +111,6 @@ def test_another_certificate_is_not_trusted(certificates: Certificates) -> None:
 
 
 def test_a_peer_without_tls_is_refused(certificates: Certificates) -> None:
-    """At either end, in one line."""
     tls = Protection(encoder_context(certificates.chain))
     near, _ = serve_once(tls, Protection())
     assert isinstance(near[0], ConnectionLostError)
@@ -124,7 +122,6 @@ def test_a_peer_without_tls_is_refused(certificates: Certificates) -> None:
 
 
 def test_certificates_and_fingerprints_are_checked(certificates: Certificates, tmp_path: Path) -> None:
-    """Files that hold none are refused in one line."""
     nothing = tmp_path / "nothing.pem"
     nothing.write_text("nothing")
     for make in (encoder_context, decoder_context):

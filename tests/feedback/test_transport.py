@@ -114,7 +114,6 @@ def test_a_peer_that_takes_nothing_is_lost() -> None:
 
 
 def test_a_slow_peer_that_takes_a_little_is_waited_for() -> None:
-    """The timeout is for silence, not for the whole of a long message."""
     data = bytes(2**24)
     with pair(1.0) as (near, far):
 
@@ -187,7 +186,6 @@ def test_closing_does_not_wait_for_a_peer_for_ever(monkeypatch: pytest.MonkeyPat
 
 
 def test_nobody_listens() -> None:
-    """An error of its own, so that it can be tried again."""
     with listen() as listener:
         port = listener.port
     with pytest.raises(NobodyListensError, match=r"no program listens on 127.0.0.1"):
@@ -215,7 +213,6 @@ def test_addresses_that_cannot_be_had() -> None:
 
 
 def test_data_that_come_while_data_are_sent_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beyond the bound nothing is received, and the peer has to wait."""
     monkeypatch.setattr(transport, "_MAX_INBOX_BYTES", 2**20)
     with pair(0.3) as (near, far):
 

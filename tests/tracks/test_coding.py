@@ -122,7 +122,6 @@ def test_tracks_tell_the_motion_of_births() -> None:
 
 
 def test_no_tracks_cost_nothing() -> None:
-    """No tracks are an empty payload, and back."""
     config = config_of()
     assert encode(PointTracks.none(5), config) == b""
     assert decode_tracks(b"", 5, config).positions.shape == (0, 5, 2)
@@ -245,7 +244,6 @@ def test_damaged_payloads_never_pass_for_the_original(place: int, change: int, c
 
 @pytest.mark.parametrize("trailer", [b"\0", b"\1", b"trailing"])
 def test_trailing_bytes_are_refused(trailer: bytes) -> None:
-    """A payload ends where its tracks or points do."""
     config = config_of(64, 48, 20)
     for counts in ((20, 0), (20, 12), (0, 12)):
         payload = encode(with_births(1, config, counts, 6, 0.5), config)
@@ -331,7 +329,6 @@ def test_positions_are_rounded_to_units(scale: float, choose: Choose) -> None:
 
 
 def test_tracks_that_come_back_are_noticed(choose: Choose) -> None:
-    """A track may be lost at any instant, and not be known later."""
     is_lost_for_good = choose(_kernels.is_lost_for_good)
     units = np.ones((3, 5, 2), np.int64)
     for t in range(4, -1, -1):
@@ -375,7 +372,6 @@ def wild_tracks(seed: int, config: CodecConfig) -> PointTracks:
 
 @pytest.mark.parametrize("size", [(3840, 2160), (640, 480), (16384, 1024), (4, 16384)])
 def test_wild_tracks_come_back(size: tuple[int, int]) -> None:
-    """Whatever the motion, legal tracks are coded, and none diverges."""
     for seed in range(250):
         config = config_of(*size, 24, seed % 4)
         tracks = wild_tracks(seed, config)
@@ -461,7 +457,6 @@ def test_points_are_counted_in_cells_around_them(reach: int, choose: Choose) -> 
 
 
 def test_motion_of_lost_tracks_is_not_followed() -> None:
-    """Tracks of which most are lost at once come back as such."""
     config = config_of()
     tracks = drawn_tracks(5, config, 60, 9, 0.3)
     positions = tracks.positions.copy()
