@@ -95,6 +95,7 @@ def _run(reader: "VideoReader", arguments: argparse.Namespace, progress: "Progre
     """Encode the frames of a reader, and report; a signal may end a live source or a recording."""
     import cv2
 
+    from dvc.files import SyncedFile, atomic_output
     from dvc.memory import resident_bytes
     from encoder.encoder_report import memory_report
     from encoder.encoder_session import EncoderSession  # noqa: F401  # loaded before the first frame
@@ -117,7 +118,14 @@ def _run(reader: "VideoReader", arguments: argparse.Namespace, progress: "Progre
                 if segmented:
                     _write_segments(source, reader.info, arguments, progress, segments)
                 else:
-                    _write(session, source, arguments.output, progress, live)
+                    # Earlier frames of a live source that fails are kept, as it cannot be read again.
+                    with (
+                        atomic_output(arguments.output, visible=True) as temporary,
+                        SyncedFile(temporary, waits=live) as file,
+                    ):
+                        session.write(source, file, progress)
+                        if (source.failure is not None and not live) or session.statistics.num_frames == 0:
+                            source.raise_end()
     finally:
         if queue is not None and not queue.close():
             reader.leave_open()
@@ -164,18 +172,6 @@ def _pace(reader: "VideoReader", behind_s: float) -> dict[str, object]:
 def _log(text: str) -> None:
     sys.stderr.write(f"{options.PROG}: {cli.one_line(text)}\n")
     sys.stderr.flush()
-
-
-def _write(
-    session: "EncoderSession", source: "InputFrames", output: str, progress: "Progress", live: bool
-) -> None:
-    """Write a stream; earlier frames of a live source that fails are kept, as it cannot be read again."""
-    from dvc.files import SyncedFile, atomic_output
-
-    with atomic_output(output, visible=True) as temporary, SyncedFile(temporary, waits=live) as file:
-        session.write(source, file, progress)
-        if (source.failure is not None and not live) or session.statistics.num_frames == 0:
-            source.raise_end()
 
 
 def _write_segments(

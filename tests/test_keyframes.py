@@ -128,7 +128,6 @@ def test_qp_is_exactly_that_of_all_macroblocks(moving_frames: MakeFrames, qp: in
 
 
 def test_large_pictures_work() -> None:
-    """A picture of 4096x2304 pixels passes."""
     rows, columns = np.mgrid[:2304, :4096]
     frame = Frame(((rows + columns) // 32 % 256).astype(np.uint8))
     encoder = KeyFrameEncoder(4096, 2304, 40, luma_only=True)
@@ -137,7 +136,6 @@ def test_large_pictures_work() -> None:
 
 
 def test_grey_frames_are_neutral_in_colour(moving_frames: MakeFrames) -> None:
-    """A colour encoder takes a frame without chroma for one with chroma 128."""
     frame = moving_frames(1, 20, 12, grey=True)[0]
     encoder = KeyFrameEncoder(20, 12, "lossless")
     got = KeyFrameDecoder(20, 12, encoder.parameter_sets).decode(encoder.encode(frame).data)
@@ -218,7 +216,6 @@ def test_unknown_qp_is_refused(qp: object) -> None:
 
 
 def test_wrong_sizes_are_refused(moving_frames: MakeFrames) -> None:
-    """Giant pictures are refused before they are allocated, and frames must have the encoder's size."""
     with pytest.raises(VideoError, match="not supported"):
         KeyFrameEncoder(40000, 16, 30)
     with pytest.raises(VideoError, match="not supported"):

@@ -36,7 +36,7 @@ from dvc.metrics import psnr_db
 from dvc.slepian_wolf import RequestTable
 from dvc.stream import GopRecord, StreamReader
 from dvc.video import Frame, open_video
-from tests.clips import moving_texture, same_frame, write_clip
+from tests.clips import moving_texture, raw_bytes, same_frame, write_clip
 from tests.scenes_3d import render
 from tests.serving import frames_shown
 from tests.waiting import wait_until
@@ -237,7 +237,6 @@ def test_a_scene_may_be_decoded_with_another_method(folder: Path, scene_clip: Pa
 
 
 def test_live_run_gives_the_same_frames_and_bits(buffered: Run, live: Run) -> None:
-    """Two processes that talk over TCP end with the very files that the buffered stream gives."""
     assert live.contents == buffered.contents
     requests = [[frame.get("num_requests") for frame in run.report["per_frame"]] for run in (live, buffered)]
     assert requests[0] == requests[1]
@@ -286,7 +285,6 @@ def limit_file_size(size: int) -> Callable[[], None]:
 def test_a_full_disk_leaves_nothing(
     tmp_path: Path, clip: Path, stream: Path, module: str, output: str
 ) -> None:
-    """An output without room ends the command in one line and status 2, and no file is left."""
     source, size = (clip, 100) if module == "encoder" else (stream, 1000)
     process = start(module, source, tmp_path / output, preexec_fn=limit_file_size(size))
     assert_refused(finish(process), f"dvc-{module.removesuffix('r')}", output)
@@ -418,11 +416,6 @@ def test_frames_that_a_decoder_cannot_take_are_left_out_and_counted(tmp_path: Pa
     assert (
         sum(after - before > Fraction(1, 25) for before, after in pairwise(times_s)) >= left_out["gaps"] - 1
     )
-
-
-def raw_bytes(frames: Iterable[Frame]) -> bytes:
-    """Return frames as a pipe brings them."""
-    return b"".join(plane.tobytes() for frame in frames for plane in (frame.luma, *(frame.chroma or ())))
 
 
 @pytest.mark.parametrize("cause", ["SIGINT", "SIGTERM", "death"])

@@ -12,7 +12,6 @@ STILL_LIFE = moving_texture(1, 120, 160)[0].luma
 @pytest.mark.parametrize("settings", [CornerSettings(), TRACKED_CORNERS, CornerSettings(grid_px=2)])
 @pytest.mark.parametrize("name", odd_frames())
 def test_corners_keep_inside_and_apart(name: str, settings: CornerSettings) -> None:
-    """Corners lie on the grid, inside the margin, and keep their distance."""
     luma = odd_frames()[name]
     corners = find_corners(luma, 20, 5, settings)
     assert corners.dtype == np.int64
@@ -46,7 +45,6 @@ def test_detector_counts_and_scans_columns() -> None:
 
 @pytest.mark.parametrize("most", [1, 7, 60, 500])
 def test_strongest_responses_come_first(most: int) -> None:
-    """Places are in the order of their responses, equal ones in raster order."""
     response = np.random.default_rng(most).integers(0, 9, (20, 30)).astype(np.float32) / 8
     worthy = response > 0.3
     places = np.flatnonzero(worthy)

@@ -33,7 +33,6 @@ FRAMES = moving_texture(8, 8, 12)
 
 @given(st.integers(0, 8), st.integers(1, 9))
 def test_groups_cover_the_sequence(num_frames: int, length: int) -> None:
-    """Frames stay in order, key frames stand at a fixed distance, and the last frame is one."""
     sequence = FRAMES[:num_frames]
     found = list(FixedGroups(length).groups(sequence))
     flat = [frame for group in found for frame in (*group.wyner_ziv, group.key)]
@@ -52,7 +51,6 @@ def session_of(**video: bool) -> EncoderSession:
 
 
 def test_stream_describes_itself() -> None:
-    """The stream holds the configuration, parameter sets included, and key frames decode from it."""
     session, file = session_of(), io.BytesIO()
     finished: list[int] = []
     session.write(FRAMES[:4], file, finished.append)
@@ -112,7 +110,6 @@ def test_codecs_without_predicted_key_frames_write_intra_pictures(
 
 
 def test_statistics_count_what_was_written() -> None:
-    """Numbers of frames, bits of key frames and size of the stream are those of the file."""
     session, file = session_of(luma_only=True), io.BytesIO()
     session.write(FRAMES[:5], file, lambda _: None)
     counted = session.statistics

@@ -59,7 +59,6 @@ def check_cover(groups: Sequence[Group], frames: Sequence[Frame]) -> None:
 @pytest.mark.parametrize("length", [2, 5, 11, 20])
 @pytest.mark.parametrize("num_frames", [0, 1, 2, 3, 12])
 def test_groups_have_the_longest_length(num_frames: int, length: int) -> None:
-    """Where nothing asks for a key frame, groups are as long as they may be."""
     groups = cut(SLOW[:num_frames], length)
     check_cover(groups, SLOW[:num_frames])
     sizes = sizes_of(groups)
@@ -185,7 +184,6 @@ def test_hopeless_frames_are_a_matter_of_the_rule() -> None:
     ids=["black", "16x16", "1x1"],
 )
 def test_frames_without_corners_make_groups(luma: np.ndarray) -> None:
-    """Without a corner there are groups of the longest length, and no tracks."""
     frames = [Frame(luma) for _ in range(7)]
     groups = cut(frames, 3)
     check_cover(groups, frames)
@@ -234,7 +232,6 @@ def session_of(codec: str, width: int, height: int, length: int) -> EncoderSessi
 
 @pytest.mark.parametrize("codec", ["3d-te", "3d-td"])
 def test_stream_carries_tracks_or_points(codec: str) -> None:
-    """What the records hold decodes, and the statistics count its bits and operations."""
     session, file = session_of(codec, 128, 96, 4), io.BytesIO()
     session.write(SLOW, file, lambda _: None)
     counted, bits, known = session.statistics, 0, 0

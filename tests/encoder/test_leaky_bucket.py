@@ -69,7 +69,6 @@ def test_a_window_has_its_bitrate(lengths: list[int], random: st.DataObject) -> 
 
 
 def test_quality_stays_where_it_may() -> None:
-    """Groups that take their share at the quality of the one before have it."""
     bucket = LeakyBucket(BITS_PER_S, FRAME_RATE)
     drive(bucket.choose(1), lambda _: ExpectedBits(160_000))
     found = [drive(bucket.choose(16), lambda _: ExpectedBits(161_000)) for _ in range(5)]

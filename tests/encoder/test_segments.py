@@ -20,7 +20,7 @@ from dvc.stream import StreamReader
 from dvc.video import Frame
 from encoder.frame_queue import InputFrames
 from encoder.segments import segment_names
-from tests.clips import moving_texture
+from tests.clips import moving_texture, raw_bytes
 from tests.waiting import wait_until
 
 SIZE = (48, 32)
@@ -42,7 +42,6 @@ PATIENCE_S = 120
     ],
 )
 def test_names_of_segments(output: str, name: str) -> None:
-    """The number stands where the last part of the pattern says, or before the suffix."""
     assert segment_names(output).path(12) == Path(output).with_name(name)
 
 
@@ -53,7 +52,6 @@ def test_names_without_one_number_are_refused(output: str) -> None:
 
 
 def test_existing_segments_are_found(tmp_path: Path) -> None:
-    """Finished segments and remains are found by number, other files are not."""
     for name in ("a-0003.dvc", "a-0010.dvc.part", "a-0003.dvc.part", "b-0020.dvc", "a-x.dvc", "a-0030.dvcx"):
         (tmp_path / name).touch()
     found = segment_names(str(tmp_path / "a.dvc")).existing()
@@ -99,10 +97,6 @@ def test_signals_end_the_frames(number: signal.Signals) -> None:
             frames.raise_end()
 
 
-def planes(frames: list[Frame]) -> bytes:
-    return b"".join(plane.tobytes() for f in frames for plane in (f.luma, *(f.chroma or ())))
-
-
 @pytest.fixture(scope="module")
 def frames() -> list[Frame]:
     return moving_texture(NUM_FRAMES, SIZE[1], SIZE[0])
@@ -138,13 +132,12 @@ def names(folder: Path) -> list[str]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory, frames: list[Frame]) -> Path:
     """Return the folder of a recording that nothing happened to."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    status, lines = finish(start(folder, *RAW, "--json", folder / "report.json"), planes(frames))
+    status, lines = finish(start(folder, *RAW, "--json", folder / "report.json"), raw_bytes(frames))
     assert (status, [line for line in lines if "behind" not in line]) == (0, [])
     return folder
 
 
 def test_segments_hold_all_frames(undisturbed: Path) -> None:
-    """Every segment is a stream by itself with its share of the frames, and the report names them."""
     report = json.loads((undisturbed / "report.json").read_text())
     assert names(undisturbed) == ["day-0000.dvc", "day-0001.dvc", "day-0002.dvc", "report.json"]
     assert [(row["name"], row["frames"]) for row in report["segments"]] == [
@@ -181,8 +174,8 @@ def test_encoder_waits_for_a_stalled_pipe_until_it_is_stopped(
 ) -> None:
     """It takes no processor time, what is finished can be read, and a signal finishes the segment."""
     process = start(tmp_path, *RAW)
-    half_a_frame = len(planes(frames[:1])) // 2
-    feed(process, planes(frames[:14])[:-half_a_frame])
+    half_a_frame = len(raw_bytes(frames[:1])) // 2
+    feed(process, raw_bytes(frames[:14])[:-half_a_frame])
     part = tmp_path / "day-0001.dvc.part"
     wait_until(lambda: part.exists() and num_finished(part) == 2, process.poll)
     before = processor_s(process)
@@ -205,7 +198,7 @@ def test_recording_goes_on_after_what_is_there(tmp_path: Path, frames: list[Fram
     (tmp_path / "day-0004.dvc").write_bytes(b"earlier")
     (tmp_path / "day-0006.dvc.part").write_bytes(b"left")
     process = start(tmp_path, *RAW)
-    status, lines = finish(process, planes(frames[:13])[:-100])
+    status, lines = finish(process, raw_bytes(frames[:13])[:-100])
     assert status == 3
     assert "day-0006.dvc.part remains from an earlier recording" in lines[0]
     assert lines[-1].startswith("dvc-encode: standard input: damaged after 12 frames (ends within frame 12")
@@ -218,11 +211,11 @@ def test_recording_goes_on_after_what_is_there(tmp_path: Path, frames: list[Fram
 def test_full_disk_loses_no_finished_group(tmp_path: Path, frames: list[Frame], undisturbed: Path) -> None:
     """A segment that does not fit is one line; the segments before it and its own finished groups stay."""
     process = start(tmp_path, *RAW)
-    feed(process, planes(frames[:PER_SEGMENT]))
+    feed(process, raw_bytes(frames[:PER_SEGMENT]))
     wait_until((tmp_path / "day-0000.dvc").exists, process.poll)
     whole = (undisturbed / "day-0001.dvc").read_bytes()
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (len(whole) // 2, len(whole) // 2))
-    status, lines = finish(process, planes(frames[PER_SEGMENT:]))
+    status, lines = finish(process, raw_bytes(frames[PER_SEGMENT:]))
     part = tmp_path / "day-0001.dvc.part"
     assert status == 2
     assert lines[-1] == f"dvc-encode: cannot write {part}: File too large"

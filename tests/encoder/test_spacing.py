@@ -59,7 +59,6 @@ def test_what_tracks_follow_has_no_error(dx: int, dy: int, num_points: int, seed
 
 @pytest.mark.parametrize("size", [(0, 0), (8, 8), (72, 92), (720, 1280)])
 def test_work_is_counted(size: tuple[int, int]) -> None:
-    """One block in four, less of large pictures, and all points for each."""
     frame, work = np.zeros(size, np.uint8), TrackingWork()
     interpolation_error(frame, (frame, frame), np.zeros((5, 3, 2)), work)
     spacing = max(SPACING_PX, isqrt(frame.size // MANY_BLOCKS))

@@ -23,7 +23,6 @@ def followed(
 @pytest.mark.parametrize("motion_px", [(0.0, 0.0), (3.0, -2.0), (1.0, 4.0)])
 @pytest.mark.parametrize("subpixel_bits", [0, 2])
 def test_known_motion_is_followed(motion_px: tuple[float, float], subpixel_bits: int) -> None:
-    """Tracks of a moving texture stay on it: exactly if it moves by whole pixels."""
     frames = moving_texture(6, 120, 160, motion_px)
     tracker = followed(frames, None, subpixel_bits)
     tracks = tracker.tracks(6).positions
@@ -35,7 +34,6 @@ def test_known_motion_is_followed(motion_px: tuple[float, float], subpixel_bits:
 
 
 def test_parts_of_a_pixel_are_found() -> None:
-    """Sub-pixel tracks are nearer to the truth than tracks at whole pixels."""
     frames = moving_texture(4, 120, 160, (0.3, 1.4))
     errors = []
     for bits in (0, 2):
@@ -67,7 +65,6 @@ def test_operations_stay_small() -> None:
 
 
 def test_points_are_lost_for_good() -> None:
-    """Another scene loses the points, and they do not come back with the first scene."""
     frames = moving_texture(3, 120, 160)
     tracker = followed(frames[:2])
     assert tracker.last_lost_share < 0.3
@@ -82,7 +79,6 @@ def test_points_are_lost_for_good() -> None:
 
 
 def test_same_tracks_for_any_number_of_threads() -> None:
-    """Corners and tracks do not depend on the threads of the image library."""
     import cv2
 
     frames: list[Frame] = moving_texture(3, 120, 160)
@@ -97,7 +93,6 @@ def test_same_tracks_for_any_number_of_threads() -> None:
 
 @pytest.mark.parametrize("motion_px", [(0.0, 6.0), (-4.0, 3.0)])
 def test_points_that_appear_are_followed_back(motion_px: tuple[float, float]) -> None:
-    """Points that enter the frame move as they did before, and are not known before they were there."""
     frames = moving_texture(7, 120, 160, motion_px)
     tracker = followed(frames)
     tracks = tracker.close([frame.luma for frame in frames[1:]])
@@ -128,7 +123,6 @@ def test_new_tracks_are_where_no_track_is() -> None:
 
 
 def test_new_tracks_need_frames_between_the_key_frames() -> None:
-    """Where a single frame lies between the key frames, none is followed back."""
     frames = moving_texture(3, 120, 160, (0.0, 9.0))
     for num_frames, expected in ((2, False), (1, True)):
         settings = PointTrackerSettings(min_new_track_frames=num_frames)
@@ -144,7 +138,6 @@ def test_nothing_appears_at_rest() -> None:
 
 
 def test_closing_starts_the_next_group() -> None:
-    """The corners of the closing key frame are found once, and are those of the next group."""
     frames = moving_texture(9, 120, 160, (0.0, 6.0))
     tracker = followed(frames[:7])
     before = tracker.work.num_blocks

@@ -192,7 +192,6 @@ def test_interpolation() -> None:
 
 
 def test_stages_add_up() -> None:
-    """A run without work takes nothing; twice the work takes twice the operations."""
     config = codec_config(VideoConfig(12, 8, 25, 1))
     none, once, twice = (
         work.EncoderStatistics(

@@ -457,7 +457,6 @@ def test_many_requests_take_few_messages() -> None:
 
 
 def test_size_of_a_gop_is_bounded_by_its_frames() -> None:
-    """A GOP message larger than its pictures could ever need is refused at its length."""
     _, decoder = opened()
     with pytest.raises(FeedbackError, match="Gop of 2097152 bytes"):
         decoder.receive(b"\x04\x80\x80\x80\x01")
@@ -532,7 +531,6 @@ def mutate(turns: list[bytes], rng: np.random.Generator) -> list[bytes]:
 
 
 def test_mutations_raise_only_feedback_errors() -> None:
-    """Whatever a peer sends, an endpoint raises nothing but `FeedbackError`."""
     rng = np.random.default_rng(5)
     down, up = transcript()
     ends: list[tuple[Callable[[], Encoder | Decoder], list[bytes]]] = [(short_encoder, up), (Decoder, down)]
@@ -589,7 +587,6 @@ messages: st.SearchStrategy[Message] = st.one_of(
 
 @given(st.lists(messages, max_size=12))
 def test_any_messages_of_a_decoder_are_taken_or_refused(steps: list[Message]) -> None:
-    """Requests that are taken can be answered, and the decoder gets as many answers."""
     encoder, decoder = opened()
     waiting: list[RequestTable] = []
     for step in steps:
@@ -613,7 +610,6 @@ def test_any_messages_of_a_decoder_are_taken_or_refused(steps: list[Message]) ->
 
 
 def test_all_messages_are_described() -> None:
-    """The document names every message with its type byte and its largest payload."""
     text = (Path(__file__).parents[2] / "docs" / "spec" / "feedback.md").read_text()
     rows = re.findall(r"^\| (\d+) \| `(\w+)` \|.*\| ([^|]+) \|$", text, re.MULTILINE)
     limits = {name: limit.replace("2^18", str(2**18)) for _, name, limit in rows}

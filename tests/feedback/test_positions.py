@@ -98,7 +98,6 @@ Entry = tuple[int, int, Kind, int, set[int], dict[int, tuple[tuple[int, ...], by
 
 @given(st.lists(entries, min_size=1, max_size=5))
 def test_requests_survive_the_wire(drawn: list[Entry]) -> None:
-    """Requests with any increasing positions and runs come back, in a message no longer than one may be."""
     requests = []
     for frame, run, kind, code, chosen, described in sorted(drawn, key=lambda entry: entry[0]):
         positions = tuple(sorted(chosen)) if kind in ("parity", "joint") else ()
@@ -117,7 +116,6 @@ payloads = st.binary(max_size=60) | st.lists(st.integers(0, 15), max_size=60).ma
 
 @given(payloads)
 def test_any_bytes_are_requests_or_refused(payload: bytes) -> None:
-    """Requests and faults are those of the plain twin; numbers increase, and come back when written."""
     try:
         expected = plain_requests(payload)
     except BitstreamError:
@@ -228,7 +226,6 @@ def test_orders_may_change_and_requests_go_on() -> None:
     ],
 )
 def test_hostile_positions_are_refused(request_: ParityRequest, text: str) -> None:
-    """Positions that are none, too many, out of order or out of place break the protocol."""
     account = opened(CONFIG)
     enter(account, beginning(0, 0), beginning(1, 3))
     account.answer()
@@ -238,7 +235,6 @@ def test_hostile_positions_are_refused(request_: ParityRequest, text: str) -> No
 
 @pytest.mark.parametrize("kind", ["parity", "joint"])
 def test_turbo_codes_have_no_positions(kind: Kind) -> None:
-    """Where parity has an order of release, requests by position are refused."""
     with pytest.raises(ValueError, match=r"no positions|joint bits"):
         enter(opened(TURBO), ParityRequest(1, 0, kind, 0, 0, 1, (0,), FIRST))
 
@@ -495,7 +491,6 @@ def test_the_largest_request_fits() -> None:
     ],
 )
 def test_encoder_refuses_runs_that_cannot_be(wrong: Part, text: str) -> None:
-    """Planes or areas that are too many, and planes or frames that are not there, end the channel."""
     encoder, _ = opened_ends(3)
     request = ranges(3, begun=(*FIRST, wrong))
     with pytest.raises(FeedbackError, match=f"run 0 of frame 1 .*{text}"):

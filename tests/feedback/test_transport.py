@@ -64,7 +64,6 @@ def test_addresses(text: str, address: tuple[str, int]) -> None:
 
 
 def test_bytes_arrive_in_both_directions_at_once() -> None:
-    """Two ends that only send at first do not wait for each other for ever."""
     data = bytes(range(256)) * 30000
     received: list[bytes] = []
 
@@ -138,7 +137,6 @@ def test_a_dead_peer_is_left_to_the_system() -> None:
 
 
 def test_another_thread_breaks_a_connection_off() -> None:
-    """The thread that waits gets the first reason; later ones change nothing."""
     with pair() as (near, _):
         timer = threading.Timer(0.1, near.break_off, ["enough"])
         timer.start()
@@ -177,7 +175,6 @@ def test_last_words_arrive_though_bytes_wait() -> None:
 
 
 def test_closing_does_not_wait_for_a_peer_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A peer that neither reads nor closes delays the end for a bounded time, and only once."""
     with pair() as (near, _):
         started_s = time.monotonic()
         near.close(0.2)

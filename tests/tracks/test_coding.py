@@ -95,7 +95,6 @@ def test_tracks_come_back(
 
 @pytest.mark.parametrize("seed", range(3))
 def test_time_can_be_reversed(seed: int) -> None:
-    """Tracks that all were followed back in time decode as those of the reversed group do."""
     config = config_of(64, 48, 20, 1)
     tracks = drawn_tracks(seed, config, 20, 6, 0.5)
     there = decode_tracks(encode(tracks, config), 6, config)
@@ -132,7 +131,6 @@ def test_no_tracks_cost_nothing() -> None:
 
 @pytest.mark.parametrize("full", [True, False])
 def test_most_tracks_come_back(full: bool) -> None:
-    """The largest number of tracks, in one direction of time or both, is coded as any other."""
     config = config_of(num_points=1024 if full else 1)
     most = config.tracks.num_points
     tracks = drawn_tracks(5, config, most, 8, 1.0)
@@ -175,7 +173,6 @@ def test_smooth_tracks_are_cheap() -> None:
 def test_tracks_that_make_no_sense_are_refused(
     positions: list[object], num_backward: int, message: str
 ) -> None:
-    """Too many tracks, positions outside, and tracks with gaps, in either direction, are errors."""
     with pytest.raises(ValueError, match=message):
         encode(PointTracks(np.array(positions, np.float64), num_backward), config_of(num_points=2))
 
@@ -202,7 +199,6 @@ def test_points_cost_what_the_thesis_says() -> None:
 
 
 def test_points_that_make_no_sense_are_refused() -> None:
-    """Too many points, and points that are not known or outside, are errors of the caller."""
     config = config_of(num_points=2, kind="decoder")
     for points in ([[0, 0], [1, 1], [2, 2]], [[np.nan, 0]], [[0, 288]]):
         with pytest.raises(ValueError, match="points"):
@@ -258,7 +254,6 @@ def test_trailing_bytes_are_refused(trailer: bytes) -> None:
 
 @pytest.mark.nojit
 def test_payload_is_frozen() -> None:
-    """The bytes of a small set of tracks stay what they are, with and without compiled kernels."""
     positions = [
         [[8, 4], [9, 5], [11, 5]],
         [[20, 12], [21, 13], [np.nan, np.nan]],
@@ -290,7 +285,6 @@ def test_payloads_are_frozen(
     spread: float,
     frozen: str,
 ) -> None:
-    """The bytes of many tracks, and of their places in the first frames as points, stay what they are."""
     config = config_of(*size, subpixel_bits=bits)
     tracks = with_births(7, config, counts, num_instants, spread)
     frames = (tracks.forward[:, 0], tracks.backward[:, -1])
@@ -300,7 +294,6 @@ def test_payloads_are_frozen(
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 12)), max_size=6), st.integers(0, 20))
 def test_free_rows_agree_with_the_twin(points: list[tuple[int, int]], column: int) -> None:
-    """Rows are free below the last point of the column and away from all points."""
     scanned = sorted(points)
     distance = reference.min_distance(scanned, 255)
     array = np.array(scanned, np.int64).reshape(-1, 2)
@@ -404,7 +397,6 @@ def test_motion_is_that_of_least_squares(seed: int, choose: Choose) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_neighbours_are_the_nearest(seed: int, choose: Choose) -> None:
-    """Neighbours of a track are the nearest of those before it, the first of equals first."""
     nearest_before = choose(motion_kernels.nearest_before)
     first = np.random.default_rng(seed).integers(0, 12, (40, 2)).astype(np.float64)
     neighbours, weights = np.empty((40, 8), np.int64), np.zeros((40, 8))
@@ -419,7 +411,6 @@ def test_neighbours_are_the_nearest(seed: int, choose: Choose) -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 8, 77])
 def test_first_tracks_are_far_apart(count: int, choose: Choose) -> None:
-    """Tracks are in the order of their numbers with binary digits reversed."""
     spread_order = choose(_kernels.spread_order)
     assert spread_order(count).tolist() == motion_reference.spread_order(count)
 
