@@ -1,22 +1,14 @@
 """Payloads of point tracks and of feature points.
 
-Both ends estimate the motion of an instant from the tracks coded before it: first those that were not
-followed back in time, then those that were, back in time, with the first ones as neighbours. The predicted
-motion of a track is linear in its position, its past motion and products of both coordinates of its position.
-Recursive least squares estimate the coefficients; the residuals of its neighbours are added. First positions
-are coded as occupied cells of a grid.
+Tracks are coded by regression (`dvc.tracks.regression`): first those that were not followed back in time,
+then those that were, back in time, with the first ones as neighbours.
 
 Points are coded frame by frame: columns as the steps from each point to the next (differential pulse code
 modulation), one decision per step; its probability follows from the remaining points and columns. A row is a
 number of fixed length among the free rows: points keep a distance, which is sent once.
-
-References
-----------
-S. Haykin, "Adaptive Filter Theory", 2002, chapter 9: recursive least squares.
 """
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +16,11 @@ from numpy.typing import NDArray
 from dvc.arrays import Floats, Integers
 from dvc.config import CodecConfig
 from dvc.entropy import RangeCoder
-from dvc.entropy.mixing import SQUASH, STRETCH_LIMIT, TABLE_SIZE, logistic_tables
 from dvc.errors import BitstreamError
 from dvc.tracks import _kernels
 from dvc.tracks._kernels import LOST
-from dvc.tracks.points import FeaturePoints, PointTracks
-from dvc.tracks.regression import _kernels as motion_kernels
-
-_LOST = ((1.0, 4.0), (1.0, 16.0), (1.0, 26.0))
-_LOST_BACKWARD = ((1.0, 4.0), (1.0, 9.0), (1.0, 9.0))
-_POINTS_BEFORE = ((2.0, 4.0), (3.6, 4.0), (4.4, 4.0), (5.2, 4.0))
-_LEVEL = 0.6
-_AREA_OF_REACH = 69
+from dvc.tracks.points import FeaturePoints, PointTracks, num_positions
+from dvc.tracks.regression.regression_coding import code_tracks
 
 
 def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
@@ -67,7 +52,7 @@ def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
     forward = _scanned(units[:num_forward], "first", config)
     backward = _scanned(units[num_forward:, ::-1], "last", config)
     coder = RangeCoder.writer()
-    _code_tracks(coder, forward, backward, config)
+    code_tracks(coder, forward, backward, config)
     return coder.to_bytes(shortest=True)
 
 
@@ -109,62 +94,13 @@ def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> Poi
     if not payload:
         return PointTracks.none(num_instants)
     most = np.full((config.tracks.num_points, num_instants, 2), LOST, np.int64)
-    forward, backward = _code_tracks(RangeCoder.reader(payload), most, most, config)
+    forward, backward = code_tracks(RangeCoder.reader(payload), most, most, config)
     units = np.concatenate([forward, backward[:, ::-1]])
     scale = 2.0**config.tracks.subpixel_bits
     tracks = PointTracks(np.where(units == LOST, np.nan, units / scale), len(backward))
     if encode_tracks(tracks, config) != payload:
         raise BitstreamError("the tracks are followed by other data, or are damaged")
     return tracks
-
-
-def _code_tracks(
-    coder: RangeCoder, forward: Integers, backward: Integers, config: CodecConfig
-) -> tuple[Integers, Integers]:
-    """Code tracks, each in its own direction of time."""
-    bound = config.tracks.num_points + 1
-    num_forward, num_backward = (coder.uniform(bound, len(tracks)) for tracks in (forward, backward))
-    models = _kernels.Models(_initial_curves().copy(), logistic_tables(), np.array(_LOST))
-    none = np.empty((0, forward.shape[1], 2), np.int64)
-    sent = _code_direction(coder, models, none, forward[:num_forward], config)
-    given = np.ascontiguousarray(sent[sent[:, -1, 0] != LOST, ::-1])
-    models = models._replace(losses=np.array(_LOST_BACKWARD))
-    return sent, _code_direction(coder, models, given, backward[:num_backward], config)
-
-
-@cache
-def _initial_curves() -> Floats:
-    nodes = _kernels.NODE_STEP * np.arange(_kernels.NUM_NODES) - _kernels.NODE_LIMIT
-    indices = ((nodes + STRETCH_LIMIT) * (TABLE_SIZE / (2 * STRETCH_LIMIT))).astype(np.int64)
-    return np.tile(logistic_tables()[SQUASH, indices], (_kernels.NUM_STAGES, 1))
-
-
-def _code_direction(
-    coder: RangeCoder, models: _kernels.Models, given: Integers, tracks: Integers, config: CodecConfig
-) -> Integers:
-    """Code tracks after given ones, and return the coded ones: first all starts, then the motion."""
-    if len(tracks) == 0:
-        return tracks
-    tracks, sides = tracks.copy(), num_positions(config)
-    first, taken = (np.ascontiguousarray(some[:, 0]) for some in (tracks, given))
-    state = coder.room_for(min(sides[0] * sides[1], _kernels.MAX_CELLS) + 2 * len(first) + 3)
-    if not _kernels.code_first(state, first, taken, sides, np.array(_POINTS_BEFORE)):
-        raise BitstreamError("a frame has no room for its points")
-    coder.check()
-    tracks[:, 0] = first
-    reach = max(sides[0] * sides[1] / _AREA_OF_REACH, 1.0)
-    order, units, motion = motion_kernels.begin_motion(given, tracks, reach, _LEVEL)
-    picture = motion_kernels.Picture(np.array(sides), float(2**config.tracks.subpixel_bits))
-    t = 1
-    while t < units.shape[1]:
-        state = coder.room_for(len(units) * _kernels.MAX_SYMBOLS)
-        t = motion_kernels.code_instants(state, models, motion, units, t, len(given), picture)
-        coder.check()
-        if t == motion_kernels.OUTSIDE:
-            raise BitstreamError("a track leaves the frame")
-    coded: Integers = np.empty_like(units[len(given) :])
-    coded[order] = units[len(given) :]
-    return coded
 
 
 def encode_points(points: FeaturePoints, config: CodecConfig) -> bytes:
@@ -251,12 +187,6 @@ def _code_sets(
         coder.check()
         coded.append(points << exponent)
     return coded
-
-
-def num_positions(config: CodecConfig) -> tuple[int, int]:
-    """Return how many positions a point has in x and y."""
-    bits = config.tracks.subpixel_bits
-    return (config.video.width - 1 << bits) + 1, (config.video.height - 1 << bits) + 1
 
 
 def column_scan(points: Floats | Integers) -> NDArray[np.intp]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvc.arrays import Floats
+from dvc.config import CodecConfig
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +70,9 @@ class FeaturePoints:
     """
 
     frames: tuple[Floats, ...]
+
+
+def num_positions(config: CodecConfig) -> tuple[int, int]:
+    """Return how many positions a point has in x and y."""
+    bits = config.tracks.subpixel_bits
+    return (config.video.width - 1 << bits) + 1, (config.video.height - 1 << bits) + 1

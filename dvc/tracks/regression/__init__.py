@@ -1,1 +1,1 @@
-"""Compiled loops of the coding of point tracks by regression."""
+"""Coding of point tracks by the motion of all tracks of an instant that are coded so far."""
