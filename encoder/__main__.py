@@ -239,13 +239,13 @@ def _serve(
 
 def _report(session: "EncoderSession", segments: "list[Segment]") -> dict[str, object]:
     from encoder.encoder_report import added_up
+    from encoder.rate_limiter import summed_up
 
     statistics = session.statistics
     limits = {} if session.limiter is None else session.limiter.report()
     report: dict[str, object] = {}
     if segments:
-        columns = {name: [segment.limits[name] for segment in segments] for name in segments[0].limits}
-        limits = {name: (sum if name == "too_large" else max)(row) for name, row in columns.items()}
+        limits = summed_up([segment.limits for segment in segments])
         statistics = added_up([segment.statistics for segment in segments])
         report["segments"] = [
             {

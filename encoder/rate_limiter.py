@@ -4,7 +4,7 @@ The limiter codes nothing: a plan is a coroutine that yields the codings to try 
 """
 
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -79,6 +79,12 @@ class _Trial(NamedTuple):
     key: _CodedKey | None  # None: a predicted key frame that is not coded yet
     frames: tuple[EncodedFrame, ...]
     expected: ExpectedBits
+
+
+def summed_up(reports: Sequence[Mapping[str, int]]) -> dict[str, int]:
+    """Sum up the reports of segments: the highest level, and the number of frames that are too large."""
+    columns = {name: [report[name] for report in reports] for name in reports[0]}
+    return {name: sum(values) if name == "too_large" else max(values) for name, values in columns.items()}
 
 
 class RateLimiter:
