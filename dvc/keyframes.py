@@ -9,7 +9,7 @@ import struct
 from collections.abc import Mapping
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -109,21 +109,17 @@ class KeyFrameEncoder:
         check_size(width, height, "key frames")
         self._size, self._qp = (width, height), qp
         self._luma_only, self._predicted = luma_only, predicted
-        size, parameters = _coded_size(width, height), dict(_PREDICTED if predicted else _INTRA)
+        size, parameters = _coded_size(width, height), _PREDICTED if predicted else _INTRA
         if not (luma_only or qp == "lossless"):
-            parameters["chroma-qp-offset"] = (
-                CHROMA_QP_OFFSET if chroma_qp_offset is None else chroma_qp_offset
-            )
+            offset = CHROMA_QP_OFFSET if chroma_qp_offset is None else chroma_qp_offset
+            parameters = {**parameters, "chroma-qp-offset": offset}
         self._context = _open_encoder(*size, qp == "lossless", luma_only, parameters)
         self._count = 0
         units = _nal_units(self._context.extradata or b"")
         sps, pps = (next(u for u in units if u[0] == header) for header in (_SPS_HEADER, _PPS_HEADER))
-        self._parameter_sets = _join_parameter_sets(_without_vui(sps, size), pps)
-
-    @property
-    def parameter_sets(self) -> bytes:
-        """The lengths and payloads of both parameter sets, which `KeyFrameDecoder` needs once."""
-        return self._parameter_sets
+        sps = _without_vui(sps, size)
+        # both without headers, after the length of the first one; `KeyFrameDecoder` needs them once
+        self.parameter_sets = bytes([len(sps) - 1]) + sps[1:] + pps[1:]
 
     def encode(self, frame: Frame, qp: int | None = None, *, begins_chain: bool = True) -> KeyPicture:
         """Code one picture, an IDR picture if it begins a chain, at the usual QP or another."""
@@ -141,7 +137,10 @@ class KeyFrameEncoder:
         usual = self._qp if qp is None else qp
         if usual != "lossless":
             offset = INTRA_QP_OFFSET if begins_chain and self._predicted else 0
-            picture = _with_qp(picture, min(max(usual + offset, 1), MAX_QP))
+            qp = min(max(usual + offset, 1), MAX_QP)
+            graph = _qp_filter(picture.width, picture.height, pixel_format, qp - _RATE_FACTOR)
+            graph.push(picture)
+            picture = cast("av.VideoFrame", graph.pull())
         packets = self._context.encode(picture)
         (unit,) = (u for packet in packets for u in _nal_units(bytes(packet)) if u[0] & 31 != _SEI_TYPE)
         assert unit[0] in {_IDR_HEADER, _PREDICTED_HEADER}
@@ -185,13 +184,22 @@ class KeyFrameDecoder:
 
     def decode(self, data: bytes, *, predicted: bool = False) -> Frame:
         """Decode one picture, the next of its chain or, unless it is predicted, the first of another."""
+        import av
+
         number, self._num_decoded = self._num_decoded if predicted else 0, None
         if number is None:
             raise BitstreamError("key frame: its reference picture is missing")
         self._check_slice(data, predicted, number)
         if not predicted:
             self._open()
-        picture = self._decode_picture(bytes([_PREDICTED_HEADER if predicted else _IDR_HEADER]) + data)
+        unit = bytes([_PREDICTED_HEADER if predicted else _IDR_HEADER]) + data
+        try:
+            pictures = self._context.decode(av.Packet(struct.pack(">I", len(unit)) + unit))
+        except (av.FFmpegError, ValueError) as err:
+            raise BitstreamError(f"key frame: damaged data ({getattr(err, 'strerror', err)})") from err
+        if len(pictures) != 1:
+            raise BitstreamError(f"key frame: {len(pictures)} pictures instead of one")
+        (picture,) = pictures
         if picture.is_corrupt:
             raise BitstreamError("key frame: damaged picture")
         if (picture.width, picture.height) != self._coded_size:
@@ -202,7 +210,14 @@ class KeyFrameDecoder:
         if picture.format.name not in {"yuv420p", "gray"}:
             raise BitstreamError(f"key frame: the pixel format {picture.format.name} is not used here")
         self._num_decoded = number + 1
-        return _crop(frame_from_picture(picture), *self._size, self._luma_only)
+        width, height = self._size
+        frame = frame_from_picture(picture)
+        luma = frame.luma[:height, :width].copy()
+        if self._luma_only:
+            return Frame(luma)
+        rows, columns = (height + 1) // 2, (width + 1) // 2
+        cb, cr = (plane[:rows, :columns].copy() for plane in frame.with_chroma().chroma or ())
+        return Frame(luma, (cb, cr))
 
     def _check_slice(self, data: bytes, predicted: bool, number: int) -> None:
         """Refuse a slice that is not the whole of the next picture of the chain."""
@@ -216,18 +231,6 @@ class KeyFrameDecoder:
             raise BitstreamError(f"key frame: a slice of type {slice_type}, which key pictures do not have")
         if frame_num != number % (1 << self._frame_num_bits):
             raise BitstreamError("key frame: its reference picture is missing")
-
-    def _decode_picture(self, unit: bytes) -> "av.VideoFrame":
-        import av
-
-        packet = av.Packet(struct.pack(">I", len(unit)) + unit)
-        try:
-            pictures = self._context.decode(packet)
-        except (av.FFmpegError, ValueError) as err:
-            raise BitstreamError(f"key frame: damaged data ({getattr(err, 'strerror', err)})") from err
-        if len(pictures) != 1:
-            raise BitstreamError(f"key frame: {len(pictures)} pictures instead of one")
-        return pictures[0]
 
 
 def _coded_size(width: int, height: int) -> tuple[int, int]:
@@ -263,15 +266,6 @@ def _open_encoder(
     return context
 
 
-def _with_qp(picture: "av.VideoFrame", qp: int) -> "av.VideoFrame":
-    """Set the QP of a picture."""
-    graph = _qp_filter(picture.width, picture.height, picture.format.name, qp - _RATE_FACTOR)
-    graph.push(picture)
-    pulled = graph.pull()
-    assert isinstance(pulled, type(picture))
-    return pulled
-
-
 @lru_cache(maxsize=MAX_QP)
 def _qp_filter(width: int, height: int, pixel_format: str, offset: int) -> "av.filter.Graph":
     """Return a filter that makes all of a picture a region of interest."""
@@ -288,24 +282,9 @@ def _qp_filter(width: int, height: int, pixel_format: str, offset: int) -> "av.f
     return graph
 
 
-def _crop(frame: Frame, width: int, height: int, luma_only: bool) -> Frame:
-    """Crop a picture; inverse of `pad_frame`."""
-    luma = frame.luma[:height, :width].copy()
-    if luma_only:
-        return Frame(luma)
-    rows, columns = (height + 1) // 2, (width + 1) // 2
-    cb, cr = (plane[:rows, :columns].copy() for plane in frame.with_chroma().chroma or ())
-    return Frame(luma, (cb, cr))
-
-
 def _nal_units(stream: bytes) -> list[bytes]:
     """Split a byte stream with start codes ([H264] annex B) into NAL units."""
     return [unit for part in stream.split(_START_CODE) if (unit := part.rstrip(b"\x00"))]
-
-
-def _join_parameter_sets(sps: bytes, pps: bytes) -> bytes:
-    """Write both parameter sets without headers; the inverse of `_split_parameter_sets`."""
-    return bytes([len(sps) - 1]) + sps[1:] + pps[1:]
 
 
 def _split_parameter_sets(data: bytes) -> tuple[bytes, bytes]:

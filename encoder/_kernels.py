@@ -147,14 +147,6 @@ def spiral_search(matching, x, y, half, i, small, spiral):
 
 
 @kernel
-def median_motion(velocity, alive, median):
-    """Compute the median of each component over the live points, at least one."""
-    for axis in range(2):
-        ordered = np.sort(velocity[alive, axis])
-        median[axis] = ordered[ordered.size // 2]
-
-
-@kernel
 def move_as_nearest(points, ends, squares, velocity):
     """Compute squared distances of points from the nearest track, and its last motion back in time."""
     count = points.shape[0]
@@ -212,16 +204,6 @@ def coarse_to_fine_search(matching, quarter, i, last, spirals, around):
 
 
 @kernel
-def nearest_matches(first_x, first_y, matched):
-    """Return the nearest matched point of each, by squared distance and number."""
-    nearest_match = np.full(matched.size, UNKNOWN << 20)
-    for j in range(matched.size):
-        if matched[j]:
-            offer_motion(first_x, first_y, j, 0, nearest_match)
-    return nearest_match
-
-
-@kernel
 def track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search):
     """Search for each live point in a frame, and return the number of matches."""
     image, (first, small), (last, velocity, alive) = matching.image, points, movement
@@ -229,7 +211,10 @@ def track_frame(matching, quarter, points, movement, spirals, max_coarse_searche
     candidates = np.empty((3, 2), np.int64)
     around = np.empty(8, np.int64)
     first_x, first_y = first[:, 0].astype(np.int32), first[:, 1].astype(np.int32)
-    nearest_match = nearest_matches(first_x, first_y, matched)
+    nearest_match = np.full(matched.size, UNKNOWN << 20)  # nearest matched point, by distance and number
+    for j in range(matched.size):
+        if matched[j]:
+            offer_motion(first_x, first_y, j, 0, nearest_match)
     num_matched, coarse_searches = np.int64(matched.sum()), 0
     for i in range(alive.size):
         if matched[i] or not alive[i]:
@@ -261,15 +246,6 @@ def track_frame(matching, quarter, points, movement, spirals, max_coarse_searche
     return num_matched
 
 
-@inlined_kernel
-def offset_between(before, here, after):
-    """Return the offset of a minimum between pixels: the tip of a V through three SADs."""
-    steepest = max(before, after) - here
-    if min(before, after) >= here and steepest > 0:
-        return 0.5 * (before - after) / steepest
-    return 0.0
-
-
 @kernel
 def finish_frame(points, last, search, scale, velocity, path):
     """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; nan for lost points.
@@ -286,9 +262,10 @@ def finish_frame(points, last, search, scale, velocity, path):
             square += moved * moved
             path[i, axis] = np.nan
             if matched[i]:
-                offset = 0.0
-                if scale > 1.0:
-                    offset = offset_between(adjacent[i, 2 * axis], sads[i], adjacent[i, 2 * axis + 1])
+                offset, before, after = 0.0, adjacent[i, 2 * axis], adjacent[i, 2 * axis + 1]
+                steepest = max(before, after) - sads[i]
+                if scale > 1.0 and min(before, after) >= sads[i] and steepest > 0:
+                    offset = 0.5 * (before - after) / steepest  # the tip of a V through three SADs
                 path[i, axis] = np.rint((position[i, axis] + offset) * scale) / scale
         longest = max(longest, square if matched[i] else 0)
     return longest

@@ -7,12 +7,11 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from dvc.config import CodecConfig
 from dvc.errors import FeedbackError, RefusedError
-from dvc.feedback import Connection, EncoderEndpoint, Listener, Protection
+from dvc.feedback import Connection, EncoderEndpoint, Hello, Listener, Protection
 from dvc.files import Closing
 
 HELLO_S = 5.0
@@ -29,19 +28,10 @@ FirstFrame = Callable[[int], int | None]
 
 
 class AcceptedPeer(NamedTuple):
-    """A connection to the decoder, and its endpoint after the welcome."""
+    """A connection to a decoder, and its endpoint."""
 
     connection: Connection
     endpoint: EncoderEndpoint
-
-
-@dataclass
-class _Greeting:
-    """A peer that has not said hello yet."""
-
-    connection: Connection
-    endpoint: EncoderEndpoint
-    deadline_s: float
 
 
 class PeerAcceptor(Closing):
@@ -60,15 +50,16 @@ class PeerAcceptor(Closing):
         self._listener, self._config, self._protection = listener, config, protection
         self._timeout_s, self._patience_s, self._log = timeout_s, patience_s, log
         self._accepted: queue.SimpleQueue[AcceptedPeer] = queue.SimpleQueue()
-        self._greetings: dict[int, _Greeting] = {}  # by file descriptors, the oldest first
+        # deadlines of hellos and their peers by file descriptors, the oldest first
+        self._greetings: dict[int, tuple[float, AcceptedPeer]] = {}
         self._decoder_id: bytes | None = None
         self._current: Connection | None = None
         self._num_rejected = 0
         self._closed = False
         self._woken, self._waking = socket.socketpair()
         self._selector = selectors.DefaultSelector()
-        for waited_for in (listener, self._woken):
-            self._selector.register(waited_for, selectors.EVENT_READ)
+        self._selector.register(listener, selectors.EVENT_READ)
+        self._selector.register(self._woken, selectors.EVENT_READ)
         self._thread = threading.Thread(target=self._run, name="acceptor", daemon=True)
         self._thread.start()
 
@@ -88,19 +79,18 @@ class PeerAcceptor(Closing):
 
     def _run(self) -> None:
         while not self._closed:
-            deadline_s = min((greeting.deadline_s for greeting in self._greetings.values()), default=None)
+            deadline_s = min((deadline_s for deadline_s, _ in self._greetings.values()), default=None)
             left_s = None if deadline_s is None else max(deadline_s - time.monotonic(), 0.0)
             for key, _ in self._selector.select(left_s):
                 if key.fd in self._greetings:
-                    self._greet(self._greetings[key.fd])
+                    self._greet(self._greetings[key.fd][1])
                 elif key.fileobj is self._listener:
                     self._accept()
-            for greeting in [*self._greetings.values()]:
-                if greeting.deadline_s <= time.monotonic():
-                    self._reject(greeting, f"no hello within {HELLO_S:g} s")
-        for greeting in [*self._greetings.values()]:
-            self._forget(greeting)
-            greeting.connection.close(0.0)
+            for deadline_s, peer in [*self._greetings.values()]:
+                if deadline_s <= time.monotonic():
+                    self._reject(peer, f"no hello within {HELLO_S:g} s")
+        for _, peer in self._greetings.values():
+            peer.connection.close(0.0)
         self._selector.close()
         self._woken.close()
 
@@ -110,34 +100,26 @@ class PeerAcceptor(Closing):
         except BlockingIOError:
             return
         except (OSError, FeedbackError):  # too many open files, or the peer has gone
-            self._drop_oldest(0)
-            time.sleep(PAUSE_S)
-            return
-        endpoint = EncoderEndpoint(self._config)
-        greeting = _Greeting(connection, endpoint, time.monotonic() + HELLO_S)
-        self._greetings[connection.fileno()] = greeting
-        self._selector.register(connection, selectors.EVENT_READ)
-        self._drop_oldest(MAX_GREETINGS)
+            max_greetings = 0
+        else:
+            peer, max_greetings = AcceptedPeer(connection, EncoderEndpoint(self._config)), MAX_GREETINGS
+            self._greetings[connection.fileno()] = time.monotonic() + HELLO_S, peer
+            self._selector.register(connection, selectors.EVENT_READ)
+        if len(self._greetings) > max_greetings:
+            self._reject(next(iter(self._greetings.values()))[1], "too many peers wait")
         time.sleep(PAUSE_S)
 
-    def _drop_oldest(self, max_greetings: int) -> None:
-        if len(self._greetings) > max_greetings:
-            self._reject(next(iter(self._greetings.values())), "too many peers wait")
-
-    def _greet(self, greeting: _Greeting) -> None:
+    def _greet(self, peer: AcceptedPeer) -> None:
         """Receive from a peer; accept or reject it once its hello is complete."""
-        connection, endpoint = greeting.connection, greeting.endpoint
         try:
-            endpoint.receive(connection.receive(0.0))
-            if endpoint.hello is not None:
-                self._admit(connection, endpoint)
-                self._forget(greeting)
+            peer.endpoint.receive(peer.connection.receive(0.0))
+            if peer.endpoint.hello is not None:
+                self._admit(peer, peer.endpoint.hello)
         except (FeedbackError, OSError) as err:
-            self._reject(greeting, str(err))
+            self._reject(peer, str(err))
 
-    def _admit(self, connection: Connection, endpoint: EncoderEndpoint) -> None:
-        hello = endpoint.hello
-        assert hello is not None
+    def _admit(self, peer: AcceptedPeer, hello: Hello) -> None:
+        connection, endpoint = peer.connection, peer.endpoint
         if not self._protection.accepts(hello.token):
             raise RefusedError("the token is wrong")
         if self._decoder_id not in (None, hello.decoder_id):
@@ -150,22 +132,23 @@ class PeerAcceptor(Closing):
         if self._current is not None:
             self._current.break_off(f"the decoder has come back as {connection.name}")
         self._decoder_id, self._current = hello.decoder_id, connection
-        self._accepted.put(AcceptedPeer(connection, endpoint))
+        self._forget(peer)
+        self._accepted.put(peer)
         if not self._patience_s:
             self._closed = True
             self._listener.close()
 
-    def _forget(self, greeting: _Greeting) -> None:
-        self._selector.unregister(greeting.connection)
-        del self._greetings[greeting.connection.fileno()]
+    def _forget(self, peer: AcceptedPeer) -> None:
+        self._selector.unregister(peer.connection)
+        del self._greetings[peer.connection.fileno()]
 
-    def _reject(self, greeting: _Greeting, reason: str) -> None:
+    def _reject(self, peer: AcceptedPeer, reason: str) -> None:
         """Close the connection of a peer that is not the decoder, after the reason."""
-        self._forget(greeting)
-        connection, endpoint = greeting.connection, greeting.endpoint
-        endpoint.send_failure(reason)
+        self._forget(peer)
+        connection = peer.connection
+        peer.endpoint.send_failure(reason)
         with suppress(FeedbackError):
-            connection.send(endpoint.bytes_to_send(), within_s=0.0)
+            connection.send(peer.endpoint.bytes_to_send(), within_s=0.0)
         connection.close(0.0)
         self._num_rejected += 1
         if self._num_rejected <= MAX_LINES or self._num_rejected.bit_count() == 1:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from dvc.corners import SENT_WINDOW_PX, is_local_max, quick_corner_response, spaced
 from dvc.tracks import FeaturePoints
-from dvc.tracks.point_sets import column_scan
+from dvc.tracks.coding import column_scan
 from dvc.video.frames import Plane
-from encoder.work import TrackingWork, coding_time_s
+from encoder.encoder_report import TrackingWork, coding_time_s
 
 Points = NDArray[np.int64]
 
@@ -23,19 +23,12 @@ _MARGIN_PX = 3  # margin of gradients that contain the repeated border
 class CornerSettings:
     """Settings of the choice of corners."""
 
-    # Both coordinates of a corner are multiples of this. From 4 on, a corner is a trackable block rather than
-    # a junction of edges: half the resolution is enough to detect it.
+    # Both coordinates of a corner are multiples of this: 1, 2, 3 or even. From 4 on, a corner is a trackable
+    # block rather than a junction of edges: half the resolution is enough to detect it.
     grid_px: int = 1
     window_px: int = SENT_WINDOW_PX  # window of the gradients, at the resolution of the response
     min_response: float = 1e-7  # least response, at least 0; gradients in units of the full range of luma
     min_distance: float = 0.4  # least distance of two corners over that of evenly spread ones
-
-    def __post_init__(self) -> None:
-        """Check that the grid exists at half the resolution, and that the response is positive."""
-        if self.grid_px < 1 or (self.grid_px >= _SPARSE_GRID_PX and self.grid_px % 2):
-            raise ValueError(f"grid_px must be 1, 2, 3 or even, got {self.grid_px}")
-        if self.min_response < 0:
-            raise ValueError(f"min_response must be at least 0, got {self.min_response}")
 
 
 TRACKED_CORNERS = CornerSettings(grid_px=4, window_px=3, min_distance=0.65)
@@ -80,19 +73,15 @@ def _strongest(response: NDArray[np.float32], worthy: NDArray[np.bool_], most: i
 class CornerDetector:
     """Detects the corners of Wyner-Ziv frames, each frame by itself."""
 
-    def __init__(
-        self, num_points: int, settings: CornerSettings | None = None, work: TrackingWork | None = None
-    ) -> None:
-        self._num_points = num_points
-        self._settings = settings or CornerSettings()
-        self.work = TrackingWork() if work is None else work
+    def __init__(self, num_points: int, work: TrackingWork | None = None) -> None:
+        self._num_points, self.work = num_points, work or TrackingWork()
 
     def detect(self, frames: Sequence[Plane]) -> FeaturePoints:
         """Detect the corners of frames."""
         started = coding_time_s()
         detected = []
         for luma in frames:
-            points = find_corners(luma, self._num_points, _MARGIN_PX, self._settings)
+            points = find_corners(luma, self._num_points, _MARGIN_PX)
             detected.append(points[column_scan(points)].astype(np.float64))
         self.work.num_corners += sum(map(len, detected))
         self.work.cpu_s += coding_time_s() - started

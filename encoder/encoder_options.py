@@ -2,49 +2,12 @@
 
 import argparse
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from dvc import cli
-from dvc.config import (
-    CODERS,
-    DEFAULT_CODEC,
-    DEFAULT_CODER,
-    DEFAULT_QP,
-    INTRA_PERIOD,
-    MAX_GOP_LENGTH,
-    MAX_INTRA_PERIOD,
-    MAX_NEW_TRACKS,
-    MAX_POINTS,
-    MAX_QP,
-    MAX_TRACKS_BPP,
-    NOISE_MODELS,
-    REFERENCES,
-    VARIANTS,
-    CodecConfig,
-    CodecVariant,
-    Delivery,
-    DiscoverMatrix,
-    GroupPreset,
-    Live,
-    NoFeedback,
-    ParityBuffer,
-    Qp,
-    Quality,
-    VideoConfig,
-    WynerZivConfig,
-    codec_config,
-)
+from dvc import cli, config
 from dvc.errors import ConfigError
-from encoder.rate_limits import TOLERANCE, WINDOW_S, RateLimits
-
-if TYPE_CHECKING:
-    from dvc.feedback import Protection
-    from dvc.video import Frame, VideoInfo
-    from encoder.encoder_session import EncoderSession
-    from encoder.frame_queue import FrameQueue
-    from encoder.time_stamps import CodingClock
+from encoder.rate_limits import TOLERANCE, WINDOW_S
 
 PROG = "dvc-encode"
 EXAMPLES = """\
@@ -62,14 +25,14 @@ EXAMPLES = """\
 
 KEY_FRAMES = ("predicted", "intra")
 
-Value = Callable[[CodecVariant], object]
+Value = Callable[[config.CodecVariant], object]
 """A setting of a variant."""
 
 
-def _of_groups(value: Callable[[GroupPreset], object]) -> Value:
+def _of_groups(value: Callable[[config.GroupPreset], object]) -> Value:
     """Return a setting that depends on references and key frames, as text."""
 
-    def _text(variant: CodecVariant) -> str:
+    def _text(variant: config.CodecVariant) -> str:
         usual, keys, intra = (
             str(value(groups)).removesuffix(".0")
             for groups in (variant.groups(), variant.groups("keys"), variant.groups(intra_period=0))
@@ -81,7 +44,7 @@ def _of_groups(value: Callable[[GroupPreset], object]) -> Value:
     return _text
 
 
-_RULE_FIELDS = {
+RULE_FIELDS = {
     "longest_track": "longest_track_px",
     "lost_tracks": "lost_share",
     "min_gop": "min_length",
@@ -91,7 +54,7 @@ _RULE_FIELDS = {
 
 
 def _of_rule(option: str) -> Value:
-    return _of_groups(lambda groups: getattr(groups.key_frames, _RULE_FIELDS[option]))
+    return _of_groups(lambda groups: getattr(groups.key_frames, RULE_FIELDS[option]))
 
 
 class _TrackOption(NamedTuple):
@@ -105,47 +68,31 @@ class _TrackOption(NamedTuple):
     tracked: bool = True  # requires a codec with an encoder that tracks points
 
 
-_POINTS, _LENGTH = cli.integer(1, MAX_POINTS), cli.integer(1, MAX_GOP_LENGTH)
+_POINTS, _LENGTH = cli.integer(1, config.MAX_POINTS), cli.integer(1, config.MAX_GOP_LENGTH)
 _TRACK_OPTIONS = (
-    _TrackOption(
-        "--points", _POINTS, "N", lambda variant: variant.tracks.num_points,
-        "most tracks of a GOP, or corners of a frame", tracked=False,
-    ),
-    _TrackOption(
-        "--subpixel", cli.integer(0, 3), "BITS", lambda variant: variant.tracks.subpixel_bits,
-        "track to 1/2, 1/4 or 1/8 of a pixel, or to whole ones (0)", tracked=False,
-    ),
-    _TrackOption(
-        "--longest-track", float, "PX", _of_rule("longest_track"),
-        "end a GOP when a point has moved this distance",
-    ),
-    _TrackOption(
-        "--lost-tracks", float, "SHARE", _of_rule("lost_tracks"),
-        "end a GOP when this share of the points is lost",
-    ),
-    _TrackOption(
-        "--min-gop", _LENGTH, "N", _of_rule("min_gop"),
-        "least frames of a GOP, unless the scene changes",
-    ),
-    _TrackOption(
-        "--scene-change", float, "SHARE", _of_rule("scene_change"),
-        "points lost from one frame to the next that make both key frames, the second an IDR picture",
-    ),
-    _TrackOption(
-        "--tracks-bpp", float, "BITS", lambda _: MAX_TRACKS_BPP,
-        "most bits of tracks per pixel of the frames between the ends of a group: the best are kept",
-    ),
-    _TrackOption(
-        "--new-tracks", cli.integer(0, MAX_POINTS), "N", lambda _: MAX_NEW_TRACKS,
-        "most new tracks: points that are followed back from the closing key frame of a GOP",
-    ),
+    _TrackOption("--points", _POINTS, "N", lambda variant: variant.tracks.num_points,
+        "most tracks of a GOP, or corners of a frame", tracked=False),
+    _TrackOption("--subpixel", cli.integer(0, 3), "BITS", lambda variant: variant.tracks.subpixel_bits,
+        "track to 1/2, 1/4 or 1/8 of a pixel, or to whole ones (0)", tracked=False),
+    _TrackOption("--longest-track", float, "PX", _of_rule("longest_track"),
+        "end a GOP when a point has moved this distance"),
+    _TrackOption("--lost-tracks", float, "SHARE", _of_rule("lost_tracks"),
+        "end a GOP when this share of the points is lost"),
+    _TrackOption("--min-gop", _LENGTH, "N", _of_rule("min_gop"),
+        "least frames of a GOP, unless the scene changes"),
+    _TrackOption("--scene-change", float, "SHARE", _of_rule("scene_change"),
+        "points lost from one frame to the next that make both key frames, the second an IDR picture"),
+    _TrackOption("--tracks-bpp", float, "BITS", lambda _: config.MAX_TRACKS_BPP,
+        "most bits of tracks per pixel of the frames between the ends of a group: the best are kept"),
+    _TrackOption("--new-tracks", cli.integer(0, config.MAX_POINTS), "N", lambda _: config.MAX_NEW_TRACKS,
+        "most new tracks: points that are followed back from the closing key frame of a GOP"),
 )  # fmt: skip
 
 
 def _with_points(tracked: bool) -> list[str]:
     """List the codecs that send points, or only those with an encoder that tracks them."""
     kinds = ("encoder",) if tracked else ("encoder", "decoder")
-    return [name for name, variant in VARIANTS.items() if variant.tracks.kind in kinds]
+    return [name for name, variant in config.VARIANTS.items() if variant.tracks.kind in kinds]
 
 
 _LIMITS = ("--bitrate", "--max-bits-per-frame")
@@ -159,7 +106,7 @@ CONSTRAINTS = (
     cli.Constraint("--no-feedback", excludes=("--serve",), why="a decoder that is served sends requests"),
     cli.Constraint(
         "--no-feedback",
-        excludes=tuple(f"--coder {name}" for name in CODERS if name != DEFAULT_CODER),
+        excludes=tuple(f"--coder {name}" for name in config.CODERS if name != config.DEFAULT_CODER),
         why="no bit planes are coded",
     ),
     *(
@@ -200,8 +147,13 @@ def parser() -> argparse.ArgumentParser:
         " few percent of the raw video, and `dvc-decode --punctured` keeps the bits that a decoder needs; a"
         " kill leaves OUTPUT.part, for `dvc-decode --unfinished`",
     )
-    _add_coding(top.add_argument_group("coding"))
-    _add_tracks(top.add_argument_group(f"points and tracks ({', '.join(_with_points(tracked=False))})"))
+    coding = top.add_argument_group("coding")
+    for add in (_add_coding, _add_quality, _add_delivery):
+        add(coding)
+    tracks = top.add_argument_group(f"points and tracks ({', '.join(_with_points(tracked=False))})")
+    for name, read, metavar, default, text, tracked in _TRACK_OPTIONS:
+        usual = _defaults(default, _with_points(tracked))
+        tracks.add_argument(name, type=read, metavar=metavar, help=f"{text}; {usual}")
     _add_source(top.add_argument_group("input"))
     top.add_argument_group("long recordings").add_argument(
         "--segment",
@@ -223,70 +175,48 @@ def _defaults(value: Value, codecs: Iterable[str]) -> str:
     """Return the text of the default of an option, for each codec if they differ."""
     names: dict[object, list[str]] = {}
     for codec in codecs:
-        names.setdefault(value(VARIANTS[codec]), []).append(codec)
+        names.setdefault(value(config.VARIANTS[codec]), []).append(codec)
     if len(names) == 1:
         return f"default: {next(iter(names))}"
     return "default: " + "; ".join(f"{default} with {' and '.join(some)}" for default, some in names.items())
 
 
 def _add_coding(group: argparse._ArgumentGroup) -> None:
-    add = group.add_argument
-    add(
+    group.add_argument(
         "--codec",
-        choices=VARIANTS,
-        default=DEFAULT_CODEC,
+        choices=config.VARIANTS,
+        default=config.DEFAULT_CODEC,
         help="prediction of frames: "
-        + "; ".join(f"{name}: {variant.summary}" for name, variant in VARIANTS.items())
+        + "; ".join(f"{name}: {variant.summary}" for name, variant in config.VARIANTS.items())
         + "; default: %(default)s",
     )
-    _add_groups(group)
-    _add_quality(group)
-    add(
-        "--coder",
-        choices=CODERS,
-        default=DEFAULT_CODER,
-        help="codes of the bit planes: parities of ranges that the decoder chooses, or punctured turbo codes"
-        " as in the thesis; default: %(default)s",
-    )
-    add("--luma-only", action="store_true", help="code no chroma")
-    add(
-        "--noise-model",
-        choices=NOISE_MODELS,
-        default=WynerZivConfig.noise_model,
-        help="correlation noise model of the decoder; default: %(default)s",
-    )
-    _add_delivery(group)
-    cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
-
-
-def _add_groups(group: argparse._ArgumentGroup) -> None:
     cli.add_integer(
         group,
         "--gop",
-        (1, MAX_GOP_LENGTH),
+        (1, config.MAX_GOP_LENGTH),
         f"frames of a GOP, the most with {', '.join(_with_points(tracked=True))}; a key frame ends it; "
-        + _defaults(_of_groups(lambda groups: groups.length), VARIANTS),
+        + _defaults(_of_groups(lambda groups: groups.length), config.VARIANTS),
     )
     group.add_argument(
         "--references",
-        choices=REFERENCES,
+        choices=config.REFERENCES,
         help="references of predicted frames: the key frames; also the middle frame, which is decoded first,"
         " and further middle frames; or all decoded frames of the GOP; "
-        + _defaults(lambda variant: variant.references, VARIANTS),
+        + _defaults(lambda variant: variant.references, config.VARIANTS),
     )
     group.add_argument(
         "--key-frames",
         choices=KEY_FRAMES,
         help="H.264 pictures that are predicted from earlier ones, or intra pictures; "
-        + _defaults(lambda variant: KEY_FRAMES[not variant.intra_period], VARIANTS)
+        + _defaults(lambda variant: KEY_FRAMES[not variant.intra_period], config.VARIANTS)
         + ", intra with --wz-q",
     )
     cli.add_integer(
         group,
         "--intra-period",
-        (1, MAX_INTRA_PERIOD),
+        (1, config.MAX_INTRA_PERIOD),
         "most frames from one IDR picture to the next if key frames are predicted: decoding can begin at"
-        f" an IDR picture, and damage ends there; default: {INTRA_PERIOD}",
+        f" an IDR picture, and damage ends there; default: {config.INTRA_PERIOD}",
         metavar="N",
     )
 
@@ -294,9 +224,9 @@ def _add_groups(group: argparse._ArgumentGroup) -> None:
 def _add_quality(group: argparse._ArgumentGroup) -> None:
     quality = (
         "quality on H.264's scale, 1 (fine) to 51 (coarse): sets key frames, steps and requested planes for"
-        f" the least rate; default: {DEFAULT_QP}"
+        f" the least rate; default: {config.DEFAULT_QP}"
     )
-    cli.add_integer(group, "--qp", (1, MAX_QP), quality, metavar="QP")
+    cli.add_integer(group, "--qp", (1, config.MAX_QP), quality, metavar="QP")
     matrix = (
         "instead of --qp, a DISCOVER quantisation matrix, 1 (coarse) to 8 (fine); all planes are requested"
     )
@@ -310,6 +240,20 @@ def _add_quality(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_delivery(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--coder",
+        choices=config.CODERS,
+        default=config.DEFAULT_CODER,
+        help="codes of the bit planes: parities of ranges that the decoder chooses, or punctured turbo codes"
+        " as in the thesis; default: %(default)s",
+    )
+    group.add_argument("--luma-only", action="store_true", help="code no chroma")
+    group.add_argument(
+        "--noise-model",
+        choices=config.NOISE_MODELS,
+        default=config.WynerZivConfig.noise_model,
+        help="correlation noise model of the decoder; default: %(default)s",
+    )
     group.add_argument(
         "--no-feedback",
         action="store_true",
@@ -331,12 +275,7 @@ def _add_delivery(group: argparse._ArgumentGroup) -> None:
         help="with --no-feedback or --serve: larger key frames are coded again, coarser; the limit also holds"
         " for the mean of the bits that a decoder may request for the frames between two key frames",
     )
-
-
-def _add_tracks(group: argparse._ArgumentGroup) -> None:
-    for name, read, metavar, default, text, tracked in _TRACK_OPTIONS:
-        usual = _defaults(default, _with_points(tracked))
-        group.add_argument(name, type=read, metavar=metavar, help=f"{text}; {usual}")
+    cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
 
 
 def _add_source(group: argparse._ArgumentGroup) -> None:
@@ -406,91 +345,12 @@ def check(arguments: argparse.Namespace) -> None:
         raise ConfigError(f"an output such as {arguments.output} requires --segment")
 
 
-def protection(arguments: argparse.Namespace) -> "Protection":
-    """Return the protection of the connection."""
-    from dvc.feedback import Protection, read_token
-    from dvc.feedback.protection import encoder_context
-
-    token = b"" if arguments.token_file is None else read_token(arguments.token_file)
-    tls = None if arguments.tls_cert is None else encoder_context(arguments.tls_cert, arguments.tls_key)
-    return Protection(tls, token, insecure=arguments.insecure)
-
-
-def queue(
-    frames: "Iterable[Frame]", arguments: argparse.Namespace, live: bool, config: CodecConfig
-) -> "FrameQueue | None":
-    """Return the queue of a live source for a slower decoder; a file waits by itself."""
-    from encoder.frame_queue import FrameQueue, default_frames
-
-    if not live:
-        for option in ("--leave-out", "--queue"):
-            if cli.is_given(arguments, option):
-                raise ConfigError(f"{option} requires a camera, a pipe or an address as INPUT")
-    if not live or arguments.serve is None:
-        return None
-    length, video = config.gop.length, config.video
-    max_frames = arguments.queue or default_frames(video.width * video.height, length)
-    if arguments.leave_out and max_frames < length:
-        raise ConfigError(f"--leave-out requires a queue that holds a group: --queue {length} or more")
-    return FrameQueue(frames, max_frames, length if arguments.leave_out else 0)
-
-
-def session(
-    arguments: argparse.Namespace, info: "VideoInfo", clock: "CodingClock | None" = None
-) -> "EncoderSession":
-    """Set up an encoder for a video; the arguments have been checked."""
-    from encoder.encoder_session import EncoderSession
-    from encoder.point_tracker import PointTrackerSettings
-
-    bits_per_pixel = MAX_TRACKS_BPP if arguments.tracks_bpp is None else arguments.tracks_bpp
-    if not bits_per_pixel > 0:
-        raise ConfigError(f"--tracks-bpp must be above 0, got {bits_per_pixel}")
-    delivery: Delivery = ParityBuffer() if arguments.serve is None else Live()
-    config = _configuration(arguments, info)
-    groups = VARIANTS[arguments.codec].groups(config.gop.references, config.key.intra_period)
-    rule = {field: getattr(arguments, option) for option, field in _RULE_FIELDS.items()}
-    return EncoderSession(
-        config,
-        NoFeedback() if arguments.no_feedback else delivery,
-        replace(groups.key_frames, **_given(**rule)),
-        bits_per_pixel,
-        PointTrackerSettings(**_given(max_new_tracks=arguments.new_tracks)),
-        clock,
-        RateLimits(arguments.bitrate, arguments.max_bits_per_frame),
-    )
-
-
-def _configuration(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
-    """Return the configuration; options override the values that codec and quality imply."""
-    rate, period = info.frame_rate, arguments.intra_period
-    if arguments.key_frames is not None and period is None:
-        period = 0 if arguments.key_frames == "intra" else INTRA_PERIOD
-    quality: Quality = Qp(**_given(qp=arguments.qp))
-    if arguments.wz_q is not None:
-        quality = DiscoverMatrix(arguments.wz_q)
-    return codec_config(
-        VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
-        arguments.codec,
-        quality,
-        gop=_given(length=arguments.gop, references=arguments.references),
-        key=(arguments.key_qp or {}) | _given(intra_period=period),
-        wyner_ziv={"noise_model": arguments.noise_model},
-        coder=CODERS[arguments.coder](),
-        tracks=_given(num_points=arguments.points, subpixel_bits=arguments.subpixel),
-        seed=arguments.seed,
-    )
-
-
 def _parse_key_qp(text: str) -> dict[str, Any] | None:
     """Read the quality of key frames as fields of their configuration; None: the one that suits the rest."""
     if text == "auto":
         return None
     if text in ("lossless", "0"):
         return {"lossless": True}
-    if text.isdecimal() and int(text) <= MAX_QP:
+    if text.isdecimal() and int(text) <= config.MAX_QP:
         return {"qp": int(text)}
-    raise argparse.ArgumentTypeError(f"expected 1 to {MAX_QP}, lossless or auto, got {text!r}")
-
-
-def _given(**options: Any) -> dict[str, Any]:
-    return {name: value for name, value in options.items() if value is not None}
+    raise argparse.ArgumentTypeError(f"expected 1 to {config.MAX_QP}, lossless or auto, got {text!r}")

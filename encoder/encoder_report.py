@@ -1,22 +1,64 @@
-"""Statistics of an encoding run: frames, bits, processor time, and work of the tracker."""
+"""Statistics of an encoding run: frames, bits, processor time, and operations independent of the processor.
+
+The model counts operations of kernels on samples, coefficients, words and other data one by one, as the code
+has them; a processor does many at once in vectors. Loops, addresses and conversions between types do not
+count. Bytes are those of all elements of arrays that are read or written, in a cache or not.
+"""
 
 import math
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, astuple, dataclass, field, fields, is_dataclass
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import loaded_bytes, loading_time_s
 from dvc.config import CodecConfig
 from dvc.memory import peak_resident_bytes
 from dvc.stream import GopRecord
+from dvc.tracks import PointTracks
+from dvc.tracks.regression.regression_coding import NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATURES
 from dvc.video import Frame
 from dvc.wynerziv.payloads import EncodedFrame
-from dvc.wynerziv.transform import NUM_BANDS, band_shape
-from encoder.work import TrackingWork, coding_time_s, stages
+from dvc.wynerziv.transform import BLOCK, NUM_BANDS, band_shape
+from encoder._kernels import HALF_BLOCK_PX, NUM_NEAREST, QUARTER_HALF_BLOCK_PX, SAMPLED_PX
 
 TIMED_PARTS = ("key_cpu_s", "transform_cpu_s", "parity_cpu_s", "writing_cpu_s")
 """Fields with parts of the time of coding, besides tracking; the rest forms groups of pictures."""
+LARGE_SAMPLES, SMALL_SAMPLES = ((2 * half + 1) ** 2 for half in (HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX))
+"""Samples of a block in images of full size, and of a quarter of it."""
+_VECTOR_PX = 8
+"""Samples of a row of a block that are compared at once."""
+
+
+def coding_time_s() -> float:
+    """Return the processor time of this thread, without the loading of compiled code."""
+    return time.thread_time() - loading_time_s()
+
+
+@dataclass
+class TrackingWork:
+    """Work of the tracker: counts of its operations, and processor time."""
+
+    num_corners: int = 0  # detected points
+    num_blocks: int = 0  # SADs of blocks, and the samples in them
+    num_samples: int = 0
+    num_frames: int = 0  # frames that were searched
+    num_starts: int = 0  # frames with points that were detected for tracking
+    num_pairs: int = 0  # pairs of points, one a possible spatial motion candidate of the other
+    num_positions: int = 0  # coded positions of tracks, without the first of each track
+    num_interpolated: int = 0  # blocks compared with their prediction by tracks, and pairs with nearby points
+    num_near: int = 0
+    cpu_s: float = 0.0  # processor time of tracking and of coding tracks or points, in seconds
+
+    def add_blocks(self, counts: NDArray[np.int64]) -> None:
+        """Add numbers of blocks and samples."""
+        num_blocks, num_samples = counts.tolist()
+        self.num_blocks += num_blocks
+        self.num_samples += num_samples
 
 
 def memory_report(baseline_bytes: int) -> dict[str, int]:
@@ -48,32 +90,16 @@ class EncoderStatistics:
     stream_bytes: int = 0  # size of the stream; 0 in live mode
     tracking: TrackingWork = field(default_factory=TrackingWork)
 
-    @classmethod
-    def total(cls, parts: "Iterable[EncoderStatistics]") -> "EncoderStatistics":
-        """Add up the statistics of several runs."""
-        total: EncoderStatistics = _added(list(parts))
-        return total
-
     @property
     def num_frames(self) -> int:
         """Frames of both types."""
         return self.num_key_frames + self.num_wyner_ziv_frames
 
-    @property
-    def wyner_ziv_cpu_s(self) -> float:
-        """Processor time spent on Wyner-Ziv frames, in seconds."""
-        return self.transform_cpu_s + self.parity_cpu_s
-
-    @property
-    def other_cpu_s(self) -> float:
-        """Processor time of coding that is neither tracking nor one of `TIMED_PARTS`, in seconds."""
-        parts = (float(getattr(self, name)) for name in TIMED_PARTS)
-        return self.coding_cpu_s - self.tracking.cpu_s - sum(parts)
-
     def to_dict(self) -> dict[str, Any]:
-        """Return all statistics, JSON-safe."""
-        sums = {"wyner_ziv_cpu_s": self.wyner_ziv_cpu_s, "other_cpu_s": self.other_cpu_s}
-        return asdict(self) | sums
+        """Return all statistics, JSON-safe; the rest of the time of coding is `other_cpu_s`."""
+        parts = self.tracking.cpu_s + sum(float(getattr(self, name)) for name in TIMED_PARTS)
+        sums = {"wyner_ziv_cpu_s": self.transform_cpu_s + self.parity_cpu_s}
+        return asdict(self) | sums | {"other_cpu_s": self.coding_cpu_s - parts}
 
     @contextmanager
     def coding(self) -> Iterator[None]:
@@ -120,20 +146,125 @@ class EncoderStatistics:
             self.num_coded_bands += len(frame.quantization.bands)
 
     def operations_per_pixel(self, config: CodecConfig) -> dict[str, dict[str, float]]:
-        """Count operations by the model of `encoder.work`."""
+        """Count the operations of each stage by the model of this module."""
         height, width = config.video.height, config.video.width
-        frame_samples = math.prod(band_shape(height, width)) * NUM_BANDS
-        work = stages(
-            self.tracking, width * height, frame_samples, self.num_transformed, self.num_coded_bands
-        )
+        num_samples = math.prod(band_shape(height, width)) * NUM_BANDS  # samples of a frame in whole blocks
+        work = self.tracking
+        num_large = work.num_samples - work.num_blocks * SMALL_SAMPLES
+        num_large //= LARGE_SAMPLES - SMALL_SAMPLES
+        compared = block_comparison().times(num_large)
+        compared += block_comparison(QUARTER_HALF_BLOCK_PX).times(work.num_blocks - num_large)
+        stages = {
+            "transform": transform(num_samples * self.num_transformed, self.num_transformed),
+            "quantiser and planes": quantisation(num_samples / NUM_BANDS * self.num_coded_bands),
+            "corners": corners(width * height * work.num_starts),
+            "block matching": compared + spatial_candidates().times(work.num_pairs),
+            "coding of tracks": regression(work.num_positions),
+            "interpolation": interpolation(work.num_interpolated, work.num_near),
+        }
         share = 1.0 / max(width * height * self.num_frames, 1)
-        return {name: asdict(stage.times(share)) for name, stage in work.items()}
+        return {name: asdict(stage.times(share)) for name, stage in stages.items()}
 
 
-def _added(parts: Sequence[Any]) -> Any:
+def added_up(parts: Sequence[Any]) -> Any:
     """Add up records of numbers and of further records."""
     first: Any = parts[0]
     if not is_dataclass(first):
         return sum(parts)
     columns = ([getattr(part, entry.name) for part in parts] for entry in fields(first))
-    return first.__class__(*map(_added, columns))
+    return first.__class__(*map(added_up, columns))
+
+
+@dataclass(frozen=True)
+class Operations:
+    """Operations of a stage."""
+
+    adds: float = 0  # sums and differences
+    multiplies: float = 0  # products, quotients and remainders
+    logic: float = 0  # AND, OR, XOR and shifts of words
+    compares: float = 0  # comparisons, minima, maxima and magnitudes
+    bytes: float = 0  # read from arrays and written to them
+
+    def __add__(self, other: "Operations") -> "Operations":
+        """Return the sum."""
+        return Operations(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    def times(self, factor: float) -> "Operations":
+        """Return the operations of several times the work."""
+        return Operations(*(factor * number for number in astuple(self)))
+
+
+def transform(num_samples: float, num_frames: float) -> Operations:
+    """Count the transform of frames, and the search for the extremes of each band."""
+    unpacking = Operations(logic=6, bytes=BLOCK * (1 + 2)).times(num_samples / BLOCK)
+    # one dimension for four samples ([Malvar2003]: doubling is a sum, too), twice
+    both = Operations(adds=8 + 2, bytes=2 * BLOCK * 2).times(2 * num_samples / BLOCK)
+    extremes = Operations(compares=2, bytes=2 * 2).times(num_samples)
+    return unpacking + both + extremes + Operations(bytes=3 * 2).times(NUM_BANDS * num_frames)
+
+
+def quantisation(num_coefficients: float) -> Operations:
+    """Count embedded bins of coefficients, and packing of their numbers into words of planes."""
+    bins = Operations(multiplies=1, adds=1, compares=2, bytes=2 + 4)
+    words = Operations(logic=2, bytes=4 + 8 + 8)
+    return (bins + words).times(num_coefficients)
+
+
+def block_comparison(half_side_px: int = HALF_BLOCK_PX) -> Operations:
+    """Count the sum of absolute differences of a block, in vectors that overlap in the middle of each row."""
+    rows = 2 * half_side_px + 1
+    pair = Operations(adds=2 * 2, compares=2, logic=2, bytes=4)
+    return pair.times(_VECTOR_PX * rows)
+
+
+def spatial_candidates() -> Operations:
+    """Count the offer of the motion of a matched point to another one."""
+    return Operations(adds=2 + 1 + 1, multiplies=2, logic=1, compares=1, bytes=4 * 4 + 2 * 8)
+
+
+def corners(num_samples: float) -> Operations:
+    """Count the response to corners of frames, at half the resolution."""
+    shrinking = Operations(adds=4, logic=1, bytes=4 + 1)
+    smooth = Operations(adds=2, logic=1, bytes=3 + 2)
+    slope = Operations(adds=1, bytes=2 * 2 + 4)
+    gradients = (smooth + slope).times(2)
+    products = Operations(multiplies=3, bytes=6 * 4 + 3 * 4)
+    window = Operations(adds=2, bytes=3 * 4 + 4).times(3 * 2)
+    response = Operations(adds=3, multiplies=4, bytes=3 * 4 + 4)
+    return (shrinking + gradients + products + window + response).times(num_samples / 4)
+
+
+def predicted_positions(tracks: PointTracks) -> int:
+    """Count the positions that are predicted when tracks are coded."""
+    forward, backward = (np.isfinite(one[:, :, 0]) for one in (tracks.forward, tracks.backward))
+    count = int(forward[:, 1:].sum())
+    if len(backward):
+        count += int(backward[:, :-1].sum()) + int(forward[forward[:, -1], :-1].sum())
+    return count
+
+
+def regression(num_positions: float) -> Operations:
+    """Count the prediction of positions by recursive least squares, and the update after each."""
+    products = Operations(multiplies=1, adds=1, bytes=2 * 8)
+    gain = products.times((ROW_FEATURES + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * ROW_FEATURES)
+    bounded = Operations(multiplies=2, compares=1, bytes=3 * 8).times(NUM_FEATURES)
+    limited = Operations(multiplies=1, adds=1, compares=2, bytes=2 * 8).times(2)
+    coefficients = (Operations(multiplies=1, bytes=8) + limited).times(NUM_FEATURES)
+    covariance = Operations(multiplies=2, adds=1, bytes=4 * 8).times(ROW_FEATURES * NUM_FEATURES)
+    fit = Operations(multiplies=2, adds=2, bytes=3 * 8).times(NUM_FEATURES) + Operations(bytes=2 * 8)
+    neighbours = (fit + Operations(adds=6, multiplies=3, bytes=33)).times(NUM_NEIGHBOURS)
+    features = Operations(adds=4, multiplies=7, bytes=7 * 8 + 3 * 7 * 8)
+    prediction = Operations(adds=9, multiplies=7, compares=4, bytes=12 * 8)
+    learning = Operations(adds=11, multiplies=11, compares=6, bytes=13 * 8 + 1)
+    once = gain + bounded + coefficients + covariance + neighbours + fit + features + prediction + learning
+    return once.times(num_positions)
+
+
+def interpolation(num_blocks: float, num_near: float) -> Operations:
+    """Count the prediction of sampled blocks by tracks, and the search for the nearest points."""
+    bilinear = Operations(adds=10, multiplies=6, compares=4, bytes=4 + 2 * 8)
+    sample = bilinear.times(2) + Operations(adds=3, multiplies=2, bytes=1)
+    weighed = Operations(adds=10, multiplies=5, compares=1, bytes=26 * 8).times(NUM_NEAREST)
+    block = sample.times(SAMPLED_PX**2) + weighed + Operations(multiplies=4, compares=1, bytes=12 * 8)
+    near = Operations(adds=3, multiplies=2, compares=NUM_NEAREST, bytes=(2 + NUM_NEAREST) * 8)
+    return block.times(num_blocks) + near.times(num_near)

@@ -1,13 +1,13 @@
 """Encoder of figure 5.1: frames in; key frames, tracks and bit planes out."""
 
 import operator
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cache
 from itertools import groupby
 from typing import BinaryIO, cast
 
-from dvc import slepian_wolf
 from dvc.config import (
     MAX_TRACKS_BPP,
     VARIANTS,
@@ -20,25 +20,77 @@ from dvc.config import (
 )
 from dvc.keyframes import KeyFrameEncoder, KeyPicture
 from dvc.slepian_wolf.requests import drive
-from dvc.stream import Form, GopRecord, StreamWriter
+from dvc.stream import MAX_DEVIATION_TICKS, Deviations, Form, GopRecord, StreamWriter, planned_tick
 from dvc.video import Frame
-from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.hierarchy import reference_distances
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout
-from encoder.encoder_report import EncoderStatistics
-from encoder.groups import CornerGroups, FixedGroups, Group, GroupCoder
+from encoder.encoder_report import EncoderStatistics, coding_time_s
+from encoder.groups import CornerGroups, FixedGroups, Group, TrackedGroups
 from encoder.leaky_bucket import QualityStep
 from encoder.point_tracker import PointTracker, PointTrackerSettings
-from encoder.rate_limiter import CodedFrames, CodeKey, Coding, RateLimiter, limited
+from encoder.rate_limiter import CodedFrames, CodeKey, Coding, RateLimiter
 from encoder.rate_limits import RateLimits
 from encoder.spacing import Spacing
-from encoder.time_stamps import CodingClock
-from encoder.tracked_groups import TrackedGroups
-from encoder.work import coding_time_s
 
 Progress = Callable[[int], None]
 """Function that is called with the number of frames that have just been finished."""
+
+
+class CodingClock:
+    """Compares the time stamps of the source with the number of coded frames before each."""
+
+    def __init__(self, frame_rate: Fraction) -> None:
+        self._interval_s = 1 / frame_rate
+        self._ticks_per_second = 0  # clock of the source; 0 without one
+        self._ticks_per_frame = Fraction(0)
+        self._num_frames = 0  # coded in the stream
+        self._zero: int | None = None  # tick of the source that is tick 0 of the stream
+        self._last = 0  # tick of the stream when the last frame is shown
+
+    def begin_stream(self) -> None:
+        """Start a stream at the next frame; it continues the clock of the last one."""
+        if self._zero is not None:
+            self._zero += self._last - self._planned(-1)
+        self._num_frames = 0
+
+    def deviations(self, frames: Sequence[Frame]) -> Deviations | None:
+        """Return the delay of each of the next frames; None if all are less than a tick off."""
+        if not self._ticks_per_second:  # unless it is too coarse to separate frames
+            clocks = (frame.time.ticks_per_second for frame in frames if frame.time is not None)
+            self._ticks_per_second = next((fine for fine in clocks if fine * self._interval_s >= 1), 0)
+            self._ticks_per_frame = self._ticks_per_second * self._interval_s
+        first, self._num_frames = self._num_frames, self._num_frames + len(frames)
+        if not self._ticks_per_second:
+            return None
+        numbers = range(first, self._num_frames)
+        ticks = [self._tick(number, frame) for number, frame in zip(numbers, frames, strict=True)]
+        length, unit = self._ticks_per_frame.as_integer_ratio()
+        if all(abs(unit * tick - length * n) < unit for n, tick in zip(numbers, ticks, strict=True)):
+            return None
+        late = (tick - self._planned(number) for number, tick in zip(numbers, ticks, strict=True))
+        return Deviations(self._ticks_per_second, tuple(late))
+
+    def _planned(self, number: int) -> int:
+        return planned_tick(number, self._ticks_per_frame)
+
+    def _tick(self, number: int, frame: Frame) -> int:
+        """Return the tick of a frame; if the clock of the source jumps, the usual interval after the last."""
+        planned, before = self._planned(number), self._planned(number - 1)
+        if number == 0 or self._zero is None:
+            self._last = before
+        usual = planned + self._last - before
+        tick = usual
+        if frame.time is not None:
+            now, clock = frame.time
+            if clock != self._ticks_per_second:
+                now = round(frame.time.seconds * self._ticks_per_second)
+            zero = now - usual if self._zero is None else self._zero
+            if now - zero <= self._last or abs(now - zero - planned) > MAX_DEVIATION_TICKS:
+                zero = now - usual
+            self._zero, tick = zero, now - zero
+        self._last = tick
+        return tick
 
 
 @dataclass(frozen=True)
@@ -85,10 +137,13 @@ class EncoderSession:
         clock: CodingClock | None = None,
         limits: RateLimits | None = None,
     ) -> None:
-        delivery, limits = delivery or ParityBuffer(), limits or RateLimits()
-        config = limited(config, delivery, limits)
+        delivery = delivery or ParityBuffer()
         self.statistics = EncoderStatistics()
-        self.limiter = None if limits.unlimited else RateLimiter(config, delivery, limits)
+        self.limiter: RateLimiter | None = None
+        if limits is not None:  # headers state the limits to a live decoder
+            wyner_ziv = replace(config.wyner_ziv, limited=isinstance(delivery, Live))
+            config = replace(config, wyner_ziv=wyner_ziv)
+            self.limiter = RateLimiter(config, delivery, limits)
         self._delivery = delivery
         self._layout = None if isinstance(delivery, NoFeedback) else FrameLayout.of(config)
         self._key_encoder = KeyFrameEncoder(
@@ -103,27 +158,21 @@ class EncoderSession:
             config, key=replace(config.key, parameter_sets=self._key_encoder.parameter_sets)
         )
         self._spacing: Spacing | None = None
-        self._group_coder = self._make_group_coder(rule, max_tracks_bpp, tracking)
+        self._group_coder = FixedGroups(config.gop.length)
+        tracks, work = config.tracks, self.statistics.tracking
+        if tracks.kind == "decoder":
+            self._group_coder = CornerGroups(config, work)
+        elif tracks.kind == "encoder" and config.gop.length > 1:
+            if isinstance(delivery, NoFeedback):
+                self._spacing = Spacing(work)
+            preset = VARIANTS[config.codec].groups(config.gop.references, config.key.intra_period)
+            tracker = PointTracker(tracks.num_points, tracks.subpixel_bits, tracking, work)
+            rule = rule or preset.key_frames
+            self._group_coder = TrackedGroups(config, rule, max_tracks_bpp, tracker, self._spacing)
         self._num_groups = 0
         self._num_chained = 0  # frames since the last IDR picture; 0 if the next key frame is one
         self._clock = clock or CodingClock(config.video.frame_rate)
         self._clock.begin_stream()
-
-    def _make_group_coder(
-        self, rule: KeyFrameRule | None, max_tracks_bpp: float, settings: PointTrackerSettings | None
-    ) -> GroupCoder:
-        """Return the group coder of the variant."""
-        config, work = self.config, self.statistics.tracking
-        if config.tracks.kind == "decoder":
-            return CornerGroups(config, work)
-        if config.tracks.kind == "none" or config.gop.length == 1:
-            return FixedGroups(config.gop.length)
-        if isinstance(self._delivery, NoFeedback):
-            self._spacing = Spacing(work)
-        preset = VARIANTS[config.codec].groups(config.gop.references, config.key.intra_period)
-        tracks = config.tracks
-        tracker = PointTracker(tracks.num_points, tracks.subpixel_bits, settings, work)
-        return TrackedGroups(config, rule or preset.key_frames, max_tracks_bpp, tracker, self._spacing)
 
     def write(self, frames: Iterable[Frame | None], file: BinaryIO, progress: Progress) -> None:
         """Encode a sequence as `groups` reads it into a stream of the form of its delivery."""
@@ -152,13 +201,20 @@ class EncoderSession:
         started = coding_time_s()
         tracks = self._group_coder.payload(group) if wyner_ziv else b""
         statistics.tracking.cpu_s += coding_time_s() - started
-        begins_chain = self._begins_chain(group)
+        num_chained = self._num_chained + len(wyner_ziv) + 1
+        is_late = not self._num_chained or num_chained > self.config.key.intra_period
+        begins_chain = group.begins_scene or is_late  # the key frame becomes an IDR picture
         if self.limiter is None:
             key = self._code_key(group.key, begins_chain)
             coded = CodedFrames(key, self.config.key.qp, self._code_wyner_ziv(group))
         else:
-            plan = self.limiter.plan(group, begins_chain, 8 * len(tracks))
-            coded = drive(plan, lambda coding: self._code(group, coding))
+
+            def code(coding: Coding) -> KeyPicture | tuple[EncodedFrame, ...]:
+                if isinstance(coding, CodeKey):
+                    return self._code_key(group.key, coding.begins_chain, coding.qp)
+                return self._code_wyner_ziv(group, coding)
+
+            coded = drive(self.limiter.plan(group, begins_chain, 8 * len(tracks)), code)
         key, frames = coded.key, coded.wyner_ziv
         with statistics.timing("parity_cpu_s"):
             payloads = (b"",) * len(wyner_ziv)
@@ -179,17 +235,6 @@ class EncoderSession:
         statistics.add_group(frames, record)
         return EncodedGroup(record, frames)
 
-    def _begins_chain(self, group: Group) -> bool:
-        """Return whether the key frame of a group becomes an IDR picture."""
-        num_chained = self._num_chained + len(group.wyner_ziv) + 1
-        return not self._num_chained or group.begins_scene or num_chained > self.config.key.intra_period
-
-    def _code(self, group: Group, coding: Coding) -> KeyPicture | tuple[EncodedFrame, ...]:
-        """Code the key frame or the Wyner-Ziv frames of a group at a quality."""
-        if isinstance(coding, CodeKey):
-            return self._code_key(group.key, coding.begins_chain, coding.qp)
-        return self._code_wyner_ziv(group, coding)
-
     def _code_key(self, frame: Frame, begins_chain: bool, qp: int | None = None) -> KeyPicture:
         with self.statistics.timing("key_cpu_s"):
             return self._key_encoder.encode(frame, qp, begins_chain=begins_chain)
@@ -198,18 +243,11 @@ class EncoderSession:
         """Transform and quantise the Wyner-Ziv frames of a group."""
         if self._layout is None:
             return ()
-        originals, wyner_ziv = group.wyner_ziv, self.config.wyner_ziv
-        distances = reference_distances(len(originals), self.config.gop.references != "keys")
+        wyner_ziv = self.config.wyner_ziv
+        distances = reference_distances(len(group.wyner_ziv), self.config.gop.references != "keys")
         steps = [*map(cache(wyner_ziv.step), distances)]
         if quality is not None:
             steps = quality.steps(wyner_ziv, distances)
         with self.statistics.timing("transform_cpu_s"):
-            return tuple(
-                EncodedFrame.of(self._layout, frame.luma, step)
-                for frame, step in zip(originals, steps, strict=True)
-            )
-
-    def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
-        """Return an empty buffer for up to `num_slots` open frames of a live decoder."""
-        assert self._layout is not None
-        return EncoderBuffer(self._layout, slepian_wolf.plane_coder(self.config), num_slots)
+            pairs = zip(group.wyner_ziv, steps, strict=True)
+            return tuple(EncodedFrame.of(self._layout, frame.luma, step) for frame, step in pairs)

@@ -1,13 +1,16 @@
-"""Frames of a live source: a bounded queue for a slower decoder, and the lag behind the source."""
+"""Frames of a source until it ends or is stopped: lag behind a live one, and a queue for a slower decoder."""
 
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Self
 
+from dvc import cli
+from dvc.errors import PartialOutputError, VideoError
 from dvc.video import Frame
 
 MAX_CLOSING_S = 1.0
@@ -32,15 +35,6 @@ class LeftOut:
     frames: int = 0
     gaps: int = 0
     named: list[list[int]] = field(default_factory=list)  # first and last frame of each gap, from 0
-
-    def add(self, number: int, begins_gap: bool) -> None:
-        """Count a frame."""
-        self.frames += 1
-        self.gaps += begins_gap
-        if self.gaps <= MAX_NAMED_GAPS:
-            if begins_gap:
-                self.named.append([number, number])
-            self.named[-1][1] = number
 
 
 class FrameQueue:
@@ -118,7 +112,12 @@ class FrameQueue:
                 while self._num_waiting >= self._max_frames and not self._closed:
                     self._changed.wait()
             elif self._num_waiting + (self._group_length if self._leaves_out else 1) > self._max_frames:
-                self.left_out.add(number, not self._leaves_out)
+                left_out = self.left_out
+                left_out.frames += 1
+                left_out.gaps += not self._leaves_out
+                if left_out.gaps <= MAX_NAMED_GAPS:
+                    left_out.named += [[number, number]] * (not self._leaves_out)
+                    left_out.named[-1][1] = number
                 self._leaves_out = True
                 return not self._closed
             if self._leaves_out:
@@ -160,3 +159,50 @@ class PacedFrames:
                 self.behind_s = max(self.behind_s, late_s)
             before = now
             yield frame
+
+
+class InputFrames:
+    """Frames of a recording until it ends, the source fails, or a signal stops it."""
+
+    def __init__(self, source: Iterable[Frame | None]) -> None:
+        self.failure: VideoError | None = None  # failure of the source after its frames
+        self.stopped = False
+        self._source = iter(source)
+        self._waiting = False
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Frame | None:
+        if self.stopped or self.failure is not None:
+            raise StopIteration
+        try:
+            self._waiting = True
+            return next(self._source)
+        except VideoError as err:
+            self.failure = err
+            raise StopIteration from err
+        except KeyboardInterrupt:
+            if not self.stopped:
+                raise
+            raise StopIteration from None
+        finally:
+            self._waiting = False
+
+    def stopping_at_signals(self) -> AbstractContextManager[None]:
+        """End the frames at an interrupt or SIGTERM like at the end of the source; a second one aborts."""
+        return cli.stopping_at_signals(self._stop)
+
+    def _stop(self) -> None:
+        self.stopped = True
+        if self._waiting:
+            raise KeyboardInterrupt
+
+    def raise_end(self, kept: bool = False) -> None:
+        """Raise the reason if the frames ended before the source; `kept`: earlier frames are written."""
+        if kept and self.failure is not None:
+            raise PartialOutputError(f"{self.failure}; earlier frames are kept") from self.failure
+        if self.failure is not None:
+            raise self.failure
+        if self.stopped:
+            raise KeyboardInterrupt

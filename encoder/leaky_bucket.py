@@ -14,10 +14,9 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.config import DEFAULT_QP, MAX_QP, WynerZivConfig
 from encoder.rate_limits import TOLERANCE, WINDOW_S
-
-Floats = NDArray[np.float64]
 
 START_S = 0.5
 """Seconds of the bitrate that the first key frame may add to its share; a smaller one comes no sooner."""
@@ -223,17 +222,14 @@ class QualitySearch:
             self.tried[number] = max((yield number), 1.0)
             if abs(self.tried[number] - self._target) <= self._bound:
                 return number
-            self._update_slope()
+            if len(self.tried) > 1:
+                (before, more), (after, fewer) = list(self.tried.items())[-2:]
+                _, lowest, highest = OCTAVES_PER_STEP
+                self.slope = min(max(math.log2(more / fewer) / (after - before), lowest), highest)
             number = min(max(self._next(), STEPS), coarsest)
             if number in self.tried:
                 break
         return min(self.tried, key=lambda number: abs(self.tried[number] - self._target))
-
-    def _update_slope(self) -> None:
-        if len(self.tried) > 1:
-            (before, more), (after, fewer) = list(self.tried.items())[-2:]
-            _, lowest, highest = OCTAVES_PER_STEP
-            self.slope = min(max(math.log2(more / fewer) / (after - before), lowest), highest)
 
     def _next(self) -> int:
         """Return the next quality to try, between the closest ones on both sides of the target."""
@@ -250,10 +246,6 @@ class QualitySearch:
         return min(max(first + round(part / max(whole, 1e-9) * (last - first)), first + 1), last - 1)
 
 
-def coarser_until(max_bits: float, coarsest: int) -> Generator[int, float, bool]:
-    """Yield QPs above the usual one and receive their bits until these fit; return whether they do."""
-    coarser = 0
-    while (num_bits := (yield coarser)) > max_bits and coarser < coarsest:
-        steps = math.log2(num_bits / max_bits) / OCTAVES_PER_STEP[0]
-        coarser = min(coarser + math.ceil(steps / STEPS), coarsest)
-    return num_bits <= max_bits
+def coarser_qp(qp: int, num_bits: float, max_bits: float) -> int:
+    """Return a QP with fewer bits, which probably fit."""
+    return min(qp + math.ceil(math.log2(num_bits / max_bits) / OCTAVES_PER_STEP[0] / STEPS), MAX_QP)

@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from fractions import Fraction
@@ -10,10 +10,12 @@ from fractions import Fraction
 import numpy as np
 
 from dvc.errors import BitstreamError, ConnectionLostError, DvcError, FeedbackError
-from dvc.feedback import Event, GopDone
-from dvc.slepian_wolf import RequestTable
+from dvc.feedback import GopDone
+from dvc.slepian_wolf import RequestTable, plane_coder
 from dvc.slepian_wolf.requests import COUNT, SLOT
 from dvc.video import Frame
+from dvc.wynerziv.encoder_buffer import EncoderBuffer
+from dvc.wynerziv.quantizer import FrameLayout
 from encoder.acceptor import AcceptedPeer, PeerAcceptor
 from encoder.encoder_session import EncodedGroup, EncoderSession, Progress
 from encoder.frame_queue import LeftOut
@@ -96,39 +98,17 @@ def serve(
     """
     quiet = DecoderPace(session.config.video.frame_rate, lambda _: None)
     live = _LiveEncoder(session, frames, peer, progress, pace or quiet, has_frames)
-    if peers is not None:
-        peers.first_frame = live.first_frame
     try:
-        with session.statistics.coding():
-            while not live.finished:
-                try:
-                    live.run()
-                except ConnectionLostError as err:
-                    returned = None if peers is None or not patience_s else _next_peer(peers, patience_s)
-                    if returned is not None:
-                        live.resume(returned)
-                    elif live.all_confirmed:
-                        break
-                    else:
-                        away = f"; it has not come back for {patience_s:g} s" if patience_s else ""
-                        raise FeedbackError(f"{err}{away}") from err
+        live.serve(peers, patience_s)
     except FeedbackError as err:
-        live.abort(err)
+        live.abort(str(err))
         raise FeedbackError(f"{err}{live.unfinished}") from err
     except (DvcError, KeyboardInterrupt) as err:
         live.abort(str(err) or "interrupted")
         raise
     finally:
-        live.close()
+        live.connection.close()
     return asdict(live.report)
-
-
-def _next_peer(peers: PeerAcceptor, patience_s: float) -> AcceptedPeer | None:
-    """Wait for the decoder to come back; of several connections only the last is in use."""
-    peer = peers.next_peer(patience_s)
-    while peer is not None and (later := peers.next_peer(0.0)) is not None:
-        peer = later
-    return peer
 
 
 @dataclass(eq=False)
@@ -137,12 +117,9 @@ class _SentGroup:
 
     number: int  # in the sequence
     first_frame: int
+    num_frames: int
     encoded: EncodedGroup
     slots: range = range(0)  # slots of its Wyner-Ziv frames
-
-    @property
-    def num_frames(self) -> int:
-        return self.encoded.record.num_frames
 
 
 class _LiveEncoder:
@@ -157,36 +134,53 @@ class _LiveEncoder:
         pace: DecoderPace,
         has_frames: Callable[[], bool],
     ) -> None:
-        self.report, self.finished = LinkReport(), False
+        self.report, self._finished = LinkReport(), False
         self._session, self._progress, self._pace = session, progress, pace
         self._source, self._has_frames = session.groups(frames), has_frames
         self._num_groups = self._num_frames = 0  # encoded
-        self._lost_s = 0.0
         self._open: dict[int, _SentGroup] = {}  # by number
         self._first_frames = {0: 0}  # by number, if the decoder may continue there
         self._again: deque[_SentGroup] = deque()  # to be sent on this connection before further groups
         self._connect(peer)
 
     def _connect(self, peer: AcceptedPeer) -> None:
-        self._connection, self._endpoint = peer
+        self.connection, self._endpoint = peer
         self._ended = False
-        self._buffer = self._session.encoder_buffer(self._endpoint.num_slots)
-        self._num_bits = np.zeros(self._endpoint.num_slots, np.int64)  # requested, by slot
+        config, num_slots = self._session.config, self._endpoint.num_slots
+        self._buffer = EncoderBuffer(FrameLayout.of(config), plane_coder(config), num_slots)
+        self._num_bits = np.zeros(num_slots, np.int64)  # requested, by slot
         self._progressed_s = time.monotonic()
 
-    def first_frame(self, num_groups: int) -> int | None:
-        """Return the first frame after some groups, None if a decoder cannot continue there; thread-safe."""
-        return self._first_frames.get(num_groups)
+    def serve(self, peers: PeerAcceptor | None, patience_s: float) -> None:
+        """Serve the decoder until it has everything; after a lost connection it may come back."""
+        if peers is not None:
+            peers.first_frame = self._first_frames.get  # called by another thread
+        with self._session.statistics.coding():
+            while not self._finished:
+                try:
+                    self._run()
+                except ConnectionLostError as err:
+                    lost_s = time.monotonic()
+                    returned = None if peers is None or not patience_s else peers.next_peer(patience_s)
+                    while returned is not None and peers and (later := peers.next_peer(0.0)) is not None:
+                        returned = later  # of several connections only the last is in use
+                    if returned is not None:
+                        self._resume(returned, lost_s)
+                    elif self._ended and not self._open:
+                        return
+                    else:
+                        away = f"; it has not come back for {patience_s:g} s" if patience_s else ""
+                        raise FeedbackError(f"{err}{away}") from err
 
-    def resume(self, peer: AcceptedPeer) -> None:
+    def _resume(self, peer: AcceptedPeer, lost_s: float) -> None:
         """Continue on another connection after the groups that the decoder has."""
         hello = peer.endpoint.hello
         assert hello is not None
-        if self.first_frame(hello.num_groups) is None:
+        if hello.num_groups not in self._first_frames:
             raise FeedbackError(f"the decoder cannot continue after {hello.num_groups} groups of pictures")
-        self._connection.close()
+        self.connection.close()
         self.report.num_reconnections += 1
-        self.report.away_s = round(self.report.away_s + time.monotonic() - self._lost_s, 3)
+        self.report.away_s = round(self.report.away_s + time.monotonic() - lost_s, 3)
         for number in [number for number in self._open if number < hello.num_groups]:
             self._confirm(number)
         begun = [group for group in self._open.values() if group not in self._again]
@@ -196,11 +190,6 @@ class _LiveEncoder:
         self._connect(peer)
 
     @property
-    def all_confirmed(self) -> bool:
-        """Whether the decoder has written the whole sequence."""
-        return self._ended and not self._open
-
-    @property
     def unfinished(self) -> str:
         """Clause that names the frames without confirmation."""
         if not self._open:
@@ -208,31 +197,26 @@ class _LiveEncoder:
         first = min(group.first_frame for group in self._open.values())
         return f"; frames {first} to {self._num_frames - 1} are not known to be decoded"
 
-    def abort(self, reason: object) -> None:
+    def abort(self, reason: str) -> None:
         """Report to the decoder that the run ends."""
-        self._endpoint.send_failure(str(reason))
+        self._endpoint.send_failure(reason)
         with suppress(FeedbackError):
-            self._connection.send(self._endpoint.bytes_to_send())
+            self.connection.send(self._endpoint.bytes_to_send())
 
-    def close(self) -> None:
-        """Close the connection."""
-        self._connection.close()
-
-    def run(self) -> None:
+    def _run(self) -> None:
         """Serve the decoder until it has everything, or the connection is lost."""
-        try:
-            with ExitStack() as answering:
-                while not self._endpoint.finished:
-                    self._step(answering)
-            self.finished = True
-            self._connection.send(self._endpoint.bytes_to_send())
-        except ConnectionLostError:
-            self._lost_s = time.monotonic()
-            if not self.finished:
-                raise
+        with ExitStack() as answering:
+            while not self._endpoint.finished:
+                self._step(answering)
+        self._finished = True
+        with suppress(ConnectionLostError):
+            self.connection.send(self._endpoint.bytes_to_send())
 
     def _step(self, answering: ExitStack) -> None:
-        may_send = self._endpoint.flow.num_credits > 0 and not self._ended and self._has_room()
+        limiter = self._session.limiter
+        limit = None if limiter is None else limiter.max_open_groups
+        has_room = limit is None or len(self._open) - len(self._again) < limit
+        may_send = self._endpoint.flow.num_credits > 0 and not self._ended and has_room
         sends = may_send and (bool(self._again) or self._has_frames())
         if sends:
             answering.close()
@@ -240,17 +224,9 @@ class _LiveEncoder:
             answering.enter_context(self._session.statistics.timing("parity_cpu_s"))
         elif not (may_send or self._ended):
             self._pace.waits()
-        self._connection.send(self._endpoint.bytes_to_send())
+        self.connection.send(self._endpoint.bytes_to_send())
         within_s = 0.0 if sends else LOOK_S if may_send else MAX_STALL_S
-        self._process(self._endpoint.receive(self._connection.receive(within_s)))
-
-    def _has_room(self) -> bool:
-        """Return whether another group may be open."""
-        limiter = self._session.limiter
-        limit = None if limiter is None else limiter.max_open_groups
-        return limit is None or len(self._open) - len(self._again) < limit
-
-    def _process(self, events: Sequence[Event]) -> None:
+        events = self._endpoint.receive(self.connection.receive(within_s))
         now_s = time.monotonic()
         if events:
             self._progressed_s = now_s
@@ -275,10 +251,10 @@ class _LiveEncoder:
         """Return the next group of the sequence, if there is one."""
         if self._again:
             return self._again.popleft()
-        group = next(self._source, None)
-        if group is None:
+        if (group := next(self._source, None)) is None:
             return None
-        sent = _SentGroup(self._num_groups, self._num_frames, self._session.encode(group))
+        encoded = self._session.encode(group)
+        sent = _SentGroup(self._num_groups, self._num_frames, encoded.record.num_frames, encoded)
         self._open[sent.number] = sent
         self._num_groups, self._num_frames = sent.number + 1, sent.first_frame + sent.num_frames
         self._first_frames[self._num_groups] = self._num_frames

@@ -14,15 +14,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Bytes, Floats, Integers
 from dvc.config import MAX_NEW_TRACKS
 from dvc.tracks import PointTracks
 from dvc.video.frames import Plane
 from encoder import _kernels
 from encoder.corner_detector import TRACKED_CORNERS, CornerSettings, find_corners
-from encoder.work import TrackingWork, coding_time_s
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from encoder.encoder_report import TrackingWork, coding_time_s
 
 _SIDE_PX = 2 * _kernels.HALF_BLOCK_PX + 1
 _QUARTER_SIDE_PX = 2 * _kernels.QUARTER_HALF_BLOCK_PX + 1
@@ -64,18 +62,20 @@ class KeyPoints:
 
     luma: Plane  # the key frame
     positions: Integers  # points (x, y), strongest corners first
-    blocks: NDArray[np.uint8]  # the block around each
+    blocks: Bytes  # the block around each
     small: Integers  # largest SAD of each point that counts as a match
 
     @classmethod
-    def find(cls, luma: Plane, num_points: int, settings: PointTrackerSettings, operations: Integers) -> Self:
+    def find(cls, luma: Plane, num_points: int, settings: PointTrackerSettings, work: TrackingWork) -> Self:
         """Detect the corners of a key frame."""
+        operations = np.zeros(2, np.int64)
         positions = find_corners(luma, num_points, _kernels.HALF_BLOCK_PX + 1, settings.corners)
         blocks = np.empty((len(positions), _SIDE_PX, _SIDE_PX), np.uint8)
         _kernels.cut_blocks(luma, positions, blocks)
         min_sads = np.empty(len(positions), np.int64)
         matching = _kernels.Matching(luma, blocks, operations)
         _kernels.min_shift_sads(matching, positions, settings.shift_px, min_sads)
+        work.add_blocks(operations)
         num_samples = _SIDE_PX**2
         small = np.clip(
             settings.small_share * np.minimum(min_sads, 255 * num_samples),
@@ -101,14 +101,14 @@ class BlockMatchingTracker:
         self.num_alive = len(self.alive)
         self.path: list[Floats] = [points.positions.astype(np.float64)]
         self._last = points.positions
-        self._longest_px2 = 0
+        self.longest_px2 = 0  # squared distance of the farthest live point from its start
         self._scale = 2.0**subpixel_bits
         self._settings = settings
         self._references = _kernels.Points(points.positions, points.small)
         self._spirals = spiral(settings.spiral_px), spiral(settings.coarse_reach_px // 4)
 
-    def step(self, luma: Plane, max_coarse_searches: int) -> Integers:
-        """Track the points into the next frame; return the numbers of compared blocks and samples."""
+    def step(self, luma: Plane, max_coarse_searches: int, work: TrackingWork) -> None:
+        """Track the points into the next frame."""
         count, points = len(self.alive), self.points
         operations = np.zeros(2, np.int64)
         search = _kernels.Matches(
@@ -124,7 +124,7 @@ class BlockMatchingTracker:
         for num_coarse, enough in attempts:
             if num_coarse:
                 quarter = _kernels.Matching(_quarter(luma), self._quarter_blocks, operations)
-            self.num_alive, self._longest_px2 = _kernels.follow(
+            self.num_alive, self.longest_px2 = _kernels.follow(
                 matching,
                 quarter,
                 self._references,
@@ -141,19 +141,15 @@ class BlockMatchingTracker:
                 break
         self._last, self.velocity, self.alive = search.position, velocity, search.matched
         self.path.append(path)
-        return operations
+        work.add_blocks(operations)
+        work.num_pairs += count * (count - 1) // 2
 
     @cached_property
-    def _quarter_blocks(self) -> NDArray[np.uint8]:
+    def _quarter_blocks(self) -> Bytes:
         """Blocks around the points in the key frame at a quarter of its size."""
         blocks = np.empty((len(self.alive), _QUARTER_SIDE_PX, _QUARTER_SIDE_PX), np.uint8)
         _kernels.cut_blocks(_quarter(self.points.luma), self.points.positions // 4, blocks)
         return blocks
-
-    @property
-    def longest_px(self) -> float:
-        """Largest distance of a live point from its start, in pixels; 0 without live points."""
-        return math.sqrt(self._longest_px2)
 
 
 def _quarter(luma: Plane) -> Plane:
@@ -179,18 +175,17 @@ class PointTracker:
         self._num_points = num_points
         self._subpixel_bits = subpixel_bits
         self._settings = settings or PointTrackerSettings()
-        self._last_moved: tuple[Integers, NDArray[np.bool_]] | None = None
+        self._last_moved = np.empty((0, 2), np.int64)  # motion of live points into the last frame with any
         self._num_before = 0
         self.work = TrackingWork() if work is None else work
 
     def start(self, luma: Plane) -> None:
         """Detect the points of a key frame; forget earlier tracks except for their last motion."""
         started = coding_time_s()
-        operations = np.zeros(2, np.int64)
-        points = KeyPoints.find(luma, self._num_points, self._settings, operations)
-        self._count(operations)
-        count = len(points.positions)
-        velocity = np.tile(self._last_motion(), (count, 1))
+        points = KeyPoints.find(luma, self._num_points, self._settings, self.work)
+        count, moved = len(points.positions), self._last_moved
+        median = np.sort(moved, axis=0)[len(moved) // 2] if len(moved) else moved.sum(axis=0)
+        velocity = np.tile(median, (count, 1))
         self._matching = BlockMatchingTracker(points, velocity, self._subpixel_bits, self._settings)
         self._num_before = count
         self.work.num_corners += count
@@ -202,9 +197,9 @@ class PointTracker:
         started = coding_time_s()
         matching = self._matching
         self._num_before = matching.num_alive
-        self._follow(matching, luma, self._settings.max_coarse_searches)
+        matching.step(luma, self._settings.max_coarse_searches, self.work)
         if matching.num_alive:
-            self._last_moved = matching.velocity, matching.alive
+            self._last_moved = matching.velocity[matching.alive]
         self.work.num_frames += 1
         self.work.cpu_s += coding_time_s() - started
 
@@ -221,7 +216,7 @@ class PointTracker:
     @property
     def longest_px(self) -> float:
         """Largest distance of a live point from its start, in pixels; 0 without live points."""
-        return self._matching.longest_px
+        return math.sqrt(self._matching.longest_px2)
 
     @property
     def lost_share(self) -> float:
@@ -244,42 +239,21 @@ class PointTracker:
         return np.stack(self._matching.path[:num_instants], axis=1)
 
     def _new_tracks(self, forward: PointTracks, frames: Sequence[Plane]) -> Floats:
-        """Track points of the last frame back in time if no track is near."""
-        settings = self._settings
+        """Track points of the last frame back in time if no track is near; they move as the nearest track."""
+        settings, points = self._settings, self._matching.points
         if len(frames) - 2 < settings.min_new_track_frames:
             return np.empty((0, len(frames), 2))
-        matching = self._uncovered(forward.positions[:, -2:])
+        squares, velocity = np.empty(len(points.positions)), np.empty_like(points.positions)
+        ends = np.ascontiguousarray(forward.positions[:, -2:])
+        _kernels.move_as_nearest(points.positions, ends, squares, velocity)
+        far = np.flatnonzero(squares >= settings.new_track_distance_px**2)[: settings.max_new_tracks]
+        matching = BlockMatchingTracker(points[far], velocity[far], self._subpixel_bits, settings)
         for luma in reversed(frames[:-1]):
             if not matching.num_alive:
                 break
-            self._follow(matching, luma, 0)
+            matching.step(luma, 0, self.work)
         positions = np.full((len(matching.alive), len(frames), 2), np.nan)
         positions[:, len(frames) - len(matching.path) :] = np.stack(matching.path[::-1], axis=1)
         num_located = np.isfinite(positions[:, 1:-1, 0]).sum(axis=1)
         lasting: Floats = positions[num_located >= settings.min_new_track_frames]
         return lasting
-
-    def _uncovered(self, ends: Floats) -> BlockMatchingTracker:
-        """Choose points far from the tracks with these last two positions; they move as the nearest track."""
-        settings, points = self._settings, self._matching.points
-        squares, velocity = np.empty(len(points.positions)), np.empty_like(points.positions)
-        _kernels.move_as_nearest(points.positions, np.ascontiguousarray(ends), squares, velocity)
-        chosen = np.flatnonzero(squares >= settings.new_track_distance_px**2)[: settings.max_new_tracks]
-        return BlockMatchingTracker(points[chosen], velocity[chosen], self._subpixel_bits, settings)
-
-    def _last_motion(self) -> Integers:
-        """Return the median motion into the last frame with any live point; zero before the first."""
-        median = np.zeros(2, np.int64)
-        if self._last_moved:
-            _kernels.median_motion(*self._last_moved, median)
-        return median
-
-    def _follow(self, matching: BlockMatchingTracker, luma: Plane, max_coarse_searches: int) -> None:
-        count = len(matching.alive)
-        self._count(matching.step(luma, max_coarse_searches))
-        self.work.num_pairs += count * (count - 1) // 2
-
-    def _count(self, operations: Integers) -> None:
-        num_blocks, num_samples = operations.tolist()
-        self.work.num_blocks += num_blocks
-        self.work.num_samples += num_samples

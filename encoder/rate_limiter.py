@@ -5,14 +5,12 @@ The limiter codes nothing: a plan is a coroutine that yields the codings to try 
 
 import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import MAX_QP, CodecConfig, Delivery, Live, ParityBuffer
+from dvc.config import MAX_QP, CodecConfig, Delivery, ParityBuffer
 from dvc.errors import ConfigError
 from dvc.keyframes import KeyPicture
 from dvc.wynerziv.hierarchy import reference_distances
@@ -26,7 +24,7 @@ from encoder.leaky_bucket import (
     ExpectedBits,
     LeakyBucket,
     QualityStep,
-    coarser_until,
+    coarser_qp,
     forecast,
 )
 from encoder.rate_limits import RateLimits
@@ -81,13 +79,6 @@ class _Trial(NamedTuple):
     key: _CodedKey | None  # None: a predicted key frame that is not coded yet
     frames: tuple[EncodedFrame, ...]
     expected: ExpectedBits
-
-
-def limited(config: CodecConfig, delivery: Delivery, limits: RateLimits) -> CodecConfig:
-    """Return the configuration of a stream within limits: headers state them to a live decoder."""
-    if not isinstance(delivery, Live) or limits.unlimited:
-        return config
-    return replace(config, wyner_ziv=replace(config.wyner_ziv, limited=True))
 
 
 def summed_up(reports: Sequence[Mapping[str, int]]) -> dict[str, int]:
@@ -172,25 +163,20 @@ class RateLimiter:
 
     def _idr_picture(self, qp: int) -> Plan[_CodedKey]:
         """Code the key frame as an IDR picture, coarser if it is too large."""
-        qualities = coarser_until(self._max_bits, MAX_QP - qp)
-        coarser = next(qualities)
         while True:
-            picture: KeyPicture = yield CodeKey(qp + coarser, begins_chain=True)
-            try:
-                coarser = qualities.send(8 * len(picture.data))
-            except StopIteration as end:
-                return _CodedKey(picture, qp + coarser, fits=end.value)
+            picture: KeyPicture = yield CodeKey(qp, begins_chain=True)
+            key = _CodedKey(picture, qp, 8 * len(picture.data) <= self._max_bits)
+            if key.fits or qp >= MAX_QP:
+                return key
+            qp = coarser_qp(qp, key.num_bits, self._max_bits)
 
     def _predicted_key(self, qp: int) -> Plan[_CodedKey]:
         """Code the key frame, predicted; as a coarser IDR picture if it turns out too large."""
-        qualities = coarser_until(self._max_bits, MAX_QP - qp)
-        coarser = next(qualities)
-        with suppress(StopIteration):
-            while True:
-                coarser = qualities.send(self._predicted.bits(qp + coarser))
-        picture: KeyPicture = yield CodeKey(qp + coarser, begins_chain=False)
-        key = _CodedKey(picture, qp + coarser, fits=True)
-        return key if key.num_bits <= self._max_bits else (yield from self._idr_picture(qp + coarser))
+        while (num_bits := self._predicted.bits(qp)) > self._max_bits and qp < MAX_QP:
+            qp = coarser_qp(qp, num_bits, self._max_bits)
+        picture: KeyPicture = yield CodeKey(qp, begins_chain=False)
+        key = _CodedKey(picture, qp, fits=True)
+        return key if key.num_bits <= self._max_bits else (yield from self._idr_picture(qp))
 
     def _allowed(self, frames: Sequence[EncodedFrame]) -> list[float]:
         """Return the bits that a decoder may request for each frame, if headers state them."""

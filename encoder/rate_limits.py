@@ -12,15 +12,10 @@ MAX_BITS = 10**12
 
 @dataclass(frozen=True)
 class RateLimits:
-    """Limits of a stream."""
+    """Limits of a stream, at least one of them."""
 
     bits_per_s: int | None = None  # mean over `WINDOW_S`; None: constant quality
     bits_per_frame: int | None = None  # largest key frame, and largest mean of the frames between two
-
-    @property
-    def unlimited(self) -> bool:
-        """Whether the stream has no limits."""
-        return self.bits_per_s is None and self.bits_per_frame is None
 
     def __post_init__(self) -> None:
         """Check the ranges."""

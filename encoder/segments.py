@@ -2,14 +2,12 @@
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import chain, count, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
-from dvc import cli
-from dvc.errors import ConfigError, PartialOutputError, VideoError
+from dvc.errors import ConfigError
 from dvc.files import PARTIAL_SUFFIX, growing_output
 from dvc.video import Frame
 
@@ -52,57 +50,6 @@ def segment_names(output: str) -> SegmentNames:
     if "%" in path.name:
         raise ConfigError(f"names of segments need one number such as %04d, got {output!r}")
     return SegmentNames(path.parent, f"{path.stem}-", MIN_DIGITS, path.suffix)
-
-
-class InputFrames:
-    """Frames of a recording until it ends, the source fails, or a signal stops it."""
-
-    def __init__(self, source: Iterable[Frame | None]) -> None:
-        self.failure: VideoError | None = None  # failure of the source after its frames
-        self.stopped = False
-        self._source = iter(source)
-        self._waiting = False
-
-    def __iter__(self) -> Self:
-        return self
-
-    def __next__(self) -> Frame | None:
-        if self.stopped or self.failure is not None:
-            raise StopIteration
-        try:
-            self._waiting = True
-            return next(self._source)
-        except VideoError as err:
-            self.failure = err
-            raise StopIteration from err
-        except KeyboardInterrupt:
-            if not self.stopped:
-                raise
-            raise StopIteration from None
-        finally:
-            self._waiting = False
-
-    def stopping_at_signals(self) -> AbstractContextManager[None]:
-        """End the frames at an interrupt or SIGTERM like at the end of the source; a second one aborts."""
-        return cli.stopping_at_signals(self._stop)
-
-    def _stop(self) -> None:
-        self.stopped = True
-        if self._waiting:
-            raise KeyboardInterrupt
-
-    def raise_failure(self) -> None:
-        """Raise the failure of the source, if any."""
-        if self.failure is not None:
-            raise self.failure
-
-    def raise_end(self, kept: bool = False) -> None:
-        """Raise the reason if the frames ended before the source; `kept`: earlier frames are written."""
-        if kept and self.failure is not None:
-            raise PartialOutputError(f"{self.failure}; earlier frames are kept") from self.failure
-        self.raise_failure()
-        if self.stopped:
-            raise KeyboardInterrupt
 
 
 @dataclass(frozen=True)

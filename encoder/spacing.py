@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from dvc.keyframes import KeyPicture
 from dvc.video.frames import Plane
 from encoder import _kernels
+from encoder.encoder_report import TrackingWork, coding_time_s
 from encoder.point_tracker import PointTracker
-from encoder.work import TrackingWork, coding_time_s
 
 SPACING_PX = 16
 """Least distance between sampled blocks: one block in four is compared."""

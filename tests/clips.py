@@ -11,7 +11,12 @@ from dvc.contracts.test_side_information import moving_texture
 from dvc.video import Frame, create_video
 from dvc.video.frames import Plane
 
-__all__ = ["moving_texture", "odd_frames", "same_frame", "same_frames", "write_clip"]
+__all__ = ["moving_texture", "odd_frames", "raw_bytes", "same_frame", "same_frames", "write_clip"]
+
+
+def raw_bytes(frames: Iterable[Frame]) -> bytes:
+    """Return frames as a pipe brings them."""
+    return b"".join(plane.tobytes() for frame in frames for plane in (frame.luma, *(frame.chroma or ())))
 
 
 def write_clip(path: Path, frames: Sequence[Frame], rate: Fraction | int = 25, **options: bool) -> Path:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dvc._jit import python_twin
-from encoder.work import Operations
+from encoder.encoder_report import Operations
 
 _KINDS = {
     "adds": ("add", "sub"),

@@ -155,7 +155,6 @@ def test_live_runs_cost_the_same(clips: Callable[[str], Path], tmp_path: Path) -
 
 
 def test_a_map_is_as_before(clips: Callable[[str], Path], tmp_path: Path) -> None:
-    """But for the last digits, in which processors differ."""
     assert sfm.main([str(clips("wall")), "--out", str(tmp_path / "map"), "--quiet"]) == 0
     piece = json.loads((tmp_path / "map" / "scene.json").read_text())["pieces"][0]
     found = {
@@ -179,6 +178,5 @@ def test_a_map_is_as_before(clips: Callable[[str], Path], tmp_path: Path) -> Non
 
 
 def test_nothing_else_is_stored() -> None:
-    """Neither clips nor numbers that nothing compares with."""
     assert list(stored()) == names()
     assert {path.stem for path in FOLDER.glob("*.mkv")} == set(CODINGS) - set(MADE)

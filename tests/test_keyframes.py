@@ -65,10 +65,6 @@ def expected_planes(frame: Frame, luma_only: bool) -> Frame:
     return frame.without_chroma() if luma_only else frame.with_chroma()
 
 
-def decoder_of(size: tuple[int, int], encoder: KeyFrameEncoder, luma_only: bool = False) -> KeyFrameDecoder:
-    return KeyFrameDecoder(*size, encoder.parameter_sets, luma_only=luma_only)
-
-
 @pytest.mark.parametrize("size", [(48, 32), (33, 25), (1, 1), (2, 3), (17, 1), (16, 40)])
 @pytest.mark.parametrize(
     ("luma_only", "qp"), [(False, 22), (True, 40), (False, "lossless"), (True, "lossless")]
@@ -98,7 +94,6 @@ def test_pictures_of_any_size_come_back(
 
 
 def test_intra_pictures_decode_in_any_order() -> None:
-    """A fresh decoder gives the same pictures as a used one."""
     used = KeyFrameDecoder(*SIZE, INTRA_ENCODER.parameter_sets)
     for index in (2, 0, 3, 1):
         fresh = KeyFrameDecoder(*SIZE, INTRA_ENCODER.parameter_sets)
@@ -108,7 +103,6 @@ def test_intra_pictures_decode_in_any_order() -> None:
 @pytest.mark.parametrize("luma_only", [False, True])
 @given(width=st.integers(1, 50), height=st.integers(1, 50))
 def test_lossless_is_the_source_itself(luma_only: bool, width: int, height: int) -> None:
-    """Any size and any samples survive without loss."""
     frame = noise_frame(width, height)
     encoder = KeyFrameEncoder(width, height, "lossless", luma_only=luma_only)
     got = KeyFrameDecoder(width, height, encoder.parameter_sets, luma_only=luma_only).decode(
@@ -134,7 +128,6 @@ def test_qp_is_exactly_that_of_all_macroblocks(moving_frames: MakeFrames, qp: in
 
 
 def test_large_pictures_work() -> None:
-    """A picture of 4096x2304 pixels passes."""
     rows, columns = np.mgrid[:2304, :4096]
     frame = Frame(((rows + columns) // 32 % 256).astype(np.uint8))
     encoder = KeyFrameEncoder(4096, 2304, 40, luma_only=True)
@@ -143,7 +136,6 @@ def test_large_pictures_work() -> None:
 
 
 def test_grey_frames_are_neutral_in_colour(moving_frames: MakeFrames) -> None:
-    """A colour encoder takes a frame without chroma for one with chroma 128."""
     frame = moving_frames(1, 20, 12, grey=True)[0]
     encoder = KeyFrameEncoder(20, 12, "lossless")
     got = KeyFrameDecoder(20, 12, encoder.parameter_sets).decode(encoder.encode(frame).data)
@@ -152,7 +144,6 @@ def test_grey_frames_are_neutral_in_colour(moving_frames: MakeFrames) -> None:
 
 @pytest.mark.parametrize("predicted", [False, True])
 def test_coding_is_repeatable(predicted: bool) -> None:
-    """Two encoders write the same bytes, and parameter sets of a dozen."""
     encoder, pictures = (ENCODER, CHAIN) if predicted else (INTRA_ENCODER, INTRA)
     other = KeyFrameEncoder(*SIZE, 30, predicted=predicted)
     assert coded(other, FRAMES, (0, 18)) == pictures
@@ -187,7 +178,6 @@ def test_each_picture_of_a_chain_has_its_qp(luma_only: bool) -> None:
 
 @given(data=st.binary(max_size=300), seed=st.integers(0, 3))
 def test_random_bytes_raise_only_bitstream_error(data: bytes, seed: int) -> None:
-    """Noise is refused as picture and as parameter sets."""
     encoder = KeyFrameEncoder(32, 32, 30, luma_only=seed % 2 == 0)
     decoder = KeyFrameDecoder(32, 32, encoder.parameter_sets)
     with pytest.raises(BitstreamError):
@@ -212,7 +202,6 @@ def test_damaged_parameter_sets_raise_only_bitstream_error(position: int, value:
 
 
 def test_pictures_of_another_size_are_refused(moving_frames: MakeFrames) -> None:
-    """A decoder for small pictures allocates nothing for a large one."""
     encoder = KeyFrameEncoder(320, 240, 40)
     data = encoder.encode(moving_frames(1, 320, 240)[0]).data
     for size in ((32, 32), (336, 240), (304, 240)):
@@ -222,13 +211,11 @@ def test_pictures_of_another_size_are_refused(moving_frames: MakeFrames) -> None
 
 @pytest.mark.parametrize("qp", [0, 52, -1, "best", 25.0])
 def test_unknown_qp_is_refused(qp: object) -> None:
-    """Only 1 to 51 and "lossless" are quantization parameters."""
     with pytest.raises(ValueError, match="`qp` must be 1 to 51 or 'lossless'"):
         KeyFrameEncoder(16, 16, qp)  # type: ignore[arg-type]
 
 
 def test_wrong_sizes_are_refused(moving_frames: MakeFrames) -> None:
-    """Giant pictures are refused before they are allocated, and frames must have the encoder's size."""
     with pytest.raises(VideoError, match="not supported"):
         KeyFrameEncoder(40000, 16, 30)
     with pytest.raises(VideoError, match="not supported"):
@@ -281,7 +268,6 @@ def test_references_must_be_there(order: tuple[int, ...]) -> None:
 
 
 def test_idr_pictures_and_predicted_ones_are_not_exchangeable() -> None:
-    """Neither is decoded as the other."""
     for number in (0, 1):
         decoder = fresh_decoder()
         decoded(decoder, CHAIN[:number])
@@ -355,7 +341,6 @@ def test_damage_ends_a_chain_and_no_more(luma_only: bool) -> None:
 
 
 def test_parameter_sets_are_those_of_the_twin() -> None:
-    """Written field by field, they decode the chain."""
     sps, pps = split_sets(ENCODER.parameter_sets)
     decoder = KeyFrameDecoder(*SIZE, join_sets(Sps().payload(), pps))
     assert len(sps) == len(Sps().payload())
@@ -394,7 +379,6 @@ def test_pictures_of_another_kind_are_refused(changes: dict[str, object], messag
 
 @pytest.mark.parametrize("num_references", [0, 1, 4])
 def test_references_that_are_missing_never_crash(num_references: int) -> None:
-    """Parameter sets may say that fewer pictures are kept than are used."""
     _, pps = split_sets(ENCODER.parameter_sets)
     decoder = KeyFrameDecoder(*SIZE, join_sets(Sps(num_references=num_references).payload(), pps))
     for number in (0, 18):

@@ -58,19 +58,17 @@ def test_frames_are_as_they_are_predicted(clip: Path, stream: Path, tmp_path: Pa
         assert row["psnr_y_db"] == pytest.approx(row["si_psnr_y_db"], abs=0.1)
     assert report["psnr_y_db"] > 25.0
     assert decoded(stream, tmp_path, "--jobs", "2")[1] == video
-
-
-def test_streams_are_small(clip: Path, stream: Path, tmp_path: Path) -> None:
-    """Far below those that hold all planes."""
     arguments = [str(clip), str(tmp_path / "b.dvc"), "--gop", "6", "--qp", "14", "--luma-only", "--quiet"]
     assert encoder.main(arguments) == 0
     assert stream.stat().st_size < 0.5 * (tmp_path / "b.dvc").stat().st_size
+    for num_frames in (1, 2):
+        short = encoded(clip, tmp_path / "short.dvc", "--frames", str(num_frames))
+        assert decoded(short, tmp_path)[0]["frames"] == num_frames
 
 
 def test_a_frame_that_holds_anything_is_refused(
     stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In one line that names the group."""
     with StreamReader(stream) as reader, (tmp_path / "more.dvc").open("wb") as file:
         assert reader.form is Form.NO_FEEDBACK
         with StreamWriter(file, reader.config, reader.form) as writer:
@@ -95,7 +93,6 @@ def test_a_frame_that_holds_anything_is_refused(
     ids=" ".join,
 )
 def test_every_codec_and_quality_serves(clip: Path, tmp_path: Path, options: tuple[str, ...]) -> None:
-    """Nothing depends on how planes would be coded."""
     stream = tmp_path / "stream.dvc"
     assert encoder.main([str(clip), str(stream), "--no-feedback", "--luma-only", "--quiet", *options]) == 0
     report, _ = decoded(stream, tmp_path, "--reference", str(clip))
@@ -105,7 +102,6 @@ def test_every_codec_and_quality_serves(clip: Path, tmp_path: Path, options: tup
 
 
 def test_chroma_has_the_quality_of_luma(tmp_path: Path) -> None:
-    """As no other frame rests on it; it is finer where one does."""
     half = [frame.luma for frame in moving_texture(4, 16, 24)]
     lumas = [frame.luma for frame in moving_texture(2, 32, 48)]
     frames = [Frame(luma, (half[k], half[k + 2])) for k, luma in enumerate(lumas)]
@@ -116,13 +112,6 @@ def test_chroma_has_the_quality_of_luma(tmp_path: Path) -> None:
         with StreamReader(stream) as reader:
             sizes.append(sum(len(record.key) for record in reader))
     assert sizes[1] < sizes[0]
-
-
-@pytest.mark.parametrize("num_frames", [1, 2])
-def test_short_clips(clip: Path, tmp_path: Path, num_frames: int) -> None:
-    """One frame is a key frame; two are two."""
-    stream = encoded(clip, tmp_path / "one.dvc", "--frames", str(num_frames))
-    assert decoded(stream, tmp_path)[0]["frames"] == num_frames
 
 
 @pytest.mark.parametrize(
@@ -141,25 +130,17 @@ def test_short_clips(clip: Path, tmp_path: Path, num_frames: int) -> None:
 def test_options_that_make_no_sense_are_refused(
     clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
 ) -> None:
-    """In one line, and nothing is written."""
     assert encoder.main([str(clip), str(tmp_path / "none.dvc"), "--quiet", *options]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line
     assert not (tmp_path / "none.dvc").exists()
 
 
-def test_there_is_nothing_to_puncture(
-    stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The stream holds no more than what is used."""
+def test_a_cut_stream_is_told(stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = [str(stream), str(tmp_path / "v.y4m"), "--punctured", str(tmp_path / "p.dvc")]
     assert decoder.main([*files, "--quiet"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "not one without feedback" in line
-
-
-def test_a_cut_stream_is_told(stream: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Wherever it ends; frames before are kept if they are wanted."""
     data = stream.read_bytes()
     for size in (0, 10, len(data) // 3, len(data) - 1):
         (tmp_path / "cut.dvc").write_bytes(data[:size])

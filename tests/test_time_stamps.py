@@ -52,16 +52,12 @@ def test_times_come_through(tmp_path: Path, phone: Path, stream: Path) -> None:
     decode(punctured, videos[2])
     assert times_ms(videos[0]) == times_ms(videos[1]) == TIMES_MS
     assert times_ms(videos[2]) == pytest.approx(TIMES_MS, abs=0.1)
-
-
-def test_times_of_a_part_are_counted_from_its_beginning(tmp_path: Path, stream: Path) -> None:
-    """As its first frame is the first of the video."""
-    decode(stream, tmp_path / "part.mkv", "--frames", "6:15")
+    decode(stream, tmp_path / "part.mkv", "--frames", "6:15")  # counted from its beginning
     assert times_ms(tmp_path / "part.mkv") == [time_ms - TIMES_MS[6] for time_ms in TIMES_MS[6:15]]
 
 
-def test_report_tells_times(tmp_path: Path, stream: Path, phone: Path) -> None:
-    """The rate is that of the time that the video takes; at a constant rate frames have none."""
+def test_times_are_reported_and_cost_a_byte_or_two_a_frame(tmp_path: Path, stream: Path, phone: Path) -> None:
+    """The rate is that of the time that the video takes; at a constant rate frames have no times."""
     decode(stream, tmp_path / "out.mkv", "--json", tmp_path / "r.json")
     report = json.loads((tmp_path / "r.json").read_text())
     assert [1000 * frame["time_s"] for frame in report["per_frame"]] == pytest.approx(TIMES_MS)
@@ -73,18 +69,10 @@ def test_report_tells_times(tmp_path: Path, stream: Path, phone: Path) -> None:
     report = json.loads((tmp_path / "c.json").read_text())
     assert report["duration_s"] == pytest.approx(len(TIMES_MS) / 30)
     assert not any("time_s" in frame for frame in report["per_frame"])
-
-
-def test_times_cost_a_byte_or_two_a_frame(stream: Path, phone: Path) -> None:
-    """They are counted as header; a clip at a constant rate has none of them."""
-    with StreamReader(stream) as reader:
-        records = list(reader)
+    with StreamReader(stream) as reader, StreamReader(constant) as other:
+        records, without = list(reader), list(other)
     assert records[0].deviations is None
     assert all(record.deviations is not None for record in records[2:])
-    constant = phone.with_name("constant.dvc")
-    assert encoder.__main__.main([str(phone), str(constant), "--frame-rate", "30", *CODING]) == 0
-    with StreamReader(constant) as reader:
-        without = list(reader)
     assert not any(record.deviations for record in without)
     cost = sum(gop_bits(record).header for record in records) - sum(gop_bits(r).header for r in without)
     assert cost <= 8 * (2 * len(TIMES_MS) + 3 * len(records))
@@ -103,7 +91,6 @@ def test_segments_of_a_recording_keep_the_times_between_them(tmp_path: Path, pho
 
 
 def test_y4m_cannot_hold_times(tmp_path: Path, stream: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """It is said once."""
     decode(stream, tmp_path / "out.y4m")
     assert [record.getMessage() for record in caplog.records] == [
         "y4m holds no time stamps: frames with times of their own are at the constant rate"

@@ -61,9 +61,10 @@ def _pump(source: socket.socket, target: socket.socket, bad: int, rng: np.random
 
 def _decode(peer: socket.socket, protection: Protection) -> str:
     """Begin as a decoder."""
-    connection = Connection(protection.wrap(peer, "camera"), WITHIN_S)
-    with connection:
-        connection.shake_hands(protection, WITHIN_S)
+    wrapped = protection.wrap(peer, "camera")
+    with Connection(wrapped, WITHIN_S) as connection:
+        connection.shake_hands(WITHIN_S)
+        protection.check_certificate(wrapped)
         endpoint = DecoderEndpoint(bytes(16), token=protection.token)
         connection.send(endpoint.bytes_to_send())
         while not endpoint.is_welcome:

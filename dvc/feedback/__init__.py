@@ -1,21 +1,13 @@
 """The feedback channel between encoder and decoder: see `docs/spec/feedback.md`.
 
-Messages and the two endpoints do no I/O; `dvc.feedback.transport` is the only module that moves bytes.
+Messages and the two endpoints do no I/O; `dvc.feedback.transport` moves bytes.
 """
 
 from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint, Event, ParityAnswer
 from dvc.feedback.flow_control import MAX_OPEN_GOPS, max_open_gops
 from dvc.feedback.messages import PROTOCOL_VERSION, End, Failure, Gop, GopDone, Hello, NextGop, Welcome
-from dvc.feedback.protection import Protection, read_token
-from dvc.feedback.transport import (
-    DEFAULT_TIMEOUT_S,
-    Connection,
-    Dialler,
-    Listener,
-    Readable,
-    listen,
-    parse_address,
-)
+from dvc.feedback.protection import Dialler, Listener, Protection, listen, parse_address, read_token
+from dvc.feedback.transport import DEFAULT_TIMEOUT_S, Connection, Readable
 
 __all__ = [
     "DEFAULT_TIMEOUT_S",

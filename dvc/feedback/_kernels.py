@@ -216,10 +216,3 @@ def enter_requests(rows, positions, frames, rules):
         requested[slot, run, kind] += row[COUNT]
         awaited[slot, run] = row[COUNT]
     return -1, 0
-
-
-@kernel
-def enter_answers(rows, awaited):
-    """Remove answered requests; `awaited` as in `enter_requests`."""
-    for n in range(rows.shape[0]):
-        awaited[rows[n, SLOT], rows[n, RUN]] = 0

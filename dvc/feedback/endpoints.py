@@ -77,17 +77,13 @@ class _Endpoint(ABC):
                 if isinstance(message, Failure):
                     raise RefusedError(f"the other side ended the run: {message.text}")
                 events += self._accept(message)
-        except (BitstreamError, ValueError) as err:
-            self._fail()
+        except (FeedbackError, BitstreamError, ValueError) as err:
+            self._failed = True
+            self._received.clear()
+            if isinstance(err, FeedbackError):
+                raise
             raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
-        except FeedbackError:
-            self._fail()
-            raise
         return events
-
-    def _fail(self) -> None:
-        self._failed = True
-        self._received.clear()
 
     def _next_message(self) -> Message | None:
         """Remove the next message from the received bytes; None if it is not complete."""
@@ -120,6 +116,11 @@ class _Endpoint(ABC):
     @abstractmethod
     def _accept(self, message: Message) -> Sequence[Event]:
         """Check a message of the peer against the state and update it; return the events."""
+
+    @staticmethod
+    def _check_version(version: int) -> None:
+        if version != PROTOCOL_VERSION:
+            raise ValueError(f"protocol version {version}; this program speaks version {PROTOCOL_VERSION}")
 
     def _finish(self) -> None:
         """Accept that the whole sequence is written."""
@@ -166,7 +167,7 @@ class EncoderEndpoint(_Endpoint):
     def _accept(self, message: Message) -> Sequence[Event]:
         match message:
             case Hello():
-                _check_version(message.version)
+                self._check_version(message.version)
                 self.hello, self._accepted = message, ()
                 return [message]
             case ParityRequests(table):
@@ -242,9 +243,14 @@ class DecoderEndpoint(_Endpoint):
             case ParityAnswers(packed):
                 if not self._waiting:
                     raise ValueError("bits that were not requested")
-                return _answers(self._waiting.popleft(), packed)
+                table = self._waiting.popleft()
+                _check_size(table, packed)
+                if packed and packed[-1] & (1 << -table.num_bits % 8) - 1:
+                    raise BitstreamError("the last byte is not padded with zeros")
+                pairs = zip(table.rows[:, : RUN + 1].tolist(), table.divided(packed), strict=True)
+                return [ParityAnswer(frame, run, bits) for (frame, run), bits in pairs]
             case Welcome(version, config):
-                _check_version(version)
+                self._check_version(version)
                 self.config = decode_config(config)
                 self.flow, self.is_welcome = FlowControl(self.config, *self._first), True
                 self._accepted = (Gop, ParityAnswers, End, Finished, Failure)
@@ -303,22 +309,6 @@ def _parts(requests: Sequence[ParityRequest]) -> Iterator[list[ParityRequest]]:
         yield part
 
 
-def _check_version(version: int) -> None:
-    if version != PROTOCOL_VERSION:
-        raise ValueError(f"protocol version {version}; this program speaks version {PROTOCOL_VERSION}")
-
-
 def _check_size(table: RequestTable, packed: bytes) -> None:
     if len(packed) != -(-table.num_bits // 8):
         raise ValueError(f"{len(packed)} bytes of bits, asked for {table.num_bits} bits")
-
-
-def _answers(table: RequestTable, packed: bytes) -> list[Event]:
-    """Return the answer to each request."""
-    _check_size(table, packed)
-    if packed and packed[-1] & (1 << -table.num_bits % 8) - 1:
-        raise BitstreamError("the last byte is not padded with zeros")
-    runs = table.rows[:, : RUN + 1].tolist()
-    return [
-        ParityAnswer(frame, run, bits) for (frame, run), bits in zip(runs, table.divided(packed), strict=True)
-    ]

@@ -14,7 +14,7 @@ from dvc.config.sections import NUM_BANDS
 from dvc.feedback import _kernels
 from dvc.feedback.messages import MAX_ANSWER_BITS
 from dvc.slepian_wolf import CRC_BITS, KINDS, RequestTable, Run, plane_coder
-from dvc.slepian_wolf.requests import BEGUN, FRAME, RUN
+from dvc.slepian_wolf.requests import BEGUN, FRAME, RUN, SLOT
 
 MAX_OPEN_GOPS = 32
 """Largest number of groups of pictures that are sent or promised but not done."""
@@ -206,5 +206,5 @@ class RequestAccount:
         if not self._waiting:
             raise ValueError("bits that were not requested")
         table = self._waiting.popleft()
-        _kernels.enter_answers(table.rows, self._frames.awaited)
+        self._frames.awaited[table.rows[:, SLOT], table.rows[:, RUN]] = 0
         return table

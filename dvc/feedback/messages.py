@@ -1,9 +1,8 @@
 """Messages of the feedback channel and their syntax on the wire."""
 
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from dvc.bits import decode_varint, encode_varint
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.feedback import _kernels
-from dvc.slepian_wolf import KINDS, MAX_RUN_BITS, ParityRequest, Part, RequestTable
+from dvc.slepian_wolf import KINDS, MAX_RUN_BITS, Part, RequestTable
 from dvc.slepian_wolf.requests import NUM_COLUMNS
 from dvc.stream import GopRecord, decode_gop, encode_gop
 
@@ -115,53 +114,33 @@ Message = (
 
 
 def _encode_requests(table: RequestTable) -> bytes:
-    requests = table.requests()
-    frames = [0, *(request.frame for request in requests)]
-    return b"".join(map(_encode_request, requests, frames))
+    """Write requests; frames and increasing numbers are coded as differences."""
+    data, previous_frame = bytearray(), 0
+
+    def write(*numbers: int) -> None:
+        data.extend(b"".join(map(encode_varint, numbers)))
+
+    for request in table.requests():
+        positions, begun = request.positions, request.begun
+        first = 16 * request.code + KINDS.index(request.kind)
+        first += _kernels.BEGINS * (begun is not None) + _kernels.HAS_POSITIONS * bool(positions)
+        write(first, request.frame - previous_frame, request.run, request.count)
+        previous_frame = request.frame
+        if positions and request.kind == "joint":
+            write(len(positions))
+        write(*_steps(positions))
+        if begun is None:
+            continue
+        write(len(begun))
+        for part, step in zip(begun, _steps([part.offset for part in begun]), strict=True):
+            write(step, len(part.planes), *_steps(part.planes), len(part.areas))
+            data.extend(part.areas)
+    return bytes(data)
 
 
-def _encode_request(request: ParityRequest, previous_frame: int) -> bytes:
-    """Write a request; its frame is coded as a difference."""
-    positions = request.positions
-    begun = request.begun
-    first = 16 * request.code + KINDS.index(request.kind)
-    first += _kernels.BEGINS * (begun is not None) + _kernels.HAS_POSITIONS * bool(positions)
-    numbers = [first, request.frame - previous_frame, request.run, request.count]
-    if positions and request.kind == "joint":
-        numbers.append(len(positions))
-    numbers += (after - before for before, after in pairwise((-1, *positions)))
-    data = b"".join(map(encode_varint, numbers))
-    if begun is None:
-        return data
-    offsets = (-1, *(part.offset for part in begun))
-    steps = (after - before for before, after in pairwise(offsets))
-    return data + encode_varint(len(begun)) + b"".join(map(_encode_part, steps, begun))
-
-
-def _encode_part(step: int, part: Part) -> bytes:
-    """Write a part of a run; its frame is coded as a difference."""
-    planes = (after - before for before, after in pairwise((-1, *part.planes)))
-    numbers = (step, len(part.planes), *planes, len(part.areas))
-    return b"".join(map(encode_varint, numbers)) + part.areas
-
-
-def _decode_hello(payload: bytes) -> Hello:
-    version, start = decode_varint(payload, 0)
-    if version != PROTOCOL_VERSION:
-        return Hello(version)
-    end = start + DECODER_ID_BYTES
-    num_groups, position = decode_varint(payload, end)
-    return Hello(version, payload[start:end], num_groups, payload[position:])
-
-
-def _decode_welcome(payload: bytes) -> Welcome:
-    version, position = decode_varint(payload, 0)
-    return Welcome(version, payload[position:])
-
-
-def _decode_gop_message(payload: bytes) -> Gop:
-    number, position = decode_varint(payload, 0)
-    return Gop(number, decode_gop(payload[position:]))
+def _steps(numbers: Sequence[int]) -> Iterator[int]:
+    """Yield the differences of increasing numbers; the first is to -1."""
+    return (after - before for before, after in pairwise((-1, *numbers)))
 
 
 def _decode_requests(payload: bytes) -> ParityRequests:
@@ -184,57 +163,29 @@ def _decode_requests(payload: bytes) -> ParityRequests:
     )
 
 
-def _decode_number(payload: bytes) -> int:
-    """Read a payload that is one integer."""
-    value, position = decode_varint(payload, 0)
-    if position != len(payload):
-        raise BitstreamError(f"{len(payload) - position} bytes follow the payload")
-    return value
-
-
 def _one_line(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text).strip()
 
 
-class _Syntax(NamedTuple):
-    """Syntax of the payload of a message."""
-
-    max_bytes: int | None  # None: depends on the configuration
-    encode: Callable[[Any], bytes]
-    decode: Callable[[bytes], Message]
-
-
-_SYNTAX: dict[type[Message], _Syntax] = {
-    Hello: _Syntax(
-        16 + DECODER_ID_BYTES + MAX_TOKEN_BYTES,
-        lambda hello: (
-            encode_varint(hello.version) + hello.decoder_id + encode_varint(hello.num_groups) + hello.token
-        ),
-        _decode_hello,
-    ),
-    Welcome: _Syntax(4096, lambda welcome: encode_varint(welcome.version) + welcome.config, _decode_welcome),
-    NextGop: _Syntax(0, lambda _: b"", lambda _: NextGop()),
-    Gop: _Syntax(None, lambda gop: encode_varint(gop.number) + encode_gop(gop.record), _decode_gop_message),
-    ParityRequests: _Syntax(None, lambda requests: _encode_requests(requests.table), _decode_requests),
-    ParityAnswers: _Syntax(MAX_ANSWER_BITS // 8, lambda answers: answers.packed, ParityAnswers),
-    GopDone: _Syntax(
-        5, lambda done: encode_varint(done.number), lambda payload: GopDone(_decode_number(payload))
-    ),
-    End: _Syntax(5, lambda end: encode_varint(end.num_frames), lambda payload: End(_decode_number(payload))),
-    Finished: _Syntax(0, lambda _: b"", lambda _: Finished()),
-    Failure: _Syntax(
-        _MAX_FAILURE_BYTES,
-        lambda failure: _one_line(failure.text).encode()[:_MAX_FAILURE_BYTES],
-        lambda payload: Failure(_one_line(payload.decode(errors="replace"))),
-    ),
+_MAX_BYTES: dict[type[Message], int | None] = {
+    Hello: 16 + DECODER_ID_BYTES + MAX_TOKEN_BYTES,
+    Welcome: 4096,
+    NextGop: 0,
+    Gop: None,  # depends on the configuration
+    ParityRequests: None,
+    ParityAnswers: MAX_ANSWER_BITS // 8,
+    GopDone: 5,
+    End: 5,
+    Finished: 0,
+    Failure: _MAX_FAILURE_BYTES,
 }
-TYPES = tuple(_SYNTAX)
+TYPES = tuple(_MAX_BYTES)
 """Message types; the type byte of a message is its index here plus one."""
 
 
 def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -> int:
     """Return the size of the largest valid payload of a message."""
-    max_bytes = _SYNTAX[message_type].max_bytes
+    max_bytes = _MAX_BYTES[message_type]
     if max_bytes is not None:
         return max_bytes
     if config is None:
@@ -248,10 +199,48 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
 
 def encode_message(message: Message) -> bytes:
     """Write a message."""
-    payload = _SYNTAX[type(message)].encode(message)
+    match message:
+        case Hello(version, decoder_id, num_groups, token):
+            payload = encode_varint(version) + decoder_id + encode_varint(num_groups) + token
+        case Welcome(version, config):
+            payload = encode_varint(version) + config
+        case NextGop() | Finished():
+            payload = b""
+        case Gop(number, record):
+            payload = encode_varint(number) + encode_gop(record)
+        case ParityRequests(table):
+            payload = _encode_requests(table)
+        case ParityAnswers(packed):
+            payload = packed
+        case GopDone(number) | End(number):
+            payload = encode_varint(number)
+        case Failure(text):
+            payload = _one_line(text).encode()[:_MAX_FAILURE_BYTES]
     return bytes([TYPES.index(type(message)) + 1]) + encode_varint(len(payload)) + payload
 
 
 def decode_payload(message_type: type[Message], payload: bytes) -> Message:
     """Read the payload of a message."""
-    return _SYNTAX[message_type].decode(payload)
+    if message_type is ParityRequests:
+        return _decode_requests(payload)
+    if message_type is Failure:
+        return Failure(_one_line(payload.decode(errors="replace")))
+    if message_type is ParityAnswers:
+        return ParityAnswers(payload)
+    if message_type is NextGop or message_type is Finished:
+        return message_type()
+    number, position = decode_varint(payload, 0)
+    message: Message = GopDone(number) if message_type is GopDone else End(number)
+    if message_type is Hello:
+        message = Hello(number)
+        if number == PROTOCOL_VERSION:
+            end = position + DECODER_ID_BYTES
+            num_groups, last = decode_varint(payload, end)
+            message = Hello(number, payload[position:end], num_groups, payload[last:])
+    elif message_type is Welcome:
+        message = Welcome(number, payload[position:])
+    elif message_type is Gop:
+        message = Gop(number, decode_gop(payload[position:]))
+    elif position != len(payload):
+        raise BitstreamError(f"{len(payload) - position} bytes follow the payload")
+    return message

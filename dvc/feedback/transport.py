@@ -7,12 +7,10 @@ import ssl
 import time
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from multiprocessing.connection import wait
 from typing import Any, Protocol
 
-from dvc.errors import ConfigError, ConnectionLostError, FeedbackError, NobodyListensError, UntrustedError
-from dvc.feedback.protection import Protection
+from dvc.errors import ConnectionLostError, UntrustedError
 from dvc.files import Closing
 
 DEFAULT_TIMEOUT_S = 30.0
@@ -20,8 +18,6 @@ DEFAULT_TIMEOUT_S = 30.0
 _CHUNK_BYTES = 2**18
 _MAX_INBOX_BYTES = 2**24
 """Largest amount of data that is received while data are sent."""
-_RETRY_S = 0.1
-_BACKLOG = 128
 _LINGER_S = 1.0
 _LINGER_BYTES = 2**24
 _AGAIN = BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError
@@ -34,37 +30,8 @@ class Readable(Protocol):
         """Return the file descriptor."""
 
 
-def parse_address(text: str) -> tuple[str, int]:
-    """Split an address.
-
-    Parameters
-    ----------
-    text : str
-        ``HOST:PORT``; an IPv6 host in brackets, as ``[::1]:5000``; ``:PORT`` means this machine.
-
-    Returns
-    -------
-    host : str
-        Name or number of the host.
-    port : int
-        From 0 to 65535.
-
-    Raises
-    ------
-    ConfigError
-        If it is not such an address.
-    """
-    host, colon, port = text.rpartition(":")
-    if host.startswith("[") and host.endswith("]"):
-        host = host[1:-1]
-    elif ":" in host:
-        colon = ""
-    if not colon or not port.isascii() or not port.isdigit() or len(port) > 5 or int(port) > 65535:
-        raise ConfigError(f"an address must be HOST:PORT with a port up to 65535, got {text[:80]!r}")
-    return host or "localhost", int(port)
-
-
-def _format_address(address: Sequence[object]) -> str:
+def format_address(address: Sequence[object]) -> str:
+    """Return an address as text, of bounded length."""
     host, port = ascii(address[0])[1:81].removesuffix("'"), address[1]
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
@@ -96,8 +63,15 @@ class Connection(Closing):
         self._fd = peer.fileno()
         try:
             peer.setblocking(False)
-            self.name = _format_address(peer.getpeername())
-            _detect_dead_peer(peer, timeout_s)
+            self.name = format_address(peer.getpeername())
+            # The system breaks a connection if the peer acknowledges nothing, even if a process is busy.
+            peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            interval_s = max(1, int(timeout_s / 4))
+            limits = {"KEEPIDLE": interval_s, "KEEPINTVL": interval_s, "KEEPCNT": 3}
+            for name, value in {**limits, "USER_TIMEOUT": int(1000 * timeout_s)}.items():
+                if hasattr(socket, f"TCP_{name}"):
+                    peer.setsockopt(socket.IPPROTO_TCP, getattr(socket, f"TCP_{name}"), value)
         except OSError as err:
             peer.close()
             raise ConnectionLostError(f"the other side went away: {err.strerror or err}") from err
@@ -108,15 +82,14 @@ class Connection(Closing):
         """Return the file descriptor of the socket."""
         return self._fd
 
-    def shake_hands(self, protection: Protection, within_s: float) -> None:
-        """Finish the TLS handshake of a decoder, and check the certificate of the encoder."""
+    def shake_hands(self, within_s: float) -> None:
+        """Finish the TLS handshake of a decoder, if it has TLS."""
         peer, deadline_s = self._socket, time.monotonic() + within_s
         if not isinstance(peer, ssl.SSLSocket):
             return
         while True:
             try:
-                peer.do_handshake()
-                break
+                return peer.do_handshake()
             except _AGAIN:
                 if not self._wait_for(select.POLLIN, deadline_s):
                     raise self.lose("takes too long with TLS") from None
@@ -126,7 +99,6 @@ class Connection(Closing):
                 raise UntrustedError(f"no TLS with the other side ({self.name}): {_reason(err)}") from err
             except OSError as err:
                 raise self.lose("went away", err) from err
-        protection.check_certificate(peer)
 
     def send(self, data: bytes, within_s: float | None = None) -> None:
         """Send bytes; the peer must take some within each timeout. Data that come are kept for `receive`."""
@@ -139,18 +111,15 @@ class Connection(Closing):
                 rest = rest[self._socket.send(rest[:_CHUNK_BYTES]) :]
                 deadline_s = time.monotonic() + patience_s
             except _AGAIN:
-                self._wait_for_room(deadline_s)
+                # The peer may take more only after it has sent something.
+                receives = sum(map(len, self._inbox)) < _MAX_INBOX_BYTES
+                ready = self._wait_for(select.POLLOUT | (select.POLLIN if receives else 0), deadline_s)
+                if not ready:
+                    raise self.lose(f"takes nothing for {self.timeout_s:g} s") from None
+                if ready & select.POLLIN and (received := self._read()) is not None:
+                    self._inbox.append(received)
             except OSError as err:
                 raise self.lose("went away", err) from err
-
-    def _wait_for_room(self, deadline_s: float) -> None:
-        """Wait until more can be sent, and receive: the peer may do so only after it has sent something."""
-        receives = sum(map(len, self._inbox)) < _MAX_INBOX_BYTES
-        ready = self._wait_for(select.POLLOUT | (select.POLLIN if receives else 0), deadline_s)
-        if not ready:
-            raise self.lose(f"takes nothing for {self.timeout_s:g} s")
-        if ready & select.POLLIN and (data := self._read()) is not None:
-            self._inbox.append(data)
 
     def receive(self, within_s: float | None = None) -> bytes:
         """Wait for at most 256 KiB of the peer; return nothing if none came in time."""
@@ -231,126 +200,7 @@ class Connection(Closing):
                 num_bytes += len(data)
 
 
-def _detect_dead_peer(peer: socket.socket, timeout_s: float) -> None:
-    """Have the system break a connection when the peer acknowledges nothing, even if a process is busy."""
-    interval_s = max(1, int(timeout_s / 4))
-    peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for name, value in (
-        ("TCP_KEEPIDLE", interval_s),
-        ("TCP_KEEPINTVL", interval_s),
-        ("TCP_KEEPCNT", 3),
-        ("TCP_USER_TIMEOUT", int(1000 * timeout_s)),
-    ):
-        if hasattr(socket, name):
-            peer.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
-
-
 def _reason(err: ssl.SSLError) -> str:
     if isinstance(err, ssl.SSLCertVerificationError):
         return str(err.verify_message)
     return (err.reason or str(err)).lower().replace("_", " ")
-
-
-class Listener(Closing):
-    """A port that waits for peers.
-
-    Parameters
-    ----------
-    listening : socket
-        A bound and listening socket.
-    """
-
-    def __init__(self, listening: socket.socket) -> None:
-        self._socket = listening
-        listening.setblocking(False)
-        self.host, self.port = listening.getsockname()[:2]
-        self.name = _format_address((self.host, self.port))
-
-    def fileno(self) -> int:
-        """Return the file descriptor of the socket."""
-        return self._socket.fileno()
-
-    def accept(self, protection: Protection, timeout_s: float = DEFAULT_TIMEOUT_S) -> Connection:
-        """Accept a peer that has connected; its TLS handshake takes place when it is received from."""
-        peer, _ = self._socket.accept()
-        try:
-            peer.setblocking(False)
-            return Connection(protection.wrap(peer), timeout_s)
-        except OSError as err:
-            peer.close()
-            raise ConnectionLostError(f"the other side went away: {err.strerror or err}") from err
-
-    def close(self) -> None:
-        """Stop listening; a thread that waits for a peer notices it."""
-        with contextlib.suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)
-        self._socket.close()
-
-
-def listen(host: str = "localhost", port: int = 0) -> Listener:
-    """Open a port.
-
-    Parameters
-    ----------
-    host : str
-        Address of this machine to listen on; the loopback by default.
-    port : int
-        0 for any free one, see `Listener.port`.
-
-    Returns
-    -------
-    Listener
-        The port.
-
-    Raises
-    ------
-    FeedbackError
-        If the address is not available.
-    """
-    try:
-        family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
-        return Listener(socket.create_server((host, port), family=family, backlog=_BACKLOG))
-    except (OSError, ValueError) as err:
-        raise FeedbackError(
-            f"cannot listen on {_format_address((host, port))}: {getattr(err, 'strerror', None) or err}"
-        ) from err
-
-
-@dataclass(frozen=True)
-class Dialler:
-    """Way of a decoder to its encoder."""
-
-    host: str
-    port: int
-    protection: Protection = field(default_factory=Protection)
-    timeout_s: float = DEFAULT_TIMEOUT_S
-
-    @property
-    def name(self) -> str:
-        """Address of the encoder."""
-        return _format_address((self.host, self.port))
-
-    def connect(self, within_s: float, stop: Readable | None = None) -> Connection:
-        """Connect to the encoder, and prove its identity; nothing has been sent to it."""
-        deadline_s = time.monotonic() + within_s
-        try:
-            peer = socket.create_connection((self.host, self.port), max(within_s, _RETRY_S))
-        except (OSError, ValueError) as err:
-            if isinstance(err, ConnectionRefusedError | TimeoutError):
-                raise NobodyListensError(f"no program listens on {self.name}") from err
-            raise NobodyListensError(
-                f"cannot connect to {self.name}: {getattr(err, 'strerror', None) or err}"
-            ) from err
-        try:
-            self.protection.check_exposure(peer.getpeername()[0])
-            peer.setblocking(False)
-            peer = self.protection.wrap(peer, self.host)
-            connection = Connection(peer, self.timeout_s, stop)
-            connection.shake_hands(self.protection, deadline_s - time.monotonic())
-        except BaseException as err:
-            peer.close()
-            if isinstance(err, OSError):
-                raise ConnectionLostError(f"the other side ({self.name}) went away: {err}") from err
-            raise
-        return connection

@@ -1,23 +1,26 @@
 """Payloads of point tracks and of feature points.
 
-Tracks are coded by regression (`dvc.tracks.regression`): those that were followed back in time after those
-that were not, and back in time, with these as neighbours. Points are coded frame by frame as point sets.
+Tracks are coded by regression (`dvc.tracks.regression`): first those that were not followed back in time,
+then those that were, back in time, with the first ones as neighbours.
+
+Points are coded frame by frame: columns as the steps from each point to the next (differential pulse code
+modulation), one decision per step; its probability follows from the remaining points and columns. A row is a
+number of fixed length among the free rows: points keep a distance, which is sent once.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Integers
 from dvc.config import CodecConfig
 from dvc.entropy import RangeCoder
 from dvc.errors import BitstreamError
 from dvc.tracks import _kernels
 from dvc.tracks._kernels import LOST
-from dvc.tracks.point_sets import SamplingGrid, code_points, column_scan, num_positions
-from dvc.tracks.points import FeaturePoints, PointTracks
-from dvc.tracks.regression import code_tracks
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from dvc.tracks.points import FeaturePoints, PointTracks, num_positions
+from dvc.tracks.regression.regression_coding import code_tracks
 
 
 def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
@@ -48,10 +51,6 @@ def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
     num_forward = len(tracks) - tracks.num_backward
     forward = _scanned(units[:num_forward], "first", config)
     backward = _scanned(units[num_forward:, ::-1], "last", config)
-    return _written(forward, backward, config)
-
-
-def _written(forward: Integers, backward: Integers, config: CodecConfig) -> bytes:
     coder = RangeCoder.writer()
     code_tracks(coder, forward, backward, config)
     return coder.to_bytes(shortest=True)
@@ -96,11 +95,12 @@ def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> Poi
         return PointTracks.none(num_instants)
     most = np.full((config.tracks.num_points, num_instants, 2), LOST, np.int64)
     forward, backward = code_tracks(RangeCoder.reader(payload), most, most, config)
-    if len(forward) + len(backward) == 0 or _written(forward, backward, config) != payload:
-        raise BitstreamError("the tracks are followed by other data, or are damaged")
     units = np.concatenate([forward, backward[:, ::-1]])
     scale = 2.0**config.tracks.subpixel_bits
-    return PointTracks(np.where(units == LOST, np.nan, units / scale), len(backward))
+    tracks = PointTracks(np.where(units == LOST, np.nan, units / scale), len(backward))
+    if encode_tracks(tracks, config) != payload:
+        raise BitstreamError("the tracks are followed by other data, or are damaged")
+    return tracks
 
 
 def encode_points(points: FeaturePoints, config: CodecConfig) -> bytes:
@@ -132,10 +132,10 @@ def encode_points(points: FeaturePoints, config: CodecConfig) -> bytes:
         raise ValueError(f"`points` must be known and at most {max_points} a frame")
     sets = [units[column_scan(units)] for units in sets]
     coder = RangeCoder.writer()
-    grid = SamplingGrid.of(sets, *num_positions(config)).code(coder)
-    for units in sets:
-        coder.uniform(max_points + 1, len(units))
-        code_points(coder, units, grid)
+    exponent = min(int(_kernels.grid_exponent(units)) for units in sets)
+    limit = _kernels.DISTANCES - 1
+    distance = min(int(_kernels.min_distance(units >> exponent, limit)) for units in sets)
+    _code_sets(coder, sets, exponent, distance, config)
     return coder.to_bytes()
 
 
@@ -163,17 +163,35 @@ def decode_points(payload: bytes, num_frames: int, config: CodecConfig) -> Featu
     """
     if not payload:
         return FeaturePoints(tuple(np.empty((0, 2)) for _ in range(num_frames)))
-    coder = RangeCoder.reader(payload)
-    grid = SamplingGrid.of([], *num_positions(config)).code(coder)
-    scale = 2.0**config.tracks.subpixel_bits
-    frames = []
-    for _ in range(num_frames):
-        count = coder.uniform(config.tracks.num_points + 1)
-        frames.append(code_points(coder, np.zeros((count, 2), np.int64), grid) / scale)
-    points = FeaturePoints(tuple(frames))
+    most = np.zeros((config.tracks.num_points, 2), np.int64)
+    sets = _code_sets(RangeCoder.reader(payload), [most] * num_frames, 0, 0, config)
+    points = FeaturePoints(tuple(units / 2.0**config.tracks.subpixel_bits for units in sets))
     if encode_points(points, config) != payload:
         raise BitstreamError("the points are followed by other data, or are damaged")
     return points
+
+
+def _code_sets(
+    coder: RangeCoder, sets: Sequence[Integers], exponent: int, distance: int, config: CodecConfig
+) -> list[Integers]:
+    """Code the points of frames, after the exponent of their grid and their least distance on it."""
+    exponent, distance = map(int, _kernels.code_grid(coder.room_for(2), exponent, distance))
+    coder.check()
+    columns, rows = ((side - 1 >> exponent) + 1 for side in num_positions(config))
+    coded = []
+    for units in sets:
+        count = coder.uniform(config.tracks.num_points + 1, len(units))
+        points = units[:count] >> exponent
+        if not _kernels.code_points(coder.room_for(columns + 2 * count), points, columns, rows, distance):
+            raise BitstreamError("a frame has no room for its points")
+        coder.check()
+        coded.append(points << exponent)
+    return coded
+
+
+def column_scan(points: Floats | Integers) -> NDArray[np.intp]:
+    """Return the order of points column by column, from the top in each."""
+    return np.lexsort((points[:, 1], points[:, 0]))
 
 
 def _units(positions: Floats, config: CodecConfig) -> Integers:

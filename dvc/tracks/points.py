@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
+from dvc.config import CodecConfig
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,18 +55,7 @@ class PointTracks:
 
     @classmethod
     def none(cls, num_instants: int) -> "PointTracks":
-        """Return no tracks at all.
-
-        Parameters
-        ----------
-        num_instants : int
-            Frames that they would go through.
-
-        Returns
-        -------
-        PointTracks
-            Of length 0.
-        """
+        """Return no tracks, of a number of frames."""
         return cls(np.empty((0, num_instants, 2)))
 
 
@@ -81,3 +70,9 @@ class FeaturePoints:
     """
 
     frames: tuple[Floats, ...]
+
+
+def num_positions(config: CodecConfig) -> tuple[int, int]:
+    """Return how many positions a point has in x and y."""
+    bits = config.tracks.subpixel_bits
+    return (config.video.width - 1 << bits) + 1, (config.video.height - 1 << bits) + 1

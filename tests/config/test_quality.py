@@ -18,7 +18,8 @@ from dvc.config import (
 )
 from dvc.video import VideoInfo
 from dvc.wynerziv import quantizer
-from encoder.encoder_options import parser, session
+from encoder.__main__ import new_session
+from encoder.encoder_options import parser
 
 
 def test_steps_double_every_six_qps() -> None:
@@ -43,7 +44,7 @@ def test_every_quality_makes_a_stream(qp: int) -> None:
 
 def config_of(*options: str) -> CodecConfig:
     arguments = parser().parse_args(["in.mkv", "out.dvc", *options])
-    return session(arguments, VideoInfo(16, 16, Fraction(25), None)).config
+    return new_session(arguments, VideoInfo(16, 16, Fraction(25), None)).config
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,6 @@ def test_strangers_hold_up_nobody(
 
 
 def test_many_strangers_do_not_lock_a_decoder_out(protections: tuple[Protection, Protection]) -> None:
-    """The oldest that has not said hello gives way."""
     ours, theirs = protections
     with opened(protection=ours) as (peers, address, lines):
         strangers = [socket.create_connection(address) for _ in range(MAX_GREETINGS + 8)]
@@ -130,7 +129,6 @@ def test_rejections_are_counted_if_there_are_many(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_hello_in_pieces_is_accepted() -> None:
-    """If it is complete in time."""
     with opened() as (peers, address, lines), Dialler(*address).connect(5.0) as far:
         far.send(HELLO[:2])
         time.sleep(0.1)
@@ -141,7 +139,6 @@ def test_a_hello_in_pieces_is_accepted() -> None:
 
 @pytest.mark.parametrize("token", [b"", b"another token of that length", TOKEN[:-1]])
 def test_a_wrong_token_is_refused(token: bytes, protections: tuple[Protection, Protection]) -> None:
-    """The decoder learns why; the next one is accepted."""
     ours, theirs = protections
     with opened(protection=ours) as (peers, address, lines):
         with pytest.raises(RefusedError, match="the token is wrong"):
@@ -151,7 +148,6 @@ def test_a_wrong_token_is_refused(token: bytes, protections: tuple[Protection, P
 
 
 def test_a_second_decoder_is_refused() -> None:
-    """While the first is connected, and while it is away."""
     with opened() as (peers, address, lines):
         with (
             greet(address, DecoderEndpoint(ID)),
@@ -183,16 +179,7 @@ def test_the_decoder_comes_back() -> None:
         wait_until(lambda: len(lines) == 1)
 
 
-def test_a_decoder_of_another_encoder_is_refused() -> None:
-    """It has groups that this one has not sent."""
-    with opened() as (_, address, lines):
-        with pytest.raises(RefusedError, match="no decoder can continue here after 5 groups"):
-            greet(address, DecoderEndpoint(ID, 5, 20))
-        wait_until(lambda: lines)
-
-
 def test_without_patience_the_port_is_closed_after_the_first() -> None:
-    """A lost connection ends the run then."""
     with opened(0.0) as (peers, address, _), greet(address, DecoderEndpoint(ID)), accepted(peers).connection:
         wait_until(lambda: not peers._thread.is_alive())
         with pytest.raises(NobodyListensError):
@@ -200,7 +187,6 @@ def test_without_patience_the_port_is_closed_after_the_first() -> None:
 
 
 def test_closing_ends_the_thread() -> None:
-    """Also while strangers are greeted."""
     with opened() as (peers, address, _), socket.create_connection(address) as stranger:
         stranger.send(HELLO[:3])
         peers.close()

@@ -3,28 +3,26 @@
 import numpy as np
 import pytest
 
-from dvc._jit import python_twin
 from encoder import _kernels
 from encoder.point_tracker import spiral
 from tests.clips import moving_texture
 from tests.reference import block_matching as reference
+from tests.twins import Choose
 
 STILL_LIFE = moving_texture(1, 120, 160)[0].luma
 
 
 def test_spiral_starts_at_rest_and_grows() -> None:
-    """Each displacement of the square is there once, small ones first."""
     displacements = spiral(3)
     assert displacements[0].tolist() == [0, 0]
     assert len({tuple(d) for d in displacements.tolist()}) == 49
     assert (np.diff(np.hypot(*displacements.T)) >= -1e-12).all()
 
 
-@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("half", [4, 5, 7])
-def test_sums_of_absolute_differences(half: int, twin: bool) -> None:
+def test_sums_of_absolute_differences(half: int, choose: Choose) -> None:
     """All samples of a block are compared once, up to the largest differences; not off the image."""
-    sad = python_twin(_kernels.block_sad) if twin else _kernels.block_sad
+    sad = choose(_kernels.block_sad)
     rng = np.random.default_rng(half)
     side = 2 * half + 1
     blocks = rng.integers(0, 256, (3, side, side)).astype(np.uint8)
@@ -42,11 +40,9 @@ def test_sums_of_absolute_differences(half: int, twin: bool) -> None:
     assert counts.tolist() == [num_blocks, num_blocks * side**2]
 
 
-@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_searches_agree_with_the_twin(seed: int, twin: bool) -> None:
+def test_searches_agree_with_the_twin(seed: int, choose: Choose) -> None:
     """Spiral and descent find what the plain twins find, and know the neighbours of a minimum."""
-    choose = python_twin if twin else (lambda kernel: kernel)
     rng = np.random.default_rng(seed)
     image, half = STILL_LIFE[:60, :64], _kernels.HALF_BLOCK_PX
     for _ in range(15):
@@ -88,11 +84,10 @@ def test_descents_stop_in_time(max_steps: int) -> None:
     assert counts[0] == 8 * (max_steps + 1)
 
 
-@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_points_follow_the_nearest_that_is_found(seed: int, twin: bool) -> None:
+def test_points_follow_the_nearest_that_is_found(seed: int, choose: Choose) -> None:
     """The first of equals, whatever the order was in which points were found."""
-    offer = python_twin(_kernels.offer_motion) if twin else _kernels.offer_motion
+    offer = choose(_kernels.offer_motion)
     rng = np.random.default_rng(seed)
     first = rng.integers(0, [6, 16384], (30, 2))
     found, nearest = np.zeros(30, np.bool_), np.full(30, _kernels.UNKNOWN << 20)
@@ -104,11 +99,9 @@ def test_points_follow_the_nearest_that_is_found(seed: int, twin: bool) -> None:
         assert (nearest & (1 << 20) - 1).tolist() == expected
 
 
-@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("scale", [1.0, 2.0, 8.0])
-def test_frames_are_finished_as_their_twin_says(scale: float, twin: bool) -> None:
-    """Velocities, paths at parts of a pixel, and the longest way."""
-    finish = python_twin(_kernels.finish_frame) if twin else _kernels.finish_frame
+def test_frames_are_finished_as_their_twin_says(scale: float, choose: Choose) -> None:
+    finish = choose(_kernels.finish_frame)
     rng = np.random.default_rng(int(scale))
     first, last, position = (rng.integers(0, 100, (40, 2)) for _ in range(3))
     small, sads = rng.integers(50, 60, 40), rng.integers(0, 12, 40)
@@ -126,10 +119,9 @@ def test_frames_are_finished_as_their_twin_says(scale: float, twin: bool) -> Non
         np.testing.assert_array_equal(path[i], expected)
 
 
-@pytest.mark.parametrize("twin", [False, True])
-def test_frames_are_finished_once_enough_points_are_found(twin: bool) -> None:
+def test_frames_are_finished_once_enough_points_are_found(choose: Choose) -> None:
     """What was found before is found once more; before that, neither velocities nor paths are written."""
-    follow = python_twin(_kernels.follow) if twin else _kernels.follow
+    follow = choose(_kernels.follow)
     points = np.array([[30, 30], [60, 40], [90, 50]])
     blocks, counts = np.zeros((3, 11, 11), np.uint8), np.zeros(2, np.int64)
     _kernels.cut_blocks(STILL_LIFE, points, blocks)
@@ -149,11 +141,10 @@ def test_frames_are_finished_once_enough_points_are_found(twin: bool) -> None:
     np.testing.assert_array_equal(path, [[30, 27], [60, 37], [np.nan, np.nan]])
 
 
-@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("num_ends", [0, 1, 25])
-def test_points_that_appear_move_as_the_nearest(num_ends: int, twin: bool) -> None:
+def test_points_that_appear_move_as_the_nearest(num_ends: int, choose: Choose) -> None:
     """The nearest track that reaches the end tells the motion, the first of equals; no lost one does."""
-    move = python_twin(_kernels.move_as_nearest) if twin else _kernels.move_as_nearest
+    move = choose(_kernels.move_as_nearest)
     rng = np.random.default_rng(num_ends)
     points, ends = rng.integers(0, 30, (20, 2)), rng.integers(0, 60, (num_ends, 2, 2)) / 2.0
     ends[1::3, 1] = np.nan

@@ -14,7 +14,7 @@ from dvc.video import Frame
 from encoder.encoder_session import EncoderSession
 from encoder.frame_queue import FrameQueue, PacedFrames, default_frames
 from tests.clips import moving_texture
-from tests.waiting import wait_until
+from tests.waiting import Clock, wait_until
 
 FRAMES = [Frame(frame.luma) for frame in moving_texture(40, 24, 32)]
 NUMBERS = {id(frame): number for number, frame in enumerate(FRAMES)}
@@ -52,12 +52,10 @@ def take(queue: FrameQueue, count: int) -> list[int | None]:
 
 
 def test_all_frames_come_in_order_and_then_the_end() -> None:
-    """None is lost where the source can wait, however small the queue."""
     assert [NUMBERS[id(frame)] for frame in FrameQueue(FRAMES, 1) if frame] == list(range(40))
 
 
 def test_a_source_that_can_wait_is_read_no_further_than_the_queue_holds() -> None:
-    """One frame is in hand, the others stay where they are."""
     source = Source()
     source.let_go(40)
     queue = FrameQueue(source, 5)
@@ -71,7 +69,6 @@ def test_a_source_that_can_wait_is_read_no_further_than_the_queue_holds() -> Non
 
 
 def test_frames_are_left_out_until_there_is_room_for_a_group() -> None:
-    """What waits stays whole; the gap is marked once, and counted."""
     source = Source()
     queue = FrameQueue(source, 6, 4)
     source.let_go(1)
@@ -90,7 +87,6 @@ def test_frames_are_left_out_until_there_is_room_for_a_group() -> None:
 
 
 def test_what_the_source_fails_with_comes_after_its_frames() -> None:
-    """Frames that were read before are not lost."""
     source = Source()
     queue = FrameQueue(source, 10)
     source.let_go(1)
@@ -143,8 +139,8 @@ def test_groups_begin_anew_after_a_gap(codec: str) -> None:
     assert all(records[number].key for number in first)
 
 
-def test_runs_of_frames_are_taken_as_they_come() -> None:
-    """No frame beyond the one that ends a group is asked for."""
+@pytest.mark.parametrize("codec", ["2d", "3d-te"])
+def test_runs_of_frames_are_taken_as_they_come(codec: str) -> None:
     asked: list[int] = []
 
     def _asking() -> Iterator[Frame | None]:
@@ -152,7 +148,7 @@ def test_runs_of_frames_are_taken_as_they_come() -> None:
             asked.append(number)
             yield frame
 
-    config = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
+    config = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), codec, gop={"length": 2})
     seen = [len(asked) for _ in EncoderSession(config).groups(_asking())]
     assert [length for length, _ in groupby(seen)][:4] == [1, 3, 5, 6]
 
@@ -175,16 +171,6 @@ def test_a_group_can_be_read_once_it_is_there(monkeypatch: pytest.MonkeyPatch) -
     assert not queue.close()
     source.let_go(1)
     wait_until(queue.close)
-
-
-class Clock:
-    """A clock that moves when it is told to."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
 
 
 def behind_s(work_s: list[float], waiting_s: float = 0.0, reading_s: float = 0.0) -> float:

@@ -1,7 +1,7 @@
 """Key frames chosen by tracks, and what the session writes of tracks and points."""
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +22,11 @@ from dvc.tracks import PointTracks, decode_points, decode_tracks
 from dvc.video import Frame, open_video
 from encoder import spacing
 from encoder.__main__ import main
+from encoder.encoder_report import TrackingWork
 from encoder.encoder_session import EncoderSession
-from encoder.groups import CornerGroups, Group
+from encoder.groups import CornerGroups, Group, TrackedGroups, thinned, worthwhile
 from encoder.point_tracker import PointTracker
 from encoder.spacing import Spacing
-from encoder.tracked_groups import TrackedGroups, thinned, worthwhile
-from encoder.work import TrackingWork
 from tests.clips import moving_texture, write_clip
 
 SLOW = moving_texture(12, 96, 128, (0.0, 1.0))
@@ -60,7 +59,6 @@ def check_cover(groups: Sequence[Group], frames: Sequence[Frame]) -> None:
 @pytest.mark.parametrize("length", [2, 5, 11, 20])
 @pytest.mark.parametrize("num_frames", [0, 1, 2, 3, 12])
 def test_groups_have_the_longest_length(num_frames: int, length: int) -> None:
-    """Where nothing asks for a key frame, groups are as long as they may be."""
     groups = cut(SLOW[:num_frames], length)
     check_cover(groups, SLOW[:num_frames])
     sizes = sizes_of(groups)
@@ -70,7 +68,6 @@ def test_groups_have_the_longest_length(num_frames: int, length: int) -> None:
 
 
 def test_long_tracks_ask_for_a_key_frame() -> None:
-    """A group ends as soon as a point has moved so far."""
     groups = cut(SLOW, 10, KeyFrameRule(longest_track_px=3.0, lost_share=1.0))
     check_cover(groups, SLOW)
     assert sizes_of(groups) == [1, 3, 3, 3, 2]
@@ -84,7 +81,6 @@ def test_groups_have_a_least_length() -> None:
 
 
 def test_lost_tracks_ask_for_a_key_frame() -> None:
-    """Points that leave the frame end the group in which they do."""
     fast = moving_texture(8, 64, 96, (0.0, 4.0))
     loose = sizes_of(cut(fast, 8, KeyFrameRule(1e6, 1.0)))
     strict = sizes_of(cut(fast, 8, KeyFrameRule(1e6, 0.1)))
@@ -188,7 +184,6 @@ def test_hopeless_frames_are_a_matter_of_the_rule() -> None:
     ids=["black", "16x16", "1x1"],
 )
 def test_frames_without_corners_make_groups(luma: np.ndarray) -> None:
-    """Without a corner there are groups of the longest length, and no tracks."""
     frames = [Frame(luma) for _ in range(7)]
     groups = cut(frames, 3)
     check_cover(groups, frames)
@@ -197,7 +192,6 @@ def test_frames_without_corners_make_groups(luma: np.ndarray) -> None:
 
 
 def test_a_still_camera_that_starts_to_move() -> None:
-    """Tracks at rest stay, and follow once there is motion."""
     frames = [SLOW[0]] * 4 + list(SLOW[:4])
     (_, group) = cut(frames, 7)
     assert group.tracks is not None
@@ -205,25 +199,7 @@ def test_a_still_camera_that_starts_to_move() -> None:
     assert np.nanmedian(moved, axis=0).tolist() == [0, 0, 0, 0, 0, 1, 2, 3]
 
 
-def test_no_more_frames_are_held_than_a_group_has() -> None:
-    """A group is there as soon as its key frame is."""
-    taken = 0
-
-    def source() -> Iterator[Frame]:
-        nonlocal taken
-        for frame in SLOW:
-            taken += 1
-            yield frame
-
-    found = tracked(3).groups(source())
-    next(found)
-    assert taken == 1
-    next(found)
-    assert taken == 4
-
-
 def test_corners_of_wyner_ziv_frames() -> None:
-    """Groups of a fixed length hold the corners of each Wyner-Ziv frame."""
     config = codec_config(VideoConfig(128, 96, 25, 1), "3d-td", gop={"length": 4}, tracks={"num_points": 30})
     groups = list(CornerGroups(config, TrackingWork()).groups(SLOW))
     assert sizes_of(groups) == [1, 4, 4, 3]
@@ -242,7 +218,6 @@ def test_corners_of_wyner_ziv_frames() -> None:
     ],
 )
 def test_rules_that_make_no_sense_are_refused(rule: dict[str, float]) -> None:
-    """Lengths are positive, shares between 0 and 1."""
     with pytest.raises(ConfigError):
         KeyFrameRule(**rule)  # type: ignore[arg-type]
 
@@ -257,7 +232,6 @@ def session_of(codec: str, width: int, height: int, length: int) -> EncoderSessi
 
 @pytest.mark.parametrize("codec", ["3d-te", "3d-td"])
 def test_stream_carries_tracks_or_points(codec: str) -> None:
-    """What the records hold decodes, and the statistics count its bits and operations."""
     session, file = session_of(codec, 128, 96, 4), io.BytesIO()
     session.write(SLOW, file, lambda _: None)
     counted, bits, known = session.statistics, 0, 0
@@ -407,7 +381,6 @@ def test_command_chooses_key_frames(tmp_path: Path) -> None:
 def test_command_refuses_options_that_make_no_sense(
     tmp_path: Path, options: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line, exit status 2 and no output."""
     clip = write_clip(tmp_path / "clip.mkv", SLOW[:2])
     try:
         status = main([str(clip), str(tmp_path / "out.dvc"), *options])

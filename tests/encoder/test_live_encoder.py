@@ -21,6 +21,7 @@ from encoder.encoder_session import EncoderSession
 from encoder.live_encoder import DecoderPace, serve
 from encoder.rate_limits import RateLimits
 from tests.clips import moving_texture
+from tests.waiting import Clock
 
 LAST = encode_message(Finished())
 CONFIG = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
@@ -106,7 +107,6 @@ def served(
 
 
 def test_a_decoder_without_progress_is_lost_by_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """After an hour, however many or few bytes come."""
     now_s = 0.0
 
     class Idle(Decoder):
@@ -202,7 +202,6 @@ def test_a_decoder_that_does_not_come_back_ends_the_run() -> None:
 
 
 def test_a_connection_that_is_lost_after_all_is_written_is_no_error() -> None:
-    """All groups are confirmed, although the last message is missing."""
 
     class Lost(Decoder):
         """Is lost once all is done."""
@@ -221,7 +220,6 @@ def test_a_connection_that_is_lost_after_all_is_written_is_no_error() -> None:
 
 
 def test_bits_of_groups_that_are_sent_again_are_settled_once() -> None:
-    """A bit rate is not charged for what a lost connection took."""
     frames = [Frame(frame.luma) for frame in moving_texture(13, 24, 32)]
     session = EncoderSession(CONFIG, Live(), limits=RateLimits(bits_per_s=20_000))
     served(session, frames, Decoder(lasts=0, done=False), Decoder(), patience_s=1.0)
@@ -230,7 +228,6 @@ def test_bits_of_groups_that_are_sent_again_are_settled_once() -> None:
 
 
 def test_requests_are_answered_while_frames_are_awaited() -> None:
-    """A group is read when its frames are there."""
     frames = [Frame(frame.luma) for frame in moving_texture(5, 24, 32)]
     asked: list[bool] = []
 
@@ -242,16 +239,6 @@ def test_requests_are_answered_while_frames_are_awaited() -> None:
     served(EncoderSession(CONFIG, Live()), frames, decoder, has_frames=_has_frames)
     assert sum(gop.record.num_frames for gop in decoder.records) == 5
     assert len(asked) > 10
-
-
-class Clock:
-    """A clock that moves when it is told to."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
 
 
 def test_a_late_decoder_is_logged_less_and_less_often() -> None:
@@ -274,7 +261,6 @@ def test_a_late_decoder_is_logged_less_and_less_often() -> None:
 
 
 def test_a_decoder_in_time_is_not_logged() -> None:
-    """As long as frames are sent as early as they come nothing is said."""
     clock, said = Clock(), list[str]()
     pace = DecoderPace(Fraction(4), said.append, clock=clock)
     for number in range(50):

@@ -12,8 +12,9 @@ from dvc.slepian_wolf.requests import drive
 from dvc.video import Frame
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout, length_of_code
+from encoder.encoder_session import EncoderSession
 from encoder.groups import Group
-from encoder.rate_limiter import CodedFrames, CodeKey, Coding, RateLimiter, _limit_codes, limited
+from encoder.rate_limiter import CodedFrames, CodeKey, Coding, RateLimiter, _limit_codes
 from encoder.rate_limits import TOLERANCE, RateLimits
 from tests.clips import moving_texture
 
@@ -69,7 +70,6 @@ def test_predicted_key_frames_are_coded_once() -> None:
 
 @pytest.mark.parametrize("predicted", [20, 100, 600])
 def test_the_bitrate_holds_however_much_predicted_key_frames_take(predicted: int) -> None:
-    """What they take is expected by the one before."""
     keys = Keys(1000, predicted)
     limiter = limiter_of(RateLimits(bits_per_s=20_000))
     bits = [8 * len(coded_within(limiter, keys, number == 0).key.data) for number in range(250)]  # type: ignore[union-attr]
@@ -108,10 +108,9 @@ def test_a_predicted_key_frame_that_is_too_large_gives_way_to_an_idr_picture(
 
 @pytest.mark.parametrize("limits", [RateLimits(bits_per_s=20_000), RateLimits(None, 500)])
 def test_only_a_live_decoder_is_told_what_it_may_ask_for(limits: RateLimits) -> None:
-    """If there is any limit."""
-    assert limited(CONFIG, Live(), limits).wyner_ziv.limited
-    for others in (limited(CONFIG, NoFeedback(), limits), limited(CONFIG, Live(), RateLimits())):
-        assert others is CONFIG
+    for delivery, limit in ((Live(), limits), (NoFeedback(), limits), (Live(), None)):
+        config = EncoderSession(CONFIG, delivery, limits=limit).config
+        assert config.wyner_ziv.limited == (delivery == Live() and limit is not None)
 
 
 @pytest.mark.parametrize("bits_per_s", [None, 20_000])
@@ -121,7 +120,7 @@ def test_frames_may_take_no_more_than_the_limit_on_the_mean(bits_per_s: int | No
     limits, layout = RateLimits(bits_per_s, most_bits), FrameLayout.of(CONFIG)
     frames = moving_texture(4, 16, 16)
     planes = tuple(EncodedFrame.of(layout, frame.luma, 8.0) for frame in frames[:3])
-    limiter = RateLimiter(limited(CONFIG, Live(), limits), Live(), limits)
+    limiter = RateLimiter(EncoderSession(CONFIG, Live(), limits=limits).config, Live(), limits)
     coded = coded_within(limiter, Keys(1000, 100), True, Group((), frames[3]), planes)
     told = [length_of_code(code[0]) for code in coded.limits]
     headers = sum(8 * len(frame.header) for frame in planes)
@@ -131,7 +130,6 @@ def test_frames_may_take_no_more_than_the_limit_on_the_mean(bits_per_s: int | No
 
 
 def test_limits_are_for_those_who_choose_what_is_sent() -> None:
-    """Not for files with all parity, and not for fixed quantisers."""
     with pytest.raises(ConfigError, match="require --serve or --no-feedback"):
         RateLimiter(CONFIG, ParityBuffer(), RateLimits(1000))
 

@@ -18,7 +18,8 @@ from dvc.errors import BitstreamError
 from dvc.stream import GopRecord, StreamReader
 from dvc.video import Frame, VideoInfo
 from encoder import encoder_options as options
-from tests.clips import moving_texture
+from encoder.__main__ import new_session
+from tests.clips import moving_texture, raw_bytes
 
 SIZE = (48, 32)
 NUM_FRAMES = 200
@@ -53,16 +54,12 @@ for number, (num_bytes, later_s) in enumerate(moments):
 """
 
 
-def planes(frames: Iterator[Frame]) -> bytes:
-    return b"".join(plane.tobytes() for f in frames for plane in (f.luma, *(f.chroma or ())))
-
-
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write many frames as they come from a camera."""
     frames = moving_texture(24, SIZE[1], SIZE[0])
     path = tmp_path_factory.mktemp("input") / "long.yuv"
-    path.write_bytes(planes(islice(cycle([*frames, *frames[::-1]]), NUM_FRAMES)))
+    path.write_bytes(raw_bytes(islice(cycle([*frames, *frames[::-1]]), NUM_FRAMES)))
     return path
 
 
@@ -157,6 +154,6 @@ def test_memory_does_not_grow_with_the_recording(form: tuple[str, ...]) -> None:
             yield Frame(frame.luma.copy())
 
     with open(os.devnull, "wb") as file:
-        session = options.session(arguments, VideoInfo(176, 144, Fraction(25)))
+        session = new_session(arguments, VideoInfo(176, 144, Fraction(25)))
         session.write(camera(), file, lambda _: None)
     assert found[1] - found[0] < 20 * frames[0].luma.size

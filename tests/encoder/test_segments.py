@@ -15,12 +15,12 @@ from typing import BinaryIO, cast
 import numpy as np
 import pytest
 
-import decoder.__main__
 from dvc.errors import BitstreamError, ConfigError, VideoError
 from dvc.stream import StreamReader
-from dvc.video import Frame, open_video
-from encoder.segments import InputFrames, segment_names
-from tests.clips import moving_texture, same_frame
+from dvc.video import Frame
+from encoder.frame_queue import InputFrames
+from encoder.segments import segment_names
+from tests.clips import moving_texture, raw_bytes
 from tests.waiting import wait_until
 
 SIZE = (48, 32)
@@ -42,19 +42,16 @@ PATIENCE_S = 120
     ],
 )
 def test_names_of_segments(output: str, name: str) -> None:
-    """The number stands where the last part of the pattern says, or before the suffix."""
     assert segment_names(output).path(12) == Path(output).with_name(name)
 
 
 @pytest.mark.parametrize("output", ["%d-%d.dvc", "%s.dvc", "%04x.dvc", "100%.dvc", "%4d.dvc"])
 def test_names_without_one_number_are_refused(output: str) -> None:
-    """Any other conversion is one line, not a file with a strange name."""
     with pytest.raises(ConfigError, match="need one number"):
         segment_names(output)
 
 
 def test_existing_segments_are_found(tmp_path: Path) -> None:
-    """Finished segments and remains are found by number, other files are not."""
     for name in ("a-0003.dvc", "a-0010.dvc.part", "a-0003.dvc.part", "b-0020.dvc", "a-x.dvc", "a-0030.dvcx"):
         (tmp_path / name).touch()
     found = segment_names(str(tmp_path / "a.dvc")).existing()
@@ -100,10 +97,6 @@ def test_signals_end_the_frames(number: signal.Signals) -> None:
             frames.raise_end()
 
 
-def planes(frames: list[Frame]) -> bytes:
-    return b"".join(plane.tobytes() for f in frames for plane in (f.luma, *(f.chroma or ())))
-
-
 @pytest.fixture(scope="module")
 def frames() -> list[Frame]:
     return moving_texture(NUM_FRAMES, SIZE[1], SIZE[0])
@@ -131,14 +124,6 @@ def feed(process: "subprocess.Popen[bytes]", data: bytes) -> None:
     pipe.flush()
 
 
-def decoded(path: Path) -> list[Frame]:
-    """Decode a segment, whole or not."""
-    video = path.with_name(f"{path.name}.y4m")
-    assert decoder.__main__.main([str(path), str(video), "--unfinished", "--quiet"]) == 0
-    with open_video(video) as reader:
-        return list(reader)
-
-
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir() if ".y4m" not in path.name)
 
@@ -147,13 +132,12 @@ def names(folder: Path) -> list[str]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory, frames: list[Frame]) -> Path:
     """Return the folder of a recording that nothing happened to."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    status, lines = finish(start(folder, *RAW, "--json", folder / "report.json"), planes(frames))
+    status, lines = finish(start(folder, *RAW, "--json", folder / "report.json"), raw_bytes(frames))
     assert (status, [line for line in lines if "behind" not in line]) == (0, [])
     return folder
 
 
 def test_segments_hold_all_frames(undisturbed: Path) -> None:
-    """Every segment is a stream by itself with its share of the frames, and the report names them."""
     report = json.loads((undisturbed / "report.json").read_text())
     assert names(undisturbed) == ["day-0000.dvc", "day-0001.dvc", "day-0002.dvc", "report.json"]
     assert [(row["name"], row["frames"]) for row in report["segments"]] == [
@@ -179,32 +163,6 @@ def num_finished(path: Path) -> int:
         return 0
 
 
-def test_kill_loses_no_finished_group(tmp_path: Path, frames: list[Frame], undisturbed: Path) -> None:
-    """Whenever an encoder is killed, what it had written is what an undisturbed run writes."""
-    rng = np.random.default_rng(0)
-    folders = [tmp_path / str(number) for number in range(3)]
-    for folder in folders:
-        folder.mkdir()
-    for number, (folder, process) in enumerate([(folder, start(folder, *RAW)) for folder in folders]):
-        feed(process, planes(frames))
-        begun = [folder / f"day-{number:04d}.dvc{suffix}" for suffix in (".part", "")]
-        wait_until(lambda begun=begun: any(path.exists() for path in begun), process.poll)
-        time.sleep(rng.uniform(0.0, 0.1))
-        process.kill()
-        status, _ = finish(process)
-        assert status == -signal.SIGKILL
-        found = names(folder)
-        assert found[:number] == [f"day-{k:04d}.dvc" for k in range(number)]
-        for name in found:
-            kept = (folder / name).read_bytes()
-            whole = (undisturbed / name.removesuffix(".part")).read_bytes()
-            assert whole.startswith(kept)
-            assert name.endswith(".part") or kept == whole
-    last = [folders[-1] / name for name in found if num_finished(folders[-1] / name)][-1]
-    undisturbed_frames = decoded(undisturbed / last.name.removesuffix(".part"))
-    assert all(map(same_frame, decoded(last), undisturbed_frames))
-
-
 def processor_s(process: "subprocess.Popen[bytes]") -> float:
     """Return the processor time that a process has taken."""
     fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
@@ -216,8 +174,8 @@ def test_encoder_waits_for_a_stalled_pipe_until_it_is_stopped(
 ) -> None:
     """It takes no processor time, what is finished can be read, and a signal finishes the segment."""
     process = start(tmp_path, *RAW)
-    half_a_frame = len(planes(frames[:1])) // 2
-    feed(process, planes(frames[:14])[:-half_a_frame])
+    half_a_frame = len(raw_bytes(frames[:1])) // 2
+    feed(process, raw_bytes(frames[:14])[:-half_a_frame])
     part = tmp_path / "day-0001.dvc.part"
     wait_until(lambda: part.exists() and num_finished(part) == 2, process.poll)
     before = processor_s(process)
@@ -240,7 +198,7 @@ def test_recording_goes_on_after_what_is_there(tmp_path: Path, frames: list[Fram
     (tmp_path / "day-0004.dvc").write_bytes(b"earlier")
     (tmp_path / "day-0006.dvc.part").write_bytes(b"left")
     process = start(tmp_path, *RAW)
-    status, lines = finish(process, planes(frames[:13])[:-100])
+    status, lines = finish(process, raw_bytes(frames[:13])[:-100])
     assert status == 3
     assert "day-0006.dvc.part remains from an earlier recording" in lines[0]
     assert lines[-1].startswith("dvc-encode: standard input: damaged after 12 frames (ends within frame 12")
@@ -253,11 +211,11 @@ def test_recording_goes_on_after_what_is_there(tmp_path: Path, frames: list[Fram
 def test_full_disk_loses_no_finished_group(tmp_path: Path, frames: list[Frame], undisturbed: Path) -> None:
     """A segment that does not fit is one line; the segments before it and its own finished groups stay."""
     process = start(tmp_path, *RAW)
-    feed(process, planes(frames[:PER_SEGMENT]))
+    feed(process, raw_bytes(frames[:PER_SEGMENT]))
     wait_until((tmp_path / "day-0000.dvc").exists, process.poll)
     whole = (undisturbed / "day-0001.dvc").read_bytes()
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (len(whole) // 2, len(whole) // 2))
-    status, lines = finish(process, planes(frames[PER_SEGMENT:]))
+    status, lines = finish(process, raw_bytes(frames[PER_SEGMENT:]))
     part = tmp_path / "day-0001.dvc.part"
     assert status == 2
     assert lines[-1] == f"dvc-encode: cannot write {part}: File too large"

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from dvc.keyframes import KeyPicture
 from encoder import _kernels
+from encoder.encoder_report import TrackingWork
 from encoder.point_tracker import PointTracker
 from encoder.spacing import (
     ALONE_COST,
@@ -20,7 +21,6 @@ from encoder.spacing import (
     interpolation_error,
     quantizer_step,
 )
-from encoder.work import TrackingWork
 from tests.clips import moving_texture
 from tests.reference import interpolation as reference
 from tests.twins import Choose
@@ -59,7 +59,6 @@ def test_what_tracks_follow_has_no_error(dx: int, dy: int, num_points: int, seed
 
 @pytest.mark.parametrize("size", [(0, 0), (8, 8), (72, 92), (720, 1280)])
 def test_work_is_counted(size: tuple[int, int]) -> None:
-    """One block in four, less of large pictures, and all points for each."""
     frame, work = np.zeros(size, np.uint8), TrackingWork()
     interpolation_error(frame, (frame, frame), np.zeros((5, 3, 2)), work)
     spacing = max(SPACING_PX, isqrt(frame.size // MANY_BLOCKS))
@@ -68,15 +67,19 @@ def test_work_is_counted(size: tuple[int, int]) -> None:
     assert work.num_near == 5 * work.num_interpolated
 
 
-def clip_with(num_frames: int, changed: int) -> tuple[list[np.ndarray], PointTracker]:
-    """Return frames of which one does not fit between the others, and tracks of them."""
-    frames = [frame.luma.copy() for frame in moving_texture(num_frames, 64, 96, (0.0, 1.0))]
-    frames[changed][::2] ^= 8
+def tracker_of(frames: list[np.ndarray]) -> PointTracker:
     tracker = PointTracker(30)
     tracker.start(frames[0])
     for frame in frames[1:]:
         tracker.step(frame)
-    return frames, tracker
+    return tracker
+
+
+def clip_with(num_frames: int, changed: int) -> tuple[list[np.ndarray], PointTracker]:
+    """Return frames of which one does not fit between the others, and tracks of them."""
+    frames = [frame.luma.copy() for frame in moving_texture(num_frames, 64, 96, (0.0, 1.0))]
+    frames[changed][::2] ^= 8
+    return frames, tracker_of(frames)
 
 
 def error_of(frames: list[np.ndarray], tracker: PointTracker) -> float:
@@ -104,24 +107,13 @@ def test_key_frames_lie_close_where_prediction_costs_more(last: int) -> None:
 def test_nothing_is_too_far_without_an_error(last: int) -> None:
     """Even where key frames cost nothing; without a point, frames are compared as they are."""
     frames = [np.full((64, 96), 77, np.uint8)] * (last + 1)
-    tracker, spacing = PointTracker(30), Spacing(TrackingWork())
-    tracker.start(frames[0])
-    for frame in frames[1:]:
-        tracker.step(frame)
+    tracker, spacing = tracker_of(frames), Spacing(TrackingWork())
     assert tracker.path(last + 1).shape == (0, last + 1, 2)
     assert not spacing.is_too_far(frames, tracker)
     frames[last // 2] = frames[0] + 1
     assert spacing.is_too_far(frames, tracker)
-
-
-def test_odd_frames_that_are_tiny_are_never_too_far() -> None:
-    """None of their blocks is compared."""
-    frames = list(np.random.default_rng(0).integers(0, 256, (3, 7, 5)).astype(np.uint8))
-    tracker = PointTracker(30)
-    tracker.start(frames[0])
-    for frame in frames[1:]:
-        tracker.step(frame)
-    assert not Spacing(TrackingWork()).is_too_far(frames, tracker)
+    tiny = list(np.random.default_rng(0).integers(0, 256, (3, 7, 5)).astype(np.uint8))
+    assert not spacing.is_too_far(tiny, tracker_of(tiny))  # none of their blocks is compared
 
 
 @pytest.mark.parametrize(

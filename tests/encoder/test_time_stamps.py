@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dvc.config import VideoConfig
 from dvc.stream import Deviations, frame_times_s
 from dvc.video import Frame, TimeStamp
-from encoder.time_stamps import CodingClock
+from encoder.encoder_session import CodingClock
 
 LUMA = np.zeros((1, 1), np.uint8)
 rates = st.sampled_from([Fraction(30000, 1001), Fraction(25), Fraction(15, 2), Fraction(16)])
@@ -82,7 +82,6 @@ def test_frames_without_times_follow_at_the_usual_distance() -> None:
 
 
 def test_a_clock_that_is_too_coarse_tells_nothing() -> None:
-    """Ticks that are longer than frames, as of a whole second."""
     assert (
         coded(CodingClock(Fraction(10)), Fraction(10), [TimeStamp(n // 10, 1) for n in range(9)])[1]
         == [None] * 3

@@ -7,15 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dvc.config import VideoConfig, codec_config
 from dvc.corners import SENSITIVITY
 from dvc.tracks import PointTracks
 from dvc.tracks.regression import _kernels as kernels
 from dvc.tracks.regression._kernels import NUM_NEIGHBOURS
 from dvc.wynerziv import _kernels as wyner_ziv_kernels
 from dvc.wynerziv import transform
-from encoder import _kernels, work
+from encoder import _kernels
+from encoder import encoder_report as work
 from encoder.corner_detector import TRACKED_CORNERS, _response
-from encoder.work import Operations
+from encoder.encoder_report import Operations
 from tests.clips import moving_texture
 from tests.counting import Data, Tally, counting
 
@@ -50,7 +52,6 @@ def test_transform() -> None:
 
 @pytest.mark.parametrize("planes", [[10, 4, 4, 3, 3, 2, 2, 1, 1, 1, 0, 0, 0, 0, 0, 0], [4] * 16])
 def test_quantisation(planes: Sequence[int]) -> None:
-    """Coefficients to words of planes: only bands that have some count."""
     tally, words = Tally(), np.zeros((1, CORE.shape[1]), np.uint64)
     given = transform.BAND_SCALE, 16.0, np.zeros(16), np.array(planes)
     kernel = wyner_ziv_kernels.pack_uniform
@@ -64,7 +65,6 @@ def test_quantisation(planes: Sequence[int]) -> None:
 
 @pytest.mark.parametrize("half_side_px", [_kernels.HALF_BLOCK_PX, _kernels.QUARTER_HALF_BLOCK_PX])
 def test_block_comparison(half_side_px: int) -> None:
-    """Every sample of a block, and those that are masked."""
     tally, side = Tally(), 2 * half_side_px + 1
     blocks = RNG.integers(0, 256, (2, side, side)).astype(np.uint8)
     counts = np.zeros(2, np.int64)
@@ -76,7 +76,6 @@ def test_block_comparison(half_side_px: int) -> None:
 
 
 def test_spatial_candidates() -> None:
-    """A point that was found is compared with all that are left."""
     tally, places = Tally(), RNG.integers(0, 200, (2, 9)).astype(np.int32)
     nearest_found = np.full(9, _kernels.UNKNOWN << 20)
     given = (*(Data(line, tally) for line in places), 2, 3, Data(nearest_found, tally))
@@ -193,12 +192,16 @@ def test_interpolation() -> None:
 
 
 def test_stages_add_up() -> None:
-    """A run without work takes nothing; twice the work takes twice the operations."""
+    config = codec_config(VideoConfig(12, 8, 25, 1))
     none, once, twice = (
-        work.stages(
-            work.TrackingWork(9 * n, 5 * n, 500 * n, n, n, 7 * n, 6 * n, 3 * n, 2 * n), 96, 64, 4 * n, 8 * n
-        )
+        work.EncoderStatistics(
+            num_key_frames=1,
+            num_transformed=4 * n,
+            num_coded_bands=8 * n,
+            tracking=work.TrackingWork(9 * n, 5 * n, 500 * n, n, n, 7 * n, 6 * n, 3 * n, 2 * n),
+        ).operations_per_pixel(config)
         for n in (0, 1, 2)
     )
-    assert all(stage.total == stage.bytes == 0 for stage in none.values())
-    assert all(stage.total > 0 and twice[name] == stage.times(2) for name, stage in once.items())
+    for name, stage in once.items():
+        assert sum(none[name].values()) == 0.0 < sum(stage.values())
+        assert twice[name] == {kind: pytest.approx(2 * number) for kind, number in stage.items()}

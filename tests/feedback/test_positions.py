@@ -98,7 +98,6 @@ Entry = tuple[int, int, Kind, int, set[int], dict[int, tuple[tuple[int, ...], by
 
 @given(st.lists(entries, min_size=1, max_size=5))
 def test_requests_survive_the_wire(drawn: list[Entry]) -> None:
-    """Requests with any increasing positions and runs come back, in a message no longer than one may be."""
     requests = []
     for frame, run, kind, code, chosen, described in sorted(drawn, key=lambda entry: entry[0]):
         positions = tuple(sorted(chosen)) if kind in ("parity", "joint") else ()
@@ -117,11 +116,14 @@ payloads = st.binary(max_size=60) | st.lists(st.integers(0, 15), max_size=60).ma
 
 @given(payloads)
 def test_any_bytes_are_requests_or_refused(payload: bytes) -> None:
-    """Whatever is read has increasing positions, frames and planes, and comes back when it is written."""
     try:
-        requests = read(payload)
+        expected = plain_requests(payload)
     except BitstreamError:
+        with pytest.raises(BitstreamError):
+            read(payload)
         return
+    requests = read(payload)
+    assert requests == expected
     for request in requests:
         assert list(request.positions) == sorted(set(request.positions))
         offsets = [part.offset for part in request.begun or ()]
@@ -130,20 +132,6 @@ def test_any_bytes_are_requests_or_refused(payload: bytes) -> None:
             assert list(part.planes) == sorted(set(part.planes))
             assert part.offset >= 0
     assert read(payload_of(written(*requests))) == requests
-
-
-@given(payloads)
-def test_compiled_syntax_is_that_of_its_plain_twin(payload: bytes) -> None:
-    """Requests and faults of any bytes are those that reading them number by number finds."""
-    try:
-        expected: list[ParityRequest] | None = plain_requests(payload)
-    except BitstreamError:
-        expected = None
-    try:
-        found: list[ParityRequest] | None = read(payload)
-    except BitstreamError:
-        found = None
-    assert found == expected
 
 
 def plain_requests(payload: bytes) -> list[ParityRequest]:
@@ -238,7 +226,6 @@ def test_orders_may_change_and_requests_go_on() -> None:
     ],
 )
 def test_hostile_positions_are_refused(request_: ParityRequest, text: str) -> None:
-    """Positions that are none, too many, out of order or out of place break the protocol."""
     account = opened(CONFIG)
     enter(account, beginning(0, 0), beginning(1, 3))
     account.answer()
@@ -248,7 +235,6 @@ def test_hostile_positions_are_refused(request_: ParityRequest, text: str) -> No
 
 @pytest.mark.parametrize("kind", ["parity", "joint"])
 def test_turbo_codes_have_no_positions(kind: Kind) -> None:
-    """Where parity has an order of release, requests by position are refused."""
     with pytest.raises(ValueError, match=r"no positions|joint bits"):
         enter(opened(TURBO), ParityRequest(1, 0, kind, 0, 0, 1, (0,), FIRST))
 
@@ -332,7 +318,6 @@ def test_runs_begin_in_turn(number: int, begun: Run) -> None:
 
 
 def test_a_frame_names_so_many_runs_and_no_more() -> None:
-    """Another frame of the group may name as many."""
     config = codec_config(VIDEO, "2d", gop={"length": 4})
     account, num_planes = opened(config, 4), sum(config.wyner_ziv.max_planes)
     planes = [divmod(number, num_planes) for number in range(2 * MAX_RUNS)]
@@ -419,11 +404,7 @@ def test_runs_end_with_their_group_of_pictures() -> None:
     with pytest.raises(ValueError, match="run 0 of frame 3: this run, or another"):
         enter(account, replace(beginning(0, 0, frame=3), begun=None))
     enter(account, beginning(0, 0, 1, frame=3), beginning(1, 3, frame=3))
-
-
-def test_frames_have_their_own_runs() -> None:
-    """What one frame names is no run of another, whosever bits it has."""
-    account = opened(CONFIG, 3)
+    account = opened(CONFIG, 3)  # a run that one frame names is no run of another
     both = ParityRequest(1, 0, "crc", 0, 0, 1, begun=(Part(0, (0,)), Part(1, (0,))))
     enter(account, both, beginning(1, 3), beginning(0, 4, frame=2))
     assert len(account.answer().runs) == 3
@@ -432,7 +413,6 @@ def test_frames_have_their_own_runs() -> None:
 
 
 def test_endpoint_refuses_requests_that_are_too_long() -> None:
-    """The length is judged before the bytes come."""
     encoder = EncoderEndpoint(CONFIG)
     encoder.receive(DecoderEndpoint(bytes(16)).bytes_to_send())
     encoder.send_welcome()
@@ -460,29 +440,20 @@ def opened_ends(num_frames: int = 2) -> tuple[EncoderEndpoint, DecoderEndpoint]:
     return encoder, decoder
 
 
-def test_many_positions_take_several_messages() -> None:
-    """What is asked for at once is divided into messages that the encoder takes."""
+@pytest.mark.parametrize("kind", ["positions", "areas"])
+def test_many_numbers_take_several_messages(kind: str) -> None:
+    """Requests are divided into messages that the encoder takes; areas of runs count as positions do."""
+    areas = [
+        beginning(plane, plane, frame=frame, areas=bytes([plane]) * MAX_AREAS_BYTES)
+        for frame in range(1, 4)
+        for plane in range(NUM_PLANES)
+    ]
     everything = tuple(range(NUM_BITS))
-    check_division(
-        [
-            ParityRequest(1, plane, "parity", 0, 0, NUM_BITS, everything, of_planes(plane))
-            for plane in range(NUM_PLANES)
-        ]
-    )
-
-
-def test_many_areas_take_several_messages() -> None:
-    """Descriptions of runs count as positions do."""
-    check_division(
-        [
-            beginning(plane, plane, frame=frame, areas=bytes([plane]) * MAX_AREAS_BYTES)
-            for frame in range(1, 4)
-            for plane in range(NUM_PLANES)
-        ]
-    )
-
-
-def check_division(requests: list[ParityRequest]) -> None:
+    positions = [
+        ParityRequest(1, plane, "parity", 0, 0, NUM_BITS, everything, of_planes(plane))
+        for plane in range(NUM_PLANES)
+    ]
+    requests = areas if kind == "areas" else positions
     encoder, decoder = opened_ends(4)
     decoder.send_requests(requests)
     tables = [event for event in encoder.receive(decoder.bytes_to_send()) if isinstance(event, RequestTable)]
@@ -520,16 +491,11 @@ def test_the_largest_request_fits() -> None:
     ],
 )
 def test_encoder_refuses_runs_that_cannot_be(wrong: Part, text: str) -> None:
-    """Planes or areas that are too many, and planes or frames that are not there, end the channel."""
     encoder, _ = opened_ends(3)
     request = ranges(3, begun=(*FIRST, wrong))
     with pytest.raises(FeedbackError, match=f"run 0 of frame 1 .*{text}"):
         encoder.receive(written(request))
-
-
-def test_any_number_of_parts_is_read_in_time() -> None:
-    """A message full of them, which no decoder sends, is refused for what they say."""
     encoder, _ = opened_ends()
-    begun = tuple(Part(offset, (0,)) for offset in range(40000))
+    begun = tuple(Part(offset, (0,)) for offset in range(40000))  # read in time
     with pytest.raises(FeedbackError, match="run 0 of frame 1 has frames"):
         encoder.receive(written(ranges(3, begun=begun)))

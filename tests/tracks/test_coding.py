@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc._jit import python_twin
 from dvc.config import CodecConfig, TracksConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError
 from dvc.tracks import (
@@ -20,8 +19,11 @@ from dvc.tracks import (
     encode_points,
 )
 from dvc.tracks import encode_tracks as encode
-from dvc.tracks.point_sets import column_scan
+from dvc.tracks.coding import column_scan
+from dvc.tracks.regression import _kernels as motion_kernels
 from tests.reference import point_sets as reference
+from tests.reference import track_regression as motion_reference
+from tests.twins import Choose
 
 
 def config_of(
@@ -93,7 +95,6 @@ def test_tracks_come_back(
 
 @pytest.mark.parametrize("seed", range(3))
 def test_time_can_be_reversed(seed: int) -> None:
-    """Tracks that all were followed back in time decode as those of the reversed group do."""
     config = config_of(64, 48, 20, 1)
     tracks = drawn_tracks(seed, config, 20, 6, 0.5)
     there = decode_tracks(encode(tracks, config), 6, config)
@@ -119,32 +120,7 @@ def test_tracks_tell_the_motion_of_births() -> None:
     assert sizes[2] < sizes[0] + 0.85 * sizes[1]
 
 
-@pytest.mark.parametrize(
-    ("positions", "num_backward", "message"),
-    [
-        ([[[0, 0], [1, 1]], [[0, 9], [1, 1]], [[8, 0], [1, 1]]], 3, "at most 2"),
-        ([[[0, 0], [352, 1]]], 1, "inside the frame"),
-        ([[[0, 0], [1, 1]], [[0, 0], [np.nan, 1]]], 1, "known in the last key frame"),
-        ([[[1, 1], [np.nan, 0], [0, 0]]], 1, "come back"),
-    ],
-)
-def test_births_that_make_no_sense_are_refused(
-    positions: list[object], num_backward: int, message: str
-) -> None:
-    """What holds for tracks holds for those that were followed back in time."""
-    with pytest.raises(ValueError, match=message):
-        encode(PointTracks(np.array(positions, np.float64), num_backward), config_of(num_points=2))
-
-
-@pytest.mark.parametrize("num_backward", [-1, 3])
-def test_no_more_births_than_tracks(num_backward: int) -> None:
-    """Births are some of the tracks."""
-    with pytest.raises(ValueError, match="num_backward"):
-        PointTracks(np.zeros((2, 3, 2)), num_backward)
-
-
 def test_no_tracks_cost_nothing() -> None:
-    """No tracks are an empty payload, and back."""
     config = config_of()
     assert encode(PointTracks.none(5), config) == b""
     assert decode_tracks(b"", 5, config).positions.shape == (0, 5, 2)
@@ -155,7 +131,6 @@ def test_no_tracks_cost_nothing() -> None:
 
 @pytest.mark.parametrize("full", [True, False])
 def test_most_tracks_come_back(full: bool) -> None:
-    """The largest number of tracks, in one direction of time or both, is coded as any other."""
     config = config_of(num_points=1024 if full else 1)
     most = config.tracks.num_points
     tracks = drawn_tracks(5, config, most, 8, 1.0)
@@ -179,20 +154,27 @@ def test_smooth_tracks_are_cheap() -> None:
 
 
 @pytest.mark.parametrize(
-    ("positions", "message"),
+    ("positions", "num_backward", "message"),
     [
-        ([[[0, 0], [1, 1]], [[0, 9], [1, 1]], [[8, 0], [1, 1]]], "at most 2"),
-        ([[[0, 0], [352, 1]]], "inside the frame"),
-        ([[[-1, 0], [1, 1]]], "inside the frame"),
-        ([[[1e300, 0], [1, 1]]], "inside the frame"),
-        ([[[np.nan, 0], [1, 1]]], "known in the first key frame"),
-        ([[[0, 0], [np.nan, 0], [1, 1]]], "come back"),
+        ([[[0, 0], [1, 1]], [[0, 9], [1, 1]], [[8, 0], [1, 1]]], 0, "at most 2"),
+        ([[[0, 0], [1, 1]], [[0, 9], [1, 1]], [[8, 0], [1, 1]]], 3, "at most 2"),
+        ([[[0, 0], [352, 1]]], 0, "inside the frame"),
+        ([[[0, 0], [352, 1]]], 1, "inside the frame"),
+        ([[[-1, 0], [1, 1]]], 0, "inside the frame"),
+        ([[[1e300, 0], [1, 1]]], 0, "inside the frame"),
+        ([[[np.nan, 0], [1, 1]]], 0, "known in the first key frame"),
+        ([[[0, 0], [1, 1]], [[0, 0], [np.nan, 1]]], 1, "known in the last key frame"),
+        ([[[0, 0], [np.nan, 0], [1, 1]]], 0, "come back"),
+        ([[[1, 1], [np.nan, 0], [0, 0]]], 1, "come back"),
+        ([[[0, 0], [1, 1]]], -1, "num_backward"),
+        ([[[0, 0], [1, 1]]], 2, "num_backward"),
     ],
 )
-def test_tracks_that_make_no_sense_are_refused(positions: list[object], message: str) -> None:
-    """Too many tracks, positions outside, and tracks with gaps are errors of the caller."""
+def test_tracks_that_make_no_sense_are_refused(
+    positions: list[object], num_backward: int, message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
-        encode(PointTracks(np.array(positions, np.float64)), config_of(num_points=2))
+        encode(PointTracks(np.array(positions, np.float64), num_backward), config_of(num_points=2))
 
 
 @given(
@@ -217,35 +199,25 @@ def test_points_cost_what_the_thesis_says() -> None:
 
 
 def test_points_that_make_no_sense_are_refused() -> None:
-    """Too many points, and points that are not known or outside, are errors of the caller."""
     config = config_of(num_points=2, kind="decoder")
     for points in ([[0, 0], [1, 1], [2, 2]], [[np.nan, 0]], [[0, 288]]):
         with pytest.raises(ValueError, match="points"):
             encode_points(FeaturePoints((np.array(points, np.float64),)), config)
 
 
+@pytest.mark.parametrize("kind", ["encoder", "decoder"])
 @given(st.binary(min_size=1, max_size=60), st.integers(2, 20), st.sampled_from([1, 7, 128, 1024]))
 @settings(max_examples=150)
-def test_any_bytes_are_tracks_or_refused(data: bytes, num_instants: int, num_points: int) -> None:
-    """Arbitrary bytes decode to tracks that code to the same bytes, or are damaged."""
-    config = config_of(num_points=num_points)
+def test_any_bytes_are_a_payload_or_refused(kind: str, data: bytes, count: int, num_points: int) -> None:
+    """Arbitrary bytes decode to tracks, or points, that code to the same bytes, or are damaged."""
+    config = config_of(num_points=num_points, kind=kind)
     try:
-        tracks = decode_tracks(data, num_instants, config)
+        if kind == "encoder":
+            assert encode(decode_tracks(data, count, config), config) == data
+        else:
+            assert encode_points(decode_points(data, count, config), config) == data
     except BitstreamError:
         return
-    assert encode(tracks, config) == data
-
-
-@given(st.binary(min_size=1, max_size=60), st.integers(0, 5), st.sampled_from([1, 7, 128, 1024]))
-@settings(max_examples=150)
-def test_any_bytes_are_points_or_refused(data: bytes, num_frames: int, num_points: int) -> None:
-    """Arbitrary bytes decode to points that code to the same bytes, or are damaged."""
-    config = config_of(num_points=num_points, kind="decoder")
-    try:
-        points = decode_points(data, num_frames, config)
-    except BitstreamError:
-        return
-    assert encode_points(points, config) == data
 
 
 @given(st.integers(0, 2**16), st.integers(1, 255), st.booleans())
@@ -268,26 +240,20 @@ def test_damaged_payloads_never_pass_for_the_original(place: int, change: int, c
 
 @pytest.mark.parametrize("trailer", [b"\0", b"\1", b"trailing"])
 def test_trailing_bytes_are_refused(trailer: bytes) -> None:
-    """A payload ends where its tracks or points do."""
     config = config_of(64, 48, 20)
     for counts in ((20, 0), (20, 12), (0, 12)):
         payload = encode(with_births(1, config, counts, 6, 0.5), config)
         with pytest.raises(BitstreamError):
             decode_tracks(payload + trailer, 6, config)
+    with pytest.raises(BitstreamError, match="damaged"):
+        decode_tracks(b"\0", 3, config)  # no tracks have one form, the empty one
     payload = encode_points(FeaturePoints((np.array([[3.0, 4.0], [9.0, 1.0]]),)), config)
     with pytest.raises(BitstreamError):
         decode_points(payload + trailer, 1, config)
 
 
-def test_a_payload_without_tracks_is_refused() -> None:
-    """No tracks have one form, the empty one."""
-    with pytest.raises(BitstreamError, match="damaged"):
-        decode_tracks(b"\0", 3, config_of())
-
-
 @pytest.mark.nojit
 def test_payload_is_frozen() -> None:
-    """The bytes of a small set of tracks stay what they are, with and without compiled kernels."""
     positions = [
         [[8, 4], [9, 5], [11, 5]],
         [[20, 12], [21, 13], [np.nan, np.nan]],
@@ -319,7 +285,6 @@ def test_payloads_are_frozen(
     spread: float,
     frozen: str,
 ) -> None:
-    """The bytes of many tracks, and of their places in the first frames as points, stay what they are."""
     config = config_of(*size, subpixel_bits=bits)
     tracks = with_births(7, config, counts, num_instants, spread)
     frames = (tracks.forward[:, 0], tracks.backward[:, -1])
@@ -329,7 +294,6 @@ def test_payloads_are_frozen(
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 12)), max_size=6), st.integers(0, 20))
 def test_free_rows_agree_with_the_twin(points: list[tuple[int, int]], column: int) -> None:
-    """Rows are free below the last point of the column and away from all points."""
     scanned = sorted(points)
     distance = reference.min_distance(scanned, 255)
     array = np.array(scanned, np.int64).reshape(-1, 2)
@@ -342,11 +306,10 @@ def test_free_rows_agree_with_the_twin(points: list[tuple[int, int]], column: in
     assert count == free.sum()
 
 
-@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("scale", [1.0, 4.0])
-def test_positions_are_rounded_to_units(scale: float, twin: bool) -> None:
+def test_positions_are_rounded_to_units(scale: float, choose: Choose) -> None:
     """Halves go to even numbers, unknown positions are lost, and one outside is noticed in any coordinate."""
-    set_units = python_twin(_kernels.set_units) if twin else _kernels.set_units
+    set_units = choose(_kernels.set_units)
     positions = np.random.default_rng(1).uniform(0.0, 20.0, (50, 2)).round(1)
     positions[::7] = np.nan
     units, sides = np.empty((50, 2), np.int64), np.array([81, 90])
@@ -358,13 +321,136 @@ def test_positions_are_rounded_to_units(scale: float, twin: bool) -> None:
         assert not set_units(positions, scale, sides, units)
 
 
-@pytest.mark.parametrize("twin", [False, True])
-def test_tracks_that_come_back_are_noticed(twin: bool) -> None:
-    """A track may be lost at any instant, and not be known later."""
-    is_lost_for_good = python_twin(_kernels.is_lost_for_good) if twin else _kernels.is_lost_for_good
+def test_tracks_that_come_back_are_noticed(choose: Choose) -> None:
+    is_lost_for_good = choose(_kernels.is_lost_for_good)
     units = np.ones((3, 5, 2), np.int64)
     for t in range(4, -1, -1):
         units[1, t] = _kernels.LOST
         assert is_lost_for_good(units)
     units[1, 3] = 7
     assert not is_lost_for_good(units)
+
+
+def scene_tracks(seed: int, count: int = 100, num_instants: int = 12) -> PointTracks:
+    """Return tracks of points at several depths under a camera that moves unevenly."""
+    rng = np.random.default_rng(seed)
+    start = rng.integers(15, 55, (count, 1, 2)) * 4.0
+    inverse_depth = rng.uniform(0.2, 1.0, (count, 1, 1))
+    path = np.concatenate([[[0.0, 0.0]], np.cumsum(rng.normal(0.0, 1.0, (num_instants - 1, 2)), axis=0)])
+    turn = np.concatenate([[0.0], np.cumsum(rng.normal(0.0, 0.002, num_instants - 1))])[None, :, None]
+    centred = start - 140.0
+    across = np.stack([-centred[..., 1], centred[..., 0]], axis=-1)
+    return PointTracks(start + 3.0 * inverse_depth * path[None] + turn * across + path[None])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_tracks_of_a_scene_cost_little(seed: int) -> None:
+    """What a camera explains costs 32 bits for a track of twelve instants, first position included."""
+    tracks = scene_tracks(seed)
+    payload = encode(tracks, config_of(subpixel_bits=1))
+    assert 8 * len(payload) < 32 * len(tracks)
+
+
+def wild_tracks(seed: int, config: CodecConfig) -> PointTracks:
+    """Return tracks that leap between the corners of the frame, of which some rest or go anywhere."""
+    rng = np.random.default_rng(seed)
+    count, num_instants = int(rng.integers(1, 24)), int(rng.choice([2, 5, 30, 120]))
+    ends = np.array([config.video.width - 1, config.video.height - 1])
+    positions = rng.integers(0, 2, (count, num_instants, 1 + seed % 2)) * ends.astype(np.float64)
+    rests, strays = rng.random(count) < 0.2, rng.random(count) < 0.2 * (seed % 3)
+    positions[rests, 1:] = positions[rests, :1]
+    positions[strays] = np.round(rng.uniform(size=(int(strays.sum()), num_instants, 2)) * ends)
+    return PointTracks(positions, int(rng.integers(0, count + 1)))
+
+
+@pytest.mark.parametrize("size", [(3840, 2160), (640, 480), (16384, 1024), (4, 16384)])
+def test_wild_tracks_come_back(size: tuple[int, int]) -> None:
+    for seed in range(250):
+        config = config_of(*size, 24, seed % 4)
+        tracks = wild_tracks(seed, config)
+        decoded = decode_tracks(encode(tracks, config), tracks.num_instants, config)
+        assert rows_of(decoded.forward) == rows_of(tracks.forward)
+        assert rows_of(decoded.backward) == rows_of(tracks.backward)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_motion_is_that_of_least_squares(seed: int, choose: Choose) -> None:
+    """Drawn to one position after the other, coefficients become those of all at once."""
+    rng = np.random.default_rng(seed)
+    features, errors = rng.normal(size=(30, 10)), rng.normal(0.0, 0.3, (30, 2))
+    prior, noise = rng.uniform(0.5, 2.0, 10), 5.0
+    instant = motion_kernels.new_instant(30)
+    covariance = instant.covariance.reshape(10, motion_kernels.STRIDE)
+    instant.features[:] = features
+    covariance[:, :10] = np.diag(prior)
+    for i, (row, wanted) in enumerate(zip(features, errors, strict=True)):
+        variance = choose(motion_kernels.set_gain)(instant, i)
+        np.testing.assert_allclose(instant.gain[:10], covariance[:, :10] @ row, atol=1e-12)
+        rest = wanted - row @ instant.coefficients
+        choose(motion_kernels.learn_motion)(instant, *rest, variance, noise)
+    expected, spread = motion_reference.regularised_least_squares(features, errors, prior, noise)
+    np.testing.assert_allclose(instant.coefficients, expected, atol=1e-10)
+    np.testing.assert_allclose(covariance[:, :10], spread, atol=1e-10)
+    assert np.array_equal(covariance[:, :10], covariance[:, :10].T)
+    assert not covariance[:, 10:].any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_neighbours_are_the_nearest(seed: int, choose: Choose) -> None:
+    nearest_before = choose(motion_kernels.nearest_before)
+    first = np.random.default_rng(seed).integers(0, 12, (40, 2)).astype(np.float64)
+    neighbours, weights = np.empty((40, 8), np.int64), np.zeros((40, 8))
+    nearest_before(first, 30.0, neighbours, weights)
+    for i in range(40):
+        expected = motion_reference.nearest_before(first, i, 30.0)
+        count = len(expected)
+        assert neighbours[i, :count].tolist() == [j for j, _ in expected]
+        assert (neighbours[i, count:] == -1).all()
+        np.testing.assert_allclose(weights[i, :count], [weight for _, weight in expected])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 77])
+def test_first_tracks_are_far_apart(count: int, choose: Choose) -> None:
+    spread_order = choose(_kernels.spread_order)
+    assert spread_order(count).tolist() == motion_reference.spread_order(count)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cells_near_given_tracks_are_not_free(seed: int, choose: Choose) -> None:
+    """Cells are taken whose corner is nearer than so many cells to a given position, and no others."""
+    rng = np.random.default_rng(seed)
+    exponent, guard = int(rng.integers(0, 4)), int(rng.integers(0, 7))
+    shape = (21, 17)
+    taken = rng.integers(0, [shape[0] << exponent, shape[1] << exponent], (5, 2))
+    points = rng.integers(0, 100, (6, 2))
+    free = np.ones(shape, np.bool_)
+    choose(_kernels.take_guarded)(free, taken, guard, exponent)
+    assert np.array_equal(
+        free, motion_reference.unguarded_cells(shape, taken, guard << exponent, 1 << exponent)
+    )
+    square = ((points[:, None] - taken) ** 2).sum(axis=-1).min()
+    assert choose(_kernels.min_square)(points, taken) == square
+    assert choose(_kernels.min_square)(points, taken[:0]) == 0
+
+
+@pytest.mark.parametrize("reach", [0, 2, 7])
+def test_points_are_counted_in_cells_around_them(reach: int, choose: Choose) -> None:
+    """Cells after a point in the scan know how many points are within reach, up to three."""
+    count_near = choose(_kernels.count_near)
+    rng = np.random.default_rng(reach)
+    points = sorted((int(x), int(y)) for x, y in rng.integers(0, [20, 15], (12, 2)))
+    near = np.zeros((20, 15), np.uint8)
+    for k, (x, y) in enumerate(points):
+        count_near(near, x, y, reach, 3)
+        for later in range(15 * x + y + 1, 300):
+            cell = divmod(later, 15)
+            assert near[cell] == min(motion_reference.num_within(points[: k + 1], cell, reach), 3)
+
+
+def test_motion_of_lost_tracks_is_not_followed() -> None:
+    config = config_of()
+    tracks = drawn_tracks(5, config, 60, 9, 0.3)
+    positions = tracks.positions.copy()
+    positions[5:, 4:] = np.nan
+    decoded = decode_tracks(encode(PointTracks(positions), config), 9, config)
+    assert rows_of(decoded.positions) == rows_of(positions)
