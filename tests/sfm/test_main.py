@@ -13,7 +13,7 @@ from dvc.geometry.cameras import PixelFrame
 from dvc.video import create_video
 from sfm.__main__ import main
 from sfm.mapping.scene_map import SceneMap
-from sfm.output.model_files import ZOOM, draw_correspondences, side_by_side
+from sfm.output.map_files import ZOOM, draw_correspondences, side_by_side
 from sfm.scene_model import Correspondences
 from tests.scenes_3d import render
 from tests.sfm.plane_map import frames_of, map_of, piece_of

@@ -5,7 +5,7 @@ import numpy as np
 from dvc.geometry.cameras import PixelFrame, project
 from dvc.geometry.triangulation import triangulate_depth
 from sfm.scene_model import Correspondences, Reconstruction
-from tests.sfm.euclidean import euclidean_scene
+from tests.sfm.two_views import euclidean_scene
 
 
 def test_normalised_coordinates() -> None:

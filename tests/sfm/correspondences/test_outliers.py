@@ -56,10 +56,9 @@ def test_unicity_is_one_to_one(pairs: list[tuple[int, int, float]]) -> None:
 
 def test_epipolar() -> None:
     """Points off their lines by more than the limit go."""
-    first = scattered(30, 1)
-    motion = np.column_stack([np.linspace(-20, 20, 30), np.zeros(30)])
-    motion[4, 1], motion[9, 1] = 0.4, -2.0
-    keep = outliers.epipolar(moved(first, motion), sideways(), 0.5)
+    motion = np.zeros((30, 2))
+    motion[:, 0], motion[4, 1], motion[9, 1] = np.linspace(-20, 20, 30), 0.4, -2.0
+    keep = outliers.epipolar(moved(scattered(30, 1), motion), sideways(), 0.5)
     assert np.flatnonzero(~keep).tolist() == [9]
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfm.cameras.self_calibration import projective_camera
+from sfm.cameras.camera_pair import projective_camera
 from sfm.estimation import epipolar
 from tests.reference import sfm_cameras as reference
 from tests.sfm.two_views import FRAME, two_views

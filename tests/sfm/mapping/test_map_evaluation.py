@@ -1,10 +1,62 @@
-"""Alignment of trajectories."""
+"""Alignment of trajectories, and summaries and rendered views of maps."""
 
 import numpy as np
 import pytest
 
-from sfm.mapping.map_evaluation import align, centre, trajectory_error
+from sfm.mapping.map_evaluation import align, centre, render_view, trajectory_error
+from sfm.mapping.scene_map import MapPiece
 from tests.sfm.mapping.moving_camera import pose_of
+from tests.sfm.plane_map import map_of, piece_of
+
+SIZE = (12, 9)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "summary"),
+    [
+        ((), "map: no frame of 12 located: few points, or no parallax"),
+        ((piece_of(range(5), *SIZE),), "map: 1 piece, 5 of 12 frames located"),
+        (
+            (piece_of(range(5), *SIZE), piece_of(range(7, 12), *SIZE)),
+            "map: 2 pieces, 10 of 12 frames located",
+        ),
+    ],
+)
+def test_summary_counts_pieces_and_frames(pieces: tuple[MapPiece, ...], summary: str) -> None:
+    """In one line, and in the right number."""
+    assert map_of(*pieces, size=SIZE).summary == summary
+
+
+SHAPE = (16, 20)
+INTRINSICS = np.array([[20.0, 0.0, 9.5], [0.0, 20.0, 7.5], [0.0, 0.0, 1.0]])
+
+
+def _piece_of(depths: dict[int, np.ndarray]) -> MapPiece:
+    poses = {k: np.column_stack([np.eye(3), [-0.1 * k, 0.0, 0.0]]) for k in range(5)}
+    return MapPiece(INTRINSICS, poses, np.empty((0, 3)), np.empty((0, 3), np.uint8), depths)
+
+
+def test_what_has_no_depth_stands_at_infinity() -> None:
+    """The sky is shown as a frame has it, not filled from around."""
+    depth = np.full(SHAPE, 4.0, np.float32)
+    depth[:8] = np.nan
+    picture = np.full((*SHAPE, 1), 90, np.uint8)
+    picture[:8] = 200
+    piece = _piece_of({0: depth, 4: depth})
+    view = render_view(piece, {0: picture, 4: picture}, piece.poses[2])
+    assert view.drawn[2:6].all()
+    assert view.image[2:6] == pytest.approx(200.0, abs=1.0)
+    assert view.image[10:14] == pytest.approx(90.0, abs=1.0)
+
+
+def test_one_wrong_depth_does_not_cover_what_others_see() -> None:
+    """Three frames see a wall, and the fourth has something near before it that is not there."""
+    wall, wrong = np.full(SHAPE, 4.0, np.float32), np.full(SHAPE, 4.0, np.float32)
+    wrong[4:12, 4:12] = 1.0
+    grey, dark = np.full((*SHAPE, 1), 120, np.uint8), np.full((*SHAPE, 1), 20, np.uint8)
+    piece = _piece_of({0: wall, 1: wall, 3: wall, 4: wrong})
+    view = render_view(piece, {0: grey, 1: grey, 3: grey, 4: dark}, piece.poses[2])
+    assert view.image.min() > 80.0
 
 
 def _similar(pose: np.ndarray, scale: float, R: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -25,6 +77,9 @@ def test_similar_trajectories_have_no_error() -> None:
     assert error.rms < 1e-9
     assert error.scale == pytest.approx(1.0 / 3.0)
     assert error.num_located == 20
+    assert trajectory_error({k: truth[k] for k in (3, 7, 9, 12)}, truth).num_located == 4
+    with pytest.raises(ValueError, match="three pairs"):
+        align(np.zeros((2, 3)), np.zeros((2, 3)))
 
 
 def test_error_is_that_of_the_centres() -> None:
@@ -38,15 +93,3 @@ def test_error_is_that_of_the_centres() -> None:
     assert error.rms == pytest.approx(0.01, rel=0.05)
     steps = np.diff([centre(pose) for pose in truth.values()], axis=0)
     assert error.relative == pytest.approx(error.rms / np.linalg.norm(steps, axis=1).sum())
-
-
-def test_only_common_frames_are_compared() -> None:
-    """The rest of the truth does not count."""
-    truth = {k: pose_of(k) for k in range(20)}
-    assert trajectory_error({k: truth[k] for k in (3, 7, 9, 12)}, truth).num_located == 4
-
-
-def test_two_points_are_too_few() -> None:
-    """A similarity needs three."""
-    with pytest.raises(ValueError, match="three pairs"):
-        align(np.zeros((2, 3)), np.zeros((2, 3)))

@@ -9,7 +9,7 @@ import pytest
 from dvc.geometry.cameras import PixelFrame
 from dvc.video import Frame, create_video
 from sfm.mapping.map_evaluation import render_view, trajectory_error
-from sfm.mapping.map_sequence import map_sequence, map_video
+from sfm.mapping.map_sequence import map_sequence, map_video, reach_of, write_pictures
 from sfm.mapping.scene_map import SceneMap
 from tests.scenes_3d import camera_at, render
 
@@ -44,18 +44,13 @@ def test_all_frames_are_located() -> None:
 
 
 def test_depth_is_that_of_the_scene() -> None:
-    """In one scale for all frames."""
+    """In one scale for all frames; the cloud is as large as the scene, and grey as the frames are."""
     (piece,) = _map().pieces
     ratio = np.stack([depth / _clip()[1][k] for k, depth in piece.depths.items()])
     errors = np.abs(ratio / np.nanmedian(ratio) - 1.0)
     assert len(ratio) >= 3
     assert np.nanmedian(errors) < 0.03
     assert np.mean(errors < 0.05) > 0.8
-
-
-def test_cloud_lies_on_the_surfaces() -> None:
-    """It is as large as the scene, and grey as the frames are."""
-    (piece,) = _map().pieces
     assert 3000 < len(piece.points) < 500_000
     assert np.ptp(piece.colours, axis=1).max() == 0
 
@@ -95,7 +90,6 @@ def test_what_shows_no_scene_has_no_piece(kind: str) -> None:
 
 
 def test_mappers_have_names() -> None:
-    """Others are refused."""
     with pytest.raises(ValueError, match="mapper"):
         map_sequence(lambda: [], mapper="other")
 
@@ -107,3 +101,20 @@ def test_colmap_maps_the_scene() -> None:
     assert len(piece.poses) >= 0.9 * len(POSITIONS)
     assert trajectory_error(piece.poses, _poses()).relative < 0.1  # pictures this small have few features
     assert len(piece.depths) >= 3
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "reach"),
+    [(8, 12, range(5, 21)), (0, 30, range(31)), (3, 20, range(2, 31)), (21, 29, range(20, 31))],
+)
+def test_pieces_reach_to_the_key_frames_around(first: int, last: int, reach: range) -> None:
+    """Or to their own ends without key frames there."""
+    assert reach_of([0, 2, 5, 20, 30], first, last) == reach
+
+
+def test_pictures_that_cannot_be_written_are_an_error(tmp_path: Path) -> None:
+    """COLMAP never gets fewer pictures than chosen."""
+    frames = [Frame(np.full((8, 8), level, np.uint8)) for level in (10, 20)]
+    assert write_pictures(tmp_path, frames, [1]) == ["00000001.png"]
+    with pytest.raises(OSError, match="No such file"):
+        write_pictures(tmp_path / "nowhere", frames, [1])

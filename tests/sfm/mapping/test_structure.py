@@ -22,19 +22,13 @@ def _known(count: int, noise_px: float = 0.0):
     return points, Structure(K, dict(enumerate(poses)), np.full_like(points, np.nan)), tracks
 
 
-def test_exact_tracks_give_exact_points() -> None:
-    """Every point with enough parallax is where it is."""
-    points, structure, tracks = _known(8)
-    numbers, found = triangulate(structure, observations(tracks.seen, range(8)))
-    assert len(numbers) > 100
-    np.testing.assert_allclose(found, points[numbers], atol=1e-6)
-
-
-def test_noise_moves_points_little() -> None:
+@pytest.mark.parametrize(("noise_px", "bound"), [(0.0, 1e-6), (0.2, 0.05)])
+def test_points_are_triangulated(noise_px: float, bound: float) -> None:
     """A fifth of a pixel stays far below a per cent of the depth at this baseline."""
-    points, structure, tracks = _known(12, 0.2)
+    points, structure, tracks = _known(12, noise_px)
     numbers, found = triangulate(structure, observations(tracks.seen, range(12)))
-    assert np.median(np.linalg.norm(found - points[numbers], axis=1)) < 0.05
+    assert len(numbers) > 100
+    assert np.median(np.linalg.norm(found - points[numbers], axis=1)) < bound
 
 
 def test_a_wrong_observation_does_not_spoil_its_point() -> None:
@@ -55,11 +49,7 @@ def test_no_parallax_no_points() -> None:
     structure = Structure(K, dict.fromkeys(range(5), pose_of(0)), np.full_like(points, np.nan))
     numbers, _ = triangulate(structure, observations(tracks.seen, range(5)))
     assert not len(numbers)
-
-
-def test_nothing_seen() -> None:
-    """Empty frames are no error."""
-    numbers, found = triangulate(Structure(K), observations([], []))
+    numbers, found = triangulate(Structure(K), observations([], []))  # empty frames
     assert len(numbers) == 0
     assert found.shape == (0, 3)
 

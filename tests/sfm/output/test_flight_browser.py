@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page
 from dvc.arrays import Bytes, Mask
 from dvc.metrics import psnr_db
 from sfm.mapping.scene_map import MapPiece, SceneMap
-from sfm.output.flight_page import write_flight
+from sfm.output.scene_folder import write_flight
 from tests.browser import wait_until
 from tests.drawn_pages import TOLD, Opened, lose_context, opened_pages, restore_context, saved_picture
 from tests.sfm.plane_map import frames_of, intrinsics_of, map_of, piece_of, pose_at, view
