@@ -6,22 +6,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sequences.shapes import (
-    Colour,
-    Look,
-    Mesh,
-    bar,
-    box,
-    ellipsoid,
-    lathe,
-    merge,
-    patch,
-    smooth_sheet,
-)
-
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
+from sequences.shapes import Colour, Look, Mesh, bar, box, ellipsoid, lathe, merge, patch, smooth_sheet
 
 IRON = Look("paint", (0.04, 0.05, 0.05))
 GLASS = Look("glass", (0.06, 0.08, 0.1))
@@ -29,13 +17,7 @@ TRIM = Look("stone", (0.48, 0.45, 0.39))
 MARBLE = Look("marble", (0.56, 0.53, 0.47))
 LEAVES = Look("leaves", (0.075, 0.12, 0.035))
 GROUND_FLOOR_M, STOREY_M = 3.4, 3.0
-PLASTERS: tuple[Colour, ...] = (
-    (0.62, 0.5, 0.33),
-    (0.6, 0.56, 0.48),
-    (0.53, 0.34, 0.26),
-    (0.63, 0.53, 0.4),
-    (0.44, 0.49, 0.5),
-)
+PLASTERS: tuple[Colour, ...] = ((0.62, 0.5, 0.33), (0.6, 0.56, 0.48), (0.53, 0.34, 0.26))
 PAINTS: tuple[Colour, ...] = ((0.5, 0.48, 0.44), (0.2, 0.13, 0.09), (0.09, 0.14, 0.1), (0.1, 0.13, 0.19))
 
 
@@ -204,24 +186,20 @@ def bollard(foot: ArrayLike) -> Mesh:
 def column(foot: ArrayLike, height: float, radius: float) -> Mesh:
     """Make a round stone column with base and capital."""
     r, h = radius, height
-    profile = [
-        (1.35 * r, 0.0),
-        (1.35 * r, 0.25 * r),
-        (1.1 * r, 0.4 * r),
-        (0.97 * r, 0.5 * r),
+    profile = [(1.35 * r, 0.0), (1.35 * r, 0.25 * r), (1.1 * r, 0.4 * r), (0.97 * r, 0.5 * r)]
+    profile += [
         (0.93 * r, 0.4 * h),
+        (0.82 * r, h - 0.8 * r),
+        (1.25 * r, h - 0.4 * r),
+        (1.35 * r, h - 0.3 * r),
+        (1.35 * r, h),
     ]
-    profile += [(0.82 * r, h - 0.8 * r), (1.25 * r, h - 0.4 * r), (1.35 * r, h - 0.3 * r), (1.35 * r, h)]
     return lathe(profile, foot, MARBLE.shaded(0.9), 20)
 
 
 def car(colour: Colour) -> Mesh:
     """Make a parked car of plain shapes, 4.2 m long, nose towards -y, on the ground at the origin."""
-    paint, dark, pane = (
-        Look("paint", colour),
-        Look("paint", (0.02, 0.02, 0.02)),
-        Look("paint", (0.05, 0.06, 0.07)),
-    )
+    paint, dark, pane = (Look("paint", c) for c in (colour, (0.02, 0.02, 0.02), (0.05, 0.06, 0.07)))
     parts = [
         box((-0.84, -2.05, 0.3), (0.84, 2.05, 0.75), paint),
         box((-0.84, -2.05, 0.75), (0.84, 2.05, 0.95), paint, (0.06, 0.15)),

@@ -66,14 +66,12 @@ def test_resolve_finds_scenes_names_and_paths(
 
 
 def test_missing_data_folder_is_an_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A variable that points nowhere is an error, not an empty catalogue."""
     monkeypatch.setenv("DVC_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(ConfigError, match="DVC_DATA"):
         catalogue.entries()
 
 
 def test_descriptions_fit_the_real_files(shared_sequences: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every described file that is present can be read and declares its length."""
     monkeypatch.setenv("DVC_DATA", str(shared_sequences))
     entries = [entry for entry in catalogue.entries() if entry.name in catalogue.DESCRIBED]
     assert {entry.name for entry in entries} == set(catalogue.DESCRIBED)
@@ -93,7 +91,6 @@ def test_list_writes_table_and_json(data: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_info_has_size_and_purpose(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One sequence, as text and as JSON, by name or path."""
     assert main(["info", "statue"]) == 0
     text = capsys.readouterr().out
     assert "352x288" in text
@@ -122,7 +119,6 @@ def test_wrong_input_is_one_line_and_status_two(
     arguments: list[str],
     message: str,
 ) -> None:
-    """Wrong input gives one line on standard error and no file."""
     monkeypatch.chdir(data.parent)
     assert main(arguments) == 2
     streams = capsys.readouterr()
@@ -141,7 +137,6 @@ def test_wrong_input_is_one_line_and_status_two(
     ],
 )
 def test_wrong_usage_is_one_line_and_status_two(arguments: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """A malformed command line ends the same way."""
     with pytest.raises(SystemExit) as stop:
         main([*arguments.split(), *(["--out", "x.mkv"] if "--" in arguments else [])])
     assert stop.value.code == 2
@@ -149,7 +144,6 @@ def test_wrong_usage_is_one_line_and_status_two(arguments: str, capsys: pytest.C
 
 
 def test_render_writes_a_video(tmp_path: Path) -> None:
-    """The command renders with the options it was given."""
     out = tmp_path / "s.y4m"
     arguments = ["render", "stairway", "--out", str(out), "--size", "24x17", "--frames", "2", "--start", "4"]
     files = ["--depth", str(tmp_path / "d"), "--cameras", str(tmp_path / "c.json")]

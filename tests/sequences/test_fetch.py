@@ -140,7 +140,6 @@ def test_wrong_digest_is_reported(
 
 
 def test_folder_may_hold_bare_file_names(tree: Path, tmp_path: Path) -> None:
-    """A manually downloaded file is found by its name."""
     folder = tree / CLIP.repository / CLIP.commit
     assert run_fetch("clip", folder, tmp_path / "out") == 2
     assert (tmp_path / "out" / "clip-unchecked.mkv").exists()
@@ -178,7 +177,6 @@ def test_wrong_input_is_one_line(
 def test_downloads_are_bounded(
     server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A file that is too large is not downloaded to its end."""
     monkeypatch.setattr(fetching, "_CHUNK_BYTES", 2**10)
     monkeypatch.setattr(fetching, "MAX_FILE_BYTES", 2**12)
     assert run_fetch("clip", server, tmp_path / "out") == 2
@@ -239,7 +237,6 @@ def test_every_source_has_a_digest() -> None:
 
 
 def test_help_has_notes_on_sources(capsys: pytest.CaptureFixture[str]) -> None:
-    """Facts that were not recorded are in the help, next to the examples."""
     with pytest.raises(SystemExit):
         main(["fetch", "--help"])
     shown = " ".join(capsys.readouterr().out.split())

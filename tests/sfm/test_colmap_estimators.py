@@ -37,13 +37,11 @@ def test_calibrated_pair() -> None:
 
 
 def test_the_seed_decides() -> None:
-    """The same seed gives the same bytes."""
     first, second = (colmap_estimators.weak_calibration(with_outliers(60), 8) for _ in range(2))
     np.testing.assert_array_equal(first.fundamental, second.fundamental)
 
 
 def test_too_few_points() -> None:
-    """Nothing comes of seven points, as a value."""
     matches = with_outliers(0)[np.arange(7)]
     assert colmap_estimators.weak_calibration(matches, 0).reason
     assert colmap_estimators.camera_pair(matches, FRAME, 0).reason

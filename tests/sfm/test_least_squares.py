@@ -33,7 +33,6 @@ class Valley:
 
 @pytest.mark.parametrize("start", [(-1.2, 1.0), (5.0, -5.0), (1.0, 1.0)])
 def test_the_minimum_is_found(start: tuple[float, float]) -> None:
-    """A curved valley is followed to its end."""
     found = levenberg_marquardt(Valley(), np.array(start), Damping(1e-3, 1e-12, 12), 100)
     np.testing.assert_allclose(found, [1.0, 1.0], atol=1e-9)
 

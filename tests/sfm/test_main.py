@@ -56,7 +56,6 @@ def test_a_model_is_written(
 def test_no_model_is_no_error(
     pictures: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of one picture twice there is a verdict and no model."""
     assert main([pictures[0], pictures[0], "--out", str(tmp_path / "m")]) == 0
     values = json.loads((tmp_path / "m" / "model.json").read_text())
     assert not values["success"]
@@ -81,7 +80,6 @@ def test_bad_input_ends_in_one_line(
 
 
 def test_the_folder_is_refused_before_any_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Inputs are not even opened."""
     (tmp_path / "x").touch()
     assert main(["no.png", "no.png", "--out", str(tmp_path)]) == 2
     assert "not an empty folder" in capsys.readouterr().err

@@ -88,7 +88,6 @@ def test_models_are_consistent(reconstruction: Reconstruction) -> None:
 
 @pytest.mark.parametrize("backend", SFM_BACKENDS)
 def test_the_seed_decides(backend: str) -> None:
-    """The same pictures and seed give the same bits."""
     first, second = (reconstruct(FIRST, SECOND, backend=backend, seed=7).model for _ in range(2))
     assert first is not None
     assert second is not None
@@ -123,7 +122,6 @@ def test_tracked_points_count_among_matches() -> None:
 
 @pytest.mark.parametrize("reach_px", [1e3, 1e6, 1e12])
 def test_wild_tracked_points_do_no_harm(reach_px: float) -> None:
-    """Points far outside the frames are outliers like others."""
     first, second = np.random.default_rng(0).uniform(-reach_px, reach_px, (2, 60, 2))
     found = reconstruct(FIRST, SECOND, seed=1, tracked=Correspondences(first, second, np.zeros(60)))
     assert found.success

@@ -51,7 +51,6 @@ def test_points_of_a_model_project_to_its_correspondences() -> None:
 
 
 def test_verdict() -> None:
-    """A model with a reason against it is no success, nor is none."""
     model = euclidean_scene().model
     assert Reconstruction(model, "", "general").success
     assert not Reconstruction(model, "few points", "general").success

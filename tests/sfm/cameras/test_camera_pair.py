@@ -147,7 +147,6 @@ def test_both_triangulations_agree_on_exact_points() -> None:
 
 
 def test_inverse_depth_is_the_nearest_in_the_image() -> None:
-    """No other depth projects nearer to the point that was seen."""
     scene = two_views(50, noise_px=2.0)
     first, second = FRAME.to_normalized(scene.exact.first), FRAME.to_normalized(scene.measured.second)
     inverse, _ = inverse_depths(first, scene.camera, second)
@@ -253,7 +252,6 @@ def test_steps_do_not_increase_the_weighted_error() -> None:
     [("general", 1.0, 0.1), ("general", 0.3, 0.3), ("general", 3.0, 0.5), ("planar", 2.0, 0.1)],
 )
 def test_the_minimum_is_that_of_a_general_solver(kind: str, motion: float, noise_px: float) -> None:
-    """The error is that of a general least squares solver to a millionth."""
     scene = two_views(40, kind, motion, noise_px)  # type: ignore[arg-type]
     found = bundle_adjustment(scene.measured, scene.camera, scene.depths, FRAME, np.random.default_rng(0))
     assert not found.reason
@@ -273,7 +271,6 @@ def test_the_refined_points_obey_the_refined_matrix() -> None:
 
 
 def test_alternation_alone_approaches_the_minimum() -> None:
-    """The thesis's alternation descends to about what the joint steps reach."""
     scene = two_views(100, noise_px=0.2)
     camera, depths = start_of(scene)
     errors = {}

@@ -107,7 +107,6 @@ def test_too_few_points(num: int) -> None:
 
 
 def test_no_prior() -> None:
-    """Many points need no prior."""
     scene = two_views(300)
     found = resection(scene.model.points, seen_at(scene, 0.3, 0.1), FRAME)
     assert found.success
@@ -143,7 +142,6 @@ def test_odd_inputs_are_values(name: str) -> None:
 
 
 def test_shapes_must_agree() -> None:
-    """Each point has its position."""
     scene = two_views(20)
     with pytest.raises(ValueError, match="positions"):
         resection(scene.model.points, seen_at(scene)[:-1], FRAME)
@@ -269,7 +267,6 @@ def error_px(scene: TwoViews, found: list[Resection], shake: Shake) -> float:
 @pytest.mark.parametrize("num", [20, 80])
 @pytest.mark.parametrize("outlier_share", [0.0, 0.15])
 def test_smooth_path_is_found_better(num: int, outlier_share: float) -> None:
-    """On a smooth path the error falls, outliers or not."""
     scene = two_views(num, seed=1)
     instants = tracks(scene, smooth, outlier_share)
     alone, together = (error_px(scene, regular_cameras(scene.model, instants, w), smooth) for w in (0.0, 0.1))
@@ -328,7 +325,6 @@ def test_missing_camera_has_no_part() -> None:
 
 @pytest.mark.parametrize("num", [0, 1, 5, 7])
 def test_few_points(num: int) -> None:
-    """Any number of points gives one answer for each instant."""
     scene = two_views(30)
     instants = [
         TrackedPoints(instant.temporal_position, instant.points[:num], instant.positions[:num])

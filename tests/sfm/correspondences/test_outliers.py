@@ -23,14 +23,12 @@ def moved(first: Floats, motion: Floats) -> Correspondences:
 
 
 def test_mse() -> None:
-    """Errors up to the limit stay, whether it is one or one each."""
     error = np.array([1.0, 5.0, np.inf])
     assert outliers.mse(error, 5.0).tolist() == [True, True, False]
     assert outliers.mse(error, np.array([0.5, 9.0, 9.0])).tolist() == [False, True, False]
 
 
 def test_unicity_prefers_the_better_sum() -> None:
-    """The assignment with the least errors in sum wins, not the greedy one."""
     i, j = np.array([0, 0, 1, 1]), np.array([7, 9, 7, 9])
     keep = outliers.unicity(i, j, np.array([1.0, 2.0, 2.0, 8.0]), 10.0)
     assert keep.tolist() == [False, True, True, False]
@@ -55,7 +53,6 @@ def test_unicity_is_one_to_one(pairs: list[tuple[int, int, float]]) -> None:
 
 
 def test_epipolar() -> None:
-    """Points off their lines by more than the limit go."""
     motion = np.zeros((30, 2))
     motion[:, 0], motion[4, 1], motion[9, 1] = np.linspace(-20, 20, 30), 0.4, -2.0
     keep = outliers.epipolar(moved(scattered(30, 1), motion), sideways(), 0.5)
@@ -63,7 +60,6 @@ def test_epipolar() -> None:
 
 
 def test_motion() -> None:
-    """Motions that differ from a smooth field go, the field stays."""
     first = scattered(150, 2)
     motion = np.column_stack([5 + 0.05 * first[:, 0], -3 + 0.03 * first[:, 1]])
     wrong = np.arange(0, 150, 10)

@@ -65,12 +65,10 @@ def test_fewer_corners_are_a_prefix() -> None:
 @pytest.mark.parametrize("shape", [(16, 16), (1, 40), (2, 2), (288, 352)])
 @pytest.mark.parametrize("level", [0, 255])
 def test_flat_and_tiny_frames_have_none(shape: tuple[int, int], level: int) -> None:
-    """Black, white and tiny frames give an empty array."""
     assert detect_corners(np.full(shape, level, dtype=np.uint8)).shape == (0, 2)
 
 
 def test_the_number_of_threads_does_not_matter() -> None:
-    """OpenCV's threads share the rows, not the sums."""
     luma = np.random.default_rng(5).integers(0, 256, (288, 352), dtype=np.uint8)
     before = cv2.getNumThreads()
     found = []
@@ -145,7 +143,6 @@ def test_repeated_structure_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None
     ],
 )
 def test_frames_without_corners(pair: tuple[np.ndarray, np.ndarray]) -> None:
-    """Black, flat and tiny frames give no correspondences."""
     a, b = (image.astype(np.uint8) for image in pair)
     found = matched(a, b)
     assert len(found) == 0
@@ -226,14 +223,12 @@ def test_left_out_corners_come_back() -> None:
 
 
 def test_epipolar_geometry_is_enforced() -> None:
-    """Nothing is added that contradicts F."""
     matches = match_corners(A, B, *CORNERS)
     given = matches[np.arange(0, len(matches), 5)]
     assert len(densify(EpipolarSearch(A, B, sideways((0.0, 1.0))), *CORNERS, given)) == len(given)
 
 
 def test_nothing_to_go_by() -> None:
-    """Too few matches, no usable F or no corners left give back what was given."""
     matches = match_corners(A, B, *CORNERS)
     few = matches[np.arange(3)]
     assert densify(EpipolarSearch(A, B, sideways()), *CORNERS, few) is few
@@ -247,7 +242,6 @@ def test_nothing_to_go_by() -> None:
 
 
 def test_variances_are_of_squares_around_points() -> None:
-    """Zero where the square leaves the picture, by however little."""
     points = np.array([[20.0, 30.0], [3.0, 3.0], [2.0, 60.0], [156.0, 116.0], [50.0, 117.0]])
     found = neighbourhood_variances(A, points, 3)
     squares = [A[int(y) - 3 : int(y) + 4, int(x) - 3 : int(x) + 4].astype(np.float64) for x, y in points]

@@ -43,7 +43,6 @@ def test_a_shift_spreads_over_the_frame() -> None:
 
 
 def test_a_slanted_direction_of_motion() -> None:
-    """Epipolar lines of any direction are followed."""
     shift = np.array([3.0, -4.0]) * 1.3
     b = shifted(TEXTURE, HEIGHT, WIDTH, (shift[0], shift[1]))
     found = propagate(EpipolarSearch(STILL, b, sideways((0.6, -0.8))), known(SEEDS, SEEDS + shift))
@@ -67,7 +66,6 @@ def test_a_forward_motion_zooms() -> None:
 
 
 def test_edges_along_epipolar_lines_are_left_out() -> None:
-    """Horizontal stripes that move sideways tell nothing about how far."""
     rows = np.arange(HEIGHT)[:, None] + np.zeros(WIDTH)
     stripes = np.rint(128 + 80 * np.sin(rows / 3)).astype(np.uint8)
     found = propagate(EpipolarSearch(stripes, stripes, sideways()), known(SEEDS, SEEDS))
@@ -118,7 +116,6 @@ def test_corners_settle() -> None:
 
 
 def test_no_epipolar_geometry_or_no_seeds() -> None:
-    """Without a usable F or seeds inside the frames, what was given comes back."""
     given = known(SEEDS, SEEDS + SHIFT)
     for matrix in (np.zeros((3, 3)), np.full((3, 3), np.nan)):
         assert propagate(EpipolarSearch(STILL, MOVED, matrix), given) is given

@@ -33,7 +33,6 @@ def test_shifts_are_recovered(x: float, y: float) -> None:
 
 
 def test_exposure_does_not_matter() -> None:
-    """A frame that is brighter by a constant gives the same points."""
     moved = shifted(TEXTURE, HEIGHT, WIDTH, (0.4, -0.3))
     dark = np.clip(moved.astype(np.int64) - 15, 0, 255).astype(np.uint8)
     usual, other = (refine(STILL, image, INNER, INNER)[0] for image in (moved, dark))
@@ -79,7 +78,6 @@ def test_points_that_cannot_be_refined() -> None:
 
 
 def test_wrong_arguments_are_refused() -> None:
-    """Frames of different size and fractional first points raise ValueError."""
     with pytest.raises(ValueError, match="one shape"):
         refine(STILL, STILL[1:], INNER, INNER)
     with pytest.raises(ValueError, match="whole pixels"):
@@ -88,7 +86,6 @@ def test_wrong_arguments_are_refused() -> None:
 
 @pytest.mark.parametrize("shape", [(2, 3), (5, 40), (33, 48), (1, 1)])
 def test_splines_interpolate(shape: tuple[int, int]) -> None:
-    """At whole pixels the spline returns the samples."""
     image = np.random.default_rng(2).uniform(0, 255, shape)
     coefficients = spline_coefficients(image)
     if min(shape) == 1:
@@ -99,7 +96,6 @@ def test_splines_interpolate(shape: tuple[int, int]) -> None:
 
 
 def test_samples_half_a_pixel_apart() -> None:
-    """They are the values of the spline, at the edges too."""
     image = np.random.default_rng(3).uniform(0, 255, (6, 9))
     samples, coefficients = half_pixel_samples(spline(image)), spline_coefficients(image)
     assert samples.shape == (12, 18)
@@ -165,7 +161,6 @@ def test_normal_equations(choose: Choose, num_parameters: int) -> None:
 
 
 def test_minimum_is_one() -> None:
-    """Around the result of the search, every small step makes the error larger."""
     moved = shifted(TEXTURE, HEIGHT, WIDTH, (0.6, 0.2))
     (found,), (error,), _ = refine(STILL, moved, INNER[:1], INNER[:1])
     x, y = INNER[0].astype(int)

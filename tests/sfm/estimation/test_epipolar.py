@@ -16,7 +16,6 @@ vectors = st.tuples(numbers, numbers, numbers).map(np.array)
 
 @given(vectors, vectors)
 def test_skew_is_the_cross_product(a: np.ndarray, b: np.ndarray) -> None:
-    """The matrix of a vector multiplies like the cross product."""
     np.testing.assert_allclose(epipolar.skew(a) @ b, np.cross(a, b), atol=1e-14)
 
 
@@ -76,7 +75,6 @@ def test_a_point_on_the_epipole_has_no_line() -> None:
 
 
 def test_an_epipole_at_infinity_is_far_from_everything() -> None:
-    """Sideways motion puts the epipoles at infinity."""
     f = epipolar.unit_norm(epipolar.skew(np.array([1.0, 0.0, 0.0])))
     first, _ = epipolar.epipoles(f)
     assert np.isinf(epipolar.distances_to_epipole(first, np.zeros((3, 2)))).all()

@@ -71,7 +71,6 @@ def test_a_line_among_outliers(seed: int) -> None:
 
 
 def test_the_same_generator_gives_the_same_result() -> None:
-    """All randomness comes from the generator."""
     estimator, _ = line_with_outliers(100, 1)
     settings = RobustSettings()
     runs = [mapsac(estimator, settings, np.random.default_rng(7)) for _ in range(2)]

@@ -49,7 +49,6 @@ def test_many_points_have_the_true_matrix() -> None:
 
 
 def test_batched_residuals_are_sampson_distances() -> None:
-    """The residuals of many models at once are the distances of each in pixels."""
     scene = two_views(50, noise_px=0.5)
     pair = scene.measured
     estimator = FundamentalEstimator(pair.first, pair.second)
@@ -63,7 +62,6 @@ def test_batched_residuals_are_sampson_distances() -> None:
 
 
 def test_gradient_agrees_with_differences() -> None:
-    """The derivative by the seven parameters is the limit of differences."""
     scene = two_views(15, noise_px=1.0)
     estimator = FundamentalEstimator(scene.measured.first, scene.measured.second)
     a, b = estimator.first, estimator.second
@@ -109,7 +107,6 @@ def test_shared_scale_is_its_own_inverse() -> None:
 
 
 def test_homographies_are_exact_on_exact_matches() -> None:
-    """Four points of a plane give the homography of all of them."""
     scene = two_views(50, "planar")
     estimator = HomographyEstimator(scene.exact.first, scene.exact.second)
     models = estimator.estimate(np.array([[0, 1, 2, 3], [10, 20, 30, 40]]))

@@ -41,7 +41,6 @@ def test_exact_matches_give_the_exact_matrix() -> None:
 
 
 def test_the_same_generator_gives_the_same_matrix() -> None:
-    """The result depends on data and generator alone."""
     scene = two_views(100, noise_px=0.2, outlier_share=0.3)
     runs = [weak_calibration(scene.measured, np.random.default_rng(4)) for _ in range(2)]
     np.testing.assert_array_equal(runs[0].fundamental, runs[1].fundamental)
@@ -60,7 +59,6 @@ def test_odd_inputs_are_values(name: str, pairs: Correspondences) -> None:
 
 
 def test_points_that_are_not_finite_are_outliers() -> None:
-    """Good points among infinite ones are used, the others are marked."""
     scene = two_views(100, noise_px=0.1)
     first = scene.measured.first.copy()
     first[::5, 0] = np.nan
@@ -92,13 +90,11 @@ def test_kinds_of_motion(kind: str, expected: str, noise_px: float, seed: int) -
 
 @pytest.mark.parametrize("noise_px", [0.0, 0.1])
 def test_a_camera_that_stands_still(noise_px: float) -> None:
-    """Noise alone is no motion."""
     scene = two_views(200, motion=0.0, noise_px=noise_px)
     assert motion_of(scene.measured).kind == "none"
 
 
 def test_parallax_within_the_noise_is_none() -> None:
-    """A step so small that parallax drowns in the noise gives no depth."""
     scene = two_views(300, motion=0.04, noise_px=0.4)
     assert motion_of(scene.measured).kind == "rotation"
 

@@ -49,7 +49,6 @@ def test_frames_with_depth_are_bounded(lengths: tuple[int, ...]) -> None:
 
 
 def test_a_piece_without_depth_has_cameras() -> None:
-    """And no points."""
     poses = {k: pose_of(k) for k in range(2)}
     tracks = tracks_of(list(poses.values()), scene(5))
     (piece,) = dense_pieces([], tracks, [Structure(K, poses, scene(5))], lambda _: None)
@@ -57,7 +56,6 @@ def test_a_piece_without_depth_has_cameras() -> None:
 
 
 def test_points_project_to_their_pixels() -> None:
-    """Back to where they come from, at their depth."""
     depth = np.full((HEIGHT, WIDTH), np.nan, np.float32)
     depth[10, 20], depth[200, 300] = 3.0, 5.0
     pose = pose_of(7)

@@ -37,7 +37,6 @@ def _piece_of(depths: dict[int, np.ndarray]) -> MapPiece:
 
 
 def test_what_has_no_depth_stands_at_infinity() -> None:
-    """The sky is shown as a frame has it, not filled from around."""
     depth = np.full(SHAPE, 4.0, np.float32)
     depth[:8] = np.nan
     picture = np.full((*SHAPE, 1), 90, np.uint8)
@@ -70,7 +69,6 @@ R *= np.sign(np.linalg.det(R))
 
 
 def test_similar_trajectories_have_no_error() -> None:
-    """Rotation, shift and scale of the world do not count."""
     truth = {k: pose_of(k) for k in range(20)}
     own = {k: _similar(pose, 3.0, R, np.array([1.0, -2.0, 0.5])) for k, pose in truth.items()}
     error = trajectory_error(own, truth)

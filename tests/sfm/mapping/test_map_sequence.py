@@ -81,7 +81,6 @@ def test_a_video_gives_the_map_of_its_frames(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["none", "one", "black", "still"])
 def test_what_shows_no_scene_has_no_piece(kind: str) -> None:
-    """And is no error."""
     black, first = Frame(np.full((144, 192), 16, np.uint8)), _clip()[0][0]
     frames = {"none": [], "one": [first], "black": [black] * 4, "still": [first] * 6}[kind]
     found = map_sequence(lambda: frames)
@@ -95,7 +94,6 @@ def test_mappers_have_names() -> None:
 
 
 def test_colmap_maps_the_scene() -> None:
-    """The same map by other estimators."""
     found = map_sequence(lambda: _clip()[0], mapper="colmap")
     (piece,) = found.pieces
     assert len(piece.poses) >= 0.9 * len(POSITIONS)

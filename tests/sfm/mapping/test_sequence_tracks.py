@@ -34,13 +34,11 @@ def test_shifts_are_followed_to_a_tenth_of_a_pixel() -> None:
 
 
 def test_a_still_camera_makes_no_key_frames() -> None:
-    """But the first and the last frame."""
     tracks = track_sequence(_picture((0.0, 0.0)) for _ in range(6))
     assert tracks.key_frames == (0, 5)
 
 
 def test_points_end_at_a_cut() -> None:
-    """Hardly any point is found in a picture of something else."""
     tracks = track_sequence(
         [*(_picture((k, 0.0)) for k in range(3)), *(_picture((k, 0.0), 1) for k in range(3))]
     )
@@ -61,7 +59,6 @@ def test_frames_without_corners_have_no_points() -> None:
 
 
 def test_many_key_frames_are_thinned_evenly() -> None:
-    """From the first to the last."""
     assert evenly_spaced([], 5) == []
     assert evenly_spaced([4, 9, 11], 5) == [4, 9, 11]
     assert evenly_spaced(range(0, 26, 2), 5) == [0, 6, 12, 18, 24]

@@ -32,7 +32,6 @@ def test_points_are_triangulated(noise_px: float, bound: float) -> None:
 
 
 def test_a_wrong_observation_does_not_spoil_its_point() -> None:
-    """The others agree."""
     points, structure, tracks = _known(10)
     seen = observations(tracks.seen, range(10))
     number = int(np.argmax(np.bincount(seen.points)))
@@ -43,7 +42,6 @@ def test_a_wrong_observation_does_not_spoil_its_point() -> None:
 
 
 def test_no_parallax_no_points() -> None:
-    """A camera that stands still triangulates nothing."""
     points = scene()
     tracks = tracks_of([pose_of(0)] * 5, points)
     structure = Structure(K, dict.fromkeys(range(5), pose_of(0)), np.full_like(points, np.nan))
@@ -55,7 +53,6 @@ def test_no_parallax_no_points() -> None:
 
 
 def test_errors_of_unknown_points_are_infinite() -> None:
-    """They agree with nothing."""
     _, structure, tracks = _known(3)
     errors = reprojection_errors(structure, observations(tracks.seen, range(3)))
     assert np.isinf(errors).all()
@@ -74,7 +71,6 @@ def _disturbed(count: int) -> tuple[Structure, Observations, dict[int, np.ndarra
 
 
 def test_adjustment_finds_cameras_and_focal_length() -> None:
-    """From a disturbed start, exact tracks lead back to the truth."""
     structure, seen, truth = _disturbed(10)
     for _ in range(2):
         structure = adjust_bundle(structure, seen)

@@ -182,7 +182,6 @@ def test_view_is_turned_moved_and_reset(opened: Opened) -> None:
 
 
 def test_free_views_begin_at_the_camera(opened: Opened) -> None:
-    """What is turned goes on from what was seen, but for the roll of the camera."""
     page = opened("depths")
     page.uncheck("#path")
     page.check("#ride")
@@ -199,7 +198,6 @@ def test_free_views_begin_at_the_camera(opened: Opened) -> None:
 
 
 def test_kinds_of_drawing_are_switched(opened: Opened) -> None:
-    """v goes through what there is, i hides the picture."""
     page = opened("whole")
     page.locator("#view").focus()
     page.keyboard.press("v")
@@ -227,7 +225,6 @@ def test_pieces_are_chosen(opened: Opened) -> None:
 
 
 def test_nothing_is_told(opened: Opened) -> None:
-    """Where no frame is located the page says so, beside the first picture."""
     page = opened("nothing", until=TOLD)
     assert "No frame" in page.inner_text("#message")
     assert page.locator("#still").is_visible()
@@ -235,7 +232,6 @@ def test_nothing_is_told(opened: Opened) -> None:
 
 
 def test_title_cannot_run_and_summary_is_shown(opened: Opened) -> None:
-    """Markup in a title is text."""
     page = opened("whole")
     assert page.inner_text("h1") == HOSTILE
     assert not page.evaluate("'stolen' in window")
@@ -243,7 +239,6 @@ def test_title_cannot_run_and_summary_is_shown(opened: Opened) -> None:
 
 
 def test_context_that_is_lost_comes_back(opened: Opened) -> None:
-    """The same is drawn again, of the same frame."""
     page = opened("points")
     go(page, 3)
     before = saved(page)

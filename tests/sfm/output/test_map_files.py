@@ -53,7 +53,6 @@ def test_colmap_reads_cameras_and_points(tmp_path: Path, ratio: float) -> None:
 
 
 def test_skew_is_refused() -> None:
-    """Simple cameras of COLMAP have no skew."""
     skewed = intrinsics_of(8, 8)
     skewed[0, 1] = 0.5
     with pytest.raises(ValueError, match="no skew"):

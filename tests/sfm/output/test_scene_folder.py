@@ -37,7 +37,6 @@ def written(folder: Path, scene: SceneMap) -> dict[str, object]:
 
 
 def test_files_of_one_piece_agree_with_the_map(tmp_path: Path) -> None:
-    """Cameras, path, points and depth are those of the map."""
     import pycolmap
 
     piece = piece_of(range(9), *SIZE)
@@ -101,7 +100,6 @@ def test_nothing_located_is_said(tmp_path: Path) -> None:
 
 
 def test_large_clouds_are_thinned_for_colmap_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The PLY file has all points, COLMAP's text a selection of them."""
     monkeypatch.setattr(scene_folder, "MAX_SPARSE_POINTS", 50)
     piece = piece_of(range(2), *SIZE)
     written(tmp_path, map_of(piece, size=SIZE))
@@ -111,7 +109,6 @@ def test_large_clouds_are_thinned_for_colmap_alone(tmp_path: Path, monkeypatch: 
 
 
 def test_frames_are_asked_for_in_order(tmp_path: Path) -> None:
-    """A video is read once from front to back."""
     asked = []
 
     def frame(number: int) -> Frame:
@@ -131,7 +128,6 @@ def test_sizes_are_bounded() -> None:
 
 
 def test_resized_pictures_have_their_cameras() -> None:
-    """A corner of the picture is the same ray before and after."""
     intrinsics = intrinsics_of(1920, 1080)
     scaled = scaled_intrinsics(intrinsics, (1920, 1080), (960, 540))
     for corner in ((-0.5, -0.5), (1919.5, 1079.5)):
@@ -197,7 +193,6 @@ def test_long_sequences_have_fewer_pictures(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_large_depth_maps_are_made_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures, depth and cameras have one size."""
     monkeypatch.setattr(scene_folder, "MAX_SIDE_PX", 24)
     monkeypatch.setattr(scene_folder.shown_size, "__defaults__", (24,))
     values = piece_values(piece_of(range(2), *SIZE), frames_of(*SIZE), SIZE, 1)
@@ -245,7 +240,6 @@ def test_a_camera_alone_has_an_overview() -> None:
     ],
 )
 def test_series_are_thinned(count: int, limits: tuple[int, int], size: int, expected: list[int]) -> None:
-    """Items that will not be kept are not made."""
     made: list[int] = []
     thinned = Thinned(*limits, lambda item: size)
     for number in range(count):

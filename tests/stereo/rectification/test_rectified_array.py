@@ -27,7 +27,7 @@ from dvc.stereo.rectification.rectified_array import (
 )
 from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification, metric_depth
 from dvc.stereo.rectification.rectify import rectify, refined_pair
-from sequences.toy_array import write_array
+from sequences.rendered_sequence import write_array
 from tests.stereo.data import real_set
 from tests.stereo.rigs import random_rig
 
