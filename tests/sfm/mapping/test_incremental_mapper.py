@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from benchmarks.map_evaluation import trajectory_error
 from sfm.mapping.incremental_mapper import map_pieces
-from sfm.mapping.map_evaluation import trajectory_error
 from sfm.mapping.sequence_tracks import SequenceTracks, VisiblePoints
 from tests.sfm.mapping.moving_camera import FOCAL, HEIGHT, WIDTH, pose_of, scene, tracks_of
 

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.map_evaluation import render_view, trajectory_error
 from dvc.geometry.cameras import PixelFrame
 from dvc.video import Frame, create_video
-from sfm.mapping.map_evaluation import render_view, trajectory_error
 from sfm.mapping.map_sequence import map_sequence, map_video, reach_of, write_pictures
-from sfm.mapping.scene_map import SceneMap
+from sfm.mapping.scene_map import MapPiece, SceneMap
 from tests.scenes_3d import camera_at, render
+from tests.sfm.plane_map import map_of, piece_of
 
 SIZE = PixelFrame(192, 144)
 POSITIONS = np.linspace(-2.5, 2.5, 17)
@@ -116,3 +117,19 @@ def test_pictures_that_cannot_be_written_are_an_error(tmp_path: Path) -> None:
     assert write_pictures(tmp_path, frames, [1]) == ["00000001.png"]
     with pytest.raises(OSError, match="No such file"):
         write_pictures(tmp_path / "nowhere", frames, [1])
+
+
+@pytest.mark.parametrize(
+    ("pieces", "summary"),
+    [
+        ((), "map: no frame of 12 located: few points, or no parallax"),
+        ((piece_of(range(5), 12, 9),), "map: 1 piece, 5 of 12 frames located"),
+        (
+            (piece_of(range(5), 12, 9), piece_of(range(7, 12), 12, 9)),
+            "map: 2 pieces, 10 of 12 frames located",
+        ),
+    ],
+)
+def test_summary_counts_pieces_and_frames(pieces: tuple[MapPiece, ...], summary: str) -> None:
+    """In one line, and in the right number."""
+    assert map_of(*pieces, size=(12, 9)).summary == summary

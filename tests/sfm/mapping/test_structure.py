@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sfm.mapping.map_evaluation import trajectory_error
+from benchmarks.map_evaluation import trajectory_error
 from sfm.mapping.structure import (
     Observations,
     Structure,

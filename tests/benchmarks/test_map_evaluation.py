@@ -1,31 +1,11 @@
-"""Alignment of trajectories, and summaries and rendered views of maps."""
+"""Alignment of trajectories, and rendered views of maps."""
 
 import numpy as np
 import pytest
 
-from sfm.mapping.map_evaluation import align, centre, render_view, trajectory_error
+from benchmarks.map_evaluation import centre, render_view, trajectory_error
 from sfm.mapping.scene_map import MapPiece
 from tests.sfm.mapping.moving_camera import pose_of
-from tests.sfm.plane_map import map_of, piece_of
-
-SIZE = (12, 9)
-
-
-@pytest.mark.parametrize(
-    ("pieces", "summary"),
-    [
-        ((), "map: no frame of 12 located: few points, or no parallax"),
-        ((piece_of(range(5), *SIZE),), "map: 1 piece, 5 of 12 frames located"),
-        (
-            (piece_of(range(5), *SIZE), piece_of(range(7, 12), *SIZE)),
-            "map: 2 pieces, 10 of 12 frames located",
-        ),
-    ],
-)
-def test_summary_counts_pieces_and_frames(pieces: tuple[MapPiece, ...], summary: str) -> None:
-    """In one line, and in the right number."""
-    assert map_of(*pieces, size=SIZE).summary == summary
-
 
 SHAPE = (16, 20)
 INTRINSICS = np.array([[20.0, 0.0, 9.5], [0.0, 20.0, 7.5], [0.0, 0.0, 1.0]])
@@ -76,8 +56,8 @@ def test_similar_trajectories_have_no_error() -> None:
     assert error.scale == pytest.approx(1.0 / 3.0)
     assert error.num_located == 20
     assert trajectory_error({k: truth[k] for k in (3, 7, 9, 12)}, truth).num_located == 4
-    with pytest.raises(ValueError, match="three pairs"):
-        align(np.zeros((2, 3)), np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="three frames"):
+        trajectory_error({k: truth[k] for k in (3, 7)}, truth)
 
 
 def test_error_is_that_of_the_centres() -> None:
