@@ -122,9 +122,7 @@ def _write(folder: Path, reconstruction: "Reconstruction", first: Any, second: A
     (folder / "model.json").write_text(f"{document}\n")
     model = reconstruction.model
     if model is not None:
-        colours = map_files.point_colours(first, model.correspondences.first)
-        map_files.write_points(folder / "points.ply", model, colours)
-        map_files.write_colmap(folder, model, ("first.png", "second.png"), colours)
+        map_files.write_model(folder, model, map_files.point_colours(first, model.correspondences.first))
     fundamental = None if model is None else model.fundamental
     pictures = [
         map_files.draw_correspondences(

@@ -55,14 +55,6 @@ class KeyPair(NamedTuple):
     epipole: Floats  # in the first frame
 
 
-class Patch(NamedTuple):
-    """A neighbourhood to look for."""
-
-    target: Floats  # its samples
-    weights: Floats
-    coefficients: Floats  # spline of the frame that is searched
-
-
 class Line(NamedTuple):
     """An epipolar line in the second key frame, and the map of neighbourhoods between the frames."""
 
@@ -192,18 +184,18 @@ def follow(
     if best == 0 or best == 2 * half or not (errors[best - 1] < np.inf and errors[best + 1] < np.inf):
         return np.inf
     low, high = (best - half - 1) * step_px, (best - half + 1) * step_px
-    patch = Patch(target, weights, pair.coefficients)
     a, b = high - GOLDEN_RATIO * (high - low), low + GOLDEN_RATIO * (high - low)
-    error_a, error_b = neighbourhood_error(patch, line, a), neighbourhood_error(patch, line, b)
+    error_a = neighbourhood_error(target, pair.coefficients, line, a, weights)
+    error_b = neighbourhood_error(target, pair.coefficients, line, b, weights)
     while high - low > search.tolerance_px:
         if error_a <= error_b:
             high, b, error_b = b, a, error_a
             a = high - GOLDEN_RATIO * (high - low)
-            error_a = neighbourhood_error(patch, line, a)
+            error_a = neighbourhood_error(target, pair.coefficients, line, a, weights)
         else:
             low, a, error_a = a, b, error_b
             b = low + GOLDEN_RATIO * (high - low)
-            error_b = neighbourhood_error(patch, line, b)
+            error_b = neighbourhood_error(target, pair.coefficients, line, b, weights)
     offset_px, error = (a, error_a) if error_a <= error_b else (b, error_b)
     mean, square = 0.0, 0.0
     for i in range(target.shape[0]):
@@ -263,12 +255,10 @@ def similarities(
 
 
 @kernel
-def neighbourhood_error(patch: Patch, line: Line, position_px: float) -> float:
-    """Return the weighted mean squared error at a position on an epipolar line; inf outside the image.
-
-    The mean difference is free.
-    """
-    target, weights, coefficients = patch
+def neighbourhood_error(
+    target: Floats, coefficients: Floats, line: Line, position_px: float, weights: Floats
+) -> float:
+    """Return the weighted variance of the difference at a position on an epipolar line; inf outside."""
     foot, direction, affine = line
     x, y = foot[0] + position_px * direction[0], foot[1] + position_px * direction[1]
     height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN

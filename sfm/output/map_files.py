@@ -180,20 +180,16 @@ def point_colours(luma: Bytes, points: Floats) -> Bytes:
     return np.repeat(luma[rows, columns][:, None], 3, axis=1)
 
 
-def write_points(path: Path, model: Model, colours: Bytes) -> None:
-    """Write the points as a binary PLY file, in the nearest Euclidean frame."""
-    write_ply(path, metric_upgrade(model).points, colours, PLY_COMMENT)
-
-
-def write_colmap(folder: Path, model: Model, names: tuple[str, str], colours: Bytes) -> None:
-    """Write the model in COLMAP's text format."""
+def write_model(folder: Path, model: Model, colours: Bytes) -> None:
+    """Write the nearest Euclidean model: its points as a PLY file, and all in COLMAP's text format."""
     metric, matches = metric_upgrade(model), model.correspondences
     size = model.pixel_frame.width_px, model.pixel_frame.height_px
     intrinsics = np.diag([metric.focal_length_px, metric.focal_length_px, 1.0])
     intrinsics[:2, 2] = 0.5 * (np.array(size) - 1.0)
-    poses = {names[0]: np.eye(3, 4), names[1]: metric.second_from_first}
+    poses = {"first.png": np.eye(3, 4), "second.png": metric.second_from_first}
     tracks = matches.first, matches.second
     colmap_model(size, intrinsics, poses, (metric.points, colours), tracks).write_text(folder)
+    write_ply(folder / "points.ply", metric.points, colours, PLY_COMMENT)
 
 
 def to_dict(reconstruction: Reconstruction) -> dict[str, Any]:

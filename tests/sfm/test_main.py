@@ -63,28 +63,6 @@ def test_no_model_is_no_error(
     assert "motion: none" in capsys.readouterr().out
 
 
-def test_bad_input_ends_in_one_line(
-    pictures: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """No such file, a frame that is not there, a folder in use: status 2, one line, nothing written."""
-    (tmp_path / "used").mkdir()
-    (tmp_path / "used" / "x").touch()
-    for arguments in (
-        ["no.png", pictures[1], "--out", str(tmp_path / "m")],
-        [*pictures, "--frames", "0", "9", "--out", str(tmp_path / "m")],
-        [*pictures, "--out", str(tmp_path / "used")],
-    ):
-        assert main(arguments) == 2
-        assert len(capsys.readouterr().err.strip().splitlines()) == 1
-        assert not (tmp_path / "m").exists()
-
-
-def test_the_folder_is_refused_before_any_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "x").touch()
-    assert main(["no.png", "no.png", "--out", str(tmp_path)]) == 2
-    assert "not an empty folder" in capsys.readouterr().err
-
-
 @pytest.fixture
 def mapped(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
     """Put a map in the place of the mapper; return what it is called with."""
@@ -130,27 +108,30 @@ def test_a_video_becomes_a_folder(
     assert mapped == [(video, "native"), (video, "colmap")]
 
 
-def test_options_of_the_other_use_are_refused(
+def test_bad_input_ends_in_one_line(
     mapped: list[tuple[str, str]],
     video: str,
     pictures: tuple[str, str],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """One line names the option, or what is wrong with the input, and nothing is mapped or written."""
+    """Status 2, one line that names the option or the input, and nothing is mapped or written."""
     for arguments, told in (
         ([video, "--frames", "0", "1"], "--frames"),
         ([video, "--sfm", "colmap"], "--sfm"),
         ([video, "--seed", "0"], "--seed"),
         ([*pictures, "--mapper", "native"], "--mapper"),
+        ([*pictures, "--frames", "0", "9"], "frame 9"),
         ([str(tmp_path / "no.mkv")], "no.mkv"),
+        (["no.png", pictures[1]], "no.png"),
     ):
         assert main([*arguments, "--out", str(tmp_path / "m")]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
         assert told in line
         assert not (tmp_path / "m").exists()
-    assert main([video, "--out", str(tmp_path)]) == 2
-    assert "not an empty folder" in capsys.readouterr().err
+    for inputs in ([video], pictures, ["no.png", "no.png"]):  # the folder is refused before any work
+        assert main([*inputs, "--out", str(tmp_path)]) == 2
+        assert "not an empty folder" in capsys.readouterr().err
     assert mapped == []
 
 

@@ -155,11 +155,11 @@ PAIR = epipolar_search.KeyPair(SMALL, SPLINE, half_pixel_samples(SPLINE), sidewa
 def test_errors_of_neighbourhoods(choose: Choose) -> None:
     """Errors are those of the twin, infinite outside."""
     target, weights, affine = SMALL[10:15, 12:17], window(2), np.array([[1.1, 0.2], [-0.1, 0.9]])
-    patch, direction = epipolar_search.Patch(target, weights, SPLINE), np.array([0.6, -0.8])
+    direction = np.array([0.6, -0.8])
 
     def errors(x: float, y: float) -> Floats:
         line = epipolar_search.Line(np.array([x - 0.3, y + 0.4]), direction, affine)
-        exact = choose(epipolar_search.neighbourhood_error)(patch, line, 0.5)
+        exact = choose(epipolar_search.neighbourhood_error)(target, SPLINE, line, 0.5, weights)
         rough = choose(epipolar_search.rough_error)(target, PAIR.halves, line, 0.5, weights)
         return np.array([exact, rough])
 

@@ -17,10 +17,9 @@ from sfm.output.map_files import (
     metric_upgrade,
     point_colours,
     to_dict,
-    write_colmap,
     write_depth_maps,
+    write_model,
     write_ply,
-    write_points,
     write_trajectory,
 )
 from sfm.scene_model import Reconstruction
@@ -137,9 +136,7 @@ def test_colmap_reads_what_is_written(tmp_path: Path) -> None:
     """COLMAP finds two registered images, all points, and a small reprojection error."""
     model = euclidean_scene(plane=(0.05, 0.0, 0.0)).model
     luma = np.full((288, 352), 77, dtype=np.uint8)
-    write_colmap(
-        tmp_path, model, ("first.png", "second.png"), point_colours(luma, model.correspondences.first)
-    )
+    write_model(tmp_path, model, point_colours(luma, model.correspondences.first))
     read = pycolmap.Reconstruction(tmp_path)
     assert read.num_reg_images() == 2
     assert read.num_points3D() == len(model.correspondences)
@@ -150,8 +147,7 @@ def test_colmap_reads_what_is_written(tmp_path: Path) -> None:
     ]
     assert max(errors) < 0.5
     assert {tuple(point.color) for point in read.points3D.values()} == {(77, 77, 77)}
-    write_points(tmp_path / "p.ply", model, point_colours(luma, model.correspondences.first))
-    cloud = trimesh.load(tmp_path / "p.ply")
+    cloud = trimesh.load(tmp_path / "points.ply")
     np.testing.assert_allclose(cloud.vertices, metric_upgrade(model).points, rtol=1e-6)
     assert (cloud.colors[:, :3] == 77).all()
 
