@@ -68,7 +68,6 @@ def server(tree: Path) -> Iterator[str]:
 
 
 def run_fetch(names: str, origin: str | Path, out: Path) -> int:
-    """Return the exit status of the command."""
     return main(["fetch", *names.split(), "--from", str(origin), "--out", str(out)])
 
 
@@ -110,7 +109,6 @@ def areas(size: int, target: int) -> np.ndarray:
 
 
 def test_images_are_converted(tree: Path, tmp_path: Path) -> None:
-    """Numbered RGB images of a folder become BT.601 limited range."""
     assert run_fetch("images", tree, tmp_path / "out") == 2
     with open_video(tmp_path / "out" / "images-unchecked.mkv") as made:
         frames = [frame.with_chroma() for frame in made]
@@ -222,14 +220,12 @@ def test_endless_answers_are_abandoned(
 def test_other_sources_are_refused(
     source: Source, tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A source of another size, or with too few frames, gives no clip."""
     monkeypatch.setitem(SOURCES, "clip", source)
     assert run_fetch("clip", tree, tmp_path / "out") == 2
     assert not list(tmp_path.glob("out/*"))
 
 
 def test_every_source_has_a_digest() -> None:
-    """No clip is made without a check."""
     assert set(DIGESTS) == set(SOURCES)
     assert all(len(digest) == 64 for digest in DIGESTS.values())
 

@@ -99,7 +99,6 @@ def test_neighbouring_triangles_leave_no_gap() -> None:
 @NOJIT
 @given(st.floats(-9, 9), st.floats(-200, 200), st.integers(0, 20), st.integers(0, 40))
 def test_narrowed_range_keeps_all_columns_inside(slope: float, offset: float, low: int, length: int) -> None:
-    """No column with ``slope * column + offset >= 0`` is lost."""
     first, last = _kernels.narrow(slope, offset, low, low + length)
     assert (first, last) == python_twin(_kernels.narrow)(slope, offset, low, low + length)
     for column in range(low, low + length + 1):
@@ -144,7 +143,6 @@ def test_courses_have_joints_and_no_period(choose: Choose) -> None:
 
 @NOJIT
 def test_materials_look_alike_in_both_forms() -> None:
-    """Every material has the same finite reflectance from the compiled kernel and from Python."""
     materials = materials_of(*MATERIALS.values())
     compiled, plain = np.empty(3), np.empty(3)
     for k, place in itertools.product(range(len(MATERIALS)), [(0.3, -1.7, 0.004), (12.1, 3.3, 0.05)]):
@@ -155,7 +153,6 @@ def test_materials_look_alike_in_both_forms() -> None:
 
 
 def test_picture_is_shaded_alike_in_both_forms(choose: Choose) -> None:
-    """A small view of a scene has the same colours from the compiled kernel and from Python."""
     stairway = scene("stairway")
     camera = stairway.camera(0, 12, 9)
     projected = transformed(camera.projection, stairway.surface.points)

@@ -68,7 +68,6 @@ def test_texture_coordinates_are_metres() -> None:
 
 
 def test_merged_and_moved_meshes_keep_their_triangles() -> None:
-    """Merging shifts vertex numbers; moving and turning change positions and nothing else."""
     a, b = SOLIDS["box"], SOLIDS["bar"].moved((5, 0, 0)).turned(90.0)
     both = shapes.merge([a, b])
     np.testing.assert_allclose(both.points[both.triangles[len(a.triangles)]], b.points[b.triangles[0]])

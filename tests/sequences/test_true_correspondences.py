@@ -24,7 +24,6 @@ def test_depth_map_is_the_depth_of_a_ray_through_the_pixel_centre(any_scene: Sce
 
 
 def test_correspondences_satisfy_the_epipolar_constraint(any_scene: Scene) -> None:
-    """Points at a finite depth lie on their epipolar lines to a millionth of a pixel."""
     pairs = correspondences(any_scene, 0, 5, None, *SIZE)
     near = np.isfinite(pairs.depth_a) & np.isfinite(pairs.points_b).all(axis=1)
     a, b = any_scene.camera(0, *SIZE), any_scene.camera(5, *SIZE)
@@ -49,7 +48,6 @@ def test_reprojected_depth_agrees_with_the_other_frame(any_scene: Scene) -> None
 
 
 def test_luma_of_visible_points_agrees_between_frames(any_scene: Scene) -> None:
-    """Points that are visible in both frames look the same."""
     a, b = render_frame(any_scene, 0, *SIZE), render_frame(any_scene, 2, *SIZE)
     pairs = correspondences(any_scene, 0, 2, None, *SIZE)
     luma_a, luma_b = a.frame.luma.astype(float).ravel(), b.frame.luma.astype(float)
@@ -83,7 +81,6 @@ def test_points_may_lie_between_pixels_and_outside(any_scene: Scene) -> None:
 
 
 def test_epipole_of_street_lies_inside_the_image() -> None:
-    """Forward motion: at any distance between frames the epipole is well inside."""
     street = scene("street")
     for first, second in ((0, 1), (0, 10), (20, 30), (39, 49)):
         a, b = street.camera(first), street.camera(second)

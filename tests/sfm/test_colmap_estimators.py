@@ -9,7 +9,6 @@ from tests.sfm.two_views import FRAME, euclidean_scene
 
 
 def with_outliers(num_outliers: int) -> Correspondences:
-    """Return noisy correspondences, the first of which are wrong."""
     matches = euclidean_scene(num_points=300, noise_px=0.1).model.correspondences
     second = matches.second.copy()
     second[:num_outliers] += np.random.default_rng(2).uniform(-40, 40, (num_outliers, 2))
@@ -27,7 +26,6 @@ def test_fundamental_matrix_through_outliers() -> None:
 
 
 def test_calibrated_pair() -> None:
-    """The camera explains the points, and all of them agree with it."""
     exact = euclidean_scene(num_points=300).model.correspondences
     pair = colmap_estimators.camera_pair(with_outliers(0), FRAME, 3)
     assert not pair.reason

@@ -23,7 +23,6 @@ FRAME = PixelFrame(176, 144)
 
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """Write two views of the scene of two planes as PNG files."""
     import cv2
 
     folder = tmp_path_factory.mktemp("pictures")
@@ -84,7 +83,6 @@ def mapped(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
 
 @pytest.fixture
 def video(tmp_path: Path) -> str:
-    """Write a video of four frames."""
     with create_video(tmp_path / "clip.mkv", (48, 32), 25) as writer:
         for number in range(4):
             writer.write(frames_of(48, 32)(number))

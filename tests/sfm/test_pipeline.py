@@ -50,7 +50,6 @@ def reconstruction(request: pytest.FixtureRequest) -> Reconstruction:
 
 
 def test_two_planes_are_reconstructed(reconstruction: Reconstruction) -> None:
-    """The model is trusted; its epipolar lines are those of the true camera."""
     assert reconstruction.success
     assert reconstruction.motion == "general"
     model = reconstruction.model
@@ -75,7 +74,6 @@ def test_stages_grow_and_shrink(reconstruction: Reconstruction) -> None:
 
 
 def test_models_are_consistent(reconstruction: Reconstruction) -> None:
-    """Depths are positive, and every point projects near where it was seen."""
     model = reconstruction.model
     assert model is not None
     assert model.depths.min() > 0
@@ -150,7 +148,6 @@ def test_coverage_counts_cells() -> None:
 
 
 def test_wrong_arguments_are_refused() -> None:
-    """Pictures of two sizes, and backends that do not exist."""
     with pytest.raises(ValueError, match="one size"):
         reconstruct(FIRST, FIRST[:-1])
     with pytest.raises(ValueError, match="backend"):

@@ -31,12 +31,10 @@ class TwoViews:
 
     @property
     def fundamental(self) -> Floats:
-        """The true F in pixels."""
         return fundamental_to_pixels(fundamental_from_camera(self.camera), FRAME)
 
     @property
     def model(self) -> Model:
-        """The true model."""
         return Model(FRAME, self.fundamental, self.camera, self.exact, self.depths)
 
 

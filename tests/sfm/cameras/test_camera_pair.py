@@ -76,7 +76,6 @@ def test_as_written_no_point_is_dropped_and_the_unit_is_given() -> None:
 
 
 def test_depths_keep_their_order_in_noise() -> None:
-    """Noise of a few tenths of a pixel leaves near points near and far points far."""
     scene = two_views(300, noise_px=0.3)
     f = weak_calibration(scene.measured, np.random.default_rng(0)).fundamental
     found = self_calibration(f, scene.measured, FRAME)
@@ -89,7 +88,6 @@ def test_depths_keep_their_order_in_noise() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_few_bad_points_are_dropped(seed: int) -> None:
-    """Wrong depths of a few points neither prevent nor bend the solution."""
     scene = two_views(200, noise_px=0.1, seed=seed)
     bad = np.arange(0, 200, 29)
     second = scene.measured.second.copy()
@@ -261,7 +259,6 @@ def test_the_minimum_is_that_of_a_general_solver(kind: str, motion: float, noise
 
 
 def test_the_refined_points_obey_the_refined_matrix() -> None:
-    """The fundamental matrix is that of the cameras, and the reprojected points satisfy it exactly."""
     scene = two_views(100, noise_px=0.3)
     found = bundle_adjustment(scene.measured, scene.camera, scene.depths, FRAME, np.random.default_rng(0))
     distances = sampson_distances(found.fundamental, scene.measured.first, found.second)

@@ -50,7 +50,6 @@ def errors_px(scene: TwoViews, camera: np.ndarray, time: float = TIME, shake: fl
 
 
 def resect(scene: TwoViews, positions: np.ndarray, num: int) -> Resection:
-    """Find the camera from the first points, with the usual prior."""
     prior = interpolated_camera(scene.model, TIME)
     return resection(scene.model.points[:num], positions[:num], FRAME, prior)
 
@@ -95,7 +94,6 @@ def test_six_points_stay_near_the_prior(kind: str, seed: int) -> None:
 
 
 def test_points_on_a_line() -> None:
-    """Points on a line of the image give a camera that is right there and finite elsewhere."""
     scene = two_views(400)
     order = np.argsort(np.abs(scene.exact.first[:, 1] - 140.0))[:30]
     prior = interpolated_camera(scene.model, TIME)
@@ -137,7 +135,6 @@ def odd_tracks() -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 @pytest.mark.parametrize("name", odd_tracks())
 def test_odd_inputs_are_values(name: str) -> None:
-    """No input raises or warns; the camera is finite, and what cannot be trusted says so."""
     points, seen = odd_tracks()[name]
     for prior in (None, camera_at(TIME)):
         found = resection(points, seen, FRAME, prior)
@@ -241,7 +238,6 @@ def seen(scene: TwoViews, step: int, shake: float = 0.0) -> np.ndarray:
 
 
 def tracks(scene: TwoViews, shake: Shake, outlier_share: float = 0.0) -> list[TrackedPoints]:
-    """Return noisy tracks of all points."""
     ends, instants = (seen(scene, 0), seen(scene, NUM_STEPS)), []
     for step in range(1, NUM_STEPS):
         time = step / NUM_STEPS

@@ -28,7 +28,6 @@ def test_the_basis_is_orthonormal_and_null() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 def test_any_coordinates_keep_both_points(seed: int) -> None:
-    """Every r gives a camera of norm sqrt(3) that sees both points where they are."""
     r = np.random.default_rng(seed).normal(size=8)
     camera = pb.camera_from_coordinates(BASIS, r)
     assert (camera * camera).sum() == pytest.approx(3.0)
@@ -39,7 +38,6 @@ def test_any_coordinates_keep_both_points(seed: int) -> None:
 
 
 def test_equal_points_are_refused() -> None:
-    """Two equal points, or three points, fix no basis."""
     with pytest.raises(ValueError, match="differ"):
         pb.camera_basis(POINTS[[0, 0]], IMAGE[[0, 0]])
     with pytest.raises(ValueError, match="two points"):

@@ -64,7 +64,6 @@ def test_depths_in_the_opposite_order_are_put_right(angle_deg: float) -> None:
 
 @pytest.mark.parametrize("angle_deg", ORBITS_DEG)
 def test_depths_in_order_are_left_alone(angle_deg: float) -> None:
-    """The true model needs no other basis, nor does one without points."""
     for truth in (orbit(angle_deg), two_views(300).model):
         assert rigid_order(truth) is None
         none = replace(truth, correspondences=Correspondences.empty(), depths=np.empty(0))
@@ -75,7 +74,6 @@ def test_depths_in_order_are_left_alone(angle_deg: float) -> None:
 def test_a_rigid_motion_needs_four_fifths_of_the_points(
     num_behind: int, believed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where less of them lie before both cameras the model stays as it is."""
     monkeypatch.setattr(rebasing, "FOCAL_LENGTHS", (1.2,))
     truth = orbit(8.0)
     behind = truth.points[:num_behind] * [-1.0, -1.0, -1.0, 1.0]
@@ -133,7 +131,6 @@ def test_inverse_depths_of_a_view_stay() -> None:
 
 
 def test_cameras_at_infinity_have_no_model() -> None:
-    """A camera without a finite centre, or one that looks away, gives none."""
     model = small.two_planes()
     away = np.diag([1.0, -1.0, -1.0]) @ small.camera_at(0.5)
     assert rebase(model, AFFINE, small.camera_at(1.0)) is None

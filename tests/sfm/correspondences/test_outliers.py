@@ -13,12 +13,10 @@ from tests.sfm.textures import forwards, sideways
 
 
 def scattered(count: int, seed: int) -> Floats:
-    """Return points all over a CIF frame."""
     return np.random.default_rng(seed).uniform([10, 10], [340, 278], (count, 2))
 
 
 def moved(first: Floats, motion: Floats) -> Correspondences:
-    """Return correspondences of known motion."""
     return Correspondences(first, first + motion, np.zeros(len(first)))
 
 
@@ -70,7 +68,6 @@ def test_motion() -> None:
 
 
 def test_reprojection() -> None:
-    """Projections that are far, or nowhere, go."""
     second = np.array([[10.0, 10.0], [20.0, 20.0], [30.0, 30.0]])
     projected = np.array([[10.6, 10.7], [20.0, 21.1], [np.nan, np.inf]])
     assert outliers.reprojection(second, projected).tolist() == [True, False, False]

@@ -28,19 +28,16 @@ class LineEstimator:
         self.points = points
 
     def estimate(self, samples: Integers) -> Floats:
-        """Join first and last point of each sample."""
         a, b = self.points[samples[:, 0]], self.points[samples[:, -1]]
         step = np.where(b[:, 0] == a[:, 0], 1e-9, b[:, 0] - a[:, 0])
         slope = (b[:, 1] - a[:, 1]) / step
         return np.stack([slope, a[:, 1] - slope * a[:, 0]], axis=1)
 
     def residuals(self, models: Floats) -> Floats:
-        """Measure along y."""
         line = models[:, :1] * self.points[:, 0] + models[:, 1:]
         return np.abs(line - self.points[:, 1])
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
-        """Fit by least squares."""
         del model
         x, y = self.points[inliers].T
         matrix = np.column_stack([x, np.ones_like(x)])
@@ -58,7 +55,6 @@ def line_with_outliers(num: int, seed: int) -> tuple[LineEstimator, Mask]:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_line_among_outliers(seed: int) -> None:
-    """Consensus finds the line, and local optimisation never makes it worse."""
     estimator, wrong = line_with_outliers(200, seed)
     settings = RobustSettings(threshold_px=0.2)
     rng = np.random.default_rng(seed)
@@ -82,7 +78,6 @@ def test_too_few_data_give_no_model(num: int) -> None:
 
 @given(st.integers(7, 300), st.integers(1, 7), st.integers(0, 5))
 def test_samples_are_distinct(num: int, size: int, seed: int) -> None:
-    """No sample holds a datum twice, and all are in range."""
     samples = draw_samples(num, size, 50, np.random.default_rng(seed))
     assert samples.shape[1] == size
     assert len(samples) >= 20

@@ -39,7 +39,6 @@ def test_seven_points_have_the_solutions_of_the_twin() -> None:
 
 
 def test_many_points_have_the_true_matrix() -> None:
-    """Exact matches give the true matrix, of rank 2, from samples of any size above seven."""
     scene = two_views(60)
     estimator = FundamentalEstimator(scene.exact.first, scene.exact.second)
     truth = in_shared_scale(estimator, scene.fundamental)
@@ -79,7 +78,6 @@ def test_gradient_agrees_with_differences() -> None:
 
 @pytest.mark.parametrize("kind", ["general", "planar"])
 def test_the_minimum_is_that_of_a_general_solver(kind: str) -> None:
-    """The sum of squared Sampson distances is as small as a general solver makes it."""
     scene = two_views(60, kind, noise_px=0.4)  # type: ignore[arg-type]
     estimator = FundamentalEstimator(scene.measured.first, scene.measured.second)
     a, b = estimator.first, estimator.second

@@ -117,7 +117,6 @@ def test_neighbours_lie_on_both_sides() -> None:
 
 @pytest.mark.parametrize("positions", [[0.0], [0.0, 0.0]])
 def test_without_baseline_there_is_no_depth(positions: list[float]) -> None:
-    """A frame alone, or a camera that stands still, says nothing."""
     views, _ = _views(positions)
     assert sweep_depth(views, 0, 1.0) is None
 

@@ -38,9 +38,5 @@ def test_no_parallax_no_piece(step: str) -> None:
     turn = 0.02 if step == "turn" else 0.0
     poses = [pose_of(k, step=0.0, turn=turn) for k in range(12)]
     assert map_pieces(tracks_of(poses, scene(), 0.1), _silent) == []
-
-
-def test_nothing_seen() -> None:
-    """Frames without points give no piece."""
     empty = VisiblePoints(np.empty(0, np.int64), np.empty((0, 2)))
     assert map_pieces(SequenceTracks(WIDTH, HEIGHT, (empty,) * 5, (0, 1, 2, 4), 0), _silent) == []

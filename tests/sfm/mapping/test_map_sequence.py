@@ -20,7 +20,6 @@ POSITIONS = np.linspace(-2.5, 2.5, 17)
 
 @cache
 def _clip() -> tuple[list[Frame], list[np.ndarray]]:
-    """Return frames and true depths."""
     views = [render(position, SIZE) for position in POSITIONS]
     return [Frame(luma) for luma, _ in views], [1.0 / inverse for _, inverse in views]
 
@@ -36,7 +35,6 @@ def _map() -> SceneMap:
 
 
 def test_all_frames_are_located() -> None:
-    """In one piece, with the trajectory and the focal length of the truth."""
     (piece,) = _map().pieces
     assert sorted(piece.poses) == list(range(len(POSITIONS)))
     assert trajectory_error(piece.poses, _poses()).relative < 0.01
@@ -107,7 +105,6 @@ def test_colmap_maps_the_scene() -> None:
     [(8, 12, range(5, 21)), (0, 30, range(31)), (3, 20, range(2, 31)), (21, 29, range(20, 31))],
 )
 def test_pieces_reach_to_the_key_frames_around(first: int, last: int, reach: range) -> None:
-    """Or to their own ends without key frames there."""
     assert reach_of([0, 2, 5, 20, 30], first, last) == reach
 
 
@@ -131,5 +128,4 @@ def test_pictures_that_cannot_be_written_are_an_error(tmp_path: Path) -> None:
     ],
 )
 def test_summary_counts_pieces_and_frames(pieces: tuple[MapPiece, ...], summary: str) -> None:
-    """In one line, and in the right number."""
     assert map_of(*pieces, size=(12, 9)).summary == summary

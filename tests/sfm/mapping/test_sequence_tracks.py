@@ -11,7 +11,6 @@ SHAPE = (120, 160)
 
 
 def _picture(shift: tuple[float, float], seed: int = 0) -> Frame:
-    """Return smooth noise, moved by a shift in pixels."""
     noise = np.random.default_rng(seed).uniform(0, 255, (SHAPE[0] + 80, SHAPE[1] + 80)).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.0)
     smooth = (smooth - smooth.min()) / np.ptp(smooth) * 255
@@ -47,7 +46,6 @@ def test_points_end_at_a_cut() -> None:
 
 
 def test_frames_without_corners_have_no_points() -> None:
-    """Black frames, frames that are too small, and no frames at all are no error."""
     black = Frame(np.full(SHAPE, 16, np.uint8))
     tracks = track_sequence([black, black, _picture((0, 0)), black])
     assert [len(each.ids) > 0 for each in tracks.seen] == [False, False, True, False]

@@ -24,7 +24,6 @@ HOSTILE = '"></script><script>window.stolen = 1</script>'
 
 
 def maps() -> dict[str, SceneMap]:
-    """Return a map of each kind."""
     whole = piece_of(range(9), *SIZE, depth_step=4)
     no_points = np.empty((0, 3)), np.empty((0, 3), np.uint8)
     intrinsics, poses = intrinsics_of(*SIZE), {number: pose_at(number) for number in range(9, 12)}
@@ -39,7 +38,6 @@ def maps() -> dict[str, SceneMap]:
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write a page of each map, and return their folder."""
     folder = tmp_path_factory.mktemp("pages")
     for name, scene in maps().items():
         write_flight(folder / f"{name}.html", scene, frames_of(*SIZE), 10.0, HOSTILE)
@@ -248,7 +246,6 @@ def test_context_that_is_lost_comes_back(opened: Opened) -> None:
 
 
 def test_small_screens_have_all_controls(opened: Opened) -> None:
-    """Nothing is wider than the screen, and the scene has room."""
     page = opened("whole", viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True)
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
     box = page.locator("#view").bounding_box()

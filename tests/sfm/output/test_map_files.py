@@ -73,7 +73,6 @@ def test_clouds_are_read_by_other_programs(tmp_path: Path, count: int) -> None:
 
 @pytest.mark.parametrize("fps", [None, 25.0, Fraction(30000, 1001)])
 def test_path_comes_back(tmp_path: Path, fps: Fraction | float | None) -> None:
-    """Lines are in order of time, and turned round they are the poses."""
     poses = {number: pose_at(number) for number in (7, 0, 3)}
     write_trajectory(tmp_path / "trajectory.txt", poses, fps)
     read = np.loadtxt(tmp_path / "trajectory.txt")
@@ -110,7 +109,6 @@ def test_depths_come_back_to_half_a_step(tmp_path: Path) -> None:
 
 
 def test_small_and_absent_depths(tmp_path: Path) -> None:
-    """What is known is never written as unknown, and no depth needs no range."""
     assert depth_step({}) == 1.0
     assert depth_step({0: np.full((2, 2), np.nan, np.float32)}) == 1.0
     near = np.array([[1e-6, 100.0]], np.float32)
@@ -153,7 +151,6 @@ def test_colmap_reads_what_is_written(tmp_path: Path) -> None:
 
 
 def test_values_of_a_model() -> None:
-    """The JSON document is whole with a model and without."""
     truth = euclidean_scene(num_points=12)
     reconstruction = Reconstruction(truth.model, "", "general", {"matching": truth.model.correspondences})
     values = json.loads(json.dumps(to_dict(reconstruction)))

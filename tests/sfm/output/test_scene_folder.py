@@ -30,7 +30,6 @@ FILES = {"depth", "depth.json", "intrinsics.json", "points.ply", "sparse", "traj
 
 
 def written(folder: Path, scene: SceneMap) -> dict[str, object]:
-    """Write a map, and return what its summary says."""
     write_scene(folder, scene, frames_of(*SIZE), 25.0)
     values: dict[str, object] = json.loads((folder / "scene.json").read_text())
     return values
@@ -79,12 +78,9 @@ def test_pieces_stand_beside_each_other(tmp_path: Path) -> None:
     assert {path.name for path in (tmp_path / "piece-1").iterdir()} == FILES
     assert b"element vertex 0\n" in (tmp_path / "piece-1" / "points.ply").read_bytes()
     assert not any((tmp_path / "piece-1" / "depth").iterdir())
-
-
-def test_nothing_located_is_said(tmp_path: Path) -> None:
-    """There is the summary and a page, and no piece."""
-    values = written(tmp_path, map_of(size=SIZE))
-    assert {path.name for path in tmp_path.iterdir()} == {"index.html", "scene.json"}
+    (tmp_path / "none").mkdir()
+    values = written(tmp_path / "none", map_of(size=SIZE))  # the summary and a page, and no piece
+    assert {path.name for path in (tmp_path / "none").iterdir()} == {"index.html", "scene.json"}
     assert values["summary"] == "map: no frame of 12 located: few points, or no parallax"
 
 
@@ -109,14 +105,9 @@ def test_frames_are_asked_for_in_order(tmp_path: Path) -> None:
     assert set(asked) == set(range(6))
 
 
-def test_sizes_are_bounded() -> None:
-    """Small frames stay as they are; large ones keep their shape."""
-    assert shown_size((352, 288)) == (352, 288)
-    assert shown_size((1920, 1080)) == (960, 540)
-    assert shown_size((10000, 1)) == (960, 1)
-
-
 def test_resized_pictures_have_their_cameras() -> None:
+    assert [shown_size(size) for size in ((352, 288), (10000, 1))] == [(352, 288), (960, 1)]
+    assert shown_size((1920, 1080)) == (960, 540)
     intrinsics = intrinsics_of(1920, 1080)
     scaled = scaled_intrinsics(intrinsics, (1920, 1080), (960, 540))
     for corner in ((-0.5, -0.5), (1919.5, 1079.5)):
@@ -206,18 +197,15 @@ def test_directions_are_those_of_the_cameras() -> None:
         for pose in piece.poses.values()
     )
     assert 0.5 * WALL < found["depth"] < 1.1 * WALL
-
-
-def test_a_camera_alone_has_an_overview() -> None:
-    """Without points it looks ahead, and odd points do no harm."""
-    alone = MapPiece(intrinsics_of(8, 8), {3: pose_at(3)}, np.empty((0, 3)), np.empty((0, 3), np.uint8), {})
-    found = overview(alone)
-    assert found["radius"] > 0.0
-    assert np.isfinite(found["middle"]).all()
-    odd = MapPiece(
-        intrinsics_of(8, 8), {3: pose_at(3)}, np.full((2, 3), np.nan), np.zeros((2, 3), np.uint8), {}
+    # A camera without points looks ahead, and odd points do no harm.
+    none, odd = np.empty((0, 3)), np.full((2, 3), np.nan)
+    alone, among = (
+        overview(MapPiece(intrinsics_of(8, 8), {3: pose_at(3)}, xyz, np.zeros(xyz.shape, np.uint8), {}))
+        for xyz in (none, odd)
     )
-    assert overview(odd) == found
+    assert alone == among
+    assert alone["radius"] > 0.0
+    assert np.isfinite(alone["middle"]).all()
 
 
 @pytest.mark.parametrize(
