@@ -92,9 +92,8 @@ def _compare(name: str, path: Path) -> None:
 def _get(origin: str, source: Source, path: str, target: Path) -> None:
     """Copy one source file from a folder or an address."""
     if "://" in origin:
-        _download(
-            f"{origin.rstrip('/')}/{source.repository}/{source.commit}/{urllib.parse.quote(path)}", target
-        )
+        address = f"{origin.rstrip('/')}/{source.repository}/{source.commit}"
+        _download(f"{address}/{urllib.parse.quote(path)}", target)
         return
     folder = Path(origin)
     paths = [folder / source.repository / source.commit / path, folder / path, folder / Path(path).name]

@@ -9,12 +9,12 @@ import numpy as np
 from dvc.arrays import Floats
 from sequences import scenery
 from sequences.scene_cameras import look_at, there_and_back, tremor
-from sequences.scenery import IRON, MARBLE, PAINTS, PLASTERS, TRIM, Description, Style
+from sequences.scenery import IRON, MARBLE, PAINTS, PLASTERS, TILES, TRIM, Description, Style
 from sequences.shapes import Look, Mesh, bar, box, ellipsoid, lathe, merge, patch, slab
 
 BRICK, ASHLAR = Look("brick", (0.32, 0.14, 0.09)), Look("ashlar", (0.46, 0.41, 0.33))
 STONE = Look("stone", (0.46, 0.43, 0.37))
-ASPHALT, TILES = Look("asphalt", (0.13, 0.13, 0.125)), Look("tiles", (0.3, 0.12, 0.07))
+ASPHALT = Look("asphalt", (0.13, 0.13, 0.125))
 COBBLES, PAVING = Look("cobbles", (0.3, 0.28, 0.25)), Look("paving", (0.36, 0.34, 0.3))
 WOOD = Look("wood", (0.3, 0.2, 0.12))
 WALLS = (*(Look("plaster", colour) for colour in PLASTERS[:2]), BRICK, Look("plaster", PLASTERS[2]), ASHLAR)

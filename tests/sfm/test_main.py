@@ -37,16 +37,10 @@ def test_a_model_is_written(
 ) -> None:
     """Model, points, COLMAP's files and the picture; the summary counts correspondences."""
     assert main([*pictures, "--out", str(tmp_path / "m"), "--sfm", backend]) == 0
-    assert {path.name for path in (tmp_path / "m").iterdir()} == {
-        "cameras.txt",
-        "correspondences.png",
-        "frames.txt",
-        "images.txt",
-        "model.json",
-        "points.ply",
-        "points3D.txt",
-        "rigs.txt",
-    }
+    names = (
+        "cameras.txt correspondences.png frames.txt images.txt model.json points.ply points3D.txt rigs.txt"
+    )
+    assert sorted(path.name for path in (tmp_path / "m").iterdir()) == names.split()
     values = json.loads((tmp_path / "m" / "model.json").read_text())
     assert values["success"]
     assert "propagation" in capsys.readouterr().out

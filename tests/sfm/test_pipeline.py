@@ -128,7 +128,9 @@ def test_wild_tracked_points_do_no_harm(reach_px: float) -> None:
     assert (np.concatenate([points.first, points.second]) < [FRAME.width_px, FRAME.height_px]).all()
 
 
-def test_models_that_cannot_be_trusted_have_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_untrusted_models_have_a_reason_and_wrong_arguments_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Too few correspondences leave a model, and a reason."""
     sizes = (88, 72), (352, 288), (704, 576)
     assert [points_needed(PixelFrame(*size)) for size in sizes] == [50, 100, 100]
@@ -137,6 +139,10 @@ def test_models_that_cannot_be_trusted_have_a_reason(monkeypatch: pytest.MonkeyP
     assert found.model is not None
     assert not found.success
     assert "correspondences" in found.reason
+    with pytest.raises(ValueError, match="one size"):
+        reconstruct(FIRST, FIRST[:-1])
+    with pytest.raises(ValueError, match="backend"):
+        reconstruct(FIRST, SECOND, backend="magic")
 
 
 def test_coverage_counts_cells() -> None:
@@ -145,10 +151,3 @@ def test_coverage_counts_cells() -> None:
     assert coverage(np.empty((0, 2)), frame) == 0
     assert coverage(np.array([[1.0, 1.0], [2.0, 2.0]]), frame) == 1 / 64
     assert coverage(np.array([[79.4, 39.4], [-0.5, -0.5], [200.0, -3.0]]), frame) == 3 / 64
-
-
-def test_wrong_arguments_are_refused() -> None:
-    with pytest.raises(ValueError, match="one size"):
-        reconstruct(FIRST, FIRST[:-1])
-    with pytest.raises(ValueError, match="backend"):
-        reconstruct(FIRST, SECOND, backend="magic")

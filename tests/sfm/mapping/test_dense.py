@@ -48,13 +48,6 @@ def test_frames_with_depth_are_bounded(lengths: tuple[int, ...]) -> None:
     assert all(set(keys) <= set(each.poses) for keys, each in zip(chosen, structures, strict=True))
 
 
-def test_a_piece_without_depth_has_cameras() -> None:
-    poses = {k: pose_of(k) for k in range(2)}
-    tracks = tracks_of(list(poses.values()), scene(5))
-    (piece,) = dense_pieces([], tracks, [Structure(K, poses, scene(5))], lambda _: None)
-    assert (list(piece.poses), piece.depths, len(piece.points)) == ([0, 1], {}, 0)
-
-
 def test_points_project_to_their_pixels() -> None:
     depth = np.full((HEIGHT, WIDTH), np.nan, np.float32)
     depth[10, 20], depth[200, 300] = 3.0, 5.0
@@ -65,6 +58,11 @@ def test_points_project_to_their_pixels() -> None:
     image = inside @ K.T
     np.testing.assert_allclose(image[:, :2] / image[:, 2:], [[20, 10], [300, 200]], atol=1e-9)
     assert known.sum() == 2
+    # A piece without depth has cameras and no points.
+    poses = {k: pose_of(k) for k in range(2)}
+    tracks = tracks_of(list(poses.values()), scene(5))
+    (piece,) = dense_pieces([], tracks, [Structure(K, poses, scene(5))], lambda _: None)
+    assert (list(piece.poses), piece.depths, len(piece.points)) == ([0, 1], {}, 0)
 
 
 def test_the_cloud_is_bounded() -> None:

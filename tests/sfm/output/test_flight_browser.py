@@ -114,6 +114,9 @@ def test_points_are_where_they_are_seen(opened: Opened) -> None:
     where = drawn(found)
     assert where.mean() > 0.5
     assert quality(found[where], wanted[where]) > 20.0
+    lose_context(page)
+    restore_context(page, SETTLED)
+    np.testing.assert_array_equal(saved(page), found)
 
 
 def test_slider_changes_frame_and_picture(opened: Opened) -> None:
@@ -197,6 +200,9 @@ def test_free_views_begin_at_the_camera(opened: Opened) -> None:
 
 def test_kinds_of_drawing_are_switched(opened: Opened) -> None:
     page = opened("whole")
+    assert page.inner_text("h1") == HOSTILE  # markup in a title is text
+    assert not page.evaluate("'stolen' in window")
+    assert "9 of 12 frames located" in page.inner_text("header")
     page.locator("#view").focus()
     page.keyboard.press("v")
     assert page.locator("#points").is_checked()
@@ -227,22 +233,6 @@ def test_nothing_is_told(opened: Opened) -> None:
     assert "No frame" in page.inner_text("#message")
     assert page.locator("#still").is_visible()
     assert page.locator("button:visible, input:visible").count() == 0
-
-
-def test_title_cannot_run_and_summary_is_shown(opened: Opened) -> None:
-    page = opened("whole")
-    assert page.inner_text("h1") == HOSTILE
-    assert not page.evaluate("'stolen' in window")
-    assert "9 of 12 frames located" in page.inner_text("header")
-
-
-def test_context_that_is_lost_comes_back(opened: Opened) -> None:
-    page = opened("points")
-    go(page, 3)
-    before = saved(page)
-    lose_context(page)
-    restore_context(page, SETTLED)
-    np.testing.assert_array_equal(saved(page), before)
 
 
 def test_small_screens_have_all_controls(opened: Opened) -> None:
