@@ -18,7 +18,7 @@ DAMPING = Damping(start=1e-4, min_factor=0.0, num_tries=8)
 
 
 class TwoViewEstimator:
-    """Points of two images in coordinates in which each has its centroid at 0, and both share one scale."""
+    """Points of two images, each moved to have its centroid at 0, and both scaled alike."""
 
     def __init__(self, first: Floats, second: Floats) -> None:
         self.num_data, self._first_px, self._second_px, self.scale_px = (

@@ -101,7 +101,7 @@ def triangulate(structure: Structure, seen: Observations) -> tuple[Integers, Flo
     _, start, which, count = np.unique(
         seen.points[order], return_index=True, return_inverse=True, return_counts=True
     )
-    median = np.empty(len(errors))  # of the same point, the lower one
+    median = np.empty(len(errors))  # lower median of the errors of the same point
     median[order] = errors[order][(start + (count - 1) // 2)[which]]
     agreeing = errors <= np.maximum(MAX_ERROR_PX, median)
     if not agreeing.all():
