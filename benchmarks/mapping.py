@@ -22,14 +22,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.map_evaluation import TrajectoryError, render_view, trajectory_error
 from benchmarks.results.harness import SCENES, run_module
 from dvc.config import MAPPERS
 from dvc.geometry.camera_estimation import quiet
 from dvc.metrics import psnr_db
 from dvc.video import Frame, create_video, open_video
-from sfm.mapping.colmap_mapper import model_poses, run_colmap
-from sfm.mapping.map_evaluation import TrajectoryError, render_view, trajectory_error
-from sfm.mapping.map_sequence import map_sequence
+from sfm.mapping.map_sequence import map_sequence, model_poses, run_colmap
 from sfm.mapping.scene_map import MapPiece, SceneMap
 
 Floats = NDArray[np.float64]

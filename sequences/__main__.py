@@ -26,6 +26,8 @@ FETCH_EXAMPLES = """\
 
 
 def _parser() -> argparse.ArgumentParser:
+    from sequences.clip_sources import GITHUB, NOT_REPEATABLE, SOURCES
+
     description = "Test material: rendered scenes with exact geometry, and the video files of $DVC_DATA."
     parser = cli.ArgumentParser(PROG, description, EXAMPLES)
     commands = parser.add_subparsers(dest="command", required=True, metavar="{list,info,render,fetch}")
@@ -39,14 +41,23 @@ def _parser() -> argparse.ArgumentParser:
     info.add_argument("name", metavar="NAME", help="name in the list, or a video file")
     for each in (listing, info):
         each.add_argument("--json", action="store_true", help="write JSON")
-    _add_render(command("render", "render a scene to a video file"))
-    _add_fetch(command("fetch", "make the real test clips from their public sources"))
-    return parser
 
+    render = command("render", "render a scene to a video file")
+    add = render.add_argument
+    scenes = "street, stairway, statue, rounds; or toy, for a camera array"
+    add("name", metavar="NAME", help=scenes)
+    out = "video: .mkv (FFV1), .y4m or .mp4; for toy, a folder for pictures, depth and cameras"
+    add("--out", required=True, metavar="FILE", help=out)
+    add("--size", type=cli.parse_size, metavar="WxH", help="pixels; default: 352x288, for toy 320x240")
+    cli.add_integer(render, "--frames", (1, MAX_NUMBER), "length; default: the usual one of the scene")
+    cli.add_integer(render, "--start", (0, MAX_NUMBER), "first frame", default=0, metavar="K")
+    cli.add_integer(render, "--seed", (0, MAX_NUMBER), "textures, plants, tremor, noise", default=0)
+    add("--noise", type=float, default=0.0, metavar="SIGMA", help="sensor noise, luma levels; default: 0")
+    add("--depth", metavar="DIR", help="folder for one PFM depth map per frame, metres")
+    add("--cameras", metavar="FILE.json", help="file for K and cam_from_world of all frames")
+    cli.add_integer(render, "--jobs", (1, 256), "frames rendered at once", default=1)
 
-def _add_fetch(fetch: argparse.ArgumentParser) -> None:
-    from sequences.clip_sources import GITHUB, NOT_REPEATABLE, SOURCES
-
+    fetch = command("fetch", "make the real test clips from their public sources")
     lines = [f"{name}: {source.uncertain}" for name, source in SOURCES.items() if source.uncertain]
     lines += [f"{name} cannot be made: {why}" for name, why in NOT_REPEATABLE.items()]
     notes = "\n".join(f"  {line}" for line in lines)
@@ -58,23 +69,7 @@ def _add_fetch(fetch: argparse.ArgumentParser) -> None:
     )
     fetch.add_argument("--from", dest="origin", default=GITHUB, metavar="URL", help=origin)
     fetch.add_argument("--out", required=True, metavar="DIR", help="folder for the clips NAME.mkv (FFV1)")
-
-
-def _add_render(render: argparse.ArgumentParser) -> None:
-    add = render.add_argument
-    scenes = "street, stairway, statue, rounds; or toy, for a camera array"
-    add("name", metavar="NAME", help=scenes)
-    out = "video: .mkv (FFV1), .y4m or .mp4; for toy, a folder for pictures, depth and cameras"
-    add("--out", required=True, metavar="FILE", help=out)
-    size = "pixels; default: 352x288, for toy 320x240"
-    add("--size", type=cli.parse_size, metavar="WxH", help=size)
-    cli.add_integer(render, "--frames", (1, MAX_NUMBER), "length; default: the usual one of the scene")
-    cli.add_integer(render, "--start", (0, MAX_NUMBER), "first frame", default=0, metavar="K")
-    cli.add_integer(render, "--seed", (0, MAX_NUMBER), "textures, plants, tremor, noise", default=0)
-    add("--noise", type=float, default=0.0, metavar="SIGMA", help="sensor noise, luma levels; default: 0")
-    add("--depth", metavar="DIR", help="folder for one PFM depth map per frame, metres")
-    add("--cameras", metavar="FILE.json", help="file for K and cam_from_world of all frames")
-    cli.add_integer(render, "--jobs", (1, 256), "frames rendered at once", default=1)
+    return parser
 
 
 def _list(arguments: argparse.Namespace) -> int:
@@ -94,9 +89,8 @@ def _list(arguments: argparse.Namespace) -> int:
         table.add_column(title, no_wrap=title != "purpose")
     for entry in entries:
         table.add_row(*(value(entry) for _, value in columns))
-    Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200, highlight=False, markup=False).print(
-        table
-    )
+    width = None if sys.stdout.isatty() else 200
+    Console(file=sys.stdout, width=width, highlight=False, markup=False).print(table)
     return 0
 
 
@@ -117,12 +111,22 @@ def _info(arguments: argparse.Namespace) -> int:
 
 def _render(arguments: argparse.Namespace) -> int:
     """Render a scene to files."""
-    from sequences.rendered_sequence import RenderedSequence, render
+    from dvc.errors import ConfigError
+    from sequences.rendered_sequence import RenderedSequence, render, write_array
     from sequences.scene_layouts import ARRAY_SCENES, POSITIONS
-    from sequences.toy_array import write_array
 
     if arguments.name in ARRAY_SCENES:
-        _check_array_options(arguments)
+        given = {
+            "--frames": arguments.frames is not None,
+            "--start": arguments.start > 0,
+            "--noise": arguments.noise != 0.0,
+            "--depth": arguments.depth is not None,
+            "--cameras": arguments.cameras is not None,
+        }
+        for option in (option for option, is_given in given.items() if is_given):
+            raise ConfigError(
+                f"{option} applies to videos; {arguments.name} is a folder with depth and cameras"
+            )
         size = arguments.size or (320, 240)
         with cli.progress_bar(arguments.name, len(POSITIONS)) as progress:
             write_array(arguments.name, arguments.out, *size, seed=arguments.seed, progress=progress)
@@ -139,21 +143,6 @@ def _render(arguments: argparse.Namespace) -> int:
     with cli.progress_bar(sequence.name, sequence.num_frames) as progress, sequence:
         render(sequence, arguments.out, cameras=arguments.cameras, depth=arguments.depth, progress=progress)
     return 0
-
-
-def _check_array_options(arguments: argparse.Namespace) -> None:
-    from dvc.errors import ConfigError
-
-    given = {
-        "--frames": arguments.frames is not None,
-        "--start": arguments.start > 0,
-        "--noise": arguments.noise != 0.0,
-        "--depth": arguments.depth is not None,
-        "--cameras": arguments.cameras is not None,
-    }
-    wrong = next((option for option, is_given in given.items() if is_given), None)
-    if wrong is not None:
-        raise ConfigError(f"{wrong} applies to videos; {arguments.name} is a folder with depth and cameras")
 
 
 def _fetch(arguments: argparse.Namespace) -> int:
@@ -173,11 +162,8 @@ def _fetch(arguments: argparse.Namespace) -> int:
     return status
 
 
-def _work(arguments: argparse.Namespace) -> int:
-    return {"list": _list, "info": _info, "render": _render, "fetch": _fetch}[arguments.command](arguments)
-
-
-main = cli.command(PROG, _parser, _work, has_subcommands=True)
+WORK = {"list": _list, "info": _info, "render": _render, "fetch": _fetch}
+main = cli.command(PROG, _parser, lambda given: WORK[given.command](given), has_subcommands=True)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ids = NDArray[np.int32]
+from dvc.arrays import Floats, Singles
+from sequences.shapes import Ids, Mesh
 
 NEAR_M = 0.05
 """Distance before the camera from which surfaces are visible, metres."""
@@ -21,17 +19,6 @@ HAZE_PER_M = 0.0014
 """Extinction of the air."""
 CLOUD = 1.5
 """Radiance of clouds."""
-
-
-class Surface(NamedTuple):
-    """Triangles with attributes at N vertices or of M triangles."""
-
-    points: Floats
-    normals: Floats
-    uv: Floats
-    triangles: Ids
-    materials: Ids
-    tints: Floats
 
 
 class Materials(NamedTuple):
@@ -285,7 +272,7 @@ def footprint(uv: Floats, corners: Ids, e: Floats, total: float, place: Floats) 
 
 @kernel
 def shade(
-    surface: Surface,
+    surface: Mesh,
     materials: Materials,
     light: Light,
     projected: Floats,

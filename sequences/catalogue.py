@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -13,7 +14,6 @@ from sequences.scene_layouts import VIDEO_SCENES
 from sequences.scenery import Description
 
 SUFFIXES = frozenset({".mkv", ".y4m", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg"})
-DATA_VARIABLE = "DVC_DATA"
 
 
 @dataclass(frozen=True)
@@ -103,10 +103,10 @@ class Entry:
 
 def data_folder() -> Path | None:
     """Return the folder of video files: ``$DVC_DATA``, else ``../shared/sequences`` next to the project."""
-    named = os.environ.get(DATA_VARIABLE)
+    named = os.environ.get("DVC_DATA")
     if named:
         if not Path(named).is_dir():
-            raise ConfigError(f"${DATA_VARIABLE} is {named!r}, which is not a folder")
+            raise ConfigError(f"$DVC_DATA is {named!r}, which is not a folder")
         return Path(named)
     folder = Path(__file__).resolve().parents[2] / "shared" / "sequences"
     return folder if folder.is_dir() else None
@@ -139,27 +139,23 @@ def _rendered_entry(scene: Description) -> Entry:
 
 def _file_entry(name: str, path: Path) -> Entry:
     """Return the entry of a video file; for an unreadable one, its purpose is the error."""
+    import av
+
     about = DESCRIBED.get(path.stem, USER_MATERIAL)
     try:
         with open_video(path) as reader:
             info = reader.info
-        num_frames = info.num_frames or _count_packets(path)
     except DvcError as err:
         about = Remarks("unknown", "unreadable", "not described", str(err))
         return Entry(name, "file", 0, 0, Fraction(0), None, str(path), about)
-    return Entry(name, "file", info.width, info.height, info.frame_rate, num_frames, str(path), about)
-
-
-def _count_packets(path: Path) -> int | None:
-    """Count the coded pictures of a container without decoding them; None if it cannot be walked through."""
-    import av
-
-    try:
-        with av.open(str(path)) as container:
+    num_frames = info.num_frames
+    if (
+        not num_frames
+    ):  # count the coded pictures without decoding them, if the container can be walked through
+        with suppress(av.error.FFmpegError, IndexError, OSError), av.open(str(path)) as container:
             stream = container.streams.video[0]
-            return sum(1 for packet in container.demux(stream) if packet.size)
-    except (av.error.FFmpegError, IndexError, OSError):
-        return None
+            num_frames = sum(1 for packet in container.demux(stream) if packet.size)
+    return Entry(name, "file", info.width, info.height, info.frame_rate, num_frames, str(path), about)
 
 
 def resolve(name_or_path: str | Path) -> Path | Description:
@@ -192,11 +188,6 @@ def entry(name_or_path: str | Path) -> Entry:
     return _file_entry(resolved.stem, resolved)
 
 
-def _motion_text(motion_px: tuple[float, float, float] | None) -> str:
-    """Format mean, smallest and largest motion, or return a question mark."""
-    return "?" if motion_px is None else "{:.1f} ({:.1f}..{:.1f})".format(*motion_px)
-
-
 FIELDS: tuple[tuple[str, Callable[[Entry], str]], ...] = (
     ("name", lambda e: e.name),
     ("kind", lambda e: e.kind),
@@ -206,6 +197,9 @@ FIELDS: tuple[tuple[str, Callable[[Entry], str]], ...] = (
     ("static scene", lambda e: e.about.static),
     ("shows", lambda e: e.about.shows),
     ("motion", lambda e: e.about.motion),
-    ("px/frame", lambda e: _motion_text(e.about.motion_px)),
+    (
+        "px/frame",
+        lambda e: "{:.1f} ({:.1f}..{:.1f})".format(*e.about.motion_px) if e.about.motion_px else "?",
+    ),
     ("purpose", lambda e: e.about.purpose),
 )

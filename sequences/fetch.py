@@ -9,9 +9,8 @@ import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from http.client import HTTPException, HTTPResponse
+from http.client import HTTPException
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -93,9 +92,8 @@ def _compare(name: str, path: Path) -> None:
 def _get(origin: str, source: Source, path: str, target: Path) -> None:
     """Copy one source file from a folder or an address."""
     if "://" in origin:
-        _download(
-            f"{origin.rstrip('/')}/{source.repository}/{source.commit}/{urllib.parse.quote(path)}", target
-        )
+        address = f"{origin.rstrip('/')}/{source.repository}/{source.commit}"
+        _download(f"{address}/{urllib.parse.quote(path)}", target)
         return
     folder = Path(origin)
     paths = [folder / source.repository / source.commit / path, folder / path, folder / Path(path).name]
@@ -109,11 +107,18 @@ def _download(url: str, target: Path) -> None:
     """Download a file of bounded size in bounded time."""
     if urllib.parse.urlsplit(url).scheme not in ("http", "https"):
         raise ConfigError(f"{url}: only http and https addresses and folders are accepted")
+    size, end = 0, time.monotonic() + MAX_FILE_S
     try:
         with urllib.request.urlopen(url, timeout=TIMEOUT_S) as answer, target.open("wb") as file:
             length = answer.headers.get("Content-Length")
             expected = None if length is None else int(length)
-            size = _receive(answer, file, url)
+            while chunk := answer.read1(_CHUNK_BYTES):
+                size += len(chunk)
+                if size > MAX_FILE_BYTES:
+                    raise VideoError(f"{url}: larger than {MAX_FILE_BYTES >> 20} MiB")
+                if time.monotonic() > end:
+                    raise VideoError(f"{url}: not complete after {MAX_FILE_S:.0f} s")
+                file.write(chunk)
     except urllib.error.HTTPError as err:
         raise VideoError(f"{url}: {err.code} {err.reason}") from err
     except (OSError, HTTPException, ValueError) as err:
@@ -122,48 +127,28 @@ def _download(url: str, target: Path) -> None:
         raise VideoError(f"{url}: the connection ended after {size} of {expected} bytes")
 
 
-def _receive(answer: HTTPResponse, file: BinaryIO, url: str) -> int:
-    """Write an answer to a file and return its size."""
-    size, end = 0, time.monotonic() + MAX_FILE_S
-    while chunk := answer.read1(_CHUNK_BYTES):
-        size += len(chunk)
-        if size > MAX_FILE_BYTES:
-            raise VideoError(f"{url}: larger than {MAX_FILE_BYTES >> 20} MiB")
-        if time.monotonic() > end:
-            raise VideoError(f"{url}: not complete after {MAX_FILE_S:.0f} s")
-        file.write(chunk)
-    return size
-
-
 def _planes(source: Source, files: list[Path]) -> Iterator[list[Plane]]:
-    """Yield luma and chroma of the source frames: 4:2:0 of a video, 4:4:4 of RGB images."""
+    """Yield luma and chroma of the source frames: 4:2:0 of a video, BT.601 limited-range 4:4:4 of images."""
+    import av
+
     if len(files) == 1:
-        with open_video(
-            files[0], size=source.size, start=source.first, num_frames=source.num_frames
-        ) as reader:
+        first, count = source.first, source.num_frames
+        with open_video(files[0], size=source.size, start=first, num_frames=count) as reader:
             for frame in reader:
                 coloured = frame.with_chroma()
                 yield [coloured.luma, *(coloured.chroma or ())]
         return
     for file in files:
-        yield _image_planes(file, source.size)
-
-
-def _image_planes(file: Path, size: tuple[int, int]) -> list[Plane]:
-    """Read an image as BT.601 limited-range 4:4:4."""
-    import av
-
-    try:
-        with av.open(str(file)) as container:
-            stream = container.streams.video[0]
-            if (stream.width, stream.height) != size:
-                shape = f"{stream.width}x{stream.height} pixels, expected {size[0]}x{size[1]}"
-                raise VideoError(f"{file.name}: {shape}")
-            picture = next(container.decode(video=0))
-    except (av.error.FFmpegError, IndexError, StopIteration) as err:
-        raise VideoError(f"{file.name}: not a readable image") from err
-    converted = picture.reformat(format="yuv444p", dst_colorspace="ITU601", dst_color_range="MPEG")
-    return list(converted.to_ndarray())
+        try:
+            with av.open(str(file)) as container:
+                picture = next(container.decode(video=0))
+        except (av.error.FFmpegError, IndexError, StopIteration) as err:
+            raise VideoError(f"{file.name}: not a readable image") from err
+        if (picture.width, picture.height) != source.size:
+            shape = "{}x{} pixels, expected {}x{}".format(picture.width, picture.height, *source.size)
+            raise VideoError(f"{file.name}: {shape}")
+        converted = picture.reformat(format="yuv444p", dst_colorspace="ITU601", dst_color_range="MPEG")
+        yield list(converted.to_ndarray())
 
 
 def _scaled(planes: list[Plane], crop: tuple[int, int, int, int]) -> Frame:

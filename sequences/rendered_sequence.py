@@ -1,4 +1,4 @@
-"""A rendered scene as a video: read frame by frame, or written to files with depth and cameras."""
+"""Rendered scenes as videos, read frame by frame or written to files, and pictures of a camera array."""
 
 import json
 from collections import deque
@@ -7,14 +7,15 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
+import cv2
+
 from dvc.errors import ConfigError
 from dvc.files import atomic_folder, atomic_output, same_file
 from dvc.picture_files import write_pfm
 from dvc.video import VideoInfo, VideoReader, create_video
 from dvc.video.frames import check_size
-from sequences.rendered_scenes import scene
-from sequences.renderer import RenderedFrame, render_frame
-from sequences.scene_layouts import VIDEO_SCENES
+from sequences.rendered_scenes import RenderedFrame, render_frame, render_picture, scene
+from sequences.scene_layouts import POSITIONS, VIDEO_SCENES
 
 
 class RenderedSequence(VideoReader):
@@ -152,15 +153,37 @@ def render(
             views.append({"index": index, **rendered.camera.to_dict()})
             progress(1)
         if camera_file is not None:
-            camera_file.write_text(json.dumps(_camera_document(sequence, views), indent=1) + "\n")
+            document = {
+                "scene": sequence.name,
+                "seed": sequence.seed,
+                "frame_rate": str(info.frame_rate),
+                "pixel_centre": "first pixel at (0, 0); x is the column, y the row",
+                "units": "metres and pixels; camera axes x right, y down, z forward",
+                "frames": views,
+            }
+            camera_file.write_text(json.dumps(document, indent=1) + "\n")
 
 
-def _camera_document(sequence: RenderedSequence, views: list[dict[str, object]]) -> dict[str, object]:
-    return {
-        "scene": sequence.name,
-        "seed": sequence.seed,
-        "frame_rate": str(sequence.info.frame_rate),
-        "pixel_centre": "first pixel at (0, 0); x is the column, y the row",
-        "units": "metres and pixels; camera axes x right, y down, z forward",
-        "frames": views,
-    }
+def write_array(
+    name: str,
+    folder: str | Path,
+    width: int = 320,
+    height: int = 240,
+    *,
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda _: None,
+) -> None:
+    """Write all views of a camera array: pictures, depth, `cameras.json` and `views.csv`."""
+    cameras, rows = [], ["file,m,n"]
+    with atomic_folder(folder) as made:
+        for index, (m, n) in enumerate(POSITIONS):
+            image, depth, camera = render_picture(scene(name, seed), index, width, height)
+            stem, pose = f"toy-{m}-{n}", camera.cam_from_world
+            (made / f"{stem}.png").write_bytes(cv2.imencode(".png", image[:, :, ::-1])[1].tobytes())
+            write_pfm(made / f"depth-{stem}.pfm", depth)
+            entry = {"file": f"{stem}.png", "K": camera.K.tolist()}
+            cameras.append({**entry, "R": pose[:, :3].tolist(), "t": pose[:, 3].tolist()})
+            rows.append(f"{stem}.png,{m},{n}")
+            progress(1)
+        (made / "cameras.json").write_text(json.dumps(cameras, indent=1) + "\n", encoding="utf-8")
+        (made / "views.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")

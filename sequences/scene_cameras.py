@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
 
 
 @dataclass(frozen=True)
@@ -111,10 +111,8 @@ def back_project(camera: Camera, xy: Floats, depth_m: Floats) -> Floats:
 def intrinsics(width_px: int, height_px: int, field_of_view_deg: float) -> Floats:
     """Return `K` (3, 3) of square pixels and a centred principal point for a horizontal field of view."""
     focal = 0.5 * width_px / math.tan(math.radians(field_of_view_deg) / 2)
-    return np.array(
-        [[focal, 0.0, (width_px - 1) / 2], [0.0, focal, (height_px - 1) / 2], [0.0, 0.0, 1.0]],
-        dtype=np.float64,
-    )
+    x, y = (width_px - 1) / 2, (height_px - 1) / 2
+    return np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])
 
 
 def look_at(centre: ArrayLike, target: ArrayLike, turn_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:

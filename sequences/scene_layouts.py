@@ -5,18 +5,16 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from sequences import scenery
 from sequences.scene_cameras import look_at, there_and_back, tremor
-from sequences.scenery import IRON, MARBLE, PAINTS, PLASTERS, TRIM, Description, Style
+from sequences.scenery import IRON, MARBLE, PAINTS, PLASTERS, TILES, TRIM, Description, Style
 from sequences.shapes import Look, Mesh, bar, box, ellipsoid, lathe, merge, patch, slab
-
-Floats = NDArray[np.float64]
 
 BRICK, ASHLAR = Look("brick", (0.32, 0.14, 0.09)), Look("ashlar", (0.46, 0.41, 0.33))
 STONE = Look("stone", (0.46, 0.43, 0.37))
-ASPHALT, TILES = Look("asphalt", (0.13, 0.13, 0.125)), Look("tiles", (0.3, 0.12, 0.07))
+ASPHALT = Look("asphalt", (0.13, 0.13, 0.125))
 COBBLES, PAVING = Look("cobbles", (0.3, 0.28, 0.25)), Look("paving", (0.36, 0.34, 0.3))
 WOOD = Look("wood", (0.3, 0.2, 0.12))
 WALLS = (*(Look("plaster", colour) for colour in PLASTERS[:2]), BRICK, Look("plaster", PLASTERS[2]), ASHLAR)
@@ -36,10 +34,6 @@ def _along_street(index: float, seed: int) -> Floats:
 
 def _street(rng: np.random.Generator) -> Mesh:
     """Build the street."""
-    return merge([*_roadway(), *_fronts(rng), *_parked(rng), *_street_end(rng)])
-
-
-def _roadway() -> list[Mesh]:
     length, white = FAR_Y - NEAR_Y, Look("paint", (0.62, 0.62, 0.6))
     parts = [patch((-KERB_M, NEAR_Y, 0), (2 * KERB_M, 0, 0), (0, length, 0), ASPHALT)]
     for left, kerb in ((KERB_M, KERB_M), (-FRONT_M - 0.1, -KERB_M - 0.16)):
@@ -49,11 +43,7 @@ def _roadway() -> list[Mesh]:
         parts.append(patch((-0.06, y, 0.004), (0.12, 0, 0), (0, 2.4, 0), white))
     for x in np.arange(0.4 - KERB_M, KERB_M - 0.5):
         parts.append(patch((x, 26.0, 0.004), (0.5, 0, 0), (0, 3.0, 0), white))
-    return parts
-
-
-def _fronts(rng: np.random.Generator) -> list[Mesh]:
-    parts = []
+    # house fronts
     for side in (-1, 1):
         y, k = NEAR_Y, 0
         while y < FAR_Y:
@@ -61,19 +51,15 @@ def _fronts(rng: np.random.Generator) -> list[Mesh]:
             paint = PAINTS[int(rng.integers(len(PAINTS)))]
             ground = ("shop", "door", "shop", "door", "door")[k % 5]
             style = Style(WALLS[(k + 2 * side) % 5], paint, ground, bool(rng.random() < 0.4))
-            front = FRONT_M + rng.uniform(0.0, 0.18)
+            setback = FRONT_M + rng.uniform(0.0, 0.18)
             turn, start = (90.0, y) if side < 0 else (-90.0, y + width)
             parts.append(
-                scenery.house(rng, width, floors, style).turned(turn).moved((side * front, start, 0.12))
+                scenery.house(rng, width, floors, style).turned(turn).moved((side * setback, start, 0.12))
             )
             y, k = y + width, k + 1
-    return parts
-
-
-def _parked(rng: np.random.Generator) -> list[Mesh]:
+    # parked cars, lamps, bollards, trees and tubs
     colours = [(0.4, 0.03, 0.03), (0.5, 0.5, 0.52), (0.05, 0.1, 0.3), (0.6, 0.58, 0.52), (0.05, 0.055, 0.06)]
     colours += [(0.1, 0.2, 0.13), (0.42, 0.33, 0.18)]
-    parts = []
     for k, y in enumerate((11.0, 16.6, 22.0, 35.5, 41.0, 52.0, 58.0, 70.0)):
         parts.append(scenery.car(colours[k % 7]).turned(180.0 + rng.uniform(-1.5, 1.5)).moved((2.45, y, 0)))
     for k, y in enumerate((8.0, 13.4, 19.5, 33.0, 44.0, 49.5, 62.0)):
@@ -91,17 +77,16 @@ def _parked(rng: np.random.Generator) -> list[Mesh]:
     for side, y in ((1, 6.5), (-1, 10.6), (1, 18.0), (-1, 17.2)):
         parts.append(box((side * 5.2 - 0.28, y, 0.13), (side * 5.2 + 0.28, y + 1.4, 0.63), TRIM))
         parts += [scenery.clump(rng, (side * 5.2, y + d, 0.8), 0.36) for d in (0.25, 0.7, 1.15)]
-    return parts
-
-
-def _street_end(rng: np.random.Generator) -> list[Mesh]:
-    parts = [patch((-90, FAR_Y, -0.02), (180, 0, 0), (0, 60, 0), PAVING)]
+    # the end of the street
+    parts.append(patch((-90, FAR_Y, -0.02), (180, 0, 0), (0, 60, 0), PAVING))
     for k in range(6):
         front = scenery.house(rng, 11.0, int(rng.integers(3, 6)), Style(WALLS[k % 5], ground="plain"))
         parts.append(front.moved((-33.0 + 11.0 * k, FAR_Y + 12.0, 0)))
     parts.append(box((4.0, FAR_Y + 22, 0), (9.0, FAR_Y + 27, 26.0), ASHLAR))
     spire = lathe([(3.8, 0.0), (0.1, 12.0)], (6.5, FAR_Y + 24.5, 26.0), TILES, 4)
-    return [*parts, spire, *(scenery.tree(rng, (x, FAR_Y + 5.0, 0), 8.5, 2.8) for x in (-10.0, -4.0, 3.0))]
+    parts.append(spire)
+    parts += [scenery.tree(rng, (x, FAR_Y + 5.0, 0), 8.5, 2.8) for x in (-10.0, -4.0, 3.0)]
+    return merge(parts)
 
 
 STREET = Description(
@@ -156,10 +141,6 @@ def _round(index: float, seed: int) -> Floats:
 
 def _stairway(rng: np.random.Generator) -> Mesh:
     """Build the stairway."""
-    return merge([*_steps(rng), *_left_wall(rng), *_balustrade(), *_terrace(rng)])
-
-
-def _steps(rng: np.random.Generator) -> list[Mesh]:
     parts = []
     for k in range(NUM_STEPS):
         step = [box((LEFT_M, 0.02, -0.1), (RIGHT_M, 0.5, RISE_M - 0.02), STONE.shaded(0.3))]
@@ -171,12 +152,9 @@ def _steps(rng: np.random.Generator) -> list[Mesh]:
             step.append(box((left, y, 0.0), (right, y + TREAD_M + 0.03, z - 0.045), look))
             step.append(box((left, y - 0.03, z - 0.045), (right, y + TREAD_M, z), look))
         parts.append(merge(step).moved((0, k * TREAD_M, k * RISE_M)))
-    return parts
-
-
-def _left_wall(rng: np.random.Generator) -> list[Mesh]:
+    # the left wall
     x, end = LEFT_M, TOP_Y + 2.6
-    parts = [
+    parts += [
         box((x - 0.3, -0.6, 0), (x, end, 4.6), BRICK),
         box((x - 2.9, -0.6, 0), (x - 0.2, -0.3, 4.6), BRICK),
         slab((x, 0, 0), (0.12, 0, 0), (0, TOP_Y, TOP_Z), (0, 0, 0.42), STONE.shaded(0.8)),
@@ -191,12 +169,9 @@ def _left_wall(rng: np.random.Generator) -> list[Mesh]:
         hang = rng.random() ** 1.6
         at = (x + 0.04, rng.uniform(0.4, 5.6)) if k < 50 else (x - rng.uniform(0.8, 2.8), -0.66)
         parts.append(scenery.clump(rng, (*at, 4.6 - 2.4 * hang), rng.uniform(0.14, 0.3)))
-    return parts
-
-
-def _balustrade() -> list[Mesh]:
+    # the balustrade
     x, slope = RIGHT_M, (0, TOP_Y, TOP_Z)
-    parts = [slab((x, 0, 0), (0.36, 0, 0), slope, (0, 0, 0.34), STONE)]
+    parts.append(slab((x, 0, 0), (0.36, 0, 0), slope, (0, 0, 0.34), STONE))
     parts.append(slab((x - 0.04, 0, 1.02), (0.44, 0, 0), slope, (0, 0, 0.13), STONE))
     outline = np.array([(0.065, 0), (0.065, 0.06), (0.04, 0.1), (0.075, 0.28), (0.034, 0.6), (0.06, 0.78)])
     for t in (np.arange(27) + 0.5) / 27:
@@ -205,13 +180,10 @@ def _balustrade() -> list[Mesh]:
         parts.append(box((x - 0.06, y, z), (x + 0.44, y + 0.5, z + 1.25), ASHLAR))
         parts.append(box((x - 0.12, y - 0.06, z + 1.25), (x + 0.5, y + 0.56, z + 1.36), STONE))
         parts.append(ellipsoid((x + 0.19, y + 0.25, z + 1.54), (0.18, 0.18, 0.18), MARBLE))
-    return parts
-
-
-def _terrace(rng: np.random.Generator) -> list[Mesh]:
+    # the terrace
     base = RIGHT_M + 0.4
     ochre = Style(Look("plaster", PLASTERS[0]), PAINTS[2], "door", True)
-    parts = [
+    parts += [
         patch((-12, -9, 0), (24, 0, 0), (0, 9.2, 0), PAVING),
         patch((LEFT_M, TOP_Y, TOP_Z), (14.0, 0, 0), (0, 3.4, 0), PAVING),
         scenery.house(rng, 7.2, 2, ochre).moved((LEFT_M - 0.4, TOP_Y + 3.0, TOP_Z)),
@@ -229,7 +201,7 @@ def _terrace(rng: np.random.Generator) -> list[Mesh]:
     for x, y, r in ((-2.1, -1.05, 0.24), (2.75, -1.0, 0.27), (-1.62, -0.75, 0.17)):
         parts.append(lathe(r * pot, (x, y, 0), Look("stone", (0.46, 0.22, 0.13)), 20))
         parts.append(scenery.clump(rng, (x, y, 2.9 * r), 1.7 * r))
-    return parts
+    return merge(parts)
 
 
 STAIRWAY = Description(
@@ -273,10 +245,6 @@ def _round_statue(index: float, seed: int) -> Floats:
 
 def _statue(rng: np.random.Generator) -> Mesh:
     """Build the square with the statue."""
-    return merge([*_monument(), *_square(rng), *_portico(), *_furniture(rng)])
-
-
-def _monument() -> list[Mesh]:
     parts = [scenery.figure().moved((0, 0, PEDESTAL_M))]
     levels = (0.0, 0.16, 0.3, 0.42, 1.34, 1.46, PEDESTAL_M)
     for k, half in enumerate((0.75, 0.65, 0.57, 0.49, 0.62, 0.45)):
@@ -286,11 +254,9 @@ def _monument() -> list[Mesh]:
     for radius, low in ((2.35, -0.1), (1.75, 0.01)):
         rim = [(radius, low), (radius, low + 0.1), (radius - 0.02, low + 0.11), (0.2, low + 0.11)]
         parts += [lathe(rim[k : k + 2], (0, 0, 0), STONE, 48) for k in range(3)]
-    return parts
-
-
-def _square(rng: np.random.Generator) -> list[Mesh]:
-    parts, x = [patch((-40, -14, 0), (80, 0, 0), (0, 34, 0), COBBLES)], -31.0
+    # the square
+    parts.append(patch((-40, -14, 0), (80, 0, 0), (0, 34, 0), COBBLES))
+    x = -31.0
     for y, wide in ((6.2, 0.35), (6.9, 0.35), (9.0, 2.3)):
         parts.append(patch((-30, y, 0.006), (60, 0, 0), (0, wide, 0), PAVING))
     for k in range(7):
@@ -300,21 +266,16 @@ def _square(rng: np.random.Generator) -> list[Mesh]:
         x += width
     for x, y in ((-10.5, 9.6), (-14.0, 6.5), (9.4, 9.8), (13.0, 7.0), (18.0, 9.0)):
         parts.append(scenery.tree(rng, (x, y, 0), rng.uniform(6.4, 7.4), 1.9))
-    return parts
-
-
-def _portico() -> list[Mesh]:
-    return [
+    # the portico
+    parts += [
         box((-6.0, 10.8, 0.0), (5.2, 13.6, 0.36), STONE),
         box((-6.0, 10.9, 4.56), (5.2, 13.6, 5.1), ASHLAR),
         box((-6.3, 10.6, 5.1), (5.5, 13.6, 5.3), STONE),
         patch((-6.3, 10.6, 5.3), (11.8, 0, 0), (0, 3.0, 1.0), TILES),
         *(scenery.column((-5.4 + 2.0 * k, 11.4, 0.36), 4.2, 0.27) for k in range(6)),
     ]
-
-
-def _furniture(rng: np.random.Generator) -> list[Mesh]:
-    parts = [scenery.lamp((x, 7.9, 0), 0.6, 3.8) for x in (-12.0, -5.6, 6.4, 13.5)]
+    # lamps, bollards, benches and tubs
+    parts += [scenery.lamp((x, 7.9, 0), 0.6, 3.8) for x in (-12.0, -5.6, 6.4, 13.5)]
     parts += [scenery.bollard((x, 5.3, 0)) for x in np.arange(-13.5, 14.0, 1.5)]
     for angle in np.radians(np.arange(15.0, 375.0, 30.0)):
         parts.append(scenery.bollard((3.1 * math.sin(angle), 3.1 * math.cos(angle), 0)))
@@ -325,7 +286,7 @@ def _furniture(rng: np.random.Generator) -> list[Mesh]:
     for x in (-8.0, 1.0, 8.0):
         parts.append(box((x - 0.9, 6.0, 0), (x + 0.9, 6.7, 0.5), TRIM))
         parts += [scenery.clump(rng, (x + dx, 6.35, 0.66), 0.34) for dx in (-0.55, 0.0, 0.55)]
-    return parts
+    return merge(parts)
 
 
 STATUE = Description(

@@ -6,36 +6,19 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sequences.shapes import (
-    Colour,
-    Look,
-    Mesh,
-    bar,
-    box,
-    ellipsoid,
-    lathe,
-    merge,
-    patch,
-    smooth_sheet,
-)
-
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
+from sequences.shapes import Colour, Look, Mesh, bar, box, ellipsoid, lathe, merge, patch, smooth_sheet
 
 IRON = Look("paint", (0.04, 0.05, 0.05))
 GLASS = Look("glass", (0.06, 0.08, 0.1))
 TRIM = Look("stone", (0.48, 0.45, 0.39))
 MARBLE = Look("marble", (0.56, 0.53, 0.47))
 LEAVES = Look("leaves", (0.075, 0.12, 0.035))
+TILES = Look("tiles", (0.3, 0.12, 0.07))
 GROUND_FLOOR_M, STOREY_M = 3.4, 3.0
-PLASTERS: tuple[Colour, ...] = (
-    (0.62, 0.5, 0.33),
-    (0.6, 0.56, 0.48),
-    (0.53, 0.34, 0.26),
-    (0.63, 0.53, 0.4),
-    (0.44, 0.49, 0.5),
-)
+PLASTERS: tuple[Colour, ...] = ((0.62, 0.5, 0.33), (0.6, 0.56, 0.48), (0.53, 0.34, 0.26))
 PAINTS: tuple[Colour, ...] = ((0.5, 0.48, 0.44), (0.2, 0.13, 0.09), (0.09, 0.14, 0.1), (0.1, 0.13, 0.19))
 
 
@@ -84,9 +67,7 @@ def house(rng: np.random.Generator, width: float, floors: int, style: Style, dep
         box((-0.1, -0.28, top - 0.2), (width + 0.1, 0, top - 0.05), TRIM.shaded(0.9)),
         box((-0.2, -0.42, top - 0.05), (width + 0.2, 0.1, top + 0.12), TRIM),
         bar([(width - 0.2, -0.09, 0.2), (width - 0.2, -0.09, top - 0.3)], [0.05, 0.05], IRON.shaded(2.5)),
-        patch(
-            (-0.2, -0.42, top + 0.12), (width + 0.4, 0, 0), (0, 4.0, 2.2), Look("tiles", (0.3, 0.12, 0.07))
-        ),
+        patch((-0.2, -0.42, top + 0.12), (width + 0.4, 0, 0), (0, 4.0, 2.2), TILES),
     ]
     for _ in range(2):
         x, high = rng.uniform(0.6, width - 1.4), top + rng.uniform(2.2, 3.4)
@@ -130,11 +111,8 @@ def door(foot: tuple[float, float], style: Style) -> Mesh:
         box((-0.55, -0.04, 0.1), (0.55, 0.05, 2.2), wood),
         box((-0.5, -0.04, 2.25), (0.5, 0.05, 2.6), GLASS),
     ]
-    parts += [
-        box((x, -0.06, z), (x + 0.36, 0, z + 0.75), wood.shaded(1.3))
-        for x in (-0.43, 0.07)
-        for z in (0.3, 1.2)
-    ]
+    for x, z in ((-0.43, 0.3), (-0.43, 1.2), (0.07, 0.3), (0.07, 1.2)):
+        parts.append(box((x, -0.06, z), (x + 0.36, 0, z + 0.75), wood.shaded(1.3)))
     parts += [box((x, -0.16, 0.1), (x + 0.24, 0, 2.7), TRIM) for x in (-0.8, 0.56)]
     parts += [box((-0.95, -0.26, 2.7), (0.95, 0, 2.95), TRIM), box((-0.9, -0.4, 0.0), (0.9, 0, 0.12), TRIM)]
     return merge(parts).moved((foot[0], 0.0, foot[1]))
@@ -146,9 +124,8 @@ def shop(rng: np.random.Generator, width: float, paint: Look) -> Mesh:
     pitch = (width - 0.4) / count
     parts = [box((0.2, -0.06, 0.0), (width - 0.2, 0, height), paint.shaded(0.8))]
     parts.append(box((0.2, -0.22, height - 0.65), (width - 0.2, 0, height), paint.shaded(1.4)))
-    parts.append(
-        box((0.9, -0.24, height - 0.5), (width - 0.9, 0, height - 0.15), Look("print", (0.5, 0.45, 0.3)))
-    )
+    sign = Look("print", (0.5, 0.45, 0.3))
+    parts.append(box((0.9, -0.24, height - 0.5), (width - 0.9, 0, height - 0.15), sign))
     for x in 0.2 + pitch * np.arange(count):
         goods = Look("print", tuple(rng.uniform(0.1, 0.35) * rng.uniform(0.7, 1.3, 3)))
         parts.append(box((x + 0.15, -0.08, 0.5), (x + pitch - 0.15, 0, height - 0.75), goods))
@@ -188,9 +165,8 @@ def clump(rng: np.random.Generator, centre: ArrayLike, radius: float) -> Mesh:
 def lamp(foot: ArrayLike, towards: float, height: float = 5.2) -> Mesh:
     """Make a street lamp with an arm that reaches `towards` metres along x."""
     post = lathe([(0.14, 0), (0.14, 0.5), (0.08, 0.62), (0.05, height)], (0, 0, 0), IRON)
-    arm = bar(
-        [(0, 0, height), (0.4 * towards, 0, height + 0.2), (towards, 0, height + 0.2)], [0.04] * 3, IRON
-    )
+    bend = [(0, 0, height), (0.4 * towards, 0, height + 0.2), (towards, 0, height + 0.2)]
+    arm = bar(bend, [0.04] * 3, IRON)
     head = ellipsoid((towards, 0, height + 0.12), (0.3, 0.13, 0.1), IRON.shaded(4.0), rows=6)
     return merge([post, arm, head]).moved(foot)
 
@@ -204,24 +180,20 @@ def bollard(foot: ArrayLike) -> Mesh:
 def column(foot: ArrayLike, height: float, radius: float) -> Mesh:
     """Make a round stone column with base and capital."""
     r, h = radius, height
-    profile = [
-        (1.35 * r, 0.0),
-        (1.35 * r, 0.25 * r),
-        (1.1 * r, 0.4 * r),
-        (0.97 * r, 0.5 * r),
+    profile = [(1.35 * r, 0.0), (1.35 * r, 0.25 * r), (1.1 * r, 0.4 * r), (0.97 * r, 0.5 * r)]
+    profile += [
         (0.93 * r, 0.4 * h),
+        (0.82 * r, h - 0.8 * r),
+        (1.25 * r, h - 0.4 * r),
+        (1.35 * r, h - 0.3 * r),
+        (1.35 * r, h),
     ]
-    profile += [(0.82 * r, h - 0.8 * r), (1.25 * r, h - 0.4 * r), (1.35 * r, h - 0.3 * r), (1.35 * r, h)]
     return lathe(profile, foot, MARBLE.shaded(0.9), 20)
 
 
 def car(colour: Colour) -> Mesh:
     """Make a parked car of plain shapes, 4.2 m long, nose towards -y, on the ground at the origin."""
-    paint, dark, pane = (
-        Look("paint", colour),
-        Look("paint", (0.02, 0.02, 0.02)),
-        Look("paint", (0.05, 0.06, 0.07)),
-    )
+    paint, dark, pane = (Look("paint", c) for c in (colour, (0.02, 0.02, 0.02), (0.05, 0.06, 0.07)))
     parts = [
         box((-0.84, -2.05, 0.3), (0.84, 2.05, 0.75), paint),
         box((-0.84, -2.05, 0.75), (0.84, 2.05, 0.95), paint, (0.06, 0.15)),

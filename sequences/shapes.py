@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Floats = NDArray[np.float64]
+from dvc.arrays import Floats
+
 Ids = NDArray[np.int32]
 Colour = tuple[float, float, float]
 
@@ -58,8 +58,7 @@ MATERIALS = {
 NUMBER = {name: k for k, name in enumerate(MATERIALS)}
 
 
-@dataclass(frozen=True)
-class Mesh:
+class Mesh(NamedTuple):
     """Triangles with attributes."""
 
     points: Floats  # vertices in the world, metres
@@ -73,28 +72,22 @@ class Mesh:
         """Return the mesh shifted by `offset` (3,), its texture as well, so that copies do not look alike."""
         shift = np.asarray(offset, dtype=np.float64)
         uv = self.uv + np.array([[1.0, 1.9, 0.7], [0.6, 1.3, 1.0]]) @ shift
-        return replace(self, points=self.points + shift, uv=uv)
+        return self._replace(points=self.points + shift, uv=uv)
 
     def turned(self, angle_deg: float) -> "Mesh":
         """Return the mesh turned about the vertical axis through the origin, counter-clockwise from above."""
         c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
         rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return replace(self, points=self.points @ rotation.T, normals=self.normals @ rotation.T)
+        return self._replace(points=self.points @ rotation.T, normals=self.normals @ rotation.T)
 
 
 def merge(meshes: Iterable[Mesh]) -> Mesh:
     """Join meshes into one, in order."""
     parts = list(meshes)
     starts = np.cumsum([0] + [len(part.points) for part in parts[:-1]])
-    triangles = [part.triangles + start for part, start in zip(parts, starts, strict=True)]
-    return Mesh(
-        np.concatenate([part.points for part in parts]),
-        np.concatenate([part.normals for part in parts]),
-        np.concatenate([part.uv for part in parts]),
-        np.concatenate(triangles).astype(np.int32),
-        np.concatenate([part.materials for part in parts]),
-        np.concatenate([part.tints for part in parts]),
-    )
+    shift = np.repeat(starts, [len(part.triangles) for part in parts])
+    joined = Mesh(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    return joined._replace(triangles=(joined.triangles + shift[:, None]).astype(np.int32))
 
 
 def _mesh(points: Floats, normals: Floats, uv: Floats, cells: NDArray[np.int64], look: Look) -> Mesh:

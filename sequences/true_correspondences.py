@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from sequences import _kernels
 from sequences.rendered_scenes import Scene
 from sequences.scene_cameras import Camera, back_project, project, ray_directions, transformed
-
-Floats = NDArray[np.float64]
 
 DEPTH_TOLERANCE = 1e-5
 

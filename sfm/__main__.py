@@ -1,8 +1,8 @@
 """Command `dvc-sfm`: the map of a video, or the scene of two pictures, as files and pictures."""
 
 import argparse
+import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,25 +58,26 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from dvc.files import check_folder
+
     of_pair = {"--frames": arguments.frames, "--sfm": arguments.sfm, "--seed": arguments.seed}
     given = [option for option, value in of_pair.items() if value is not None]
     if arguments.second is None and given:
         raise ConfigError(f"{given[0]} requires a second input")
     if arguments.second is not None and arguments.mapper is not None:
         raise ConfigError("--mapper requires a single input, a video; for two pictures use --sfm")
-    return _map(arguments) if arguments.second is None else _reconstruct(arguments)
+    check_folder(arguments.out)
+    summary = _map(arguments) if arguments.second is None else _reconstruct(arguments)
+    if not arguments.quiet:
+        sys.stdout.write(summary + "\n")
+    return 0
 
 
-def _map(arguments: argparse.Namespace) -> int:
-    from dvc.files import check_folder
+def _map(arguments: argparse.Namespace) -> str:
     from sfm.output.scene_folder import map_to_folder
 
-    check_folder(arguments.out)
-    report: Callable[[str], None] | None = None if arguments.quiet else _report
-    scene = map_to_folder(arguments.first, arguments.out, arguments.mapper or MAPPERS[0], report)
-    if not arguments.quiet:
-        sys.stdout.write(scene.summary + "\n")
-    return 0
+    report = None if arguments.quiet else _report
+    return map_to_folder(arguments.first, arguments.out, arguments.mapper or MAPPERS[0], report).summary
 
 
 def _report(message: str) -> None:
@@ -84,11 +85,10 @@ def _report(message: str) -> None:
     sys.stderr.write(f"{PROG}: {cli.one_line(message)}\n")
 
 
-def _reconstruct(arguments: argparse.Namespace) -> int:
-    from dvc.files import atomic_folder, check_folder
+def _reconstruct(arguments: argparse.Namespace) -> str:
+    from dvc.files import atomic_folder
     from sfm.pipeline import reconstruct
 
-    check_folder(arguments.out)
     numbers = arguments.frames or (0, 0)
     first, second = _luma(arguments.first, numbers[0]), _luma(arguments.second, numbers[1])
     if first.shape != second.shape:
@@ -98,9 +98,11 @@ def _reconstruct(arguments: argparse.Namespace) -> int:
     reconstruction = reconstruct(first, second, backend=backend, seed=seed)
     with atomic_folder(arguments.out) as folder:
         _write(folder, reconstruction, first, second)
-    if not arguments.quiet:
-        sys.stdout.write(_summary(reconstruction))
-    return 0
+    lines = [
+        f"{name:20} {len(matches):6d} correspondences" for name, matches in reconstruction.stages.items()
+    ]
+    verdict = "a model that can be trusted" if reconstruction.success else reconstruction.reason
+    return "\n".join([*lines, f"motion: {reconstruction.motion}; {verdict}"])
 
 
 def _luma(path: str, index: int) -> "NDArray[np.uint8]":
@@ -114,38 +116,23 @@ def _luma(path: str, index: int) -> "NDArray[np.uint8]":
 
 def _write(folder: Path, reconstruction: "Reconstruction", first: Any, second: Any) -> None:
     from dvc.picture_files import write_png
-    from sfm.output.model_files import (
-        draw_correspondences,
-        point_colours,
-        side_by_side,
-        write_colmap,
-        write_json,
-        write_points,
-    )
+    from sfm.output import map_files
 
-    write_json(folder / "model.json", reconstruction)
+    document = json.dumps(map_files.to_dict(reconstruction), indent=1)
+    (folder / "model.json").write_text(f"{document}\n")
     model = reconstruction.model
     if model is not None:
-        colours = point_colours(first, model.correspondences.first)
-        write_points(folder / "points.ply", model, colours)
-        write_colmap(folder, model, ("first.png", "second.png"), colours)
+        map_files.write_model(folder, model, map_files.point_colours(first, model.correspondences.first))
     fundamental = None if model is None else model.fundamental
     pictures = [
-        draw_correspondences(second, matches, fundamental, f"{name}: {len(matches)} correspondences")
+        map_files.draw_correspondences(
+            second, matches, fundamental, f"{name}: {len(matches)} correspondences"
+        )
         for name, matches in reconstruction.stages.items()
         if name in ("weak calibration", "propagation")
     ]
     if pictures:
-        write_png(folder / "correspondences.png", side_by_side(pictures))
-
-
-def _summary(reconstruction: "Reconstruction") -> str:
-    lines = [
-        f"{name:20} {len(matches):6d} correspondences" for name, matches in reconstruction.stages.items()
-    ]
-    verdict = "a model that can be trusted" if reconstruction.success else reconstruction.reason
-    lines.append(f"motion: {reconstruction.motion}; {verdict}")
-    return "\n".join(lines) + "\n"
+        write_png(folder / "correspondences.png", map_files.side_by_side(pictures))
 
 
 main = cli.command(PROG, _parser, _run, extra="decode")

@@ -54,32 +54,37 @@ def weak_calibration(matches: Correspondences, seed: int) -> WeakCalibration:
     """Estimate the fundamental matrix by COLMAP's LO-RANSAC."""
     import pycolmap
 
-    missing = WeakCalibration.missing(
-        len(matches), f"COLMAP finds no epipolar geometry in {len(matches)} correspondences"
-    )
-    if len(matches) < MIN_NUM_POINTS:
-        return missing
-    ransac = _ransac(seed)
-    answer = pycolmap.estimate_fundamental_matrix(matches.first, matches.second, ransac)
+    reason = f"COLMAP finds no epipolar geometry in {len(matches)} correspondences"
+    answer = None
+    if len(matches) >= MIN_NUM_POINTS:
+        answer = pycolmap.estimate_fundamental_matrix(matches.first, matches.second, _ransac(seed))
     if answer is None:
-        return missing
+        return WeakCalibration.missing(len(matches), reason)
     fundamental = np.asarray(answer["F"], dtype=np.float64)
     inliers = np.asarray(answer["inlier_mask"], dtype=bool)
     is_valid = np.isfinite(fundamental).all() and fundamental.any()
     if not is_valid or np.count_nonzero(inliers) < MIN_NUM_INLIERS:
-        return missing
+        return WeakCalibration.missing(len(matches), reason)
     fundamental = unit_norm(fundamental)
     residuals = sampson_distances(fundamental, matches.first, matches.second)
     noise_px = float(np.sqrt((residuals[inliers] ** 2).mean()))
-    return WeakCalibration(fundamental, inliers, residuals, noise_px, 0, "")
+    return WeakCalibration(fundamental, inliers, residuals, noise_px, "")
 
 
 def camera_pair(matches: Correspondences, frame: PixelFrame, seed: int) -> CameraPair:
     """Estimate the relative pose with the focal length under which the points agree best."""
     best, fundamental, best_cost = None, np.zeros((3, 3)), np.inf
-    for ratio in FOCAL_LENGTHS:
-        camera = _camera(matches, frame, float(ratio), _ransac(seed))
-        if camera is None:
+    for ratio in FOCAL_LENGTHS if len(matches) >= MIN_NUM_POINTS else ():
+        focal = float(ratio) * frame.scale_px
+        x, y = 0.5 * (frame.width_px - 1), 0.5 * (frame.height_px - 1)
+        K = np.array([[focal, 0, x], [0, focal, y], [0, 0, 1]])
+        first, second = matches.first + COLMAP_FIRST_PIXEL_PX, matches.second + COLMAP_FIRST_PIXEL_PX
+        answer = relative_pose(pinhole_camera(K), first, second, _ransac(seed))
+        if answer is None:
+            continue
+        pose, k = answer[0], np.array([focal, focal, frame.scale_px]) / frame.scale_px
+        camera = np.column_stack([pose[:, :3] * k[:, None] / k, pose[:, 3] * k])
+        if not np.isfinite(camera).all() or not camera[:, 3].any():
             continue
         candidate = unit_norm(fundamental_to_pixels(fundamental_from_camera(camera), frame))
         squared = sampson_distances(candidate, matches.first, matches.second) ** 2
@@ -89,39 +94,17 @@ def camera_pair(matches: Correspondences, frame: PixelFrame, seed: int) -> Camer
     if best is None:
         return CameraPair.missing(len(matches), "COLMAP finds no relative pose")
     camera = best * (CAMERA_NORM / np.linalg.norm(best))
-    agreeing = _agreeing(matches, camera, frame)
-    return CameraPair(camera, fundamental, agreeing)
-
-
-def _agreeing(matches: Correspondences, camera: Floats, frame: PixelFrame) -> Mask:
-    """Return a mask of points in front of both cameras that project near their image points."""
+    # Points that agree lie in front of both cameras and project near their image points.
     first, second = frame.to_normalized(matches.first), frame.to_normalized(matches.second)
     depth_first, depth_second = triangulate_depth(first, camera, second)
-    finite = np.isfinite(depth_first) & np.isfinite(depth_second)
-    in_front = finite & (depth_first > 0) & (depth_second > 0)
+    in_front = np.isfinite(depth_first) & np.isfinite(depth_second) & (depth_first > 0) & (depth_second > 0)
     depths = np.where(in_front, depth_first, 1.0)
     points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(matches))])
     projected = frame.to_pixels(project(camera, points)[0])
-    return in_front & outliers.reprojection(matches.second, projected)
+    return CameraPair(camera, fundamental, in_front & outliers.reprojection(matches.second, projected))
 
 
 def _ransac(seed: int) -> Any:
     import pycolmap
 
     return pycolmap.RANSACOptions(max_error=MAX_ERROR_PX, random_seed=seed, num_threads=1)
-
-
-def _camera(matches: Correspondences, frame: PixelFrame, ratio: float, ransac: Any) -> Floats | None:
-    """Estimate the second camera for a focal length in units of the longer side of the image."""
-    if len(matches) < MIN_NUM_POINTS:
-        return None
-    focal = ratio * frame.scale_px
-    K = np.array([[focal, 0, 0.5 * (frame.width_px - 1)], [0, focal, 0.5 * (frame.height_px - 1)], [0, 0, 1]])
-    first, second = matches.first + COLMAP_FIRST_PIXEL_PX, matches.second + COLMAP_FIRST_PIXEL_PX
-    answer = relative_pose(pinhole_camera(K), first, second, ransac)
-    if answer is None:
-        return None
-    second_from_first = answer[0]
-    k = np.array([focal, focal, frame.scale_px]) / frame.scale_px
-    camera = np.column_stack([second_from_first[:, :3] * k[:, None] / k, second_from_first[:, 3] * k])
-    return camera if np.isfinite(camera).all() and camera[:, 3].any() else None

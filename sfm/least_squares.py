@@ -53,10 +53,10 @@ class Damping:
 
 
 def levenberg_marquardt(
-    problem: LeastSquares[State], start: State, damping: Damping, max_iterations: int
-) -> tuple[State, int]:
+    problem: LeastSquares[State], state: State, damping: Damping, max_iterations: int
+) -> State:
     """Minimise a sum of squares by damped steps."""
-    state, factor = start, damping.start
+    factor = damping.start
     for iteration in range(max_iterations):
         cost, stepped = problem.linearize(state, iteration)
         for _ in range(damping.num_tries):
@@ -66,12 +66,12 @@ def levenberg_marquardt(
                 break
             factor *= 10.0
         else:
-            return state, iteration
+            return state
         before, state = state, candidate
         factor = max(0.1 * factor, damping.min_factor)
         if problem.converged(before, state, cost - new_cost, new_cost):
-            return state, iteration + 1
-    return state, max_iterations
+            break
+    return state
 
 
 def normal_matrix(*equations: Floats) -> Floats:

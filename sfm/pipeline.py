@@ -1,9 +1,4 @@
-"""From two key frames to a model of the scene: the boxes of figure 5.2, in order.
-
-References
-----------
-[Maitre2008] Sec. 5.2.
-"""
+"""From two key frames to a model of the scene: the boxes of figure 5.2 [Maitre2008, Sec. 5.2], in order."""
 
 import numpy as np
 
@@ -12,14 +7,11 @@ from dvc.config import SFM_BACKENDS
 from dvc.geometry.cameras import PixelFrame
 from dvc.geometry.triangulation import triangulate_depth
 from sfm import colmap_estimators
-from sfm.cameras.bundle_adjustment import bundle_adjustment
-from sfm.cameras.self_calibration import SelfCalibrationSettings, self_calibration
+from sfm.cameras.camera_pair import SelfCalibrationSettings, bundle_adjustment, self_calibration
 from sfm.correspondences import outliers
-from sfm.correspondences.corner_matching import detect_corners, match_corners
-from sfm.correspondences.densification import densify, propagate
 from sfm.correspondences.epipolar_search import EpipolarSearch
-from sfm.estimation.degeneracy import classify_motion
-from sfm.estimation.weak_calibration import WeakCalibration, weak_calibration
+from sfm.correspondences.point_matching import densify, detect_corners, match_corners, propagate
+from sfm.estimation.weak_calibration import classify_motion, weak_calibration
 from sfm.scene_model import CameraPair, Correspondences, Model, Reconstruction
 
 COVERAGE_CELLS = 8
@@ -87,7 +79,7 @@ def reconstruct(
     stages["matching"] = matches
 
     if backend == "colmap":
-        calibration = colmap_estimators.weak_calibration(matches, _draw_seed(rng))
+        calibration = colmap_estimators.weak_calibration(matches, int(rng.integers(2**31 - 1)))
     else:
         calibration = weak_calibration(matches, rng)
     motion = classify_motion(matches, calibration, rng)
@@ -98,9 +90,9 @@ def reconstruct(
     stages["weak calibration"] = matches
 
     if backend == "colmap":
-        pair = colmap_estimators.camera_pair(matches, frame, _draw_seed(rng))
+        pair = colmap_estimators.camera_pair(matches, frame, int(rng.integers(2**31 - 1)))
     else:
-        pair = _camera_pair(matches, calibration, frame, rng, as_written=backend == "thesis")
+        pair = _camera_pair(matches, calibration.fundamental, frame, rng, as_written=backend == "thesis")
     if pair.reason:
         return Reconstruction(None, pair.reason, motion.kind, stages)
     matches = _well_triangulated(matches[pair.inliers], pair, frame)
@@ -115,25 +107,26 @@ def reconstruct(
 
     depths, _ = _triangulated(matches, pair.camera, frame)
     model = Model(frame, pair.fundamental, pair.camera, matches, depths)
-    reason = _rejection_reason(model, calibration)
+    reason, needed, covered = "", points_needed(frame), coverage(matches.first, frame)
+    share = float(calibration.inliers.mean())
+    if len(matches) < needed:
+        reason = f"only {len(matches)} correspondences, {needed} are needed"
+    elif covered < MIN_COVERAGE:
+        reason = f"correspondences cover only {100 * covered:.0f} % of the frame"
+    elif share < MIN_INLIER_SHARE:
+        reason = f"only {100 * share:.0f} % of the matched corners agree with one rigid motion"
     return Reconstruction(model, reason, motion.kind, stages)
 
 
 def _camera_pair(
-    matches: Correspondences,
-    calibration: WeakCalibration,
-    frame: PixelFrame,
-    rng: np.random.Generator,
-    as_written: bool,
+    matches: Correspondences, matrix: Floats, frame: PixelFrame, rng: np.random.Generator, as_written: bool
 ) -> CameraPair:
     """Self-calibrate, adjust, remove outliers by reprojection, and adjust again."""
-    num, linear_program = len(matches), AS_WRITTEN if as_written else SelfCalibrationSettings()
-    limits = (ALTERNATIONS, 0) if as_written else ()
-    start = self_calibration(calibration.fundamental, matches, frame, linear_program)
+    num, limits = len(matches), (ALTERNATIONS, 0) if as_written else ()
+    start = self_calibration(matrix, matches, frame, AS_WRITTEN if as_written else None)
     if start.reason:
         return CameraPair.missing(num, f"self-calibration: {start.reason}")
-    inliers, depths = start.kept.copy(), start.depths.copy()
-    camera, fundamental = start.camera, calibration.fundamental
+    camera, depths, inliers, fundamental = start.camera, start.depths, start.inliers, matrix
     for _ in range(NUM_ADJUSTMENTS):
         chosen = np.flatnonzero(inliers)
         points = matches[chosen]
@@ -141,16 +134,11 @@ def _camera_pair(
         if adjusted.reason:
             return CameraPair.missing(num, f"bundle adjustment: {adjusted.reason}")
         camera, fundamental, depths[chosen] = adjusted.camera, adjusted.fundamental, adjusted.depths
-        near = outliers.reprojection(points.second, adjusted.second)
-        good = near & adjusted.in_front
+        good = outliers.reprojection(points.second, adjusted.second) & adjusted.in_front
         inliers[chosen[~good]] = False
         if good.all() or np.count_nonzero(inliers) < points_needed(frame):
             break
     return CameraPair(camera, fundamental, inliers)
-
-
-def _draw_seed(rng: np.random.Generator) -> int:
-    return int(rng.integers(2**31 - 1))
 
 
 def _triangulated(matches: Correspondences, camera: Floats, frame: PixelFrame) -> tuple[Floats, Floats]:
@@ -171,20 +159,6 @@ def points_needed(frame: PixelFrame) -> int:
     """Return the number of correspondences that a trusted model of a frame needs."""
     share = frame.width_px * frame.height_px / (352 * 288)
     return round(MIN_NUM_POINTS * min(max(share, 0.5), 1.0))
-
-
-def _rejection_reason(model: Model, calibration: WeakCalibration) -> str:
-    """Return the reason why a model cannot be trusted; empty if it can."""
-    count, needed = len(model.correspondences), points_needed(model.pixel_frame)
-    if count < needed:
-        return f"only {count} correspondences, {needed} are needed"
-    covered = coverage(model.correspondences.first, model.pixel_frame)
-    if covered < MIN_COVERAGE:
-        return f"correspondences cover only {100 * covered:.0f} % of the frame"
-    share = float(calibration.inliers.mean())
-    if share < MIN_INLIER_SHARE:
-        return f"only {100 * share:.0f} % of the matched corners agree with one rigid motion"
-    return ""
 
 
 def coverage(points: Floats, frame: PixelFrame) -> float:

@@ -18,8 +18,8 @@ from dvc.metrics import psnr_db
 from dvc.video import Frame, open_video
 from dvc.wynerziv.transform import to_uint8
 from sfm.cameras.camera_path import intermediate_cameras, linear_points
-from sfm.correspondences.corner_matching import detect_corners
-from sfm.output.model_files import draw_correspondences, side_by_side
+from sfm.correspondences.point_matching import detect_corners
+from sfm.output.map_files import draw_correspondences, side_by_side
 from sfm.pipeline import reconstruct
 from sfm.scene_model import Correspondences, Model, Reconstruction
 

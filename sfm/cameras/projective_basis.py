@@ -8,8 +8,6 @@ from sfm.estimation.epipolar import distances_to_epipole, epipoles, fundamental_
 
 CAMERA_NORM = 3.0**0.5
 """Frobenius norm of all projection matrices."""
-
-
 ERROR_QUANTILE = 0.25
 """Quantile of the reprojection errors that bounds those of the two fixed points."""
 EPIPOLE_DISTANCE = 0.15
@@ -60,11 +58,7 @@ def coordinates_of_camera(basis: Floats, camera: Floats) -> Floats:
 
 
 def choose_fixed_points(
-    first: Floats,
-    second: Floats,
-    camera: Floats,
-    errors: Floats,
-    rng: np.random.Generator,
+    first: Floats, second: Floats, camera: Floats, errors: Floats, rng: np.random.Generator
 ) -> Integers | None:
     """Draw two points with small errors, far from the epipoles and from each other."""
     finite = np.flatnonzero(np.isfinite(errors))
@@ -83,29 +77,16 @@ def choose_fixed_points(
     )
     share = 1.0
     for _ in range(8):
-        away = epipole_distances[candidates] >= share * EPIPOLE_DISTANCE * extent
-        pair = _draw_pair(candidates[away], first, share * MUTUAL_DISTANCE * extent, rng)
-        if pair is not None:
-            return pair
+        away = candidates[epipole_distances[candidates] >= share * EPIPOLE_DISTANCE * extent]
+        if len(away) >= 2:
+            pairs = rng.integers(0, len(away), (NUM_TRIALS, 2))
+            offset = first[away[pairs[:, 0]]] - first[away[pairs[:, 1]]]
+            apart = np.flatnonzero(np.hypot(offset[:, 0], offset[:, 1]) >= share * MUTUAL_DISTANCE * extent)
+            if len(apart):
+                pair: Integers = away[pairs[apart[0]]]
+                return pair
         share *= 0.5
-    return _farthest_pair(finite, first)
-
-
-def _draw_pair(
-    candidates: Integers, first: Floats, least: float, rng: np.random.Generator
-) -> Integers | None:
-    if len(candidates) < 2:
-        return None
-    pairs = rng.integers(0, len(candidates), (NUM_TRIALS, 2))
-    offset = first[candidates[pairs[:, 0]]] - first[candidates[pairs[:, 1]]]
-    apart = np.flatnonzero(np.hypot(offset[:, 0], offset[:, 1]) >= least)
-    return candidates[pairs[apart[0]]] if len(apart) else None
-
-
-def _farthest_pair(candidates: Integers, first: Floats) -> Integers:
-    """Return the two extreme points along the axis of largest extent."""
-    points = first[candidates]
-    axis = int(np.argmax(np.ptp(points, axis=0)))
-    ends = [int(np.argmin(points[:, axis])), int(np.argmax(points[:, axis]))]
-    pair: Integers = candidates[np.array(ends)]
+    # Neither far nor apart: the two extreme points along the axis of largest extent.
+    along = first[finite][:, np.argmax(np.ptp(first[finite], axis=0))]
+    pair = finite[[np.argmin(along), np.argmax(along)]]
     return pair

@@ -5,11 +5,7 @@ plane at infinity: one has all depths in the opposite order. If a camera turns a
 program of the self-calibration may prefer it, because near points move least. Image positions do not depend
 on the order of depths; occlusions do.
 
-References
-----------
-[Hartley1998] R. Hartley, "Chirality", Int. J. Computer Vision 26(1), 1998.
-[HartleyZisserman2003] R. Hartley, A. Zisserman, "Multiple view geometry in computer vision", 2nd ed., 2003:
-Sec. 9.6, four rigid motions of an essential matrix.
+See R. Hartley, "Chirality", Int. J. Computer Vision 26(1), 1998.
 """
 
 from dataclasses import replace
@@ -33,6 +29,9 @@ MIN_SHARE_AHEAD = 0.8
 """Least share of the points in front of both cameras of a plausible rigid motion."""
 MARGIN = 1.0
 """Distance of the new plane at infinity from the nearest points, as a share of the inverse depths' range."""
+
+
+QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 class Rebased(NamedTuple):
@@ -80,11 +79,6 @@ def _oriented(camera: Floats) -> Floats | None:
     return oriented(camera)
 
 
-def rigid_order(model: Model) -> Rebased | None:
-    """Return the model with the order of depths reversed if a rigid motion requires that; else None."""
-    return _reversed(model) if is_reversed(model) else None
-
-
 def is_reversed(model: Model) -> bool:
     """Return whether a rigid motion sees the depths of a model in the opposite order."""
     if not len(model.correspondences):
@@ -95,7 +89,11 @@ def is_reversed(model: Model) -> bool:
     share, epipole = 0.0, np.zeros(3)
     for focal in FOCAL_LENGTHS:
         scale = np.array([focal, focal, 1.0])
-        for motion in _rigid_motions(scale[:, None] * fundamental * scale):
+        # The four rigid motions of an essential matrix, up to scale (Hartley and Zisserman, Sec. 9.6).
+        u, _, vt = svd(scale[:, None] * fundamental * scale)
+        u, vt = u * np.sign(np.linalg.det(u)), vt * np.sign(np.linalg.det(vt))
+        for quarter, sign in product((QUARTER_TURN, QUARTER_TURN.T), (1.0, -1.0)):
+            motion = np.column_stack([u @ quarter @ vt, sign * u[:, 2]])
             inverse, quotient = inverse_depths(first / focal, motion, second / focal)
             ahead = float(np.mean((inverse > 0) & (quotient > 0)))
             if ahead > share:
@@ -103,19 +101,13 @@ def is_reversed(model: Model) -> bool:
     return share >= MIN_SHARE_AHEAD and float(epipole @ camera[:, 3]) < 0.0
 
 
-def _rigid_motions(essential: Floats) -> list[Floats]:
-    """Return the four rigid motions ``[R | t]`` with ``[t]x R`` nearest to a matrix, up to scale."""
-    u, _, vt = svd(essential)
-    u, vt = u * np.sign(np.linalg.det(u)), vt * np.sign(np.linalg.det(vt))
-    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return [
-        np.column_stack([u @ quarter @ vt, sign * u[:, 2]])
-        for quarter, sign in product((turn, turn.T), (1.0, -1.0))
-    ]
+def rigid_order(model: Model) -> Rebased | None:
+    """Return the model with the order of depths reversed if a rigid motion requires that; else None.
 
-
-def _reversed(model: Model) -> Rebased | None:
-    """Subtract inverse depths from a constant: a plane in front of all points becomes that at infinity."""
+    Inverse depths are subtracted from a constant: a plane in front of all points becomes that at infinity.
+    """
+    if not is_reversed(model):
+        return None
     lowest, highest = model.view_pair.inverse_depth_ranges[0]
     constant = highest + MARGIN * (highest - lowest)
     with np.errstate(divide="ignore"):

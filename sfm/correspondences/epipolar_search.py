@@ -30,6 +30,7 @@ SIDE_RATIO = 1.2
 """Least quotient of the two sides' disagreement with the edge's motion."""
 SETTLING_PX = 1.0
 """Half range of the search after a point has been moved to its side."""
+GOLDEN_RATIO = 0.6180339887498949
 CONFIRMED_PX = 0.5
 """Largest distance between the best positions of a corner's small and large neighbourhoods."""
 
@@ -52,14 +53,6 @@ class KeyPair(NamedTuple):
     halves: Floats  # samples of the second frame, half a pixel apart
     fundamental: Floats
     epipole: Floats  # in the first frame
-
-
-class Patch(NamedTuple):
-    """A neighbourhood to look for."""
-
-    target: Floats  # its samples
-    weights: Floats
-    coefficients: Floats  # spline of the frame that is searched
 
 
 class Line(NamedTuple):
@@ -191,9 +184,25 @@ def follow(
     if best == 0 or best == 2 * half or not (errors[best - 1] < np.inf and errors[best + 1] < np.inf):
         return np.inf
     low, high = (best - half - 1) * step_px, (best - half + 1) * step_px
-    patch = Patch(target, weights, pair.coefficients)
-    offset_px, error = golden_section(patch, line, low, high, search.tolerance_px)
-    if error > search.min_error + search.error_share * weighted_variance(target, weights):
+    a, b = high - GOLDEN_RATIO * (high - low), low + GOLDEN_RATIO * (high - low)
+    error_a = neighbourhood_error(target, pair.coefficients, line, a, weights)
+    error_b = neighbourhood_error(target, pair.coefficients, line, b, weights)
+    while high - low > search.tolerance_px:
+        if error_a <= error_b:
+            high, b, error_b = b, a, error_a
+            a = high - GOLDEN_RATIO * (high - low)
+            error_a = neighbourhood_error(target, pair.coefficients, line, a, weights)
+        else:
+            low, a, error_a = a, b, error_b
+            b = low + GOLDEN_RATIO * (high - low)
+            error_b = neighbourhood_error(target, pair.coefficients, line, b, weights)
+    offset_px, error = (a, error_a) if error_a <= error_b else (b, error_b)
+    mean, square = 0.0, 0.0
+    for i in range(target.shape[0]):
+        for j in range(target.shape[1]):
+            mean += weights[i, j] * target[i, j]
+            square += weights[i, j] * target[i, j] * target[i, j]
+    if error > search.min_error + search.error_share * (square - mean * mean):
         return np.inf
     position[0] = line.foot[0] + offset_px * line.direction[0]
     position[1] = line.foot[1] + offset_px * line.direction[1]
@@ -246,35 +255,10 @@ def similarities(
 
 
 @kernel
-def golden_section(
-    patch: Patch, line: Line, low: float, high: float, tolerance_px: float
-) -> tuple[float, float]:
-    """Find the least error on an epipolar line between two positions; return position and error."""
-    ratio = 0.6180339887498949
-    a, b = high - ratio * (high - low), low + ratio * (high - low)
-    error_a = neighbourhood_error(patch, line, a)
-    error_b = neighbourhood_error(patch, line, b)
-    while high - low > tolerance_px:
-        if error_a <= error_b:
-            high, b, error_b = b, a, error_a
-            a = high - ratio * (high - low)
-            error_a = neighbourhood_error(patch, line, a)
-        else:
-            low, a, error_a = a, b, error_b
-            b = low + ratio * (high - low)
-            error_b = neighbourhood_error(patch, line, b)
-    if error_a <= error_b:
-        return a, error_a
-    return b, error_b
-
-
-@kernel
-def neighbourhood_error(patch: Patch, line: Line, position_px: float) -> float:
-    """Return the weighted mean squared error at a position on an epipolar line; inf outside the image.
-
-    The mean difference is free.
-    """
-    target, weights, coefficients = patch
+def neighbourhood_error(
+    target: Floats, coefficients: Floats, line: Line, position_px: float, weights: Floats
+) -> float:
+    """Return the weighted variance of the difference at a position on an epipolar line; inf outside."""
     foot, direction, affine = line
     x, y = foot[0] + position_px * direction[0], foot[1] + position_px * direction[1]
     height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN
@@ -326,17 +310,6 @@ def is_inside(radius: int, x: float, y: float, affine: Floats, height: int, widt
     reach_x = radius * (abs(affine[0, 0]) + abs(affine[0, 1]))
     reach_y = radius * (abs(affine[1, 0]) + abs(affine[1, 1]))
     return bool(reach_x <= x <= width - 1 - reach_x and reach_y <= y <= height - 1 - reach_y)
-
-
-@kernel
-def weighted_variance(values: Floats, weights: Floats) -> float:
-    """Return the variance of a neighbourhood; `weights` sum to 1."""
-    mean, square = 0.0, 0.0
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            mean += weights[i, j] * values[i, j]
-            square += weights[i, j] * values[i, j] * values[i, j]
-    return square - mean * mean
 
 
 @kernel

@@ -92,36 +92,30 @@ def epipole(correspondences: Correspondences, fundamental: Floats) -> Mask:
 
 def depth(first: Floats, depths: Floats) -> Mask:
     """Keep points with depths like those of their neighbours."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     keep = np.asarray(np.isfinite(depths) & (depths != 0))
     if not keep.any():
         return keep
     inverse = 1.0 / depths[keep]
     inverse /= np.median(np.abs(inverse))
-    points = first[keep]
-    usual, around = _like_neighbours(points, inverse[:, None], DEPTH_SHARE, DEPTH_SPREADS)
-    max_size = int(ISLAND_SHARE * np.count_nonzero(usual))
-    usual[usual] = ~_farther_islands(around, inverse[usual], ISLAND_GAP, max_size)
-    keep[keep] = usual
-    return keep
-
-
-def _farther_islands(around: Neighbours, inverse_depths: Floats, gap: float, max_size: int) -> Mask:
-    """Return a mask of points in small groups behind nearly all the points around them."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    num = len(inverse_depths)
+    usual, around = _like_neighbours(first[keep], inverse[:, None], DEPTH_SHARE, DEPTH_SPREADS)
+    # Drop islands, small groups of points behind nearly all the points around them.
+    inverse = inverse[usual]
     a, b = around.point, around.neighbour
-    together = np.abs(inverse_depths[a] - inverse_depths[b]) <= gap
-    links = coo_array((together[together], (a[together], b[together])), shape=(num, num))
+    together = np.abs(inverse[a] - inverse[b]) <= ISLAND_GAP
+    links = coo_array((together[together], (a[together], b[together])), shape=(len(inverse),) * 2)
     group = connected_components(links, directed=False)[1].astype(np.int64)
-    small = np.bincount(group) <= max_size
+    small = np.bincount(group) <= int(ISLAND_SHARE * len(inverse))
     shore = group[a] != group[b]
     group_a, weight = group[a[shore]], around.weight[shore]
-    nearer = inverse_depths[b[shore]] > inverse_depths[a[shore]]
+    nearer = inverse[b[shore]] > inverse[a[shore]]
     total = np.bincount(group_a, weight, len(small))
     behind = np.bincount(group_a, weight * nearer, len(small)) >= MOSTLY * np.maximum(total, 1e-300)
-    return np.asarray((small & behind)[group])
+    usual[usual] = ~(small & behind)[group]
+    keep[keep] = usual
+    return keep
 
 
 def _like_neighbours(
@@ -130,25 +124,21 @@ def _like_neighbours(
     """Drop values (N, D) unlike those around until none is left; return the mask and the neighbours."""
     keep = np.ones(len(points), dtype=bool)
     while True:
-        neighbours = delaunay_neighbours(points[keep])
-        aberrant = _aberrant(values[keep], neighbours, limit, num_spreads)
+        some, around = values[keep], delaunay_neighbours(points[keep])
+        columns = [_median_around(around, column[around.neighbour], len(some)) for column in some.T]
+        median = np.stack(columns, axis=1)
+        difference = np.sqrt(((some - median) ** 2).sum(axis=1))
+        offsets = some[around.neighbour] - median[around.point]
+        spread = _median_around(around, np.sqrt((offsets**2).sum(axis=1)), len(some))
+        with np.errstate(invalid="ignore"):
+            aberrant = difference > limit + num_spreads * spread
         if not aberrant.any():
-            return keep, neighbours
+            return keep, around
         keep[np.flatnonzero(keep)[aberrant]] = False
 
 
-def _aberrant(values: Floats, neighbours: Neighbours, limit: float, num_spreads: float) -> Mask:
-    """Return a mask of values (N, D) that differ too much from the median of their neighbours."""
-    point, neighbour, weight = neighbours.point, neighbours.neighbour, neighbours.weight
-
-    def median_around(of_neighbours: Floats) -> Floats:
-        return weighted_median(of_neighbours, point, weight, len(values))
-
-    median = np.stack([median_around(column[neighbour]) for column in values.T], axis=1)
-    difference = np.sqrt(((values - median) ** 2).sum(axis=1))
-    spread = median_around(np.sqrt(((values[neighbour] - median[point]) ** 2).sum(axis=1)))
-    with np.errstate(invalid="ignore"):
-        return np.asarray(difference > limit + num_spreads * spread)
+def _median_around(around: Neighbours, of_neighbours: Floats, num_points: int) -> Floats:
+    return weighted_median(of_neighbours, around.point, around.weight, num_points)
 
 
 def delaunay_neighbours(points: Floats) -> Neighbours:

@@ -42,15 +42,8 @@ def refine(
     if affine:
         start = np.tile(np.eye(2), (len(first), 1, 1)) if shapes is None else shapes
         parameters = np.column_stack([parameters, start[room].reshape(-1, 4)])
-    least = np.empty(len(room))
-    refine_points(
-        luma0.astype(np.float64),
-        spline(luma1),
-        first[room].astype(np.int64),
-        parameters,
-        window(RADIUS_PX),
-        least,
-    )
+    image, pixels, least = luma0.astype(np.float64), first[room].astype(np.int64), np.empty(len(room))
+    refine_points(image, spline(luma1), pixels, parameters, window(RADIUS_PX), least)
     good = least >= 0.0
     refined[room[good]], error[room[good]] = parameters[good, :2], least[good]
     return refined, error, np.isfinite(error)
@@ -78,12 +71,7 @@ def window(radius_px: int) -> Floats:
 
 @kernel
 def refine_points(
-    image: Floats,
-    coefficients: Floats,
-    first: Integers,
-    parameters: Floats,
-    weights: Floats,
-    errors: Floats,
+    image: Floats, coefficients: Floats, first: Integers, parameters: Floats, weights: Floats, errors: Floats
 ) -> None:
     """Minimise the neighbourhoods' errors over the rows of `parameters`, in place; error -1: failed.
 
@@ -144,13 +132,7 @@ def sample_neighbourhood(
 
 @kernel
 def normal_equations(
-    target: Floats,
-    values: Floats,
-    dx: Floats,
-    dy: Floats,
-    weights: Floats,
-    matrix: Floats,
-    vector: Floats,
+    target: Floats, values: Floats, dx: Floats, dy: Floats, weights: Floats, matrix: Floats, vector: Floats
 ) -> float:
     """Set up the normal equations of the neighbourhood's parameters, the mean difference being free."""
     size, num_parameters = target.shape[0], vector.size

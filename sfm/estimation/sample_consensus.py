@@ -63,7 +63,6 @@ class RobustResult:
     score_px2: float  # sum of the squared residuals, each at most the squared threshold
     inliers: Mask  # data within the threshold
     residuals_px: Floats  # distances of all data
-    num_trials: int
 
 
 def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator) -> Integers:
@@ -77,56 +76,52 @@ def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator)
     return distinct
 
 
-def trials_needed(inlier_fraction: float, sample_size: int, confidence: float) -> float:
+def trials_needed(inlier_fraction: float, sample_size: int) -> float:
     """Return the number of samples after which one is probably free of outliers."""
     good = inlier_fraction**sample_size
     if good <= 1e-12:
         return math.inf
-    return math.log1p(-confidence) / math.log1p(-min(good, 1 - 1e-12))
+    return math.log1p(-CONFIDENCE) / math.log1p(-min(good, 1 - 1e-12))
 
 
 def mapsac(estimator: Estimator, settings: RobustSettings, rng: np.random.Generator) -> RobustResult:
     """Search for the model with the least truncated error over random minimal samples."""
-    best = no_model(estimator.num_data)
-    if estimator.num_data < estimator.min_num_samples:
+    num, size = estimator.num_data, estimator.min_num_samples
+    best = RobustResult(None, math.inf, np.zeros(num, dtype=bool), np.full(num, np.inf))
+    if num < size:
         return best
-    trials = 0
-    needed: float = settings.max_num_trials
+    trials, needed = 0, float(settings.max_num_trials)
     while trials < min(max(needed, settings.min_num_trials), settings.max_num_trials):
         count = min(BATCH, settings.max_num_trials - trials)
         trials += count
-        samples = draw_samples(estimator.num_data, estimator.min_num_samples, count, rng)
-        best = better(best, best_of(estimator, estimator.estimate(samples), settings.threshold_px))
-        share = best.inliers.mean()
-        needed = trials_needed(float(share), estimator.min_num_samples, CONFIDENCE)
-    return RobustResult(best.model, best.score_px2, best.inliers, best.residuals_px, trials)
+        models = estimator.estimate(draw_samples(num, size, count, rng))
+        best = better(best, estimator, models, settings.threshold_px)
+        needed = trials_needed(float(best.inliers.mean()), size)
+    return best
 
 
 def lo_ransac(
-    estimator: Estimator, start: RobustResult, settings: RobustSettings, rng: np.random.Generator
+    estimator: Estimator, best: RobustResult, settings: RobustSettings, rng: np.random.Generator
 ) -> RobustResult:
     """Improve a model by larger samples of its inliers and by refinements."""
-    best = start
-    inliers = np.flatnonzero(start.inliers)
+    inliers = np.flatnonzero(best.inliers)
     if best.model is None or len(inliers) < estimator.min_num_samples:
-        return start
+        return best
     size = min(LOCAL_SAMPLE_FACTOR * estimator.min_num_samples, len(inliers) // 2)
     if size >= estimator.min_num_samples:
         chosen = inliers[draw_samples(len(inliers), size, NUM_LOCAL_TRIALS, rng)]
-        best = better(best, best_of(estimator, estimator.estimate(chosen), settings.threshold_px))
+        best = better(best, estimator, estimator.estimate(chosen), settings.threshold_px)
     for factor in np.linspace(2.0, 1.0, NUM_LOCAL_REFINEMENTS):
         within = best.residuals_px < factor * settings.threshold_px
         if best.model is None or np.count_nonzero(within) < estimator.min_num_samples:
             break
         refined = estimator.refine(best.model, within)
-        best = better(best, best_of(estimator, refined[None], settings.threshold_px))
-    trials = start.num_trials + NUM_LOCAL_TRIALS
-    return RobustResult(best.model, best.score_px2, best.inliers, best.residuals_px, trials)
+        best = better(best, estimator, refined[None], settings.threshold_px)
+    return best
 
 
-def best_of(estimator: Estimator, models: Floats, threshold_px: float) -> RobustResult:
-    """Return the model with the least truncated squared error."""
-    best = no_model(estimator.num_data)
+def better(best: RobustResult, estimator: Estimator, models: Floats, threshold_px: float) -> RobustResult:
+    """Return the model with the least truncated squared error: one of `models`, if any is better."""
     limit = threshold_px * threshold_px
     step = max(1, 200_000 // max(1, estimator.num_data))  # bounds memory
     for at in range(0, len(models), step):
@@ -134,22 +129,12 @@ def best_of(estimator: Estimator, models: Floats, threshold_px: float) -> Robust
         scores = np.minimum(residuals * residuals, limit).sum(axis=1)
         k = int(np.argmin(scores))
         if scores[k] < best.score_px2:
-            found = residuals[k].copy()
-            best = RobustResult(models[at + k].copy(), float(scores[k]), found < threshold_px, found, 0)
+            distances = residuals[k].copy()
+            best = RobustResult(models[at + k].copy(), float(scores[k]), distances < threshold_px, distances)
     return best
 
 
-def better(a: RobustResult, b: RobustResult) -> RobustResult:
-    """Return the result with the lower score; `a` if they are equal."""
-    return b if b.score_px2 < a.score_px2 else a
-
-
-def no_model(num_data: int) -> RobustResult:
-    """Return the result of a search without any model."""
-    return RobustResult(None, math.inf, np.zeros(num_data, dtype=bool), np.full(num_data, np.inf), 0)
-
-
-def noise_scale(residuals: Floats, num_parameters: int = 0) -> float:
+def noise_scale(residuals: Floats, num_parameters: int) -> float:
     """Estimate the standard deviation of residuals, fewer than half of them wrong."""
     free = residuals.size - num_parameters
     if free <= 0:

@@ -1,9 +1,7 @@
 """Estimators of fundamental matrices and homographies from points, and the least Sampson distance."""
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,73 +14,32 @@ from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix
 
 TOLERANCE = 1e-12
 """Relative decrease of the cost at a minimum."""
+DAMPING = Damping(start=1e-4, min_factor=0.0, num_tries=8)
 
 
-@dataclass(frozen=True, eq=False)
-class SharedScale:
-    """Coordinates for both images: each has its centroid at 0, and both share one scale."""
+class TwoViewEstimator:
+    """Points of two images, each moved to have its centroid at 0, and both scaled alike."""
 
-    first_px: Floats  # centroids
-    second_px: Floats
-    scale_px: float  # pixels per unit
-
-    @classmethod
-    def of(cls, first: Floats, second: Floats) -> "SharedScale":
-        """Fit the coordinates to points."""
-        if not len(first):
-            return cls(np.zeros(2), np.zeros(2), 1.0)
-        a, b = first.mean(axis=0), second.mean(axis=0)
-        spread = math.sqrt(0.25 * float((((first - a) ** 2) + (second - b) ** 2).sum(axis=1).mean()))
-        return cls(a, b, spread if spread > 1e-9 else 1.0)
+    def __init__(self, first: Floats, second: Floats) -> None:
+        self.num_data, self._first_px, self._second_px, self.scale_px = (
+            len(first),
+            np.zeros(2),
+            np.zeros(2),
+            1.0,
+        )
+        if len(first):
+            a, b = self._first_px, self._second_px = first.mean(axis=0), second.mean(axis=0)
+            spread = math.sqrt(0.25 * float((((first - a) ** 2) + (second - b) ** 2).sum(axis=1).mean()))
+            self.scale_px = spread if spread > 1e-9 else 1.0
+        self.first = (first - self._first_px) / self.scale_px
+        self.second = (second - self._second_px) / self.scale_px
 
     def matrices(self) -> tuple[Floats, Floats]:
         """Return the homographies (3, 3) from pixels to these coordinates, for both images."""
         s = 1.0 / self.scale_px
         a, b = np.diag([s, s, 1.0]), np.diag([s, s, 1.0])
-        a[:2, 2], b[:2, 2] = -s * self.first_px, -s * self.second_px
+        a[:2, 2], b[:2, 2] = -s * self._first_px, -s * self._second_px
         return a, b
-
-    def to_pixels(self, fundamental: Floats) -> Floats:
-        """Convert a fundamental matrix to pixels."""
-        a, b = self.matrices()
-        return unit_norm(b.T @ fundamental @ a)
-
-
-class TwoViewEstimator(ABC):
-    """Matrices (3, 3) that relate two images, as an `sfm.estimation.sample_consensus.Estimator`."""
-
-    min_num_samples: int
-
-    def __init__(self, first: Floats, second: Floats) -> None:
-        self.num_data = len(first)
-        self.scale = SharedScale.of(first, second)
-        self._first = (first - self.scale.first_px) / self.scale.scale_px
-        self._second = (second - self.scale.second_px) / self.scale.scale_px
-        self._rows = self._equations()
-
-    @abstractmethod
-    def _equations(self) -> Floats:
-        """Return linear equations (N, ..., 9) in the entries of a model."""
-
-    @abstractmethod
-    def _solve(self, rows: Floats) -> Floats:
-        """Return the models (K, 3, 3) of samples of equations (S, m, ..., 9)."""
-
-    @abstractmethod
-    def _distances(self, models: Floats) -> Floats:
-        """Return Sampson distances (K, N) in the coordinates of `scale`."""
-
-    @abstractmethod
-    def refine(self, model: Floats, inliers: Mask) -> Floats:  # numpydoc ignore=PR01,RT01
-        """Improve one model over its inliers."""
-
-    def estimate(self, samples: Integers) -> Floats:
-        """Solve many samples at once."""
-        return self._solve(self._rows[samples]) if len(samples) else np.empty((0, 3, 3))
-
-    def residuals(self, models: Floats) -> Floats:
-        """Measure all correspondences under all models."""
-        return self._distances(models) * self.scale.scale_px
 
 
 class HomographyEstimator(TwoViewEstimator):
@@ -90,19 +47,21 @@ class HomographyEstimator(TwoViewEstimator):
 
     min_num_samples = 4
 
-    def _equations(self) -> Floats:
-        a, zero = homogeneous(self._first), np.zeros((self.num_data, 3))
-        horizontal = np.hstack([a, zero, -self._second[:, :1] * a])
-        vertical = np.hstack([zero, a, -self._second[:, 1:] * a])
-        return np.stack([horizontal, vertical], axis=1)
+    def __init__(self, first: Floats, second: Floats) -> None:
+        super().__init__(first, second)
+        a, zero = homogeneous(self.first), np.zeros((self.num_data, 3))
+        horizontal = np.hstack([a, zero, -self.second[:, :1] * a])
+        vertical = np.hstack([zero, a, -self.second[:, 1:] * a])
+        self._rows = np.stack([horizontal, vertical], axis=1)
 
-    def _solve(self, rows: Floats) -> Floats:
-        equations = rows.reshape(len(rows), -1, 9)
-        solution: Floats = least_singular(equations).reshape(-1, 3, 3)
-        return solution
+    def estimate(self, samples: Integers) -> Floats:
+        """Solve many samples at once."""
+        rows = self._rows[samples].reshape(len(samples), 2 * samples.shape[1], 9)
+        return least_singular(rows).reshape(-1, 3, 3)
 
-    def _distances(self, models: Floats) -> Floats:
-        x, y = self._first[:, 0], self._first[:, 1]
+    def residuals(self, models: Floats) -> Floats:
+        """Measure the Sampson distances of all correspondences under all models."""
+        x, y = self.first[:, 0], self.first[:, 1]
         h = models.reshape(-1, 9, 1)
         a, b, c = (h[:, k] * x + h[:, k + 1] * y + h[:, k + 2] for k in (0, 3, 6))
         depth = np.where(np.abs(c) > 1e-9, c, 1e-9)
@@ -111,14 +70,14 @@ class HomographyEstimator(TwoViewEstimator):
         jux, juy = (h[:, 0] - u * h[:, 6]) / depth, (h[:, 1] - u * h[:, 7]) / depth
         jvx, jvy = (h[:, 3] - v * h[:, 6]) / depth, (h[:, 4] - v * h[:, 7]) / depth
         uu, vv, uv = 1 + jux * jux + juy * juy, 1 + jvx * jvx + jvy * jvy, jux * jvx + juy * jvy
-        du, dv = self._second[:, 0] - u, self._second[:, 1] - v
+        du, dv = self.second[:, 0] - u, self.second[:, 1] - v
         squared = (vv * du * du - 2 * uv * du * dv + uu * dv * dv) / np.maximum(uu * vv - uv * uv, 1.0)
-        distances: Floats = np.sqrt(np.maximum(squared, 0.0))
+        distances: Floats = np.sqrt(np.maximum(squared, 0.0)) * self.scale_px
         return distances
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
         """Fit the inliers by linear least squares, reweighted to minimise distances in the image."""
-        points = homogeneous(self._first[inliers])
+        points = homogeneous(self.first[inliers])
         for _ in range(3):
             depth = points @ model[2]
             weight = 1.0 / np.maximum(np.abs(depth), 1e-6)
@@ -141,12 +100,11 @@ def minimize_sampson(fundamental: Floats, first: Floats, second: Floats, max_ite
     best = unit_norm((u * np.array([s[0], s[1], 0.0])) @ vt)
     if len(first) < 7 or not s[0] > 0:
         return best
-    problem = _SampsonProblem(first, second)
-    damping = Damping(start=1e-4, min_factor=0.0, num_tries=8)
-    return levenberg_marquardt(problem, problem.at(best), damping, max_iterations)[0].fundamental
+    problem = SampsonProblem(first, second)
+    return levenberg_marquardt(problem, problem.at(best), DAMPING, max_iterations).fundamental
 
 
-class _State(NamedTuple):
+class SampsonState(NamedTuple):
     """F, and the signed Sampson distances (N,) with their derivatives (N, 9) by the entries of F."""
 
     fundamental: Floats
@@ -154,64 +112,60 @@ class _State(NamedTuple):
     gradient: Floats
 
 
-class _SampsonProblem:
+class SampsonProblem:
+    """The sum of squared Sampson distances, as a problem of least squares."""
+
     def __init__(self, first: Floats, second: Floats) -> None:
         self._first, self._second = first, second
         self._rows = constraint_rows(first, second)
 
-    def at(self, fundamental: Floats) -> _State:
-        return _State(fundamental, *_sampson_gradient(fundamental, self._first, self._second, self._rows))
+    def at(self, fundamental: Floats) -> SampsonState:
+        """Return the distances under a matrix, with their derivatives."""
+        first, second = self._first, self._second
+        a = first @ fundamental[:, :2].T + fundamental[:, 2]
+        b = second @ fundamental[:2] + fundamental[2]
+        squares = (a[:, :2] ** 2).sum(axis=1) + (b[:, :2] ** 2).sum(axis=1)
+        inverse = 1.0 / np.sqrt(np.maximum(squares, TINY))
+        distances: Floats = ((second * a[:, :2]).sum(axis=1) + a[:, 2]) * inverse
+        gradient = self._rows * inverse[:, None]
+        pull = -distances * inverse * inverse
+        pa, pb = pull[:, None] * a[:, :2], pull[:, None] * b[:, :2]
+        for i in range(2):
+            gradient[:, 3 * i : 3 * i + 2] += pa[:, i, None] * first
+            gradient[:, 3 * i + 2] += pa[:, i]
+            gradient[:, i] += pb[:, i] * second[:, 0]
+            gradient[:, 3 + i] += pb[:, i] * second[:, 1]
+            gradient[:, 6 + i] += pb[:, i]
+        return SampsonState(fundamental, distances, gradient)
 
-    def cost(self, state: _State) -> float:
+    def cost(self, state: SampsonState) -> float:
+        """Return the sum of squared distances."""
         return float((state.distances * state.distances).sum())
 
-    def linearize(self, state: _State, iteration: int) -> tuple[float, Callable[[float], _State]]:
+    def linearize(self, state: SampsonState, iteration: int) -> tuple[float, Callable[[float], SampsonState]]:
+        """Linearise by the seven parameters of `turned`."""
         del iteration
-        jacobian = state.gradient @ _tangent_space(state.fundamental)
+        jacobian = state.gradient @ tangent_space(state.fundamental)
         normal = normal_matrix(jacobian)
         slope = np.einsum("n,ni->i", state.distances, jacobian)
 
-        def stepped(damping: float) -> _State:
-            return self.at(_turned(state.fundamental, -_solve(normal, slope, damping)))
+        def stepped(damping: float) -> SampsonState:
+            values, rows = right_singular(normal)
+            top = max(float(values[0]), TINY)
+            # No step in directions without curvature.
+            step = ((rows @ slope) / (np.maximum(values, 1e-15 * top) + damping * top)) @ rows
+            return self.at(turned(state.fundamental, -step))
 
         return self.cost(state), stepped
 
-    def converged(self, before: _State, after: _State, decrease: float, cost: float) -> bool:
+    def converged(self, before: SampsonState, after: SampsonState, decrease: float, cost: float) -> bool:
+        """Return whether the cost hardly decreased."""
         del before, after
         return decrease <= TOLERANCE * cost
 
 
-def _solve(normal: Floats, slope: Floats, damping: float) -> Floats:
-    """Solve the damped normal equations, with no step in directions without curvature."""
-    values, rows = right_singular(normal)
-    top = max(float(values[0]), TINY)
-    solution: Floats = ((rows @ slope) / (np.maximum(values, 1e-15 * top) + damping * top)) @ rows
-    return solution
-
-
-def _sampson_gradient(
-    fundamental: Floats, first: Floats, second: Floats, rows: Floats
-) -> tuple[Floats, Floats]:
-    """Return signed Sampson distances (N,) and their derivatives (N, 9) by the entries of F."""
-    a = first @ fundamental[:, :2].T + fundamental[:, 2]
-    b = second @ fundamental[:2] + fundamental[2]
-    inverse = 1.0 / np.sqrt(np.maximum((a[:, :2] ** 2).sum(axis=1) + (b[:, :2] ** 2).sum(axis=1), TINY))
-    distances: Floats = ((second * a[:, :2]).sum(axis=1) + a[:, 2]) * inverse
-    gradient = rows * inverse[:, None]
-    pull = -distances * inverse * inverse
-    pa, pb = pull[:, None] * a[:, :2], pull[:, None] * b[:, :2]
-    for i in range(2):
-        gradient[:, 3 * i] += pa[:, i] * first[:, 0]
-        gradient[:, 3 * i + 1] += pa[:, i] * first[:, 1]
-        gradient[:, 3 * i + 2] += pa[:, i]
-        gradient[:, i] += pb[:, i] * second[:, 0]
-        gradient[:, 3 + i] += pb[:, i] * second[:, 1]
-        gradient[:, 6 + i] += pb[:, i]
-    return distances, gradient
-
-
-def _tangent_space(fundamental: Floats) -> Floats:
-    """Return the derivatives (9, 7) of the entries of F by the parameters of a step of `_turned`."""
+def tangent_space(fundamental: Floats) -> Floats:
+    """Return the derivatives (9, 7) of the entries of F by the parameters of a step of `turned`."""
     u, s, vt = svd(fundamental)
     diagonal = np.diag([s[0], s[1], 0.0])
     columns = [u @ skew(axis) @ diagonal @ vt for axis in np.eye(3)]
@@ -220,13 +174,13 @@ def _tangent_space(fundamental: Floats) -> Floats:
     return np.stack([column.ravel() for column in columns], axis=1)
 
 
-def _turned(fundamental: Floats, step: Floats) -> Floats:
+def turned(fundamental: Floats, step: Floats) -> Floats:
     """Turn U by the first three and V by the next three parameters, and shift p by the last."""
     u, s, vt = svd(fundamental)
     angle = math.atan2(s[1], s[0]) + step[6]
     diagonal = np.array([math.cos(angle), math.sin(angle), 0.0])
-    turned: Floats = (u @ _rotation(step[:3]) * diagonal) @ (_rotation(step[3:6]).T @ vt)
-    return turned
+    product: Floats = (u @ _rotation(step[:3]) * diagonal) @ (_rotation(step[3:6]).T @ vt)
+    return product
 
 
 def _rotation(vector: Floats) -> Floats:
@@ -241,25 +195,30 @@ class FundamentalEstimator(TwoViewEstimator):
 
     min_num_samples = 7
 
-    def _equations(self) -> Floats:
-        return constraint_rows(self._first, self._second)
+    def estimate(self, samples: Integers) -> Floats:
+        """Solve many samples at once."""
+        rows = constraint_rows(self.first, self.second)[samples]
+        return seven_point(rows) if samples.shape[1] == self.min_num_samples else eight_point(rows)
 
-    def _solve(self, rows: Floats) -> Floats:
-        return seven_point(rows) if rows.shape[1] == self.min_num_samples else eight_point(rows)
+    def to_pixels(self, fundamental: Floats) -> Floats:
+        """Convert a fundamental matrix to pixels."""
+        a, b = self.matrices()
+        return unit_norm(b.T @ fundamental @ a)
 
-    def _distances(self, models: Floats) -> Floats:
-        x, y = self._first[:, 0], self._first[:, 1]
-        u, v = self._second[:, 0], self._second[:, 1]
+    def residuals(self, models: Floats) -> Floats:
+        """Measure the Sampson distances of all correspondences under all models."""
+        x, y = self.first[:, 0], self.first[:, 1]
+        u, v = self.second[:, 0], self.second[:, 1]
         f = models.reshape(-1, 9, 1)
         a, b, c = (f[:, k] * x + f[:, k + 1] * y + f[:, k + 2] for k in (0, 3, 6))
         d, e = (f[:, k] * u + f[:, k + 3] * v + f[:, k + 6] for k in (0, 1))
         squared_gradient = a * a + b * b + d * d + e * e
         distances: Floats = np.abs(u * a + v * b + c) / np.sqrt(np.maximum(squared_gradient, TINY))
-        return distances
+        return distances * self.scale_px
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
         """Minimise the sum of squared Sampson distances of the inliers."""
-        return minimize_sampson(model, self._first[inliers], self._second[inliers], max_iterations=5)
+        return minimize_sampson(model, self.first[inliers], self.second[inliers], max_iterations=5)
 
 
 def seven_point(rows: Floats) -> Floats:

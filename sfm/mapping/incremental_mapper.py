@@ -101,15 +101,23 @@ class IncrementalMapper:
         """Add key frames until they cannot be registered; return the last frame of the piece."""
         skipped = 0
         for key in keys:
-            seen = observations(self._tracks.seen, [key])
-            pose = register_frame(self.structure, key, seen)
+            pose = register_frame(self.structure, key, observations(self._tracks.seen, [key]))
             if pose is None:
                 skipped += 1
                 if skipped > MAX_SKIPPED:
                     break
                 continue
             skipped = 0
-            self._add(key, pose, seen)
+            self.structure.poses[key] = pose
+            self._keys.append(key)
+            self._seen = observations(self._tracks.seen, self._keys)
+            if len(self._keys) >= GLOBAL_GROWTH * self._num_adjusted:
+                self._adjust_globally()
+                continue
+            recent = self._seen[self._seen.frames >= self._keys[-LOCAL_CONTEXT:][0]]
+            self._triangulate(recent)
+            free = set(self._keys[-LOCAL_KEYS:])
+            self.structure = adjust_bundle(self.structure, self._agreeing(recent), free, focal=False)
         self._adjust_globally()
         return self._keys[-1] if skipped else len(self._tracks.seen)
 
@@ -122,23 +130,14 @@ class IncrementalMapper:
             self.structure = register_frames(self.structure, self._tracks, frames)
         return self.structure
 
-    def _add(self, key: int, pose: Floats, seen: Observations) -> None:
-        self.structure.poses[key] = pose
-        self._keys.append(key)
-        self._seen = self._seen.joined(seen)
-        if len(self._keys) >= GLOBAL_GROWTH * self._num_adjusted:
-            self._adjust_globally()
-            return
-        recent = self._seen[self._seen.frames >= self._keys[-LOCAL_CONTEXT:][0]]
-        self._triangulate(recent)
-        free = set(self._keys[-LOCAL_KEYS:])
-        self.structure = adjust_bundle(self.structure, self._agreeing(recent), free, focal=False)
-
     def _adjust_globally(self) -> None:
         for _ in range(2):
             self._triangulate(self._seen)
             self.structure = adjust_bundle(self.structure, self._agreeing(self._seen))
-            self._filter_points()
+            # Drop the positions of points that fewer than two observations agree with.
+            errors = reprojection_errors(self.structure, self._seen)
+            points = self._seen.points[errors <= MAX_ERROR_PX]
+            self.structure.points[np.bincount(points, minlength=len(self.structure.points)) < 2] = np.nan
         self._num_adjusted = len(self._keys)
 
     def _triangulate(self, seen: Observations) -> None:
@@ -151,12 +150,6 @@ class IncrementalMapper:
     def _agreeing(self, seen: Observations) -> Observations:
         """Return the observations that agree with the structure."""
         return seen[reprojection_errors(self.structure, seen) <= 2.0 * MAX_ERROR_PX]
-
-    def _filter_points(self) -> None:
-        """Drop the positions of points that fewer than two observations agree with."""
-        errors = reprojection_errors(self.structure, self._seen)
-        count = np.bincount(self._seen.points[errors <= MAX_ERROR_PX], minlength=len(self.structure.points))
-        self.structure.points[count < 2] = np.nan
 
 
 def initial_structure(tracks: SequenceTracks, keys: Sequence[int]) -> Structure | None:
@@ -201,20 +194,16 @@ def _pair(tracks: SequenceTracks, K: Floats, first: int, second: int) -> tuple[f
 
     seen = observations(tracks.seen, [first, second])
     seen = seen[np.isin(seen.points, np.intersect1d(tracks.seen[first].ids, tracks.seen[second].ids))]
-    positions = [
-        part.positions[np.argsort(part.points)] + COLMAP_FIRST_PIXEL_PX
-        for part in (seen[seen.frames == first], seen[seen.frames == second])
-    ]
+    parts = seen[seen.frames == first], seen[seen.frames == second]
+    positions = [part.positions[np.argsort(part.points)] + COLMAP_FIRST_PIXEL_PX for part in parts]
     ransac = pycolmap.RANSACOptions(
         max_error=MAX_EPIPOLAR_PX, random_seed=SEED, num_threads=1, max_num_trials=2000
     )
     answer = relative_pose(pinhole_camera(K), positions[0], positions[1], ransac)
-    if answer is None or np.count_nonzero(answer[1]) < MIN_COMMON:
+    norm = 0.0 if answer is None else float(np.linalg.norm(answer[0][:, 3]))
+    if answer is None or np.count_nonzero(answer[1]) < MIN_COMMON or not norm > 0:
         return None
     pose, inliers = answer
-    norm = float(np.linalg.norm(pose[:, 3]))
-    if not norm > 0:
-        return None
     pose[:, 3] /= norm
     structure = Structure(K, {first: np.eye(3, 4), second: pose}, np.full((tracks.num_points, 3), np.nan))
     numbers, points = triangulate(structure, seen)

@@ -4,7 +4,7 @@ Between two key frames every frame is compared with the first of them, so that e
 to frame; at a key frame new points replace lost ones.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -117,18 +117,31 @@ class _Tracker:
 
     def follow(self, luma: Bytes) -> None:
         """Track the points into the next frame, and drop lost points."""
+        import cv2
+
         if len(self._ids):
             guess, _ = _flow(self._last, luma, self.positions, self.positions, levels=LEVELS)
             moved, good = _flow(self._key, luma, self._key_positions, guess)
             moved, good_fine = _flow(self._key, luma, self._key_positions, moved, FINE_WINDOW)
             back, good_back = _flow(luma, self._key, moved, self._key_positions, FINE_WINDOW)
             good &= good_fine & good_back & (np.hypot(*(back - self._key_positions).T) <= MAX_BACK_PX)
+            if np.count_nonzero(good) >= MIN_POINTS:  # keep those that the majority's epipolar geometry fits
+                _, inliers = cv2.findFundamentalMat(
+                    self._key_positions[good], moved[good], cv2.USAC_MAGSAC, MAX_EPIPOLAR_PX, 0.999, 2000
+                )
+                if inliers is not None:
+                    good[good] = inliers.ravel() > 0
             size = np.array([self.shape[1], self.shape[0]])
-            good &= _rigid(self._key_positions, moved, good)
             good &= ((moved >= 0) & (moved <= size - 1)).all(axis=1)
             self._ids, self._key_positions = self._ids[good], self._key_positions[good]
             self.positions = moved[good]
         self._last = luma
+
+
+def evenly_spaced(items: Sequence[int], count: int) -> list[int]:
+    """Return at most `count` items of a list, from the first to the last."""
+    chosen = np.unique(np.linspace(0, len(items) - 1, min(len(items), count)).round().astype(int))
+    return [items[index] for index in chosen] if items else []
 
 
 def window_radius_px(shape: tuple[int, ...], window: float = WINDOW) -> int:
@@ -137,12 +150,7 @@ def window_radius_px(shape: tuple[int, ...], window: float = WINDOW) -> int:
 
 
 def _flow(
-    source: Bytes,
-    target: Bytes,
-    points: Singles,
-    guess: Singles,
-    window: float = WINDOW,
-    levels: int = 1,
+    source: Bytes, target: Bytes, points: Singles, guess: Singles, window: float = WINDOW, levels: int = 1
 ) -> tuple[Singles, Mask]:
     """Track points from one frame to another, from a guess."""
     import cv2
@@ -161,22 +169,6 @@ def _flow(
     good = (status.ravel() == 1) & (error.ravel() <= MAX_LEVELS)
     moved = np.asarray(moved, np.float32).reshape(-1, 2)
     return moved, good & np.isfinite(moved).all(axis=1)
-
-
-def _rigid(first: Singles, second: Singles, good: Mask) -> Mask:
-    """Return a mask of points that agree with the epipolar geometry of the majority."""
-    import cv2
-
-    if np.count_nonzero(good) < MIN_POINTS:
-        return good
-    _, inliers = cv2.findFundamentalMat(
-        first[good], second[good], cv2.USAC_MAGSAC, MAX_EPIPOLAR_PX, 0.999, 2000
-    )
-    if inliers is None:
-        return good
-    agreeing = good.copy()
-    agreeing[good] = inliers.ravel() > 0
-    return agreeing
 
 
 def _new_corners(luma: Bytes, tracked: Singles) -> Singles:

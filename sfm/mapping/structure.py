@@ -5,7 +5,6 @@ COLMAP puts the centre of the first pixel at (0.5, 0.5); this module converts.
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -44,14 +43,6 @@ class Observations:
     def __getitem__(self, chosen: Mask | Integers) -> "Observations":
         """Return some of the rows."""
         return Observations(self.frames[chosen], self.points[chosen], self.positions[chosen])
-
-    def joined(self, other: "Observations") -> "Observations":
-        """Return these rows followed by other rows."""
-        return Observations(
-            np.concatenate([self.frames, other.frames]),
-            np.concatenate([self.points, other.points]),
-            np.concatenate([self.positions, other.positions]),
-        )
 
 
 @dataclass(eq=False)
@@ -106,7 +97,13 @@ def triangulate(structure: Structure, seen: Observations) -> tuple[Integers, Flo
     Observations that disagree with a point are dropped once, and the point is triangulated again.
     """
     numbers, points, errors = _triangulate_all(structure, seen)
-    agreeing = errors <= np.maximum(MAX_ERROR_PX, _medians(seen.points, errors))
+    order = np.lexsort((errors, seen.points))
+    _, start, which, count = np.unique(
+        seen.points[order], return_index=True, return_inverse=True, return_counts=True
+    )
+    median = np.empty(len(errors))  # lower median of the errors of the same point
+    median[order] = errors[order][(start + (count - 1) // 2)[which]]
+    agreeing = errors <= np.maximum(MAX_ERROR_PX, median)
     if not agreeing.all():
         seen = seen[agreeing]
         numbers, points, errors = _triangulate_all(structure, seen)
@@ -124,23 +121,17 @@ def _triangulate_all(structure: Structure, seen: Observations) -> tuple[Integers
     numbers, which = np.unique(seen.points, return_inverse=True)
     poses = stacked(structure.poses, seen.frames)
     rays = rays_through(structure.K, seen.positions)
-    points = _linear_points(poses, rays, which, len(numbers))
+    rows = rays[:, :2, None] * poses[:, 2:3] - poses[:, :2]
+    normal = np.zeros((len(numbers), 4, 4))
+    np.add.at(normal, which, np.einsum("nki,nkj->nij", rows, rows))
+    homogeneous = np.linalg.eigh(normal)[1][:, :, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        points = homogeneous[:, :3] / homogeneous[:, 3:]
     for _ in range(NUM_STEPS):
         points = _gauss_newton_step(poses, rays, which, points)
     candidate = replace(structure, points=points)
     renumbered = replace(seen, points=which.astype(np.int64))
     return numbers, points, reprojection_errors(candidate, renumbered)
-
-
-def _medians(numbers: Integers, values: Floats) -> Floats:
-    """Return for every row the lower median of the rows with the same number."""
-    order = np.lexsort((values, numbers))
-    _, start, which, count = np.unique(
-        numbers[order], return_index=True, return_inverse=True, return_counts=True
-    )
-    median = np.empty(len(values))
-    median[order] = values[order][(start + (count - 1) // 2)[which]]
-    return median
 
 
 def widest_angles_deg(poses: Floats, rays: Floats, which: Integers, count: int) -> Floats:
@@ -152,16 +143,6 @@ def widest_angles_deg(poses: Floats, rays: Floats, which: Integers, count: int) 
     least = np.ones(count)
     np.minimum.at(least, which, cosine)
     return np.degrees(np.arccos(least))
-
-
-def _linear_points(poses: Floats, rays: Floats, which: Integers, count: int) -> Floats:
-    """Solve the homogeneous equations of all points."""
-    rows = rays[:, :2, None] * poses[:, 2:3] - poses[:, :2]
-    normal = np.zeros((count, 4, 4))
-    np.add.at(normal, which, np.einsum("nki,nkj->nij", rows, rows))
-    homogeneous = np.linalg.eigh(normal)[1][:, :, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(homogeneous[:, :3] / homogeneous[:, 3:])
 
 
 def _gauss_newton_step(poses: Floats, rays: Floats, which: Integers, points: Floats) -> Floats:
@@ -218,9 +199,24 @@ def adjust_bundle(
     seen = seen[np.bincount(seen.points, minlength=1)[seen.points] >= 2]
     if not len(seen.points):
         return structure
-    model, numbers = _to_colmap(structure, seen)
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(pinhole_camera(structure.K))
+    order = np.argsort(seen.frames, kind="stable")
+    keypoint = np.empty(len(order), np.int64)
+    numbers, start = np.unique(seen.frames[order], return_index=True)
+    frames = numbers.tolist()
+    for frame, rows in zip(frames, np.split(order, start[1:]), strict=True):
+        keypoint[rows] = np.arange(len(rows))
+        keypoints = seen.positions[rows] + COLMAP_FIRST_PIXEL_PX
+        image = pycolmap.Image(name=str(frame), keypoints=keypoints, camera_id=1, image_id=frame + 1)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(structure.poses[frame]))
+    order = np.argsort(seen.points, kind="stable")
+    numbers, start = np.unique(seen.points[order], return_index=True)  # COLMAP counts the points from 1
+    images, slots = (seen.frames + 1).tolist(), keypoint.tolist()
+    for number, rows in zip(numbers, np.split(order, start[1:]), strict=True):
+        elements = [pycolmap.TrackElement(images[k], slots[k]) for k in rows]
+        model.add_point3D(structure.points[number], pycolmap.Track(elements))
     config = pycolmap.BundleAdjustmentConfig()
-    frames = np.unique(seen.frames).tolist()
     for frame in frames:
         config.add_image(frame + 1)
         if free is not None and frame not in free:
@@ -244,26 +240,3 @@ def adjust_bundle(
     adjusted = model.points3D
     points[numbers] = [adjusted[index].xyz for index in range(1, len(numbers) + 1)]
     return Structure(K, poses, points)
-
-
-def _to_colmap(structure: Structure, seen: Observations) -> tuple[Any, Integers]:
-    """Return COLMAP's model of the observations, and the indices of its points, which it counts from 1."""
-    import pycolmap
-
-    model = pycolmap.Reconstruction()
-    model.add_camera_with_trivial_rig(pinhole_camera(structure.K))
-    order = np.argsort(seen.frames, kind="stable")
-    row = np.empty(len(order), np.int64)
-    frames, start = np.unique(seen.frames[order], return_index=True)
-    for frame, rows in zip(frames.tolist(), np.split(order, start[1:]), strict=True):
-        row[rows] = np.arange(len(rows))
-        keypoints = seen.positions[rows] + COLMAP_FIRST_PIXEL_PX
-        image = pycolmap.Image(name=str(frame), keypoints=keypoints, camera_id=1, image_id=frame + 1)
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(structure.poses[frame]))
-    order = np.argsort(seen.points, kind="stable")
-    numbers, start = np.unique(seen.points[order], return_index=True)
-    images, keypoint = (seen.frames + 1).tolist(), row.tolist()
-    for number, rows in zip(numbers, np.split(order, start[1:]), strict=True):
-        elements = [pycolmap.TrackElement(images[k], keypoint[k]) for k in rows]
-        model.add_point3D(structure.points[number], pycolmap.Track(elements))
-    return model, numbers

@@ -32,20 +32,27 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_entries_are_scenes_then_files(data: Path) -> None:
-    """Scenes come first; a file with the name of a scene keeps its suffix; other files are left out."""
-    names = [entry.name for entry in catalogue.entries()]
-    assert names == ["street", "stairway", "statue", "rounds", "box", "broken", "holiday", "street.mkv"]
-
-
-def test_files_are_described_or_user_material(data: Path) -> None:
-    """A clip of the project has its description, user material is probed, damage is reported."""
+def test_entries_are_scenes_then_files(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file with the name of a scene keeps its suffix, user material is probed, damage is reported."""
     by_name = {entry.name: entry for entry in catalogue.entries()}
+    assert list(by_name) == [
+        "street",
+        "stairway",
+        "statue",
+        "rounds",
+        "box",
+        "broken",
+        "holiday",
+        "street.mkv",
+    ]
     assert by_name["box"].about.static == "yes"
     assert (by_name["box"].width, by_name["box"].height, by_name["box"].num_frames) == (22, 18, 3)
     assert by_name["holiday"].about.purpose == "user material"
     assert by_name["holiday"].frame_rate == 25
     assert by_name["broken"].about.shows == "unreadable"
+    monkeypatch.setenv("DVC_DATA", str(data / "nowhere"))
+    with pytest.raises(ConfigError, match="DVC_DATA"):
+        catalogue.entries()
 
 
 def test_resolve_finds_scenes_names_and_paths(
@@ -65,23 +72,14 @@ def test_resolve_finds_scenes_names_and_paths(
         catalogue.resolve("beach")
 
 
-def test_missing_data_folder_is_an_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A variable that points nowhere is an error, not an empty catalogue."""
-    monkeypatch.setenv("DVC_DATA", str(tmp_path / "nowhere"))
-    with pytest.raises(ConfigError, match="DVC_DATA"):
-        catalogue.entries()
-
-
 def test_descriptions_fit_the_real_files(shared_sequences: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every described file that is present can be read and declares its length."""
     monkeypatch.setenv("DVC_DATA", str(shared_sequences))
     entries = [entry for entry in catalogue.entries() if entry.name in catalogue.DESCRIBED]
     assert {entry.name for entry in entries} == set(catalogue.DESCRIBED)
     assert all(entry.num_frames and entry.width in (176, 352) for entry in entries)
 
 
-def test_list_writes_table_and_json(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Both forms name every sequence; JSON holds plain values."""
+def test_list_and_info_write_text_and_json(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     table = capsys.readouterr().out
     assert all(name in table for name in ("street", "stairway", "statue", "box", "holiday"))
@@ -90,10 +88,6 @@ def test_list_writes_table_and_json(data: Path, capsys: pytest.CaptureFixture[st
     assert entries[0]["name"] == "street"
     assert entries[0]["fps"] == 30.0
     assert {"purpose", "motion", "static", "num_frames", "path"} <= set(entries[0])
-
-
-def test_info_has_size_and_purpose(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One sequence, as text and as JSON, by name or path."""
     assert main(["info", "statue"]) == 0
     text = capsys.readouterr().out
     assert "352x288" in text
@@ -122,7 +116,6 @@ def test_wrong_input_is_one_line_and_status_two(
     arguments: list[str],
     message: str,
 ) -> None:
-    """Wrong input gives one line on standard error and no file."""
     monkeypatch.chdir(data.parent)
     assert main(arguments) == 2
     streams = capsys.readouterr()
@@ -141,7 +134,6 @@ def test_wrong_input_is_one_line_and_status_two(
     ],
 )
 def test_wrong_usage_is_one_line_and_status_two(arguments: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """A malformed command line ends the same way."""
     with pytest.raises(SystemExit) as stop:
         main([*arguments.split(), *(["--out", "x.mkv"] if "--" in arguments else [])])
     assert stop.value.code == 2
@@ -149,7 +141,6 @@ def test_wrong_usage_is_one_line_and_status_two(arguments: str, capsys: pytest.C
 
 
 def test_render_writes_a_video(tmp_path: Path) -> None:
-    """The command renders with the options it was given."""
     out = tmp_path / "s.y4m"
     arguments = ["render", "stairway", "--out", str(out), "--size", "24x17", "--frames", "2", "--start", "4"]
     files = ["--depth", str(tmp_path / "d"), "--cameras", str(tmp_path / "c.json")]
@@ -161,7 +152,6 @@ def test_render_writes_a_video(tmp_path: Path) -> None:
 
 
 def test_help_loads_little_and_shows_examples() -> None:
-    """Help needs neither the renderer nor a video library."""
     done = subprocess.run(
         [sys.executable, "-m", "sequences", "--help"], capture_output=True, text=True, check=True
     )

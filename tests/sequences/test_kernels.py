@@ -1,8 +1,6 @@
 """Compiled kernels of the renderer against plain twins, compiled and as Python."""
 
 import itertools
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,15 +9,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dvc._jit import python_twin
+from dvc.arrays import Floats
 from sequences import _kernels
 from sequences._kernels import NEAR_M
 from sequences.rendered_scenes import scene
 from sequences.scene_cameras import transformed
 from sequences.shapes import MATERIALS, Material
+from tests.twins import Choose
 
-Floats = NDArray[np.float64]
-BOTH = pytest.mark.parametrize("form", [lambda k: k, python_twin], ids=["compiled", "python"])
-Form = Callable[[Any], Any]
 NOJIT = pytest.mark.nojit
 
 
@@ -53,13 +50,11 @@ def hit(corners: Floats, x: float, y: float) -> float:
 
 
 @NOJIT
-@BOTH
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_rasterizer_agrees_with_ray_casting(form: Form, seed: int) -> None:
-    """Every sample keeps the nearest triangle that its ray meets."""
+def test_rasterizer_agrees_with_ray_casting(choose: Choose, seed: int) -> None:
     points, triangles = random_triangles(seed)
     inverse, ids = np.zeros((10, 14), dtype=np.float32), np.full((10, 14), -1, dtype=np.int32)
-    form(_kernels.rasterize)(points, triangles, inverse, ids)
+    choose(_kernels.rasterize)(points, triangles, inverse, ids)
     for row in range(10):
         for column in range(14):
             depths = [hit(points[t], column, row) for t in triangles]
@@ -72,9 +67,7 @@ def test_rasterizer_agrees_with_ray_casting(form: Form, seed: int) -> None:
 
 
 @NOJIT
-@BOTH
-def test_point_casting_agrees_with_ray_casting(form: Form) -> None:
-    """Points between pixel centres get the depth of the nearest triangle."""
+def test_point_casting_agrees_with_ray_casting(choose: Choose) -> None:
     points, triangles = random_triangles(5)
     rng = np.random.default_rng(6)
     xy = rng.uniform((-0.5, -0.5), (13.49, 9.49), (60, 2))
@@ -83,7 +76,7 @@ def test_point_casting_agrees_with_ray_casting(form: Form) -> None:
     ends = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=140))])
     start = ends[np.arange(10)[:, None] * 14 + np.arange(15)]
     depth, ids = np.full(60, np.inf), np.full(60, -1, dtype=np.int32)
-    form(_kernels.cast_points)(points, triangles, xy, start, order, depth, ids)
+    choose(_kernels.cast_points)(points, triangles, xy, start, order, depth, ids)
     for k in range(60):
         depths = [hit(points[t], *xy[k]) for t in triangles]
         assert depth[k] == pytest.approx(min(depths), rel=1e-9)
@@ -91,7 +84,6 @@ def test_point_casting_agrees_with_ray_casting(form: Form) -> None:
 
 @NOJIT
 def test_neighbouring_triangles_leave_no_gap() -> None:
-    """A fan of triangles that share edges covers every sample inside it."""
     rng = np.random.default_rng(3)
     angle = np.linspace(0, 2 * np.pi, 31)[:-1]
     rim = np.stack([20.3 + 15 * np.cos(angle), 20.1 + 15 * np.sin(angle), np.ones(30)], axis=1)
@@ -107,7 +99,6 @@ def test_neighbouring_triangles_leave_no_gap() -> None:
 @NOJIT
 @given(st.floats(-9, 9), st.floats(-200, 200), st.integers(0, 20), st.integers(0, 40))
 def test_narrowed_range_keeps_all_columns_inside(slope: float, offset: float, low: int, length: int) -> None:
-    """No column with ``slope * column + offset >= 0`` is lost."""
     first, last = _kernels.narrow(slope, offset, low, low + length)
     assert (first, last) == python_twin(_kernels.narrow)(slope, offset, low, low + length)
     for column in range(low, low + length + 1):
@@ -116,10 +107,9 @@ def test_narrowed_range_keeps_all_columns_inside(slope: float, offset: float, lo
 
 
 @NOJIT
-@BOTH
-def test_noise_is_smooth_and_fades_out(form: Form) -> None:
+def test_noise_is_smooth_and_fades_out(choose: Choose) -> None:
     """Noise has mean 0, deviation near 1 and no jumps, and vanishes in a large footprint."""
-    noise = form(_kernels.noise)
+    noise = choose(_kernels.noise)
     at = np.random.default_rng(7).uniform(-40.0, 40.0, (600, 2))
     values = np.array([noise(x, y, 0.0, 0.8, 3) for x, y in at])
     assert abs(values.mean()) < 0.15
@@ -132,14 +122,13 @@ def test_noise_is_smooth_and_fades_out(form: Form) -> None:
 
 
 @NOJIT
-@BOTH
-def test_courses_have_joints_and_no_period(form: Form) -> None:
+def test_courses_have_joints_and_no_period(choose: Choose) -> None:
     """Joints have their share of a wall and their colour; stones differ; from afar a wall has its mean."""
     materials = materials_of(Material((0.5, 0.25), (0.05, 0.02), (0.9, 0.1, 0.1), spread=(0.3, 0.0)))
     rgb, tint = np.empty(3), np.array([0.2, 0.5, 0.2])
 
     def colour(u: float, v: float, size: float) -> Floats:
-        form(_kernels.texture)(materials, 0, np.array([u, v, size]), tint, rgb)
+        choose(_kernels.texture)(materials, 0, np.array([u, v, size]), tint, rgb)
         return rgb.copy()
 
     v, u = np.mgrid[0.0125:2.0:0.025, 0.0125:4.0:0.025]
@@ -154,7 +143,6 @@ def test_courses_have_joints_and_no_period(form: Form) -> None:
 
 @NOJIT
 def test_materials_look_alike_in_both_forms() -> None:
-    """Every material has the same finite reflectance from the compiled kernel and from Python."""
     materials = materials_of(*MATERIALS.values())
     compiled, plain = np.empty(3), np.empty(3)
     for k, place in itertools.product(range(len(MATERIALS)), [(0.3, -1.7, 0.004), (12.1, 3.3, 0.05)]):
@@ -164,9 +152,7 @@ def test_materials_look_alike_in_both_forms() -> None:
         assert 0.0 <= compiled.min() <= compiled.max() < 1.5
 
 
-@BOTH
-def test_picture_is_shaded_alike_in_both_forms(form: Form) -> None:
-    """A small view of a scene has the same colours from the compiled kernel and from Python."""
+def test_picture_is_shaded_alike_in_both_forms(choose: Choose) -> None:
     stairway = scene("stairway")
     camera = stairway.camera(0, 12, 9)
     projected = transformed(camera.projection, stairway.surface.points)
@@ -177,7 +163,7 @@ def test_picture_is_shaded_alike_in_both_forms(form: Form) -> None:
     parts = (stairway.surface, stairway.materials, stairway.light, projected, rays, ids, inverse)
     expected, colour = np.empty((2, 9, 12, 3), dtype=np.float32)
     _kernels.shade(*parts, expected)
-    form(_kernels.shade)(*parts, colour)
+    choose(_kernels.shade)(*parts, colour)
     np.testing.assert_allclose(colour, expected, rtol=1e-5)
     assert (colour >= 0).all()
     assert (ids >= 0).any()

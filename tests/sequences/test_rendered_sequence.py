@@ -13,12 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
+from dvc.array_files import read_positions
 from dvc.errors import ConfigError, DvcError, VideoError
-from dvc.picture_files import read_pfm, write_pfm
+from dvc.picture_files import read_pfm, read_picture, write_pfm
 from dvc.video import open_video
-from sequences.rendered_scenes import scene
+from sequences.__main__ import main
+from sequences.rendered_scenes import RenderedFrame, render_frame, render_picture, scene
 from sequences.rendered_sequence import RenderedSequence, render
-from sequences.renderer import RenderedFrame, render_frame
+from sequences.scene_cameras import back_project, project
+from sequences.scene_layouts import POSITIONS, STEP_DOWN_M, STEP_RIGHT_M
 from tests.clips import same_frame
 
 
@@ -43,14 +46,9 @@ def test_sequence_keeps_the_reader_protocol() -> None:
 
 @pytest.mark.parametrize("jobs", [2, 3, 8])
 def test_jobs_do_not_change_the_frames(jobs: int) -> None:
-    """Any number of threads gives the same frames in the same order."""
     for one, many in zip(short(), short(jobs=jobs), strict=True):
         assert same_frame(one, many)
-
-
-def test_start_skips_frames() -> None:
-    """Frame `start` of the scene comes first, even beyond the usual length."""
-    late = next(iter(short(start=120, num_frames=1)))
+    late = next(iter(short(start=120, num_frames=1, jobs=jobs)))  # beyond the usual length
     assert same_frame(late, render_frame(scene("stairway"), 120, 32, 25).frame)
 
 
@@ -68,13 +66,11 @@ def test_start_skips_frames() -> None:
 def test_wrong_arguments_are_refused_at_once(
     arguments: tuple[Any, ...], options: dict[str, Any], message: str
 ) -> None:
-    """A user's mistake is a DvcError, raised before anything is built."""
     with pytest.raises(DvcError, match=message):
         RenderedSequence(*arguments, **options)
 
 
 def test_files_hold_what_was_rendered(tmp_path: Path) -> None:
-    """Video, depth and cameras read back are those of `render_frame`."""
     done: list[int] = []
     video, cameras, depth = tmp_path / "s.mkv", tmp_path / "s.json", tmp_path / "depth"
     render(short(start=3), video, cameras=cameras, depth=depth, progress=done.append)
@@ -95,36 +91,74 @@ def test_files_hold_what_was_rendered(tmp_path: Path) -> None:
 
 class _Failing(RenderedSequence):
     def rendered(self) -> Iterator[RenderedFrame]:
-        """Yield one frame, then fail."""
         yield render_frame(scene("stairway"), 0, *self.info.size)
         raise VideoError("no more")
 
 
 def test_failure_leaves_nothing_behind(tmp_path: Path) -> None:
-    """If rendering stops half way, no file or folder appears."""
     failing = _Failing("stairway", 32, 25)
     with pytest.raises(VideoError, match="no more"):
         render(failing, tmp_path / "s.mkv", cameras=tmp_path / "s.json", depth=tmp_path / "depth")
+    with pytest.raises(ConfigError, match="both"):
+        render(short(), tmp_path / "s.mkv", cameras=tmp_path / "s.mkv")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_outputs_must_differ(tmp_path: Path) -> None:
-    """One name for two files is refused."""
-    with pytest.raises(ConfigError, match="both"):
-        render(short(), tmp_path / "s.mkv", cameras=tmp_path / "s.mkv")
+def test_centres_form_a_lattice_of_cells_that_are_not_square() -> None:
+    cameras = [scene("toy").camera(index) for index in range(4)]
+    centres = np.stack([camera.centre for camera in cameras])
+    steps = (centres - centres[0]).round(12)
+    np.testing.assert_allclose(steps[1], [STEP_RIGHT_M, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(steps[2], [0, 0, -STEP_DOWN_M], atol=1e-12)
+    np.testing.assert_allclose(steps[3], steps[1] + steps[2], atol=1e-12)
+    axes = np.stack([camera.cam_from_world[2, :3] for camera in cameras])
+    assert (axes @ axes.T)[~np.eye(4, dtype=bool)].max() < np.cos(np.radians(1.0))
+
+
+def test_depth_and_cameras_explain_the_pictures() -> None:
+    first, second = (render_picture(scene("toy"), index, 320, 240) for index in (0, 3))
+    assert np.isfinite(first[1]).all()
+    y, x = np.mgrid[4:240:8, 4:320:8]
+    pixels = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    points = back_project(first[2], pixels, first[1][y, x].ravel().astype(np.float64))
+    seen, depth = project(second[2], points)
+    u, v = np.rint(seen).astype(int).T
+    inside = (u >= 0) & (v >= 0) & (u < 320) & (v < 240)
+    u, v = u[inside], v[inside]
+    visible = np.abs(second[1][v, u] / depth[inside] - 1) < 0.01
+    assert 0.6 < visible.mean() < 0.99
+    colours = first[0][y, x].reshape(-1, 3)[inside].astype(float)
+    assert np.median(np.abs(colours - second[0][v, u])[visible]) < 12
+
+
+def test_command_writes_pictures_depth_and_cameras(tmp_path: Path) -> None:
+    """The folder is an input of `dvc-stereo`."""
+    folder = tmp_path / "toy"
+    assert main(["render", "toy", "--out", str(folder), "--size", "32x24"]) == 0
+    cameras = json.loads((folder / "cameras.json").read_text())
+    assert [camera["file"] for camera in cameras] == [f"toy-{m}-{n}.png" for m, n in POSITIONS]
+    for camera in cameras:
+        assert np.linalg.det(camera["R"]) == pytest.approx(1.0)
+        assert read_picture(folder / camera["file"]).shape == (24, 32, 3)
+        assert read_pfm(folder / f"depth-{Path(camera['file']).stem}.pfm").shape == (24, 32)
+    assert list(read_positions(folder / "views.csv").values()) == [tuple(map(float, p)) for p in POSITIONS]
+
+
+@pytest.mark.parametrize("option", [("--frames", "3"), ("--noise", "1"), ("--depth", "d")])
+def test_options_of_videos_are_refused(
+    tmp_path: Path, option: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["render", "toy", "--out", str(tmp_path / "toy"), *option]) == 2
+    assert f"{option[0]} applies to videos" in capsys.readouterr().err
+    assert not (tmp_path / "toy").exists()
 
 
 @given(arrays(np.float32, array_shapes(min_dims=2, max_dims=2, max_side=9)))
 def test_pfm_round_trip(tmp_path_factory: pytest.TempPathFactory, plane: np.ndarray) -> None:
-    """Any plane, with inf and nan, comes back."""
+    """Any plane, with inf and nan, comes back; a positive scale means big-endian."""
     path = tmp_path_factory.getbasetemp() / "plane.pfm"
     write_pfm(path, plane)
     np.testing.assert_array_equal(read_pfm(path), plane)
-
-
-def test_pfm_of_the_other_byte_order_is_read(tmp_path: Path) -> None:
-    """A positive scale means big-endian."""
-    path = tmp_path / "big.pfm"
     path.write_bytes(b"Pf\n2 1\n1.0\n" + np.array([1.5, -2.0], dtype=">f4").tobytes())
     np.testing.assert_array_equal(read_pfm(path), [[1.5, -2.0]])
 
@@ -133,7 +167,6 @@ def test_pfm_of_the_other_byte_order_is_read(tmp_path: Path) -> None:
 def test_damaged_pfm_raises_video_error_or_reads(
     tmp_path_factory: pytest.TempPathFactory, content: bytes
 ) -> None:
-    """Arbitrary bytes raise only VideoError."""
     path = tmp_path_factory.getbasetemp() / "damaged.pfm"
     path.write_bytes(content)
     with suppress(VideoError):

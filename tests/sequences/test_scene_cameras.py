@@ -14,7 +14,6 @@ def a_camera(eye: tuple[float, float, float], turn: tuple[float, float, float] =
 
 
 def test_back_projection_inverts_projection() -> None:
-    """A point projected and taken back along its ray by its depth is the same point."""
     rng = np.random.default_rng(1)
     points = rng.uniform((-3, 5, -1), (3, 20, 4), (50, 3))
     camera = a_camera((0.5, -1.0, 1.6), (1.0, -2.0, 3.0))
@@ -23,7 +22,6 @@ def test_back_projection_inverts_projection() -> None:
 
 
 def test_fundamental_matrix_annihilates_images_of_one_point() -> None:
-    """Two images of one point satisfy the epipolar constraint, and the matrix has rank two."""
     rng = np.random.default_rng(2)
     points = rng.uniform((-3, 5, -1), (3, 20, 4), (50, 3))
     a, b = a_camera((0.0, 0.0, 1.6)), a_camera((0.4, 0.1, 1.5), (0.5, 1.0, -2.0))
@@ -38,16 +36,12 @@ def test_fundamental_matrix_annihilates_images_of_one_point() -> None:
 
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (2.0, -3.0, 5.0)])
 def test_aim_is_a_rigid_motion(turn: tuple[float, float, float]) -> None:
-    """The rotation is orthonormal and right-handed, and the centre is the position of the camera."""
     camera = a_camera((1.0, -2.0, 1.5), turn)
     rotation = camera.cam_from_world[:, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
     np.testing.assert_allclose(camera.centre, (1.0, -2.0, 1.5), atol=1e-12)
-
-
-def test_aim_puts_the_target_in_the_middle_and_up_upwards() -> None:
-    """The target is imaged at the principal point, and points above it at smaller rows."""
+    # The target is imaged at the principal point, and points above it at smaller rows.
     camera = a_camera((1.0, -2.0, 1.5))
     xy, _ = project(camera, np.array([[0.0, 10.0, 1.0], [0.0, 10.0, 2.0], [1.0, 10.0, 1.0]]))
     np.testing.assert_allclose(xy[0], (175.5, 143.5), atol=1e-9)
@@ -56,7 +50,6 @@ def test_aim_puts_the_target_in_the_middle_and_up_upwards() -> None:
 
 
 def test_tremor_is_smooth_with_unit_variance() -> None:
-    """The tremor has mean 0, deviation 1, and no jumps."""
     values = np.array([tremor(t, 5, 1.0, 3.0) for t in np.linspace(0, 200, 4001)])
     assert abs(values.mean()) < 0.1
     assert values.std() == pytest.approx(1.0, abs=0.1)
@@ -72,6 +65,5 @@ def test_path_stays_within_its_ends_and_never_jumps(time: float, period: float, 
 
 
 def test_path_starts_at_full_speed() -> None:
-    """The first frames advance one step each."""
     steps = np.diff([there_and_back(float(t), 60.0, 5.0) for t in range(40)])
     np.testing.assert_allclose(steps, 1.0)

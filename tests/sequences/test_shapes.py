@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from sequences import scenery, shapes
 from sequences._kernels import sunlit
 from sequences.rendered_scenes import illuminate
 from sequences.scene_layouts import STREET
 from sequences.shapes import Look, Mesh
 
-Floats = NDArray[np.float64]
 STONE = Look("stone", (0.5, 0.5, 0.5))
 RNG = np.random.default_rng(1)
 
@@ -69,7 +68,6 @@ def test_texture_coordinates_are_metres() -> None:
 
 
 def test_merged_and_moved_meshes_keep_their_triangles() -> None:
-    """Merging shifts vertex numbers; moving and turning change positions and nothing else."""
     a, b = SOLIDS["box"], SOLIDS["bar"].moved((5, 0, 0)).turned(90.0)
     both = shapes.merge([a, b])
     np.testing.assert_allclose(both.points[both.triangles[len(a.triangles)]], b.points[b.triangles[0]])
@@ -79,7 +77,6 @@ def test_merged_and_moved_meshes_keep_their_triangles() -> None:
 
 @pytest.mark.parametrize("ground", ["shop", "door", "plain"])
 def test_houses_are_finite_and_on_the_ground(ground: str) -> None:
-    """Every kind of ground floor builds."""
     style = scenery.Style(Look("plaster", (0.5, 0.5, 0.5)), ground=ground, shutters=True)
     mesh = scenery.house(RNG, 7.0, 3, style)
     assert np.isfinite(mesh.points).all()

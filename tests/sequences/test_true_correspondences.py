@@ -3,23 +3,20 @@
 import numpy as np
 import pytest
 
-from sequences.rendered_scenes import Scene, scene
-from sequences.renderer import render_frame
+from sequences.rendered_scenes import Scene, render_frame, scene
 from sequences.scene_cameras import back_project, project
 from sequences.true_correspondences import correspondences, depth_at, in_image, pixel_grid
 from tests.reference.epipolar import fundamental_matrix
 
-NAMES = ("street", "stairway", "statue")
 SIZE = (88, 72)
 
 
-@pytest.fixture(params=NAMES)
+@pytest.fixture(params=("street", "stairway", "statue"))
 def any_scene(request: pytest.FixtureRequest) -> Scene:
     return scene(request.param)
 
 
 def test_depth_map_is_the_depth_of_a_ray_through_the_pixel_centre(any_scene: Scene) -> None:
-    """The depth that is rendered equals the depth that is cast, sky included."""
     rendered = render_frame(any_scene, 3, *SIZE)
     cast, _ = depth_at(any_scene, rendered.camera, pixel_grid(*SIZE))
     assert rendered.depth.dtype == np.float32
@@ -27,7 +24,6 @@ def test_depth_map_is_the_depth_of_a_ray_through_the_pixel_centre(any_scene: Sce
 
 
 def test_correspondences_satisfy_the_epipolar_constraint(any_scene: Scene) -> None:
-    """Points at a finite depth lie on their epipolar lines to a millionth of a pixel."""
     pairs = correspondences(any_scene, 0, 5, None, *SIZE)
     near = np.isfinite(pairs.depth_a) & np.isfinite(pairs.points_b).all(axis=1)
     a, b = any_scene.camera(0, *SIZE), any_scene.camera(5, *SIZE)
@@ -52,7 +48,6 @@ def test_reprojected_depth_agrees_with_the_other_frame(any_scene: Scene) -> None
 
 
 def test_luma_of_visible_points_agrees_between_frames(any_scene: Scene) -> None:
-    """Points that are visible in both frames look the same."""
     a, b = render_frame(any_scene, 0, *SIZE), render_frame(any_scene, 2, *SIZE)
     pairs = correspondences(any_scene, 0, 2, None, *SIZE)
     luma_a, luma_b = a.frame.luma.astype(float).ravel(), b.frame.luma.astype(float)
@@ -77,23 +72,15 @@ def test_points_may_lie_between_pixels_and_outside(any_scene: Scene) -> None:
     assert np.isnan(pairs.depth_a[1])
     assert not pairs.visible[1]
     assert not np.isnan(pairs.depth_a[2])
-
-
-def test_correspondence_with_the_same_frame_is_identity(any_scene: Scene) -> None:
-    """From a frame to itself every point stays and is visible."""
+    # From a frame to itself every point stays and is visible.
     pairs = correspondences(any_scene, 4, 4, None, *SIZE)
     np.testing.assert_allclose(pairs.points_b, pairs.points_a, atol=1e-7)
     assert pairs.visible.mean() > 0.995
-
-
-def test_points_of_a_wrong_shape_are_refused() -> None:
-    """The message names the argument and the shape."""
     with pytest.raises(ValueError, match=r"`points`.*\(3,\)"):
-        correspondences(scene("stairway"), 0, 1, np.zeros(3))
+        correspondences(any_scene, 0, 1, np.zeros(3))
 
 
 def test_epipole_of_street_lies_inside_the_image() -> None:
-    """Forward motion: at any distance between frames the epipole is well inside."""
     street = scene("street")
     for first, second in ((0, 1), (0, 10), (20, 30), (39, 49)):
         a, b = street.camera(first), street.camera(second)

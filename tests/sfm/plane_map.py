@@ -65,10 +65,8 @@ def piece_of(numbers: range, width: int, height: int, depth_step: int = 2) -> Ma
 
 
 def map_of(*pieces: MapPiece, size: tuple[int, int], num_frames: int = 12) -> SceneMap:
-    """Return the map of some pieces."""
     return SceneMap(*size, num_frames, pieces)
 
 
 def frames_of(width: int, height: int) -> Callable[[int], Frame]:
-    """Return what gives frames by their numbers."""
     return lambda number: frame_from_rgb(view(number, width, height)[0])

@@ -36,7 +36,6 @@ def test_singular_values_are_those_of_numpy(shape: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("rank", range(4))
 def test_u_is_completed_where_a_matrix_is_singular(rank: int) -> None:
-    """Of any rank, u and vt are orthogonal and the product is the matrix."""
     rng = np.random.default_rng(rank)
     matrix = rng.normal(size=(3, rank)) @ rng.normal(size=(rank, 3))
     u, values, vt = svd(matrix)
@@ -47,7 +46,6 @@ def test_u_is_completed_where_a_matrix_is_singular(rank: int) -> None:
 
 
 def test_vectors_of_gram_matrices_are_eigenvectors() -> None:
-    """That of the least value is that of the least eigenvalue."""
     rows = np.random.default_rng(2).normal(size=(30, 9))
     normal = rows.T @ rows
     eigenvalues, vectors = np.linalg.eigh(normal)
@@ -82,7 +80,6 @@ def test_known_roots(choose: Choose) -> None:
 
 @pytest.mark.nojit
 def test_digits_are_always_the_same(choose: Choose) -> None:
-    """Of matrices of whole numbers, compiled or not, on any processor."""
     whole = np.arange(2 * 7 * 9) ** 2 % 89 - 44.0
     columns = whole.reshape(2, 7, 9)
     basis = np.broadcast_to(np.eye(9), (2, 9, 9)).copy()

@@ -33,17 +33,15 @@ class Valley:
 
 @pytest.mark.parametrize("start", [(-1.2, 1.0), (5.0, -5.0), (1.0, 1.0)])
 def test_the_minimum_is_found(start: tuple[float, float]) -> None:
-    """A curved valley is followed to its end."""
-    found, steps = levenberg_marquardt(Valley(), np.array(start), Damping(1e-3, 1e-12, 12), 100)
+    found = levenberg_marquardt(Valley(), np.array(start), Damping(1e-3, 1e-12, 12), 100)
     np.testing.assert_allclose(found, [1.0, 1.0], atol=1e-9)
-    assert steps < 100
 
 
 def test_it_never_gets_worse() -> None:
     """However few the steps, and without any try at all, the cost does not rise."""
     start = np.array([-1.2, 1.0])
     costs = [
-        Valley().cost(levenberg_marquardt(Valley(), start, Damping(1e-3, 0.0, tries), steps)[0])
+        Valley().cost(levenberg_marquardt(Valley(), start, Damping(1e-3, 0.0, tries), steps))
         for tries, steps in ((0, 5), (1, 1), (12, 1), (12, 3))
     ]
     assert costs[0] == Valley().cost(start)

@@ -50,7 +50,6 @@ def reconstruction(request: pytest.FixtureRequest) -> Reconstruction:
 
 
 def test_two_planes_are_reconstructed(reconstruction: Reconstruction) -> None:
-    """The model is trusted; its epipolar lines are those of the true camera."""
     assert reconstruction.success
     assert reconstruction.motion == "general"
     model = reconstruction.model
@@ -75,7 +74,6 @@ def test_stages_grow_and_shrink(reconstruction: Reconstruction) -> None:
 
 
 def test_models_are_consistent(reconstruction: Reconstruction) -> None:
-    """Depths are positive, and every point projects near where it was seen."""
     model = reconstruction.model
     assert model is not None
     assert model.depths.min() > 0
@@ -88,7 +86,6 @@ def test_models_are_consistent(reconstruction: Reconstruction) -> None:
 
 @pytest.mark.parametrize("backend", SFM_BACKENDS)
 def test_the_seed_decides(backend: str) -> None:
-    """The same pictures and seed give the same bits."""
     first, second = (reconstruct(FIRST, SECOND, backend=backend, seed=7).model for _ in range(2))
     assert first is not None
     assert second is not None
@@ -123,7 +120,6 @@ def test_tracked_points_count_among_matches() -> None:
 
 @pytest.mark.parametrize("reach_px", [1e3, 1e6, 1e12])
 def test_wild_tracked_points_do_no_harm(reach_px: float) -> None:
-    """Points far outside the frames are outliers like others."""
     first, second = np.random.default_rng(0).uniform(-reach_px, reach_px, (2, 60, 2))
     found = reconstruct(FIRST, SECOND, seed=1, tracked=Correspondences(first, second, np.zeros(60)))
     assert found.success
@@ -132,7 +128,9 @@ def test_wild_tracked_points_do_no_harm(reach_px: float) -> None:
     assert (np.concatenate([points.first, points.second]) < [FRAME.width_px, FRAME.height_px]).all()
 
 
-def test_models_that_cannot_be_trusted_have_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_untrusted_models_have_a_reason_and_wrong_arguments_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Too few correspondences leave a model, and a reason."""
     sizes = (88, 72), (352, 288), (704, 576)
     assert [points_needed(PixelFrame(*size)) for size in sizes] == [50, 100, 100]
@@ -141,6 +139,10 @@ def test_models_that_cannot_be_trusted_have_a_reason(monkeypatch: pytest.MonkeyP
     assert found.model is not None
     assert not found.success
     assert "correspondences" in found.reason
+    with pytest.raises(ValueError, match="one size"):
+        reconstruct(FIRST, FIRST[:-1])
+    with pytest.raises(ValueError, match="backend"):
+        reconstruct(FIRST, SECOND, backend="magic")
 
 
 def test_coverage_counts_cells() -> None:
@@ -149,11 +151,3 @@ def test_coverage_counts_cells() -> None:
     assert coverage(np.empty((0, 2)), frame) == 0
     assert coverage(np.array([[1.0, 1.0], [2.0, 2.0]]), frame) == 1 / 64
     assert coverage(np.array([[79.4, 39.4], [-0.5, -0.5], [200.0, -3.0]]), frame) == 3 / 64
-
-
-def test_wrong_arguments_are_refused() -> None:
-    """Pictures of two sizes, and backends that do not exist."""
-    with pytest.raises(ValueError, match="one size"):
-        reconstruct(FIRST, FIRST[:-1])
-    with pytest.raises(ValueError, match="backend"):
-        reconstruct(FIRST, SECOND, backend="magic")

@@ -4,8 +4,8 @@ import numpy as np
 
 from dvc.geometry.cameras import PixelFrame, project
 from dvc.geometry.triangulation import triangulate_depth
-from sfm.scene_model import Correspondences, Reconstruction
-from tests.sfm.euclidean import euclidean_scene
+from sfm.scene_model import Correspondences
+from tests.sfm.two_views import euclidean_scene
 
 
 def test_normalised_coordinates() -> None:
@@ -48,11 +48,3 @@ def test_points_of_a_model_project_to_its_correspondences() -> None:
     )
     np.testing.assert_allclose(found[0], model.depths, rtol=1e-9)
     np.testing.assert_allclose(found[1], depth_second, rtol=1e-9)
-
-
-def test_verdict() -> None:
-    """A model with a reason against it is no success, nor is none."""
-    model = euclidean_scene().model
-    assert Reconstruction(model, "", "general").success
-    assert not Reconstruction(model, "few points", "general").success
-    assert not Reconstruction(None, "nothing", "unknown").success

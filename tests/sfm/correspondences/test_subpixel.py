@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc._jit import python_twin
 from dvc.arrays import Floats
 from sfm.correspondences import spline_sampling, subpixel
-from sfm.correspondences.corner_matching import detect_corners
+from sfm.correspondences.point_matching import detect_corners
 from sfm.correspondences.spline_sampling import half_pixel_samples, spline, spline_coefficients
 from sfm.correspondences.subpixel import refine, window
 from tests.reference import sfm_neighbourhoods as reference
 from tests.sfm.textures import picture, shifted, texture
+from tests.twins import Choose
 
 HEIGHT, WIDTH = 72, 96
 TEXTURE = texture(1)
@@ -33,7 +33,6 @@ def test_shifts_are_recovered(x: float, y: float) -> None:
 
 
 def test_exposure_does_not_matter() -> None:
-    """A frame that is brighter by a constant gives the same points."""
     moved = shifted(TEXTURE, HEIGHT, WIDTH, (0.4, -0.3))
     dark = np.clip(moved.astype(np.int64) - 15, 0, 255).astype(np.uint8)
     usual, other = (refine(STILL, image, INNER, INNER)[0] for image in (moved, dark))
@@ -62,7 +61,9 @@ def test_affine_maps_are_followed() -> None:
 
 
 def test_points_that_cannot_be_refined() -> None:
-    """Flat neighbourhoods, points at the edge and points that run away keep their place and say so."""
+    """Flat neighbourhoods, points at the edge, and points that run away stay; no points are no error."""
+    none = np.empty((0, 2))
+    assert [len(each) for each in refine(STILL, STILL, none, none)] == [0, 0, 0]
     flat = np.full((40, 40), 90, dtype=np.uint8)
     first = np.array([[20.0, 20.0], [2.0, 20.0], [20.0, 39.0]])
     second, error, success = refine(flat, flat, first, first)
@@ -76,16 +77,7 @@ def test_points_that_cannot_be_refined() -> None:
     assert not success.all()
 
 
-def test_nothing_to_refine() -> None:
-    """Empty lists give empty lists."""
-    none = np.empty((0, 2))
-    second, error, success = refine(STILL, STILL, none, none)
-    assert second.shape == (0, 2)
-    assert error.shape == success.shape == (0,)
-
-
 def test_wrong_arguments_are_refused() -> None:
-    """Frames of different size and fractional first points raise ValueError."""
     with pytest.raises(ValueError, match="one shape"):
         refine(STILL, STILL[1:], INNER, INNER)
     with pytest.raises(ValueError, match="whole pixels"):
@@ -94,7 +86,6 @@ def test_wrong_arguments_are_refused() -> None:
 
 @pytest.mark.parametrize("shape", [(2, 3), (5, 40), (33, 48), (1, 1)])
 def test_splines_interpolate(shape: tuple[int, int]) -> None:
-    """At whole pixels the spline returns the samples."""
     image = np.random.default_rng(2).uniform(0, 255, shape)
     coefficients = spline_coefficients(image)
     if min(shape) == 1:
@@ -105,7 +96,6 @@ def test_splines_interpolate(shape: tuple[int, int]) -> None:
 
 
 def test_samples_half_a_pixel_apart() -> None:
-    """They are the values of the spline, at the edges too."""
     image = np.random.default_rng(3).uniform(0, 255, (6, 9))
     samples, coefficients = half_pixel_samples(spline(image)), spline_coefficients(image)
     assert samples.shape == (12, 18)
@@ -128,64 +118,49 @@ def test_weights_of_the_window() -> None:
 COEFFICIENTS, SPLINE = spline_coefficients(STILL), spline(STILL)
 
 
-def run(kernel: object, compiled: bool) -> object:
-    """Return the kernel compiled, or as Python."""
-    return kernel if compiled else python_twin(kernel)  # type: ignore[type-var]
-
-
 @pytest.mark.nojit
-@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("place", [(20.3, 30.8), (3.0, 4.0), (2.2, 69.0), (92.9, 2.0)])
-def test_samples_and_gradients(compiled: bool, place: tuple[float, float]) -> None:
+def test_samples_and_gradients(choose: Choose, place: tuple[float, float]) -> None:
     """Values are those of the spline, gradients those of its differences; both samplers agree."""
     values, dx, dy = (np.empty((5, 5)) for _ in range(3))
-    run(spline_sampling.sample_square, compiled)(SPLINE, *place, 2, values, dx, dy)  # type: ignore[operator]
+    choose(spline_sampling.sample_square)(SPLINE, *place, 2, values, dx, dy)
     expected = reference.neighbourhood(COEFFICIENTS, *place, np.eye(2), 2)
     np.testing.assert_allclose(values.ravel(), expected, atol=1e-9)
     step = 1e-5
     for gradient, offset in ((dx, (step, 0.0)), (dy, (0.0, step))):
-        ends = [
-            reference.neighbourhood(
-                COEFFICIENTS, place[0] + s * offset[0], place[1] + s * offset[1], np.eye(2), 2
-            )
-            for s in (1, -1)
-        ]
+        moved = [np.array(place) + s * np.array(offset) for s in (1, -1)]
+        ends = [reference.neighbourhood(COEFFICIENTS, *at, np.eye(2), 2) for at in moved]
         np.testing.assert_allclose(gradient.ravel(), (ends[0] - ends[1]) / (2 * step), atol=1e-4)
     if min(place) > 3 and place[0] < 90:
         affine = np.array([[0.9, 0.2], [-0.1, 1.1]])
-        run(spline_sampling.sample_affine, compiled)(
-            SPLINE, np.array([*place, *affine.ravel()]), 2, values, dx, dy
-        )  # type: ignore[operator]
+        parameters = np.array([*place, *affine.ravel()])
+        choose(spline_sampling.sample_affine)(SPLINE, parameters, 2, values, dx, dy)
         expected = reference.neighbourhood(COEFFICIENTS, *place, affine, 2)
         np.testing.assert_allclose(values.ravel(), expected, atol=1e-9)
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("num_parameters", [2, 6])
-def test_normal_equations(compiled: bool, num_parameters: int) -> None:
+def test_normal_equations(choose: Choose, num_parameters: int) -> None:
     """Matrix, vector and error are those of least squares with a free constant, and so is the step."""
     rng = np.random.default_rng(7)
     target, values, dx, dy = rng.normal(0, 20, (4, 5, 5))
     weights = window(2)
     matrix, vector = np.empty((num_parameters, num_parameters)), np.empty(num_parameters)
-    error = run(subpixel.normal_equations, compiled)(  # type: ignore[operator]
-        target, values, dx, dy, weights, matrix, vector
-    )
+    error = choose(subpixel.normal_equations)(target, values, dx, dy, weights, matrix, vector)
     expected = reference.normal_equations(target, values, dx, dy, weights, num_parameters)
     np.testing.assert_allclose(matrix, expected[0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(vector, expected[1], rtol=1e-9, atol=1e-9)
     assert error == pytest.approx(reference.free_mean_error(target, values, weights))
     step = np.empty(num_parameters)
-    assert run(subpixel.solve_damped, compiled)(matrix, vector, 0.3, step)  # type: ignore[operator]
+    assert choose(subpixel.solve_damped)(matrix, vector, 0.3, step)
     damped = matrix + 0.3 * np.diag(np.diag(matrix))
     np.testing.assert_allclose(step, np.linalg.solve(damped, -vector), rtol=1e-9)
     for singular in (np.zeros((2, 2)), np.ones((2, 2))):
-        assert not run(subpixel.solve_damped, compiled)(singular, np.ones(2), 0.0, np.empty(2))  # type: ignore[operator]
+        assert not choose(subpixel.solve_damped)(singular, np.ones(2), 0.0, np.empty(2))
 
 
 def test_minimum_is_one() -> None:
-    """Around the result of the search, every small step makes the error larger."""
     moved = shifted(TEXTURE, HEIGHT, WIDTH, (0.6, 0.2))
     (found,), (error,), _ = refine(STILL, moved, INNER[:1], INNER[:1])
     x, y = INNER[0].astype(int)

@@ -18,7 +18,6 @@ def pose_of(index: float, step: float = 0.12, turn: float = 0.012) -> Floats:
 
 
 def scene(count: int = 500, seed: int = 1) -> Floats:
-    """Return points before the cameras."""
     rng = np.random.default_rng(seed)
     return np.column_stack([rng.uniform(-5, 8, count), rng.uniform(-3, 3, count), rng.uniform(4, 9, count)])
 
@@ -26,7 +25,6 @@ def scene(count: int = 500, seed: int = 1) -> Floats:
 def seen_by(
     pose: Floats, points: Floats, first_id: int = 0, noise_px: float = 0.0, seed: int = 0
 ) -> VisiblePoints:
-    """Project points into a frame."""
     image = (points @ pose[:, :3].T + pose[:, 3]) @ K.T
     place = image[:, :2] / image[:, 2:]
     inside = (image[:, 2] > 0) & ((place >= 0) & (place <= [WIDTH - 1, HEIGHT - 1])).all(axis=1)

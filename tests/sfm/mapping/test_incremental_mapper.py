@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from benchmarks.map_evaluation import trajectory_error
 from sfm.mapping.incremental_mapper import map_pieces
-from sfm.mapping.map_evaluation import trajectory_error
 from sfm.mapping.sequence_tracks import SequenceTracks, VisiblePoints
 from tests.sfm.mapping.moving_camera import FOCAL, HEIGHT, WIDTH, pose_of, scene, tracks_of
 
@@ -38,9 +38,5 @@ def test_no_parallax_no_piece(step: str) -> None:
     turn = 0.02 if step == "turn" else 0.0
     poses = [pose_of(k, step=0.0, turn=turn) for k in range(12)]
     assert map_pieces(tracks_of(poses, scene(), 0.1), _silent) == []
-
-
-def test_nothing_seen() -> None:
-    """Frames without points give no piece."""
     empty = VisiblePoints(np.empty(0, np.int64), np.empty((0, 2)))
     assert map_pieces(SequenceTracks(WIDTH, HEIGHT, (empty,) * 5, (0, 1, 2, 4), 0), _silent) == []

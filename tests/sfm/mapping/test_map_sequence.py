@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.map_evaluation import render_view, trajectory_error
 from dvc.geometry.cameras import PixelFrame
 from dvc.video import Frame, create_video
-from sfm.mapping.map_evaluation import render_view, trajectory_error
-from sfm.mapping.map_sequence import map_sequence, map_video
-from sfm.mapping.scene_map import SceneMap
+from sfm.mapping.map_sequence import map_sequence, map_video, reach_of, write_pictures
+from sfm.mapping.scene_map import MapPiece, SceneMap
 from tests.scenes_3d import camera_at, render
+from tests.sfm.plane_map import map_of, piece_of
 
 SIZE = PixelFrame(192, 144)
 POSITIONS = np.linspace(-2.5, 2.5, 17)
@@ -19,7 +20,6 @@ POSITIONS = np.linspace(-2.5, 2.5, 17)
 
 @cache
 def _clip() -> tuple[list[Frame], list[np.ndarray]]:
-    """Return frames and true depths."""
     views = [render(position, SIZE) for position in POSITIONS]
     return [Frame(luma) for luma, _ in views], [1.0 / inverse for _, inverse in views]
 
@@ -35,7 +35,6 @@ def _map() -> SceneMap:
 
 
 def test_all_frames_are_located() -> None:
-    """In one piece, with the trajectory and the focal length of the truth."""
     (piece,) = _map().pieces
     assert sorted(piece.poses) == list(range(len(POSITIONS)))
     assert trajectory_error(piece.poses, _poses()).relative < 0.01
@@ -44,18 +43,13 @@ def test_all_frames_are_located() -> None:
 
 
 def test_depth_is_that_of_the_scene() -> None:
-    """In one scale for all frames."""
+    """In one scale for all frames; the cloud is as large as the scene, and grey as the frames are."""
     (piece,) = _map().pieces
     ratio = np.stack([depth / _clip()[1][k] for k, depth in piece.depths.items()])
     errors = np.abs(ratio / np.nanmedian(ratio) - 1.0)
     assert len(ratio) >= 3
     assert np.nanmedian(errors) < 0.03
     assert np.mean(errors < 0.05) > 0.8
-
-
-def test_cloud_lies_on_the_surfaces() -> None:
-    """It is as large as the scene, and grey as the frames are."""
-    (piece,) = _map().pieces
     assert 3000 < len(piece.points) < 500_000
     assert np.ptp(piece.colours, axis=1).max() == 0
 
@@ -86,7 +80,6 @@ def test_a_video_gives_the_map_of_its_frames(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["none", "one", "black", "still"])
 def test_what_shows_no_scene_has_no_piece(kind: str) -> None:
-    """And is no error."""
     black, first = Frame(np.full((144, 192), 16, np.uint8)), _clip()[0][0]
     frames = {"none": [], "one": [first], "black": [black] * 4, "still": [first] * 6}[kind]
     found = map_sequence(lambda: frames)
@@ -95,15 +88,44 @@ def test_what_shows_no_scene_has_no_piece(kind: str) -> None:
 
 
 def test_mappers_have_names() -> None:
-    """Others are refused."""
     with pytest.raises(ValueError, match="mapper"):
         map_sequence(lambda: [], mapper="other")
 
 
 def test_colmap_maps_the_scene() -> None:
-    """The same map by other estimators."""
     found = map_sequence(lambda: _clip()[0], mapper="colmap")
     (piece,) = found.pieces
     assert len(piece.poses) >= 0.9 * len(POSITIONS)
     assert trajectory_error(piece.poses, _poses()).relative < 0.1  # pictures this small have few features
     assert len(piece.depths) >= 3
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "reach"),
+    [(8, 12, range(5, 21)), (0, 30, range(31)), (3, 20, range(2, 31)), (21, 29, range(20, 31))],
+)
+def test_pieces_reach_to_the_key_frames_around(first: int, last: int, reach: range) -> None:
+    assert reach_of([0, 2, 5, 20, 30], first, last) == reach
+
+
+def test_pictures_that_cannot_be_written_are_an_error(tmp_path: Path) -> None:
+    """COLMAP never gets fewer pictures than chosen."""
+    frames = [Frame(np.full((8, 8), level, np.uint8)) for level in (10, 20)]
+    assert write_pictures(tmp_path, frames, [1]) == ["00000001.png"]
+    with pytest.raises(OSError, match="No such file"):
+        write_pictures(tmp_path / "nowhere", frames, [1])
+
+
+@pytest.mark.parametrize(
+    ("pieces", "summary"),
+    [
+        ((), "map: no frame of 12 located: few points, or no parallax"),
+        ((piece_of(range(5), 12, 9),), "map: 1 piece, 5 of 12 frames located"),
+        (
+            (piece_of(range(5), 12, 9), piece_of(range(7, 12), 12, 9)),
+            "map: 2 pieces, 10 of 12 frames located",
+        ),
+    ],
+)
+def test_summary_counts_pieces_and_frames(pieces: tuple[MapPiece, ...], summary: str) -> None:
+    assert map_of(*pieces, size=(12, 9)).summary == summary

@@ -5,13 +5,12 @@ import numpy as np
 import pytest
 
 from dvc.video import Frame
-from sfm.mapping.sequence_tracks import track_sequence
+from sfm.mapping.sequence_tracks import evenly_spaced, track_sequence
 
 SHAPE = (120, 160)
 
 
 def _picture(shift: tuple[float, float], seed: int = 0) -> Frame:
-    """Return smooth noise, moved by a shift in pixels."""
     noise = np.random.default_rng(seed).uniform(0, 255, (SHAPE[0] + 80, SHAPE[1] + 80)).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.0)
     smooth = (smooth - smooth.min()) / np.ptp(smooth) * 255
@@ -34,13 +33,11 @@ def test_shifts_are_followed_to_a_tenth_of_a_pixel() -> None:
 
 
 def test_a_still_camera_makes_no_key_frames() -> None:
-    """But the first and the last frame."""
     tracks = track_sequence(_picture((0.0, 0.0)) for _ in range(6))
     assert tracks.key_frames == (0, 5)
 
 
 def test_points_end_at_a_cut() -> None:
-    """Hardly any point is found in a picture of something else."""
     tracks = track_sequence(
         [*(_picture((k, 0.0)) for k in range(3)), *(_picture((k, 0.0), 1) for k in range(3))]
     )
@@ -48,25 +45,18 @@ def test_points_end_at_a_cut() -> None:
     assert len(tracks.seen[3].ids) > 50
 
 
-def test_black_frames_have_no_points() -> None:
-    """And are no error."""
+def test_frames_without_corners_have_no_points() -> None:
     black = Frame(np.full(SHAPE, 16, np.uint8))
     tracks = track_sequence([black, black, _picture((0, 0)), black])
     assert [len(each.ids) > 0 for each in tracks.seen] == [False, False, True, False]
-
-
-def test_pictures_too_small_for_corners_have_none() -> None:
-    """And are no error."""
-    noise = np.random.default_rng(0).integers(0, 256, (10, 64), np.uint8)
-    assert [len(each.ids) for each in track_sequence([Frame(noise), Frame(noise)]).seen] == [0, 0]
-
-
-def test_no_frames() -> None:
-    """An empty sequence has no tracks."""
+    noise = Frame(np.random.default_rng(0).integers(0, 256, (10, 64), np.uint8))
+    assert [len(each.ids) for each in track_sequence([noise, noise]).seen] == [0, 0]
     assert track_sequence([]).seen == ()
-
-
-def test_sizes_must_agree() -> None:
-    """A frame of another size is refused."""
     with pytest.raises(ValueError, match="one size"):
-        track_sequence([_picture((0, 0)), Frame(np.zeros((64, 64), np.uint8))])
+        track_sequence([_picture((0, 0)), noise])
+
+
+def test_many_key_frames_are_thinned_evenly() -> None:
+    assert evenly_spaced([], 5) == []
+    assert evenly_spaced([4, 9, 11], 5) == [4, 9, 11]
+    assert evenly_spaced(range(0, 26, 2), 5) == [0, 6, 12, 18, 24]

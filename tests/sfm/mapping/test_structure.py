@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sfm.mapping.map_evaluation import trajectory_error
+from benchmarks.map_evaluation import trajectory_error
 from sfm.mapping.structure import (
     Observations,
     Structure,
@@ -22,25 +22,19 @@ def _known(count: int, noise_px: float = 0.0):
     return points, Structure(K, dict(enumerate(poses)), np.full_like(points, np.nan)), tracks
 
 
-def test_exact_tracks_give_exact_points() -> None:
-    """Every point with enough parallax is where it is."""
-    points, structure, tracks = _known(8)
-    numbers, found = triangulate(structure, observations(tracks.seen, range(8)))
-    assert len(numbers) > 100
-    np.testing.assert_allclose(found, points[numbers], atol=1e-6)
-
-
-def test_noise_moves_points_little() -> None:
+@pytest.mark.parametrize(("noise_px", "bound"), [(0.0, 1e-6), (0.2, 0.05)])
+def test_points_are_triangulated(noise_px: float, bound: float) -> None:
     """A fifth of a pixel stays far below a per cent of the depth at this baseline."""
-    points, structure, tracks = _known(12, 0.2)
+    points, structure, tracks = _known(12, noise_px)
     numbers, found = triangulate(structure, observations(tracks.seen, range(12)))
-    assert np.median(np.linalg.norm(found - points[numbers], axis=1)) < 0.05
+    assert len(numbers) > 100
+    assert np.median(np.linalg.norm(found - points[numbers], axis=1)) < bound
 
 
 def test_a_wrong_observation_does_not_spoil_its_point() -> None:
-    """The others agree."""
     points, structure, tracks = _known(10)
     seen = observations(tracks.seen, range(10))
+    assert np.isinf(reprojection_errors(structure, seen)).all()  # no point has a position yet
     number = int(np.argmax(np.bincount(seen.points)))
     seen.positions[np.flatnonzero(seen.points == number)[4]] += 30.0
     numbers, found = triangulate(structure, seen)
@@ -49,27 +43,14 @@ def test_a_wrong_observation_does_not_spoil_its_point() -> None:
 
 
 def test_no_parallax_no_points() -> None:
-    """A camera that stands still triangulates nothing."""
     points = scene()
     tracks = tracks_of([pose_of(0)] * 5, points)
     structure = Structure(K, dict.fromkeys(range(5), pose_of(0)), np.full_like(points, np.nan))
     numbers, _ = triangulate(structure, observations(tracks.seen, range(5)))
     assert not len(numbers)
-
-
-def test_nothing_seen() -> None:
-    """Empty frames are no error."""
-    numbers, found = triangulate(Structure(K), observations([], []))
+    numbers, found = triangulate(Structure(K), observations([], []))  # empty frames
     assert len(numbers) == 0
     assert found.shape == (0, 3)
-
-
-def test_errors_of_unknown_points_are_infinite() -> None:
-    """They agree with nothing."""
-    _, structure, tracks = _known(3)
-    errors = reprojection_errors(structure, observations(tracks.seen, range(3)))
-    assert np.isinf(errors).all()
-    assert errors.size == pytest.approx(sum(len(each.ids) for each in tracks.seen))
 
 
 def _disturbed(count: int) -> tuple[Structure, Observations, dict[int, np.ndarray]]:
@@ -84,7 +65,6 @@ def _disturbed(count: int) -> tuple[Structure, Observations, dict[int, np.ndarra
 
 
 def test_adjustment_finds_cameras_and_focal_length() -> None:
-    """From a disturbed start, exact tracks lead back to the truth."""
     structure, seen, truth = _disturbed(10)
     for _ in range(2):
         structure = adjust_bundle(structure, seen)
@@ -102,11 +82,7 @@ def test_frames_that_are_not_free_stay() -> None:
     for frame in range(4):
         np.testing.assert_allclose(adjusted.poses[frame], structure.poses[frame], atol=1e-9)
     assert not np.allclose(adjusted.poses[5], structure.poses[5], atol=1e-9)
-
-
-def test_nothing_is_adjusted_without_observations() -> None:
-    """The structure stays where no point is known, or each is seen but once."""
-    structure, seen, _ = _disturbed(2)
+    # Nothing is adjusted without observations, or if each point is seen only once.
     assert adjust_bundle(structure, seen[np.arange(0)]) is structure
     assert adjust_bundle(structure, seen[seen.frames == 0]) is structure
 
@@ -119,14 +95,8 @@ def test_a_frame_is_located() -> None:
     pose = register_frame(Structure(K, {}, points), 0, seen)
     assert pose is not None
     np.testing.assert_allclose(pose, pose_of(2.5), atol=1e-4)
-
-
-def test_a_frame_that_shows_something_else_is_not_located() -> None:
-    """Random positions agree on no pose, and few points do not suffice."""
-    points = scene()
-    seen = observations(tracks_of([pose_of(0)], points).seen, [0])
-    rng = np.random.default_rng(0)
-    random = Observations(seen.frames, seen.points, rng.uniform(0, 240, seen.positions.shape))
+    # Random positions agree on no pose, and few points do not suffice.
+    random = np.random.default_rng(0).uniform(0, 240, seen.positions.shape)
     structure = Structure(K, {}, points)
-    assert register_frame(structure, 0, random) is None
+    assert register_frame(structure, 0, Observations(seen.frames, seen.points, random)) is None
     assert register_frame(structure, 0, seen[np.arange(10)]) is None

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page
 from dvc.arrays import Bytes, Mask
 from dvc.metrics import psnr_db
 from sfm.mapping.scene_map import MapPiece, SceneMap
-from sfm.output.flight_page import write_flight
+from sfm.output.scene_folder import write_flight
 from tests.browser import wait_until
 from tests.drawn_pages import TOLD, Opened, lose_context, opened_pages, restore_context, saved_picture
 from tests.sfm.plane_map import frames_of, intrinsics_of, map_of, piece_of, pose_at, view
@@ -24,7 +24,6 @@ HOSTILE = '"></script><script>window.stolen = 1</script>'
 
 
 def maps() -> dict[str, SceneMap]:
-    """Return a map of each kind."""
     whole = piece_of(range(9), *SIZE, depth_step=4)
     no_points = np.empty((0, 3)), np.empty((0, 3), np.uint8)
     intrinsics, poses = intrinsics_of(*SIZE), {number: pose_at(number) for number in range(9, 12)}
@@ -39,7 +38,6 @@ def maps() -> dict[str, SceneMap]:
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write a page of each map, and return their folder."""
     folder = tmp_path_factory.mktemp("pages")
     for name, scene in maps().items():
         write_flight(folder / f"{name}.html", scene, frames_of(*SIZE), 10.0, HOSTILE)
@@ -182,7 +180,6 @@ def test_view_is_turned_moved_and_reset(opened: Opened) -> None:
 
 
 def test_free_views_begin_at_the_camera(opened: Opened) -> None:
-    """What is turned goes on from what was seen, but for the roll of the camera."""
     page = opened("depths")
     page.uncheck("#path")
     page.check("#ride")
@@ -199,8 +196,10 @@ def test_free_views_begin_at_the_camera(opened: Opened) -> None:
 
 
 def test_kinds_of_drawing_are_switched(opened: Opened) -> None:
-    """v goes through what there is, i hides the picture."""
     page = opened("whole")
+    assert page.inner_text("h1") == HOSTILE  # markup in a title is text
+    assert not page.evaluate("'stolen' in window")
+    assert "9 of 12 frames located" in page.inner_text("header")
     page.locator("#view").focus()
     page.keyboard.press("v")
     assert page.locator("#points").is_checked()
@@ -227,23 +226,13 @@ def test_pieces_are_chosen(opened: Opened) -> None:
 
 
 def test_nothing_is_told(opened: Opened) -> None:
-    """Where no frame is located the page says so, beside the first picture."""
     page = opened("nothing", until=TOLD)
     assert "No frame" in page.inner_text("#message")
     assert page.locator("#still").is_visible()
     assert page.locator("button:visible, input:visible").count() == 0
 
 
-def test_title_cannot_run_and_summary_is_shown(opened: Opened) -> None:
-    """Markup in a title is text."""
-    page = opened("whole")
-    assert page.inner_text("h1") == HOSTILE
-    assert not page.evaluate("'stolen' in window")
-    assert "9 of 12 frames located" in page.inner_text("header")
-
-
 def test_context_that_is_lost_comes_back(opened: Opened) -> None:
-    """The same is drawn again, of the same frame."""
     page = opened("points")
     go(page, 3)
     before = saved(page)
@@ -253,7 +242,6 @@ def test_context_that_is_lost_comes_back(opened: Opened) -> None:
 
 
 def test_small_screens_have_all_controls(opened: Opened) -> None:
-    """Nothing is wider than the screen, and the scene has room."""
     page = opened("whole", viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True)
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
     box = page.locator("#view").bounding_box()

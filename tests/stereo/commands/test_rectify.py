@@ -10,7 +10,7 @@ import pytest
 
 from dvc.picture_files import read_pfm, read_picture, write_png
 from dvc.stereo.surfaces.surface_folder import read_reconstruction
-from sequences.toy_array import write_array
+from sequences.rendered_sequence import write_array
 from tests.stereo.data import check_refused, run
 
 NAMES = ("toy-0-0", "toy-1-0")

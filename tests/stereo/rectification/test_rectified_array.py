@@ -29,7 +29,7 @@ from dvc.stereo.rectification.rectified_array import (
     suggested_labels,
 )
 from dvc.stereo.rectification.rectified_space import MAX_RESAMPLED_SIDE, Rectification
-from sequences.toy_array import write_array
+from sequences.rendered_sequence import write_array
 from tests.stereo.data import real_set
 from tests.stereo.rigs import random_rig, rays_of
 

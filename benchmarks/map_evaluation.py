@@ -1,10 +1,4 @@
-"""Evaluation of maps: new views rendered from frames with depth, and errors of trajectories.
-
-References
-----------
-[Umeyama1991] S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns",
-IEEE Trans. Pattern Anal. Mach. Intell. 13(4), 1991.
-"""
+"""Evaluation of maps: new views rendered from frames with depth, and errors of trajectories."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -20,18 +14,6 @@ NUM_SOURCES = 4
 """Number of frames that a view is rendered from: they fill each other's holes and average noise."""
 DISTANCE_FLOOR = 0.1
 """Least distance in the weight of a frame, relative to that of the farthest frame chosen."""
-
-
-class Similarity(NamedTuple):
-    """A similarity transform: ``scale * R x + t``."""
-
-    scale: float
-    R: Floats
-    t: Floats
-
-    def apply(self, points: Floats) -> Floats:
-        """Transform points (N, 3)."""
-        return np.asarray(self.scale * points @ self.R.T + self.t)
 
 
 class TrajectoryError(NamedTuple):
@@ -53,32 +35,30 @@ def centre(pose: Floats) -> Floats:
     return np.asarray(-pose[:, :3].T @ pose[:, 3])
 
 
-def align(source: Floats, target: Floats) -> Similarity:
-    """Return the similarity that brings points nearest to target points [Umeyama1991]."""
-    if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3 or len(source) < 3:
-        raise ValueError(f"three pairs of points are needed, got shapes {source.shape} and {target.shape}")
-    means = source.mean(axis=0), target.mean(axis=0)
-    a, b = source - means[0], target - means[1]
+def trajectory_error(poses: Mapping[int, Floats], truth: Mapping[int, Floats]) -> TrajectoryError:
+    """Compare the camera centres of frames with a pose in both trajectories, after the best similarity.
+
+    S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns",
+    IEEE Trans. Pattern Anal. Mach. Intell. 13(4), 1991.
+    """
+    frames = sorted(poses.keys() & truth.keys())
+    if len(frames) < 3:
+        raise ValueError(f"three frames with both poses are needed, got {len(frames)}")
+    estimated, true = (np.array([centre(each[frame]) for frame in frames]) for each in (poses, truth))
+    a, b = estimated - estimated.mean(axis=0), true - true.mean(axis=0)
     U, singular, Vt = np.linalg.svd(b.T @ a / len(a))
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
-    R = (U * sign) @ Vt
     variance = float((a * a).sum() / len(a))
     scale = float((singular * sign).sum()) / variance if variance > 0 else 1.0
-    return Similarity(scale, R, means[1] - scale * R @ means[0])
-
-
-def trajectory_error(poses: Mapping[int, Floats], truth: Mapping[int, Floats]) -> TrajectoryError:
-    """Compare the camera centres of frames with a pose in both trajectories."""
-    frames = sorted(poses.keys() & truth.keys())
-    estimated, true = (np.array([centre(each[frame]) for frame in frames]) for each in (poses, truth))
-    similarity = align(estimated, true)
-    rms = float(np.sqrt(((similarity.apply(estimated) - true) ** 2).sum(axis=1).mean()))
+    rms = float(np.sqrt(((scale * a @ ((U * sign) @ Vt).T - b) ** 2).sum(axis=1).mean()))
     length = float(np.linalg.norm(np.diff(true, axis=0), axis=1).sum())
-    return TrajectoryError(rms, length, len(frames), similarity.scale)
+    return TrajectoryError(rms, length, len(frames), scale)
 
 
-def nearest_frames(piece: MapPiece, pose: Floats, count: int = NUM_SOURCES) -> list[int]:
-    """Return the frames with depth and the most similar poses, nearest first."""
+def render_view(
+    piece: MapPiece, pictures: Mapping[int, Bytes], pose: Floats, num_sources: int = NUM_SOURCES
+) -> SynthesisedView:
+    """Render the view of a pose from pictures (H, W, C) of the frames with depth, by frame index."""
     depths = [float(np.nanmedian(depth)) for depth in piece.depths.values() if np.isfinite(depth).any()]
     scale = float(np.median(depths)) if depths else 1.0
 
@@ -88,14 +68,7 @@ def nearest_frames(piece: MapPiece, pose: Floats, count: int = NUM_SOURCES) -> l
         angle = float(np.arccos(np.clip(0.5 * (turned - 1.0), -1.0, 1.0)))
         return float(np.linalg.norm(centre(candidate) - centre(pose))) / scale + angle
 
-    return sorted(piece.depths, key=difference)[:count]
-
-
-def render_view(
-    piece: MapPiece, pictures: Mapping[int, Bytes], pose: Floats, num_sources: int = NUM_SOURCES
-) -> SynthesisedView:
-    """Render the view of a pose from pictures (H, W, C) of the frames with depth, by frame index."""
-    chosen = nearest_frames(piece, pose, num_sources)
+    chosen = sorted(piece.depths, key=difference)[:num_sources]  # those with the most similar poses
     if not chosen:
         raise ValueError("`piece` must have a frame with depth")
     distances = np.array([np.linalg.norm(centre(piece.poses[k]) - centre(pose)) for k in chosen])
