@@ -13,21 +13,20 @@ check bits and rounds of requests; the cost of a run is divided by the ideal cod
 """
 
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from decoder.frame_state import Band, FrameState
+from decoder.frame_state import Asking, Band, Choice, FrameState, Learned, Wanted
 from decoder.group_tasks import BandCost, Bits, DecodedFrame
-from decoder.plane_choice import Allowance, Asking, Choice, Learned, Wanted
 from decoder.side_information.protocol import Prediction
 from dvc import slepian_wolf
 from dvc.arrays import Floats, Integers
 from dvc.config import CodecConfig
-from dvc.slepian_wolf import MAX_RUN_BITS, NeighbourCoupling, Part, PlaneDecoder, PlaneResult, Round
+from dvc.slepian_wolf import CRC_BITS, MAX_RUN_BITS, NeighbourCoupling, Part, PlaneDecoder, PlaneResult, Round
 from dvc.slepian_wolf.coupling import bounded_llr, ideal_bits
 from dvc.wynerziv import noise
 from dvc.wynerziv.areas import Areas
@@ -60,15 +59,27 @@ class Decoded(NamedTuple):
     paid_bits: float  # their share of the received bits
 
 
+class Allowance:
+    """Bits that one frame may request, except those of its check; planes that were started are finished."""
+
+    def __init__(self, bits: float = float("inf")) -> None:
+        self.bits, self._left = bits, bits - 2.0 * CRC_BITS
+
+    def begin(self, expected_bits: float) -> bool:
+        """Reserve the expected cost of a plane if enough bits remain."""
+        has_room = expected_bits <= self._left
+        if has_room:
+            self._left -= expected_bits
+        return has_room
+
+    def end(self, expected_bits: float, num_bits: float) -> None:
+        """Replace the expected cost of a plane by the real one."""
+        self._left += expected_bits - num_bits
+
+
 FrameCoroutine = Generator[Sequence[Wish], Sequence[Sequence[Decoded]], DecodedFrame]
 """Yields wishes and is sent what came of each; at last none, and is sent all again if some were wrong."""
 StageCoroutine = Generator[Sequence[Wish], Sequence[Sequence[Decoded]], None]
-
-
-def _between_refinements(bands: Sequence[int]) -> Iterator[Sequence[int]]:
-    """Divide bands, in coding order, at the refinements of the side information."""
-    ends = [0, *(position + 1 for position in REFINE_AFTER if position + 1 < len(bands)), len(bands)]
-    return (bands[first:end] for first, end in pairwise(ends) if first < end)
 
 
 class WynerZivDecoder:
@@ -137,9 +148,11 @@ class _Frame:
 
     def decode(self, quantization: Quantization) -> FrameCoroutine:
         state = self.state
-        if not quantization.bands:
+        coded = quantization.bands
+        if not coded:
             yield ()
-        for numbers in _between_refinements(quantization.bands):
+        ends = [0, *(position + 1 for position in REFINE_AFTER if position + 1 < len(coded)), len(coded)]
+        for numbers in (coded[first:end] for first, end in pairwise(ends) if first < end):
             bands = [Band.start(number, quantization, state) for number in numbers]
             self.bands |= dict(zip(numbers, bands, strict=True))
             yield from self._decode_stage(bands)
@@ -147,7 +160,7 @@ class _Frame:
             for band in asked:
                 state.gain = float(np.sqrt(state.gain * band.gain))
                 state.set_known(band.number, band.known)
-            if numbers[-1] == quantization.bands[-1]:
+            if numbers[-1] == coded[-1]:
                 self._correct((yield ()))
             if asked:
                 state.refine()
@@ -214,7 +227,8 @@ class _Frame:
         for (band, blocks), (bits, _, _) in zip(self.taken, everything, strict=True):
             band.enter(blocks, bits)
         for number in self.state.known:
-            self.state.correct(number, self.bands[number].lower, self.bands[number].upper)
+            corrected = replace(self.bands[number].known, scale=self.state.known[number].scale)
+            self.state.set_known(number, corrected)
 
 
 def _wish(choice: Choice, priors: Sequence[PlanePrior | Floats]) -> Wish:
@@ -273,8 +287,15 @@ def decode_level(
     first = min(frames)
     wishes = {index: next(frame) for index, frame in frames.items()}
     while any(wishes.values()):
-        asked = [(index, wish) for index, own in wishes.items() for wish in own]
-        begun = [_Run(own, first, len(runs) + number) for number, own in enumerate(_divided(asked, joins))]
+        asked = [(index, wish) for index, frame_wishes in wishes.items() for wish in frame_wishes]
+        parts: list[list[tuple[int, Wish]]] = []  # wishes of each run, one frame after the other
+        for index, wish in asked:
+            fits = joins and parts and parts[-1][-1][0] < index
+            if fits and sum(other.llr.size for _, other in parts[-1]) + wish.llr.size <= MAX_RUN_BITS:
+                parts[-1].append((index, wish))
+            else:
+                parts.append([(index, wish)])
+        begun = [_Run(part, first, len(runs) + number) for number, part in enumerate(parts)]
         runs += begun
         yield from slepian_wolf.side_by_side([run.decode(decoder) for run in begun])
         decoded = _by_frames(begun)
@@ -284,8 +305,13 @@ def decode_level(
     for number, result in check.corrected.items():
         runs[number].take(result)
     again = _by_frames(runs) if check.corrected else {}
-    found = [_last(frame, again.get(index, ())) for index, frame in frames.items()]
-    decode_s = (time.perf_counter() - started) / len(found)
+    results: list[DecodedFrame] = []
+    for index, frame in frames.items():
+        try:
+            frame.send(again.get(index, ()))
+        except StopIteration as stop:
+            results.append(stop.value)
+    decode_s = (time.perf_counter() - started) / len(frames)
     num_failed, costs = int(not check.success), _costs(runs, check, [*frames]).tolist()
     return [
         replace(
@@ -296,30 +322,8 @@ def decode_level(
             num_failed_planes=num_failed,
             decode_s=decode_s,
         )
-        for frame, (num_requests, crc_bits, parity_bits) in zip(found, costs, strict=True)
+        for frame, (num_requests, crc_bits, parity_bits) in zip(results, costs, strict=True)
     ]
-
-
-def _last(frame: FrameCoroutine, again: Sequence[Sequence[Decoded]]) -> DecodedFrame:
-    """Finish a frame."""
-    try:
-        frame.send(again)
-    except StopIteration as stop:
-        decoded: DecodedFrame = stop.value
-        return decoded
-    raise AssertionError("a frame wishes for more after the check")
-
-
-def _divided(asked: Sequence[tuple[int, Wish]], joins: bool) -> list[list[tuple[int, Wish]]]:
-    """Divide wishes into runs, one frame after the other."""
-    runs: list[list[tuple[int, Wish]]] = []
-    for index, wish in asked:
-        fits = joins and runs and runs[-1][-1][0] < index
-        if fits and sum(other.llr.size for _, other in runs[-1]) + wish.llr.size <= MAX_RUN_BITS:
-            runs[-1].append((index, wish))
-        else:
-            runs.append([(index, wish)])
-    return runs
 
 
 def _by_frames(runs: Sequence[_Run]) -> dict[int, list[list[Decoded]]]:

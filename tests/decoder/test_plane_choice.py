@@ -5,19 +5,19 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from decoder import plane_choice as asking
-from decoder.frame_state import Band
-from decoder.plane_choice import (
+from decoder import frame_state as asking
+from decoder.frame_state import (
     CLASSES,
     MAX_WIDTH,
     STRENGTH_BITS,
-    Allowance,
     Asking,
+    Band,
     Choice,
-    GroupAllowance,
     Learned,
     LearnedWorth,
 )
+from decoder.group import GroupAllowance
+from decoder.wyner_ziv import Allowance
 from dvc.slepian_wolf import PlaneCost
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.areas import Areas

@@ -18,8 +18,8 @@ import pytest
 
 from decoder import processes
 from decoder.group_tasks import DecodedGroup, GroupTask
-from decoder.processes import DecodingProcess, GroupsInFlight, decoding_process
-from decoder.session import GROUPS_PER_PROCESS, StreamGroups, decode_stream, stream_tasks
+from decoder.processes import DecodingProcess, decoding_process
+from decoder.session import GROUPS_PER_PROCESS, GroupsInFlight, StreamGroups, decode_stream, stream_tasks
 from dvc.errors import BitstreamError, DvcError
 from dvc.stream import Form, GopRecord, StreamReader
 from dvc.video import Frame
@@ -263,7 +263,7 @@ def test_groups_come_in_order_and_wait_for_an_idle_process(
         lent.append(Immediate(most_running))
         return nullcontext(lent[-1])
 
-    monkeypatch.setattr("decoder.processes.decoding_process", lend)
+    monkeypatch.setattr("decoder.session.decoding_process", lend)
     tasks = [task_of(number, (b"x",) * (number % 3 > 0)) for number in range(20)]
     found = [group.first_index for group in GroupsInFlight(Told(tasks, jobs), jobs).decode()]
     assert found == list(range(20))

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from decoder import worker
+from decoder import processes
 from decoder.group import GroupCoroutine, GroupDecoder, LevelBegins, RecordedGroup
 from decoder.group_tasks import Answered, DecodedGroup, GroupTask
 from decoder.processes import DecodingProcess, Outcome, decoding_process
@@ -162,7 +162,7 @@ def test_a_process_that_nobody_wants_ends_without_a_word(
 ) -> None:
     """Whatever it is at when the other end is gone."""
     ours, theirs = multiprocessing.Pipe()
-    command = [sys.executable, "-P", "-m", "decoder.worker", str(theirs.fileno())]
+    command = [sys.executable, "-P", "-m", "decoder.processes", str(theirs.fileno())]
     process = subprocess.Popen(
         command,
         pass_fds=[theirs.fileno()],
@@ -222,19 +222,20 @@ class Scene:
 
     def __init__(self, levels: Mapping[int, Sequence[Level | Exception]]) -> None:
         self.pipe = Pipe()
-        self.worker = worker._Worker(self.pipe)  # type: ignore[arg-type]
+        self.worker = processes._Worker(self.pipe)  # type: ignore[arg-type]
         self.decoders: list[Scripted] = []
         self.given_back: list[Scripted] = []
         self._levels = levels
-        self.worker._decoders = self  # type: ignore[assignment]
+        self.worker._acquire = self._acquire  # type: ignore[assignment]
+        self.worker._release = self._release  # type: ignore[assignment]
 
-    def acquire(self, config: bytes) -> Scripted:
+    def _acquire(self, config: bytes) -> Scripted:
         if config:
             raise KeyError(config)
         self.decoders.append(Scripted(self._levels))
         return self.decoders[-1]
 
-    def release(self, decoder: Scripted, config: bytes) -> None:
+    def _release(self, decoder: Scripted, config: bytes) -> None:
         self.given_back.append(decoder)
 
     def begin(self, *numbers: int, config: bytes = b"") -> list[tuple[int, object]]:
@@ -285,7 +286,7 @@ def test_groups_of_a_lower_rank_go_first() -> None:
 
 def test_levels_wait_for_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """As long as others have it; the lowest rank that waits is the next, and nobody overtakes it."""
-    monkeypatch.setattr(worker, "MAX_ACTIVE_PX", 10)
+    monkeypatch.setattr(processes, "MAX_ACTIVE_PX", 10)
     scene = Scene({1: [(-2, 6), (-1, 4)], 2: [(-2, 6)], 3: [(-1, 2)], 4: [(-3, 30)], 5: [(-4, 3)]})
     assert scene.asked(scene.begin(1)) == [1]
     assert scene.asked(scene.begin(2, 3)) == []
@@ -306,7 +307,7 @@ def test_levels_wait_for_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_group_that_fails_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     """Memory that it had goes to others; its decoder serves no other group."""
-    monkeypatch.setattr(worker, "MAX_ACTIVE_PX", 10)
+    monkeypatch.setattr(processes, "MAX_ACTIVE_PX", 10)
     scene = Scene({1: [(-2, 9), BitstreamError("damage")], 2: [(-1, 8)], 3: [ValueError("of a method")]})
     assert scene.asked(scene.begin(1, 2)) == [1]
     ((number, other),) = scene.begin(3)
