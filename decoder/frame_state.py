@@ -1,4 +1,4 @@
-"""State of a Wyner-Ziv frame during decoding: decoded intervals, prediction and noise; choice of its next bits."""
+"""State of a Wyner-Ziv frame during decoding: intervals, prediction, noise; choice of its next bits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -6,9 +6,9 @@ libraries to one baseline, independent of those that the parent has loaded.
 
 Tasks, and answers of a live encoder, arrive through a connection; its file descriptor is the only argument of
 this module as a program. Replies carry the number of their group: requests, and finally the decoded group or
-the exception that ended it. Groups of a stream have records that answer; they are decoded in turn. Groups of a
-live encoder are coroutines: while some wait for answers, the rest continue, first those with the most levels
-to follow. Memory bounds the number of levels that are decoded at the same time.
+an exception. Groups of a stream have records that answer; they are decoded in turn. Groups of a live encoder
+are coroutines: while some wait for answers, the rest continue, first those with the most levels to follow.
+Memory bounds the number of levels that are decoded at the same time.
 """
 
 import atexit

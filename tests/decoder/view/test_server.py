@@ -14,9 +14,8 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 import encoder
-from decoder.view import server
-from decoder.view.decoding_view import Facts
-from decoder.view.server import HOST, ViewServer
+from decoder.view import decoding_view
+from decoder.view.decoding_view import HOST, ViewServer
 from dvc.config import Qp, VideoConfig, codec_config
 from dvc.errors import ConfigError
 from dvc.geometry.cameras import PixelFrame
@@ -32,7 +31,7 @@ HOSTILE = "<script>window.stolen = 1</script>.dvc"
 def served() -> Iterator[ViewServer]:
     """Serve three frames of a stream with a hostile name."""
     with ViewServer() as page:
-        view = page.show(Facts(HOSTILE, "facts", 25.0, 3), lambda: 5)
+        view = page.show(codec_config(VideoConfig(32, 16, 25, 1)), HOSTILE, 3, lambda: 5)
         view.add(picture(0, key=True), 0)
         view.add(picture(1), 1)
         view.add(picture(2), 1)
@@ -77,7 +76,7 @@ def test_what_is_served(served: ViewServer) -> None:
 
 def test_few_are_answered_at_a_time(served: ViewServer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those who connect and say nothing take no more than their share, and are closed in the end."""
-    monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(decoding_view, "REQUEST_TIMEOUT_S", 0.5)
     with ViewServer() as page:
         silent = [socket.create_connection(tuple(page.name.split(":")), timeout=30) for _ in range(20)]  # type: ignore[arg-type]
         assert all(one.recv(1) == b"" for one in silent)
