@@ -26,9 +26,9 @@ def _decode(arguments: argparse.Namespace) -> int:
     options.check(arguments)
     page: ViewServer | None = None
     if arguments.view:
-        from decoder.view.decoding_view import ViewServer
+        from decoder.view import decoding_view
 
-        page = ViewServer(arguments.view_port or 0)
+        page = decoding_view.ViewServer(arguments.view_port or 0)
         _say(f"watch at {page.address}")
     with page or nullcontext():
         video = arguments.files[-1]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from decoder.side_information.protocol import Prediction
-from decoder.side_information.weighting import fuse
+from decoder.side_information.synthesis import fuse
 from dvc.arrays import Bytes, Floats, Integers, Mask
 from dvc.slepian_wolf import MAX_RUN_BITS, PlaneCost
 from dvc.video import Frame

@@ -77,19 +77,17 @@ def barycentric(points: Floats, shape: tuple[int, ...], cell: float) -> Barycent
 
 def roughness_matrix(shape: tuple[int, int]) -> Any:
     """Return ``I - N`` of (5.10), N the mean of the neighbours on both sides."""
-    rows, columns = (_second_difference(count) for count in shape)
+    halves = []  # of the second difference of a line of values, negated; zero rows at its ends
+    for count in shape:
+        inner = np.ones(count)
+        inner[[0, -1]] = 0.0
+        sides = -0.5 * inner
+        halves.append(sparse.diags_array([sides[1:], inner, sides[:-1]], offsets=[-1, 0, 1]).tocsr())
+    rows, columns = halves
     along = sparse.kron(sparse.eye_array(shape[0]), columns) + sparse.kron(rows, sparse.eye_array(shape[1]))
     border = np.zeros(shape, dtype=bool)
     border[[0, -1]] = border[:, [0, -1]] = True
     return sparse.csr_array(sparse.diags_array(np.where(border, 1.0, 0.5).ravel()) @ along)
-
-
-def _second_difference(count: int) -> Any:
-    """Half the second difference of a line of values, negated; zero rows at its ends."""
-    inner = np.ones(count)
-    inner[[0, -1]] = 0.0
-    sides = -0.5 * inner
-    return sparse.diags_array([sides[1:], inner, sides[:-1]], offsets=[-1, 0, 1]).tocsr()
 
 
 RIDGE = 1e-9
@@ -135,7 +133,6 @@ class MeshInterpolator:
         known: Known = (None, None),
         settings: MeshSettings = MeshSettings(),
     ) -> None:
-        del known
         self._frame = model.pixel_frame
         self.views = mesh_views(fit_mesh(model, first, second, settings), model, first, second)
 
@@ -219,18 +216,13 @@ def _bad_triangles(mesh: Mesh, warp: Floats, first: Bytes, second: Bytes, max_er
     cells = (mesh.second.shape[0] - 1) * (mesh.second.shape[1] - 1)
     total = np.bincount(triangle.ravel(), error.ravel(), 2 * cells)
     count = np.bincount(triangle.ravel(), minlength=2 * cells)
-    corners = mesh.second
-    upper = _area(corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1])
-    lower = _area(corners[1:, 1:], corners[1:, :-1], corners[:-1, 1:])
-    turned = np.stack([upper, lower], axis=-1).ravel() <= 0.0
+    corners, areas = mesh.second, []
+    right, below = corners[:-1, 1:], corners[1:, :-1]
+    for corner, one, other in ((corners[:-1, :-1], right, below), (corners[1:, 1:], below, right)):
+        a, b = one - corner, other - corner
+        areas.append(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])  # twice the signed area
+    turned = np.stack(areas, axis=-1).ravel() <= 0.0
     return np.asarray(turned | (total > max_error * count))
-
-
-def _area(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Twice the signed area of triangles."""
-    ab, ac = b - a, c - a
-    area: Floats = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
-    return area
 
 
 def mesh_views(mesh: Mesh, model: Model, first: Bytes, second: Bytes) -> tuple[DepthView, DepthView]:

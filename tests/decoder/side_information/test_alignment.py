@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from decoder.side_information.alignment import AlignedBlockMotion, warp_frame, whole_frame_motion
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import ReferenceFrame
+from decoder.side_information.track_interpolation import aligned_block_motion, warp_frame, whole_frame_motion
 from dvc.metrics import psnr_db
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
@@ -88,7 +88,7 @@ def test_uneven_motion_is_followed() -> None:
     around = ReferenceFrame(0, frames[0]), ReferenceFrame(2, frames[2])
     first = points(40)
     seen = tuple(first - np.array(place) for place in places)
-    aligned = AlignedBlockMotion().predict(around, 1, (seen[0], seen[1], seen[2]))
+    aligned = aligned_block_motion(around, 1, (seen[0], seen[1], seen[2]))
     [plain] = BlockMotionInterpolation().predict(around, None, [1])
     inner = np.s_[12:-12, 12:-12]
     gain = [psnr_db(to_uint8(p.luma)[inner], frames[1].luma[inner]) for p in (aligned, plain)]

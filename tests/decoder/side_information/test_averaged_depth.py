@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from decoder.side_information import scene_interpolators as averaged_depth
-from decoder.side_information.protocol import Interpolation
 from decoder.side_information.scene_interpolators import (
     AveragedDepthInterpolator,
     DepthInterpolator,
-    average,
     relative_parallax,
 )
 from dvc.geometry.cameras import PixelFrame
@@ -20,25 +18,6 @@ from tests.scenes_3d import camera_at, render, two_planes
 PIXELS = PixelFrame(176, 144)
 MODEL = two_planes(176, 144)
 FIRST, MIDDLE, SECOND = (render(position, PIXELS)[0] for position in (0.0, 0.5, 1.0))
-
-
-def even(level: float, error: float) -> Interpolation:
-    """Return an even prediction that expects some error."""
-    plane = np.full((6, 8), level)
-    positions = np.full((6, 8, 2), level)
-    weights = np.full_like(plane, 0.5)
-    return Interpolation(
-        plane, (plane, plane), (weights, weights), (positions, positions), np.full_like(plane, error)
-    )
-
-
-def test_levels_and_expected_errors_are_averaged() -> None:
-    """Positions and weights stay those of the first, which chroma and refinement follow."""
-    found = average(even(10.0, 1.0), even(30.0, 5.0))
-    assert (found.luma == 20.0).all()
-    assert (found.expected_error == 3.0).all()
-    assert all((plane == 20.0).all() for plane in found.compensated)
-    assert all((positions == 10.0).all() for positions in found.positions)
 
 
 def test_it_is_not_worse_than_the_mean_of_both(monkeypatch: pytest.MonkeyPatch) -> None:

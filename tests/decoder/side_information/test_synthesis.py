@@ -6,11 +6,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from decoder.side_information.protocol import Interpolation
-from decoder.side_information.synthesis import block_offsets, corrected
+from decoder.side_information.synthesis import block_offsets
 from decoder.side_information.track_interpolation import (
     NEAR,
     PRIOR,
     add_correction,
+    corrected,
     correction_field,
     track_residuals,
 )

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from decoder.side_information.alignment import AlignedBlockMotion, homography_positions, whole_frame_motion
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
-from decoder.side_information.track_interpolation import interpolate_by_tracks, warp_by_tracks
+from decoder.side_information.track_interpolation import (
+    aligned_block_motion,
+    homography_positions,
+    interpolate_by_tracks,
+    warp_by_tracks,
+    whole_frame_motion,
+)
 from dvc.geometry.warping import sample
 from dvc.metrics import psnr_db
 from dvc.video import Frame
@@ -35,7 +40,7 @@ def predicted(before: Luma, after: Luma, shifts: tuple[float, float]) -> tuple[I
     """Predict the view of no pan from views of two, and return aligned block motion as well."""
     around = reference(4, before), reference(8, after)
     points = POINTS - [shifts[0], 0.0], POINTS, POINTS - [shifts[1], 0.0]
-    old = AlignedBlockMotion().predict(around, 6, points)
+    old = aligned_block_motion(around, 6, points)
     return interpolate_by_tracks(around, 6, points), to_uint8(old.luma)
 
 

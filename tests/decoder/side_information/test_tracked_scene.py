@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from decoder.side_information.methods import METHODS
+from decoder.side_information.methods import METHODS, SceneInterpolation, TrackedSceneInterpolation
 from decoder.side_information.protocol import ReferenceFrame, SceneInterpolatorType
 from decoder.side_information.scene_interpolators import BlockInterpolator, DepthInterpolator
-from decoder.side_information.tracked_scene import GroupGeometry, TrackedSceneInterpolation, in_rigid_order
-from decoder.side_information.untracked_scene import SceneInterpolation
+from decoder.tracking.group_geometry import GroupGeometry, in_rigid_order
 from dvc.config import CodecConfig, VideoConfig, codec_config
 from dvc.geometry.cameras import PixelFrame, oriented, project
 from dvc.metrics import psnr_db

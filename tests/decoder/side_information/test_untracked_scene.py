@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from decoder.side_information.block_motion import BlockMotionInterpolation
-from decoder.side_information.methods import INTERPOLATORS
+from decoder.side_information.methods import INTERPOLATORS, SceneInterpolation
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.side_information.scene_interpolators import DepthInterpolator
-from decoder.side_information.untracked_scene import SceneInterpolation
 from dvc.config import GeometryConfig, VideoConfig, codec_config
 from dvc.geometry.cameras import PixelFrame
 from dvc.metrics import psnr_db

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from decoder.side_information.protocol import Interpolation, Prediction
-from decoder.side_information.weighting import MAX_GUESSED_SHARE, fuse, fusion_weights, hedged, scene_share
+from decoder.side_information.synthesis import MAX_GUESSED_SHARE, fuse, fusion_weights, hedged, scene_share
 
 
 def _moments(rng: np.random.Generator, count: int) -> NDArray[np.float64]:

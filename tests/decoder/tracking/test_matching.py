@@ -9,8 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from decoder.tracking import TrackingSettings, match_points
-from decoder.tracking.matching import choose_paired_corners, strongest_nearby
+from decoder.tracking.group_geometry import (
+    TrackingSettings,
+    choose_paired_corners,
+    match_points,
+    strongest_nearby,
+)
 from dvc.corners import corner_response
 from dvc.tracks.points import FeaturePoints
 from sfm.scene_model import Correspondences, Reconstruction

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.tracking.registration import ReceivedPoints, RegistrationSettings, affine_terms, register
+from decoder.tracking.curves import ReceivedPoints, RegistrationSettings, affine_terms, register
 
 Floats = NDArray[np.float64]
 

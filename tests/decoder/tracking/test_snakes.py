@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.tracking.registration import ReceivedPoints
-from decoder.tracking.snakes import SnakeSettings, _Smoothness, fit_snakes
+from decoder.tracking.curves import ReceivedPoints, SnakeSettings, _Smoothness, fit_snakes
 from sfm.correspondences.outliers import delaunay_neighbours
 
 Floats = NDArray[np.float64]

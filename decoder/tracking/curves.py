@@ -1,13 +1,17 @@
-"""Common motion of a whole frame: the deviation of all points from constant velocity.
+"""Curves of points between two key frames, fitted to the points received for the frames between.
 
 The deviation of a hand-held camera from an even path is common to all points of a frame. It is estimated
 first, without correspondences: the most frequent difference between predicted and received points is a shift
 of the frame. An affine map of the position and of the motion of a point then turns, zooms, advances or delays
 the frame.
 
+Then each correspondence spans a curve over time, a snake. Near received points pull at it, the closer the
+more; curves bend little in time, and neighbours in the image deviate alike: linear least squares, as in mesh
+fitting, solved again as the curves come closer to their points.
+
 References
 ----------
-[Maitre2008] Sec. 5.4.2; the common deviation of a frame is an addition.
+[Maitre2008] Sec. 5.4.2, equations as (5.10); the common deviation of a frame is an addition.
 """
 
 from collections.abc import Sequence
@@ -19,6 +23,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from dvc.arrays import Floats, Integers
+from sfm.correspondences.outliers import delaunay_neighbours
 from sfm.least_squares import solve_damped
 
 NUM_TERMS = 5
@@ -73,12 +78,12 @@ class ReceivedPoints:
 
 def affine_terms(first: Floats, second: Floats) -> Floats:
     """Return the linear features of the deviation of a point from constant velocity."""
-    place, motion = 0.5 * (first + second), second - first
-    place = place - np.median(place, axis=0)
+    middle, motion = 0.5 * (first + second), second - first
+    middle = middle - np.median(middle, axis=0)
     motion = motion - np.median(motion, axis=0)
-    reach = max(float(np.abs(place).max()), 1.0)
+    reach = max(float(np.abs(middle).max()), 1.0)
     spread = max(float(np.quantile(np.abs(motion), 0.9)), 1.0)
-    return np.column_stack([np.ones(len(first)), place / reach, np.clip(motion / spread, -2.0, 2.0)])
+    return np.column_stack([np.ones(len(first)), middle / reach, np.clip(motion / spread, -2.0, 2.0)])
 
 
 def register(
@@ -129,11 +134,19 @@ class _FrameSearch:
         if not len(self._received):
             return [nothing]
         settings, found = self._settings, []
+        reach, size = settings.range_px, 2 * settings.range_px + 1
         spread = float(np.quantile(np.hypot(self._motion[:, 0], self._motion[:, 1]), 0.75))
         num_offsets = int(np.clip(settings.temporal_offset * spread / settings.offset_step_px, 0, 4))
         for step in range(-num_offsets, num_offsets + 1):
             ahead = settings.temporal_offset * step / max(num_offsets, 1) * self._motion
-            counts = self._counts(ahead)
+            # Differences to received points are counted, blurred: rows are y, columns x.
+            offset = (
+                np.rint(self._received.points[None] - (self._even + ahead)[:, None]).astype(np.int64) + reach
+            )
+            near = np.logical_and(offset >= 0, offset < size).all(axis=2)
+            cells = offset[near] @ np.array([1, size])
+            counts = np.bincount(cells, minlength=size * size).reshape(size, size).astype(np.float64)
+            counts = gaussian_filter(counts, settings.blur_px, mode="nearest")
             peaks = np.argwhere((counts == maximum_filter(counts, size=5)) & (counts > 0))
             found += [(-counts[y, x], abs(step), step, y, x, ahead) for y, x in peaks]
         found.sort(key=lambda peak: peak[:5])
@@ -142,17 +155,6 @@ class _FrameSearch:
             for _, _, _, y, x, ahead in found[: settings.num_candidates]
         ]
         return [nothing, *shifts]
-
-    def _counts(self, ahead: Floats) -> Floats:
-        """Histogram of the differences to received points, blurred: rows are y, columns x."""
-        reach, size = self._settings.range_px, 2 * self._settings.range_px + 1
-        predicted = self._even + ahead
-        offset = np.rint(self._received.points[None] - predicted[:, None]).astype(np.int64) + reach
-        near = np.logical_and(offset >= 0, offset < size).all(axis=2)
-        cells = offset[near] @ np.array([1, size])
-        counts = np.bincount(cells, minlength=size * size).reshape(size, size).astype(np.float64)
-        blurred: Floats = gaussian_filter(counts, self._settings.blur_px, mode="nearest")
-        return blurred
 
     def refine(self, start: Floats) -> _Hypothesis:
         """Fit the affine map to matched points, closer and closer."""
@@ -173,8 +175,8 @@ class _FrameSearch:
 
     def _match(self, deviation: Floats, radius: float) -> tuple[Integers, Integers, Floats]:
         """Match points, and weigh the pairs."""
-        chosen, found, distance = self._received.match(self._even + deviation, radius)
-        return chosen, found, 1.0 / (1.0 + (distance / self._settings.distance_px) ** 2)
+        chosen, nearest, distance = self._received.match(self._even + deviation, radius)
+        return chosen, nearest, 1.0 / (1.0 + (distance / self._settings.distance_px) ** 2)
 
 
 def _change(before: Floats, after: Floats, jitter_px: float) -> float:
@@ -212,3 +214,113 @@ def _sweep(searches: list[_FrameSearch], path: list[_Hypothesis], jitter_px: flo
         ]
         stages[k] = tried[int(np.argmin(costs))]
     return stages[1:-1]
+
+
+@dataclass(frozen=True)
+class SnakeSettings:
+    """How snakes are fitted."""
+
+    # distance beyond which points are ignored, from one fit to the next
+    radii_px: tuple[float, ...] = (4.0, 3.0, 2.0, 1.5)
+    distance_px: float = 1.0  # from here on the weight of a point decreases as the square of its distance
+    bending: float = 0.1  # weight of the second difference in time (mu^2)
+    # weight of the difference between neighbours that are close in place and motion (mu^2)
+    coupling: float = 1.0
+    near_px: float = 40.0  # neighbours that are this far apart are coupled half as much
+    alike_px: float = 4.0  # largest difference in motion of neighbours that count as alike
+    ridge: float = 0.02  # weight that holds snakes which nothing determines
+
+
+class Snakes(NamedTuple):
+    """Curves between two key frames."""
+
+    positions: Floats  # each curve at the frames between the key frames, in pixels
+    received: Floats  # the received point of each, nan without one
+
+
+def fit_snakes(
+    first: Floats, second: Floats, expected: Floats, frames: Sequence[ReceivedPoints], settings: SnakeSettings
+) -> Snakes:
+    """Draw snakes to received points."""
+    deviation = np.zeros_like(expected)
+    smoothness = _Smoothness(first, second, len(frames), settings)
+    for radius in settings.radii_px:
+        target = _received(expected + deviation, frames, radius)
+        seen = np.isfinite(target[..., 0])
+        pull = np.where(seen[..., None], target, expected) - expected
+        squared = ((pull - deviation) ** 2).sum(axis=2)
+        weight = np.where(seen, 1.0 / (1.0 + squared / settings.distance_px**2), 0.0)
+        deviation = smoothness.solve(weight, weight[..., None] * pull, deviation)
+    positions = expected + deviation
+    return Snakes(positions, _received(positions, frames, settings.radii_px[-1]))
+
+
+def _received(positions: Floats, frames: Sequence[ReceivedPoints], radius: float) -> Floats:
+    found = np.full(positions.shape, np.nan)
+    for k, frame in enumerate(frames):
+        chosen, nearest, _ = frame.match(positions[:, k], radius)
+        found[chosen, k] = frame.points[nearest]
+    return found
+
+
+class _Smoothness:
+    """The terms of the normal equations that do not depend on the received points."""
+
+    def __init__(self, first: Floats, second: Floats, num_frames: int, settings: SnakeSettings) -> None:
+        from scipy import sparse
+
+        around = delaunay_neighbours(0.5 * (first + second))
+        once = around.point < around.neighbour
+        a, b = around.point[once], around.neighbour[once]
+        apart = ((first[a] + second[a] - first[b] - second[b]) ** 2).sum(axis=1) / 4.0
+        unlike = ((second[a] - first[a] - second[b] + first[b]) ** 2).sum(axis=1)
+        weight = 1.0 / ((1.0 + apart / settings.near_px**2) * (1.0 + unlike / settings.alike_px**2))
+        ends = np.repeat([1.0, -1.0], len(a)), (np.tile(np.arange(len(a)), 2), np.concatenate([a, b]))
+        difference = sparse.csr_array(ends, shape=(len(a), len(first)))
+        coupled = settings.coupling * (difference.T @ sparse.diags_array(weight) @ difference)
+        self._coupling = sparse.csr_array(coupled)
+        self._bending, self._ridge = settings.bending, settings.ridge
+        bent = _bent_twice(np.eye(num_frames)[:, :, None])
+        self._diagonal = self._coupling.diagonal()[:, None] + self._bending * np.diag(bent[..., 0])
+        self._diagonal += self._ridge
+
+    def _applied(self, deviation: Floats) -> Floats:
+        coupled = self._coupling @ deviation.reshape(len(deviation), -1)
+        applied: Floats = coupled.reshape(deviation.shape) + self._ridge * deviation
+        return applied + self._bending * _bent_twice(deviation)
+
+    def solve(self, weight: Floats, right: Floats, start: Floats) -> Floats:
+        """Solve the normal equations with weights (N, T) of the data by conjugate gradients."""
+        data, scale = weight[..., None], 1.0 / (weight + self._diagonal)[..., None]
+        solution = start
+        residual = right - data * solution - self._applied(solution)
+        direction = scale * residual
+        energy = (residual * direction).sum(axis=(0, 1))
+        enough = TOLERANCE_PX**2 * (right.size / 2)
+        for _ in range(MAX_ITERATIONS):
+            applied = data * direction + self._applied(direction)
+            curvature = (direction * applied).sum(axis=(0, 1))
+            step = np.where(curvature > 0, energy / np.where(curvature > 0, curvature, 1.0), 0.0)
+            solution = solution + step * direction
+            residual = residual - step * applied
+            scaled = scale * residual
+            if float((scaled**2).sum()) <= enough:
+                break
+            before, energy = energy, (residual * scaled).sum(axis=(0, 1))
+            direction = (
+                scaled + np.where(before > 0, energy / np.where(before > 0, before, 1.0), 0.0) * direction
+            )
+        return solution
+
+
+TOLERANCE_PX = 1e-4
+MAX_ITERATIONS = 200
+
+
+def _bent_twice(deviation: Floats) -> Floats:
+    """Apply the second difference in time (N, T, 2) and its transpose, 0 at both ends."""
+    ends = np.zeros_like(deviation[:, :1])
+    padded = np.concatenate([ends, deviation, ends], axis=1)
+    bent = 2.0 * padded[:, 1:-1] - padded[:, :-2] - padded[:, 2:]
+    padded = np.concatenate([ends, bent, ends], axis=1)
+    return np.asarray(2.0 * padded[:, 1:-1] - padded[:, :-2] - padded[:, 2:])

@@ -1,0 +1,271 @@
+"""Tracks and cameras of a group of pictures: from received points, and from the scene of its key frames.
+
+A detector finds the strongest response near the point of a correspondence, about a pixel away, in every
+frame. Matching therefore follows the curve of the corner, between the strongest responses in the key frames.
+The final track is that of the point itself, at its offset from the corner.
+
+References
+----------
+[Maitre2008] Sec. 5.4.2.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from decoder.tracking.curves import (
+    ReceivedPoints,
+    RegistrationSettings,
+    SnakeSettings,
+    fit_snakes,
+    register,
+)
+from dvc.arrays import Bytes, Floats, Mask
+from dvc.corners import SENT_WINDOW_PX, corner_response, spaced
+from dvc.geometry.cameras import oriented
+from dvc.geometry.depth_maps import KnownDepth
+from dvc.geometry.triangulation import track_depths
+from dvc.tracks import FeaturePoints, PointTracks
+from sfm.cameras.rebasing import Rebased, rebase
+from sfm.scene_model import Correspondences, Model, Reconstruction
+
+SEARCH_RADIUS_PX = 2
+"""Largest distance of a corner from its point, by rows and by columns."""
+MAX_DRIFT_PX = 1.5
+"""Largest change of the position of a corner relative to its point in the scene."""
+
+
+@dataclass(frozen=True)
+class TrackingSettings:
+    """How received points become tracks."""
+
+    num_snakes: int = 400  # most correspondences that are followed
+    separation_px: float = 3.0  # least distance between their corners in the first key frame
+    # difference from the neighbours' motion that is always allowed, and in units of their own spread
+    motion_limit_px: float = 2.0
+    motion_spreads: float = 3.0
+    # how the common deviation of a frame is found
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    snakes: SnakeSettings = field(default_factory=SnakeSettings)  # how snakes are fitted
+    support: float = 0.3  # least share of the tracked frames with a point that a snake has located
+    # a frame is followed if more snakes than this many standard deviations above chance found a point
+    significance: float = 6.0
+    # ... and as many more as an affine map and its search may fit by chance
+    min_matches: int = 10
+
+
+def match_points(
+    reconstruction: Reconstruction,
+    first: Bytes,
+    second: Bytes,
+    points: FeaturePoints,
+    settings: TrackingSettings | None = None,
+) -> PointTracks:
+    """Find the tracks between two key frames that corners of the frames between belong to."""
+    settings = settings or TrackingSettings()
+    size, frames = np.array(first.shape[::-1]), []
+    for frame in points.frames:  # without points outside the image, and without duplicates
+        received = np.asarray(frame, dtype=np.float64).reshape(-1, 2)
+        with np.errstate(invalid="ignore"):
+            inside = np.logical_and(received >= -0.5, received <= size - 0.5).all(axis=1)
+        frames.append(ReceivedPoints(np.unique(received[inside], axis=0)))
+    num_instants = len(frames) + 2
+    trusted = _trusted(reconstruction, settings)
+    pairs = choose_paired_corners(trusted, first, second, settings.num_snakes, settings.separation_px)
+    if not frames or not len(pairs):
+        return PointTracks.none(num_instants)
+    temporal_positions = np.arange(1, num_instants - 1) / (num_instants - 1)
+    deviation = register(pairs.first, pairs.second, temporal_positions, frames, settings.registration)
+    expected = pairs.corners(temporal_positions) + np.swapaxes(deviation, 0, 1)
+    snakes = fit_snakes(pairs.first, pairs.second, expected, frames, settings.snakes)
+    seen = np.isfinite(snakes.received[..., 0])
+    # Frames count if snakes located more points in them than among random ones.
+    density = np.array([len(frame) for frame in frames]) / first.size
+    by_chance = len(seen) * math.pi * settings.snakes.radii_px[-1] ** 2 * density
+    least = by_chance + settings.significance * np.sqrt(by_chance) + settings.min_matches
+    seen &= np.count_nonzero(seen, axis=0) >= least
+    positions = np.where(seen[..., None], snakes.positions - pairs.offsets(temporal_positions), np.nan)
+    needed = max(1.0, settings.support * np.count_nonzero(seen.any(axis=0)))
+    supported = np.count_nonzero(seen, axis=1) >= needed
+    ends = pairs.pairs.first[:, None], pairs.pairs.second[:, None]
+    return PointTracks(np.concatenate([ends[0], positions, ends[1]], axis=1)[supported])
+
+
+def _trusted(reconstruction: Reconstruction, settings: TrackingSettings) -> Correspondences:
+    """Return the correspondences of a model that can be trusted, or those matched that move alike."""
+    from sfm.correspondences import outliers
+
+    if reconstruction.model is not None and reconstruction.success:
+        return reconstruction.model.correspondences
+    pairs = reconstruction.stages.get("matching", Correspondences.empty())
+    if not len(pairs):
+        return pairs
+    return pairs[outliers.motion(pairs, settings.motion_limit_px, settings.motion_spreads)]
+
+
+class PairedCorners(NamedTuple):
+    """Correspondences, and the corners next to them."""
+
+    pairs: Correspondences  # the points, in pixels
+    first: Floats  # the strongest response of the detector at each point, in the key frames
+    second: Floats
+
+    def __len__(self) -> int:
+        """Return the number of corners."""
+        return len(self.pairs)
+
+    def corners(self, temporal_positions: Floats) -> Floats:
+        """Move the corners evenly from key frame to key frame."""
+        t = temporal_positions[None, :, None]
+        return (1.0 - t) * self.first[:, None] + t * self.second[:, None]
+
+    def offsets(self, temporal_positions: Floats) -> Floats:
+        """Return how far the corners are from their points."""
+        differences = self.first - self.pairs.first, self.second - self.pairs.second
+        return PairedCorners(self.pairs, *differences).corners(temporal_positions)
+
+
+def choose_paired_corners(
+    pairs: Correspondences, first: Bytes, second: Bytes, num_corners: int, separation_px: float
+) -> PairedCorners:
+    """Choose correspondences that are corners in both key frames, the strongest first, spread out."""
+    ends = [
+        strongest_nearby(corner_response(luma, np.ones(SENT_WINDOW_PX)), places, SEARCH_RADIUS_PX)
+        for luma, places in ((first, pairs.first), (second, pairs.second))
+    ]
+    (corner0, strength0), (corner1, strength1) = ends
+    drift = (corner0 - pairs.first) - (corner1 - pairs.second)
+    strength = np.minimum(strength0, strength1)
+    usable = np.flatnonzero((strength > 0) & (np.hypot(drift[:, 0], drift[:, 1]) < MAX_DRIFT_PX))
+    # Of points that share a corner the one that is nearest to it comes first.
+    distance = np.hypot(*(corner0 - pairs.first)[usable].T) + np.hypot(*(corner1 - pairs.second)[usable].T)
+    order = usable[np.lexsort((distance, -strength[usable]))]
+    chosen = order[spaced(corner0[order], num_corners, separation_px)]
+    return PairedCorners(pairs[chosen], corner0[chosen], corner1[chosen])
+
+
+def strongest_nearby(response: Floats, places: Floats, radius: int) -> tuple[Floats, Floats]:
+    """Find the peak of a response at places, between pixels."""
+    steps = np.arange(-radius, radius + 1)
+    padded = np.pad(response, radius + 1, constant_values=-np.inf)
+    last = np.array(response.shape[::-1]) - 1
+    at = np.clip(np.rint(places), 0, last).astype(np.int64) + radius + 1
+    window = padded[at[:, 1, None, None] + steps[:, None], at[:, 0, None, None] + steps]
+    best = window.reshape(len(places), len(steps) ** 2).argmax(axis=1)
+    y, x = best // len(steps) - radius, best % len(steps) - radius
+    row, column = at[:, 1] + y, at[:, 0] + x
+    strength = padded[row, column]
+    across = (padded[row, column - 1], padded[row, column + 1])
+    along = (padded[row - 1, column], padded[row + 1, column])
+    peak = np.maximum(*across) <= strength
+    peak &= (np.maximum(*along) <= strength) & np.isfinite(np.minimum(*across) + np.minimum(*along))
+    vertex = np.column_stack([_vertex(*across, strength, peak), _vertex(*along, strength, peak)])
+    return np.column_stack([column, row]) - radius - 1 + vertex, np.where(peak, strength, 0.0)
+
+
+def _vertex(before: Floats, after: Floats, centre: Floats, defined: Mask) -> Floats:
+    """Return the vertices of parabolas through three neighbours; the middle one is the largest."""
+    before, after, centre = (np.where(defined, values, 0.0) for values in (before, after, centre))
+    curvature = 2.0 * centre - before - after
+    return np.asarray(0.5 * (after - before) / np.where(curvature > 0, curvature, 1.0))
+
+
+MAX_TRACK_RMS_PX = 1.5
+"""Largest distance of a track from the projection of its point; tracks beyond are wrong or move."""
+MAX_TRACK_SIGMA = 6.0
+"""Largest error of a point, relative to that of the tracker, with a reliable depth."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroupGeometry:
+    """Scene and cameras of one group of pictures."""
+
+    first_index: int  # display position of the first key frame
+    tracks: PointTracks  # tracked points
+    model: Model | None  # the scene from the two key frames; None without a reliable one
+    # camera of each frame, key frames included, in the basis of the model; None if unknown
+    cameras: tuple[Floats | None, ...]
+    reason: str  # why the model is missing
+    camera_reasons: tuple[str, ...]  # why cameras are missing
+    # whether parts of the group may have a scene if its ends have none: not if
+    # the camera only turned, or stood still
+    parts_may_have_geometry: bool
+
+    def positions(self, index: int) -> Floats:
+        """Return the positions of the points in one frame."""
+        positions: Floats = self.tracks.positions[:, index - self.first_index]
+        return positions
+
+    def camera(self, index: int) -> Floats | None:
+        """Return the camera of one frame."""
+        return self.cameras[index - self.first_index]
+
+    def part(self, first: int, last: int) -> PointTracks:
+        """Return the tracks between two frames."""
+        return PointTracks(self.tracks.positions[:, first - self.first_index : last + 1 - self.first_index])
+
+    def missing(self, *indices: int) -> str:
+        """Return why the scene cannot be used with some frames; empty if it can."""
+        reasons = (self.camera_reasons[index - self.first_index] for index in indices)
+        return self.reason or next((reason for reason in reasons if reason), "")
+
+    def between(self, first: int, second: int) -> Rebased | None:
+        """Describe the scene by two frames of the group."""
+        cameras = self.camera(first), self.camera(second)
+        if self.model is None or cameras[0] is None or cameras[1] is None:
+            return None
+        return rebase(self.model, cameras[0], cameras[1])
+
+    def known_depth(self, index: int) -> KnownDepth:
+        """Return the depth of the points that one frame sees, from all frames that see them."""
+        assert self.model is not None
+        frame, view = self.model.pixel_frame, index - self.first_index
+        found = track_depths(self.tracks.positions, self.cameras, view, frame)
+        points = self.tracks.positions[:, view]
+        good = (found.rms_px <= MAX_TRACK_RMS_PX) & (found.sigma_px <= MAX_TRACK_SIGMA)
+        size = np.array([frame.width_px, frame.height_px])
+        places = np.floor(np.nan_to_num(points, nan=-1.0) + 0.5)
+        good &= ((places >= 0) & (places < size)).all(axis=1) & np.isfinite(found.inverse_depth)
+        return KnownDepth(None, points[good], found.inverse_depth[good])
+
+
+def estimate_geometry(
+    reconstruction: Reconstruction,
+    keys: tuple[Bytes, Bytes],
+    points: PointTracks | FeaturePoints,
+    first_index: int,
+    path_regularity: float = 0.0,
+) -> GroupGeometry:
+    """Find the cameras of a group of pictures."""
+    from sfm.cameras.camera_path import regular_cameras, tracked_points
+
+    tracks = points
+    if isinstance(tracks, FeaturePoints):
+        tracks = match_points(reconstruction, *keys, tracks)
+    number, positions = tracks.num_instants, tracks.positions
+    if reconstruction.model is None or not reconstruction.success:
+        none: tuple[Floats | None, ...] = (None,) * number
+        moves, reason = reconstruction.motion not in ("rotation", "none"), reconstruction.reason
+        return GroupGeometry(first_index, tracks, None, none, reason, ("",) * number, moves)
+    model = reconstruction.model
+    ends = positions[:, 0], positions[:, -1]
+    instants = [tracked_points(model, *ends, positions[:, k], k / (number - 1)) for k in range(1, number - 1)]
+    resections = regular_cameras(model, instants, path_regularity)
+    between = [resection.camera if resection.success else None for resection in resections]
+    reasons = [f"camera: {resection.reason}" if resection.reason else "" for resection in resections]
+    cameras = model.first_camera, *between, model.second_camera
+    return in_rigid_order(GroupGeometry(first_index, tracks, model, cameras, "", ("", *reasons, ""), True))
+
+
+def in_rigid_order(geometry: GroupGeometry) -> GroupGeometry:
+    """Order the depths of a group of pictures as a rigid motion sees them."""
+    from sfm.cameras.rebasing import rigid_order
+
+    assert geometry.model is not None
+    ordered = rigid_order(geometry.model)
+    if ordered is None:
+        return geometry
+    cameras = [None if camera is None else ordered.camera(oriented(camera)) for camera in geometry.cameras]
+    return replace(geometry, model=ordered.model, cameras=tuple(cameras))
