@@ -186,10 +186,7 @@ class _Outputs:
                 self._videos.append((stack.enter_context(writer), predicted))
 
     def write(
-        self,
-        groups: "Iterable[DecodedGroup]",
-        num_frames: int | None = None,
-        losses: "Losses | None" = None,
+        self, groups: "Iterable[DecodedGroup]", num_frames: int | None = None, losses: "Losses | None" = None
     ) -> DvcError | None:
         """Write all groups, and show the progress; return an error that lists lost frames, if any are."""
         num_written = num_bits = 0

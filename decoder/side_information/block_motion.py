@@ -22,12 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
-from decoder.side_information.protocol import (
-    Prediction,
-    ReferenceFrame,
-    references_around,
-    temporal_position,
-)
+from decoder.side_information.protocol import Prediction, ReferenceFrame, references_around, temporal_position
 from dvc.arrays import Bytes, Floats, Integers
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
@@ -84,10 +79,7 @@ def compensate(
 
 
 def compensate_chroma(
-    references: Sequence[Frame],
-    offsets: Sequence[Integers],
-    weights: Sequence[Floats],
-    block: int,
+    references: Sequence[Frame], offsets: Sequence[Integers], weights: Sequence[Floats], block: int
 ) -> tuple[Bytes, Bytes] | None:
     """Predict the chroma planes with the offsets of the luma blocks."""
     chroma = [frame.chroma for frame in references]

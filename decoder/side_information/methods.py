@@ -81,10 +81,7 @@ class SceneInterpolation:
         self._scene: _Scene | None = None
 
     def predict(
-        self,
-        references: Sequence[ReferenceFrame],
-        points: Points | None,
-        instants: Sequence[int],
+        self, references: Sequence[ReferenceFrame], points: Points | None, instants: Sequence[int]
     ) -> list[Prediction]:
         """Predict frames; points are taken to move evenly between the key frames, (5.8)."""
         del points
@@ -171,10 +168,7 @@ class TrackedSceneInterpolation:
         self._pair: _Pair | None = None
 
     def predict(
-        self,
-        references: Sequence[ReferenceFrame],
-        points: Points | None,
-        instants: Sequence[int],
+        self, references: Sequence[ReferenceFrame], points: Points | None, instants: Sequence[int]
     ) -> list[Prediction]:
         """Predict frames from cameras that points give."""
         if points is None:
@@ -237,11 +231,7 @@ class TrackedSceneInterpolation:
         return replace(unaided, success=False, reason=reason)
 
     def _rendered(
-        self,
-        group: _Group,
-        around: Around,
-        instant: int,
-        tracks: tuple[Floats, Floats, Floats],
+        self, group: _Group, around: Around, instant: int, tracks: tuple[Floats, Floats, Floats]
     ) -> tuple[Interpolation | None, str]:
         """Return a frame as the scene predicts it; or none, and why not."""
         before, after = around

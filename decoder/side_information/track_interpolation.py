@@ -367,9 +367,7 @@ def _weighted(
 
 
 def _block_motion(
-    aligned: tuple[Floats, Floats],
-    warps: tuple[TrackedWarp, TrackedWarp],
-    distances: tuple[int, int],
+    aligned: tuple[Floats, Floats], warps: tuple[TrackedWarp, TrackedWarp], distances: tuple[int, int]
 ) -> tuple[Floats, Floats]:
     """Compensate the remaining motion, divided by the distances of the references."""
     paces = [

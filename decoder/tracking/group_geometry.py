@@ -15,13 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from decoder.tracking.curves import (
-    ReceivedPoints,
-    RegistrationSettings,
-    SnakeSettings,
-    fit_snakes,
-    register,
-)
+from decoder.tracking.curves import ReceivedPoints, RegistrationSettings, SnakeSettings, fit_snakes, register
 from dvc.arrays import Bytes, Floats, Mask
 from dvc.corners import SENT_WINDOW_PX, corner_response, spaced
 from dvc.geometry.cameras import oriented

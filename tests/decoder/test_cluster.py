@@ -29,11 +29,7 @@ from tests.clips import moving_texture
 from tests.waiting import wait_until
 
 CONFIG = codec_config(
-    VideoConfig(96, 64, 25, 1),
-    "2d",
-    DiscoverMatrix(4),
-    gop={"length": 3},
-    key={"qp": 30, "intra_period": 8},
+    VideoConfig(96, 64, 25, 1), "2d", DiscoverMatrix(4), gop={"length": 3}, key={"qp": 30, "intra_period": 8}
 )
 NUM_GROUPS = 9
 PATIENCE_S = 60

@@ -130,11 +130,7 @@ def first_error(stream: bytes) -> tuple[int, str]:
 @pytest.mark.parametrize(
     ("place", "predicted", "message"),
     [
-        (
-            0,
-            True,
-            "record 1 (group of pictures) at byte [0-9]+: a predicted key frame has no reference here",
-        ),
+        (0, True, "record 1 (group of pictures) at byte [0-9]+: a predicted key frame has no reference here"),
         (2, False, "group of pictures 2: key frame: key frame: "),
         (4, True, "group of pictures 4: key frame: no IDR picture since 13 frames"),
     ],

@@ -328,10 +328,7 @@ def send_more_groups(liar: Liar) -> None:
     ],
 )
 def test_bad_peers_end_many_requests_in_flight(
-    frames: list[Frame],
-    behave: Callable[[Liar], None],
-    error: type[Exception],
-    words: str,
+    frames: list[Frame], behave: Callable[[Liar], None], error: type[Exception], words: str
 ) -> None:
     """Whatever waits, the run ends with one error, and no process goes on with a group."""
     with serving(Liar(frames, 5, behave)) as address, pytest.raises(error, match=words):

@@ -6,16 +6,7 @@ import numpy as np
 import pytest
 
 from decoder import frame_state as asking
-from decoder.frame_state import (
-    CLASSES,
-    MAX_WIDTH,
-    STRENGTH_BITS,
-    Asking,
-    Band,
-    Choice,
-    Learned,
-    LearnedWorth,
-)
+from decoder.frame_state import CLASSES, MAX_WIDTH, STRENGTH_BITS, Asking, Band, Choice, Learned, LearnedWorth
 from decoder.group import GroupAllowance
 from decoder.wyner_ziv import Allowance
 from dvc.slepian_wolf import PlaneCost

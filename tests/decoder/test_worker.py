@@ -164,10 +164,7 @@ def test_a_process_that_nobody_wants_ends_without_a_word(
     ours, theirs = multiprocessing.Pipe()
     command = [sys.executable, "-P", "-m", "decoder.processes", str(theirs.fileno())]
     process = subprocess.Popen(
-        command,
-        pass_fds=[theirs.fileno()],
-        env=baseline_environment(),
-        stderr=subprocess.PIPE,
+        command, pass_fds=[theirs.fileno()], env=baseline_environment(), stderr=subprocess.PIPE
     )
     theirs.close()
     ours.send(tuple(replace(task, form=None) for task in config_and_tasks[1]))

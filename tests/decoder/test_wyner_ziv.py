@@ -37,11 +37,7 @@ HEIGHT, WIDTH = 30, 44
 
 def config_of(q: int, coder: str = "turbo") -> CodecConfig:
     return codec_config(
-        VideoConfig(WIDTH, HEIGHT, 25, 1),
-        "2d",
-        DiscoverMatrix(q),
-        coder=CODERS[coder](),
-        seed=1,
+        VideoConfig(WIDTH, HEIGHT, 25, 1), "2d", DiscoverMatrix(q), coder=CODERS[coder](), seed=1
     )
 
 

@@ -21,8 +21,7 @@ from tests.scenes_3d import camera_at, render, two_planes
 
 PIXELS = PixelFrame(176, 144)
 CONFIG = codec_config(
-    VideoConfig(176, 144, 25, 1),
-    side_information={"track_corrections": False, "fallback": "block-motion"},
+    VideoConfig(176, 144, 25, 1), side_information={"track_corrections": False, "fallback": "block-motion"}
 )
 BY_TRACKS = replace(CONFIG, side_information=replace(CONFIG.side_information, fallback="tracks"))
 INSTANTS = (0.0, 0.45, 0.55, 0.6, 1.0)
