@@ -242,8 +242,17 @@ class LiveGroups:
             match event:
                 case Gop() if not self._damaged:
                     self._arrived_s[event.number] = time.monotonic()
+                    tasks, number = self._source.tasks, event.number
                     try:
-                        yield self._task(event)
+                        if number not in tasks:  # its key frame is decoded when it comes for the first time
+                            tasks[number] = self._task_of(event)
+                        elif tasks[number].record != event.record:
+                            raise BitstreamError(
+                                f"group of pictures {number} differs from the one that came before"
+                            )
+                        else:
+                            self._source.report.groups_sent_again += 1
+                        yield tasks[number]
                     except BitstreamError as err:
                         self._damaged = True
                         yield err
@@ -251,17 +260,6 @@ class LiveGroups:
                     self._held.answered((frame, run))
                     self._source.num_asked -= 1
                     yield event
-
-    def _task(self, gop: Gop) -> GroupTask:
-        """Return the task of a group; its key frame is decoded when it comes for the first time."""
-        tasks = self._source.tasks
-        if gop.number not in tasks:
-            tasks[gop.number] = self._task_of(gop)
-        elif tasks[gop.number].record != gop.record:
-            raise BitstreamError(f"group of pictures {gop.number} differs from the one that came before")
-        else:
-            self._source.report.groups_sent_again += 1
-        return tasks[gop.number]
 
     def wait(self, processes: Sequence[DecodingProcess]) -> Iterator[DecodingProcess]:
         """Wait for the encoder, for processes or for the end of a pause; then send requests."""

@@ -14,7 +14,7 @@ from itertools import count
 from multiprocessing.connection import wait
 from typing import Any, cast
 
-from decoder.group_tasks import Answered, Bits, DecodedGroup, GroupTask, Losses, naming_group
+from decoder.group_tasks import Answered, Bits, DecodedGroup, GroupTask, Losses, Reader, naming_group
 from decoder.live import LiveGroups, LiveSource
 from decoder.processes import DecodingProcess, decoding_process
 from decoder.side_information.protocol import ReferenceFrame
@@ -24,9 +24,8 @@ from dvc.feedback import Gop, ParityAnswer, Readable, max_open_gops
 from dvc.keyframes import KeyFrameDecoder
 from dvc.limits import Limits
 from dvc.slepian_wolf import ParityRequest, Place
-from dvc.stream import Form, GopRecord, RecordingReader, StreamReader, check_times, frame_times_s
+from dvc.stream import Form, GopRecord, check_times, frame_times_s
 
-Reader = StreamReader | RecordingReader
 GROUPS_PER_PROCESS = 4
 """Number of groups per process: one in work, and more for a slow earlier group."""
 

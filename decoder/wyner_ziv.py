@@ -180,13 +180,13 @@ class _Frame:
             ready = [band for band in bands if band.num_planes > missing and band.open.size]
             found = self.choose(ready, missing) if ready else []
             choices = [choice for choice in found if self.allowance.begin(choice.bits)]
-            going_on = {wanted.band.number for choice in choices for wanted in choice.wanted}
+            continued = {wanted.band.number for choice in choices for wanted in choice.wanted}
             for band in ready:
-                if band.number not in going_on:
+                if band.number not in continued:
                     band.open = band.open[:0]
             if choices:
                 yield from self._decode_planes(choices, missing)
-            if refines and missing and going_on:
+            if refines and missing and continued:
                 (band,) = bands
                 if np.mean(band.upper - band.lower) < REFINING_WIDTH * band.gain * np.mean(band.scale):
                     self.state.refine_by_part(band.number, band.known)
@@ -195,10 +195,15 @@ class _Frame:
     def _decode_planes(self, choices: Sequence[Choice], missing: int) -> StageCoroutine:
         """Decode the next planes of some bands, in the requested blocks."""
         priors = [[self._prior(wanted, missing) for wanted in choice.wanted] for choice in choices]
-        decoded = yield [_wish(choice, own) for choice, own in zip(choices, priors, strict=True)]
-        for choice, of_planes, found in zip(choices, priors, decoded, strict=True):
-            self.allowance.end(choice.bits, sum(plane.paid_bits for plane in found))
-            for wanted, prior, (bits, ideal, paid) in zip(choice.wanted, of_planes, found, strict=True):
+        wishes = []
+        for choice, of_planes in zip(choices, priors, strict=True):
+            llr = [prior.llr if isinstance(prior, PlanePrior) else prior for prior in of_planes]
+            coupled = [prior.coupling if isinstance(prior, PlanePrior) else prior for prior in of_planes]
+            wishes.append(Wish(choice.planes, choice.areas, np.concatenate(llr), coupled))
+        decoded = yield wishes
+        for choice, of_planes, planes in zip(choices, priors, decoded, strict=True):
+            self.allowance.end(choice.bits, sum(plane.paid_bits for plane in planes))
+            for wanted, prior, (bits, ideal, paid) in zip(choice.wanted, of_planes, planes, strict=True):
                 if isinstance(prior, PlanePrior):
                     self.learned.priors.learn(prior, bits)
                 saved = wanted.band.take(wanted.blocks, bits, missing)
@@ -223,19 +228,11 @@ class _Frame:
             return
         for band in self.bands.values():
             band.forget()
-        everything = [one for found in again for one in found]
+        everything = [plane for planes in again for plane in planes]
         for (band, blocks), (bits, _, _) in zip(self.taken, everything, strict=True):
             band.enter(blocks, bits)
-        for number in self.state.known:
-            corrected = replace(self.bands[number].known, scale=self.state.known[number].scale)
-            self.state.set_known(number, corrected)
-
-
-def _wish(choice: Choice, priors: Sequence[PlanePrior | Floats]) -> Wish:
-    """Return the wish for a choice of planes."""
-    llr = np.concatenate([prior.llr if isinstance(prior, PlanePrior) else prior for prior in priors])
-    couplings = [prior.coupling if isinstance(prior, PlanePrior) else prior for prior in priors]
-    return Wish(choice.planes, choice.areas, llr, couplings)
+        for number, known in self.state.known.items():
+            self.state.set_known(number, replace(self.bands[number].known, scale=known.scale))
 
 
 class _Run:
@@ -260,22 +257,24 @@ class _Run:
     def take(self, result: PlaneResult) -> None:
         """Divide the result among the wishes."""
         self.result = result
-        paid_bits, start, found = result.parity_bits + result.crc_bits, 0, []
+        paid_bits, start, by_wish = result.parity_bits + result.crc_bits, 0, []
         for _, wish in self.wishes:
-            own = []
+            planes = []
             for prior in wish.priors:
                 size = prior.places.size if isinstance(prior, NeighbourCoupling) else prior.size
                 bits = result.bits[start : start + size]
                 llr = prior.llr_in_sequence(bits) if isinstance(prior, NeighbourCoupling) else prior
-                own.append((bits, ideal_bits(bounded_llr(llr), bits)))
+                planes.append((bits, ideal_bits(bounded_llr(llr), bits)))
                 start += size
-            found.append(own)
-        whole = sum(ideal for own in found for _, ideal in own)
-        equal = 1.0 / sum(map(len, found))
-        shares = [[ideal / whole if whole > 0.0 else equal for _, ideal in own] for own in found]
+            by_wish.append(planes)
+        whole = sum(ideal for planes in by_wish for _, ideal in planes)
+        equal = 1.0 / sum(map(len, by_wish))
         self.decoded = [
-            [Decoded(*one, paid_bits * share) for one, share in zip(*pair, strict=True)]
-            for pair in zip(found, shares, strict=True)
+            [
+                Decoded(bits, ideal, paid_bits * (ideal / whole if whole > 0.0 else equal))
+                for bits, ideal in planes
+            ]
+            for planes in by_wish
         ]
 
 
@@ -328,11 +327,11 @@ def decode_level(
 
 def _by_frames(runs: Sequence[_Run]) -> dict[int, list[list[Decoded]]]:
     """Return the decoded bits of each frame."""
-    found: dict[int, list[list[Decoded]]] = {}
+    by_frames: dict[int, list[list[Decoded]]] = {}
     for run in runs:
         for (index, _), decoded in zip(run.wishes, run.decoded, strict=True):
-            found.setdefault(index, []).append(decoded)
-    return found
+            by_frames.setdefault(index, []).append(decoded)
+    return by_frames
 
 
 def _costs(runs: Sequence[_Run], check: slepian_wolf.FrameCheck, frames: Sequence[int]) -> Integers:
@@ -344,7 +343,7 @@ def _costs(runs: Sequence[_Run], check: slepian_wolf.FrameCheck, frames: Sequenc
         assert run.result is not None
         paid = dict.fromkeys(frames, 0.0)
         for (index, _), decoded in zip(run.wishes, run.decoded, strict=True):
-            paid[index] += sum(one.paid_bits for one in decoded)
+            paid[index] += sum(plane.paid_bits for plane in decoded)
         total = np.array([run.result.num_requests, run.result.crc_bits, run.result.parity_bits])
         costs += _shares(total, np.array([*paid.values()]))
     return costs

@@ -61,14 +61,8 @@ def _half_samples(padded, across, rows):
                 np.int16(line[x + 3]), np.int16(line[x + 4]), np.int16(line[x + 5]),
             )  # fmt: skip
     for y in range(height):
-        a, b, c, d, e, f = (
-            padded[y],
-            padded[y + 1],
-            padded[y + 2],
-            padded[y + 3],
-            padded[y + 4],
-            padded[y + 5],
-        )
+        a, b, c = padded[y], padded[y + 1], padded[y + 2]
+        d, e, f = padded[y + 3], padded[y + 4], padded[y + 5]
         for x in range(width):
             rows[0, 0, y, x] = c[x + 2]
             down = _six_taps(
@@ -119,10 +113,8 @@ def _square_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
 
     Rows are compared as two vectors of 8 samples: those on the left of a row, and those on the right.
     """
-    phase_a, phase_b = (
-        (np.uintp(row_a & 3), np.uintp(column_a & 3)),
-        (np.uintp(row_b & 3), np.uintp(column_b & 3)),
-    )
+    phase_a = np.uintp(row_a & 3), np.uintp(column_a & 3)
+    phase_b = np.uintp(row_b & 3), np.uintp(column_b & 3)
     ya, xa, yb, xb = row_a >> 2, column_a >> 2, row_b >> 2, column_b >> 2
     total = np.int32(0)
     for column in range(8):
@@ -161,10 +153,8 @@ def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
     plane_a, plane_b = planes_a[row_a & 3, column_a & 3], planes_b[row_b & 3, column_b & 3]
     for y in range(size):
         for x in range(size):
-            one, other = (
-                plane_a[(row_a >> 2) + y, (column_a >> 2) + x],
-                plane_b[(row_b >> 2) + y, (column_b >> 2) + x],
-            )
+            one = plane_a[(row_a >> 2) + y, (column_a >> 2) + x]
+            other = plane_b[(row_b >> 2) + y, (column_b >> 2) + x]
             total += abs(np.int64(one) - np.int64(other))
     return total
 

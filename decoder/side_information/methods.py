@@ -138,19 +138,13 @@ class _Pair(NamedTuple):
     interpolator: SceneInterpolator
 
 
-class _FoundDepth(NamedTuple):
-    """Depth of a frame, and the references that gave it."""
-
-    rank: tuple[int, int]  # how far apart they are, and minus the first: the greatest counts, in any order
-    depth: DepthMap
-
-
 class _Group(NamedTuple):
     """Geometry between two frames, and the depths of frames between them found so far."""
 
     ends: Around
     geometry: GroupGeometry
-    depths: dict[int, _FoundDepth]
+    # Depth of frames, ranked by how far apart its references are, and minus the first: the greatest counts.
+    depths: dict[int, tuple[tuple[int, int], DepthMap]]
     points: dict[int, KnownDepth]
 
 
@@ -254,7 +248,12 @@ class TrackedSceneInterpolation:
             rendered = corrected(rendered, (before.frame.luma, after.frame.luma), tracks)
         # Frames that have a neighbour on either side are references of none.
         if self._remembers and after.index - before.index > 2:
-            _remember(group, pair, instant, rendered)
+            views, rank = pair.interpolator.views, (after.index - before.index, -before.index)
+            depths = {before.index: views[0].depth, after.index: views[1].depth, instant: rendered.depth}
+            for index, depth in depths.items():
+                stored = group.depths.get(index)
+                if depth is not None and (stored is None or stored[0] < rank):
+                    group.depths[index] = rank, depth
         return rendered, ""
 
     def _between(self, group: _Group, around: Around) -> _Pair | None:
@@ -277,19 +276,8 @@ def _known_depth(group: _Group, index: int, distance: int) -> KnownDepth:
     if index not in group.points:
         group.points[index] = group.geometry.known_depth(index)
     stored = group.depths.get(index)
-    depth = stored.depth if stored is not None and stored.rank[0] > distance else None
+    depth = stored[1] if stored is not None and stored[0][0] > distance else None
     return group.points[index]._replace(depth=depth, is_settled=distance <= SETTLED_DISTANCE)
-
-
-def _remember(group: _Group, pair: _Pair, instant: int, rendered: Interpolation) -> None:
-    """Keep the depth of three frames for those that are decoded later."""
-    views = pair.interpolator.views
-    depths = {pair.before.index: views[0].depth, pair.after.index: views[1].depth, instant: rendered.depth}
-    rank = pair.after.index - pair.before.index, -pair.before.index
-    for index, depth in depths.items():
-        stored = group.depths.get(index)
-        if depth is not None and (stored is None or stored.rank < rank):
-            group.depths[index] = _FoundDepth(rank, depth)
 
 
 Method = Callable[[CodecConfig], SideInformationMethod]
@@ -302,15 +290,10 @@ INTERPOLATORS: dict[str, SceneInterpolatorType] = {
 """Models of the motion between key frames from a scene, by the name of the method."""
 
 
-def _block_motion(config: CodecConfig) -> SideInformationMethod:
-    del config
-    return BlockMotionInterpolation()
-
-
 def _scene(method: str, config: CodecConfig) -> SideInformationMethod:
     interpolator = INTERPOLATORS[method]
     if interpolator is FusedInterpolator and config.codec == "2d":
-        return _block_motion(config)  # nothing to fuse it with
+        return BlockMotionInterpolation()  # nothing to fuse it with
     if config.tracks.kind == "none":
         return SceneInterpolation(interpolator, config)
     return TrackedSceneInterpolation(interpolator, config)
@@ -318,7 +301,10 @@ def _scene(method: str, config: CodecConfig) -> SideInformationMethod:
 
 METHODS: Registry[Method] = Registry(
     SIDE_INFORMATION,
-    {BlockMotionInterpolation.name: _block_motion, **{name: partial(_scene, name) for name in INTERPOLATORS}},
+    {
+        BlockMotionInterpolation.name: lambda _: BlockMotionInterpolation(),
+        **{name: partial(_scene, name) for name in INTERPOLATORS},
+    },
     partial(maker, SIDE_INFORMATION),
 )
 """Factories of the methods, from the configuration, by the name in it."""
