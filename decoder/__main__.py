@@ -4,8 +4,8 @@ import argparse
 import os
 import socket
 import sys
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
+from collections.abc import Iterable
+from contextlib import ExitStack, closing, nullcontext, suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -34,6 +34,10 @@ def _decode(arguments: argparse.Namespace) -> int:
         video = arguments.files[-1]
         try:
             (_decode_live if arguments.connect else _decode_file)(arguments, page)
+        except BitstreamError as err:
+            if arguments.connect:
+                raise
+            raise BitstreamError(f"{arguments.files[0]}: {err}") from err
         except PartialOutputError:  # counts, not an error of the map
             try:
                 _map_scene(arguments, video + PARTIAL_SUFFIX)
@@ -67,7 +71,7 @@ def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> No
     from dvc.stream import Form, open_stream
 
     path = arguments.files[0]
-    with _naming(path), open_stream(path, unfinished=arguments.unfinished) as reader:
+    with open_stream(path, unfinished=arguments.unfinished) as reader:
         config = options.with_choices(reader.config, arguments)
         if config != reader.config and reader.form == Form.PUNCTURED:
             made = options.choices(reader.config)
@@ -102,15 +106,6 @@ def _decode_file(arguments: argparse.Namespace, page: "ViewServer | None") -> No
             raise failure
         if reader.missing is not None:
             _say(f"{path}: unfinished: {reader.missing}")
-
-
-@contextmanager
-def _naming(path: str) -> Iterator[None]:
-    """Prefix errors with the name of the stream."""
-    try:
-        yield
-    except BitstreamError as err:
-        raise BitstreamError(f"{path}: {err}") from err
 
 
 def _decode_live(arguments: argparse.Namespace, page: "ViewServer | None") -> None:

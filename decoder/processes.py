@@ -1,14 +1,14 @@
 """Processes that decode groups of pictures, with libraries that do not depend on the processor.
 
 Predictions determine requests, so that a punctured stream needs exactly the same predictions. Libraries
-choose their code by the processor when they load. The environment of these processes therefore holds the
-libraries to one baseline, independent of those that the parent has loaded.
+choose their code by the processor when they load. The environment of these processes holds them to one
+baseline.
 
-Tasks, and answers of a live encoder, arrive through a connection; its file descriptor is the only argument of
-this module as a program. Replies carry the number of their group: requests, and finally the decoded group or
-an exception. Groups of a stream have records that answer; they are decoded in turn. Groups of a live encoder
-are coroutines: while some wait for answers, the rest continue, first those with the most levels to follow.
-Memory bounds the number of levels that are decoded at the same time.
+Tasks, and answers of a live encoder, arrive through a connection; its file descriptor is the only argument
+of this module as a program. Replies carry the number of their group: requests, and finally the decoded group
+or an exception. Groups of a live encoder are coroutines: while some wait for answers, the rest continue,
+first those with the most levels to follow. Memory bounds the number of levels that are decoded at the same
+time.
 """
 
 import atexit

@@ -1,15 +1,10 @@
 """Decoding of Wyner-Ziv frames as coroutines without I/O: a frame yields wishes and receives bits.
 
-Bands are decoded in zigzag order, each plane by plane, in the areas where a plane saves more than it costs:
-the noise model turns side information and known planes into log-likelihood ratios, the Slepian-Wolf decoder
-requests parity until the bits are right, and the conditional mean reconstructs the coefficients. Later planes
-learn from decoded ones: scales are fitted to the decoded intervals, blocks with unexpected errors are
-expected to have them in later bands, and the side information is refined and fused with the initial one.
-Bands between two refinements are decoded in parallel: bits of bins of equal width are requested together, if
-the coder can.
-
-Frames of a level do not depend on each other and are decoded in step: their next bits are one run. They share
-check bits and rounds of requests; the cost of a run is divided by the ideal code lengths of the bits.
+Bands are decoded in zigzag order, each plane by plane, in the areas where a plane saves more than it costs.
+Later planes learn from decoded ones: scales are fitted to the decoded intervals, and the side information is
+refined and fused with the initial one. Bands between two refinements are decoded in parallel: bits of bins of
+equal width are requested together, if the coder can. Frames of a level are decoded in step: their next bits
+are one run. Its cost is divided by the ideal code lengths of the bits.
 """
 
 import time

@@ -30,13 +30,6 @@ class Steps(NamedTuple):
     enough: float = 0.0  # mean absolute difference, in levels, that is not searched any further
 
 
-class Pair(NamedTuple):
-    """Phase planes of the two frames around the missing one."""
-
-    before: Bytes
-    after: Bytes
-
-
 class Searched(NamedTuple):
     """Phase planes to compare, one or sixteen, and their sums over all squares of half the window."""
 
@@ -253,7 +246,7 @@ def refine_bilateral(pair, instant, blocks, steps, fields, vectors):
     field, medians = fields
     margin, block, window = blocks
     radius, step, smoothness, _ = steps
-    height, width = pair.before.shape[2], pair.before.shape[3]
+    height, width = pair[0].shape[2], pair[0].shape[3]
     border = (window - block) // 2
     candidates = np.zeros((11, 2), np.int64)  # the last one is no motion
     for i in range(vectors.shape[0]):

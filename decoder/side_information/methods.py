@@ -1,16 +1,10 @@
 """Methods that `--side-information` and the configuration may name, and predictions from models of scenes.
 
-Without tracks, codec 3D-DVC, the path of the camera between two references is a guess, hedged in three ways:
-the prediction is averaged along the guessed motion; it is blended with that of block motion by the
-consistency of their references; and block motion replaces it without a reliable model.
-
-Tracks, codecs 3D-DVC-TE and 3D-DVC-TD, give every frame of a group of pictures its camera, so that any two
-decoded frames can serve as references of those between them. The prediction by the scene is joined with that
-of block motion after alignment by the same tracks, by the consistency of their references.
-
-References
-----------
-[Maitre2008] Secs. 5.2 to 5.4.
+Without tracks, codec 3D-DVC, the path of the camera between two references is a guess: the prediction is
+averaged along the guessed motion and blended with that of block motion by the consistency of their
+references. Tracks, codecs 3D-DVC-TE and 3D-DVC-TD, give every frame of a group of pictures its camera, so
+that any two decoded frames can serve as references of those between them. The prediction by the scene is
+joined with one without it, after alignment by the same tracks. [Maitre2008] Secs. 5.2 to 5.4.
 """
 
 from collections.abc import Callable, Sequence

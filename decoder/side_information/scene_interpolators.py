@@ -3,7 +3,7 @@
 import numpy as np
 
 from decoder.side_information.protocol import Interpolation
-from decoder.side_information.synthesis import block_medians, interpolate, neighbourhood, render_between
+from decoder.side_information.synthesis import block_medians, neighbourhood, render_between
 from dvc.arrays import Bytes, Floats, Mask
 from dvc.geometry.block_sweep import VirtualView, block_costs, refine_blocks
 from dvc.geometry.cameras import homogeneous, inverse_depth_range
@@ -125,7 +125,7 @@ class BlockInterpolator:
         visible = block_medians(rendered.reliable.astype(np.float64), BLOCK_PX) >= 0.5
         blocks = self._block_depths(camera, rendered.inverse_depth.shape, start, visible)
         depth = DepthMap(spread_blocks(blocks, BLOCK_PX, rendered.inverse_depth.shape), rendered.visibility)
-        return interpolate(self.views, depth, camera, temporal_position, frame)
+        return render_between(self.views, camera, temporal_position, frame, depth)
 
     def _block_depths(self, camera: Floats, shape: tuple[int, int], start: Floats, visible: Mask) -> Floats:
         """Search the inverse depth of every block of a view, starting from the rendered one."""

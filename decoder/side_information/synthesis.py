@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates, uniform_filter
 
-from decoder.side_information.block_motion import BLOCK, BlockRefiner
+from decoder.side_information.block_motion import BLOCK, BlockRefiner, predicted_chroma
 from decoder.side_information.protocol import Interpolation, Prediction
 from dvc.arrays import Bytes, Floats, Integers, Mask
 from dvc.geometry.cameras import PixelFrame
@@ -36,16 +36,14 @@ SOFTENING = 0.3
 
 
 def render_between(
-    keys: Sequence[DepthView], camera: Floats, temporal_position: float, frame: PixelFrame
+    keys: Sequence[DepthView],
+    camera: Floats,
+    temporal_position: float,
+    frame: PixelFrame,
+    depth: DepthMap | None = None,
 ) -> Interpolation:
-    """Predict a view from the depth of two key frames."""
-    return interpolate(keys, render_depth(keys, camera, frame), camera, temporal_position, frame)
-
-
-def interpolate(
-    keys: Sequence[DepthView], depth: DepthMap, camera: Floats, temporal_position: float, frame: PixelFrame
-) -> Interpolation:
-    """Predict a view from two key frames and its depth."""
+    """Predict a view from two key frames and its depth, by default that rendered from theirs."""
+    depth = depth or render_depth(keys, camera, frame)
     compensated, weights, positions = [], [], []
     for key in keys:
         warped = warp_grid(inverse_warp(warp_matrix(key.camera, camera, frame)), depth.inverse_depth)
@@ -83,42 +81,31 @@ def _box(plane: Floats, side: int) -> Floats:
     return np.asarray(cv2.blur(plane, (side, side), borderType=cv2.BORDER_REPLICATE), dtype=np.float64)
 
 
-def warp_chroma(
-    interpolation: Interpolation, chroma: Sequence[tuple[Bytes, Bytes] | None]
-) -> tuple[Bytes, Bytes] | None:
+def warp_chroma(interpolation: Interpolation, references: Sequence[Frame]) -> tuple[Bytes, Bytes] | None:
     """Predict the chroma planes of a predicted frame."""
     # A chroma sample lies half a pixel right of and below its luma sample, in all three frames alike.
     halved = [np.ascontiguousarray(position[::2, ::2]) / 2.0 for position in interpolation.positions]
-    predicted = []
-    for component in (0, 1):
-        planes = [pair[component] for pair in chroma if pair is not None]
-        if len(planes) < len(halved):
-            return None
+
+    def _warped(planes: list[Bytes]) -> Floats:
         warped = [sample(plane, position) for plane, position in zip(planes, halved, strict=True)]
         level = warped[0]
         for plane, weight in zip(warped[1:], interpolation.weights[1:], strict=True):
             level = level + weight[::2, ::2] * (plane - warped[0])
-        predicted.append(np.floor(level + 0.5).astype(np.uint8))
-    return predicted[0], predicted[1]
+        return level
+
+    return predicted_chroma(references, _warped)
 
 
-def block_offsets(interpolation: Interpolation, block: int = BLOCK) -> tuple[Integers, ...]:
+def block_offsets(interpolation: Interpolation) -> tuple[Integers, ...]:
     """Return the median displacement of every block, in quarter samples, (vertical, horizontal)."""
     height, width = interpolation.luma.shape
-    limit, pixels = 4.0 * max(height, width), np.indices((height, width))
-    return tuple(
-        np.stack(
-            [
-                np.floor(
-                    4.0 * block_medians(np.clip(position[..., 1 - axis] - pixels[axis], -limit, limit), block)
-                    + 0.5
-                )
-                for axis in (0, 1)
-            ],
-            axis=-1,
-        ).astype(np.int64)
-        for position in interpolation.positions
-    )
+    limit, pixels = 4.0 * max(height, width), np.moveaxis(np.indices((height, width))[::-1], 0, -1)
+    offsets = []
+    for position in interpolation.positions:
+        moved = np.clip(position - pixels, -limit, limit)
+        medians = np.stack([block_medians(moved[..., axis], BLOCK) for axis in (1, 0)], axis=-1)
+        offsets.append(np.floor(4.0 * medians + 0.5).astype(np.int64))
+    return tuple(offsets)
 
 
 def block_medians(plane: Floats, block: int) -> Floats:
@@ -136,7 +123,7 @@ def completed(
     """Add the chroma, what refines a prediction, and depth, all by where its pixels come from."""
     return replace(
         prediction,
-        chroma=warp_chroma(rendered, [frame.chroma for frame in frames]),
+        chroma=warp_chroma(rendered, frames),
         method=method,
         refiner=BlockRefiner(frames, block_offsets(rendered), method),
         inverse_depth=None if rendered.depth is None else rendered.depth.inverse_depth,
@@ -253,8 +240,7 @@ def hedged(rendered: Interpolation, temporal_position: float) -> Floats:
     for step in (-share, share):
         at = (rows + step * motion[..., 1], columns + step * motion[..., 0])
         total += map_coordinates(rendered.luma, at, order=1, mode="nearest")
-    mean: Floats = total / 3.0
-    return mean
+    return np.asarray(total / 3.0)
 
 
 def neighbourhood(plane: Floats) -> Floats:

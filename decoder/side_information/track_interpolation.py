@@ -1,11 +1,9 @@
 """Prediction between two references that are aligned by tracked points, without a model of the scene.
 
-Tracked points give the real position of a frame between its references: a homography per reference, fitted to
-them, warps both onto the frame. Block motion compensates the remaining differences. In the method `tracks`
-residuals of the points correct the warps, references are weighted by coverage and displacement, since one
-that is close to the camera of the frame is nearly the frame itself, and block motion counts only if it makes
-the references agree. This predicts frames without a model of the scene, as with a camera that only turns, and
-complements the model if the scene is not static.
+A homography per reference, fitted to the points, warps both onto the frame. Block motion compensates the
+remaining differences. In the method `tracks` residuals of the points correct the warps, references are
+weighted by coverage and displacement, since one that is close to the camera of the frame is nearly the frame
+itself, and block motion counts only if it makes the references agree.
 """
 
 from collections.abc import Sequence
@@ -333,7 +331,19 @@ def interpolate_by_tracks(
     both = np.minimum(warps[0].coverage, warps[1].coverage)
     aligned = _filled(*warps), _filled(*warps[::-1])
     warped = _weighted(aligned, warps, shares)
-    moved = _weighted(_block_motion(aligned, warps, distances), warps, shares) if moves else warped
+    moved = warped
+    if moves:  # block motion compensates the rest, divided by the distances of the references
+        paces_px = [
+            float(np.median(warp.displacement_px)) + MIN_PACE_PX * distance
+            for warp, distance in zip(warps, distances, strict=True)
+        ]
+        step = round(POSITION_STEPS * paces_px[0] / (paces_px[0] + paces_px[1]))
+        position = Fraction(min(max(step, 1), POSITION_STEPS - 1), POSITION_STEPS)
+        first, second = to_uint8(aligned[0]), to_uint8(aligned[1])
+        field = estimate_motion(first, second, position)
+        planes, offsets = [phase_planes(first), phase_planes(second)], list(split_field(field, position))
+        _, lumas = compensate(planes, offsets, [np.ones(field.shape[:2])] * 2, BLOCK_PX, first.shape)
+        moved = _weighted((lumas[0], lumas[1]), warps, shares)
     misfit = USUAL_MISFIT * moved.difference + NOISE
     share = np.floor(both) * np.maximum(1.0 - misfit / np.maximum(warped.difference, NOISE), 0.0)
     luma = warped.luma + share * (moved.luma - warped.luma)
@@ -364,22 +374,3 @@ def _weighted(
     luma = weights[0] * lumas[0] + weights[1] * lumas[1]
     error = weights[0] ** 2 * errors[0] + weights[1] ** 2 * errors[1]
     return _Weighted(luma, weights, difference, error)
-
-
-def _block_motion(
-    aligned: tuple[Floats, Floats], warps: tuple[TrackedWarp, TrackedWarp], distances: tuple[int, int]
-) -> tuple[Floats, Floats]:
-    """Compensate the remaining motion, divided by the distances of the references."""
-    paces = [
-        float(np.median(warp.displacement_px)) + MIN_PACE_PX * distance
-        for warp, distance in zip(warps, distances, strict=True)
-    ]
-    step = round(POSITION_STEPS * paces[0] / (paces[0] + paces[1]))
-    position = Fraction(min(max(step, 1), POSITION_STEPS - 1), POSITION_STEPS)
-    first, second = to_uint8(aligned[0]), to_uint8(aligned[1])
-    field = estimate_motion(first, second, position)
-    weights = [np.ones(field.shape[:2])] * 2
-    planes = [phase_planes(first), phase_planes(second)]
-    offsets = list(split_field(field, position))
-    _, compensated = compensate(planes, offsets, weights, BLOCK_PX, first.shape)
-    return compensated[0], compensated[1]

@@ -2,16 +2,11 @@
 
 The deviation of a hand-held camera from an even path is common to all points of a frame. It is estimated
 first, without correspondences: the most frequent difference between predicted and received points is a shift
-of the frame. An affine map of the position and of the motion of a point then turns, zooms, advances or delays
-the frame.
-
-Then each correspondence spans a curve over time, a snake. Near received points pull at it, the closer the
-more; curves bend little in time, and neighbours in the image deviate alike: linear least squares, as in mesh
-fitting, solved again as the curves come closer to their points.
-
-References
-----------
-[Maitre2008] Sec. 5.4.2, equations as (5.10); the common deviation of a frame is an addition.
+of the frame. An affine map of the position and of the motion of a point then turns, zooms, advances or
+delays the frame; [Maitre2008] does without. Then each correspondence spans a curve over time, a snake. Near
+received points pull at it; curves bend little in time, and neighbours in the image deviate alike: linear
+least squares, solved again as the curves come closer to their points. [Maitre2008] Sec. 5.4.2, equations as
+(5.10).
 """
 
 from collections.abc import Sequence
@@ -99,10 +94,33 @@ def register(
         for t, received in zip(temporal_positions, frames, strict=True)
     ]
     hypotheses = [[search.refine(start) for start in search.starts()] for search in searches]
-    path = _best_path(hypotheses, settings.jitter_px)
-    for _ in range(settings.num_sweeps):
-        path = _sweep(searches, path, settings.jitter_px)
-    return np.stack([hypothesis.deviation for hypothesis in path])
+    end = _Hypothesis(np.zeros_like(hypotheses[0][0].deviation), 0.0)  # key frames do not deviate
+    # The best sequence of one hypothesis for each frame (Viterbi).
+    stages = [[end], *hypotheses, [end]]
+    total, back = np.zeros(1), []
+    for before, after in pairwise(stages):
+        change = [[_change(a.deviation, b.deviation, settings.jitter_px) for a in before] for b in after]
+        cost = total + np.array(change)
+        back.append(cost.argmin(axis=1))
+        total = cost.min(axis=1) - np.array([hypothesis.support for hypothesis in after])
+    path, index = [], 0
+    for stage, origin in zip(stages[::-1], back[::-1], strict=False):
+        path.append(stage[index])
+        index = int(origin[index])
+    path = [end, *path[:0:-1], end]
+    for _ in range(settings.num_sweeps):  # in each frame the deviations of its neighbours are tried
+        for k, search in enumerate(searches, start=1):
+            left, right = path[k - 1].deviation, path[k + 1].deviation
+            starts = left, right, 0.5 * (left + right)
+            tried = [path[k], *(search.refine(start) for start in starts)]
+            costs = [
+                _change(left, new.deviation, settings.jitter_px)
+                + _change(new.deviation, right, settings.jitter_px)
+                - new.support
+                for new in tried
+            ]
+            path[k] = tried[int(np.argmin(costs))]
+    return np.stack([hypothesis.deviation for hypothesis in path[1:-1]])
 
 
 class _Hypothesis(NamedTuple):
@@ -182,38 +200,6 @@ class _FrameSearch:
 def _change(before: Floats, after: Floats, jitter_px: float) -> float:
     """Return the cost of a change of the deviation from a frame to the next."""
     return float(((after - before) ** 2).sum() / (len(before) * jitter_px**2))
-
-
-def _best_path(hypotheses: list[list[_Hypothesis]], jitter_px: float) -> list[_Hypothesis]:
-    """Take one hypothesis of each frame (Viterbi); the key frames at both ends do not deviate."""
-    end = [_Hypothesis(np.zeros_like(hypotheses[0][0].deviation), 0.0)]
-    stages = [end, *hypotheses, end]
-    total, back = np.zeros(1), []
-    for before, after in pairwise(stages):
-        change = [[_change(a.deviation, b.deviation, jitter_px) for a in before] for b in after]
-        cost = total + np.array(change)
-        back.append(cost.argmin(axis=1))
-        total = cost.min(axis=1) - np.array([hypothesis.support for hypothesis in after])
-    path, at = [], 0
-    for stage, origin in zip(stages[::-1], back[::-1], strict=False):
-        path.append(stage[at])
-        at = int(origin[at])
-    return path[:0:-1]
-
-
-def _sweep(searches: list[_FrameSearch], path: list[_Hypothesis], jitter_px: float) -> list[_Hypothesis]:
-    """Try in each frame what its neighbours suggest, and keep what agrees with more points."""
-    end = _Hypothesis(np.zeros_like(path[0].deviation), 0.0)
-    stages = [end, *path, end]
-    for k, search in enumerate(searches, start=1):
-        before, after = stages[k - 1].deviation, stages[k + 1].deviation
-        tried = [stages[k], *(search.refine(start) for start in (before, after, 0.5 * (before + after)))]
-        costs = [
-            _change(before, new.deviation, jitter_px) + _change(new.deviation, after, jitter_px) - new.support
-            for new in tried
-        ]
-        stages[k] = tried[int(np.argmin(costs))]
-    return stages[1:-1]
 
 
 @dataclass(frozen=True)

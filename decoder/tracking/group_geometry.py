@@ -2,11 +2,7 @@
 
 A detector finds the strongest response near the point of a correspondence, about a pixel away, in every
 frame. Matching therefore follows the curve of the corner, between the strongest responses in the key frames.
-The final track is that of the point itself, at its offset from the corner.
-
-References
-----------
-[Maitre2008] Sec. 5.4.2.
+The final track is that of the point itself, at its offset from the corner. [Maitre2008] Sec. 5.4.2.
 """
 
 import math
@@ -58,6 +54,8 @@ def match_points(
     settings: TrackingSettings | None = None,
 ) -> PointTracks:
     """Find the tracks between two key frames that corners of the frames between belong to."""
+    from sfm.correspondences import outliers
+
     settings = settings or TrackingSettings()
     size, frames = np.array(first.shape[::-1]), []
     for frame in points.frames:  # without points outside the image, and without duplicates
@@ -66,7 +64,13 @@ def match_points(
             inside = np.logical_and(received >= -0.5, received <= size - 0.5).all(axis=1)
         frames.append(ReceivedPoints(np.unique(received[inside], axis=0)))
     num_instants = len(frames) + 2
-    trusted = _trusted(reconstruction, settings)
+    # Correspondences of a reliable model are trusted, or else those matched that move alike.
+    if reconstruction.model is not None and reconstruction.success:
+        trusted = reconstruction.model.correspondences
+    else:
+        trusted = reconstruction.stages.get("matching", Correspondences.empty())
+        if len(trusted):
+            trusted = trusted[outliers.motion(trusted, settings.motion_limit_px, settings.motion_spreads)]
     pairs = choose_paired_corners(trusted, first, second, settings.num_snakes, settings.separation_px)
     if not frames or not len(pairs):
         return PointTracks.none(num_instants)
@@ -85,18 +89,6 @@ def match_points(
     supported = np.count_nonzero(seen, axis=1) >= needed
     ends = pairs.pairs.first[:, None], pairs.pairs.second[:, None]
     return PointTracks(np.concatenate([ends[0], positions, ends[1]], axis=1)[supported])
-
-
-def _trusted(reconstruction: Reconstruction, settings: TrackingSettings) -> Correspondences:
-    """Return the correspondences of a model that can be trusted, or those matched that move alike."""
-    from sfm.correspondences import outliers
-
-    if reconstruction.model is not None and reconstruction.success:
-        return reconstruction.model.correspondences
-    pairs = reconstruction.stages.get("matching", Correspondences.empty())
-    if not len(pairs):
-        return pairs
-    return pairs[outliers.motion(pairs, settings.motion_limit_px, settings.motion_spreads)]
 
 
 class PairedCorners(NamedTuple):

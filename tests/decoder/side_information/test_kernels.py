@@ -34,7 +34,7 @@ def test_forward_search(choose: Choose, planes: list[np.ndarray]) -> None:
     vectors = np.empty_like(starts)
     settings = (MARGIN, 8, 10, 1, 2, 0.03)
     blocks, steps = _kernels.Blocks(*settings[:3]), _kernels.Steps(*settings[3:])
-    pair = _kernels.Pair(planes[0], planes[2])
+    pair = planes[0], planes[2]
     choose(_kernels.forward_search)(pair, blocks, steps, starts, vectors)
     np.testing.assert_array_equal(vectors, reference.forward_search(planes[0], planes[2], *settings, starts))
 
@@ -48,7 +48,7 @@ def test_refine_bilateral(choose: Choose, planes: list[np.ndarray], instant: tup
     vectors = np.empty((2, 3, 2), np.int64)
     settings = (MARGIN, 8, 10, 1, 1, 6, *instant)
     blocks, steps = _kernels.Blocks(*settings[:3]), _kernels.Steps(*settings[3:6])
-    pair = _kernels.Pair(planes[0], planes[2])
+    pair = planes[0], planes[2]
     choose(_kernels.refine_bilateral)(pair, instant, blocks, steps, (field, medians), vectors)
     candidates = np.concatenate(
         [neighbourhoods(medians), field[:, :, None], np.zeros((2, 3, 1, 2), np.int64)], axis=2
