@@ -32,11 +32,6 @@ class KnownBand:
     upper: Floats
     scale: Floats  # scale of the Laplacian about its prediction
 
-    @classmethod
-    def of(cls, lower: Floats, upper: Floats, scale: Floats, shape: tuple[int, int]) -> "KnownBand":
-        """Return the state of a band with coefficients in raster order."""
-        return cls(lower.reshape(shape), upper.reshape(shape), scale.reshape(shape))
-
     def reconstruct(self, side_information: Floats) -> Floats:
         """Return the conditional mean of each coefficient."""
         return noise.conditional_mean(self.lower, self.upper, side_information, self.scale)
@@ -179,7 +174,7 @@ class Band:
     @property
     def known(self) -> KnownBand:
         """Decoded intervals of the band."""
-        return KnownBand.of(self.lower, self.upper, self.noise, self.shape)
+        return KnownBand(*(values.reshape(self.shape) for values in (self.lower, self.upper, self.noise)))
 
     @property
     def noise(self) -> Floats:
@@ -248,15 +243,16 @@ STRENGTH_BITS = 60.0
 
 
 @dataclass
-class LearnedWorth:
-    """Expected and real cost and gain of planes, by classes of bands and widths of bins."""
+class Learned:
+    """Experience with the frames of a group: priors, and expected and real savings and costs of planes."""
 
-    # expected, then seen: squared error, bits
-    sums: Floats = field(default_factory=lambda: np.zeros((len(CLASSES), MAX_WIDTH + 1, 2, 2)))
+    priors: LearnedPriors
+    # By classes of bands and widths of bins, expected, then seen: squared error, bits.
+    worth: Floats = field(default_factory=lambda: np.zeros((len(CLASSES), MAX_WIDTH + 1, 2, 2)))
 
     def factors(self, band: int, width: int, multiplier: float) -> tuple[float, float]:
         """Return the factors on expected savings and bits of a band; `width` of its bins: see `learn`."""
-        (expected, expected_bits), (seen, bits) = self._of(band, width)
+        (expected, expected_bits), (seen, bits) = self._worth_of(band, width)
         strength = STRENGTH_BITS * multiplier
         return (
             float((seen + strength) / (expected + strength)),
@@ -265,31 +261,22 @@ class LearnedWorth:
 
     def learn(self, band: int, width: int, expected: tuple[float, float], seen: tuple[float, float]) -> None:
         """Learn from a plane with bins of two to the power of `width` steps."""
-        self._of(band, width)[:] += expected, seen
+        self._worth_of(band, width)[:] += expected, seen
 
-    def _of(self, band: int, width: int) -> Floats:
+    def _worth_of(self, band: int, width: int) -> Floats:
         (number,) = (number for number, bands in enumerate(CLASSES) if band in bands)
-        sums: Floats = self.sums[number, min(width, MAX_WIDTH)]
-        return sums
-
-
-@dataclass
-class Learned:
-    """Experience with the frames of a group."""
-
-    priors: LearnedPriors
-    worth: LearnedWorth = field(default_factory=LearnedWorth)
+        return np.asarray(self.worth[number, min(width, MAX_WIDTH)])
 
     def copy(self) -> "Learned":
         """Return the same, to be learned from by one frame."""
-        return Learned(LearnedPriors.mean([self.priors]), LearnedWorth(self.worth.sums.copy()))
+        return Learned(LearnedPriors.mean([self.priors]), self.worth.copy())
 
     def joined(self, several: Sequence["Learned"]) -> "Learned":
         """Return the state after all copies of this have learned in parallel."""
-        sums = self.worth.sums.copy()
+        worth = self.worth.copy()
         for other in several:
-            sums += other.worth.sums - self.worth.sums
-        return Learned(LearnedPriors.mean([other.priors for other in several]), LearnedWorth(sums))
+            worth += other.worth - self.worth
+        return Learned(LearnedPriors.mean([other.priors for other in several]), worth)
 
 
 LOOK_AHEAD = 2
@@ -323,8 +310,8 @@ class Choice(NamedTuple):
 class Asking:
     """Chooses planes that are worth their rate, by the learned factors."""
 
-    def __init__(self, areas: Areas, worth: LearnedWorth, cost: PlaneCost, multiplier: float) -> None:
-        self._areas, self._worth, self._cost, self._multiplier = areas, worth, cost, multiplier
+    def __init__(self, areas: Areas, learned: Learned, cost: PlaneCost, multiplier: float) -> None:
+        self._areas, self._learned, self._cost, self._multiplier = areas, learned, cost, multiplier
 
     def whole_planes(self, bands: Sequence[Band], missing: int) -> list[Choice]:
         """Choose planes of all blocks, each in a run of its own.
@@ -348,7 +335,7 @@ class Asking:
         worths = [band.worth(missing, min(missing + 1, LOOK_AHEAD)) for band in bands]
         gains = []
         for band, worth in zip(bands, worths, strict=True):
-            saved, bits = self._worth.factors(band.number, missing, self._multiplier)
+            saved, bits = self._learned.factors(band.number, missing, self._multiplier)
             bit = self._multiplier * self._cost.per_ideal_bit * bits
             gain = self._areas.sums(band.open, (saved * worth.saved - bit * worth.bits).max(axis=0))
             # Errors are never isolated.

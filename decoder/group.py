@@ -133,7 +133,15 @@ class GroupDecoder:
             raise BitstreamError("Wyner-Ziv frames without a frame before them")
         config, layout = self._config, self._decoder.layout
         keys = task.before, ReferenceFrame(task.last_index, task.key)
-        points = self._received(task.record.tracks, task.record.num_frames - 1)
+        points: Points = None
+        tracks, num_frames = task.record.tracks, task.record.num_frames - 1
+        if tracks:
+            if config.tracks.kind == "none":
+                raise BitstreamError("tracks in a stream with a configuration without tracks")
+            if config.tracks.kind == "encoder":
+                points = decode_tracks(tracks, num_frames + 2, config)
+            else:
+                points = decode_points(tracks, num_frames, config)
         state = _GroupState(task, points, {key.index: key for key in keys})
         order = decoding_order(task.first_index - 1, task.last_index, config.gop.references != "keys")
         ordered = [[frame] for frame in order] if config.gop.references == "all" else levels(order)
@@ -214,17 +222,6 @@ class GroupDecoder:
         result = self._method.predict(references, state.points, [frame.index])
         shape = references[0].frame.luma.shape
         return single_prediction(result, shape, self._config.side_information.method)
-
-    def _received(self, tracks: bytes, num_frames: int) -> Points:
-        """Read the points of a group."""
-        kind = self._config.tracks.kind
-        if kind == "none" and tracks:
-            raise BitstreamError("tracks in a stream with a configuration without tracks")
-        if not tracks:
-            return None
-        if kind == "encoder":
-            return decode_tracks(tracks, num_frames + 2, self._config)
-        return decode_points(tracks, num_frames, self._config)
 
 
 class RecordedGroup:

@@ -106,7 +106,7 @@ class WynerZivDecoder:
         """Decode one frame."""
         state = FrameState(self.layout, prediction, self._config.wyner_ziv.noise_model)
         allowance = allowance or Allowance()
-        asking = Asking(self._areas, learned.worth, self._cost, quantization.multiplier)
+        asking = Asking(self._areas, learned, self._cost, quantization.multiplier)
         choose = asking.by_areas if self.coder.by_positions else asking.whole_planes
         is_learned = self._config.wyner_ziv.priors == "learned"
         return _Frame(index, state, learned, is_learned, choose, allowance).decode(quantization)
@@ -205,7 +205,7 @@ class _Frame:
                 self.taken.append((wanted.band, wanted.blocks))
                 cost = self.costs.setdefault(wanted.band.number, [0.0, 0.0])
                 cost[:] = cost[0] + ideal, cost[1] + paid
-                self.learned.worth.learn(wanted.band.number, missing, wanted.expected, (saved, paid))
+                self.learned.learn(wanted.band.number, missing, wanted.expected, (saved, paid))
 
     def _prior(self, wanted: Wanted, missing: int) -> PlanePrior | Floats:
         """Return the prior of bits; plain LLRs without learned priors."""
@@ -331,23 +331,18 @@ def _by_frames(runs: Sequence[_Run]) -> dict[int, list[list[Decoded]]]:
 
 def _costs(runs: Sequence[_Run], check: slepian_wolf.FrameCheck, frames: Sequence[int]) -> Integers:
     """Return requests, check bits and parity of each frame, in whole numbers that add up to all."""
-    costs = np.zeros((len(frames), 3), np.int64)
-    total = np.array([check.num_requests, check.crc_bits, 0])
-    costs += _shares(total, np.ones(len(frames)))
+    shared = [([check.num_requests, check.crc_bits, 0], dict.fromkeys(frames, 1.0))]
     for run in runs:
         assert run.result is not None
         paid = dict.fromkeys(frames, 0.0)
         for (index, _), decoded in zip(run.wishes, run.decoded, strict=True):
             paid[index] += sum(plane.paid_bits for plane in decoded)
-        total = np.array([run.result.num_requests, run.result.crc_bits, run.result.parity_bits])
-        costs += _shares(total, np.array([*paid.values()]))
+        shared.append(([run.result.num_requests, run.result.crc_bits, run.result.parity_bits], paid))
+    costs = np.zeros((len(frames), 3), np.int64)
+    for totals, weights in shared:
+        ends = np.cumsum([*weights.values()])
+        ends = ends / ends[-1] if ends[-1] > 0.0 else np.arange(1, ends.size + 1) / ends.size
+        rounded = np.rint(np.outer(ends, totals)).astype(np.int64)
+        costs += rounded
+        costs[1:] -= rounded[:-1]
     return costs
-
-
-def _shares(totals: Integers, weights: Floats) -> Integers:
-    """Divide whole numbers in some proportion; shape (weights, totals)."""
-    ends = np.cumsum(weights)
-    ends = ends / ends[-1] if ends[-1] > 0.0 else np.arange(1, weights.size + 1) / weights.size
-    rounded = np.rint(np.outer(ends, totals)).astype(np.int64)
-    rounded[1:] -= rounded[:-1].copy()
-    return rounded

@@ -187,20 +187,14 @@ def forward_search(pair, blocks, steps, starts, vectors):
 
 
 @kernel
-def split_vector(displacement, numerator, denominator):
-    """Offsets towards reference a of displacements from a to b, at position numerator / denominator."""
-    scaled = 2 * displacement * numerator + denominator
-    return -(scaled // (2 * denominator))
-
-
-@kernel
 def bilateral_sad(pair, instant, row, column, dv, dh, window):
     """Difference of the two references along one linear trajectory through a block of the missing frame."""
     planes_a, planes_b = pair
     numerator, denominator = instant
     height, width = planes_a.shape[2], planes_a.shape[3]
-    av, ah = split_vector(dv, numerator, denominator), split_vector(dh, numerator, denominator)
-    row_a, column_a = row + av, column + ah
+    # The displacement towards the first reference, at position numerator / denominator.
+    row_a = row - (2 * dv * numerator + denominator) // (2 * denominator)
+    column_a = column - (2 * dh * numerator + denominator) // (2 * denominator)
     row_b, column_b = row_a + dv, column_a + dh
     outside = 0
     for position, length in ((row_a, height), (row_b, height), (column_a, width), (column_b, width)):

@@ -134,7 +134,15 @@ class BlockInterpolator:
         view = VirtualView(self._features, (first, second), BLOCK_PX)
         # The reference of the largest motion by depth, which grows with the distance between camera centres.
         reference = max(view.warps, key=lambda warp: np.linalg.norm(warp[:, 3]) / np.linalg.norm(warp[:, :3]))
-        inverse_depths = inverse_depth_range(self._known_inverse_depths(camera))
+        # Inverse depths of the correspondences in the view bound its hypotheses.
+        model = self._model
+        usable = np.isfinite(model.depths) & (model.depths > 0)
+        to_view = warp_matrix(model.first_camera, camera, frame)
+        inverse_depth = 1.0 / model.depths[usable]
+        points = homogeneous(model.correspondences.first)[usable]
+        third = (np.column_stack([points, inverse_depth]) @ to_view.T)[:, 2]
+        before = third > 1e-6
+        inverse_depths = inverse_depth_range(inverse_depth[before] / third[before])
         hypotheses = depth_hypotheses(inverse_depths, reference, shape, SWEEP)
         cost = block_costs(view, hypotheses, SPACING_PX)
         cost[~visible] = 0
@@ -146,18 +154,6 @@ class BlockInterpolator:
         depth = hypotheses.inverse_depth(chosen)
         refined = refine_blocks(view, depth, hypotheses.step, WINDOW_RADIUS_PX)
         return np.where(visible, refined, depth)
-
-    def _known_inverse_depths(self, camera: Floats) -> Floats:
-        """Inverse depths of the correspondences in the wanted view."""
-        model = self._model
-        usable = np.isfinite(model.depths) & (model.depths > 0)
-        to_view = warp_matrix(model.first_camera, camera, model.pixel_frame)
-        inverse_depth = 1.0 / model.depths[usable]
-        points = homogeneous(model.correspondences.first)[usable]
-        third = (np.column_stack([points, inverse_depth]) @ to_view.T)[:, 2]
-        before = third > 1e-6
-        seen: Floats = inverse_depth[before] / third[before]
-        return seen
 
 
 def spread_blocks(depth: Floats, block_px: int, shape: tuple[int, ...]) -> Floats:

@@ -168,13 +168,11 @@ def fuse(hypotheses: Floats, decoded: Mapping[int, Floats]) -> tuple[Floats, Flo
             moments[number] += errors[a] * errors[b] / scale
     local = uniform_filter(moments / len(decoded), (1, FUSION_BLOCKS, FUSION_BLOCKS), mode="nearest")
     weights = fusion_weights(dict(zip(pairs, local, strict=True)), count)
-    mean = np.zeros(hypotheses.shape[1:])
-    for weight, hypothesis in zip(weights, hypotheses, strict=True):
-        mean += weight * hypothesis
-    variance = np.zeros_like(mean)
-    for weight, hypothesis in zip(weights, hypotheses, strict=True):
-        variance += weight * (hypothesis - mean) ** 2
-    return mean, np.sqrt(variance)
+    mean: Floats = sum(weight * hypothesis for weight, hypothesis in zip(weights, hypotheses, strict=True))
+    squares = (
+        weight * (hypothesis - mean) ** 2 for weight, hypothesis in zip(weights, hypotheses, strict=True)
+    )
+    return mean, np.sqrt(sum(squares))
 
 
 def fusion_weights(moments: Mapping[tuple[int, int], Floats], count: int) -> Floats:

@@ -329,7 +329,11 @@ def interpolate_by_tracks(
     first_share: Floats = paces[0] / (paces[0] + paces[1])
     shares = first_share, 1.0 - first_share  # of each reference in the squared difference of both
     both = np.minimum(warps[0].coverage, warps[1].coverage)
-    aligned = _filled(*warps), _filled(*warps[::-1])
+    first, second = (warp.coverage for warp in warps)
+    aligned = (  # each filled from the other one outside its coverage
+        np.where((first < 1.0) & (second > first), warps[1].luma, warps[0].luma),
+        np.where((second < 1.0) & (first > second), warps[0].luma, warps[1].luma),
+    )
     warped = _weighted(aligned, warps, shares)
     moved = warped
     if moves:  # block motion compensates the rest, divided by the distances of the references
@@ -339,10 +343,11 @@ def interpolate_by_tracks(
         ]
         step = round(POSITION_STEPS * paces_px[0] / (paces_px[0] + paces_px[1]))
         position = Fraction(min(max(step, 1), POSITION_STEPS - 1), POSITION_STEPS)
-        first, second = to_uint8(aligned[0]), to_uint8(aligned[1])
-        field = estimate_motion(first, second, position)
-        planes, offsets = [phase_planes(first), phase_planes(second)], list(split_field(field, position))
-        _, lumas = compensate(planes, offsets, [np.ones(field.shape[:2])] * 2, BLOCK_PX, first.shape)
+        rounded = to_uint8(aligned[0]), to_uint8(aligned[1])
+        field = estimate_motion(*rounded, position)
+        planes, offsets = [phase_planes(luma) for luma in rounded], list(split_field(field, position))
+        weights = [np.ones(field.shape[:2])] * 2
+        _, lumas = compensate(planes, offsets, weights, BLOCK_PX, rounded[0].shape)
         moved = _weighted((lumas[0], lumas[1]), warps, shares)
     misfit = USUAL_MISFIT * moved.difference + NOISE
     share = np.floor(both) * np.maximum(1.0 - misfit / np.maximum(warped.difference, NOISE), 0.0)
@@ -355,12 +360,6 @@ def interpolate_by_tracks(
     positions = tuple(warp.positions for warp in warps)
     hypotheses = (warped.luma, moved.luma) if moves else (warped.luma,)
     return Interpolation(luma, compensated, warped.weights, positions, error, hypotheses)
-
-
-def _filled(warp: TrackedWarp, other: TrackedWarp) -> Floats:
-    """Return a warped reference, filled from the other one outside its coverage."""
-    filled: Floats = np.where((warp.coverage < 1.0) & (other.coverage > warp.coverage), other.luma, warp.luma)
-    return filled
 
 
 def _weighted(

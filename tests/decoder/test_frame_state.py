@@ -41,7 +41,7 @@ def predicted(offset: float = 12.0, refiner: Refiner | None = None, **more: np.n
 def band_of(state: FrameState, band: int, width: float) -> KnownBand:
     """Return what bins of some width tell of a band."""
     lower = width * np.floor(TRUTH[band] / width)
-    return KnownBand.of(lower.ravel(), (lower + width).ravel(), state.scale(band).ravel(), TRUTH[band].shape)
+    return KnownBand(lower, lower + width, state.scale(band))
 
 
 def test_nothing_known_is_the_prediction() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from decoder import frame_state as asking
-from decoder.frame_state import CLASSES, MAX_WIDTH, STRENGTH_BITS, Asking, Band, Choice, Learned, LearnedWorth
+from decoder.frame_state import CLASSES, MAX_WIDTH, STRENGTH_BITS, Asking, Band, Choice, Learned
 from decoder.group import GroupAllowance
 from decoder.wyner_ziv import Allowance
 from dvc.slepian_wolf import PlaneCost
@@ -42,12 +42,16 @@ def scales(inside: float, outside: float = 0.3) -> np.ndarray:
     return found
 
 
+def fresh() -> Learned:
+    return Learned(LearnedPriors(SHAPE))
+
+
 def chosen_areas(choice: Choice) -> np.ndarray:
     return AREAS.decoded(choice.areas).reshape(AREAS.shape)
 
 
-def ask(bands: Sequence[Band], worth: LearnedWorth | None = None) -> list[Choice]:
-    return Asking(AREAS, worth or LearnedWorth(), PlaneCost(1.06, 6.0), MULTIPLIER).by_areas(bands, 0)
+def ask(bands: Sequence[Band], learned: Learned | None = None) -> list[Choice]:
+    return Asking(AREAS, learned or fresh(), PlaneCost(1.06, 6.0), MULTIPLIER).by_areas(bands, 0)
 
 
 def test_areas_that_are_badly_predicted_are_asked_for() -> None:
@@ -86,7 +90,7 @@ def test_blocks_that_were_left_stay_so() -> None:
 @pytest.mark.parametrize(("saved", "is_asked"), [(0.2, False), (5.0, True)])
 def test_what_was_learned_decides(saved: float, is_asked: bool) -> None:
     """Planes that turned out to save little are asked for no more, and those that saved much are."""
-    worth = LearnedWorth()
+    worth = fresh()
     worth.learn(1, 0, (1e9, 1e4), (saved * 1e9, 1e4))
     assert bool(ask([band_of(1, scales(7.0, 7.0))], worth)) == is_asked
 
@@ -113,7 +117,7 @@ def test_long_runs_are_divided(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_whole_planes_are_asked_for_as_a_whole() -> None:
     """Each in a run of its own, if all of it is worth its rate."""
-    chooser = Asking(AREAS, LearnedWorth(), PlaneCost(1.06, 6.0), MULTIPLIER)
+    chooser = Asking(AREAS, fresh(), PlaneCost(1.06, 6.0), MULTIPLIER)
     bands = [band_of(1, scales(40.0, 40.0)), band_of(2, scales(0.3)), band_of(3, scales(40.0, 40.0))]
     choices = chooser.whole_planes(bands, 0)
     assert [(choice.planes, choice.areas) for choice in choices] == [
@@ -125,7 +129,7 @@ def test_whole_planes_are_asked_for_as_a_whole() -> None:
 
 def test_without_a_slope_everything_is_asked_for() -> None:
     """In one run, also of what is predicted well."""
-    chooser = Asking(AREAS, LearnedWorth(), PlaneCost(1.06, 6.0), 0.0)
+    chooser = Asking(AREAS, fresh(), PlaneCost(1.06, 6.0), 0.0)
     (choice,) = chooser.by_areas([band_of(1, scales(0.3)), band_of(2, scales(40.0))], 0)
     assert (choice.planes, choice.areas) == ((2 * PLANES - 1, 3 * PLANES - 1), b"")
     assert len(chooser.whole_planes([band_of(1, scales(0.3))], 0)) == 1
@@ -141,7 +145,7 @@ def test_classes_hold_every_band_once() -> None:
 
 def test_nothing_learned_leaves_expectations_as_they_are() -> None:
     """For all bands and widths."""
-    worth = LearnedWorth()
+    worth = fresh()
     assert {worth.factors(band, width, LEARNED_MULTIPLIER) for band in range(16) for width in range(12)} == {
         (1.0, 1.0)
     }
@@ -149,7 +153,7 @@ def test_nothing_learned_leaves_expectations_as_they_are() -> None:
 
 def test_factors_go_from_one_to_what_was_seen() -> None:
     """The noise model counts as so many bits beside them, which in the end is nothing."""
-    worth = LearnedWorth()
+    worth = fresh()
     strength = STRENGTH_BITS * LEARNED_MULTIPLIER
     worth.learn(0, 1, (strength, STRENGTH_BITS), (0.5 * strength, 2.0 * STRENGTH_BITS))
     assert worth.factors(0, 1, LEARNED_MULTIPLIER) == pytest.approx((0.75, 1.5))
@@ -164,31 +168,31 @@ def test_factors_go_from_one_to_what_was_seen() -> None:
 )
 def test_bands_of_a_class_learn_together(band: int, width: int, is_alike: bool) -> None:
     """If their bins are equally wide."""
-    worth = LearnedWorth()
+    worth = fresh()
     worth.learn(1, 2, (100.0, 50.0), (900.0, 10.0))
     assert (worth.factors(band, width, LEARNED_MULTIPLIER) != (1.0, 1.0)) == is_alike
 
 
 def test_wide_bins_count_as_alike() -> None:
     """From a width on."""
-    worth = LearnedWorth()
+    worth = fresh()
     worth.learn(0, MAX_WIDTH + 3, (100.0, 50.0), (900.0, 10.0))
     assert worth.factors(0, MAX_WIDTH, 1.0) == worth.factors(0, MAX_WIDTH + 1, 1.0) != (1.0, 1.0)
 
 
 def test_frames_side_by_side_add_up() -> None:
     """Each learns from a copy; together they know what one after the other would, in any order."""
-    together = Learned(LearnedPriors((4, 4)))
-    together.worth.learn(0, 0, (10.0, 5.0), (20.0, 6.0))
-    before = together.worth.sums.copy()
+    together = fresh()
+    together.learn(0, 0, (10.0, 5.0), (20.0, 6.0))
+    before = together.worth.copy()
     several = [together.copy() for _ in range(3)]
     for number, own in enumerate(several, 1):
-        own.worth.learn(0, number, (10.0 * number, 1.0), (1.0, 1.0))
-    np.testing.assert_array_equal(together.worth.sums, before)
+        own.learn(0, number, (10.0 * number, 1.0), (1.0, 1.0))
+    np.testing.assert_array_equal(together.worth, before)
     joined, expected = together.joined(several), together.copy()
     for number in (3, 1, 2):
-        expected.worth.learn(0, number, (10.0 * number, 1.0), (1.0, 1.0))
-    np.testing.assert_array_equal(joined.worth.sums, expected.worth.sums)
+        expected.learn(0, number, (10.0 * number, 1.0), (1.0, 1.0))
+    np.testing.assert_array_equal(joined.worth, expected.worth)
 
 
 def bits_of(group: GroupAllowance, *frames: int) -> list[float]:
