@@ -92,7 +92,6 @@ def kill_a_worker_at_work(client: Client) -> int:
 
 
 def test_a_killed_worker_changes_nothing(stream: bytes, workers: LocalCluster) -> None:
-    """A worker process dies while it decodes: its groups run again, and all comes back in order."""
     expected = contents(streams.decoded(stream, 2))
     killed, found = 0, []
     with Client(workers.scheduler_address, set_as_default=False) as client:
@@ -121,7 +120,6 @@ def report_of(path: Path) -> dict[str, Any]:
 def test_a_recording_is_decoded_to_the_same_files(
     recording: Path, workers: LocalCluster, tmp_path: Path
 ) -> None:
-    """Video, punctured stream and report of a folder of segments are those of two jobs."""
     for name, where in (("jobs", ("--jobs", 2)), ("dask", ("--dask", workers.scheduler_address))):
         outputs = (
             tmp_path / f"{name}.y4m",
@@ -145,7 +143,6 @@ def test_a_recording_is_decoded_to_the_same_files(
 
 
 def test_what_a_group_ends_with_has_its_place(stream: bytes, workers: LocalCluster) -> None:
-    """Damage that a worker meets is raised after all groups before it, and names its group."""
     reader = StreamReader(io.BytesIO(stream))
     records = list(reader)
     bad = replace(records[3], wyner_ziv=(records[3].wyner_ziv[0], b""))
@@ -199,7 +196,6 @@ class Kept:
 
 
 def test_no_worker_gets_more_than_its_group(stream: bytes) -> None:
-    """A task is one group and a digest; there are no more than the threads have use for."""
     client = Kept(3)
     groups = list(decoded(stream, client))
     assert client.most_open == 3 * GROUPS_PER_THREAD < NUM_GROUPS == len(groups)
@@ -217,7 +213,6 @@ def test_no_worker_gets_more_than_its_group(stream: bytes) -> None:
 
 
 def test_what_is_given_up_is_cancelled(stream: bytes) -> None:
-    """Whoever takes no more groups leaves nothing on the cluster, and no more of the stream is read."""
     client = Kept(1)
     groups = decoded(stream, client)
     next(groups)
@@ -227,7 +222,6 @@ def test_what_is_given_up_is_cancelled(stream: bytes) -> None:
 
 
 def test_a_group_that_nobody_wants_ends(stream: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A worker looks whether its task was cancelled while it waits for the decoding process."""
     monkeypatch.setattr(cluster, "POLL_S", 0.0)
     monkeypatch.setattr(cluster, "_is_executing", lambda: lambda: False)
     ended = decode_group(streams.tasks_of(stream)[-1], codec_digest())
@@ -236,7 +230,6 @@ def test_a_group_that_nobody_wants_ends(stream: bytes, monkeypatch: pytest.Monke
 
 
 def test_a_group_is_all_that_a_worker_needs(stream: bytes) -> None:
-    """Also if its key frame is predicted: that is decoded already."""
     expected = streams.decoded(stream)
     task = streams.tasks_of(stream)[2]
     assert task.record.predicted
@@ -246,7 +239,6 @@ def test_a_group_is_all_that_a_worker_needs(stream: bytes) -> None:
 
 
 def test_a_worker_with_other_code_decodes_nothing(stream: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither other code on its disk nor code that was changed since it was loaded will do."""
     task, digest = streams.tasks_of(stream)[0], codec_digest()
     assert "another version of the code" in str(decode_group(task, "f" * 32))
     assert isinstance(decode_group(task, digest), DecodedGroup)
@@ -257,7 +249,6 @@ def test_a_worker_with_other_code_decodes_nothing(stream: bytes, monkeypatch: py
 def test_an_interrupt_leaves_nothing_on_the_cluster(
     recording: Path, workers: LocalCluster, tmp_path: Path
 ) -> None:
-    """Ctrl-C ends the command as usual; its groups are gone, and so is its output."""
     arguments = [recording, tmp_path / "o.y4m", "--dask", workers.scheduler_address]
     process = subprocess.Popen(
         [sys.executable, "-m", "decoder", *map(str, arguments)], stderr=subprocess.PIPE, text=True
@@ -275,7 +266,6 @@ def test_an_interrupt_leaves_nothing_on_the_cluster(
 def test_clusters_that_cannot_decode_are_refused(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No scheduler, no workers, no package, a live encoder: a line each, status 2, and no output."""
     monkeypatch.setattr("dvc.dask_cluster.CONNECT_S", 0.2)
     monkeypatch.setattr("dvc.dask_cluster.WORKERS_S", 0.2)
     output = tmp_path / "o.y4m"
@@ -304,7 +294,6 @@ def test_workers_with_other_code_are_refused(
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Workers whose code, or a library of which, is another one are named before anything is decoded."""
     arguments = (recording, tmp_path / "o.y4m", "--dask", workers.scheduler_address)
     with monkeypatch.context() as patch:
         patch.setattr("dvc.versions.codec_digest", lambda: "f" * 32)

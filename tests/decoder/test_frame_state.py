@@ -45,7 +45,6 @@ def band_of(state: FrameState, band: int, width: float) -> KnownBand:
 
 
 def test_nothing_known_is_the_prediction() -> None:
-    """To within rounding; the noise model starts with its usual gain."""
     state = FrameState(LAYOUT, predicted(), "local")
     assert np.abs(state.luma() - predicted().luma).max() <= 1.0
     assert state.gain == INITIAL_GAIN
@@ -53,7 +52,6 @@ def test_nothing_known_is_the_prediction() -> None:
 
 
 def test_what_it_is_predicted_from_is_not_kept() -> None:
-    """Nothing holds the planes of a prediction, and it can be refined: many frames are under way."""
     prediction = predicted(refiner=Refiner())
     planes = [weakref.ref(plane) for plane in (prediction.luma, *prediction.compensated)]
     state = FrameState(LAYOUT, prediction, "local")
@@ -65,7 +63,6 @@ def test_what_it_is_predicted_from_is_not_kept() -> None:
 
 
 def test_bands_that_are_known_are_in_their_bins() -> None:
-    """What is known of DC moves the frame to the truth, and tells by how much the prediction was off."""
     state = FrameState(LAYOUT, predicted(), "local")
     known = band_of(state, 0, 8.0)
     state.set_known(0, known)
@@ -82,7 +79,6 @@ def test_bands_that_are_known_are_in_their_bins() -> None:
 
 
 def test_errors_of_bands_tell_scales_of_others() -> None:
-    """Where one band was off its prediction another is expected to be; before, expected errors tell it."""
     state = FrameState(LAYOUT, predicted(), "frame")
     before = state.scale(3)
     state.set_known(0, band_of(state, 0, 4.0))
@@ -96,7 +92,6 @@ def test_errors_of_bands_tell_scales_of_others() -> None:
 
 
 def test_corrections_replace_intervals() -> None:
-    """Of a band that is known; its scales stay."""
     state = FrameState(LAYOUT, predicted(), "local")
     known = band_of(state, 0, 16.0)
     state.set_known(0, known)
@@ -107,7 +102,6 @@ def test_corrections_replace_intervals() -> None:
 
 
 def test_refined_predictions_are_fused_with_the_first() -> None:
-    """Nearer to the truth than the first; a part of a band helps, and is forgotten."""
     refiner = Refiner()
     state = FrameState(LAYOUT, predicted(refiner=refiner), "local")
     state.refine()
@@ -126,7 +120,6 @@ def test_refined_predictions_are_fused_with_the_first() -> None:
 
 
 def test_references_that_differ_widen_the_scales() -> None:
-    """Of more than two, those that differ the most count."""
     luma = predicted().luma
     two, three = (
         FrameState(LAYOUT, Prediction(luma, None, tuple(luma + d for d in apart), "test"), "frame").base_scale
@@ -164,7 +157,6 @@ def bits_of(band: Band, truth: np.ndarray, missing: int) -> np.ndarray:
 
 
 def test_intervals_close_in_on_values(band: Band) -> None:
-    """With every plane they are half as wide and still hold the value, in chosen blocks alone."""
     rng = np.random.default_rng(2)
     truth = band.predicted + rng.laplace(0.0, 4.0, band.predicted.size)
     width = band.upper - band.lower
@@ -182,7 +174,6 @@ def test_intervals_close_in_on_values(band: Band) -> None:
 
 
 def test_what_bits_take_off_is_what_means_move(band: Band) -> None:
-    """The squared change of the conditional mean; nothing where the prediction was sure and right."""
     truth = np.where(np.arange(band.predicted.size) < 10, band.predicted + 90.0, band.predicted)
     before = band.known.reconstruct(band.predicted.reshape(SHAPE))
     gain = band.gain
@@ -194,7 +185,6 @@ def test_what_bits_take_off_is_what_means_move(band: Band) -> None:
 
 
 def test_scales_are_fitted_to_what_is_known(band: Band) -> None:
-    """Values far from their predictions raise the factor on the scales."""
     truth = band.predicted + 25.0 * (-1.0) ** np.arange(band.predicted.size)
     for missing in reversed(range(PLANES)):
         band.take(np.arange(truth.size), bits_of(band, truth, missing), missing)
@@ -202,7 +192,6 @@ def test_scales_are_fitted_to_what_is_known(band: Band) -> None:
 
 
 def test_planes_that_are_entered_again_replace_wrong_ones(band: Band) -> None:
-    """As if they had been right at once."""
     rng = np.random.default_rng(3)
     truth = band.predicted + rng.laplace(0.0, 9.0, band.predicted.size)
     taken = []

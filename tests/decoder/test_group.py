@@ -21,7 +21,6 @@ from tests.streams import config_of, encoded, tasks_of
 
 
 def test_unknown_methods_are_refused() -> None:
-    """A stream that names a method of the future is refused by name."""
     config = codec_config(VideoConfig(16, 16, 25, 1), side_information={"method": "magic"})
     with pytest.raises(BitstreamError, match="'magic' is not installed; available: mci"):
         GroupDecoder(config)
@@ -47,7 +46,6 @@ def predicted(value: float = 7.0, shape: tuple[int, int] = (3, 5)) -> Prediction
     ],
 )
 def test_a_method_of_others_that_errs_is_named(found: object, told: str) -> None:
-    """In one line, whatever it returns; what is right passes."""
     good = predicted()
     assert single_prediction([good], (3, 5), "mine") is good
     with pytest.raises(DvcError) as caught:
@@ -89,7 +87,6 @@ def test_the_first_frame_of_a_level_has_the_bits_of_all(
     most_px: int,
     parts: list[tuple[int, ...]],
 ) -> None:
-    """In its payload; what frames cost adds up to all, and the punctured group is decoded as it was."""
     config, task = config_and_task
     layout = FrameLayout.of(config)
     monkeypatch.setattr(group, "MAX_LEVEL_PX", most_px)
@@ -115,7 +112,6 @@ def test_the_first_frame_of_a_level_has_the_bits_of_all(
 def test_bits_that_nobody_asks_for_are_refused(
     config_and_task: tuple[CodecConfig, GroupTask], number: int
 ) -> None:
-    """Of any frame of a punctured group, also of one whose bits stand elsewhere."""
     config, task = config_and_task
     record = GroupDecoder(config).decode(task).record
     payloads = [*record.wyner_ziv]

@@ -172,7 +172,6 @@ class Plain:
 
 
 def test_frames_of_a_level_share_runs_and_costs() -> None:
-    """Each gets the bits that it wished for; with one check, they cost less than each alone."""
     steps = {7: [[(0, 1)], [(2,)]], 9: [[(0,)], [(1, 2)]], 12: [[(1,)]]}
     frames = Frames.drawn({7: 3, 9: 3, 12: 2})
     encoder = Encoder(frames)
@@ -228,7 +227,6 @@ def test_a_frame_that_has_ended_waits_for_the_others() -> None:
 
 @pytest.mark.parametrize("success", [True, False])
 def test_wrong_runs_are_corrected_by_the_check(success: bool) -> None:
-    """All frames get all their bits again, in the order in which they came; a check that fails is told."""
     frames = Frames.drawn({3: 3, 4: 2, 6: 0})
     encoder, plain = Encoder(frames), Plain(wrong=[1], success=success)
     steps = {3: [[(0,)], [(1, 2)]], 4: [[(1,)], [(0,)]], 6: list[list[tuple[int, ...]]]()}
@@ -272,7 +270,6 @@ def test_wishes_that_are_too_long_together_are_divided(
 
 
 def test_a_frame_has_one_part_in_a_run() -> None:
-    """Several wishes of a frame are in runs of their own, which others join in order of display."""
     frames = Frames.drawn({4: 2, 5: 2, 6: 1})
     steps = {4: [[(0,), (1,)]], 5: [[(0,), (1,)]], 6: [[(0,)]]}
     encoder = Encoder(frames)
@@ -285,7 +282,6 @@ def test_a_frame_has_one_part_in_a_run() -> None:
 
 
 def test_wishes_do_not_share_runs_unless_they_may() -> None:
-    """Coders of whole planes get each by itself."""
     frames, plain = Frames.drawn({4: 2, 5: 1}), Plain()
     encoder = Encoder(frames)
     drive(decode_level(frames.decode({4: [[(0,)], [(1,)]], 5: [[(0,)]]}), plain, False), encoder.answer)
@@ -294,7 +290,6 @@ def test_wishes_do_not_share_runs_unless_they_may() -> None:
 
 
 def test_couplings_of_frames_are_those_of_each() -> None:
-    """A run of two frames on lattices comes back, and what it costs is less than without neighbours."""
     rng, frames = np.random.default_rng(4), Frames.drawn({1: 1, 2: 1}, 24 * 30)
     for frame in (1, 2):
         patch = np.zeros((24, 30), np.uint8)

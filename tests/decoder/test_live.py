@@ -109,7 +109,6 @@ def assert_same(found: list[DecodedGroup], wanted: list[DecodedGroup]) -> None:
 def test_many_groups_in_flight_give_the_frames_and_bits_of_a_file(
     frames: list[Frame], offline: list[DecodedGroup], jobs: int
 ) -> None:
-    """Whatever the order in which answers come, groups come in order and are the same."""
     pace = DecoderPace(Fraction(25), lambda _: None)
     with serving(encoding(frames, pace)) as address:
         assert_same(list(decoded(address, jobs)), offline)
@@ -119,7 +118,6 @@ def test_many_groups_in_flight_give_the_frames_and_bits_of_a_file(
 def test_a_long_delay_is_waited_for_once_for_all_groups(
     frames: list[Frame], offline: list[DecodedGroup]
 ) -> None:
-    """Over a link with delay frames and bits are the same, and there are fewer messages than requests."""
     delay_s = 0.03
     with serving(encoding(frames)) as address:
         host, _, port = address.rpartition(":")
@@ -134,7 +132,6 @@ def test_a_long_delay_is_waited_for_once_for_all_groups(
 
 
 def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
-    """Frames of QCIF size over a link with delay and little bandwidth are those of a file."""
     config = replace(CONFIG, video=replace(CONFIG.video, width=176, height=144))
     video = [Frame(frame.luma) for frame in moving_texture(6, 144, 176)]
     wanted = streams.decoded(streams.encoded(config, video))
@@ -150,7 +147,6 @@ def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
 
 
 def test_predicted_key_frames_are_those_of_a_file(frames: list[Frame]) -> None:
-    """Chains of them, in however many processes the groups between are decoded."""
     wanted = streams.decoded(streams.encoded(CHAINED, frames))
     assert [group.record.predicted for group in wanted] == [False, True, True, False, True, True, True]
     with serving(encoding(frames, None, CHAINED), CHAINED) as address:
@@ -159,7 +155,6 @@ def test_predicted_key_frames_are_those_of_a_file(frames: list[Frame]) -> None:
 
 @pytest.mark.parametrize("config", [CONFIG, CHAINED], ids=["intra", "predicted"])
 def test_lost_connections_change_neither_frames_nor_bits(frames: list[Frame], config: CodecConfig) -> None:
-    """Groups that are not written are decoded again; both ends count them."""
     reports: list[dict[str, Any]] = []
 
     def _serve(acceptor: PeerAcceptor, peer: AcceptedPeer) -> None:
@@ -182,7 +177,6 @@ def test_lost_connections_change_neither_frames_nor_bits(frames: list[Frame], co
 
 
 def test_a_connection_that_is_lost_at_the_very_end_is_no_error(frames: list[Frame]) -> None:
-    """All is written, and the encoder is gone."""
     with serving(encoding(frames), patience_s=PATIENCE_S) as address:
         host, _, port = address.rpartition(":")
         with closing(LiveSource(Dialler(host, int(port), timeout_s=PATIENCE_S), PATIENCE_S)) as source:
@@ -330,13 +324,11 @@ def send_more_groups(liar: Liar) -> None:
 def test_bad_peers_end_many_requests_in_flight(
     frames: list[Frame], behave: Callable[[Liar], None], error: type[Exception], words: str
 ) -> None:
-    """Whatever waits, the run ends with one error, and no process goes on with a group."""
     with serving(Liar(frames, 5, behave)) as address, pytest.raises(error, match=words):
         list(decoded(address, timeout_s=2.0))
 
 
 def test_many_groups_ask_before_any_is_answered(frames: list[Frame]) -> None:
-    """Requests do not wait for each other: a long way is waited for once for all groups."""
     asked: set[int] = set()
 
     def _listen(liar: Liar) -> None:
@@ -355,7 +347,6 @@ def test_many_groups_ask_before_any_is_answered(frames: list[Frame]) -> None:
 
 @pytest.mark.parametrize("share", [0.5, 0.05, 1.0])
 def test_lies_do_not_hang(frames: list[Frame], offline: list[DecodedGroup], share: float) -> None:
-    """Random or constant bits in all answers end in frames that are not right, or in one error."""
     rng = np.random.default_rng(1)
 
     def _lie(liar: Liar) -> None:
@@ -380,7 +371,6 @@ def test_lies_do_not_hang(frames: list[Frame], offline: list[DecodedGroup], shar
 
 
 def test_the_window_is_bounded_by_frames_and_by_their_size() -> None:
-    """Small frames fill what the protocol allows, large ones take two groups; never more or less."""
     assert max_open_gops(CONFIG) == MAX_OPEN_GOPS
     large = replace(CONFIG, video=replace(CONFIG.video, width=3840, height=2160))
     assert max_open_gops(large) == 2
@@ -400,7 +390,6 @@ def until_left(frames: list[Frame], ended: list[FeedbackError]) -> Work:
 
 
 def test_leaving_early_stops_what_is_in_flight(frames: list[Frame]) -> None:
-    """Who takes one group and goes leaves an encoder that hears of it, and no process at work."""
     ended: list[FeedbackError] = []
     with serving(until_left(frames, ended)) as address:
         groups = decoded(address)
@@ -412,7 +401,6 @@ def test_leaving_early_stops_what_is_in_flight(frames: list[Frame]) -> None:
 def test_no_more_frames_are_decoded_than_are_allowed(
     frames: list[Frame], offline: list[DecodedGroup]
 ) -> None:
-    """A live run ends in one error before the group with which there are too many frames."""
     found, ended = list[DecodedGroup](), list[FeedbackError]()
     most = offline[3].first_index
 

@@ -55,7 +55,6 @@ def ask(bands: Sequence[Band], learned: Learned | None = None) -> list[Choice]:
 
 
 def test_areas_that_are_badly_predicted_are_asked_for() -> None:
-    """Those, with some that touch them, and no others, of both bands in one run."""
     (choice,) = ask([band_of(1, scales(40.0)), band_of(2, scales(40.0))])
     chosen = chosen_areas(choice)
     assert chosen[1:3, 2:4].all()
@@ -68,19 +67,16 @@ def test_areas_that_are_badly_predicted_are_asked_for() -> None:
 
 
 def test_a_good_prediction_is_left_alone() -> None:
-    """Where noise is small against the bins nothing gains."""
     assert ask([band_of(1, scales(0.3)), band_of(2, scales(0.3))]) == []
 
 
 def test_a_band_that_does_not_gain_is_left_out() -> None:
-    """Others are asked for as without it."""
     (alone,) = ask([band_of(1, scales(40.0))])
     (choice,) = ask([band_of(1, scales(40.0)), band_of(2, scales(0.3))])
     assert (choice.planes, choice.areas) == (alone.planes, alone.areas)
 
 
 def test_blocks_that_were_left_stay_so() -> None:
-    """Only open blocks are asked for, whatever the other bands of the run want."""
     first, second = band_of(1, scales(40.0)), band_of(2, scales(40.0))
     second.open = np.flatnonzero(np.arange(second.open.size) % SHAPE[1] < 12)
     (choice,) = ask([first, second])
@@ -89,14 +85,12 @@ def test_blocks_that_were_left_stay_so() -> None:
 
 @pytest.mark.parametrize(("saved", "is_asked"), [(0.2, False), (5.0, True)])
 def test_what_was_learned_decides(saved: float, is_asked: bool) -> None:
-    """Planes that turned out to save little are asked for no more, and those that saved much are."""
     worth = fresh()
     worth.learn(1, 0, (1e9, 1e4), (saved * 1e9, 1e4))
     assert bool(ask([band_of(1, scales(7.0, 7.0))], worth)) == is_asked
 
 
 def test_little_is_not_worth_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is saved beyond the cost must be several bits."""
     bands = [band_of(1, scales(40.0))]
     (choice,) = ask(bands)
     (wanted,) = choice.wanted
@@ -107,7 +101,6 @@ def test_little_is_not_worth_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_long_runs_are_divided(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A run has at most so many bits, or one plane."""
     bands = [band_of(number, scales(40.0, 40.0)) for number in (9, 10, 11, 12, 13)]
     size = SHAPE[0] * SHAPE[1]
     for most, lengths in ((10 * size, [5]), (2 * size, [2, 2, 1]), (1, [1, 1, 1, 1, 1])):
@@ -116,7 +109,6 @@ def test_long_runs_are_divided(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_whole_planes_are_asked_for_as_a_whole() -> None:
-    """Each in a run of its own, if all of it is worth its rate."""
     chooser = Asking(AREAS, fresh(), PlaneCost(1.06, 6.0), MULTIPLIER)
     bands = [band_of(1, scales(40.0, 40.0)), band_of(2, scales(0.3)), band_of(3, scales(40.0, 40.0))]
     choices = chooser.whole_planes(bands, 0)
@@ -128,7 +120,6 @@ def test_whole_planes_are_asked_for_as_a_whole() -> None:
 
 
 def test_without_a_slope_everything_is_asked_for() -> None:
-    """In one run, also of what is predicted well."""
     chooser = Asking(AREAS, fresh(), PlaneCost(1.06, 6.0), 0.0)
     (choice,) = chooser.by_areas([band_of(1, scales(0.3)), band_of(2, scales(40.0))], 0)
     assert (choice.planes, choice.areas) == ((2 * PLANES - 1, 3 * PLANES - 1), b"")
@@ -139,12 +130,10 @@ LEARNED_MULTIPLIER = 40.0
 
 
 def test_classes_hold_every_band_once() -> None:
-    """In zigzag order."""
     assert [band for bands in CLASSES for band in bands] == list(range(16))
 
 
 def test_nothing_learned_leaves_expectations_as_they_are() -> None:
-    """For all bands and widths."""
     worth = fresh()
     assert {worth.factors(band, width, LEARNED_MULTIPLIER) for band in range(16) for width in range(12)} == {
         (1.0, 1.0)
@@ -152,7 +141,6 @@ def test_nothing_learned_leaves_expectations_as_they_are() -> None:
 
 
 def test_factors_go_from_one_to_what_was_seen() -> None:
-    """The noise model counts as so many bits beside them, which in the end is nothing."""
     worth = fresh()
     strength = STRENGTH_BITS * LEARNED_MULTIPLIER
     worth.learn(0, 1, (strength, STRENGTH_BITS), (0.5 * strength, 2.0 * STRENGTH_BITS))
@@ -167,21 +155,18 @@ def test_factors_go_from_one_to_what_was_seen() -> None:
     [(1, 2, True), (2, 2, True), (0, 2, False), (3, 2, False), (1, 1, False), (15, 2, False)],
 )
 def test_bands_of_a_class_learn_together(band: int, width: int, is_alike: bool) -> None:
-    """If their bins are equally wide."""
     worth = fresh()
     worth.learn(1, 2, (100.0, 50.0), (900.0, 10.0))
     assert (worth.factors(band, width, LEARNED_MULTIPLIER) != (1.0, 1.0)) == is_alike
 
 
 def test_wide_bins_count_as_alike() -> None:
-    """From a width on."""
     worth = fresh()
     worth.learn(0, MAX_WIDTH + 3, (100.0, 50.0), (900.0, 10.0))
     assert worth.factors(0, MAX_WIDTH, 1.0) == worth.factors(0, MAX_WIDTH + 1, 1.0) != (1.0, 1.0)
 
 
 def test_frames_side_by_side_add_up() -> None:
-    """Each learns from a copy; together they know what one after the other would, in any order."""
     together = fresh()
     together.learn(0, 0, (10.0, 5.0), (20.0, 6.0))
     before = together.worth.copy()
@@ -200,7 +185,6 @@ def bits_of(group: GroupAllowance, *frames: int) -> list[float]:
 
 
 def test_planes_begin_as_long_as_there_is_room_for_them() -> None:
-    """What they were expected to cost counts until it is known what they did."""
     allowance = Allowance(1032.0)  # two checks of 16 bits are kept back
     assert allowance.begin(600.0)
     assert not allowance.begin(600.0)
@@ -224,7 +208,6 @@ def test_what_is_left_goes_to_later_frames() -> None:
 
 
 def test_a_level_never_has_more_than_is_left() -> None:
-    """However much of a group it is, and however much was asked for before."""
     assert bits_of(GroupAllowance({1: 900, 2: 50}), 1) == [pytest.approx(950.0)]
     group = GroupAllowance({1: 100, 2: 100})
     group.begin_level([1])
@@ -234,7 +217,6 @@ def test_a_level_never_has_more_than_is_left() -> None:
 
 
 def test_without_a_bitrate_nothing_is_limited() -> None:
-    """Frames may ask for what they need."""
     group = GroupAllowance(None)
     assert [allowance.bits for allowance in group.begin_level([3, 5])] == [float("inf")] * 2
     group.end_level(10**9)

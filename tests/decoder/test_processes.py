@@ -65,7 +65,6 @@ def test_a_program_that_has_loaded_libraries_decodes_alike() -> None:
 
 
 def test_idle_processes_are_lent_again() -> None:
-    """A second sequence is decoded by the process of the first."""
     with decoding_process() as first:
         pass
     with decoding_process() as again, decoding_process() as other:
@@ -75,14 +74,12 @@ def test_idle_processes_are_lent_again() -> None:
 
 
 def test_busy_processes_do_not_come_back() -> None:
-    """A process that is in the middle of something when its user leaves is stopped."""
     with decoding_process() as process:
         process.num_running = 1
     assert not process.alive
 
 
 def test_a_killed_process_is_said_and_replaced() -> None:
-    """Decoding ends in one error, and the next sequence gets another process."""
     with StreamReader(STREAM) as reader:
         _, task = stream_tasks(reader.config, reader)
     with decoding_process() as process:
@@ -95,7 +92,6 @@ def test_a_killed_process_is_said_and_replaced() -> None:
 
 
 def test_a_fault_is_told_with_its_place() -> None:
-    """What nobody foresaw arrives as an exception that says where it came from, and the process goes on."""
     with StreamReader(STREAM) as reader:
         _, task = stream_tasks(reader.config, reader)
     with decoding_process() as process:
@@ -106,7 +102,6 @@ def test_a_fault_is_told_with_its_place() -> None:
 
 
 def test_processes_end_with_the_program() -> None:
-    """Where a program is killed, what it started does not live on, even in the middle of a group."""
     program = (
         "import os, signal, time\n"
         "from decoder.processes import DecodingProcess, decoding_process\n"
@@ -124,7 +119,6 @@ def test_processes_end_with_the_program() -> None:
 
 
 def test_leaving_early_ends_what_is_running() -> None:
-    """Who takes one group and goes does not wait for the others."""
     with StreamReader(STREAM) as reader:
         groups = decode_stream(reader.config, reader)
         assert next(groups).first_index == 0
@@ -187,13 +181,11 @@ def damaged(count: int, seen: list[int]) -> Iterator[GroupTask]:
 
 
 def test_nothing_is_decoded_where_there_is_nothing() -> None:
-    """No process is started for that."""
     assert list(GroupsInFlight(StreamGroups([], 1), 1).decode()) == []
 
 
 @pytest.mark.parametrize("jobs", [1, 3])
 def test_damage_comes_after_the_groups_before_it(jobs: int) -> None:
-    """And no more is read of a stream than there is room for."""
     seen: list[int] = []
     groups = GroupsInFlight(StreamGroups(damaged(20, seen), jobs), jobs).decode()
     assert next(groups).first_index == 0
@@ -213,7 +205,6 @@ class Interrupted(StreamGroups):
 
 
 def test_what_is_decoded_comes_before_an_interrupt() -> None:
-    """Whatever waits is given up."""
     tasks = [task_of(0), task_of(1), task_of(2, (b"x",))]
     groups = GroupsInFlight(Interrupted(tasks, 2), 2).decode()
     assert [next(groups).first_index, next(groups).first_index] == [0, 1]
@@ -255,7 +246,6 @@ class Told(StreamGroups):
 def test_groups_come_in_order_and_wait_for_an_idle_process(
     monkeypatch: pytest.MonkeyPatch, jobs: int
 ) -> None:
-    """However many there are; each process has one group of a stream at a time."""
     lent: list[Immediate] = []
     most_running: list[int] = []
 

@@ -53,7 +53,6 @@ def test_psnr_in_colour_is_the_mean_of_frames(originals: Path) -> None:
 
 
 def test_without_chroma_or_reference_there_is_none(originals: Path, tmp_path: Path) -> None:
-    """A stream of luma only, a grey original, and no original at all have no PSNR in colour."""
     grey = tmp_path / "grey.mkv"
     with create_video(grey, (24, 16), 25, luma_only=True) as writer:
         for frame in FRAMES:

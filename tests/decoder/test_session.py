@@ -60,7 +60,6 @@ def frames_of(groups: list[DecodedGroup]) -> list[Frame]:
 
 
 def test_groups_come_in_display_order(groups: list[DecodedGroup], frames: list[Frame]) -> None:
-    """Every frame of the original is decoded once, in place, and resembles it."""
     assert [group.first_index for group in groups] == [0, 1, 4]
     assert [wz.index for group in groups for wz in group.wyner_ziv] == [1, 2, 4]
     found = frames_of(groups)
@@ -71,7 +70,6 @@ def test_groups_come_in_display_order(groups: list[DecodedGroup], frames: list[F
 
 
 def test_punctured_records_decode_to_the_same_frames(stream: bytes, groups: list[DecodedGroup]) -> None:
-    """The records of what was needed make a smaller stream with the same frames, and reproduce themselves."""
     config = config_of(stream)
     punctured = punctured_stream(groups, config)
     assert len(punctured) < len(stream)
@@ -81,7 +79,6 @@ def test_punctured_records_decode_to_the_same_frames(stream: bytes, groups: list
 
 
 def test_groups_before_damage_are_decoded(stream: bytes, groups: list[DecodedGroup]) -> None:
-    """Damage in the last group is reported after all groups before it were yielded."""
     place = stream.rindex(groups[-1].record.key)
     reader = StreamReader(io.BytesIO(stream[:place] + bytes([stream[place] ^ 1]) + stream[place + 1 :]))
     found: list[int] = []
@@ -97,7 +94,6 @@ def test_groups_before_damage_are_decoded(stream: bytes, groups: list[DecodedGro
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_nothing_after_damage_is_decoded(stream: bytes, jobs: int) -> None:
-    """A group whose contents make no sense ends the sequence, however many are decoded at a time."""
     config, records = config_of(stream), list(StreamReader(io.BytesIO(stream)))
     bad = replace(records[1], wyner_ziv=(b"", records[1].wyner_ziv[1]))
     sent = [*records[:2], bad, *records[1:], *records[1:]]
@@ -110,7 +106,6 @@ def test_nothing_after_damage_is_decoded(stream: bytes, jobs: int) -> None:
 
 @pytest.mark.parametrize("length", [0, 1, 200])
 def test_payloads_of_the_wrong_size_are_refused(stream: bytes, length: int) -> None:
-    """A Wyner-Ziv payload that is not what the layout says is a damaged group, named by its number."""
     reader = StreamReader(io.BytesIO(stream))
     config, records = reader.config, list(reader)
     payloads = (bytes(length), records[1].wyner_ziv[1])
@@ -120,7 +115,6 @@ def test_payloads_of_the_wrong_size_are_refused(stream: bytes, length: int) -> N
 
 
 def test_bits_of_a_punctured_payload_may_be_anything(stream: bytes, groups: list[DecodedGroup]) -> None:
-    """Random bits with a correct checksum around them decode to something or are refused, never crash."""
     config, rng = config_of(stream), np.random.default_rng(1)
     for _ in range(6):
         record = groups[1].record
@@ -131,7 +125,6 @@ def test_bits_of_a_punctured_payload_may_be_anything(stream: bytes, groups: list
 
 
 def test_punctured_payload_with_bytes_left_over_is_refused(stream: bytes, groups: list[DecodedGroup]) -> None:
-    """No encoder writes more than the bits that were asked for."""
     record = groups[1].record
     longer = replace(record, wyner_ziv=(record.wyner_ziv[0], record.wyner_ziv[1] + b"\0"))
     with pytest.raises(BitstreamError, match=r"group of pictures 1: .*other predictions.* are needed"):
@@ -139,7 +132,6 @@ def test_punctured_payload_with_bytes_left_over_is_refused(stream: bytes, groups
 
 
 def test_punctured_group_with_another_digest_is_refused(stream: bytes, groups: list[DecodedGroup]) -> None:
-    """Where this decoder makes other frames than the one that asked for the bits, the stream says so."""
     config, record = config_of(stream), groups[1].record
     assert record.digest is not None
     other = replace(groups[1], record=replace(record, digest=record.digest ^ 1))
@@ -159,7 +151,6 @@ class Reference:
 
 
 def test_report_accounts_for_every_bit(groups: list[DecodedGroup], frames: list[Frame]) -> None:
-    """Bits of frames and classes add up to the stream; means are means of the rows."""
     report = DecodeReport(CONFIG, Reference(frames))
     for group in groups:
         report.add(group)
@@ -183,7 +174,6 @@ def test_report_accounts_for_every_bit(groups: list[DecodedGroup], frames: list[
 
 
 def test_report_without_reference_has_no_quality(groups: list[DecodedGroup]) -> None:
-    """Nothing is made up where there is no original; identical frames get a finite PSNR where there is."""
     report = DecodeReport(CONFIG, None)
     report.add(groups[0])
     totals = report.to_dict(100)
@@ -197,7 +187,6 @@ def test_report_without_reference_has_no_quality(groups: list[DecodedGroup]) -> 
 
 
 def test_a_report_that_nobody_reads_keeps_nothing(groups: list[DecodedGroup]) -> None:
-    """It tells of frames all the same, as of those of a run that has no end."""
     full, short = DecodeReport(CONFIG, None), DecodeReport(CONFIG, None, kept=False)
     for group in groups:
         assert [p.report for p in short.add(group)] == [p.report for p in full.add(group)]
@@ -208,7 +197,6 @@ def test_a_report_that_nobody_reads_keeps_nothing(groups: list[DecodedGroup]) ->
 def test_report_refuses_a_reference_that_does_not_fit(
     groups: list[DecodedGroup], frames: list[Frame]
 ) -> None:
-    """Another picture size is refused at once, a missing frame when it is needed."""
     with pytest.raises(ConfigError, match="the stream of 24x16"):
         DecodeReport(CONFIG, Reference(frames, width=25))
     report = DecodeReport(CONFIG, Reference(frames[:3]))
@@ -250,13 +238,11 @@ def with_tracks(config: CodecConfig, tracks: bytes, position: int) -> bytes:
 def test_tracks_that_cannot_be_are_refused(
     config: CodecConfig, tracks: bytes, position: int, message: str
 ) -> None:
-    """Tracks where there should be none, and damaged ones, end in an error that names the group."""
     with pytest.raises(BitstreamError, match=message):
         decoded(with_tracks(config, tracks, position))
 
 
 def test_tracks_are_read_and_kept() -> None:
-    """A group with tracks decodes, says which method served it, and hands the tracks on."""
     payload = encode_tracks(STILL, TRACKED)
     groups = decoded(with_tracks(TRACKED, payload, 1))
     assert groups[1].record.tracks == payload

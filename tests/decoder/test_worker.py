@@ -85,7 +85,6 @@ def config_and_tasks() -> tuple[CodecConfig, list[GroupTask]]:
 def test_any_order_of_answers_gives_the_same(
     config_and_tasks: tuple[CodecConfig, list[GroupTask]], seed: int
 ) -> None:
-    """Groups are those of a stream, and no step of decoding is left over."""
     (config, tasks), shuffled = config_and_tasks, random.Random(seed)
     with decoding_process() as process:
         live = Answering(process, config, tasks)
@@ -123,7 +122,6 @@ def test_what_most_levels_depend_on_comes_first(
 
 
 def test_wrong_answers_end_the_group_alone(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:
-    """Bits that are too few for what a frame asked end its group; the process goes on with others."""
     (config, (task, *others)) = config_and_tasks
     with decoding_process() as process:
         live = Answering(process, config, others)
@@ -146,7 +144,6 @@ def test_wrong_answers_end_the_group_alone(config_and_tasks: tuple[CodecConfig, 
 def test_a_group_without_a_frame_before_it_is_refused(
     config_and_tasks: tuple[CodecConfig, list[GroupTask]],
 ) -> None:
-    """The error has the number of the group."""
     _, tasks = config_and_tasks
     with decoding_process() as process:
         process.submit(replace(tasks[1], form=None, before=None))
@@ -160,7 +157,6 @@ def test_a_group_without_a_frame_before_it_is_refused(
 def test_a_process_that_nobody_wants_ends_without_a_word(
     config_and_tasks: tuple[CodecConfig, list[GroupTask]],
 ) -> None:
-    """Whatever it is at when the other end is gone."""
     ours, theirs = multiprocessing.Pipe()
     command = [sys.executable, "-P", "-m", "decoder.processes", str(theirs.fileno())]
     process = subprocess.Popen(
@@ -303,7 +299,6 @@ def test_levels_wait_for_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_group_that_fails_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Memory that it had goes to others; its decoder serves no other group."""
     monkeypatch.setattr(processes, "MAX_ACTIVE_PX", 10)
     scene = Scene({1: [(-2, 9), BitstreamError("damage")], 2: [(-1, 8)], 3: [ValueError("of a method")]})
     assert scene.asked(scene.begin(1, 2)) == [1]

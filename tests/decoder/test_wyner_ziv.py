@@ -92,7 +92,6 @@ def original() -> Frame:
 @pytest.mark.parametrize("q", [1, 4, 8])
 @pytest.mark.parametrize("coder", CODERS)
 def test_every_bin_is_decoded(original: Frame, q: int, coder: str) -> None:
-    """All bit planes arrive, and reconstruction keeps (nearly all) coefficients in their bins."""
     config = config_of(q, coder)
     decoded = decode(config, original, noisy_prediction(original, 4.0))
     assert decoded.num_failed_planes == 0
@@ -111,7 +110,6 @@ def test_every_bin_is_decoded(original: Frame, q: int, coder: str) -> None:
 
 @pytest.mark.parametrize("noise", [0.5, 3.0, 10.0])
 def test_decoding_improves_side_information(original: Frame, noise: float) -> None:
-    """The frame is never worse than its prediction, and worse predictions cost more."""
     decoded = decode(config_of(8), original, noisy_prediction(original, noise))
     before = psnr_db(decoded.side_information, original.luma)
     assert psnr_db(decoded.frame.luma, original.luma) > before
@@ -119,7 +117,6 @@ def test_decoding_improves_side_information(original: Frame, noise: float) -> No
 
 
 def test_worse_side_information_costs_more(original: Frame) -> None:
-    """The parity needed grows with the noise."""
     costs = [
         decode(config_of(5), original, noisy_prediction(original, n)).parity_bits for n in (0.3, 2.0, 8.0)
     ]
@@ -127,7 +124,6 @@ def test_worse_side_information_costs_more(original: Frame) -> None:
 
 
 def test_perfect_side_information_costs_little_but_checks(original: Frame) -> None:
-    """A prediction without error needs about its check bits, and far fewer than the bits themselves."""
     perfect = Prediction(original.luma.astype(float), None, (original.luma.astype(float),), "test")
     config = config_of(4)
     decoded = decode(config, original, perfect)
@@ -138,7 +134,6 @@ def test_perfect_side_information_costs_little_but_checks(original: Frame) -> No
 
 
 def test_useless_side_information_costs_at_most_twice_the_bits(original: Frame) -> None:
-    """A prediction that has nothing to do with the frame costs parity in vain, then the frame itself."""
     config = config_of(3)
     layout = FrameLayout.of(config)
     other = moving_texture(1, HEIGHT, WIDTH, seed=9)[0].luma.astype(float)
@@ -151,14 +146,12 @@ def test_useless_side_information_costs_at_most_twice_the_bits(original: Frame) 
 
 @pytest.mark.parametrize("model", NOISE_MODELS)
 def test_every_noise_model_decodes(original: Frame, model: str) -> None:
-    """Noise models change the rate, never the success."""
     config = config_of(4)
     config = replace(config, wyner_ziv=replace(config.wyner_ziv, noise_model=model))
     assert decode(config, original, noisy_prediction(original, 3.0)).num_failed_planes == 0
 
 
 def test_requests_name_frame_run_and_range(original: Frame) -> None:
-    """Requests of a run carry the frame's index and go on where the one before ended."""
     config = config_of(2)
     encoded = EncodedFrame.of(FrameLayout.of(config), original.luma)
     bits_of = answering(config, encoded)
@@ -213,7 +206,6 @@ def test_bands_between_refinements_are_runs(original: Frame) -> None:
 
 
 def test_bits_are_asked_for_in_areas_that_are_badly_predicted() -> None:
-    """Where one corner of a frame is wrong, runs are of areas there, and the rest stays as predicted."""
     original = moving_texture(1, 96, 160)[0].without_chroma()
     config = _learning(replace(embedded_config(), video=VideoConfig(160, 96, 25, 1)), "cascade")
     prediction = noisy_prediction(original, 0.5)
@@ -253,7 +245,6 @@ def embedded_config() -> CodecConfig:
 
 @pytest.mark.parametrize("step", [2.0, 12.0, 700.0])
 def test_embedded_bins_are_decoded(original: Frame, step: float) -> None:
-    """Without a slope all planes arrive, as many as the frame says, and errors are those of the step."""
     config = embedded_config()
     decoded = decode(config, original, noisy_prediction(original, 4.0), step)
     assert decoded.num_failed_planes == 0
@@ -264,7 +255,6 @@ def test_embedded_bins_are_decoded(original: Frame, step: float) -> None:
 
 @pytest.mark.parametrize("coder", CODERS)
 def test_a_frame_without_planes_is_left_as_predicted(original: Frame, coder: str) -> None:
-    """Nothing is asked for where an encoder sends no band at all."""
     config = replace(embedded_config(), coder=CODERS[coder]())
     black = Frame(np.zeros_like(original.luma))
     assert EncodedFrame.of(FrameLayout.of(config), black.luma, 8.0).quantization.num_planes == 0
@@ -274,7 +264,6 @@ def test_a_frame_without_planes_is_left_as_predicted(original: Frame, coder: str
 
 
 def test_a_steeper_slope_asks_for_less(original: Frame) -> None:
-    """Fewer bits and more error with every slope; what is left out is counted."""
     config = embedded_config()
     prediction = noisy_prediction(original, 6.0)
     found = [decode(config, original, prediction, 4.0, slope) for slope in (0.0, 20.0, 100.0, 1e3)]
@@ -302,7 +291,6 @@ def test_bits_are_asked_for_where_they_pay() -> None:
 
 
 def test_a_frame_may_be_left_as_predicted(original: Frame) -> None:
-    """Where nothing pays, nothing is asked for, and the prediction is the frame."""
     decoded = decode(embedded_config(), original, noisy_prediction(original, 2.0), 4.0, 1e6)
     assert decoded.num_requests == decoded.crc_bits == decoded.parity_bits == 0
     np.testing.assert_array_equal(decoded.frame.luma, decoded.side_information)
@@ -317,7 +305,6 @@ def _learning(config: CodecConfig, coder: str) -> CodecConfig:
 def test_learned_priors_decode_the_same_bins(
     original: Frame, coder: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Priors change what planes cost, not what they are, with codes that know of neighbours or do not."""
     borders: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     set_known = FrameState.set_known
 

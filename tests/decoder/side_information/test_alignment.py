@@ -26,7 +26,6 @@ def points(number: int, seed: int = 0) -> np.ndarray:
 
 
 def test_a_homography_is_found_in_spite_of_outliers() -> None:
-    """Whole-pixel points, a quarter of them wrong and some unknown, give the map to a fraction of a pixel."""
     first = points(80)
     second = np.round(mapped(TILT, first))
     second[:20] += 15.0
@@ -41,7 +40,6 @@ def test_a_homography_is_found_in_spite_of_outliers() -> None:
 
 @pytest.mark.parametrize("number", [0, 1, 2, 5, 6, 9])
 def test_few_points_give_less_than_a_homography(number: int) -> None:
-    """Few points still give the translation, none the identity."""
     first = points(number)
     found = whole_frame_motion(first, first + np.array([7.0, -2.0]))
     expected = np.eye(3) if number == 0 else np.array([[1.0, 0, 7.0], [0, 1.0, -2.0], [0, 0, 1.0]])
@@ -50,7 +48,6 @@ def test_few_points_give_less_than_a_homography(number: int) -> None:
 
 @pytest.mark.parametrize("kind", ["one place", "line", "noise", "turned over", "all to one place"])
 def test_hostile_points_give_a_sane_map(kind: str) -> None:
-    """Whatever the points are, the map neither turns the frame over nor tears it apart."""
     first = points(60)
     second = points(60, seed=2)
     if kind == "one place":
@@ -69,7 +66,6 @@ def test_hostile_points_give_a_sane_map(kind: str) -> None:
 
 
 def test_chroma_moves_with_luma() -> None:
-    """A shift by an even number of pixels shifts chroma by half of it."""
     rng = np.random.default_rng(0)
     planes = [rng.integers(0, 255, shape).astype(np.uint8) for shape in ((40, 60), (20, 30), (20, 30))]
     shift = np.array([[1.0, 0.0, 6.0], [0.0, 1.0, 4.0], [0.0, 0.0, 1.0]])
@@ -81,7 +77,6 @@ def test_chroma_moves_with_luma() -> None:
 
 
 def test_uneven_motion_is_followed() -> None:
-    """A camera that shakes is predicted far better than by block motion along straight paths."""
     rows, columns = np.indices((144, 176)).astype(np.float64)
     places = [(0.0, 0.0), (9.0, -5.0), (2.0, 1.0)]
     frames = [Frame(to_uint8(texture((columns + x) / 80, (rows + y) / 80, 0)), None) for x, y in places]

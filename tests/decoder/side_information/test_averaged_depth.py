@@ -21,7 +21,6 @@ FIRST, MIDDLE, SECOND = (render(position, PIXELS)[0] for position in (0.0, 0.5, 
 
 
 def test_it_is_not_worse_than_the_mean_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The squared error of a mean is at most the mean squared error; both depths predict the scene."""
     monkeypatch.setattr(averaged_depth, "MIN_PARALLAX", relative_parallax(MODEL))
     luma = AveragedDepthInterpolator(MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5).luma
     single = [
@@ -37,7 +36,6 @@ def test_it_is_not_worse_than_the_mean_of_both(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_one_depth_is_enough_where_parallax_is_small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With less than the least parallax for a second depth, the prediction is that of the first."""
     monkeypatch.setattr(averaged_depth, "MIN_PARALLAX", 1.001 * relative_parallax(MODEL))
     found = AveragedDepthInterpolator(MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
     expected = DepthInterpolator(MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)

@@ -28,7 +28,6 @@ from tests.reference import block_motion as reference
 
 @pytest.mark.parametrize("motion_px", [(0.0, 0.0), (1.0, -2.0), (0.5, 1.25), (-2.0, 3.0)])
 def test_translation_is_recovered(motion_px: tuple[float, float]) -> None:
-    """Nearly all blocks of a translated texture get its displacement, to a quarter sample."""
     frames = moving_texture(3, 64, 80, motion_px)
     field = estimate_motion(frames[0].luma, frames[2].luma, Fraction(1, 2))
     expected = np.round(8.0 * np.array(motion_px))
@@ -38,7 +37,6 @@ def test_translation_is_recovered(motion_px: tuple[float, float]) -> None:
 
 @pytest.mark.parametrize(("instant", "min_psnr_db"), [(1, 38.0), (2, 38.0), (3, 38.0)])
 def test_prediction_resembles_the_missing_frame(instant: int, min_psnr_db: float) -> None:
-    """Away from the border, any instant between the references is predicted well."""
     frames = moving_texture(5, 64, 80, (0.75, -1.5))
     references = [ReferenceFrame(index, frames[index]) for index in (0, 4)]
     [prediction] = BlockMotionInterpolation().predict(references, None, [instant])
@@ -48,7 +46,6 @@ def test_prediction_resembles_the_missing_frame(instant: int, min_psnr_db: float
 
 
 def test_closest_references_are_used() -> None:
-    """Of many references, the two around the instant serve it."""
     frames = moving_texture(5, 16, 24)
     many = [ReferenceFrame(index, frames[index]) for index in (0, 1, 3, 4)]
     method = BlockMotionInterpolation()
@@ -60,7 +57,6 @@ def test_closest_references_are_used() -> None:
     st.lists(st.integers(-200, 200), min_size=2, max_size=2), st.integers(1, 9), st.integers(2, 10)
 )  # fmt: skip
 def test_split_field_lies_on_the_trajectory(vector: list[int], numerator: int, denominator: int) -> None:
-    """Both offsets differ by the displacement, and lie within half a step of their share of it."""
     numerator = min(numerator, denominator - 1)
     field = np.array(vector).reshape(1, 1, 2)
     to_before, to_after = split_field(field, Fraction(numerator, denominator))
@@ -69,7 +65,6 @@ def test_split_field_lies_on_the_trajectory(vector: list[int], numerator: int, d
 
 
 def test_vector_median_drops_outliers_and_keeps_edges() -> None:
-    """A lonely vector gives way to its surroundings; a border between two motions stays."""
     field = np.zeros((6, 8, 2), np.int64)
     field[:, 4:] = (8, -4)
     noisy = field.copy()
@@ -78,7 +73,6 @@ def test_vector_median_drops_outliers_and_keeps_edges() -> None:
 
 
 def test_vector_median_keeps_the_vector_on_ties() -> None:
-    """A field of two vectors has nothing to choose by."""
     field = np.array([[[0, 0], [5, 5]]])
     np.testing.assert_array_equal(vector_median(np.full((1, 1, 2), 7)), [[[7, 7]]])
     assert vector_median(field).shape == field.shape
@@ -91,7 +85,6 @@ def luma() -> np.ndarray:
 
 
 def test_phase_planes_are_interpolated(luma: np.ndarray) -> None:
-    """Every quarter sample, the border included, is that of the six-tap filter and of means of two."""
     margin = 5
     phases = compensation.phase_planes(luma, margin)
     assert phases.shape == (4, 4, 9 + 2 * margin, 13 + 2 * margin)
@@ -104,14 +97,12 @@ def test_phase_planes_are_interpolated(luma: np.ndarray) -> None:
 
 
 def test_low_pass_is_the_mean_of_nine(luma: np.ndarray) -> None:
-    """Each sample becomes the rounded mean of its neighbourhood, the border replicated."""
     padded = np.pad(luma.astype(int), 1, mode="edge")
     expected = [[(padded[y : y + 3, x : x + 3].sum() + 4) // 9 for x in range(13)] for y in range(9)]
     np.testing.assert_array_equal(compensation.low_pass(luma), expected)
 
 
 def test_halve_is_the_mean_of_four(luma: np.ndarray) -> None:
-    """Odd sides are padded by replication."""
     padded = np.pad(luma.astype(int), ((0, 1), (0, 1)), mode="edge")
     expected = [
         [(padded[y : y + 2, x : x + 2].sum() + 2) // 4 for x in range(0, 14, 2)] for y in range(0, 10, 2)
@@ -121,7 +112,6 @@ def test_halve_is_the_mean_of_four(luma: np.ndarray) -> None:
 
 @pytest.mark.parametrize("block", [2, 4, 8, 16])
 def test_compensation_without_motion_is_the_reference(block: int) -> None:
-    """Zero offsets reproduce each reference; the prediction is their weighted mean."""
     lumas = [frame.luma for frame in moving_texture(2, 17, 23)]
     rows, columns = -(-17 // block), -(-23 // block)
     offsets = [np.zeros((rows, columns, 2), np.int64)] * 2
@@ -134,7 +124,6 @@ def test_compensation_without_motion_is_the_reference(block: int) -> None:
 
 
 def test_compensation_follows_offsets() -> None:
-    """Offsets of whole samples shift the reference, the border replicated."""
     luma = moving_texture(1, 16, 24)[0].luma
     offsets = np.broadcast_to(np.array([4 * 2, 4 * -3]), (2, 3, 2)).copy()
     _, [moved] = compensation.compensate(
@@ -145,7 +134,6 @@ def test_compensation_follows_offsets() -> None:
 
 
 def test_resize_field_repeats_vectors() -> None:
-    """Each vector covers `factor` blocks in both directions; the last row and column fill the rest."""
     field = np.arange(8).reshape(2, 2, 2)
     fine = compensation.resize_field(field, 5, 3, 2)
     assert fine[:, :, 0].tolist() == [[0, 0, 2], [0, 0, 2], [4, 4, 6], [4, 4, 6], [4, 4, 6]]
@@ -168,7 +156,6 @@ def refiner_with(error_px: float, frames: list[Frame]) -> BlockRefiner:
 
 
 def test_wrong_motion_is_corrected(frames: list[Frame]) -> None:
-    """Guided by the truth, offsets that are wrong by two pixels find back, and keep improving."""
     refiner = refiner_with(2.0, frames)
     inside = np.s_[6:-6, 6:-6]
     quality = [psnr_db(frames[0].luma[inside], frames[1].luma[inside])]
@@ -182,7 +169,6 @@ def test_wrong_motion_is_corrected(frames: list[Frame]) -> None:
 
 
 def test_the_reference_that_sees_the_block_wins(frames: list[Frame]) -> None:
-    """Where one reference is painted over, the prediction comes from the other."""
     spoilt = np.full_like(frames[0].luma, 16)
     shape = (32 // BLOCK, 48 // BLOCK, 2)
     offsets = [np.zeros(shape, np.int64), np.zeros(shape, np.int64)]
@@ -206,7 +192,6 @@ def test_references_are_held_once(frames: list[Frame]) -> None:
 
 
 def test_chroma_follows_the_offsets(frames: list[Frame]) -> None:
-    """Chroma planes of half the size are predicted from both references; grey references give none."""
     refiner = refiner_with(0.0, frames)
     chroma = refiner.chroma()
     assert chroma is not None

@@ -28,7 +28,6 @@ def rendered(level: float, error: float) -> Interpolation:
 
 
 def test_the_one_that_expects_less_error_counts_more() -> None:
-    """The fused level lies between both, near the surer one, and both are kept as hypotheses."""
     for errors, near in (((1.0, 20.0), 100.0), ((20.0, 1.0), 110.0)):
         fused = fuse_scenes(rendered(100.0, errors[0]), rendered(110.0, errors[1]))
         assert (np.abs(fused.luma - near) < 0.5).all()
@@ -44,7 +43,6 @@ def test_shares_are_inverse_squared_errors() -> None:
 
 
 def test_disagreement_is_uncertainty() -> None:
-    """The expected error is that of the depth where both agree, and grows with their difference."""
     errors = [fuse_scenes(rendered(100.0, 2.0), rendered(100.0 + d, 2.0)).expected_error for d in (0, 10, 30)]
     np.testing.assert_allclose(errors[0], 2.0)
     assert (errors[0] < errors[1]).all()
@@ -65,5 +63,4 @@ def test_all_hypotheses_are_left_to_the_decoder() -> None:
 
 
 def test_codecs_without_a_scene_predict_by_block_motion() -> None:
-    """The 2D codec has one hypothesis, and nothing to fuse."""
     assert isinstance(METHODS["fused"](codec_config(VIDEO, "2d")), BlockMotionInterpolation)

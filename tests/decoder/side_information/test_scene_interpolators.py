@@ -53,14 +53,12 @@ def check_complete(prediction: Interpolation, shape: tuple[int, int]) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("position", [0.2, 0.5])
 def test_the_frame_between_is_predicted(method: str, position: float) -> None:
-    """Each method comes close to the true frame, borders and hidden parts included."""
     prediction = METHODS[method](MODEL, FIRST, SECOND).interpolate(camera_at(position), position)
     check_complete(prediction, SHAPE)
     assert psnr_db(to_uint8(prediction.luma), render(position, FRAME)[0]) > MIN_PSNR_DB[method]
 
 
 def test_expected_error_is_larger_where_the_error_is() -> None:
-    """The worst tenth of the pixels, by what is expected, are worse than the rest."""
     prediction = METHODS["depth"](MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
     error = np.abs(prediction.luma - render(0.5, FRAME)[0])
     doubtful = prediction.expected_error > np.quantile(prediction.expected_error, 0.9)
@@ -77,7 +75,6 @@ ODD = {
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("image", ODD)
 def test_odd_frames_are_predicted_all_the_same(method: str, image: str) -> None:
-    """Key frames without content, with nothing in common or few pixels give frames without holes."""
     first = ODD[image]
     frame = PixelFrame(first.shape[1], first.shape[0])
     points = np.random.default_rng(1).uniform(0, 15, (12, 2))
@@ -91,7 +88,6 @@ def test_odd_frames_are_predicted_all_the_same(method: str, image: str) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("points", [0, 1, 3])
 def test_models_that_say_little(method: str, points: int) -> None:
-    """Without points, with a depth that is none, or with cameras in one place, there still is a frame."""
     chosen = np.arange(points)
     depths = np.array([2.0, np.inf, -1.0])[:points]
     model = replace(MODEL, correspondences=MODEL.correspondences[chosen], depths=depths)
@@ -102,7 +98,6 @@ def test_models_that_say_little(method: str, points: int) -> None:
 
 
 def test_forward_motion_with_the_epipole_in_the_picture() -> None:
-    """Points at the epipole, where depth cannot be told, do no harm."""
     forward = np.column_stack([np.eye(3), [0.0, 0.0, -0.5]])
     model = replace(MODEL, second_camera=forward)
     for make in METHODS.values():
@@ -111,7 +106,6 @@ def test_forward_motion_with_the_epipole_in_the_picture() -> None:
 
 @pytest.mark.parametrize("method", ["depth", "blocks"])
 def test_the_same_every_time_and_for_any_number_of_threads(method: str) -> None:
-    """Predictions are equal to the bit."""
     import cv2
 
     threads, results = cv2.getNumThreads(), []
@@ -136,7 +130,6 @@ def test_a_key_that_does_not_see_has_no_say() -> None:
 
 
 def test_chroma_and_offsets_follow_the_positions() -> None:
-    """Motion by whole pixels moves chroma by halves of them, and blocks by four quarter samples each."""
     rows, columns = np.indices((14, 18)).astype(np.float64)
     positions = (np.stack([columns + 2, rows - 4], -1), np.stack([columns, rows], -1))
     weights = (np.ones((14, 18)), np.zeros((14, 18)))
@@ -156,7 +149,6 @@ def test_chroma_and_offsets_follow_the_positions() -> None:
 
 
 def test_spread_blocks() -> None:
-    """Slopes are interpolated, jumps are kept."""
     depth = np.array([[0.0, 0.02, 0.04, 1.0, 1.02]])
     spread = spread_blocks(depth, 4, (4, 20))
     np.testing.assert_allclose(spread[0, 2:10], np.linspace(0.0025, 0.0375, 8), atol=1e-12)
@@ -164,7 +156,6 @@ def test_spread_blocks() -> None:
 
 
 def test_mesh_reproduces_a_translation() -> None:
-    """A global motion along the epipolar lines is met exactly, at the border and beyond it too."""
     frame = PixelFrame(64, 48)
     sideways = np.column_stack([np.eye(3), [0.1, 0.0, 0.0]])
     points = np.random.default_rng(0).uniform(4, 40, (60, 2))
@@ -180,7 +171,6 @@ def test_mesh_reproduces_a_translation() -> None:
 
 
 def test_mesh_drops_outliers() -> None:
-    """Fitting again without wrong matches brings the mesh closer to the right ones, most of which stay."""
     second = MODEL.correspondences.second.copy()
     wrong = np.arange(0, len(second), 40)
     second[wrong, 0] += 45.0
@@ -198,7 +188,6 @@ def test_mesh_drops_outliers() -> None:
 
 
 def test_mesh_equations() -> None:
-    """Barycentric weights reproduce places; linear motion is smooth; vertices keep to their lines."""
     points = np.random.default_rng(0).uniform(-8, 24, (30, 2))
     where = barycentric(points, (6, 6), 8.0)
     rows, columns = np.indices((6, 6))

@@ -51,7 +51,6 @@ def plain_field(points: Floats, residuals: Floats, reach: float) -> Floats:
 @pytest.mark.parametrize("reach", [15.0, FIELD.reach_px])
 @pytest.mark.parametrize("compiled", [True, False])
 def test_the_kernel_is_its_twin(compiled: bool, reach: float) -> None:
-    """The loops and the arrays give one field, zeros far from all points included."""
     points, residuals = points_and_residuals(1, 12)
     field = np.empty((*SHAPE, 2))
     run = correction_field if compiled else python_twin(correction_field)
@@ -61,7 +60,6 @@ def test_the_kernel_is_its_twin(compiled: bool, reach: float) -> None:
 
 
 def test_what_neighbours_agree_on_is_corrected() -> None:
-    """The field is near residuals that agree, and nothing where they contradict each other or are few."""
     points, residuals = points_and_residuals(2, 40)
     nowhere = np.zeros((*SHAPE, 2))
     agreed = add_correction(nowhere, points, residuals, FIELD)[20, 20]
@@ -73,7 +71,6 @@ def test_what_neighbours_agree_on_is_corrected() -> None:
 
 
 def test_a_correction_is_bilinear_between_nodes() -> None:
-    """It is added to the positions."""
     points, residuals = points_and_residuals(4, 12)
     start = np.random.default_rng(4).normal(size=(*SHAPE, 2))
     field = add_correction(start, points, residuals, FIELD) - start
@@ -84,7 +81,6 @@ def test_a_correction_is_bilinear_between_nodes() -> None:
 
 
 def test_block_offsets() -> None:
-    """Blocks move by the median of their pixels, in quarters; the border of the frame repeats."""
     motion = np.random.default_rng(3).uniform(-9.0, 9.0, (10, 14, 2))
     positions = np.stack(np.mgrid[:10, :14][::-1], axis=-1) + motion
     plane = np.zeros((10, 14))
@@ -94,7 +90,6 @@ def test_block_offsets() -> None:
 
 
 def test_only_points_that_tell_something_count() -> None:
-    """Lost points, points outside the frame and points that are far off have no residual."""
     rows, columns = np.indices(SHAPE).astype(np.float64)
     positions = np.stack([columns + 1.0, rows], axis=-1)
     wanted = np.array([[10.5, 7.25], [np.nan, 3.0], [-0.1, 3.0], [55.5, 3.0], [20.0, 20.0], [5.0, 5.0]])
@@ -107,7 +102,6 @@ def test_only_points_that_tell_something_count() -> None:
 
 
 def test_a_camera_that_is_off_is_made_up_for() -> None:
-    """A frame that is rendered in the wrong place moves to where the tracks are."""
     keys = moving_texture(1, *SHAPE)[0].luma, moving_texture(1, *SHAPE)[0].luma
     rows, columns = np.indices(SHAPE).astype(np.float64)
     true = np.stack([columns, rows], axis=-1)

@@ -45,7 +45,6 @@ def predicted(before: Luma, after: Luma, shifts: tuple[float, float]) -> tuple[I
 
 
 def test_what_one_reference_does_not_cover_is_taken_from_the_other() -> None:
-    """Under a fast pan the sides of the frame are in one reference each; aligned block motion blurs both."""
     shifts = -24.0, 24.0
     found, old = predicted(view(shifts[0]), view(shifts[1]), shifts)
     wanted = view(0.0)
@@ -55,7 +54,6 @@ def test_what_one_reference_does_not_cover_is_taken_from_the_other() -> None:
 
 
 def test_a_reference_where_the_camera_paused_is_the_frame() -> None:
-    """The view of no motion decides, however bad the other one is."""
     wrong = np.random.default_rng(7).integers(0, 255, (HEIGHT, WIDTH)).astype(np.uint8)
     found, old = predicted(view(0.0), wrong, (0.0, 16.0))
     assert psnr_db(to_uint8(found.luma), view(0.0)) > 34.0
@@ -63,7 +61,6 @@ def test_a_reference_where_the_camera_paused_is_the_frame() -> None:
 
 
 def test_references_of_one_quality_are_averaged() -> None:
-    """Where both agree but for noise, and neither is nearer, each has half a say, and the noise falls."""
     found, _ = predicted(view(-4.0, noise=4.0), view(4.0, noise=4.0), (-4.0, 4.0))
     inside = np.s_[:, 8:-8]
     np.testing.assert_allclose(found.weights[0][inside], 0.5, atol=0.02)
@@ -72,7 +69,6 @@ def test_references_of_one_quality_are_averaged() -> None:
 
 
 def test_the_expected_error_is_larger_where_references_disagree() -> None:
-    """A patch that is in one reference alone is expected to be wrong, and nothing else is."""
     after = view(4.0)
     after[50:90, 70:110] = 255 - after[50:90, 70:110]
     found, _ = predicted(view(-4.0), after, (-4.0, 4.0))
@@ -85,7 +81,6 @@ def test_the_expected_error_is_larger_where_references_disagree() -> None:
 
 @pytest.mark.parametrize("kind", ["none", "one", "nan", "noise", "far away"])
 def test_any_points_give_a_frame(kind: str) -> None:
-    """Whatever was received, luma, errors and weights are finite and in range."""
     points = np.random.default_rng(2).uniform(0, 140, (3, 40, 2))
     if kind == "none":
         points = points[:, :0]
@@ -129,7 +124,6 @@ def scene() -> tuple[NDArray[np.uint8], NDArray[np.uint8], Floats]:
 
 
 def test_residuals_of_tracks_take_what_a_homography_leaves() -> None:
-    """Whole-pixel tracks of a bent motion take a third, at least, off what the homography misses by."""
     reference, frame, points = scene()
     warp = warp_by_tracks(reference, points, np.round(bent(points)))
     common = homography_positions(whole_frame_motion(points, np.round(bent(points))), SHAPE)
@@ -143,7 +137,6 @@ def test_residuals_of_tracks_take_what_a_homography_leaves() -> None:
 
 
 def test_what_a_reference_covers_is_told() -> None:
-    """After a pan of ten pixels, ten columns lie outside; errors there are expected to be larger."""
     reference, _, points = scene()
     warp = warp_by_tracks(reference, points, points + np.array([10.0, 0.0]))
     np.testing.assert_array_equal(warp.coverage[:, -10:], 0.0)
@@ -154,7 +147,6 @@ def test_what_a_reference_covers_is_told() -> None:
 
 @pytest.mark.parametrize("axis", ["motion", "detail"])
 def test_errors_grow_with_motion_and_detail(axis: str) -> None:
-    """A reference that has hardly moved, and a flat one, are expected to be nearly right."""
     reference, _, points = scene()
     flat = np.full(SHAPE, 90, np.uint8)
     if axis == "motion":
@@ -171,7 +163,6 @@ def test_errors_grow_with_motion_and_detail(axis: str) -> None:
 
 @pytest.mark.parametrize("known", [0, 1, 2])
 def test_few_points_are_enough(known: int) -> None:
-    """Without points a reference stays where it is; one or two give a translation."""
     reference, _, points = scene()
     matches = points + np.array([3.0, 1.0])
     matches[known:] = np.nan

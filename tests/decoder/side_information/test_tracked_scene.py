@@ -51,14 +51,12 @@ def quality(
 
 @pytest.mark.parametrize("interpolator", [DepthInterpolator, BlockInterpolator])
 def test_tracks_tell_where_the_camera_is(interpolator: SceneInterpolatorType) -> None:
-    """An uneven camera is predicted several decibels better than without tracks."""
     tracked, blind = TrackedSceneInterpolation(interpolator, CONFIG), SceneInterpolation(interpolator, CONFIG)
     for instant in (9, 11):
         assert quality(tracked, true_tracks(), instant) > quality(blind, None, instant) + 4.0
 
 
 def test_frames_that_are_decoded_serve_as_references() -> None:
-    """Nearer references give a better prediction, and the middle of the group has a camera, too."""
     method = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
     far = quality(method, true_tracks(), 9)
     [near] = method.predict([REFERENCES[0], REFERENCES[2], REFERENCES[4]], true_tracks(), [9])
@@ -67,7 +65,6 @@ def test_frames_that_are_decoded_serve_as_references() -> None:
 
 
 def test_the_prediction_does_not_depend_on_what_was_asked_before() -> None:
-    """Caches change nothing."""
     method, tracks = TrackedSceneInterpolation(DepthInterpolator, CONFIG), true_tracks()
     [alone] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, tracks, [9])
     method.predict([REFERENCES[0], REFERENCES[2], REFERENCES[4]], tracks, [9])
@@ -78,7 +75,6 @@ def test_the_prediction_does_not_depend_on_what_was_asked_before() -> None:
 
 
 def test_without_tracks_the_camera_is_guessed() -> None:
-    """No points, or none that were received, give what the codec without tracks predicts."""
     [expected] = SceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, None, [10])
     for points in (None, PointTracks.none(5)):
         [found] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, points, [10])
@@ -86,7 +82,6 @@ def test_without_tracks_the_camera_is_guessed() -> None:
 
 
 def test_block_motion_serves_where_there_is_no_scene() -> None:
-    """Key frames without a model give aligned block motion, and say why."""
     black = ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))
     [found] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(
         [KEYS[0], black], true_tracks(), [10]
@@ -97,7 +92,6 @@ def test_block_motion_serves_where_there_is_no_scene() -> None:
 
 
 def test_references_warped_by_tracks_serve_where_there_is_no_scene() -> None:
-    """Between a key frame and one without any texture the tracks still serve, chroma and refinement too."""
     black = ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))
     method = TrackedSceneInterpolation(DepthInterpolator, BY_TRACKS)
     [found] = method.predict([KEYS[0], black], true_tracks(), [10])
@@ -123,7 +117,6 @@ def test_references_warped_by_tracks_join_the_scene() -> None:
 @pytest.mark.parametrize("config", [CONFIG, BY_TRACKS], ids=["block motion", "tracks"])
 @pytest.mark.parametrize("kind", ["nan", "lost", "one place", "noise", "outside", "too few"])
 def test_hostile_tracks_give_a_prediction(kind: str, config: CodecConfig) -> None:
-    """Tracks of any kind end in a prediction without holes, told as a failure where it is one."""
     positions = true_tracks().positions.copy()
     if kind == "nan":
         positions[:] = np.nan
@@ -147,7 +140,6 @@ def test_hostile_tracks_give_a_prediction(kind: str, config: CodecConfig) -> Non
 
 
 def test_corners_of_each_frame_will_do() -> None:
-    """Tracking at the decoder makes tracks of corners, which tell where the camera is."""
     corners = CornerDetector(176).detect([frame.luma for frame in FRAMES[1:4]])
     config = codec_config(CONFIG.video, "3d-td", side_information=CONFIG.side_information)
     tracked, blind = (
@@ -160,7 +152,6 @@ def test_corners_of_each_frame_will_do() -> None:
 
 
 def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
-    """Frames without a corner are predicted as if no points were sent at all."""
     config = codec_config(CONFIG.video, "3d-td", side_information=CONFIG.side_information)
     none = FeaturePoints((np.empty((0, 2)),) * 3)
     [found] = TrackedSceneInterpolation(DepthInterpolator, config).predict(KEYS, none, [10])
@@ -169,13 +160,11 @@ def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
 
 
 def test_the_codec_says_which_method_it_is() -> None:
-    """Codecs with tracks build the tracked form of a method by the same name."""
     assert isinstance(METHODS["depth"](CONFIG), TrackedSceneInterpolation)
     assert isinstance(METHODS["blocks"](codec_config(CONFIG.video, "3d")), SceneInterpolation)
 
 
 def test_tracks_correct_what_is_rendered_if_the_stream_says_so() -> None:
-    """Residuals of tracks change the prediction, which is not worse for it."""
     settings = replace(CONFIG.side_information, track_corrections=True)
     method = TrackedSceneInterpolation(DepthInterpolator, replace(CONFIG, side_information=settings))
     plain = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
@@ -196,7 +185,6 @@ def group(model: Model, basis: np.ndarray) -> GroupGeometry:
 
 
 def test_all_cameras_of_a_group_come_along() -> None:
-    """Cameras see the points where they did, nearer is nearer again, and what is missing stays missing."""
     truth = two_planes(176, 144, noise_px=0.0)
     basis = np.eye(4)
     basis[3, 2:] = 2.0 / truth.depths.min(), -1.0
@@ -219,6 +207,5 @@ def test_all_cameras_of_a_group_come_along() -> None:
 
 
 def test_a_group_in_order_stays_as_it_is() -> None:
-    """Nothing is copied where nothing has to change."""
     right = group(two_planes(176, 144), np.eye(4))
     assert in_rigid_order(right) is right

@@ -24,7 +24,6 @@ REFERENCES = [ReferenceFrame(8, FRAMES[0]), ReferenceFrame(12, FRAMES[4])]
 @pytest.mark.parametrize("name", INTERPOLATORS)
 @pytest.mark.parametrize("backend", ["native", "colmap"])
 def test_the_scene_serves(name: str, backend: str) -> None:
-    """A static scene is predicted by the method that was asked for, better than by block motion."""
     config = codec_config(CONFIG.video, "3d", geometry=GeometryConfig(backend))
     predictions = SceneInterpolation(INTERPOLATORS[name], config).predict(REFERENCES, None, [9, 10, 11])
     others = BlockMotionInterpolation().predict(REFERENCES, None, [9, 10, 11])
@@ -37,7 +36,6 @@ def test_the_scene_serves(name: str, backend: str) -> None:
 
 @pytest.mark.parametrize("name", INTERPOLATORS)
 def test_block_motion_serves_where_there_is_no_scene(name: str) -> None:
-    """Without a model the prediction is that of block motion, to the bit, and the reason is told."""
     cut = [REFERENCES[0], ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))]
     [prediction] = SceneInterpolation(INTERPOLATORS[name], CONFIG).predict(cut, None, [10])
     [block_motion] = BlockMotionInterpolation().predict(cut, None, [10])
@@ -48,7 +46,6 @@ def test_block_motion_serves_where_there_is_no_scene(name: str) -> None:
 
 
 def test_order_and_company_do_not_matter() -> None:
-    """A frame's prediction is the same whatever was predicted before it, and from which references."""
     method = SceneInterpolation(DepthInterpolator, CONFIG)
     [alone] = SceneInterpolation(DepthInterpolator, CONFIG).predict(REFERENCES, None, [10])
     method.predict([REFERENCES[0], ReferenceFrame(10, FRAMES[2])], None, [9])

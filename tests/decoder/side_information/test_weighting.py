@@ -15,7 +15,6 @@ def _moments(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_weights_solve_the_system_of_second_moments(count: int) -> None:
-    """Weights are those of a general solver, without the negative ones."""
     moments = _moments(np.random.default_rng(count), count)
     expected = np.empty((count, 2, 3))
     for i, j in np.ndindex(2, 3):
@@ -29,7 +28,6 @@ def test_weights_solve_the_system_of_second_moments(count: int) -> None:
 
 
 def test_weights_exist_if_no_hypothesis_errs() -> None:
-    """Without errors all hypotheses weigh the same."""
     pairs = zip(*np.tril_indices(4), strict=True)
     np.testing.assert_allclose(fusion_weights(dict.fromkeys(pairs, np.zeros((1, 1))), 4), 0.25)
 
@@ -49,7 +47,6 @@ def test_mean_and_spread_follow_from_the_weights() -> None:
 
 
 def test_fused_prediction_follows_the_better_hypothesis_in_each_region() -> None:
-    """Errors of a decoded band decide about the bands that are not decoded, region by region."""
     rng = np.random.default_rng(7)
     truth = rng.normal(0.0, 40.0, (16, 20, 20))
     hypotheses = np.stack([truth, truth])
@@ -64,7 +61,6 @@ def test_fused_prediction_follows_the_better_hypothesis_in_each_region() -> None
 
 
 def test_independent_errors_average_out() -> None:
-    """Equally good hypotheses with errors of their own are better together."""
     rng = np.random.default_rng(8)
     truth = rng.normal(0.0, 40.0, (16, 20, 20))
     hypotheses = truth + rng.normal(0.0, 10.0, (4, 16, 20, 20))
@@ -74,7 +70,6 @@ def test_independent_errors_average_out() -> None:
 
 
 def test_equal_hypotheses_stay_as_they_are() -> None:
-    """Nothing to choose from gives the prediction itself, without spread."""
     bands = np.random.default_rng(9).normal(0.0, 40.0, (16, 5, 6))
     fused, spread = fuse(np.stack([bands] * 3), {0: bands[0] + 3.0})
     np.testing.assert_allclose(fused, bands, atol=1e-9)
@@ -113,7 +108,6 @@ def test_the_scene_has_half_a_say_where_it_is_consistent() -> None:
 
 @pytest.mark.parametrize("bound", [0.5, 0.8, 1.0])
 def test_the_share_of_the_scene_is_bounded(bound: float) -> None:
-    """However little error the scene expects, its share does not exceed the bound, and reaches it."""
     rendered = interpolation(1.0)
     zeros = np.zeros(rendered.luma.shape)
     block_motion = Prediction(rendered.luma, None, (zeros, zeros + 50.0), "mci")
@@ -122,7 +116,6 @@ def test_the_share_of_the_scene_is_bounded(bound: float) -> None:
 
 
 def test_block_motion_is_doubted_where_it_is_far_from_the_scene() -> None:
-    """References that agree on something else convince less, and what is near the scene is as before."""
     rendered = interpolation(1.0)
     for offset, doubted in ((1.0, False), (60.0, True)):
         luma = rendered.luma + offset

@@ -23,7 +23,6 @@ def received(points: Floats, seed: int) -> ReceivedPoints:
 
 
 def test_shift_turn_and_temporal_offset_are_found() -> None:
-    """A frame that is shifted, turned and delayed deviates as it should, all over the image."""
     first, second = scattered(200, 1)
     turn = 0.01 * np.column_stack([-(first[:, 1] - 140), first[:, 0] - 170])
     truth = [
@@ -38,14 +37,12 @@ def test_shift_turn_and_temporal_offset_are_found() -> None:
 
 
 def test_without_points_nothing_deviates() -> None:
-    """A frame without points is where even motion puts it."""
     first, second = scattered(20, 2)
     frames = [ReceivedPoints(np.empty((0, 2)))]
     assert not register(first, second, np.array([0.5]), frames, RegistrationSettings()).any()
 
 
 def test_terms_are_bounded() -> None:
-    """The terms of the map do not grow with the motion, nor vanish for one point."""
     first, second = scattered(50, 3)
     terms = affine_terms(first, second)
     assert np.abs(terms).max() <= 2.0
@@ -53,7 +50,6 @@ def test_terms_are_bounded() -> None:
 
 
 def test_a_corner_belongs_to_one_place() -> None:
-    """Of two places near a corner the nearer gets it, and none that is too far."""
     corners = ReceivedPoints(np.array([[10.0, 10.0], [50.0, 10.0]]))
     chosen, found, distance = corners.match(np.array([[12.0, 10.0], [11.0, 10.0], [55.0, 10.0]]), 3.0)
     assert (chosen.tolist(), found.tolist(), distance.tolist()) == ([1], [0], [1.0])

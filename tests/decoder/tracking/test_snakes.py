@@ -32,7 +32,6 @@ def normal_matrix(first: Floats, second: Floats, num_frames: int, settings: Snak
 
 
 def test_conjugate_gradients_solve_the_normal_equations() -> None:
-    """The solution is that of the equations written out."""
     rng = np.random.default_rng(1)
     first = rng.uniform(0, 100, (12, 2))
     second = first + rng.uniform(-8, 8, (12, 2))
@@ -46,7 +45,6 @@ def test_conjugate_gradients_solve_the_normal_equations() -> None:
 
 
 def test_neighbours_carry_what_is_not_seen() -> None:
-    """A snake without points deviates as those around it do."""
     columns, rows = np.meshgrid(np.arange(5) * 20.0, np.arange(5) * 20.0)
     first = np.column_stack([columns.ravel(), rows.ravel()]) + 30.0
     expected = np.repeat(first[:, None], 3, axis=1)
@@ -60,7 +58,6 @@ def test_neighbours_carry_what_is_not_seen() -> None:
 
 
 def test_points_far_away_do_not_pull() -> None:
-    """Snakes without a point near them stay where they were expected."""
     first = np.array([[20.0, 20.0], [60.0, 20.0], [40.0, 50.0], [70.0, 70.0]])
     expected = np.repeat(first[:, None], 2, axis=1)
     snakes = fit_snakes(first, first, expected, [ReceivedPoints(first + 9.0)] * 2, SnakeSettings())

@@ -38,7 +38,6 @@ def drawn(view: DecodingView, index: int, kind: str) -> np.ndarray:
 
 
 def test_figures_of_later_frames() -> None:
-    """What was told already is not told again; sums are of all frames."""
     view = DecodingView(*FACTS, lambda: 7)
     assert view.state(-1)["first_picture"] is None
     view.add(picture(0, key=True), 0)
@@ -57,7 +56,6 @@ def test_figures_of_later_frames() -> None:
 
 
 def test_pictures() -> None:
-    """Colours, prediction, difference and depth are drawn as they are; a key frame has itself alone."""
     view = DecodingView(*FACTS)
     view.add(picture(0, key=True), 0)
     view.add(picture(1), 0)
@@ -72,7 +70,6 @@ def test_pictures() -> None:
 
 
 def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures and figures of frames long past are let go; the latest one is always there."""
     monkeypatch.setattr(decoding_view, "MAX_PICTURE_PX", 3 * 16 * 32)
     monkeypatch.setattr(decoding_view, "NUM_ROWS", 5)
     view = DecodingView(*FACTS)

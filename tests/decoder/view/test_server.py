@@ -57,7 +57,6 @@ def asked(page: ViewServer, path: str, method: str = "GET", **headers: str) -> t
 
 
 def test_what_is_served(served: ViewServer) -> None:
-    """The page, figures and pictures; nothing else, and nothing to a page of another name."""
     assert served.address == f"http://{served.name}/"
     assert [asked(served, path)[0] for path in ("/", "/state?after=-1", "/pictures/1/depth.jpg")] == [200] * 3
     for path in (
@@ -75,7 +74,6 @@ def test_what_is_served(served: ViewServer) -> None:
 
 
 def test_few_are_answered_at_a_time(served: ViewServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those who connect and say nothing take no more than their share, and are closed in the end."""
     monkeypatch.setattr(decoding_view, "REQUEST_TIMEOUT_S", 0.5)
     with ViewServer() as page:
         silent = [socket.create_connection(tuple(page.name.split(":")), timeout=30) for _ in range(20)]  # type: ignore[arg-type]
@@ -86,13 +84,11 @@ def test_few_are_answered_at_a_time(served: ViewServer, monkeypatch: pytest.Monk
 
 
 def test_a_port_that_is_taken(served: ViewServer) -> None:
-    """One line says so."""
     with pytest.raises(ConfigError, match=f"cannot serve a page on {HOST}"):
         ViewServer(int(served.name.split(":")[1]))
 
 
 def test_page_in_a_browser(browser: Browser, served: ViewServer) -> None:
-    """Pictures and figures come by themselves; nothing is logged, no other address is asked, no name runs."""
     page = browser.new_page(viewport={"width": 1200, "height": 1400})
     logged: list[str] = []
     requests: list[str] = []
@@ -118,7 +114,6 @@ def test_page_in_a_browser(browser: Browser, served: ViewServer) -> None:
 
 
 def test_a_command_is_watched(browser: Browser, tmp_path: Path) -> None:
-    """The page fills while the command decodes, and stays after all is written until an interrupt."""
     size = (176, 144)
     frames = [Frame(render(time, PixelFrame(*size))[0]) for time in np.linspace(0.0, 1.0, 5)]
     stream, video = tmp_path / "stream.dvc", tmp_path / "decoded.y4m"
