@@ -1,22 +1,26 @@
-"""Prediction from a model of the scene with tracked points."""
+"""Prediction from a model of the scene, with tracked points and without."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from decoder.side_information.methods import METHODS, SceneInterpolation, TrackedSceneInterpolation
+from decoder.side_information.block_motion import BlockMotionInterpolation
+from decoder.side_information.methods import (
+    INTERPOLATORS,
+    METHODS,
+    SceneInterpolation,
+    TrackedSceneInterpolation,
+)
 from decoder.side_information.protocol import ReferenceFrame, SceneInterpolatorType
 from decoder.side_information.scene_interpolators import BlockInterpolator, DepthInterpolator
-from decoder.tracking.group_geometry import GroupGeometry, in_rigid_order
-from dvc.config import CodecConfig, VideoConfig, codec_config
-from dvc.geometry.cameras import PixelFrame, oriented, project
+from dvc.config import CodecConfig, GeometryConfig, TracksConfig, VideoConfig, codec_config
+from dvc.geometry.cameras import PixelFrame, project
 from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
 from encoder.corner_detector import CornerDetector
-from sfm.scene_model import Model
 from tests.scenes_3d import camera_at, render, two_planes
 
 PIXELS = PixelFrame(176, 144)
@@ -174,38 +178,59 @@ def test_tracks_correct_what_is_rendered_if_the_stream_says_so() -> None:
         assert gain_db > -0.1
 
 
-GEOMETRY_INSTANTS = (0.0, 0.4, 1.0)
+UNTRACKED = codec_config(CONFIG.video, "3d")
 
 
-def group(model: Model, basis: np.ndarray) -> GroupGeometry:
-    """Return a group whose second frame, but not its third, has a camera, all in some basis."""
-    first, middle, last = (oriented(camera_at(position)) @ basis for position in GEOMETRY_INSTANTS)
-    cameras = (first, middle, None, last)
-    return GroupGeometry(8, PointTracks.none(4), model, cameras, "", ("", "", "lost", ""), True)
+EVEN = [Frame(render(position, PIXELS)[0], CHROMA) for position in (0.0, 0.25, 0.5, 0.75, 1.0)]
+EVEN_KEYS = [ReferenceFrame(8, EVEN[0]), ReferenceFrame(12, EVEN[4])]
 
 
-def test_all_cameras_of_a_group_come_along() -> None:
-    truth = two_planes(176, 144, noise_px=0.0)
-    basis = np.eye(4)
-    basis[3, 2:] = 2.0 / truth.depths.min(), -1.0
-    depths = 1.0 / (basis[3, 2] - 1.0 / truth.depths)
-    wrong = replace(truth, second_camera=oriented(truth.second_camera) @ basis, depths=depths)
-    found = in_rigid_order(group(wrong, basis))
-    assert found.model is not None
-    order = np.corrcoef(1.0 / found.model.depths, 1.0 / truth.depths)[0, 1]
-    assert order > 0.999
-    for position, camera in zip(
-        GEOMETRY_INSTANTS, (found.cameras[0], found.cameras[1], found.cameras[3]), strict=True
-    ):
-        assert camera is not None
-        expected, _ = project(camera_at(position), truth.points)
-        xy, depth = project(oriented(camera), found.model.points)
-        np.testing.assert_allclose(xy, expected, atol=1e-9)
-        assert (depth > 0).all()
-    assert found.cameras[2] is None
-    assert found.camera_reasons == ("", "", "lost", "")
+@pytest.mark.parametrize("name", INTERPOLATORS)
+@pytest.mark.parametrize("backend", ["native", "colmap"])
+def test_the_scene_serves(name: str, backend: str) -> None:
+    config = codec_config(UNTRACKED.video, "3d", geometry=GeometryConfig(backend))
+    predictions = SceneInterpolation(INTERPOLATORS[name], config).predict(EVEN_KEYS, None, [9, 10, 11])
+    others = BlockMotionInterpolation().predict(EVEN_KEYS, None, [9, 10, 11])
+    for prediction, other, frame in zip(predictions, others, EVEN[1:4], strict=True):
+        assert (prediction.method, prediction.success, prediction.reason) == (name, True, "")
+        assert prediction.chroma is not None
+        assert abs(int(prediction.chroma[0][36, 44]) - 100) <= 1
+        assert psnr_db(to_uint8(prediction.luma), frame.luma) > psnr_db(to_uint8(other.luma), frame.luma)
 
 
-def test_a_group_in_order_stays_as_it_is() -> None:
-    right = group(two_planes(176, 144), np.eye(4))
-    assert in_rigid_order(right) is right
+@pytest.mark.parametrize("name", INTERPOLATORS)
+def test_untracked_block_motion_serves_where_there_is_no_scene(name: str) -> None:
+    cut = [EVEN_KEYS[0], ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))]
+    [prediction] = SceneInterpolation(INTERPOLATORS[name], UNTRACKED).predict(cut, None, [10])
+    [block_motion] = BlockMotionInterpolation().predict(cut, None, [10])
+    assert prediction.method == "mci"
+    assert not prediction.success
+    assert prediction.reason
+    np.testing.assert_array_equal(prediction.luma, block_motion.luma)
+
+
+def test_order_and_company_do_not_matter() -> None:
+    method = SceneInterpolation(DepthInterpolator, UNTRACKED)
+    [alone] = SceneInterpolation(DepthInterpolator, UNTRACKED).predict(EVEN_KEYS, None, [10])
+    method.predict([EVEN_KEYS[0], ReferenceFrame(10, EVEN[2])], None, [9])
+    for _ in range(2):
+        [again] = method.predict(EVEN_KEYS, None, [10])
+        np.testing.assert_array_equal(again.luma, alone.luma)
+        np.testing.assert_array_equal(again.compensated[1], alone.compensated[1])
+
+
+def test_all_hypotheses_are_left_to_the_decoder() -> None:
+    """With tracks or without, block motion, depth and blocks are alternatives of what they are fused to."""
+    points = two_planes(176, 144).points[:90]
+    instants = (0.0, 0.3, 0.5, 0.7, 1.0)
+    seen = [PIXELS.to_pixels(project(camera_at(position), points)[0]) for position in instants]
+    tracks = PointTracks(np.round(np.stack(seen, axis=1)).astype(np.float64))
+    for codec, kind, received in (("3d-te", "encoder", tracks), ("3d", "none", None)):
+        config = codec_config(CONFIG.video, codec, tracks=TracksConfig(kind))
+        [found] = METHODS["fused"](config).predict(KEYS, received, [10])
+        assert (found.success, found.method) == (True, "fused")
+        assert len(found.alternatives) == 3
+
+
+def test_codecs_without_a_scene_predict_by_block_motion() -> None:
+    assert isinstance(METHODS["fused"](codec_config(CONFIG.video, "2d")), BlockMotionInterpolation)
