@@ -108,6 +108,12 @@ def test_the_first_frame_of_a_level_has_the_bits_of_all(
         np.testing.assert_array_equal(ours.luma, theirs.luma)
 
 
+def test_a_group_without_a_frame_before_it_is_refused(config_and_task: tuple[CodecConfig, GroupTask]) -> None:
+    config, task = config_and_task
+    with pytest.raises(BitstreamError, match="Wyner-Ziv frames without a frame before them"):
+        GroupDecoder(config).decode(replace(task, before=None))
+
+
 @pytest.mark.parametrize("number", [0, 2, 5])
 def test_bits_that_nobody_asks_for_are_refused(
     config_and_task: tuple[CodecConfig, GroupTask], number: int

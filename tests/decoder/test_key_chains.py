@@ -61,6 +61,7 @@ def test_any_number_of_jobs_gives_the_same(stream: bytes, groups: list[DecodedGr
     assert planes_of(decoded(stream, jobs)) == planes_of(groups)
     config = config_of(stream)
     punctured = written(config, [group.record for group in groups], Form.PUNCTURED)
+    assert len(punctured) < len(stream)
     again = decoded(punctured, jobs)
     assert planes_of(again) == planes_of(groups)
     assert written(config, [group.record for group in again], Form.PUNCTURED) == punctured

@@ -8,6 +8,8 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -141,19 +143,6 @@ def test_wrong_answers_end_the_group_alone(config_and_tasks: tuple[CodecConfig, 
         assert other is process
 
 
-def test_a_group_without_a_frame_before_it_is_refused(
-    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
-) -> None:
-    _, tasks = config_and_tasks
-    with decoding_process() as process:
-        process.submit(replace(tasks[1], form=None, before=None))
-        outcome: object = ()
-        while outcome == ():
-            _, outcome = process.receive()
-    assert isinstance(outcome, BitstreamError)
-    assert f"group of pictures {tasks[1].number}: Wyner-Ziv frames without a frame" in str(outcome)
-
-
 def test_a_process_that_nobody_wants_ends_without_a_word(
     config_and_tasks: tuple[CodecConfig, list[GroupTask]],
 ) -> None:
@@ -168,26 +157,6 @@ def test_a_process_that_nobody_wants_ends_without_a_word(
     ours.close()
     _, said = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, said) == (0, b"")
-
-
-class Pipe:
-    """The end of a connection that a worker has, in one process with all else."""
-
-    def __init__(self) -> None:
-        self.coming: deque[tuple[GroupTask | Answered, ...]] = deque()
-        self.sent: list[tuple[int, object]] = []
-        self.counts: list[tuple[int, int]] = []  # of what is to be done, and of messages that were taken
-
-    def poll(self) -> bool:
-        return bool(self.coming)
-
-    def recv(self) -> tuple[GroupTask | Answered, ...]:
-        return self.coming.popleft()
-
-    def send(self, message: tuple[int, object, int, int]) -> None:
-        number, outcome, *counts = message
-        self.sent.append((number, outcome))
-        self.counts.append((counts[0], counts[1]))
 
 
 Level = tuple[int, int]
@@ -214,13 +183,22 @@ class Scene:
     """A worker that decodes scripted groups, by number, and what it does."""
 
     def __init__(self, levels: Mapping[int, Sequence[Level | Exception]]) -> None:
-        self.pipe = Pipe()
-        self.worker = processes._Worker(self.pipe)  # type: ignore[arg-type]
+        self.coming: deque[tuple[GroupTask | Answered, ...]] = deque()
+        self.sent: list[tuple[int, object]] = []
+        self.counts = 0, 0  # open tasks, and messages that were taken
+        connection = SimpleNamespace(
+            poll=lambda: bool(self.coming), recv=self.coming.popleft, send=self._send
+        )
+        self.worker = processes._Worker(cast(Any, connection))
         self.decoders: list[Scripted] = []
         self.given_back: list[Scripted] = []
         self._levels = levels
         self.worker._acquire = self._acquire  # type: ignore[assignment]
         self.worker._release = self._release  # type: ignore[assignment]
+
+    def _send(self, message: tuple[int, object, int, int]) -> None:
+        self.sent.append(message[:2])
+        self.counts = message[2:]
 
     def _acquire(self, config: bytes) -> Scripted:
         if config:
@@ -243,13 +221,13 @@ class Scene:
         return self._settled(*(Answered(number, (np.zeros(8, np.uint8),)) for number in numbers))
 
     def _settled(self, *messages: GroupTask | Answered) -> list[tuple[int, object]]:
-        known = len(self.pipe.sent)
-        self.pipe.coming.append(messages)
+        known = len(self.sent)
+        self.coming.append(messages)
         self.worker.receive(wait=True)
         while not self.worker.is_idle:
             self.worker.step()
-        assert self.pipe.counts[-1][0] == 0
-        return [sent for sent in self.pipe.sent[known:] if sent[1] != ()]
+        assert self.counts[0] == 0
+        return [sent for sent in self.sent[known:] if sent[1] != ()]
 
     def asked(self, found: Sequence[tuple[int, object]]) -> list[int]:
         """Return which groups ask for something, in order."""
@@ -265,14 +243,14 @@ def test_groups_of_a_lower_rank_go_first() -> None:
     """Those with the most levels to come, whoever is answered first; then the first in display order."""
     scene = Scene({1: [(-2, 1), (-1, 1)], 2: [(-3, 1), (-2, 1), (-1, 1)], 3: [(-3, 1), (-2, 1), (-1, 1)]})
     assert sorted(scene.asked(scene.begin(1, 2, 3))) == [1, 2, 3]
-    assert scene.pipe.counts[-1] == (0, 3)
+    assert scene.counts == (0, 3)
     assert scene.asked(scene.answer(1, 3, 2)) == [2, 3, 1]
     assert scene.asked(scene.answer(3)) == [3]
     found = scene.answer(1, 2, 3)
     assert scene.asked(found) == [2]
     assert sorted(ended(found)) == [1, 3]
     assert ended(scene.answer(2)) == [2]
-    assert scene.pipe.counts[-1] == (0, 11)
+    assert scene.counts == (0, 11)
     assert len(scene.given_back) == 3
     assert set(scene.given_back) == set(scene.decoders)
 
@@ -285,7 +263,7 @@ def test_levels_wait_for_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     assert scene.asked(scene.begin(2, 3)) == []
     assert scene.asked(scene.answer(1)) == [2, 1]
     assert scene.asked(scene.begin(4, 5)) == []
-    assert scene.pipe.counts[-1] == (0, 6)
+    assert scene.counts == (0, 6)
     found = scene.answer(1)
     assert (ended(found), scene.asked(found)) == ([1], [5])
     found = scene.answer(5)
