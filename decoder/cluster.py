@@ -54,23 +54,28 @@ def _decoded_in_order(
 ) -> Generator[DecodedGroup]:
     """Decode groups, no more than keep the threads of a cluster busy; raise errors after all before them."""
     digest, run = codec_digest(), uuid.uuid4().hex[:8]
-    is_finished, failure = False, None
+    is_finished = False
+    failure: BitstreamError | None = None  # ends the stream
     futures: deque[tuple[Future[DecodedGroup | Exception], GroupTask]] = deque()
+
+    def _submit() -> None:
+        nonlocal is_finished, failure
+        max_open = GROUPS_PER_THREAD * max(sum(client.nthreads().values()), 1)
+        while not is_finished and len(futures) < max_open:
+            try:
+                task = next(tasks, None)
+            except BitstreamError as err:
+                failure, task = err, None
+            is_finished = task is None
+            if task is not None:
+                key = f"decode-{run}-{task.number}"
+                futures.append((client.submit(decode_group, task, digest, key=key), task))
+
     try:
-        while True:
-            max_open = GROUPS_PER_THREAD * max(sum(client.nthreads().values()), 1)
-            while not is_finished and len(futures) < max_open:
-                try:
-                    task = next(tasks, None)
-                except BitstreamError as err:
-                    failure, task = err, None
-                is_finished = task is None
-                if task is not None:
-                    key = f"decode-{run}-{task.number}"
-                    futures.append((client.submit(decode_group, task, digest, key=key), task))
-            if not futures:
-                break
+        _submit()
+        while futures:
             group, (_, task) = _result(client, futures[0][0]), futures.popleft()
+            _submit()
             if isinstance(group, BitstreamError) and losses is not None:
                 group = losses.rest_of(task, group)
             if isinstance(group, Exception):

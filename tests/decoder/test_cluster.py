@@ -66,7 +66,6 @@ def decoded(stream: bytes, client: object) -> Generator[DecodedGroup]:
 
 
 def contents(groups: list[DecodedGroup]) -> list[bytes]:
-    """Return all that is decoded, without times."""
     return [
         pickle.dumps([group.first_index, group.record, *(plane.tobytes() for plane in planes(group))])
         for group in groups
@@ -110,7 +109,6 @@ def run(*arguments: object) -> int:
 
 
 def report_of(path: Path) -> dict[str, Any]:
-    """Return a report without times."""
     report = cast(dict[str, Any], json.loads(path.read_text()))
     for entry in (report, *report["per_frame"]):
         entry.pop("decode_s", None)
@@ -153,8 +151,6 @@ class Kept:
     """A cluster that notes what it is given, and decodes it when it is asked for."""
 
     class Future:
-        """One group."""
-
         def __init__(self, given: tuple[Any, ...]) -> None:
             self.given, self.asked = given, False
 
@@ -162,7 +158,6 @@ class Kept:
             """Say that it went well."""
 
         def result(self) -> DecodedGroup | Exception:
-            """Decode it."""
             self.asked = True
             return decode_group(*self.given)
 
@@ -173,11 +168,9 @@ class Kept:
         self.most_open = 0
 
     def nthreads(self) -> dict[str, int]:
-        """Return threads of workers."""
         return {"one": self.num_threads - 1, "other": 1}
 
     def submit(self, function: object, *given: Any, key: str) -> "Kept.Future":
-        """Take a group."""
         assert function is decode_group
         assert key
         self.futures.append(Kept.Future(given))
@@ -185,7 +178,6 @@ class Kept:
         return self.futures[-1]
 
     def cancel(self, futures: list["Kept.Future"]) -> None:
-        """Note what nobody wants."""
         self.cancelled += futures
 
 

@@ -24,7 +24,6 @@ CONFIG = codec_config(VIDEO, quality=Qp(30))
 
 @pytest.fixture(scope="module")
 def frames() -> list[Frame]:
-    """Return five views of a static scene."""
     return [Frame(render(time, PixelFrame(*SIZE))[0]) for time in np.linspace(0.0, 1.0, 5)]
 
 

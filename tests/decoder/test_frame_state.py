@@ -26,7 +26,6 @@ class Refiner:
         self.given: list[np.ndarray] = []
 
     def refine(self, luma: np.ndarray) -> Prediction:
-        """Return the truth."""
         self.given.append(luma)
         return Prediction(LUMA, None, (LUMA, LUMA), "refined", refiner=self)
 
@@ -149,7 +148,6 @@ def band() -> Band:
 
 
 def bits_of(band: Band, truth: np.ndarray, missing: int) -> np.ndarray:
-    """Return a plane of values."""
     origin = quantizer.embedded_origin(1, PLANES)
     bins = np.clip(np.floor(truth / STEP + origin), 0, 2**PLANES - 1).astype(np.int64)
     found: np.ndarray = (bins >> missing & 1).astype(np.uint8)

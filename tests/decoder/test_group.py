@@ -27,7 +27,6 @@ def test_unknown_methods_are_refused() -> None:
 
 
 def predicted(value: float = 7.0, shape: tuple[int, int] = (3, 5)) -> Prediction:
-    """Return a prediction of one value."""
     return Prediction(np.full(shape, value), None, (np.zeros((3, 5)),), "of others")
 
 

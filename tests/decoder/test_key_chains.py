@@ -30,13 +30,11 @@ FRAMES = [
 
 @pytest.fixture(scope="module")
 def stream() -> bytes:
-    """Return a buffered stream of three chains."""
     return encoded(CONFIG, FRAMES)
 
 
 @pytest.fixture(scope="module")
 def groups(stream: bytes) -> list[DecodedGroup]:
-    """Return what is decoded of it."""
     return decoded(stream)
 
 

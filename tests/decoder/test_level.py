@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from decoder import wyner_ziv
 from decoder.group_tasks import DecodedFrame
-from decoder.wyner_ziv import Decoded, FrameCoroutine, Prior, Wish, decode_level
+from decoder.wyner_ziv import FrameCoroutine, Prior, Wish, decode_level
 from dvc.config import CascadeConfig
 from dvc.contracts.test_plane_coders import noisy
 from dvc.slepian_wolf import (
@@ -43,6 +43,7 @@ class Frames:
 
     planes: dict[int, list[Bits]]
     llrs: dict[int, list[NDArray[np.float64]]]
+    priors: dict[int, list[Prior]] = field(default_factory=dict)  # besides LLRs
     events: list[tuple[int, str]] = field(default_factory=list)
     found: dict[int, list[Bits]] = field(default_factory=dict)  # by frames
     paid: dict[int, float] = field(default_factory=dict)
@@ -68,15 +69,11 @@ class Frames:
     def _frame(self, frame: int, steps: list[list[tuple[int, ...]]]) -> FrameCoroutine:
         self.found[frame], self.paid[frame], self.again[frame] = [], 0.0, []
         for step in steps:
-            wishes = [
-                Wish(
-                    planes,
-                    AREAS,
-                    np.concatenate([self.llrs[frame][p] for p in planes]),
-                    self._priors(frame, planes),
-                )
-                for planes in step
-            ]
+            wishes = []
+            for planes in step:
+                llrs = [self.llrs[frame][plane] for plane in planes]
+                priors = [self.priors[frame][plane] for plane in planes] if self.priors else llrs
+                wishes.append(Wish(planes, AREAS, np.concatenate(llrs), priors))
             decoded = yield wishes
             assert [len(own) for own in decoded] == [len(planes) for planes in step]
             everything = [one for own in decoded for one in own]
@@ -87,9 +84,6 @@ class Frames:
         self.events.append((frame, "end"))
         luma = np.zeros((4, 4), np.uint8)
         return DecodedFrame(frame, Frame(luma), luma, luma, "test", "")
-
-    def _priors(self, frame: int, planes: tuple[int, ...]) -> list[NDArray[np.float64]]:
-        return [self.llrs[frame][plane] for plane in planes]
 
 
 class Encoder:
@@ -301,23 +295,13 @@ def test_couplings_of_frames_are_those_of_each() -> None:
         np.tile([1.0, 1.0, 0.0], (24, 1)), np.arange(720),
     )  # fmt: skip
     costs = []
+    frames.llrs = {1: [llr.ravel()], 2: [llr.ravel()]}
     for prior in (coupling, llr.ravel()):
-        found: dict[int, Sequence[Decoded]] = {}
-
-        def frame_of(
-            index: int, prior: Prior = prior, found: dict[int, Sequence[Decoded]] = found
-        ) -> FrameCoroutine:
-            (found[index],) = yield [Wish((0,), b"", llr.ravel(), [prior])]
-            again = yield ()
-            if again:
-                (found[index],) = again
-            luma = np.zeros((4, 4), np.uint8)
-            return DecodedFrame(index, Frame(luma), luma, luma, "test", "")
-
-        encoder = Encoder(frames)
-        steps = decode_level({index: frame_of(index) for index in (1, 2)}, CASCADE.decoder(720), True)
+        encoder, frames.priors = Encoder(frames), {1: [prior], 2: [prior]}
+        steps = decode_level(frames.decode({1: [[(0,)]], 2: [[(0,)]]}), CASCADE.decoder(720), True)
         encoder.check_costs(drive(steps, encoder.answer))
         for index in (1, 2):
-            np.testing.assert_array_equal(found[index][0].bits, frames.planes[index][0])
+            decoded = frames.again[index] or frames.found[index]
+            np.testing.assert_array_equal(decoded[0], frames.planes[index][0])
         costs.append(sum(encoder.num_bits.values()))
     assert costs[0] < 0.8 * costs[1]

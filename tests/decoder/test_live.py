@@ -260,13 +260,11 @@ class Liar:
 
 
 def stall(liar: Liar) -> None:
-    """Say nothing any more, but listen."""
     while True:
         liar.link.receive()
 
 
 def die(liar: Liar) -> None:
-    """Go away in the middle of a message."""
     liar.endpoint.send_answers(bytes(-(-liar.waiting[0].num_bits // 8)))
     liar.link.send(liar.endpoint.bytes_to_send()[:-1])
 

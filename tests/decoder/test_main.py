@@ -14,7 +14,6 @@ from tests.clips import moving_texture, write_clip
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a stream of three frames."""
     folder = tmp_path_factory.mktemp("stream")
     clip = write_clip(folder / "clip.y4m", moving_texture(3, 24, 32))
     assert encoder.main([str(clip), str(folder / "clip.dvc"), "--qp", "34", "--gop", "2", "--quiet"]) == 0

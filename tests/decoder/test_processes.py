@@ -39,12 +39,16 @@ with StreamReader({path!r}) as reader:
 
 
 def digests(reader: StreamReader) -> list[str]:
-    """Return what the program above prints."""
     return [f"{group.first_index} {group.record.digest}" for group in decode_stream(reader.config, reader)]
 
 
+@pytest.fixture
+def task() -> GroupTask:
+    with StreamReader(STREAM) as reader:
+        return [*stream_tasks(reader.config, reader)][1]
+
+
 def outcome_of(process: DecodingProcess, task: GroupTask) -> DecodedGroup:
-    """Let a process decode a group."""
     process.submit(task)
     number, outcome = process.receive()
     assert number == task.number
@@ -79,9 +83,7 @@ def test_busy_processes_do_not_come_back() -> None:
     assert not process.alive
 
 
-def test_a_killed_process_is_said_and_replaced() -> None:
-    with StreamReader(STREAM) as reader:
-        _, task = stream_tasks(reader.config, reader)
+def test_a_killed_process_is_said_and_replaced(task: GroupTask) -> None:
     with decoding_process() as process:
         threading.Timer(0.3, process.kill).start()
         with pytest.raises(DvcError, match="decoding process was killed"):
@@ -91,9 +93,7 @@ def test_a_killed_process_is_said_and_replaced() -> None:
         assert len(digests(reader)) == 2
 
 
-def test_a_fault_is_told_with_its_place() -> None:
-    with StreamReader(STREAM) as reader:
-        _, task = stream_tasks(reader.config, reader)
+def test_a_fault_is_told_with_its_place(task: GroupTask) -> None:
     with decoding_process() as process:
         with pytest.raises(RuntimeError) as caught:
             outcome_of(process, replace(task, record=None))  # type: ignore[arg-type]
@@ -126,12 +126,12 @@ def test_leaving_early_ends_what_is_running() -> None:
     assert not any(process.num_running for process in processes._idle)
 
 
-def test_a_user_that_is_collected_gives_its_process_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_that_is_collected_gives_its_process_back(
+    task: GroupTask, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What was lent to a generator in a cycle of garbage decodes on, for the next one."""
     gc.collect()  # what other tests have left
     monkeypatch.setattr(processes, "_idle", [])
-    with StreamReader(STREAM) as reader:
-        _, task = stream_tasks(reader.config, reader)
 
     def user() -> Iterator[list[object]]:
         cycle: list[object] = []
@@ -197,10 +197,7 @@ def test_damage_comes_after_the_groups_before_it(jobs: int) -> None:
 
 
 class Interrupted(StreamGroups):
-    """A source that is interrupted while it waits."""
-
     def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
-        """Wait in vain."""
         raise KeyboardInterrupt
 
 
@@ -235,8 +232,6 @@ class Immediate:
 
 
 class Told(StreamGroups):
-    """A source of whose processes all has come."""
-
     def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
         """Name those that have something to tell, the last of them first."""
         return [process for process in reversed(processes) if process.num_running]

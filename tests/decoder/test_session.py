@@ -1,16 +1,13 @@
 """Decoding of whole streams in memory, and the report of a run."""
 
 import io
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from decoder.group_tasks import DecodedGroup
-from decoder.report import BIT_CLASSES, PSNR_CAP_DB, DecodeReport
 from decoder.session import decode_stream
 from dvc.config import (
     CodecConfig,
@@ -21,11 +18,11 @@ from dvc.config import (
     VideoConfig,
     codec_config,
 )
-from dvc.errors import BitstreamError, ConfigError, VideoError
+from dvc.errors import BitstreamError
 from dvc.metrics import psnr_db
 from dvc.stream import Form, StreamReader
 from dvc.tracks import PointTracks, encode_tracks
-from dvc.video import Frame, VideoInfo
+from dvc.video import Frame
 from encoder.encoder_session import EncoderSession
 from tests.clips import moving_texture
 from tests.streams import config_of, decoded, encoded, written
@@ -41,13 +38,11 @@ def frames() -> list[Frame]:
 
 @pytest.fixture(scope="module")
 def stream(frames: list[Frame]) -> bytes:
-    """Return its buffered stream."""
     return encoded(CONFIG, frames)
 
 
 @pytest.fixture(scope="module")
 def groups(stream: bytes) -> list[DecodedGroup]:
-    """Return the decoded groups of the stream."""
     return decoded(stream)
 
 
@@ -106,72 +101,6 @@ def test_punctured_group_with_another_digest_is_refused(stream: bytes, groups: l
     other = replace(groups[1], record=replace(record, digest=record.digest ^ 1))
     with pytest.raises(BitstreamError, match=r"group of pictures 1: .*other predictions.*digest"):
         decoded(punctured_stream([groups[0], other], config))
-
-
-class Reference:
-    """The part of a video reader that a report looks at."""
-
-    def __init__(self, frames: list[Frame], width: int = 24) -> None:
-        self.info = VideoInfo(width, 16, Fraction(25))
-        self._frames = frames
-
-    def __iter__(self) -> Iterator[Frame]:
-        return iter(self._frames)
-
-
-def test_report_accounts_for_every_bit(groups: list[DecodedGroup], frames: list[Frame]) -> None:
-    report = DecodeReport(CONFIG, Reference(frames))
-    for group in groups:
-        report.add(group)
-    totals = report.to_dict(stream_bytes=1000)
-    planes = totals["plane_bits"]
-    assert planes["all"]["bits"] == totals["bits"]["parity"] + totals["bits"]["crc"]
-    assert planes["all"]["bits"] == sum(planes[name]["bits"] for name in planes if name != "all")
-    assert planes["dc"]["ratio"] == round(planes["dc"]["bits"] / planes["dc"]["ideal_bits"], 4) > 1
-    rows = totals["per_frame"]
-    assert [row["index"] for row in rows] == list(range(6))
-    assert [row["type"] for row in rows] == ["key", "wz", "wz", "key", "wz", "key"]
-    assert sum(sum(row["bits"].values()) for row in rows) == 8000
-    assert sum(totals["bits"].values()) == 8000
-    assert tuple(totals["bits"]) == BIT_CLASSES
-    assert totals["duration_s"] == pytest.approx(6 / 25)
-    assert totals["rate_kbps"] == pytest.approx(8 / totals["duration_s"])
-    assert totals["psnr_y_db"] == pytest.approx(np.mean([row["psnr_y_db"] for row in rows]))
-    wyner_ziv = [row for row in rows if row["type"] == "wz"]
-    assert totals["wz_psnr_y_db"] == pytest.approx(np.mean([row["psnr_y_db"] for row in wyner_ziv]))
-    assert totals["num_requests"] == sum(row["num_requests"] for row in wyner_ziv)
-
-
-def test_report_without_reference_has_no_quality(groups: list[DecodedGroup]) -> None:
-    report = DecodeReport(CONFIG, None)
-    report.add(groups[0])
-    totals = report.to_dict(100)
-    assert totals["psnr_y_db"] is None
-    assert totals["wz_psnr_y_db"] is None
-    same = DecodeReport(CONFIG, Reference([groups[0].key]))
-    same.add(groups[0])
-    assert same.to_dict(100)["psnr_y_db"] == PSNR_CAP_DB
-    assert ("psnr_cb_db" in same.to_dict(100)) == (groups[0].key.chroma is not None)
-    assert "psnr_cb_db" not in totals
-
-
-def test_a_report_that_nobody_reads_keeps_nothing(groups: list[DecodedGroup]) -> None:
-    full, short = DecodeReport(CONFIG, None), DecodeReport(CONFIG, None, kept=False)
-    for group in groups:
-        assert [p.report for p in short.add(group)] == [p.report for p in full.add(group)]
-    with pytest.raises(IndexError):
-        short.to_dict(100)
-
-
-def test_report_refuses_a_reference_that_does_not_fit(
-    groups: list[DecodedGroup], frames: list[Frame]
-) -> None:
-    with pytest.raises(ConfigError, match="the stream of 24x16"):
-        DecodeReport(CONFIG, Reference(frames, width=25))
-    report = DecodeReport(CONFIG, Reference(frames[:3]))
-    report.add(groups[0])
-    with pytest.raises(VideoError, match="ends before frame 3"):
-        report.add(groups[1])
 
 
 TRACKED = replace(

@@ -52,7 +52,6 @@ class Answering:
         process.submit(*(replace(task, form=None) for task in tasks))
 
     def receive(self) -> tuple[int, Outcome]:
-        """Take what comes next."""
         number, outcome = self.process.receive()
         if number not in self._answers:
             return number, outcome
@@ -76,7 +75,6 @@ class Answering:
 
 @pytest.fixture(scope="module")
 def config_and_tasks() -> tuple[CodecConfig, list[GroupTask]]:
-    """Return groups that begin with a key frame."""
     video, gop = VideoConfig(32, 24, 25, 1, luma_only=True), {"length": 8, "references": "hierarchical"}
     config = codec_config(video, "2d", Qp(32), gop=gop, key={"qp": 36}, coder=CascadeConfig(20))
     stream = encoded(config, [Frame(frame.luma) for frame in moving_texture(30, 24, 32)])
@@ -235,7 +233,6 @@ class Scene:
 
 
 def ended(found: Sequence[tuple[int, object]]) -> list[int]:
-    """Return which groups are decoded, in order."""
     return [number for number, outcome in found if isinstance(outcome, DecodedGroup)]
 
 

@@ -49,7 +49,6 @@ def decode(
     slope: float = 0.0,
     seen: Callable[[Round], None] = lambda _: None,
 ) -> DecodedFrame:
-    """Decode a frame; `seen` gets all requests."""
     encoded = EncodedFrame.of(FrameLayout.of(config), original.luma, step)
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
@@ -65,14 +64,12 @@ def decode(
 
 
 def alone(decoder: WynerZivDecoder, frame: FrameCoroutine, answer: Answer) -> DecodedFrame:
-    """Decode a frame as the only one of its level."""
     planes = decoder.coder.decoder(decoder.layout.num_bits)
     (decoded,) = drive(decode_level({5: frame}, planes, decoder.coder.by_positions), answer)
     return decoded
 
 
 def answering(config: CodecConfig, encoded: EncodedFrame) -> Answer:
-    """Return what answers requests for frame 5."""
     buffer = EncoderBuffer(encoded.layout, plane_coder(config), 1)
     buffer.enter(0, encoded)
     return partial(buffer.answer_round, first_frame=5)

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decoder.side_information import block_motion as compensation
-from decoder.side_information import block_motion as refinement
+from decoder.side_information import block_motion
 from decoder.side_information.block_motion import (
     BLOCK,
     BlockMotionInterpolation,
@@ -23,7 +22,7 @@ from dvc.metrics import psnr_db
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
 from tests.clips import moving_texture
-from tests.reference import block_motion as reference
+from tests.reference.block_motion import sample_at
 
 
 @pytest.mark.parametrize("motion_px", [(0.0, 0.0), (1.0, -2.0), (0.5, 1.25), (-2.0, 3.0)])
@@ -72,34 +71,27 @@ def test_vector_median_drops_outliers_and_keeps_edges() -> None:
     np.testing.assert_array_equal(vector_median(noisy), field)
 
 
-def test_vector_median_keeps_the_vector_on_ties() -> None:
-    field = np.array([[[0, 0], [5, 5]]])
-    np.testing.assert_array_equal(vector_median(np.full((1, 1, 2), 7)), [[[7, 7]]])
-    assert vector_median(field).shape == field.shape
-
-
 @pytest.fixture(scope="module")
 def luma() -> np.ndarray:
-    """Return a plane with all kinds of samples."""
     return np.random.default_rng(0).integers(0, 256, (9, 13), dtype=np.uint8)
 
 
 def test_phase_planes_are_interpolated(luma: np.ndarray) -> None:
     margin = 5
-    phases = compensation.phase_planes(luma, margin)
+    phases = block_motion.phase_planes(luma, margin)
     assert phases.shape == (4, 4, 9 + 2 * margin, 13 + 2 * margin)
     rng = np.random.default_rng(1)
     for row, column in rng.integers(
         (-4 * margin, -4 * margin), (4 * (9 + margin), 4 * (13 + margin)), (400, 2)
     ):
         got = phases[row % 4, column % 4, row // 4 + margin, column // 4 + margin]
-        assert got == reference.sample_at(luma, row, column), (row, column)
+        assert got == sample_at(luma, row, column), (row, column)
 
 
 def test_low_pass_is_the_mean_of_nine(luma: np.ndarray) -> None:
     padded = np.pad(luma.astype(int), 1, mode="edge")
     expected = [[(padded[y : y + 3, x : x + 3].sum() + 4) // 9 for x in range(13)] for y in range(9)]
-    np.testing.assert_array_equal(compensation.low_pass(luma), expected)
+    np.testing.assert_array_equal(block_motion.low_pass(luma), expected)
 
 
 def test_halve_is_the_mean_of_four(luma: np.ndarray) -> None:
@@ -107,7 +99,7 @@ def test_halve_is_the_mean_of_four(luma: np.ndarray) -> None:
     expected = [
         [(padded[y : y + 2, x : x + 2].sum() + 2) // 4 for x in range(0, 14, 2)] for y in range(0, 10, 2)
     ]
-    np.testing.assert_array_equal(compensation.halve(luma), expected)
+    np.testing.assert_array_equal(block_motion.halve(luma), expected)
 
 
 @pytest.mark.parametrize("block", [2, 4, 8, 16])
@@ -116,8 +108,8 @@ def test_compensation_without_motion_is_the_reference(block: int) -> None:
     rows, columns = -(-17 // block), -(-23 // block)
     offsets = [np.zeros((rows, columns, 2), np.int64)] * 2
     weights = [np.full((rows, columns), share) for share in (0.25, 0.75)]
-    phases = [compensation.phase_planes(luma) for luma in lumas]
-    prediction, compensated = compensation.compensate(phases, offsets, weights, block, (17, 23))
+    phases = [block_motion.phase_planes(luma) for luma in lumas]
+    prediction, compensated = block_motion.compensate(phases, offsets, weights, block, (17, 23))
     for luma, own in zip(lumas, compensated, strict=True):
         np.testing.assert_allclose(own, luma)
     np.testing.assert_allclose(prediction, 0.25 * lumas[0] + 0.75 * lumas[1])
@@ -126,8 +118,8 @@ def test_compensation_without_motion_is_the_reference(block: int) -> None:
 def test_compensation_follows_offsets() -> None:
     luma = moving_texture(1, 16, 24)[0].luma
     offsets = np.broadcast_to(np.array([4 * 2, 4 * -3]), (2, 3, 2)).copy()
-    _, [moved] = compensation.compensate(
-        [compensation.phase_planes(luma)], [offsets], [np.ones((2, 3))], 8, (16, 24)
+    _, [moved] = block_motion.compensate(
+        [block_motion.phase_planes(luma)], [offsets], [np.ones((2, 3))], 8, (16, 24)
     )
     rows, columns = np.clip(np.arange(16) + 2, 0, 15), np.clip(np.arange(24) - 3, 0, 23)
     np.testing.assert_allclose(moved, luma[rows][:, columns])
@@ -135,7 +127,7 @@ def test_compensation_follows_offsets() -> None:
 
 def test_resize_field_repeats_vectors() -> None:
     field = np.arange(8).reshape(2, 2, 2)
-    fine = compensation.resize_field(field, 5, 3, 2)
+    fine = block_motion.resize_field(field, 5, 3, 2)
     assert fine[:, :, 0].tolist() == [[0, 0, 2], [0, 0, 2], [4, 4, 6], [4, 4, 6], [4, 4, 6]]
 
 
@@ -179,16 +171,16 @@ def test_the_reference_that_sees_the_block_wins(frames: list[Frame]) -> None:
 
 def test_references_are_held_once(frames: list[Frame]) -> None:
     """Frames that are decoded side by side share what is made of their references while one needs it."""
-    before = len(refinement._in_use)
+    before = len(block_motion._in_use)
     first, second = refiner_with(0.0, frames), refiner_with(1.0, frames)
     other = refiner_with(0.0, [Frame(frame.luma.copy()) for frame in frames])
-    assert len(refinement._in_use) == before + 4
+    assert len(block_motion._in_use) == before + 4
     alone = other.refine(frames[1].luma)
     np.testing.assert_array_equal(first.refine(frames[1].luma).luma, alone.luma)
     del first, other, alone
-    assert len(refinement._in_use) == before + 2
+    assert len(block_motion._in_use) == before + 2
     del second
-    assert len(refinement._in_use) == before
+    assert len(block_motion._in_use) == before
 
 
 def test_chroma_follows_the_offsets(frames: list[Frame]) -> None:

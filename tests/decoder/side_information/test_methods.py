@@ -1,5 +1,6 @@
 """Prediction from a model of the scene, with tracked points and without."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +38,6 @@ KEYS = [REFERENCES[0], REFERENCES[4]]
 
 
 def true_tracks(number: int = 90) -> PointTracks:
-    """Return tracks of whole pixels."""
     points = two_planes(176, 144).points[:number]
     seen = [PIXELS.to_pixels(project(camera_at(position), points)[0]) for position in INSTANTS]
     return PointTracks(np.round(np.stack(seen, axis=1)))
@@ -118,24 +118,22 @@ def test_references_warped_by_tracks_join_the_scene() -> None:
     assert max(np.abs(gained_db)) > 0.0
 
 
+HOSTILE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "nan": lambda positions: np.full_like(positions, np.nan),
+    "lost": lambda positions: np.where(np.arange(5)[:, None] < 2, positions, np.nan),
+    "one place": lambda positions: np.full_like(positions, 50.0),
+    "noise": lambda positions: np.random.default_rng(0).uniform(0, 140, positions.shape),
+    "outside": lambda positions: positions + np.array([0.0, 1e6, 1e6, 1e6, 0.0])[:, None],
+    "too few": lambda positions: positions[:3],
+}
+
+
 @pytest.mark.parametrize("config", [CONFIG, BY_TRACKS], ids=["block motion", "tracks"])
-@pytest.mark.parametrize("kind", ["nan", "lost", "one place", "noise", "outside", "too few"])
+@pytest.mark.parametrize("kind", HOSTILE)
 def test_hostile_tracks_give_a_prediction(kind: str, config: CodecConfig) -> None:
-    positions = true_tracks().positions.copy()
-    if kind == "nan":
-        positions[:] = np.nan
-    if kind == "lost":
-        positions[:, 2:] = np.nan
-    if kind == "one place":
-        positions[:] = 50.0
-    if kind == "noise":
-        positions = np.random.default_rng(0).uniform(0, 140, positions.shape)
-    if kind == "outside":
-        positions[:, 1:4] += 1e6
-    if kind == "too few":
-        positions = positions[:3]
     method = TrackedSceneInterpolation(DepthInterpolator, config)
-    for prediction in method.predict(KEYS, PointTracks(positions), [9, 10, 11]):
+    tracks = PointTracks(HOSTILE[kind](true_tracks().positions))
+    for prediction in method.predict(KEYS, tracks, [9, 10, 11]):
         assert np.isfinite(prediction.luma).all()
         assert np.isfinite(np.stack(prediction.compensated)).all()
         assert prediction.success == (not prediction.reason)

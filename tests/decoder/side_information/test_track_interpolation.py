@@ -43,7 +43,6 @@ def view(shift_px: float, noise: float = 0.0) -> Luma:
 
 
 def reference(index: int, luma: Luma) -> ReferenceFrame:
-    """Return a reference without chroma."""
     return ReferenceFrame(index, Frame(luma, None))
 
 
@@ -116,7 +115,6 @@ SHAPE = (144, 176)
 
 
 def grid() -> Floats:
-    """Return (x, y) of every pixel."""
     rows, columns = np.indices(SHAPE)
     return np.stack([columns, rows], axis=-1).astype(np.float64)
 
@@ -156,43 +154,30 @@ def test_what_a_reference_covers_is_told() -> None:
     assert warp.expected_error[:, -10:].mean() > 1.5 * warp.expected_error[:, :-10].mean()
 
 
-@pytest.mark.parametrize("axis", ["motion", "detail"])
-def test_errors_grow_with_motion_and_detail(axis: str) -> None:
+def test_errors_grow_with_motion_and_detail() -> None:
     reference, _, points = scene()
     flat = np.full(SHAPE, 90, np.uint8)
-    if axis == "motion":
-        less, more = (
-            warp_by_tracks(reference, points, points + np.array([shift, 0.0])) for shift in (0.0, 8.0)
+    for (less, less_px), (more, more_px) in (
+        ((reference, 0.0), (reference, 8.0)),
+        ((flat, 4.0), (reference, 4.0)),
+    ):
+        low, high = (
+            warp_by_tracks(plane, points, points + np.array([shift, 0.0])).expected_error[:, :-12]
+            for plane, shift in ((less, less_px), (more, more_px))
         )
-    else:
-        less, more = (
-            warp_by_tracks(plane, points, points + np.array([4.0, 0.0])) for plane in (flat, reference)
-        )
-    assert (more.expected_error >= less.expected_error)[:, :-12].all()
-    assert more.expected_error[:, :-12].mean() > 1.2 * less.expected_error[:, :-12].mean()
-
-
-@pytest.mark.parametrize("known", [0, 1, 2])
-def test_few_points_are_enough(known: int) -> None:
-    reference, _, points = scene()
-    matches = points + np.array([3.0, 1.0])
-    matches[known:] = np.nan
-    warp = warp_by_tracks(reference, points, matches)
-    expected = [0.0, 0.0] if known == 0 else [3.0, 1.0]
-    np.testing.assert_allclose(warp.positions - grid(), np.broadcast_to(expected, (*SHAPE, 2)), atol=1e-6)
+        assert (high >= low).all()
+        assert high.mean() > 1.2 * low.mean()
 
 
 TILT = np.array([[1.02, 0.03, -4.0], [-0.02, 0.99, 3.0], [1e-4, -5e-5, 1.0]])
 
 
 def mapped(homography: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return points where a homography takes them."""
     image = np.column_stack([points, np.ones(len(points))]) @ homography.T
     return image[:, :2] / image[:, 2:]
 
 
 def points(number: int, seed: int = 0) -> np.ndarray:
-    """Return points of a QCIF frame."""
     return np.random.default_rng(seed).uniform([0, 0], [175, 143], (number, 2))
 
 
@@ -273,7 +258,6 @@ def points_and_residuals(seed: int, number: int) -> tuple[Floats, Floats]:
 
 
 def plain_field(points: Floats, residuals: Floats, reach: float) -> Floats:
-    """Compute the field with arrays over points."""
     field = np.zeros((*SMALL, 2))
     for y, x in np.ndindex(*SMALL):
         squared = ((points - np.array([x, y])) ** 2).sum(axis=1)

@@ -18,7 +18,6 @@ Floats = NDArray[np.float64]
 
 
 def scattered(count: int, seed: int) -> tuple[Floats, Floats]:
-    """Draw points of two key frames with parallax."""
     rng = np.random.default_rng(seed)
     first = rng.uniform([10, 10], [340, 270], (count, 2))
     return first, first + np.array([30.0, 6.0]) * rng.uniform(0.3, 1.0, (count, 1))

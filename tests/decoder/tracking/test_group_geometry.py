@@ -77,7 +77,6 @@ def hand_held_clip(seed: int, num_frames: int = 9, jitter_px: float = 5.0, clutt
 
 
 def track(clip: Clip, points: FeaturePoints | None = None) -> Floats:
-    """Return the positions of the tracks of a clip."""
     received = clip.points if points is None else points
     return match_points(clip.reconstruction, clip.first, clip.second, received).positions
 
