@@ -238,8 +238,8 @@ CLASSES = (range(1), range(1, 3), range(3, 6), range(6, 16))
 MAX_WIDTH = 6
 """Largest width class of bins, in powers of two of steps; wider bins share it."""
 STRENGTH_BITS = 60.0
-"""Bits of a class from which on experience counts more than the noise model; with 150 the rate is
-.4 % higher, with 20 it is .1 % lower (see `decoder.frame_state.NEIGHBOURS`)."""
+"""Bits of a class beyond which experience counts more than the noise model; with 150 the rate is .4 % higher,
+with 20 it is .1 % lower (see `decoder.frame_state.NEIGHBOURS`)."""
 
 
 @dataclass

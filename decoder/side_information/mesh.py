@@ -73,7 +73,7 @@ def barycentric(points: Floats, shape: tuple[int, ...], cell: float) -> Barycent
 
 def roughness_matrix(shape: tuple[int, int]) -> Any:
     """Return ``I - N`` of (5.10), N the mean of the neighbours on both sides."""
-    halves = []  # of the second difference of a line of values, negated; zero rows at its ends
+    halves = []  # second differences of a line of values, halved and negated; zero rows at its ends
     for count in shape:
         inner = np.ones(count)
         inner[[0, -1]] = 0.0

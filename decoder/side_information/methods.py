@@ -133,7 +133,7 @@ class _Pair(NamedTuple):
 
 
 class _Group(NamedTuple):
-    """Geometry between two frames, and the depths of frames between them found so far."""
+    """Geometry between two frames, and the depths of frames between them."""
 
     ends: Around
     geometry: GroupGeometry

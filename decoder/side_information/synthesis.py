@@ -1,7 +1,7 @@
 """View synthesis from depth and two key frames, and weighting of several predictions of one frame.
 
-Every pixel fetches its level from both key frames. A key frame in which the point is outside or hidden has no
-weight if the other one sees it. The result is blended with a prediction by block motion pixel by pixel, by
+Every pixel fetches its level from both key frames. A key frame has no weight if the point is outside or hidden
+in it and the other one sees it. The result is blended with a prediction by block motion pixel by pixel, by
 their consistency.
 
 While the frame is being decoded, all predictions are fused block by block by their errors in the decoded
@@ -145,7 +145,7 @@ USUAL_DISAGREEMENT = 2.0
 PATH_UNCERTAINTY = 0.3
 """Deviation of a fast camera from its guessed path, as a share of the motion between the references."""
 STEADY_MOTION_PX = 10.0
-"""Median motion between the references at which that share is halved: slow cameras are steady."""
+"""Median motion between the references that halves this share: slow cameras are steady."""
 MAX_GUESSED_SHARE = 0.5
 """Largest share of the scene in the prediction if its camera is a guess."""
 TRUST = 2.0

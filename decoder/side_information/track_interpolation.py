@@ -327,7 +327,7 @@ def interpolate_by_tracks(
         squared = warp.displacement_px**2 + (PACE_PX * distance) ** 2
         paces.append(squared / np.sqrt(np.sqrt(squared)))
     first_share: Floats = paces[0] / (paces[0] + paces[1])
-    shares = first_share, 1.0 - first_share  # of each reference in the squared difference of both
+    shares = first_share, 1.0 - first_share  # each reference in the squared difference of both
     both = np.minimum(warps[0].coverage, warps[1].coverage)
     first, second = (warp.coverage for warp in warps)
     aligned = (  # each filled from the other one outside its coverage

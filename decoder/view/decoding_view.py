@@ -72,7 +72,7 @@ class DecodingView:
     def add(self, picture: DecodedPicture, group: int) -> None:
         """Add a decoded picture of a group of pictures."""
         row = {name: picture.report[name] for name in REPORTED if name in picture.report}
-        centre = None  # of the camera, unless it is at infinity
+        centre = None  # camera at infinity
         if picture.camera is not None:
             with suppress(np.linalg.LinAlgError):
                 position = -np.linalg.solve(picture.camera[:, :3], picture.camera[:, 3])
