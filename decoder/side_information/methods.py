@@ -8,7 +8,7 @@ joined with one without it, after alignment by the same tracks. [Maitre2008] Sec
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -38,15 +38,15 @@ from decoder.side_information.track_interpolation import (
     corrected,
     interpolate_by_tracks,
 )
-from decoder.tracking.group_geometry import GroupGeometry, estimate_geometry
-from dvc.arrays import Floats
+from dvc.arrays import Bytes, Floats
 from dvc.config import CodecConfig
 from dvc.extensions import SIDE_INFORMATION, Registry, maker
 from dvc.geometry.cameras import oriented
 from dvc.geometry.depth_maps import DepthMap, KnownDepth
+from dvc.geometry.triangulation import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
-from sfm.cameras.rebasing import Rebased
-from sfm.scene_model import Correspondences, Model
+from sfm.cameras.rebasing import Rebased, rebase, rigid_order
+from sfm.scene_model import Correspondences, Model, Reconstruction
 
 Around = tuple[ReferenceFrame, ReferenceFrame]
 """The references before and after a frame."""
@@ -102,7 +102,6 @@ class SceneInterpolation:
         return completed(prediction, rendered, (before.frame, after.frame), self.name)
 
     def _scene_between(self, before: ReferenceFrame, after: ReferenceFrame) -> _Scene:
-        from sfm.cameras.rebasing import rigid_order
         from sfm.pipeline import reconstruct
 
         cached = self._scene
@@ -117,6 +116,80 @@ class SceneInterpolation:
             interpolator = self._build(ordered.model if ordered else found.model, first, second)
             self._scene = _Scene(before, after, found.model, ordered, interpolator, "")
         return self._scene
+
+
+MAX_TRACK_RMS_PX = 1.5
+"""Largest distance of a track from the projection of its point; tracks beyond are wrong or move."""
+MAX_TRACK_SIGMA = 6.0
+"""Largest error of a point, relative to that of the tracker, with a reliable depth."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroupGeometry:
+    """Scene and cameras of one group of pictures."""
+
+    first_index: int  # display position of the first key frame
+    tracks: PointTracks  # tracked points
+    model: Model | None  # the scene from the two key frames; None without a reliable one
+    # camera of each frame, key frames included, in the basis of the model; None if unknown
+    cameras: tuple[Floats | None, ...]
+    reason: str  # why the model is missing
+    camera_reasons: tuple[str, ...]  # why cameras are missing
+    # whether parts of the group may have a scene if its ends have none: not if the camera only turned or stood
+    parts_may_have_geometry: bool
+
+    def positions(self, index: int) -> Floats:
+        """Return the positions of the points in one frame."""
+        positions: Floats = self.tracks.positions[:, index - self.first_index]
+        return positions
+
+    def camera(self, index: int) -> Floats | None:
+        """Return the camera of one frame."""
+        return self.cameras[index - self.first_index]
+
+    def missing(self, *indices: int) -> str:
+        """Return why the scene cannot be used with some frames; empty if it can."""
+        reasons = (self.camera_reasons[index - self.first_index] for index in indices)
+        return self.reason or next((reason for reason in reasons if reason), "")
+
+
+def estimate_geometry(
+    reconstruction: Reconstruction,
+    keys: tuple[Bytes, Bytes],
+    points: Points,
+    first_index: int,
+    path_regularity: float = 0.0,
+) -> GroupGeometry:
+    """Find the cameras of a group of pictures."""
+    from decoder.tracking.matching import match_points
+    from sfm.cameras.camera_path import regular_cameras, tracked_points
+
+    tracks = points
+    if isinstance(tracks, FeaturePoints):
+        tracks = match_points(reconstruction, *keys, tracks)
+    number, positions = tracks.num_instants, tracks.positions
+    if reconstruction.model is None or not reconstruction.success:
+        none: tuple[Floats | None, ...] = (None,) * number
+        moves, reason = reconstruction.motion not in ("rotation", "none"), reconstruction.reason
+        return GroupGeometry(first_index, tracks, None, none, reason, ("",) * number, moves)
+    model = reconstruction.model
+    ends = positions[:, 0], positions[:, -1]
+    instants = [tracked_points(model, *ends, positions[:, k], k / (number - 1)) for k in range(1, number - 1)]
+    resections = regular_cameras(model, instants, path_regularity)
+    between = [resection.camera if resection.success else None for resection in resections]
+    reasons = [f"camera: {resection.reason}" if resection.reason else "" for resection in resections]
+    cameras = model.first_camera, *between, model.second_camera
+    return in_rigid_order(GroupGeometry(first_index, tracks, model, cameras, "", ("", *reasons, ""), True))
+
+
+def in_rigid_order(geometry: GroupGeometry) -> GroupGeometry:
+    """Order the depths of a group of pictures as a rigid motion sees them."""
+    assert geometry.model is not None
+    ordered = rigid_order(geometry.model)
+    if ordered is None:
+        return geometry
+    cameras = [None if camera is None else ordered.camera(oriented(camera)) for camera in geometry.cameras]
+    return replace(geometry, model=ordered.model, cameras=tuple(cameras))
 
 
 SETTLED_DISTANCE = 2
@@ -230,7 +303,8 @@ class TrackedSceneInterpolation:
             if part in self._groups:
                 group = self._groups[part]
             else:
-                group = self._estimated(around, geometry.part(*part))
+                first, last = (index - geometry.first_index for index in part)
+                group = self._estimated(around, PointTracks(geometry.tracks.positions[:, first : last + 1]))
             geometry = group.geometry
             reason = geometry.missing(before.index, instant, after.index)
         camera, pair = geometry.camera(instant), None if reason else self._between(group, around)
@@ -255,7 +329,10 @@ class TrackedSceneInterpolation:
         cached = self._pair
         if cached is not None and cached.before is before and cached.after is after:
             return cached
-        rebased = group.geometry.between(before.index, after.index)
+        model, cameras = group.geometry.model, [group.geometry.camera(frame.index) for frame in around]
+        if model is None or cameras[0] is None or cameras[1] is None:
+            return None
+        rebased = rebase(model, cameras[0], cameras[1])
         if rebased is None:
             return None
         distance = after.index - before.index
@@ -266,9 +343,17 @@ class TrackedSceneInterpolation:
 
 
 def _known_depth(group: _Group, index: int, distance: int) -> KnownDepth:
-    """Return the depth of a reference that longer baselines than that of a pair have given."""
+    """Return the depth of a reference by points, and that which longer baselines than a pair's have given."""
     if index not in group.points:
-        group.points[index] = group.geometry.known_depth(index)
+        geometry = group.geometry
+        assert geometry.model is not None
+        frame, points = geometry.model.pixel_frame, geometry.positions(index)
+        found = track_depths(geometry.tracks.positions, geometry.cameras, index - geometry.first_index, frame)
+        good = (found.rms_px <= MAX_TRACK_RMS_PX) & (found.sigma_px <= MAX_TRACK_SIGMA)
+        size = np.array([frame.width_px, frame.height_px])
+        pixels = np.floor(np.nan_to_num(points, nan=-1.0) + 0.5)
+        good &= ((pixels >= 0) & (pixels < size)).all(axis=1) & np.isfinite(found.inverse_depth)
+        group.points[index] = KnownDepth(None, points[good], found.inverse_depth[good])
     stored = group.depths.get(index)
     depth = stored[1] if stored is not None and stored[0][0] > distance else None
     return group.points[index]._replace(depth=depth, is_settled=distance <= SETTLED_DISTANCE)

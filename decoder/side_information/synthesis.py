@@ -1,8 +1,8 @@
 """View synthesis from depth and two key frames, and weighting of several predictions of one frame.
 
-Every pixel fetches its level from both key frames. A key frame has no weight if the point is outside or hidden
-in it and the other one sees it. The result is blended with a prediction by block motion pixel by pixel, by
-their consistency.
+Every pixel fetches its level from both key frames. A key frame has no weight if the point is outside or
+hidden in it and the other one sees it. The result is blended with a prediction by block motion pixel by
+pixel, by their consistency.
 
 While the frame is being decoded, all predictions are fused block by block by their errors in the decoded
 bands: the errors of predictions from the same references resemble each other. The weights of the best linear

@@ -135,13 +135,6 @@ def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
     assert all(group.delay_s is not None and 0.0 < group.delay_s < taken_s for group in groups)
 
 
-def test_predicted_key_frames_are_those_of_a_file(frames: list[Frame]) -> None:
-    wanted = streams.decoded(streams.encoded(CHAINED, frames))
-    assert [group.record.predicted for group in wanted] == [False, True, True, False, True, True, True]
-    with serving(encoding(frames, None, CHAINED), CHAINED) as address:
-        assert_same(list(decoded(address, 2)), wanted)
-
-
 @pytest.mark.parametrize("config", [CONFIG, CHAINED], ids=["intra", "predicted"])
 def test_lost_connections_change_neither_frames_nor_bits(frames: list[Frame], config: CodecConfig) -> None:
     reports: list[dict[str, Any]] = []
@@ -151,12 +144,14 @@ def test_lost_connections_change_neither_frames_nor_bits(frames: list[Frame], co
         reports.append(serve(own, frames, acceptor, peer, lambda _: None, None, PATIENCE_S))
 
     found: list[DecodedGroup] = []
-    with serving(_serve, config, PATIENCE_S) as address:
-        with closing(source_at(address, patience_s=PATIENCE_S)) as source:
-            for number, group in enumerate(decode_live(source.config, source)):
-                found.append(group)
-                if number in (0, 2, 3):
-                    source.connection.break_off("the cable was pulled")
+    with (
+        serving(_serve, config, PATIENCE_S) as address,
+        closing(source_at(address, patience_s=PATIENCE_S)) as source,
+    ):
+        for number, group in enumerate(decode_live(source.config, source)):
+            found.append(group)
+            if number in (0, 2, 3):
+                source.connection.break_off("the cable was pulled")
     assert_same(found, streams.decoded(streams.encoded(config, frames)))
     assert source.report.num_reconnections >= 3
     assert source.report.groups_sent_again > 0
@@ -165,9 +160,11 @@ def test_lost_connections_change_neither_frames_nor_bits(frames: list[Frame], co
 
 
 def test_a_connection_that_is_lost_at_the_very_end_is_no_error(frames: list[Frame]) -> None:
-    with serving(encoding(frames), patience_s=PATIENCE_S) as address:
-        with closing(source_at(address, patience_s=PATIENCE_S)) as source:
-            found = list(decode_live(source.config, source))
+    with (
+        serving(encoding(frames), patience_s=PATIENCE_S) as address,
+        closing(source_at(address, patience_s=PATIENCE_S)) as source,
+    ):
+        found = list(decode_live(source.config, source))
     assert sum(len(group.frames) for group in found) == len(frames)
     assert not source.reconnect(ConnectionLostError("the connection broke"))
 

@@ -15,7 +15,6 @@ from decoder.side_information.block_motion import (
     compensate_chroma,
     estimate_motion,
     split_field,
-    vector_median,
 )
 from decoder.side_information.protocol import ReferenceFrame
 from dvc.metrics import psnr_db
@@ -61,14 +60,6 @@ def test_split_field_lies_on_the_trajectory(vector: list[int], numerator: int, d
     to_before, to_after = split_field(field, Fraction(numerator, denominator))
     np.testing.assert_array_equal(to_after - to_before, field)
     np.testing.assert_allclose(to_before, -field * numerator / denominator, atol=0.5)
-
-
-def test_vector_median_drops_outliers_and_keeps_edges() -> None:
-    field = np.zeros((6, 8, 2), np.int64)
-    field[:, 4:] = (8, -4)
-    noisy = field.copy()
-    noisy[2, 1] = (90, 90)
-    np.testing.assert_array_equal(vector_median(noisy), field)
 
 
 @pytest.fixture(scope="module")

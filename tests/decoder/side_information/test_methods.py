@@ -10,18 +10,21 @@ from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.methods import (
     INTERPOLATORS,
     METHODS,
+    GroupGeometry,
     SceneInterpolation,
     TrackedSceneInterpolation,
+    in_rigid_order,
 )
 from decoder.side_information.protocol import ReferenceFrame, SceneInterpolatorType
 from decoder.side_information.scene_interpolators import BlockInterpolator, DepthInterpolator
 from dvc.config import CodecConfig, GeometryConfig, TracksConfig, VideoConfig, codec_config
-from dvc.geometry.cameras import PixelFrame, project
+from dvc.geometry.cameras import PixelFrame, oriented, project
 from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
 from encoder.corner_detector import CornerDetector
+from sfm.scene_model import Model
 from tests.scenes_3d import camera_at, render, two_planes
 
 PIXELS = PixelFrame(176, 144)
@@ -163,7 +166,8 @@ def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
 
 def test_the_codec_says_which_method_it_is() -> None:
     assert isinstance(METHODS["depth"](CONFIG), TrackedSceneInterpolation)
-    assert isinstance(METHODS["blocks"](codec_config(CONFIG.video, "3d")), SceneInterpolation)
+    assert isinstance(METHODS["blocks"](UNTRACKED), SceneInterpolation)
+    assert isinstance(METHODS["fused"](codec_config(CONFIG.video, "2d")), BlockMotionInterpolation)
 
 
 def test_tracks_correct_what_is_rendered_if_the_stream_says_so() -> None:
@@ -230,5 +234,38 @@ def test_all_hypotheses_are_left_to_the_decoder() -> None:
         assert len(found.alternatives) == 3
 
 
-def test_codecs_without_a_scene_predict_by_block_motion() -> None:
-    assert isinstance(METHODS["fused"](codec_config(CONFIG.video, "2d")), BlockMotionInterpolation)
+GEOMETRY_INSTANTS = (0.0, 0.4, 1.0)
+
+
+def group(model: Model, basis: np.ndarray) -> GroupGeometry:
+    """Return a group whose second frame, but not its third, has a camera, all in some basis."""
+    first, middle, last = (oriented(camera_at(position)) @ basis for position in GEOMETRY_INSTANTS)
+    cameras = (first, middle, None, last)
+    return GroupGeometry(8, PointTracks.none(4), model, cameras, "", ("", "", "lost", ""), True)
+
+
+def test_all_cameras_of_a_group_come_along() -> None:
+    truth = two_planes(176, 144, noise_px=0.0)
+    basis = np.eye(4)
+    basis[3, 2:] = 2.0 / truth.depths.min(), -1.0
+    depths = 1.0 / (basis[3, 2] - 1.0 / truth.depths)
+    wrong = replace(truth, second_camera=oriented(truth.second_camera) @ basis, depths=depths)
+    found = in_rigid_order(group(wrong, basis))
+    assert found.model is not None
+    order = np.corrcoef(1.0 / found.model.depths, 1.0 / truth.depths)[0, 1]
+    assert order > 0.999
+    for position, camera in zip(
+        GEOMETRY_INSTANTS, (found.cameras[0], found.cameras[1], found.cameras[3]), strict=True
+    ):
+        assert camera is not None
+        expected, _ = project(camera_at(position), truth.points)
+        xy, depth = project(oriented(camera), found.model.points)
+        np.testing.assert_allclose(xy, expected, atol=1e-9)
+        assert (depth > 0).all()
+    assert found.cameras[2] is None
+    assert found.camera_reasons == ("", "", "lost", "")
+
+
+def test_a_group_in_order_stays_as_it_is() -> None:
+    right = group(two_planes(176, 144), np.eye(4))
+    assert in_rigid_order(right) is right

@@ -1,6 +1,5 @@
-"""Tracks from received corners: synthetic truth, hostile points, repeatability; cameras of a group."""
+"""Tracks from received corners: synthetic truth, hostile points, repeatability."""
 
-from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -10,19 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from decoder.tracking.group_geometry import (
-    GroupGeometry,
-    TrackingSettings,
-    choose_paired_corners,
-    in_rigid_order,
-    match_points,
-    strongest_nearby,
-)
+from decoder.tracking.matching import TrackingSettings, choose_paired_corners, match_points, strongest_nearby
 from dvc.corners import corner_response
-from dvc.geometry.cameras import oriented, project
-from dvc.tracks import FeaturePoints, PointTracks
-from sfm.scene_model import Correspondences, Model, Reconstruction
-from tests.scenes_3d import camera_at, two_planes
+from dvc.tracks import FeaturePoints
+from sfm.scene_model import Correspondences, Reconstruction
 
 Floats = NDArray[np.float64]
 WIDTH, HEIGHT = 352, 288
@@ -209,40 +199,3 @@ def test_a_corner_that_wanders_is_no_pair() -> None:
     assert (
         len(choose_paired_corners(pairs, dotted(centre, (96, 128)), dotted(centre, (96, 128)), 10, 3.0)) == 0
     )
-
-
-GEOMETRY_INSTANTS = (0.0, 0.4, 1.0)
-
-
-def group(model: Model, basis: np.ndarray) -> GroupGeometry:
-    """Return a group whose second frame, but not its third, has a camera, all in some basis."""
-    first, middle, last = (oriented(camera_at(position)) @ basis for position in GEOMETRY_INSTANTS)
-    cameras = (first, middle, None, last)
-    return GroupGeometry(8, PointTracks.none(4), model, cameras, "", ("", "", "lost", ""), True)
-
-
-def test_all_cameras_of_a_group_come_along() -> None:
-    truth = two_planes(176, 144, noise_px=0.0)
-    basis = np.eye(4)
-    basis[3, 2:] = 2.0 / truth.depths.min(), -1.0
-    depths = 1.0 / (basis[3, 2] - 1.0 / truth.depths)
-    wrong = replace(truth, second_camera=oriented(truth.second_camera) @ basis, depths=depths)
-    found = in_rigid_order(group(wrong, basis))
-    assert found.model is not None
-    order = np.corrcoef(1.0 / found.model.depths, 1.0 / truth.depths)[0, 1]
-    assert order > 0.999
-    for position, camera in zip(
-        GEOMETRY_INSTANTS, (found.cameras[0], found.cameras[1], found.cameras[3]), strict=True
-    ):
-        assert camera is not None
-        expected, _ = project(camera_at(position), truth.points)
-        xy, depth = project(oriented(camera), found.model.points)
-        np.testing.assert_allclose(xy, expected, atol=1e-9)
-        assert (depth > 0).all()
-    assert found.cameras[2] is None
-    assert found.camera_reasons == ("", "", "lost", "")
-
-
-def test_a_group_in_order_stays_as_it_is() -> None:
-    right = group(two_planes(176, 144), np.eye(4))
-    assert in_rigid_order(right) is right

@@ -1,4 +1,4 @@
-"""Tracks and cameras of a group of pictures: from received points, and from the scene of its key frames.
+"""Tracks of a group of pictures from received points.
 
 A detector finds the strongest response near the point of a correspondence, about a pixel away, in every
 frame. Matching therefore follows the curve of the corner, between the strongest responses in the key frames.
@@ -6,7 +6,7 @@ The final track is that of the point itself, at its offset from the corner. [Mai
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +14,8 @@ import numpy as np
 from decoder.tracking.curves import ReceivedPoints, RegistrationSettings, SnakeSettings, fit_snakes, register
 from dvc.arrays import Bytes, Floats, Mask
 from dvc.corners import SENT_WINDOW_PX, corner_response, spaced
-from dvc.geometry.cameras import oriented
-from dvc.geometry.depth_maps import KnownDepth
-from dvc.geometry.triangulation import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
-from sfm.cameras.rebasing import Rebased, rebase
-from sfm.scene_model import Correspondences, Model, Reconstruction
+from sfm.scene_model import Correspondences, Reconstruction
 
 SEARCH_RADIUS_PX = 2
 """Largest distance of a corner from its point, by rows and by columns."""
@@ -156,102 +152,3 @@ def _vertex(before: Floats, after: Floats, centre: Floats, defined: Mask) -> Flo
     before, after, centre = (np.where(defined, values, 0.0) for values in (before, after, centre))
     curvature = 2.0 * centre - before - after
     return np.asarray(0.5 * (after - before) / np.where(curvature > 0, curvature, 1.0))
-
-
-MAX_TRACK_RMS_PX = 1.5
-"""Largest distance of a track from the projection of its point; tracks beyond are wrong or move."""
-MAX_TRACK_SIGMA = 6.0
-"""Largest error of a point, relative to that of the tracker, with a reliable depth."""
-
-
-@dataclass(frozen=True, eq=False)
-class GroupGeometry:
-    """Scene and cameras of one group of pictures."""
-
-    first_index: int  # display position of the first key frame
-    tracks: PointTracks  # tracked points
-    model: Model | None  # the scene from the two key frames; None without a reliable one
-    # camera of each frame, key frames included, in the basis of the model; None if unknown
-    cameras: tuple[Floats | None, ...]
-    reason: str  # why the model is missing
-    camera_reasons: tuple[str, ...]  # why cameras are missing
-    # whether parts of the group may have a scene if its ends have none: not if
-    # the camera only turned, or stood still
-    parts_may_have_geometry: bool
-
-    def positions(self, index: int) -> Floats:
-        """Return the positions of the points in one frame."""
-        positions: Floats = self.tracks.positions[:, index - self.first_index]
-        return positions
-
-    def camera(self, index: int) -> Floats | None:
-        """Return the camera of one frame."""
-        return self.cameras[index - self.first_index]
-
-    def part(self, first: int, last: int) -> PointTracks:
-        """Return the tracks between two frames."""
-        return PointTracks(self.tracks.positions[:, first - self.first_index : last + 1 - self.first_index])
-
-    def missing(self, *indices: int) -> str:
-        """Return why the scene cannot be used with some frames; empty if it can."""
-        reasons = (self.camera_reasons[index - self.first_index] for index in indices)
-        return self.reason or next((reason for reason in reasons if reason), "")
-
-    def between(self, first: int, second: int) -> Rebased | None:
-        """Describe the scene by two frames of the group."""
-        cameras = self.camera(first), self.camera(second)
-        if self.model is None or cameras[0] is None or cameras[1] is None:
-            return None
-        return rebase(self.model, cameras[0], cameras[1])
-
-    def known_depth(self, index: int) -> KnownDepth:
-        """Return the depth of the points that one frame sees, from all frames that see them."""
-        assert self.model is not None
-        frame, view = self.model.pixel_frame, index - self.first_index
-        found = track_depths(self.tracks.positions, self.cameras, view, frame)
-        points = self.tracks.positions[:, view]
-        good = (found.rms_px <= MAX_TRACK_RMS_PX) & (found.sigma_px <= MAX_TRACK_SIGMA)
-        size = np.array([frame.width_px, frame.height_px])
-        places = np.floor(np.nan_to_num(points, nan=-1.0) + 0.5)
-        good &= ((places >= 0) & (places < size)).all(axis=1) & np.isfinite(found.inverse_depth)
-        return KnownDepth(None, points[good], found.inverse_depth[good])
-
-
-def estimate_geometry(
-    reconstruction: Reconstruction,
-    keys: tuple[Bytes, Bytes],
-    points: PointTracks | FeaturePoints,
-    first_index: int,
-    path_regularity: float = 0.0,
-) -> GroupGeometry:
-    """Find the cameras of a group of pictures."""
-    from sfm.cameras.camera_path import regular_cameras, tracked_points
-
-    tracks = points
-    if isinstance(tracks, FeaturePoints):
-        tracks = match_points(reconstruction, *keys, tracks)
-    number, positions = tracks.num_instants, tracks.positions
-    if reconstruction.model is None or not reconstruction.success:
-        none: tuple[Floats | None, ...] = (None,) * number
-        moves, reason = reconstruction.motion not in ("rotation", "none"), reconstruction.reason
-        return GroupGeometry(first_index, tracks, None, none, reason, ("",) * number, moves)
-    model = reconstruction.model
-    ends = positions[:, 0], positions[:, -1]
-    instants = [tracked_points(model, *ends, positions[:, k], k / (number - 1)) for k in range(1, number - 1)]
-    resections = regular_cameras(model, instants, path_regularity)
-    between = [resection.camera if resection.success else None for resection in resections]
-    reasons = [f"camera: {resection.reason}" if resection.reason else "" for resection in resections]
-    cameras = model.first_camera, *between, model.second_camera
-    return in_rigid_order(GroupGeometry(first_index, tracks, model, cameras, "", ("", *reasons, ""), True))
-
-
-def in_rigid_order(geometry: GroupGeometry) -> GroupGeometry:
-    """Order the depths of a group of pictures as a rigid motion sees them."""
-    from sfm.cameras.rebasing import rigid_order
-
-    assert geometry.model is not None
-    ordered = rigid_order(geometry.model)
-    if ordered is None:
-        return geometry
-    cameras = [None if camera is None else ordered.camera(oriented(camera)) for camera in geometry.cameras]
-    return replace(geometry, model=ordered.model, cameras=tuple(cameras))
