@@ -135,7 +135,7 @@ class GroupGeometry:
     cameras: tuple[Floats | None, ...]
     reason: str  # why the model is missing
     camera_reasons: tuple[str, ...]  # why cameras are missing
-    # whether parts of the group may have a scene if its ends have none: not if the camera only turned or stood
+    # whether parts may have a scene if the ends have none: not if the camera only turned, or stood still
     parts_may_have_geometry: bool
 
     def positions(self, index: int) -> Floats:
