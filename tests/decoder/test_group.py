@@ -52,8 +52,11 @@ def test_a_method_of_others_that_errs_is_named(found: object, told: str) -> None
     assert str(caught.value) == f"side information 'mine': {told}"
 
 
+Group = tuple[CodecConfig, GroupTask]
+
+
 @pytest.fixture(scope="module", params=["cascade", "turbo"])
-def config_and_task(request: pytest.FixtureRequest) -> tuple[CodecConfig, GroupTask]:
+def config_and_task(request: pytest.FixtureRequest) -> Group:
     """Return a group of seven Wyner-Ziv frames, in three levels, as it is buffered."""
     video, gop = VideoConfig(32, 24, 25, 1, luma_only=True), {"length": 8, "references": "hierarchical"}
     coder = CODERS[request.param]()
@@ -81,7 +84,7 @@ def levels_of(config: CodecConfig, task: GroupTask) -> tuple[DecodedGroup, list[
     [(2**21, [(3,), (1, 5), (0, 2, 4, 6)]), (3 * 24 * 32, [(3,), (1, 5), (0, 2, 4), (6,)])],
 )
 def test_the_first_frame_of_a_level_has_the_bits_of_all(
-    config_and_task: tuple[CodecConfig, GroupTask],
+    config_and_task: Group,
     monkeypatch: pytest.MonkeyPatch,
     most_px: int,
     parts: list[tuple[int, ...]],
@@ -107,16 +110,14 @@ def test_the_first_frame_of_a_level_has_the_bits_of_all(
         np.testing.assert_array_equal(ours.luma, theirs.luma)
 
 
-def test_a_group_without_a_frame_before_it_is_refused(config_and_task: tuple[CodecConfig, GroupTask]) -> None:
+def test_a_group_without_a_frame_before_it_is_refused(config_and_task: Group) -> None:
     config, task = config_and_task
     with pytest.raises(BitstreamError, match="Wyner-Ziv frames without a frame before them"):
         GroupDecoder(config).decode(replace(task, before=None))
 
 
 @pytest.mark.parametrize("number", [0, 2, 5])
-def test_bits_that_nobody_asks_for_are_refused(
-    config_and_task: tuple[CodecConfig, GroupTask], number: int
-) -> None:
+def test_bits_that_nobody_asks_for_are_refused(config_and_task: Group, number: int) -> None:
     config, task = config_and_task
     record = GroupDecoder(config).decode(task).record
     payloads = [*record.wyner_ziv]

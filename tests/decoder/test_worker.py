@@ -73,8 +73,11 @@ class Answering:
         return count > 0
 
 
+Groups = tuple[CodecConfig, list[GroupTask]]
+
+
 @pytest.fixture(scope="module")
-def config_and_tasks() -> tuple[CodecConfig, list[GroupTask]]:
+def config_and_tasks() -> Groups:
     video, gop = VideoConfig(32, 24, 25, 1, luma_only=True), {"length": 8, "references": "hierarchical"}
     config = codec_config(video, "2d", Qp(32), gop=gop, key={"qp": 36}, coder=CascadeConfig(20))
     stream = encoded(config, [Frame(frame.luma) for frame in moving_texture(30, 24, 32)])
@@ -82,9 +85,7 @@ def config_and_tasks() -> tuple[CodecConfig, list[GroupTask]]:
 
 
 @pytest.mark.parametrize("seed", [1, 3])
-def test_any_order_of_answers_gives_the_same(
-    config_and_tasks: tuple[CodecConfig, list[GroupTask]], seed: int
-) -> None:
+def test_any_order_of_answers_gives_the_same(config_and_tasks: Groups, seed: int) -> None:
     (config, tasks), shuffled = config_and_tasks, random.Random(seed)
     with decoding_process() as process:
         live = Answering(process, config, tasks)
@@ -98,9 +99,7 @@ def test_any_order_of_answers_gives_the_same(
         assert live.groups[task.number].record == wanted.record
 
 
-def test_what_most_levels_depend_on_comes_first(
-    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
-) -> None:
+def test_what_most_levels_depend_on_comes_first(config_and_tasks: Groups) -> None:
     """The middle frame comes before all others; at the same level the first group comes first."""
     (config, (task, *_)), levels = config_and_tasks, list[LevelBegins]()
     record = RecordedGroup(task, config)
@@ -121,7 +120,7 @@ def test_what_most_levels_depend_on_comes_first(
     ]
 
 
-def test_wrong_answers_end_the_group_alone(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:
+def test_wrong_answers_end_the_group_alone(config_and_tasks: Groups) -> None:
     (config, (task, *others)) = config_and_tasks
     with decoding_process() as process:
         live = Answering(process, config, others)
@@ -141,9 +140,7 @@ def test_wrong_answers_end_the_group_alone(config_and_tasks: tuple[CodecConfig, 
         assert other is process
 
 
-def test_a_process_that_nobody_wants_ends_without_a_word(
-    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
-) -> None:
+def test_a_process_that_nobody_wants_ends_without_a_word(config_and_tasks: Groups) -> None:
     ours, theirs = multiprocessing.Pipe()
     command = [sys.executable, "-P", "-m", "decoder.processes", str(theirs.fileno())]
     process = subprocess.Popen(

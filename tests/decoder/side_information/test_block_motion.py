@@ -33,13 +33,13 @@ def test_translation_is_recovered(motion_px: tuple[float, float]) -> None:
     assert (error <= 1).mean() > 0.95
 
 
-@pytest.mark.parametrize(("instant", "min_psnr_db"), [(1, 38.0), (2, 38.0), (3, 38.0)])
-def test_prediction_resembles_the_missing_frame(instant: int, min_psnr_db: float) -> None:
+@pytest.mark.parametrize("instant", [1, 2, 3])
+def test_prediction_resembles_the_missing_frame(instant: int) -> None:
     frames = moving_texture(5, 64, 80, (0.75, -1.5))
     references = [ReferenceFrame(index, frames[index]) for index in (0, 4)]
     [prediction] = BlockMotionInterpolation().predict(references, None, [instant])
     inside = np.s_[12:-12, 12:-12]
-    assert psnr_db(to_uint8(prediction.luma)[inside], frames[instant].luma[inside]) > min_psnr_db
+    assert psnr_db(to_uint8(prediction.luma)[inside], frames[instant].luma[inside]) > 38.0
     assert prediction.chroma is not None
 
 
