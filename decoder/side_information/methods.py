@@ -42,7 +42,8 @@ from dvc.arrays import Bytes, Floats
 from dvc.config import CodecConfig
 from dvc.extensions import SIDE_INFORMATION, Registry, maker
 from dvc.geometry.cameras import oriented
-from dvc.geometry.depth_maps import DepthMap, KnownDepth
+from dvc.geometry.continuation import DepthMap
+from dvc.geometry.depth_maps import KnownDepth
 from dvc.geometry.triangulation import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased, rebase, rigid_order

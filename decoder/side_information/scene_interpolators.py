@@ -5,7 +5,6 @@ import numpy as np
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.synthesis import block_medians, neighbourhood, render_between
 from dvc.arrays import Bytes, Floats, Mask
-from dvc.geometry.block_sweep import VirtualView, block_costs, refine_blocks
 from dvc.geometry.cameras import homogeneous, inverse_depth_range
 from dvc.geometry.continuation import DepthMap
 from dvc.geometry.depth_maps import DepthView, Known, estimate_depths

@@ -182,9 +182,9 @@ class ViewServer(Closing):
         url = urlsplit(path)
         if url.path == "/":
             scripts = [asset(TEMPLATES, "view.js")]
-            styles = [asset(SHARED, "base.css"), asset(TEMPLATES, "view.css")]
+            css = [asset(SHARED, "base.css"), asset(TEMPLATES, "view.css")]
             page = render_page(
-                TEMPLATES, "view.html.j2", styles=styles, scripts=scripts, served=True, gain=DIFFERENCE_GAIN
+                TEMPLATES, "view.html.j2", css=css, scripts=scripts, served=True, gain=DIFFERENCE_GAIN
             )
             return "text/html; charset=utf-8", page.encode()
         if self._view is None:
